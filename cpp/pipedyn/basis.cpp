@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/basis.hpp"
+
+#include <numbers>
+#include <stdexcept>
+
+namespace pipedyn {
+
+namespace {
+
+// Root i (from 0) of cos(kappa) + sech(kappa) = 0, by Newton's method from (i + 1/2) pi.
+double beam_root(Index i) {
+  double kappa = (static_cast<double>(i) + 0.5) * std::numbers::pi;
+  for (int step = 0; step < 8; ++step) {
+    const double decay = std::exp(-kappa);
+    const double sech = 2.0 * decay / (1.0 + decay * decay);
+    kappa -= (std::cos(kappa) + sech) / (-std::sin(kappa) - sech * std::tanh(kappa));
+  }
+  return kappa;
+}
+
+// Integrals from 0 to s of sqrt-free Legendre polynomials: with x = 2 s - 1,
+// int P_k ds = (P_{k+1} - P_{k-1}) / (2 (2 k + 1)) for k >= 1, and s for k = 0.
+Matrix integrate_legendre(const Matrix& values, const Vector& s) {
+  Matrix out(values.rows(), values.cols() - 1);
+  out.col(0) = s;
+  for (Index k = 1; k < out.cols(); ++k) {
+    out.col(k) = (values.col(k + 1) - values.col(k - 1)) / (2.0 * (2.0 * static_cast<double>(k) + 1.0));
+  }
+  return out;
+}
+
+Matrix legendre(const Vector& s, Index count) {
+  Matrix values = Matrix::Ones(s.size(), count);
+  const Vector x = 2.0 * s.array() - 1.0;
+  if (count > 1) values.col(1) = x;
+  for (Index k = 1; k + 1 < count; ++k) {
+    const double order = static_cast<double>(k);
+    values.col(k + 1) = ((2.0 * order + 1.0) * x.cwiseProduct(values.col(k)) -
+                         order * values.col(k - 1)) /
+                        (order + 1.0);
+  }
+  return values;
+}
+
+}  // namespace
+
+Basis::Basis(Family family, Index m) : family_(family), size_(m) {
+  if (m < 1) throw std::invalid_argument("a basis must have at least one function");
+  if (family == Family::beam) {
+    roots_.resize(m);
+    for (Index i = 0; i < m; ++i) roots_[i] = beam_root(i);
+  }
+}
+
+Matrix Basis::evaluate(const Vector& s, int derivative) const {
+  if (derivative < 0 || derivative > 2) {
+    throw std::invalid_argument("derivative must be 0, 1 or 2");
+  }
+  Matrix out(s.size(), size_);
+  if (family_ == Family::legendre) {
+    const Matrix polynomials = legendre(s, size_ + 2);
+    Vector norm(size_);
+    for (Index i = 0; i < size_; ++i) norm[i] = std::sqrt(2.0 * static_cast<double>(i) + 1.0);
+    if (derivative == 2) return polynomials.leftCols(size_) * norm.asDiagonal();
+    const Matrix slopes = integrate_legendre(polynomials, s);  // of P_0 .. P_m
+    if (derivative == 1) return slopes.leftCols(size_) * norm.asDiagonal();
+    out.col(0) = 0.5 * s.array().square();
+    for (Index i = 1; i < size_; ++i) {
+      out.col(i) = norm[i] * (slopes.col(i + 1) - slopes.col(i - 1)) /
+                   (2.0 * (2.0 * static_cast<double>(i) + 1.0));
+    }
+    return out;
+  }
+  for (Index i = 0; i < size_; ++i) {
+    const double kappa = roots_[i];
+    const double decay = std::exp(-kappa);
+    const double outer = (std::sin(kappa) - std::cos(kappa) - decay) /
+                         (1.0 - decay * decay + 2.0 * decay * std::sin(kappa));
+    const double sigma = 1.0 - 2.0 * outer * decay;
+    const double inner = 1.0 - outer * decay;
+    const double factor = std::pow(kappa, derivative);
+    const double parity = derivative == 1 ? -1.0 : 1.0;
+    for (Index p = 0; p < s.size(); ++p) {
+      const double cosine = std::cos(kappa * s[p]), sine = std::sin(kappa * s[p]);
+      double waves = -cosine + sigma * sine;
+      if (derivative == 1) waves = sine + sigma * cosine;
+      if (derivative == 2) waves = cosine - sigma * sine;
+      out(p, i) = factor * (waves + outer * std::exp(-kappa * (1.0 - s[p])) +
+                            parity * inner * std::exp(-kappa * s[p]));
+    }
+  }
+  return out;
+}
+
+Vector Basis::stiffness() const {
+  if (family_ == Family::legendre) return Vector::Ones(size_);
+  return roots_.array().square().square();
+}
+
+}  // namespace pipedyn

@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: MIT
+"""The chain: n rigid segments joined by torsional springs, and the rules that set the springs."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from pipedyn import _check, _core
+from pipedyn._check import Array
+from pipedyn.model import Model, Operators, arc_lengths, checked_pipe, core_pipe, operators_from
+from pipedyn.pipe import Pipe
+
+SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
+FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
+"""Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
+
+LARGEST_CHAIN = 1_000_000
+
+
+class Chain(Model):
+    """A chain of n rigid segments, the lumped-parameter model of a pipe. Coordinates: the angles
+    theta_j of the segments from the straight pipe, shape (n,), from the clamp to the free end.
+
+    Args:
+        pipe: the pipe.
+        n: number of segments; not needed where an array tells it.
+        springs: stiffness k_j of the joint at each segment's clamped side, in EI / L, shape (n,),
+            each >= 0; or a rule:
+            "consistent": 1 / k_j is the length that lies nearer to joint j than to any other, with
+            all of the base at the first; n on n equal segments, but 2 n at the clamp. Second order.
+            "midpoint": n equal cells with a joint in the middle of each, all springs n; half a
+            cell stays fixed at the clamp and the last segment is half a cell. Second order.
+            "uniform": all springs n. First order.
+            "frequency": all equal, the chain's first frequency without flow and gravity that of
+            the cantilever. First order.
+            "rayleigh" (the paper's): all equal; the Rayleigh quotient of the tip-load shape,
+            sampled at the joints, that of the cantilever's first frequency. It does not converge
+            to the continuous pipe: frequencies and critical speed end 1.44 % low.
+        lengths: of the segments in L, shape (n,), each > 0; equal where not given.
+        centers: centre of mass of each segment as a fraction chi_j of its length, shape (n,), in
+            [0, 1]; 1/2 where not given.
+        gyration_radii: eta_j in L, about the centre of mass, shape (n,), >= 0; l_j / sqrt(12),
+            that of a homogeneous segment, where not given.
+        drag_points: where drag acts, as a fraction xi_j of the length, shape (n,), in [0, 1]; 1/2
+            where not given.
+        base: length of the fixed part at the clamp, in L; base + sum(lengths) = 1.
+
+    Raises:
+        ValueError: for a number out of range, arrays that do not fit one another, lengths that do
+            not add up, more than a million segments, or "midpoint" with lengths or a base.
+        TypeError: for what is no number, array or pipe.
+
+    Source: Orsino and Di Giulio, eqs. (1)-(11) and the modal analysis; "midpoint" after Paidoussis
+    and Deksnis (1970).
+    """
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        n: int | None = None,
+        *,
+        springs: str | ArrayLike = "consistent",
+        lengths: ArrayLike | None = None,
+        centers: ArrayLike | None = None,
+        gyration_radii: ArrayLike | None = None,
+        drag_points: ArrayLike | None = None,
+        base: float = 0.0,
+    ) -> None:
+        self._pipe = checked_pipe(pipe)
+        rule = _check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
+        base = _check.real("base", base, low=0.0, high=1.0, open_high=True)
+        n = _segment_count(n, (lengths, None if rule else springs, centers, gyration_radii, drag_points))
+        if lengths is not None:
+            self._lengths = _check.array("lengths", lengths, size=n, low=0.0, open_low=True)
+        elif rule != "midpoint":
+            self._lengths = _frozen(np.full(n, (1.0 - base) / n))
+        if rule == "midpoint":
+            if lengths is not None or base != 0.0:
+                raise ValueError("springs='midpoint' cuts the pipe itself: give neither lengths nor base")
+            base = 0.5 / n
+            cells = np.full(n, 1.0 / n)
+            cells[-1] = 0.5 / n
+            self._lengths = _frozen(cells)
+        total = base + math.fsum(self._lengths)
+        if abs(total - 1.0) > 1e-9:
+            raise ValueError(f"base + sum(lengths) must be 1, got {total!r}")
+        self._base = base
+        self._centers = _fractions("centers", centers, n)
+        self._drag_points = _fractions("drag_points", drag_points, n)
+        if gyration_radii is None:
+            self._gyration_radii = _frozen(self._lengths / math.sqrt(12.0))
+        else:
+            self._gyration_radii = _check.array("gyration_radii", gyration_radii, size=n, low=0.0, high=1e3)
+        if self._centers[-1] == 0.0 and self._gyration_radii[-1] == 0.0:
+            raise ValueError(
+                "centers and gyration_radii must not both be 0 at the last segment: it would turn without inertia"
+            )
+        self._rule = rule
+        if rule is None:
+            self._springs = _check.array("springs", springs, size=n, low=0.0, high=1e15)
+        else:
+            self._springs = _frozen(self._springs_by_rule(rule))
+        self._approximates = rule is not None and centers is None and gyration_radii is None
+
+    def _springs_by_rule(self, rule: str) -> Array:
+        n = self.dof
+        if rule == "consistent":
+            inner = np.concatenate([[2.0 * self._base], self._lengths[:-1]])
+            springs: Array = 2.0 / (inner + self._lengths)
+            return springs
+        if rule == "rayleigh":
+            joints = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])
+            joints[0] = 0.0  # a fixed part does not bend: the first angle is measured from the axis
+            tip_load = joints**2 * (3.0 - joints)
+            angles = np.diff(tip_load) / self._lengths
+            turns = np.diff(angles, prepend=0.0)
+            kinetic = angles @ self._with_springs(np.ones(n)).mass_times(angles[:, None])[:, 0]
+            return np.full(n, FIRST_BEAM_EIGENVALUE * kinetic / (turns @ turns))
+        if rule == "frequency":
+            return np.full(n, FIRST_BEAM_EIGENVALUE * self._largest_compliance())
+        return np.full(n, float(n))  # "uniform" and "midpoint"
+
+    def _largest_compliance(self) -> float:
+        """1 / omega_1^2 of the chain with unit springs, by Lanczos in joint angles, O(n) a step."""
+        chain = self._with_springs(np.ones(self.dof))
+
+        def inertia(joint_angles: Array) -> Array:
+            angles = np.cumsum(joint_angles.reshape(-1, 1), axis=0)
+            return np.cumsum(chain.mass_times(angles)[::-1, 0])[::-1]
+
+        if self.dof == 1:
+            return float(inertia(np.ones(1))[0])
+        operator = LinearOperator((self.dof, self.dof), matvec=inertia, dtype=np.float64)
+        start = np.linspace(1.0, 0.0, self.dof, endpoint=False)
+        return float(eigsh(operator, k=1, which="LA", v0=start, return_eigenvectors=False)[0])
+
+    def _with_springs(self, springs: Array) -> _core.Chain:
+        return _core.Chain(
+            pipe=core_pipe(self._pipe),
+            length=self._lengths,
+            center=self._centers,
+            gyration_radius=self._gyration_radii,
+            spring=springs,
+            drag_point=self._drag_points,
+            base=self._base,
+        )
+
+    @cached_property
+    def core(self) -> _core.Chain:
+        """The compiled chain."""
+        return self._with_springs(self._springs)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "core"}
+
+    def __repr__(self) -> str:
+        rule = repr(self._rule) if self._rule else "array"
+        return f"Chain({self._pipe!r}, n={self.dof}, springs={rule})"
+
+    @property
+    def pipe(self) -> Pipe:
+        """The pipe."""
+        return self._pipe
+
+    @property
+    def dof(self) -> int:
+        """Number of segments n."""
+        return self._lengths.size
+
+    @property
+    def rule(self) -> str | None:
+        """Name of the spring rule, None for springs of the user's own."""
+        return self._rule
+
+    @property
+    def approximates_pipe(self) -> bool:
+        """Whether springs and inertia follow from the pipe rather than from arrays of the user's."""
+        return self._approximates
+
+    @property
+    def lengths(self) -> Array:
+        """l_j, shape (n,)."""
+        return self._lengths
+
+    @property
+    def springs(self) -> Array:
+        """k_j, shape (n,)."""
+        return self._springs
+
+    @property
+    def centers(self) -> Array:
+        """chi_j, shape (n,)."""
+        return self._centers
+
+    @property
+    def gyration_radii(self) -> Array:
+        """eta_j, shape (n,)."""
+        return self._gyration_radii
+
+    @property
+    def drag_points(self) -> Array:
+        """xi_j, shape (n,)."""
+        return self._drag_points
+
+    @property
+    def base(self) -> float:
+        """Length of the fixed part at the clamp."""
+        return self._base
+
+    def with_pipe(self, pipe: Pipe) -> Chain:
+        """The same segments and springs with another pipe's numbers."""
+        other = Chain.__new__(Chain)
+        other.__dict__.update(self.__getstate__())
+        other._pipe = checked_pipe(pipe)
+        return other
+
+    @cached_property
+    def elastic_scale(self) -> Array:
+        """Joint angle of one elastic coordinate, shape (n,): 1 / sqrt(k_j).
+
+        A joint with no spring, or one far below the mean, takes a scale from the mean instead.
+        """
+        mean = float(self._springs.mean())
+        floor = 1e-3 * mean if mean > 0.0 else float(self.dof)
+        return _frozen(1.0 / np.sqrt(np.maximum(self._springs, floor)))
+
+    def operators(self) -> Operators:
+        """Linear operators about the straight pipe at rest, in the angles theta.
+
+        Raises:
+            ValueError: for more than 4000 segments.
+        """
+        self._check_dense()
+        return operators_from(self.core.operators(), self._pipe)
+
+    def elastic_operators(self) -> Operators:
+        """The same operators in the joint angles divided by `elastic_scale`."""
+        self._check_dense()
+        return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
+
+    def from_elastic(self, z: NDArray[Any]) -> NDArray[Any]:
+        """Angles, shape (n, ...), from elastic coordinates of the same shape."""
+        return np.cumsum((self.elastic_scale * z.T).T, axis=0)
+
+    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
+        """Centreline (x, y) at arc lengths s, shape (len(s), 2).
+
+        Args:
+            q: angles theta, rad, shape (n,).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
+
+        Raises:
+            ValueError: for angles or arc lengths out of range or of another shape.
+        """
+        angles = self._coordinates(q)
+        at = arc_lengths(s)
+        x = self._along(self._lengths * np.sin(angles), at)
+        y = self._along(self._lengths * np.cos(angles), at) + np.minimum(at, self._base)
+        return np.stack([x, y], axis=-1)
+
+    def deflection(self, q: NDArray[Any], s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement for small angles, shape (len(s),) or (len(s), k)."""
+        return self._along((self._lengths * q.T).T, arc_lengths(s))
+
+    def _along(self, steps: NDArray[Any], s: Array) -> NDArray[Any]:
+        """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base."""
+        ends = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])
+        nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
+        j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, self.dof - 1)
+        part = np.clip((s - ends[j]) / self._lengths[j], 0.0, 1.0)
+        result: NDArray[Any] = nodes[j] + (part * steps[j].T).T
+        return result
+
+
+def _segment_count(n: int | None, arrays: tuple[Any, ...]) -> int:
+    if n is not None:
+        return _check.count("n", n, high=LARGEST_CHAIN)
+    for given in arrays:
+        if given is not None:
+            size = np.shape(given)
+            if len(size) != 1 or not 1 <= size[0] <= LARGEST_CHAIN:
+                raise ValueError(f"n, or one-dimensional arrays that tell it, must be given, got shape {size}")
+            return size[0]
+    raise ValueError("n or lengths must be given")
+
+
+def _frozen(values: Array) -> Array:
+    values.flags.writeable = False
+    return values
+
+
+def _fractions(name: str, values: ArrayLike | None, n: int) -> Array:
+    if values is None:
+        return _frozen(np.full(n, 0.5))
+    return _check.array(name, values, size=n, low=0.0, high=1.0)

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: MIT
+"""The continuous pipe: a reduced model grown until the answer asked for stands still."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from pipedyn.galerkin import Galerkin
+from pipedyn.model import NotConverged, checked_pipe
+from pipedyn.pipe import Pipe
+
+Answer = TypeVar("Answer")
+
+SMALLEST, LARGEST = 16, 240
+"""Sizes between which the basis grows."""
+
+
+@dataclass(frozen=True)
+class Settled(Generic[Answer]):
+    """An answer that stood still.
+
+    Attributes:
+        value: the answer at the larger of the last two sizes.
+        size: number of functions.
+        error: how far it moved from the size before, relative; a bound on its error where
+            convergence is exponential.
+    """
+
+    value: Answer
+    size: int
+    error: float
+
+
+class Continuum:
+    """The continuous pipe (the partial differential equation), for linear questions.
+
+    It answers with Legendre reduced models of growing size: `pipedyn.eigenvalues`, `modes`,
+    `root_loci`, `crossings`, `critical_speed` and `stability_curve` take it like any other model and
+    report size and error where their results have a place for them.
+
+    Args:
+        pipe: the pipe.
+
+    Raises:
+        TypeError: for what is no pipe.
+
+    Source: Gregory and Paidoussis (1966).
+    """
+
+    def __init__(self, pipe: Pipe) -> None:
+        self._pipe = checked_pipe(pipe)
+
+    @property
+    def pipe(self) -> Pipe:
+        """The pipe."""
+        return self._pipe
+
+    def __repr__(self) -> str:
+        return f"Continuum({self._pipe!r})"
+
+    def frozen(self, m: int) -> Galerkin:
+        """The reduced model with m Legendre functions.
+
+        Raises:
+            ValueError, TypeError: for m that is no whole number from 1 to 2000.
+        """
+        return Galerkin(self._pipe, m, "legendre")
+
+    def settle(
+        self,
+        question: Callable[[Galerkin], Answer],
+        distance: Callable[[Answer, Answer], float],
+        tolerance: float = 1e-10,
+        smallest: int = SMALLEST,
+    ) -> Settled[Answer]:
+        """The answer to a question, from a basis grown until the answer stands still.
+
+        Args:
+            question: asked of reduced models of growing size.
+            distance: relative distance between two answers; infinite where they differ in kind.
+            tolerance: distance at which the answer stands still.
+            smallest: first size.
+
+        Raises:
+            NotConverged: if it still moves at 240 functions; carries the last answer.
+        """
+        size = smallest
+        before = question(self.frozen(size))
+        while True:
+            size = min(max(size + 8, (5 * size) // 4), max(LARGEST, smallest + 8))
+            answer = question(self.frozen(size))
+            error = distance(before, answer)
+            if error <= tolerance:
+                return Settled(answer, size, error)
+            if size >= LARGEST:
+                raise NotConverged(
+                    f"the continuous pipe's answer still moves by {error:.1e} at {size} functions",
+                    answer,
+                )
+            before = answer
+
+
+def relative(a: np.ndarray, b: np.ndarray) -> float:
+    """Largest distance between two arrays' entries, relative to each entry or 1; inf if they differ in length."""
+    if a.shape != b.shape or not (np.isfinite(a).all() and np.isfinite(b).all()):
+        return np.inf
+    if a.size == 0:
+        return 0.0
+    return float(np.max(np.abs(a - b) / np.maximum(np.abs(b), 1.0)))

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: MIT
+"""Eigenvalues followed along the flow speed: which at one speed is which at the next.
+
+Two neighbouring samples are joined by cubic Hermite curves through eigenvalues and their slopes
+d lambda / du, which left and right eigenvectors give. How far the two slopes disagree about the
+middle of the step,
+
+    e = |lambda_0 + lambda_0' h/2 - (lambda_1 - lambda_1' h/2)| = O(h^3),
+
+measures how well a curve is known. A match is doubtful where two curves pass within a few e of one
+another; the step is then halved. A pair that meets on the real axis has no slope there, but its sum
+and product run smoothly through the meeting, and are compared instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from pipedyn._check import Array
+from pipedyn.spectrum import Complex, Eigenpairs, Pencil, lowest
+
+LONGEST_STEP = 0.5
+"""Steps in u above this are split before anything is believed of them."""
+
+SHORTEST_STEP = 1e-6
+"""Relative to 1 + u; below it the best match is taken as it is."""
+
+STUCK = 1e-6
+"""Eigenvalues smaller than this at both ends of a step rest at zero (a joint without a spring)."""
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The lowest eigenvalues at one speed, with slopes d lambda / du, each of shape (r,)."""
+
+    u: float
+    pairs: Eigenpairs
+    slopes: Complex
+
+    @property
+    def values(self) -> Complex:
+        """lambda, shape (r,)."""
+        return self.pairs.values
+
+
+@dataclass(frozen=True)
+class Step:
+    """Two neighbouring samples and the root of `right` that continues each root of `left`.
+
+    Attributes:
+        left, right: the samples.
+        onto: index in `right` for each root of `left`, shape (r,), -1 where it left the sample.
+        error: e of each root of `left`, shape (r,).
+        meets: for each root, the one it meets on the real axis within the step, or -1.
+    """
+
+    left: Sample
+    right: Sample
+    onto: Indices
+    error: Array
+    meets: Indices
+
+    @property
+    def length(self) -> float:
+        """h = u_1 - u_0."""
+        return self.right.u - self.left.u
+
+    @property
+    def shortest(self) -> bool:
+        """Whether the step will not be halved again."""
+        return self.length <= 2.0 * SHORTEST_STEP * (1.0 + self.right.u)
+
+    def hermite(self, roots: Indices, t: Array) -> Complex:
+        """The cubics of some roots at fractions t of the step, shape (len(roots), len(t))."""
+        a, b = self.left.values[roots], self.right.values[self.onto[roots]]
+        da = self.left.slopes[roots] * self.length
+        db = self.right.slopes[self.onto[roots]] * self.length
+        return hermite(a, b, da, db, t)
+
+
+def hermite(a: Complex, b: Complex, da: Complex, db: Complex, t: Array) -> Complex:
+    """Cubics with values a, b and slopes da, db at t = 0 and 1, shape (len(a), len(t))."""
+    a, b, da, db = (np.asarray(v)[:, None] for v in (a, b, da, db))
+    result: Complex = (
+        a * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+        + b * (3.0 - 2.0 * t) * t**2
+        + da * t * (1.0 - t) ** 2
+        - db * t**2 * (1.0 - t)
+    )
+    return result
+
+
+def sample(pencil: Pencil, u: float, count: int | None) -> Sample:
+    """The `count` lowest eigenvalues (all without) at speed u, with slopes; no slope reads 0."""
+    pairs = lowest(pencil, u, count, left=True)
+    slopes = pencil.slopes(u, pairs)
+    return Sample(u, pairs, np.where(np.isfinite(slopes), slopes, 0.0))
+
+
+def march(
+    take: Callable[[float], Sample],
+    first: Sample,
+    speeds: Iterable[float],
+    wanted: int,
+    sure: Callable[[Step], bool] = lambda step: True,
+) -> Iterator[Step]:
+    """Steps from the first sample through all speeds, short enough to be believed.
+
+    Args:
+        take: gives the sample at a speed.
+        first: the sample to start from.
+        speeds: strictly increasing, above the first sample's.
+        wanted: how many roots, from the lowest of the first sample, must be followed with
+            certainty; the others are matched as well as they can be.
+        sure: a further condition that a step must meet, unless it is the shortest.
+    """
+    ahead = list(speeds)[::-1]
+    left = first
+    followed = np.arange(min(wanted, left.values.size))
+    stack: list[Sample] = []
+    while ahead or stack:
+        if not stack:
+            stack.append(take(ahead.pop()))
+        right = stack[-1]
+        middle = 0.5 * (left.u + right.u)
+        if right.u - left.u > LONGEST_STEP * (1.0 + 1e-12):
+            stack.append(take(middle))
+            continue
+        step, clear = _join(left, right, followed)
+        if not step.shortest and not (clear and sure(step)):
+            stack.append(take(middle))
+            continue
+        yield step
+        followed = step.onto[followed]
+        followed = followed[followed >= 0]
+        left = stack.pop()
+
+
+def _join(left: Sample, right: Sample, followed: Indices) -> tuple[Step, bool]:
+    """The best match of two samples, and whether it is beyond doubt for the followed roots."""
+    h = right.u - left.u
+    ahead = left.values + 0.5 * h * left.slopes
+    behind = right.values - 0.5 * h * right.slopes
+    cost = np.abs(ahead[:, None] - behind[None, :])
+    # Values within the step's reach settle what slopes near a meeting cannot.
+    plain = np.abs(left.values[:, None] - right.values[None, :])
+    rows, columns = linear_sum_assignment(np.minimum(cost, plain))
+    onto = np.full(left.values.size, -1, dtype=np.intp)
+    onto[rows] = columns
+    error = np.full(left.values.size, np.inf)
+    error[rows] = cost[rows, columns]
+    meets = np.full(left.values.size, -1, dtype=np.intp)
+    step = Step(left, right, onto, error, meets)
+    matched = onto >= 0
+    if not matched[followed].all():
+        return step, False
+    roots = np.flatnonzero(matched)
+    t = np.linspace(0.0, 1.0, 9)
+    curves = step.hermite(roots, t)
+    position = np.full(left.values.size, -1, dtype=np.intp)
+    position[roots] = np.arange(roots.size)
+    mine = position[followed]
+    gaps = np.full((mine.size, roots.size), np.inf)
+    for k in range(t.size):
+        np.minimum(gaps, np.abs(curves[mine, None, k] - curves[None, :, k]), out=gaps)
+    doubt = gaps < 3.0 * (error[followed, None] + error[None, roots])
+    doubt[np.arange(mine.size), mine] = False
+    stuck = (np.abs(left.values) < STUCK) & (np.abs(right.values[onto]) < STUCK)
+    doubt &= ~(stuck[followed, None] & stuck[None, roots])
+    for m, r in zip(*np.nonzero(doubt), strict=True):
+        i, k = int(followed[m]), int(roots[r])
+        if meets[i] < 0 and meets[k] < 0 and _meeting(step, i, k):
+            meets[i], meets[k] = k, i
+            _order_meeting(step, i, k)
+    met = meets >= 0
+    clear = not (doubt & ~met[followed, None] & ~met[None, roots]).any()
+    return step, clear
+
+
+def _twins(values: Complex, i: int, k: int) -> bool:
+    return bool(values[i].imag != 0.0 and values[i] == np.conj(values[k]))
+
+
+def _meeting(step: Step, i: int, k: int) -> bool:
+    """Whether roots i and k are one conjugate pair that turns real, or two reals that pair up."""
+    a, b = step.left.values, step.right.values
+    j, m = int(step.onto[i]), int(step.onto[k])
+    real_before = a[i].imag == 0.0 and a[k].imag == 0.0
+    real_after = b[j].imag == 0.0 and b[m].imag == 0.0
+    before, after = _twins(a, i, k), _twins(b, j, m)
+    if not ((before and after) or (before and real_after) or (real_before and after)):
+        return False
+    da, db = step.left.slopes, step.right.slopes
+    half = 0.5 * step.length
+    total = (a[i] + a[k]) - (b[j] + b[m]) + half * (da[i] + da[k] + db[j] + db[m])
+    product = a[i] * a[k] - b[j] * b[m]
+    product += half * (da[i] * a[k] + a[i] * da[k] + db[j] * b[m] + b[j] * db[m])
+    centre = 0.5 * (a[i] + a[k])
+    others = np.delete(a, [i, k])
+    room = float(np.abs(others - centre).min()) if others.size else max(abs(centre), 1.0)
+    return bool(abs(total) < 0.02 * room and abs(product) < 0.02 * room**2)
+
+
+def _order_meeting(step: Step, i: int, k: int) -> None:
+    """Which is which after a meeting is a convention: upper to upper, upper to the greater real."""
+    a, b = step.left.values, step.right.values
+    j, m = step.onto[i], step.onto[k]
+
+    def rank(value: complex) -> tuple[float, float]:
+        return (value.imag, value.real)
+
+    if (rank(a[i]) > rank(a[k])) != (rank(b[j]) > rank(b[m])):
+        step.onto[i], step.onto[k] = m, j

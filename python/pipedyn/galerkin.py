@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: MIT
+"""The reduced model: the pipe's equation projected onto m functions."""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import roots_legendre
+
+from pipedyn import _check, _core
+from pipedyn._check import Array
+from pipedyn.model import Model, Operators, arc_lengths, checked_pipe, core_pipe, operators_from
+from pipedyn.pipe import Pipe
+
+BASES = ("beam", "legendre")
+LARGEST_BASIS = 2000
+
+
+@lru_cache(maxsize=32)
+def gauss_nodes(count: int) -> tuple[Array, Array]:
+    """Nodes and weights of Gauss-Legendre quadrature on [0, 1], each of shape (count,)."""
+    nodes, weights = roots_legendre(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+class Galerkin(Model):
+    """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
+
+    The functions satisfy the clamp; the free end's conditions follow from the projection.
+
+    Args:
+        pipe: the pipe.
+        m: number of functions, from 1 to 2000.
+        basis: "beam" (the cantilever's own modes, unit mass; the critical speed's error falls like
+            m^-4) or "legendre" (w_i'' a normalised Legendre polynomial, unit stiffness; the error
+            falls exponentially, but the highest third of the eigenvalues is not the pipe's).
+
+    Raises:
+        ValueError: for m out of range or an unknown basis.
+        TypeError: for what is no whole number, word or pipe.
+
+    Source: Gregory and Paidoussis (1966) for the equation; Orsino and Pesce (2018) for reduced
+    models of this pipe.
+    """
+
+    def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
+        self._pipe = checked_pipe(pipe)
+        self._size = _check.count("m", m, high=LARGEST_BASIS)
+        self._basis = _check.choice("basis", basis, BASES)
+
+    @cached_property
+    def core(self) -> _core.Galerkin:
+        """The compiled model."""
+        # Legendre products are polynomials of degree 2 m + 2; beam mode m has about m / 2 waves and
+        # a layer of width 1 / (m pi) at either end.
+        count = self._size + 3 if self._basis == "legendre" else 2 * self._size + 30
+        nodes, weights = gauss_nodes(count)
+        return _core.Galerkin(
+            pipe=core_pipe(self._pipe),
+            legendre=self._basis == "legendre",
+            size=self._size,
+            nodes=nodes,
+            weights=weights,
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "core"}
+
+    def __repr__(self) -> str:
+        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
+
+    @property
+    def pipe(self) -> Pipe:
+        """The pipe."""
+        return self._pipe
+
+    @property
+    def dof(self) -> int:
+        """Number of functions m."""
+        return self._size
+
+    @property
+    def basis(self) -> str:
+        """Name of the basis."""
+        return self._basis
+
+    def with_pipe(self, pipe: Pipe) -> Galerkin:
+        """The same functions for another pipe."""
+        return Galerkin(pipe, self._size, self._basis)
+
+    def functions(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """The functions w_i, their slopes or curvatures.
+
+        Args:
+            s: arc lengths in L, each in [0, 1], shape (k,).
+            derivative: 0, 1 or 2.
+
+        Returns:
+            Values, shape (k, m).
+
+        Raises:
+            ValueError: for arc lengths or a derivative out of range.
+        """
+        order = _check.count("derivative", derivative, low=0, high=2)
+        return self.core.basis(arc_lengths(s), order)
+
+    def operators(self) -> Operators:
+        """Linear operators about the straight pipe at rest, in the amplitudes q."""
+        return operators_from(self.core.operators(), self._pipe)
+
+    @cached_property
+    def elastic_scale(self) -> Array:
+        """Amplitude q_i of one elastic coordinate, shape (m,)."""
+        scale: Array = 1.0 / np.sqrt(self.core.elastic_stiffness())
+        return scale
+
+    def elastic_operators(self) -> Operators:
+        """The same operators in the amplitudes divided by `elastic_scale`."""
+        ops = self.operators()
+        both = np.outer(self.elastic_scale, self.elastic_scale)
+        return Operators(
+            *(both * ops.mass, both * ops.gyroscopic, both * ops.end_flux),
+            *(both * ops.damping, both * ops.stiffness, both * ops.flux),
+            *(ops.direction, ops.centrifugal),
+        )
+
+    def from_elastic(self, z: NDArray[Any]) -> NDArray[Any]:
+        """Amplitudes, shape (m, ...), from elastic coordinates of the same shape."""
+        return (self.elastic_scale * z.T).T
+
+    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
+        """Centreline (x, y) at arc lengths s, shape (len(s), 2), inextensible at any amplitude.
+
+        The angle of the centreline is sum_i q_i w_i'(s).
+
+        Args:
+            q: amplitudes, shape (m,).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
+
+        Raises:
+            ValueError: for amplitudes or arc lengths out of range or of another shape.
+        """
+        amplitudes = self._coordinates(q)
+        at = arc_lengths(s)
+        nodes, weights = gauss_nodes(2 * self._size + 60)
+        points = np.outer(at, nodes)
+        angles = (self.functions(points.ravel(), 1) @ amplitudes).reshape(points.shape)
+        x = at * (np.sin(angles) @ weights)
+        y = at * (np.cos(angles) @ weights)
+        return np.stack([x, y], axis=-1)
+
+    def deflection(self, q: NDArray[Any], s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement for small amplitudes, shape (len(s),) or (len(s), k)."""
+        result: NDArray[Any] = self.functions(s) @ q
+        return result

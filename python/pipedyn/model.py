@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: MIT
+"""What every model answers: its size, its operators and the line it draws."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn import _check, _core
+from pipedyn._check import Array
+from pipedyn.pipe import Pipe
+
+DENSE_LIMIT = 4000
+"""Largest dof for which dense operators are made: six matrices of 128 MB."""
+
+
+class PipedynError(Exception):
+    """What the package could not compute; every other error it raises is about an argument."""
+
+
+class NotConverged(PipedynError):
+    """A result that did not meet its tolerance; what there is of it comes along.
+
+    Attributes:
+        result: the result as far as it got, or None.
+    """
+
+    def __init__(self, message: str, result: Any = None) -> None:
+        super().__init__(message, result)
+        self.result = result
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+@dataclass(frozen=True)
+class Operators:
+    """Linear operators about the straight pipe at rest, each of shape (dof, dof).
+
+    M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
+    K = stiffness + a u^2 flux. gyroscopic is skew and end_flux symmetric of rank one; both carry
+    sqrt(beta).
+
+    Attributes:
+        mass: M, symmetric and positive definite.
+        gyroscopic: Coriolis part, skew.
+        end_flux: flux through the free end, symmetric of rank one.
+        damping: Kelvin-Voigt damping, symmetric.
+        stiffness: springs or bending, and gravity; symmetric.
+        flux: centrifugal force and the end's follower force.
+        direction: s, 1 ejecting and -1 aspirating.
+        centrifugal: a, 1 ejecting and alpha aspirating.
+    """
+
+    mass: Array
+    gyroscopic: Array
+    end_flux: Array
+    damping: Array
+    stiffness: Array
+    flux: Array
+    direction: float
+    centrifugal: float
+
+    def at(self, u: float) -> tuple[Array, Array, Array]:
+        """(M, C, K) at flow speed u >= 0."""
+        u = _check.real("u", u, low=0.0)
+        velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
+        return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
+
+
+def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
+    """The core's matrices with the pipe's two flow factors."""
+    numbers = core_pipe(pipe)
+    return Operators(
+        *(core.mass, core.gyroscopic, core.end_flux),
+        *(core.damping, core.stiffness, core.flux),
+        *(numbers.direction, numbers.centrifugal),
+    )
+
+
+def core_pipe(pipe: Pipe) -> _core.Pipe:
+    """The pipe's numbers as the core takes them."""
+    return _core.Pipe(
+        beta=pipe.beta,
+        gamma=pipe.gamma,
+        alpha=pipe.alpha,
+        drag=pipe.drag,
+        damping=pipe.damping,
+        aspirating=pipe.flow == "aspirating",
+    )
+
+
+def checked_pipe(pipe: Any) -> Pipe:
+    """The argument, if it is a pipe."""
+    if not isinstance(pipe, Pipe):
+        raise TypeError(f"pipe must be a Pipe, got {_check.shown(pipe)}")
+    return pipe
+
+
+class Model(ABC):
+    """A pipe with a finite number of degrees of freedom. Immutable; models pickle.
+
+    Beside the coordinates q that users see, each model has elastic coordinates z, in which the
+    elastic energy is |z|^2 / 2: eigenvalues are computed there, because small ones survive rounding.
+    """
+
+    @property
+    @abstractmethod
+    def pipe(self) -> Pipe:
+        """The pipe."""
+
+    @property
+    @abstractmethod
+    def dof(self) -> int:
+        """Number of degrees of freedom."""
+
+    @abstractmethod
+    def with_pipe(self, pipe: Pipe) -> Model:
+        """The same discretisation, springs included, of another pipe."""
+
+    @abstractmethod
+    def operators(self) -> Operators:
+        """Linear operators about the straight pipe at rest, in q.
+
+        Raises:
+            ValueError: for more than 4000 degrees of freedom.
+        """
+
+    @abstractmethod
+    def elastic_operators(self) -> Operators:
+        """The same operators in elastic coordinates z."""
+
+    @abstractmethod
+    def from_elastic(self, z: NDArray[Any]) -> NDArray[Any]:
+        """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape."""
+
+    @abstractmethod
+    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
+        """Centreline (x, y) at arc lengths s, shape (len(s), 2); x transverse, y downward."""
+
+    @abstractmethod
+    def deflection(self, q: NDArray[Any], s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement for small q, shape (len(s),) or (len(s), k); q may be complex."""
+
+    def tip(self, q: ArrayLike) -> Array:
+        """Position (x, y) of the free end, shape (2,)."""
+        tip: Array = self.shape(q, [1.0])[0]
+        return tip
+
+    def _check_dense(self) -> None:
+        if self.dof > DENSE_LIMIT:
+            raise ValueError(
+                f"dense operators must not exceed {DENSE_LIMIT} degrees of freedom, got {self.dof}; "
+                "eigenvalues, modes and root_loci take larger chains with count="
+            )
+
+    def _coordinates(self, q: ArrayLike) -> Array:
+        return _check.array("q", q, size=self.dof)
+
+
+def arc_lengths(s: ArrayLike) -> Array:
+    """Points on the pipe, 0 <= s <= 1, shape (k,)."""
+    return _check.array("s", s, low=0.0, high=1.0)
+
+
+__all__ = ["Model", "NotConverged", "Operators", "PipedynError"]
+

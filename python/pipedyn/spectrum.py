@@ -1,0 +1,470 @@
+# SPDX-License-Identifier: MIT
+"""Eigenvalues of P(lambda) = lambda^2 M + lambda C + K at any size, each with a checked residual.
+
+All is done in a model's elastic coordinates, where the elastic stiffness is the identity, and on the
+inverse problem about a real shift sigma: with lambda = sigma + 1/mu, C_s = C + 2 sigma M and
+K_s = P(sigma),
+
+    mu [x; y] = [-K_s^-1 (C_s x + M y); x],
+
+so the lowest eigenvalues are the largest mu and survive rounding, and a singular K does no harm.
+Small problems are solved dense. A long chain is solved by Arnoldi iteration, where M and C act
+through running sums and K_s is a band matrix: O(n) a step.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+
+from pipedyn._check import Array
+from pipedyn.chain import Chain
+from pipedyn.model import DENSE_LIMIT, Model
+
+Complex = NDArray[np.complex128]
+Vectors = NDArray[Any]
+
+TOLERANCE = 1e-10
+"""Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
+k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix; to it comes the rounding of M x,
+eps |lambda|^2, which is what limits high modes."""
+
+DENSE_CHAIN = 64
+"""Chains up to this size are solved dense: measured, the two routes take equal time near there."""
+
+SHIFTS = (0.97, 2.31, 0.41)
+"""Tried in turn until every residual passes; an eigenvalue may lie on one of them by chance."""
+
+
+@dataclass(frozen=True)
+class Eigenpairs:
+    """Eigenvalues with vectors, sorted by |lambda|, of conjugates the upper first.
+
+    Attributes:
+        values: lambda, complex, shape (r,).
+        right: x in elastic coordinates, shape (dof, r).
+        left: y with y^H P = 0, shape (dof, r), or None where not asked for.
+        residuals: relative residuals, shape (r,); good where <= TOLERANCE.
+    """
+
+    values: Complex
+    right: Complex
+    left: Complex | None
+    residuals: Array
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Which pairs passed the check of their residual, shape (r,)."""
+        return self.residuals <= TOLERANCE + np.finfo(float).eps * np.abs(self.values) ** 2
+
+    def take(self, which: Any) -> Eigenpairs:
+        """Some of the pairs."""
+        left = None if self.left is None else self.left[:, which]
+        return Eigenpairs(self.values[which], self.right[:, which], left, self.residuals[which])
+
+
+class Pencil(ABC):
+    """P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A of a model, in elastic coordinates.
+
+    V = s (gyroscopic + end_flux) and A = flux. Each product takes and gives (dof, r).
+    """
+
+    elastic: Array
+    """Diagonal of the elastic stiffness, shape (dof, 1): 1, less where a joint has no spring."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.pipe = model.pipe
+        self.dof = model.dof
+        self.direction = -1.0 if self.pipe.flow == "aspirating" else 1.0
+        self.centrifugal = self.pipe.alpha if self.pipe.flow == "aspirating" else 1.0
+
+    @abstractmethod
+    def mass(self, x: Vectors) -> Vectors:
+        """M x."""
+
+    @abstractmethod
+    def velocity(self, x: Vectors) -> Vectors:
+        """V x."""
+
+    @abstractmethod
+    def damping(self, x: Vectors) -> Vectors:
+        """D x."""
+
+    @abstractmethod
+    def stiffness(self, x: Vectors) -> Vectors:
+        """K x."""
+
+    @abstractmethod
+    def gravity(self, x: Vectors) -> Vectors:
+        """dK/dgamma x."""
+
+    @abstractmethod
+    def flux(self, x: Vectors) -> Vectors:
+        """A x."""
+
+    @abstractmethod
+    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose."""
+
+    @abstractmethod
+    def inverse(self, u: float, shift: float, free: bool, count: int | None, left: bool) -> Any:
+        """mu, x and y (or None) of the inverse problem, all or the `count` largest |mu|.
+
+        `free` says that no term in the velocity is there; then mu = 1 / (lambda^2 - shift^2).
+        """
+
+    def damped(self, u: float, x: Vectors) -> Vectors:
+        """(u V + D) x."""
+        result = self.velocity(x) * u
+        return result + self.damping(x) if self.pipe.damping else result
+
+    def stiffened(self, u: float, x: Vectors) -> Vectors:
+        """(K + a u^2 A) x."""
+        result: Vectors = self.stiffness(x) + self.centrifugal * u**2 * self.flux(x)
+        return result
+
+    def velocity_free(self, u: float) -> bool:
+        """Whether P holds lambda only as lambda^2: no damping, and no flow or no fluid mass."""
+        return self.pipe.damping == 0.0 and (u == 0.0 or self.pipe.beta == 0.0)
+
+    def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
+        """Relative residual of each pair, shape (r,)."""
+        inertia, velocity = values**2 * self.mass(x), values * self.damped(u, x)
+        rest = np.linalg.norm(inertia + velocity + self.stiffened(u, x), axis=0)
+        elastic = 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2
+        size = np.linalg.norm(inertia, axis=0) + np.linalg.norm(velocity, axis=0)
+        result: Array = rest / (size + elastic * np.linalg.norm(x, axis=0))
+        return result
+
+    def derivative(self, u: float, values: Complex, x: Vectors, y: Vectors) -> Complex:
+        """y^H (dP/dlambda) x of each pair, shape (r,)."""
+        result: Complex = np.sum(y.conj() * (2.0 * values * self.mass(x) + self.damped(u, x)), axis=0)
+        return result
+
+    def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
+        """d lambda / du of each pair, shape (r,)."""
+        assert pairs.left is not None
+        by_speed = pairs.values * self.velocity(pairs.right)
+        by_speed = by_speed + 2.0 * self.centrifugal * u * self.flux(pairs.right)
+        change = np.sum(pairs.left.conj() * by_speed, axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: Complex = -change / self.derivative(u, pairs.values, pairs.right, pairs.left)
+        return result
+
+    def refine(self, u: float, value: complex, x: Vectors | None = None, steps: int = 6) -> Eigenpairs:
+        """The pair nearest to a good guess, by two-sided Rayleigh quotient iteration."""
+        seed = np.linspace(1.0, 0.5, self.dof, dtype=np.complex128)
+        right = (seed if x is None else x.astype(np.complex128)).reshape(-1, 1)
+        left = seed.reshape(-1, 1)
+        best: Eigenpairs | None = None
+        for _ in range(steps):
+            solve = self.factor(value, u)
+            right, left = _unit(solve(right)), _unit(solve(left, adjoint=True))
+            if not (np.isfinite(right).all() and np.isfinite(left).all()):
+                break
+            values = np.array([value])
+            rest = values**2 * self.mass(right) + values * self.damped(u, right)
+            rest = rest + self.stiffened(u, right)
+            derivative = self.derivative(u, values, right, left)[0]
+            if derivative == 0.0:
+                break
+            correction = np.sum(left.conj() * rest) / derivative
+            value = complex(value - correction)
+            values = np.array([value])
+            pair = Eigenpairs(values, right, left, self.residuals(u, values, right))
+            if best is not None and pair.residuals[0] >= best.residuals[0]:
+                break
+            best = pair
+            if abs(correction) <= 4e-16 * abs(value):
+                break
+        if best is None:
+            values = np.array([value], dtype=np.complex128)
+            return Eigenpairs(values, right, left, np.array([np.inf]))
+        return best
+
+
+def _unit(x: Vectors) -> Vectors:
+    with np.errstate(all="ignore"):
+        result: Vectors = x / np.linalg.norm(x, axis=0)
+    return result
+
+
+class DensePencil(Pencil):
+    """Matrices; O(dof^3)."""
+
+    def __init__(self, model: Model) -> None:
+        super().__init__(model)
+        ops = model.elastic_operators()
+        self.M, self.D, self.K = ops.mass, ops.damping, ops.stiffness
+        self.V = ops.direction * (ops.gyroscopic + ops.end_flux)
+        self.A = ops.flux
+        self.elastic = np.ones((self.dof, 1))
+        if isinstance(model, Chain):
+            self.elastic = (model.springs * model.elastic_scale**2)[:, None]
+
+    def mass(self, x: Vectors) -> Vectors:
+        return self.M @ x
+
+    def velocity(self, x: Vectors) -> Vectors:
+        return self.V @ x
+
+    def damping(self, x: Vectors) -> Vectors:
+        return self.D @ x
+
+    def stiffness(self, x: Vectors) -> Vectors:
+        return self.K @ x
+
+    def gravity(self, x: Vectors) -> Vectors:
+        heavier = self.model.with_pipe(replace(self.pipe, gamma=self.pipe.gamma + 1.0))
+        result: Vectors = heavier.elastic_operators().stiffness @ x - self.K @ x
+        return result
+
+    def flux(self, x: Vectors) -> Vectors:
+        return self.A @ x
+
+    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        matrix = value**2 * self.M + value * (u * self.V + self.D) + self.K + self.centrifugal * u**2 * self.A
+        lu, pivots, _ = lapack.zgetrf(_nudged(matrix.astype(np.complex128)))
+
+        def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
+            solution: Vectors = lapack.zgetrs(lu, pivots, rows, trans=2 if adjoint else 0)[0]
+            return solution
+
+        return solve
+
+    def inverse(self, u: float, shift: float, free: bool, count: int | None, left: bool) -> Any:
+        n = self.dof
+        damped = u * self.V + self.D
+        shifted = shift**2 * self.M + shift * damped + self.K + self.centrifugal * u**2 * self.A
+        lu, pivots, singular = lapack.dgetrf(shifted)
+        if singular:
+            return None
+        if free:
+            step = -lapack.dgetrs(lu, pivots, self.M)[0]
+        else:
+            both = np.hstack([damped + 2.0 * shift * self.M, self.M])
+            step = np.zeros((2 * n, 2 * n))
+            step[:n] = -lapack.dgetrs(lu, pivots, both)[0]
+            step[n:, :n] = np.eye(n)
+        if not np.isfinite(step).all():
+            return None
+        if not left:
+            mu, vectors = np.linalg.eig(step)
+            return mu.astype(np.complex128), vectors[:n].astype(np.complex128), None
+        mu, lefts, vectors = scipy.linalg.eig(step, left=True, check_finite=False)
+        dual = lapack.dgetrs(lu, pivots, np.hstack([lefts[:n].real, lefts[:n].imag]), trans=1)[0]
+        return mu, vectors[:n].astype(np.complex128), dual[:, : mu.size] + 1j * dual[:, mu.size :]
+
+
+def _nudged(matrix: Complex) -> Complex:
+    """A matrix that is singular to the last bit may still be factored."""
+    matrix[np.diag_indices_from(matrix)] *= 1.0 + 1e-15
+    return matrix
+
+
+class BandPencil(Pencil):
+    """A long chain; every product and solve is O(n)."""
+
+    def __init__(self, model: Chain) -> None:
+        super().__init__(model)
+        self.core = model.core
+        self.scale = model.elastic_scale[:, None]
+        self.elastic = (model.springs * model.elastic_scale**2)[:, None]
+
+    def _rows(self, product: Callable[[Array], Array], x: Vectors) -> Vectors:
+        """A product in the angles, taken to elastic coordinates; complex columns as real pairs."""
+        angles = np.ascontiguousarray(np.cumsum(self.scale * x, axis=0))
+        if np.iscomplexobj(angles):
+            rows = np.ascontiguousarray(product(angles.view(np.float64))).view(np.complex128)
+        else:
+            rows = product(angles)
+        result: Vectors = self.scale * np.cumsum(rows[::-1], axis=0)[::-1]
+        return result
+
+    def mass(self, x: Vectors) -> Vectors:
+        return self._rows(self.core.mass_times, x)
+
+    def velocity(self, x: Vectors) -> Vectors:
+        return self.direction * self._rows(self.core.velocity_times, x)
+
+    def damping(self, x: Vectors) -> Vectors:
+        result: Vectors = self.pipe.damping * self.elastic * x
+        return result
+
+    def stiffness(self, x: Vectors) -> Vectors:
+        result: Vectors = self.elastic * x
+        return result + self.pipe.gamma * self.gravity(x) if self.pipe.gamma else result
+
+    def gravity(self, x: Vectors) -> Vectors:
+        return self._rows(self.core.gravity_times, x)
+
+    def flux(self, x: Vectors) -> Vectors:
+        return self._rows(self.core.flux_times, x)
+
+    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        width = self.core.band_width
+        band = self.core.band(complex(value), u)
+        real = np.imag(value) == 0.0
+        factorise, substitute = (
+            (lapack.dgbtrf, lapack.dgbtrs) if real else (lapack.zgbtrf, lapack.zgbtrs)
+        )
+        lu, pivots, singular = factorise(band.real if real else band, kl=width, ku=width)
+        if singular > 0:  # exact zero pivot: LU of a matrix that differs in the last bit
+            lu[2 * width, singular - 1] = np.finfo(float).eps
+
+        def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
+            if np.iscomplexobj(rows) and real:
+                return solve(rows.real, adjoint) + 1j * solve(rows.imag, adjoint)
+            extended = np.zeros((4 * self.dof, rows.shape[1]), dtype=lu.dtype, order="F")
+            if adjoint:
+                extended[0::4] = rows / self.scale
+                angles = substitute(lu, width, width, extended, pivots, trans=2, overwrite_b=True)[0]
+                return np.diff(angles[2::4], axis=0, prepend=0.0) / self.scale
+            moments = rows / self.scale
+            extended[2::4] = moments
+            extended[2:-4:4] -= moments[1:]
+            solution = substitute(lu, width, width, extended, pivots, overwrite_b=True)[0]
+            joint_angles: Vectors = solution[0::4] / self.scale
+            return joint_angles
+
+        return solve
+
+    def inverse(self, u: float, shift: float, free: bool, count: int | None, left: bool) -> Any:
+        n = self.dof
+        solve = self.factor(shift, u)
+
+        def step(v: Array) -> Array:
+            x = v[:n].reshape(-1, 1)
+            if free:
+                return -solve(self.mass(x))[:, 0]
+            y = v[n:].reshape(-1, 1)
+            rows = self.mass(2.0 * shift * x + y) + self.damped(u, x)
+            return np.concatenate([-solve(rows)[:, 0], v[:n]])
+
+        size = n if free else 2 * n
+        assert count is not None
+        start = np.concatenate([np.linspace(1.0, 0.0, n, endpoint=False), np.zeros(size - n)])
+        operator = LinearOperator((size, size), matvec=step, dtype=np.float64)
+        ncv = min(size, max(2 * count + 1, 20))
+        try:
+            mu, vectors = eigs(operator, k=count, which="LM", v0=start, tol=0.0, ncv=ncv)
+        except ArpackNoConvergence as error:
+            mu, vectors = error.eigenvalues, error.eigenvectors
+        if not np.isfinite(mu).all():
+            return None
+        return mu, vectors[:n], None
+
+
+def pencil_of(model: Model, dense: bool | None = None) -> Pencil:
+    """The model's pencil: bands for a long chain, else dense matrices."""
+    if dense is None:
+        dense = not (isinstance(model, Chain) and model.dof > DENSE_CHAIN)
+    if dense:
+        return DensePencil(model)
+    assert isinstance(model, Chain)
+    return BandPencil(model)
+
+
+def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = False) -> Eigenpairs:
+    """The `count` eigenvalues of least magnitude (all without count), with their residuals.
+
+    Pairs that fail the check are refined once; those that fail still are in the result, and its
+    `converged` says which.
+    """
+    total = 2 * pencil.dof
+    count = total if count is None else min(count, total)
+    if isinstance(pencil, BandPencil) and count > pencil.dof // 2:
+        if pencil.dof > DENSE_LIMIT:
+            raise ValueError(
+                f"count must not exceed {pencil.dof // 2} with {pencil.dof} degrees of freedom, got {count}"
+            )
+        pencil = DensePencil(pencil.model)
+    best: Eigenpairs | None = None
+    for shift in SHIFTS:
+        pairs = _about(pencil, u, count, left, shift)
+        if pairs is None:
+            continue
+        if best is None or pairs.residuals.max() < best.residuals.max():
+            best = pairs
+        if bool(pairs.converged.all()):
+            break
+    if best is None:
+        empty = np.full(count, np.nan + 0j)
+        vectors = np.zeros((pencil.dof, count), dtype=np.complex128)
+        return Eigenpairs(empty, vectors, vectors if left else None, np.full(count, np.inf))
+    return best
+
+
+def _about(pencil: Pencil, u: float, count: int, left: bool, shift: float) -> Eigenpairs | None:
+    free = pencil.velocity_free(u)
+    asked = min(count + 6, 2 * pencil.dof)
+    while True:
+        found = pencil.inverse(u, shift, free, -(-asked // 2) if free else asked, left)
+        if found is None:
+            return None
+        mu, right, dual = found
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if free:
+                # lambda^2 is real or one of a conjugate pair; each vector serves both signs.
+                roots = np.sqrt(shift**2 + 1.0 / mu)
+                values = np.concatenate([roots, -roots])
+                right = np.hstack([right, right])
+                dual = None if dual is None else np.hstack([dual, dual])
+            else:
+                values = shift + 1.0 / mu
+        if isinstance(pencil, BandPencil) and not free:  # conjugates agree only to rounding there
+            real, upper = values.imag == 0.0, values.imag > 0.0
+            values = np.concatenate([values[real], values[upper], values[upper].conj()])
+            right = np.hstack([right[:, real], right[:, upper], right[:, upper].conj()])
+        order = np.lexsort((-values.imag, np.abs(values)))
+        if isinstance(pencil, DensePencil) or values.size >= 2 * pencil.dof:
+            break
+        # All eigenvalues within `radius` of the shift are here, so all below radius - shift are.
+        gap = shift**2 if free else shift
+        radius = float(np.abs(1.0 / mu).max()) - gap
+        radius = np.sqrt(max(radius, 0.0)) if free else radius
+        if values.size >= count and np.abs(values[order[count - 1]]) <= radius:
+            break
+        if asked >= pencil.dof:
+            break
+        asked = min(2 * asked, pencil.dof)
+    order = order[:count]
+    values, right = values[order], _unit(right[:, order])
+    pairs = Eigenpairs(values, right, None, pencil.residuals(u, values, right))
+    if dual is not None:
+        pairs = Eigenpairs(values, right, _unit(dual[:, order]), pairs.residuals)
+    return _mended(pencil, u, pairs, left)
+
+
+def _mended(pencil: Pencil, u: float, pairs: Eigenpairs, left: bool) -> Eigenpairs:
+    """Pairs that failed, or want left vectors, refined one by one (conjugates together)."""
+    todo = ~pairs.converged | (left and pairs.left is None)
+    if not todo.any():
+        return pairs
+    values, right, residuals = pairs.values.copy(), pairs.right.copy(), pairs.residuals.copy()
+    lefts = np.zeros_like(right) if pairs.left is None else pairs.left.copy()
+    for i in np.flatnonzero(todo & (values.imag >= 0.0)):
+        if not np.isfinite(values[i]):
+            continue
+        twin = np.flatnonzero(pairs.values == np.conj(pairs.values[i]))
+        better = pencil.refine(u, complex(values[i]), right[:, i])
+        near = abs(better.values[0] - values[i]) <= 1e-3 * abs(values[i]) + 1e-6
+        if near and (better.residuals[0] <= residuals[i] or better.converged[0]) and better.left is not None:
+            same = values[i].imag == 0.0
+            value = complex(better.values[0].real) if same else complex(better.values[0])
+            values[i], residuals[i] = value, better.residuals[0]
+            right[:, i], lefts[:, i] = better.right[:, 0], better.left[:, 0]
+            if not same and twin.size:
+                j = twin[0]
+                values[j], residuals[j] = np.conj(value), better.residuals[0]
+                right[:, j], lefts[:, j] = better.right[:, 0].conj(), better.left[:, 0].conj()
+    return Eigenpairs(values, right, lefts if left else None, residuals)
