@@ -75,14 +75,18 @@ class Chain(Model):
         self._pipe = checked_pipe(pipe)
         rule = _check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
         base = _check.real("base", base, low=0.0, high=1.0, open_high=True)
-        n = _segment_count(n, (lengths, None if rule else springs, centers, gyration_radii, drag_points))
+        n = _segment_count(
+            n, (lengths, None if rule else springs, centers, gyration_radii, drag_points)
+        )
         if lengths is not None:
             self._lengths = _check.array("lengths", lengths, size=n, low=0.0, open_low=True)
         elif rule != "midpoint":
             self._lengths = _frozen(np.full(n, (1.0 - base) / n))
         if rule == "midpoint":
             if lengths is not None or base != 0.0:
-                raise ValueError("springs='midpoint' cuts the pipe itself: give neither lengths nor base")
+                raise ValueError(
+                    "springs='midpoint' cuts the pipe itself: give neither lengths nor base"
+                )
             base = 0.5 / n
             cells = np.full(n, 1.0 / n)
             cells[-1] = 0.5 / n
@@ -96,7 +100,9 @@ class Chain(Model):
         if gyration_radii is None:
             self._gyration_radii = _frozen(self._lengths / math.sqrt(12.0))
         else:
-            self._gyration_radii = _check.array("gyration_radii", gyration_radii, size=n, low=0.0, high=1e3)
+            self._gyration_radii = _check.array(
+                "gyration_radii", gyration_radii, size=n, low=0.0, high=1e3
+            )
         if self._centers[-1] == 0.0 and self._gyration_radii[-1] == 0.0:
             raise ValueError(
                 "centers and gyration_radii must not both be 0 at the last segment: it would turn without inertia"
@@ -285,7 +291,9 @@ def _segment_count(n: int | None, arrays: tuple[Any, ...]) -> int:
         if given is not None:
             size = np.shape(given)
             if len(size) != 1 or not 1 <= size[0] <= LARGEST_CHAIN:
-                raise ValueError(f"n, or one-dimensional arrays that tell it, must be given, got shape {size}")
+                raise ValueError(
+                    f"n, or one-dimensional arrays that tell it, must be given, got shape {size}"
+                )
             return size[0]
     raise ValueError("n or lengths must be given")
 

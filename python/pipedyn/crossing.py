@@ -6,38 +6,30 @@ The step is believed where no extremum of the cubic lies closer to the axis than
 error, and halved elsewhere; so a branch that touches the axis between two samples, or passes it twice,
 is found. Each passage is then polished by Newton's method with d lambda / du on the model itself.
 
-Without damping and without fluid mass (beta = 0), lambda^2 is real: branches lie on the axis until
-two of them meet (flutter) or one reaches zero (divergence), and lambda^2 is followed instead.
+A real part within rounding of zero has no sign: such a branch stays what it was, stable or not, until
+its real part leaves the noise. `pipedyn.circulatory` is for pipes without any term in the velocity.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from pipedyn._check import Array
 from pipedyn.follow import LONGEST_STEP, STUCK, Indices, Sample, Step, march, sample
 from pipedyn.galerkin import Galerkin
-from pipedyn.model import Model, NotConverged
-from pipedyn.spectrum import (
-    BandPencil,
-    Complex,
-    DensePencil,
-    Eigenpairs,
-    Pencil,
-    lowest,
-    pencil_of,
-)
+from pipedyn.model import NotConverged
+from pipedyn.spectrum import SHIFTS, Complex, Eigenpairs, Pencil
 
-ROUNDING = 1e-13
-"""Relative error that an eigenvalue may have before its real part's sign is doubted."""
+Flags = NDArray[np.bool_]
 
 HIGH_DAMPING = 0.3
-"""Untrusted roots with Re < -0.3 |lambda| at both ends of a step are not worth refining."""
+"""Roots that need not be followed are not worth refining with Re < -0.3 |lambda| at both ends."""
 
 
 @dataclass(frozen=True)
@@ -59,192 +51,210 @@ class Passage:
     change: int
     mode: int
     error: float
-    pair: Eigenpairs | None
-    slope: complex | None
+    pair: Eigenpairs | None = None
+    slope: complex | None = None
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Passages found up to `reached`, and the counts of unstable roots that frame them."""
+    """Passages in order of speed, and the number of unstable roots at rest."""
 
     unstable_at_rest: int
     passages: tuple[Passage, ...]
-    unstable_at_end: int
-    reached: float
 
 
-class _Untracked(Exception):
+class Untracked(Exception):
     """A root outside the followed set became unstable: more must be followed."""
 
 
-def sweep(
-    model: Model, max_speed: float, until: Callable[[Passage], bool] | None = None, trusted: int | None = None
-) -> Sweep:
-    """All passages up to max_speed, or up to the first that `until` accepts.
+class Hunt:
+    """One sweep from rest, for pipes with flow or damping.
 
     Args:
-        model: chain or reduced model.
+        pencil: the model's.
         max_speed: end of the search.
-        until: stops the search after a passage.
+        followed: how many modes are computed and followed; all without.
         trusted: how many modes, counted from rest, are looked at; all without.
     """
-    pencil, followed = _pencil_for(model, max_speed)
-    while True:
-        hunt = _Hunt(pencil, max_speed, followed, trusted)
-        try:
-            return hunt.run(until)
-        except _Untracked:
-            assert followed is not None
-            followed = 2 * followed
-            if followed > pencil.dof // 3:
-                pencil, followed = DensePencil(model), None
 
-
-def _pencil_for(model: Model, max_speed: float) -> tuple[Pencil, int | None]:
-    """The pencil, and for a long chain how many modes to follow.
-
-    A mode of wave number k meets the flow only where k is comparable to u; with modes up to k = pi u
-    and twelve more there is room, and a root beyond that turns unstable is noticed.
-    """
-    pencil = pencil_of(model)
-    if isinstance(pencil, BandPencil):
-        followed = 12 + math.ceil(max_speed)
-        if followed <= pencil.dof // 4 and max_speed < pencil.dof / 4:
-            return pencil, followed
-        pencil = DensePencil(model)
-    return pencil, None
-
-
-class _Hunt:
-    """One sweep from rest."""
-
-    def __init__(self, pencil: Pencil, max_speed: float, followed: int | None, trusted: int | None):
+    def __init__(
+        self,
+        pencil: Pencil,
+        max_speed: float,
+        followed: int | None = None,
+        trusted: int | None = None,
+    ) -> None:
         self.pencil = pencil
         self.max_speed = max_speed
-        self.followed = followed
-        self.limit = trusted if trusted is not None else pencil.dof
-        self.free = pencil.velocity_free(1.0)
-        self.modes: Indices = np.zeros(0, dtype=np.intp)
+        self.count = None if followed is None else 2 * followed + 16
+        self.followed = pencil.dof if followed is None else followed
+        self.trusted = self.followed if trusted is None else trusted
         # Legendre's highest third is not the pipe's and heavily damped: matched, but not followed.
         legendre = isinstance(pencil.model, Galerkin) and pencil.model.basis == "legendre"
-        certain = pencil.dof if followed is None else followed
-        if legendre:
-            certain = max(1, (2 * certain) // 3)
-        self.wanted = certain if self.free else 2 * certain
+        self.certain = max(1, (2 * self.followed) // 3) if legendre else self.followed
+        self.modes: Indices = np.zeros(0, dtype=np.intp)
+        self.unstable: Flags = np.zeros(0, dtype=np.bool_)
+
+    def run(self, until: Callable[[Passage], bool] | None = None) -> Sweep:
+        """All passages up to max_speed, or up to the first that `until` accepts.
+
+        Raises:
+            NotConverged: if the passages found do not account for the unstable roots.
+            Untracked: if a root beyond those followed turns unstable.
+        """
+        steps = max(1, math.ceil(self.max_speed / LONGEST_STEP))
+        speeds = np.linspace(0.0, self.max_speed, steps + 1).tolist()
+        first = self.take(0.0)
+        self.modes = self.ranked(first)
+        self.unstable = self.states(first.values, np.zeros(first.values.size, dtype=np.bool_))
+        at_rest = unstable = self.count_unstable()
+        passages: list[Passage] = []
+        for step in march(self.take, first, speeds[1:], self.wanted, self.sure):
+            for passage in sorted(self.passages(step), key=lambda passage: passage.speed):
+                passages.append(passage)
+                unstable += passage.change
+                if until is not None and until(passage):
+                    return Sweep(at_rest, tuple(passages))
+            self.move(step)
+            if unstable != self.count_unstable():
+                raise NotConverged(
+                    f"{self.count_unstable()} unstable roots at u = {step.right.u:g}, where the "
+                    f"passages found account for {unstable}",
+                    Sweep(at_rest, tuple(passages)),
+                )
+        return Sweep(at_rest, tuple(passages))
+
+    @property
+    def wanted(self) -> int:
+        """Roots to follow with certainty: two a mode."""
+        return 2 * self.certain
+
+    def ranked(self, first: Sample) -> Indices:
+        """Mode of each root at rest, by frequency."""
+        return modes_at_rest(first.values, self.pencil.pipe.damping)
 
     def take(self, u: float) -> Sample:
-        """The sample at u; of lambda^2 where lambda enters only so."""
-        count = None if self.followed is None else 2 * self.followed + 16
-        if not self.free:
-            return sample(self.pencil, u, count)
-        pairs = lowest(self.pencil, u, count, left=True)
-        values = pairs.values
-        pairs = pairs.take((values.real > 0.0) | ((values.real == 0.0) & (values.imag > 0.0)))
-        slopes = 2.0 * pairs.values * self.pencil.slopes(u, pairs)
-        squares = replace(pairs, values=pairs.values**2)
-        squares.values.imag[pairs.values.real == 0.0] = 0.0
-        squares.values.imag[pairs.values.imag == 0.0] = 0.0
-        return Sample(u, squares, np.where(np.isfinite(slopes), slopes, 0.0))
+        """The sample at a speed; at rest without damping on the axis or real."""
+        at = sample(self.pencil, u, self.count)
+        if self.pencil.velocity_free(u):
+            at.values.real[at.values.imag != 0.0] = 0.0
+        return at
 
-    def run(self, until: Callable[[Passage], bool] | None) -> Sweep:
-        count = max(1, math.ceil(self.max_speed / LONGEST_STEP))
-        speeds = np.linspace(0.0, self.max_speed, count + 1)
-        passages: list[Passage] = []
-        first = self.take(0.0)
-        self.modes = (np.arange(first.values.size) + 1) if self.free else modes_at_rest(first.values, self.pencil)
-        at_rest = unstable = self.unstable(first)
-        reached = 0.0
-        for step in march(self.take, first, speeds[1:], self.wanted, self.sure):
-            for passage in self.passages(step):
-                passages.append(passage)
-                if until is not None and until(passage):
-                    return Sweep(at_rest, tuple(passages), unstable + passage.change, passage.speed)
-                unstable += passage.change
-            self.modes = self.moved(step)
-            reached = step.right.u
-            if unstable != self.unstable(step.right):
-                raise NotConverged(
-                    f"{self.unstable(step.right)} unstable roots at u = {reached:g}, where the "
-                    f"passages found account for {unstable}",
-                    Sweep(at_rest, tuple(passages), unstable, step.left.u),
-                )
-        return Sweep(at_rest, tuple(passages), unstable, reached)
-
-    def moved(self, step: Step) -> Indices:
-        """Mode of each root of the step's right sample; 0 for those that came from outside."""
-        modes = np.zeros(step.right.values.size, dtype=np.intp)
-        there = step.onto >= 0
-        modes[step.onto[there]] = self.modes[there]
-        if self.followed is not None and not self.free:
-            loose = (modes == 0) | (modes > self.followed)
-            if bool((step.right.values.real[loose] > 0.0).any()):
-                raise _Untracked
-        return modes
-
-    def unstable(self, at: Sample) -> int:
+    def count_unstable(self) -> int:
         """Number of unstable roots among the trusted."""
-        mine = (self.modes >= 1) & (self.modes <= self.limit) & (np.abs(at.values) >= STUCK)
-        if at.u == 0.0:
-            values = at.values if not self.free else np.sqrt(at.values)
-            return int(np.sum(values.real[mine] > STUCK))
-        if self.free:
-            roots = np.sqrt(at.values[mine])
-            complex_roots = at.values.imag[mine] != 0.0
-            return int(np.sum(complex_roots | (roots.real > STUCK)))
-        return int(np.sum(at.values.real[mine] > 0.0))
+        return int(np.sum(self.unstable & (self.modes >= 1) & (self.modes <= self.trusted)))
+
+    def move(self, step: Step) -> None:
+        """Take modes and states to the step's right sample; mode 0 for roots from outside."""
+        there = step.onto >= 0
+        onto = step.onto[there]
+        modes = np.zeros(step.right.values.size, dtype=np.intp)
+        before = np.zeros(modes.size, dtype=np.bool_)
+        modes[onto], before[onto] = self.modes[there], self.unstable[there]
+        self.modes, self.unstable = modes, self.states(step.right.values, before)
+        if self.count is not None:
+            loose = self.unstable & ((modes == 0) | (modes > self.followed))
+            if loose.any():
+                raise Untracked
+
+    def states(self, values: Complex, before: Flags) -> Flags:
+        """Which roots are unstable: by the sign of the real part, or as before where it has none."""
+        known = (np.abs(values.real) > _noise(values)) & (np.abs(values) >= STUCK)
+        states: Flags = np.where(known, values.real > 0.0, before)
+        return states
 
     def rows(self, step: Step) -> Indices:
         """Roots to look at: one of each conjugate pair, trusted, not heavily damped throughout."""
         a, b = step.left.values, step.right.values[step.onto]
-        mine = (self.modes >= 1) & (self.modes <= self.limit) & (step.onto >= 0)
-        mine &= (a.imag > 0.0) | (a.imag == 0.0)
-        resting = (np.abs(a) < STUCK) & (np.abs(b) < STUCK)
-        mine &= ~resting
-        if not self.free:
-            damped = (a.real < -HIGH_DAMPING * np.abs(a)) & (b.real < -HIGH_DAMPING * np.abs(b))
-            mine &= ~(damped & (self.modes > self.wanted // 2))
+        mine = (self.modes >= 1) & (self.modes <= self.trusted) & (step.onto >= 0) & (a.imag >= 0.0)
+        damped = (a.real < -HIGH_DAMPING * np.abs(a)) & (b.real < -HIGH_DAMPING * np.abs(b))
+        mine &= ~(damped & (self.modes > self.certain))
         return np.flatnonzero(mine)
 
     def sure(self, step: Step) -> bool:
         """Whether the step tells all passages in it."""
         roots = self.rows(step)
-        if self.free:
-            return _kinds_agree(step, roots)
-        meeting = roots[step.meets[roots] >= 0]
-        return _scan(self.start(step), step, roots[step.meets[roots] < 0]) is not None and all(
-            _meets_off_axis(step, int(i)) for i in meeting
-        )
-
-    def start(self, step: Step) -> Array:
-        """Real parts on the step's left; exactly 0 at rest without damping."""
-        if step.left.u == 0.0 and self.pencil.velocity_free(0.0):
-            on_axis = step.left.values.imag != 0.0
-            return np.where(on_axis, 0.0, step.left.values.real)
-        return step.left.values.real
+        met = step.meets[roots] >= 0
+        if self._scan(step, roots[~met]) is None:
+            return False
+        return all(_meets_off_axis(step, int(i)) for i in roots[met])
 
     def passages(self, step: Step) -> list[Passage]:
-        """Passages within a step, in order of speed."""
+        """Passages within a step."""
         roots = self.rows(step)
-        if self.free:
-            found = self._free_passages(step, roots)
-            return sorted(found, key=lambda passage: passage.speed)
+        met = step.meets[roots] >= 0
+        single = roots[~met]
         found = []
-        single = roots[step.meets[roots] < 0]
-        start = self.start(step)
-        if step.left.u == 0.0:
-            leaving = single[(start[single] == 0.0) & (step.left.slopes.real[single] > 0.0)]
-            for root in leaving[np.argsort(self.modes[leaving])]:
-                value = complex(0.0, step.left.values.imag[root])
-                found.append(Passage(0.0, value, 2, int(self.modes[root]), 0.0, None, None))
-        for root, t, rising in _scan(start, step, single) or _ends(start, step, single):
+        for root in single[self._leaving(step, single)]:
+            value = complex(0.0, step.left.values[root].imag)
+            change = 2 if value.imag else 1
+            found.append(Passage(0.0, value, change, int(self.modes[root]), 0.0))
+        scanned = self._scan(step, single)
+        for root, t, rising in self._ends(step, single) if scanned is None else scanned:
             found.append(self._polish(step, root, t, rising))
-        for i in roots[step.meets[roots] >= 0]:
-            before, after = _unstable_of(step, int(i))
-            if before != after and i < step.meets[i]:
-                speed = 0.5 * (step.left.u + step.right.u)
+        after = self.states(step.right.values[step.onto], self.unstable)
+        for i in roots[met]:
+            k = int(step.meets[i])
+            change = int(after[i]) + int(after[k]) - int(self.unstable[i]) - int(self.unstable[k])
+            if change and (i < k or k not in roots):
                 value = complex(0.0, abs(step.left.values[i].imag))
-                found.append(Passage(speed, value, after - before, int(self.modes[i]), step.length, None, None))
-        return sorted(found, key=lambda passage: passage.speed)
+                middle = 0.5 * (step.left.u + step.right.u)
+                found.append(Passage(middle, value, change, int(self.modes[i]), step.length))
+        return found
+
+    def _leaving(self, step: Step, roots: Indices) -> Flags:
+        """Which roots lie on the axis at rest and turn unstable at once."""
+        if step.left.u > 0.0 or roots.size == 0:
+            return np.zeros(roots.size, dtype=np.bool_)
+        a, b = step.left.values[roots], step.right.values[step.onto[roots]]
+        resting = np.abs(a) < STUCK  # a joint without a spring: no slope there
+        rises = (
+            step.left.slopes[roots].real * step.length > _noise(step.right.values)[step.onto[roots]]
+        )
+        ends = self.states(b, np.zeros(b.size, dtype=np.bool_))
+        return np.where(resting, ends, (a.real == 0.0) & rises)
+
+    def _ends(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
+        """What a shortest step tells: the state at either end."""
+        before = self.unstable[roots] | self._leaving(step, roots)
+        after = self.states(step.right.values[step.onto], self.unstable)[roots]
+        return [(int(roots[r]), 0.5, bool(after[r])) for r in np.flatnonzero(before != after)]
+
+    def _scan(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]] | None:
+        """(root, t, rising) of every passage that the real parts' cubics show; None where unsure."""
+        if roots.size == 0:
+            return []
+        onto = step.onto[roots]
+        a, b = step.left.values[roots].real, step.right.values[onto].real
+        c1 = step.left.slopes[roots].real * step.length
+        end_slope = step.right.slopes[onto].real * step.length
+        c2, c3 = 3.0 * (b - a) - 2.0 * c1 - end_slope, 2.0 * (a - b) + c1 + end_slope
+        noise = np.maximum(_noise(step.left.values)[roots], _noise(step.right.values)[onto])
+        resting = np.abs(step.left.values[roots]) < STUCK
+        noise[resting] = np.inf
+        # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
+        misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
+        band = 2.0 * misfit + 1e-4 * step.error[roots]
+
+        turns = c2**2 - 3.0 * c1 * c3
+        far = c2 + np.where(c2 >= 0.0, 1.0, -1.0) * np.sqrt(np.maximum(turns, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            extrema = np.stack([-c1 / far, -far / (3.0 * c3)])
+        extrema = np.where((extrema > 0.0) & (extrema < 1.0) & (turns > 0.0), extrema, np.nan)
+        values = a + extrema * (c1 + extrema * (c2 + extrema * c3))
+        if bool(((np.abs(values) <= band + noise) & (band > noise)).any()):
+            return None
+        states = self.unstable[roots] | self._leaving(step, roots)
+        after = self.states(step.right.values[step.onto], self.unstable)[roots]
+        clear = np.abs(values) > noise
+        turned = (states != after) | (clear & ((values > 0.0) != states)).any(axis=0)
+        found = []
+        for r in np.flatnonzero(turned):
+            inner = [(extrema[e, r], values[e, r] > 0.0) for e in (0, 1) if clear[e, r]]
+            points = [*sorted(inner), (1.0, bool(after[r]))]
+            cubic = (a[r], c1[r], c2[r], c3[r])
+            found += _sign_changes(int(roots[r]), bool(states[r]), cubic, points)
+        return found
 
     def _polish(self, step: Step, root: int, t: float, rising: bool) -> Passage:
         """A passage to rounding, by Newton's method on the model itself."""
@@ -260,7 +270,9 @@ class _Hunt:
             slope = complex(pencil.slopes(u, pair)[0])
             value = complex(pair.values[0])
             change = -value.real / slope.real
-            if not (math.isfinite(change) and step.left.u - slack <= u + change <= step.right.u + slack):
+            if not (
+                math.isfinite(change) and step.left.u - slack <= u + change <= step.right.u + slack
+            ):
                 break
             u, vector = max(u + change, 0.0), pair.right[:, 0]
             guess = value + slope * change
@@ -270,8 +282,11 @@ class _Hunt:
         pair = pencil.refine(u, guess, vector)
         slope = complex(pencil.slopes(u, pair)[0])
         value = complex(pair.values[0])
-        residual = pair.residuals[0] * (abs(value) ** 2 + 1.0) + ROUNDING * abs(value)
-        if not pair.converged[0] or (slope.real > 0.0) != rising or abs(value.real) > 1e-6 * (1.0 + abs(value)):
+        if (
+            not pair.converged[0]
+            or (slope.real > 0.0) != rising
+            or abs(value.real) > 1e-6 * (1.0 + abs(value))
+        ):
             u = self._bisect(step, root)
             near = self._nearest(u, step, root)
             pair, slope = near.pairs, complex(near.slopes[0])
@@ -282,17 +297,23 @@ class _Hunt:
         size = abs(value) ** 2 * float(np.linalg.norm(pencil.mass(pair.right)))
         size += abs(value) * float(np.linalg.norm(pencil.damped(u, pair.right)))
         size += 1.0 + abs(self.pencil.pipe.gamma) + pencil.centrifugal * u**2
-        uncertain = (rest + np.finfo(float).eps) * size / derivative + abs(value.real)
-        error = float(uncertain / abs(slope.real)) if slope.real else residual
+        uncertain = float((rest + np.finfo(float).eps) * size / derivative) + abs(value.real)
+        error = uncertain / abs(slope.real) if slope.real else math.inf
         change_of_count = (1 if real else 2) * (1 if rising else -1)
         frequency = 0.0 if real else abs(value.imag)
         return Passage(
-            u, complex(0.0, frequency), change_of_count, int(self.modes[root]), error, pair, slope
+            float(u),
+            complex(0.0, frequency),
+            change_of_count,
+            int(self.modes[root]),
+            error,
+            pair,
+            slope,
         )
 
     def _nearest(self, u: float, step: Step, root: int) -> Sample:
         """The root's own eigenvalue at a speed within the step."""
-        at = sample(self.pencil, u, None if self.followed is None else 2 * self.followed + 16)
+        at = self.take(u)
         t = np.array([(u - step.left.u) / step.length])
         where = int(np.argmin(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0])))
         return Sample(u, at.pairs.take([where]), at.slopes[[where]])
@@ -306,65 +327,53 @@ class _Hunt:
             return step.left.u if abs(low) < abs(high) else step.right.u
         return float(brentq(real_part, step.left.u, step.right.u, xtol=1e-14, rtol=1e-14))
 
-    def _free_passages(self, step: Step, roots: Indices) -> list[Passage]:
-        """lambda^2 through zero, and pairs of lambda^2 that meet and turn complex, or back."""
-        found = []
-        a, b = step.left.values, step.right.values
-        for i in roots:
-            j = int(step.onto[i])
-            before, after = a[i], b[j]
-            if before.imag == 0.0 and after.imag == 0.0:
-                if (before.real > 0.0) != (after.real > 0.0):
-                    speed, error = self._root_of(step, int(i), lambda v: float(v[0].real), 1)
-                    change = 1 if after.real > 0.0 else -1
-                    mode = int(self.modes[i])
-                    found.append(Passage(speed, 0j, change, mode, error, None, None))
-            elif (before.imag == 0.0) != (after.imag == 0.0) and (before.imag == 0.0 or before.imag > 0.0):
-                if before.imag == 0.0 and after.imag < 0.0:
-                    continue  # counted with its twin
-                k = int(step.meets[i])
-                if k < 0:
-                    continue
-                centre = 0.5 * (a[i] + a[k])
-                if centre.real >= 0.0:
-                    continue  # both unstable before and after
-                speed, error = self._root_of(
-                    step, int(i), lambda v: float(((v[0] - v[1]) ** 2).real), 2
-                )
-                middle = self._closest(speed, step, int(i), 2)
-                value = 1j * math.sqrt(max(-float(np.mean(middle).real), 0.0))
-                mode = int(max(self.modes[i], self.modes[k]))
-                found.append(Passage(speed, value, 2 if after.imag else -2, mode, error, None, None))
-        return found
 
-    def _closest(self, u: float, step: Step, i: int, count: int) -> Complex:
-        """The eigenvalue lambda^2 (or the two that meet) nearest to where the step has them."""
-        t = (u - step.left.u) / step.length
-        a, b = step.left.values, step.right.values
-        k = int(step.meets[i]) if count == 2 else i
-        centre = 0.5 * ((1.0 - t) * (a[i] + a[k]) + t * (b[step.onto[i]] + b[step.onto[k]]))
-        values = self.take(u).values
-        return values[np.argsort(np.abs(values - centre))[:count]]
-
-    def _root_of(
-        self, step: Step, i: int, measure: Callable[[Complex], float], count: int
-    ) -> tuple[float, float]:
-        tolerance = 4e-16 * (1.0 + step.right.u)
-        speed = brentq(
-            lambda u: measure(self._closest(u, step, i, count)),
-            *(step.left.u, step.right.u),
-            xtol=tolerance,
-            rtol=8.9e-16,
-        )
-        # Rounding of lambda^2 enters through its slope, or that of the squared difference.
-        spread = 1e-6 * step.length
-        high, low = (measure(self._closest(u, step, i, count)) for u in (speed + spread, speed - spread))
-        slope = abs(high - low) / (2.0 * spread)
-        size = float(np.abs(self._closest(speed, step, i, count)).max()) ** count
-        return float(speed), tolerance + 1e-14 * size / slope if slope > 0.0 else step.length
+def _noise(values: Complex) -> Array:
+    """Rounding of each eigenvalue of a sample: eps of the inverse problem's largest, carried over."""
+    size = np.abs(values)
+    nearest = max(float(np.abs(values - SHIFTS[0]).min()), 1e-3)
+    noise: Array = 1e-14 * size + 4.0 * np.finfo(float).eps * size**2 / nearest
+    return noise
 
 
-def modes_at_rest(values: Complex, pencil: Pencil) -> Indices:
+def _sign_changes(
+    root: int, state: bool, c: tuple[float, float, float, float], points: list[tuple[float, bool]]
+) -> list[tuple[int, float, bool]]:
+    """Where a cubic changes sign between the points at which its sign is known."""
+
+    def cubic(t: float) -> float:
+        return c[0] + t * (c[1] + t * (c[2] + t * c[3]))
+
+    found, left = [], 0.0
+    for t, now in points:
+        if now != state:
+            low, high = cubic(left), cubic(t)
+            if low * high < 0.0:
+                where = float(brentq(cubic, left, t, xtol=1e-15))
+            else:  # one end lies in the noise
+                where = left if abs(low) < abs(high) else t
+            found.append((root, where, now))
+        state, left = now, t
+    return found
+
+
+def _meets_off_axis(step: Step, i: int) -> bool:
+    """Whether a pair that meets on the real axis within the step stays on one side of zero."""
+    k = int(step.meets[i])
+    a, b = step.left.values, step.right.values
+    da, db = step.left.slopes, step.right.slopes
+    j, m = step.onto[i], step.onto[k]
+    t = np.linspace(0.0, 1.0, 17)
+    weight = t * t * (3.0 - 2.0 * t)
+    total = (1.0 - weight) * (a[i] + a[k]).real + weight * (b[j] + b[m]).real
+    total += (
+        step.length * t * (1.0 - t) * ((1.0 - t) * (da[i] + da[k]).real - t * (db[j] + db[m]).real)
+    )
+    reach = max(abs((a[i] - a[k]).real), abs((b[j] - b[m]).real))
+    return bool((total + reach < 0.0).all() or (total - reach > 0.0).all())
+
+
+def modes_at_rest(values: Complex, damping: float) -> Indices:
     """Mode of each root of the pipe at rest, from 1, by the square of its undamped frequency.
 
     Conjugates share a mode; so do two real roots with 1/a + 1/b = -delta, which is exact for
@@ -381,105 +390,10 @@ def modes_at_rest(values: Complex, pencil: Pencil) -> Indices:
         if not real:
             groups.append((float(values[i].real ** 2), [i]))
             break
-        inverse = -pencil.pipe.damping - (1.0 / values[i].real if values[i].real else 0.0)
+        inverse = -damping - (1.0 / values[i].real if values[i].real else 0.0)
         misfit = [abs((1.0 / values[k].real if values[k].real else 0.0) - inverse) for k in real]
         k = real.pop(int(np.argmin(misfit)))
         groups.append((float((values[i] * values[k]).real), [i, k]))
     for mode, (_, members) in enumerate(sorted(groups, key=lambda group: group[0]), start=1):
         modes[members] = mode
     return modes
-
-
-def _cubic(start: Array, step: Step, roots: Indices) -> tuple[Array, Array, Array, Array, Array]:
-    """Real part of each branch: value and slope at t = 0, the two higher coefficients, the end."""
-    onto = step.onto[roots]
-    a, b = start[roots], step.right.values[onto].real
-    da, db = step.left.slopes[roots].real * step.length, step.right.slopes[onto].real * step.length
-    return a, da, 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db, b
-
-
-def _scan(start: Array, step: Step, roots: Indices) -> list[tuple[int, float, bool]] | None:
-    """(root, t, rising) of every sign change of the real parts' cubics; None where unsure."""
-    if roots.size == 0:
-        return []
-    a, c1, c2, c3, b = _cubic(start, step, roots)
-    size = np.maximum(np.abs(step.left.values[roots]), np.abs(step.right.values[step.onto[roots]]))
-    band = 2.0 * step.error[roots] + ROUNDING * size
-    inside = []
-    disc = np.sqrt(np.maximum(c2**2 - 3.0 * c1 * c3, 0.0))
-    sign = np.where(c2 >= 0.0, 1.0, -1.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first, second = -c1 / (c2 + sign * disc), -(c2 + sign * disc) / (3.0 * c3)
-    for t in (first, second):
-        t = np.where((t > 0.0) & (t < 1.0) & (c2**2 > 3.0 * c1 * c3), t, np.nan)
-        value = a + t * (c1 + t * (c2 + t * c3))
-        if bool((np.abs(value) <= band).any()):
-            return None
-        inside.append((t, value))
-    up = (a > 0.0) | ((a == 0.0) & (c1 > 0.0))
-    changes = up != (b >= 0.0)
-    for _, value in inside:
-        changes |= ~np.isnan(value) & (up != (value > 0.0))
-    found = []
-    for r in np.flatnonzero(changes):
-        points = sorted((t[r], value[r]) for t, value in inside if not np.isnan(t[r]))
-        found += _sign_changes(int(roots[r]), bool(up[r]), (a[r], c1[r], c2[r], c3[r]), [*points, (1.0, b[r])])
-    return found
-
-
-def _sign_changes(
-    root: int, up: bool, c: tuple[float, float, float, float], points: list[tuple[float, float]]
-) -> list[tuple[int, float, bool]]:
-    def cubic(t: float) -> float:
-        return c[0] + t * (c[1] + t * (c[2] + t * c[3]))
-
-    found, left = [], 0.0
-    for t, value in points:
-        now = value >= 0.0
-        if now != up:
-            low = left
-            if cubic(low) == 0.0:  # on the axis at rest: start just off it
-                low = 1e-12 + left
-            same = (cubic(low) > 0.0) == (cubic(t) > 0.0)
-            where = t if same else float(brentq(cubic, low, t, xtol=1e-15))
-            found.append((root, where, now))
-        up, left = now, t
-    return found
-
-
-def _ends(start: Array, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
-    """What a shortest step tells: the sign at either end."""
-    a, c1, _, _, b = _cubic(start, step, roots)
-    up = (a > 0.0) | ((a == 0.0) & (c1 > 0.0))
-    changes = np.flatnonzero(up != (b >= 0.0))
-    return [(int(roots[r]), 0.5, bool(b[r] >= 0.0)) for r in changes]
-
-
-def _meets_off_axis(step: Step, i: int) -> bool:
-    """Whether a pair that meets on the real axis within the step stays on one side of zero."""
-    k = int(step.meets[i])
-    a, b = step.left.values, step.right.values
-    da, db = step.left.slopes, step.right.slopes
-    j, m = step.onto[i], step.onto[k]
-    t = np.linspace(0.0, 1.0, 17)
-    weight = t * t * (3.0 - 2.0 * t)
-    total = (1.0 - weight) * (a[i] + a[k]).real + weight * (b[j] + b[m]).real
-    total += step.length * t * (1.0 - t) * (
-        (1.0 - t) * (da[i] + da[k]).real - t * (db[j] + db[m]).real
-    )
-    reach = max(abs((a[i] - a[k]).real), abs((b[j] - b[m]).real))
-    return bool((total + reach < 0.0).all() or (total - reach > 0.0).all())
-
-
-def _unstable_of(step: Step, i: int) -> tuple[int, int]:
-    k = int(step.meets[i])
-    before = sum(step.left.values[r].real > 0.0 for r in (i, k))
-    after = sum(step.right.values[step.onto[r]].real > 0.0 for r in (i, k))
-    return int(before), int(after)
-
-
-def _kinds_agree(step: Step, roots: Indices) -> bool:
-    """For lambda^2: each root stays real or complex, or meets a known partner in between."""
-    before = step.left.values[roots].imag == 0.0
-    after = step.right.values[step.onto[roots]].imag == 0.0
-    return bool(np.all((before == after) | (step.meets[roots] >= 0)))

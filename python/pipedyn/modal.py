@@ -15,21 +15,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _check
 from pipedyn._check import Array
+from pipedyn.blas import one_thread
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum, relative
-from pipedyn.crossing import Passage, Sweep, sweep
+from pipedyn.circulatory import CirculatoryHunt
+from pipedyn.crossing import Hunt, Passage, Sweep, Untracked
 from pipedyn.follow import march, sample
 from pipedyn.galerkin import Galerkin
 from pipedyn.model import Model, NotConverged, PipedynError
 from pipedyn.pipe import Pipe
 from pipedyn.progress import track
 from pipedyn.spectrum import (
+    BandPencil,
     Complex,
     DensePencil,
     Eigenpairs,
     Pencil,
     lowest,
     pencil_of,
+    rows_of,
 )
 
 AnyModel = Model | Continuum
@@ -163,12 +167,16 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     if count is not None and count > 2 * model.dof:
         raise ValueError(f"count must be at most 2 dof = {2 * model.dof}, got {count}")
     if count is None and model.dof > LARGEST_SWEEP:
-        raise ValueError(f"count must be given beyond {LARGEST_SWEEP} degrees of freedom, got {model.dof}")
+        raise ValueError(
+            f"count must be given beyond {LARGEST_SWEEP} degrees of freedom, got {model.dof}"
+        )
     return _modes(model, u, count)
 
 
 def _modes(model: Model, u: float, count: int | None) -> Modes:
-    pairs = lowest(pencil_of(model), u, count)
+    pencil = pencil_of(model)
+    with one_thread(rows_of(pencil)):
+        pairs = lowest(pencil, u, count)
     coordinates = model.from_elastic(pairs.right)
     peaks = _peaks(model, coordinates)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -275,7 +283,8 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     taken = 2 * count + 16
     while True:
         every = isinstance(pencil, DensePencil) or taken >= pencil.dof
-        found = _followed(pencil, speeds, count, None if every else taken, shown)
+        with one_thread(rows_of(pencil)):
+            found = _followed(pencil, speeds, count, None if every else taken, shown)
         if found is not None:
             return found
         taken *= 2  # a branch climbed out of the eigenvalues computed
@@ -292,7 +301,10 @@ def _followed(
     partners = np.empty_like(values)
     converged = np.empty(values.shape, dtype=np.bool_)
     steps = march(
-        lambda u: sample(pencil, u, taken), first, map(float, speeds[1:]), first.values.size if taken is None else 4 * count
+        lambda u: sample(pencil, u, taken),
+        first,
+        map(float, speeds[1:]),
+        first.values.size if taken is None else 4 * count,
     )
 
     def store(row: int, pairs: Eigenpairs) -> None:
@@ -502,7 +514,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
 
 def _windows(max_speed: float) -> list[float]:
     """Ends of growing searches from rest: a low critical speed needs no large model."""
-    return [end for end in (12.0, 30.0) if end < max_speed] + [max_speed]
+    return [end for end in (12.0, 30.0, 60.0) if end < max_speed] + [max_speed]
 
 
 def _destabilises(passage: Passage) -> bool:
@@ -547,29 +559,64 @@ def _swept(
             raise ValueError(
                 f"model must have at most {LARGEST_SWEEP} degrees of freedom for crossings, got {model.dof}"
             )
-        return _crossings(model, sweep(model, max_speed, until)), model.dof, None
+        return _crossings(model, _sweep(model, max_speed, until)), model.dof, None
 
     settled = model.settle(
-        lambda rom: _crossings(rom, sweep(rom, max_speed, until, trusted=(3 * rom.dof) // 5)),
+        lambda rom: _crossings(rom, _sweep(rom, max_speed, until, (3 * rom.dof) // 5)),
         _difference,
         smallest=max(16, 4 * math.ceil(0.2 * max_speed) + 8),
     )
     moved = settled.error
     found = tuple(
-        Crossing(**{**c.__dict__, "error": c.error + moved * max(c.speed, 1e-300)}) for c in settled.value
+        Crossing(**{**c.__dict__, "error": c.error + moved * max(c.speed, 1e-300)})
+        for c in settled.value
     )
     return found, settled.size, moved
 
 
+def _sweep(
+    model: Model,
+    max_speed: float,
+    until: Callable[[Passage], bool] | None,
+    trusted: int | None = None,
+) -> Sweep:
+    """Passages of one model.
+
+    Of a long chain only as many modes are followed as can meet the flow: a mode of wave number k
+    does where k is comparable to u. With modes up to k = pi u and twelve more there is room, and if a
+    root beyond that turns unstable, more are followed.
+    """
+    pencil = pencil_of(model)
+    followed: int | None = None
+    if isinstance(pencil, BandPencil):
+        followed = 12 + math.ceil(max_speed)
+    while True:
+        if followed is not None and (followed > pencil.dof // 4 or max_speed > pencil.dof / 4):
+            pencil, followed = DensePencil(model), None
+        kind = CirculatoryHunt if pencil.velocity_free(1.0) else Hunt
+        try:
+            with one_thread(rows_of(pencil)):
+                return kind(pencil, max_speed, followed, trusted).run(until)
+        except Untracked:
+            assert followed is not None
+            followed *= 2
+
+
 def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:
     """Largest relative change of a speed; infinite where the passages differ in kind or number."""
-    if [(c.kind, c.destabilising, c.mode) for c in a] != [(c.kind, c.destabilising, c.mode) for c in b]:
+    if [(c.kind, c.destabilising, c.mode) for c in a] != [
+        (c.kind, c.destabilising, c.mode) for c in b
+    ]:
         # Without flow every mode leaves the axis, and a larger model has more of them.
         a, b = (tuple(c for c in found if c.speed > 0.0 or c.mode == 1) for found in (a, b))
-        if [(c.kind, c.destabilising, c.mode) for c in a] != [(c.kind, c.destabilising, c.mode) for c in b]:
+        if [(c.kind, c.destabilising, c.mode) for c in a] != [
+            (c.kind, c.destabilising, c.mode) for c in b
+        ]:
             return math.inf
     pairs = zip(a, b, strict=True)
-    return max((abs(x.speed - y.speed) / y.speed if y.speed else 0.0 for x, y in pairs), default=0.0)
+    return max(
+        (abs(x.speed - y.speed) / y.speed if y.speed else 0.0 for x, y in pairs), default=0.0
+    )
 
 
 def _crossings(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
@@ -711,12 +758,16 @@ def stability_curve(
         ValueError, TypeError: for bad arguments.
     """
     if not callable(make_model):
-        raise TypeError(f"make_model must be a function of the parameter, got {_check.shown(make_model)}")
+        raise TypeError(
+            f"make_model must be a function of the parameter, got {_check.shown(make_model)}"
+        )
     at = _check.array("values", values, longest=100_000)
     if max_speed is not None:
         max_speed = _check.real("max_speed", max_speed, low=0.0, high=LARGEST_SPEED, open_low=True)
     if executor is not None and not hasattr(executor, "submit"):
-        raise TypeError(f"executor must be a concurrent.futures.Executor, got {_check.shown(executor)}")
+        raise TypeError(
+            f"executor must be a concurrent.futures.Executor, got {_check.shown(executor)}"
+        )
     shown = _check.flag("progress", progress)
 
     failures: list[Failure] = []
@@ -731,7 +782,9 @@ def stability_curve(
         except Exception as error:
             failures.append(Failure(i, float(value), error))
 
-    for i, outcome in track(_outcomes(points, max_speed, executor), len(points), "stability curve", shown):
+    for i, outcome in track(
+        _outcomes(points, max_speed, executor), len(points), "stability curve", shown
+    ):
         if isinstance(outcome, Exception):
             failures.append(Failure(i, float(at[i]), outcome))
         else:

@@ -167,4 +167,3 @@ def arc_lengths(s: ArrayLike) -> Array:
 
 
 __all__ = ["Model", "NotConverged", "Operators", "PipedynError"]
-

@@ -160,7 +160,9 @@ class Pipe:
         for item in fields(self)[1:-1]:
             value = getattr(self, item.name)
             if value != item.default:
-                parts.append(f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}")
+                parts.append(
+                    f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
+                )
         if self.scales is not None:
             units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
             parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
@@ -207,7 +209,9 @@ class Pipe:
 def _numbers(name: str, value: ArrayLike) -> Any:
     numbers = np.asarray(value)
     if numbers.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be a number or an array of numbers, got {_check.shown(value)}")
+        raise TypeError(
+            f"{name} must be a number or an array of numbers, got {_check.shown(value)}"
+        )
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite, got {_check.shown(value)}")
     return numbers.astype(np.float64) if numbers.ndim else float(numbers)
@@ -245,7 +249,9 @@ def inlet_coefficient(
     if callable(velocity):
         if radii is not None or areas is not None:
             raise ValueError("radii and areas must go with samples, not with a function")
-        return _axisymmetric(velocity, _check.real("radius", radius, low=0.0, open_low=True), section)
+        return _axisymmetric(
+            velocity, _check.real("radius", radius, low=0.0, open_low=True), section
+        )
     if (radii is None) == (areas is None):
         raise ValueError("samples must come with either radii or areas")
     if radii is not None:

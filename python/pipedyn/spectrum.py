@@ -147,7 +147,9 @@ class Pencil(ABC):
 
     def derivative(self, u: float, values: Complex, x: Vectors, y: Vectors) -> Complex:
         """y^H (dP/dlambda) x of each pair, shape (r,)."""
-        result: Complex = np.sum(y.conj() * (2.0 * values * self.mass(x) + self.damped(u, x)), axis=0)
+        result: Complex = np.sum(
+            y.conj() * (2.0 * values * self.mass(x) + self.damped(u, x)), axis=0
+        )
         return result
 
     def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
@@ -160,7 +162,9 @@ class Pencil(ABC):
             result: Complex = -change / self.derivative(u, pairs.values, pairs.right, pairs.left)
         return result
 
-    def refine(self, u: float, value: complex, x: Vectors | None = None, steps: int = 6) -> Eigenpairs:
+    def refine(
+        self, u: float, value: complex, x: Vectors | None = None, steps: int = 6
+    ) -> Eigenpairs:
         """The pair nearest to a good guess, by two-sided Rayleigh quotient iteration."""
         seed = np.linspace(1.0, 0.5, self.dof, dtype=np.complex128)
         right = (seed if x is None else x.astype(np.complex128)).reshape(-1, 1)
@@ -232,7 +236,12 @@ class DensePencil(Pencil):
         return self.A @ x
 
     def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        matrix = value**2 * self.M + value * (u * self.V + self.D) + self.K + self.centrifugal * u**2 * self.A
+        matrix = (
+            value**2 * self.M
+            + value * (u * self.V + self.D)
+            + self.K
+            + self.centrifugal * u**2 * self.A
+        )
         lu, pivots, _ = lapack.zgetrf(_nudged(matrix.astype(np.complex128)))
 
         def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
@@ -327,7 +336,9 @@ class BandPencil(Pencil):
             extended = np.zeros((4 * self.dof, rows.shape[1]), dtype=lu.dtype, order="F")
             if adjoint:
                 extended[0::4] = rows / self.scale
-                angles = substitute(lu, width, width, extended, pivots, trans=2, overwrite_b=True)[0]
+                angles = substitute(lu, width, width, extended, pivots, trans=2, overwrite_b=True)[
+                    0
+                ]
                 return np.diff(angles[2::4], axis=0, prepend=0.0) / self.scale
             moments = rows / self.scale
             extended[2::4] = moments
@@ -372,6 +383,11 @@ def pencil_of(model: Model, dense: bool | None = None) -> Pencil:
         return DensePencil(model)
     assert isinstance(model, Chain)
     return BandPencil(model)
+
+
+def rows_of(pencil: Pencil) -> int:
+    """Rows of the largest matrix that a solve hands to LAPACK; a band has none to speak of."""
+    return 1 if isinstance(pencil, BandPencil) else 2 * pencil.dof
 
 
 def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = False) -> Eigenpairs:
@@ -458,7 +474,11 @@ def _mended(pencil: Pencil, u: float, pairs: Eigenpairs, left: bool) -> Eigenpai
         twin = np.flatnonzero(pairs.values == np.conj(pairs.values[i]))
         better = pencil.refine(u, complex(values[i]), right[:, i])
         near = abs(better.values[0] - values[i]) <= 1e-3 * abs(values[i]) + 1e-6
-        if near and (better.residuals[0] <= residuals[i] or better.converged[0]) and better.left is not None:
+        if (
+            near
+            and (better.residuals[0] <= residuals[i] or better.converged[0])
+            and better.left is not None
+        ):
             same = values[i].imag == 0.0
             value = complex(better.values[0].real) if same else complex(better.values[0])
             values[i], residuals[i] = value, better.residuals[0]

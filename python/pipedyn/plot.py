@@ -1,0 +1,665 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of results. Every picture draws on a matplotlib Axes that it is given, and returns it.
+
+Speed is shown by colours that grow in lightness, and every distinction made by colour is made a
+second time by line style, marker or outline, so that pictures survive grey print.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import Any, Literal
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize, SymLogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from pipedyn._check import Array
+from pipedyn.modal import CriticalSpeed, Crossing, Modes, RootLoci, StabilityCurve
+
+SPEED_LABEL = r"flow speed $u = V L \, (\mu_f / EI)^{1/2}$"
+REAL_LABEL = r"Re $\lambda$  $(1/T)$"
+IMAGINARY_LABEL = r"Im $\lambda$  $(1/T)$"
+FREQUENCY_LABEL = r"|Im $\lambda$|  $(1/T)$"
+BETA_LABEL = r"mass ratio $\beta = \mu_f / (\mu_p + \mu_f)$"
+
+NEUTRAL = 1e-9
+"""Real parts up to this are rounding of undamped motion."""
+
+# The colours of Okabe and Ito, which remain distinct to colour-blind readers.
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
+
+FAMILY_STYLES: dict[str, dict[str, Any]] = {
+    "rayleigh": {"color": VERMILION, "marker": "X", "linestyle": "-"},
+    "uniform": {"color": ORANGE, "marker": "s", "linestyle": "--"},
+    "frequency": {"color": PURPLE, "marker": "v", "linestyle": ":"},
+    "consistent": {"color": BLUE, "marker": "o", "linestyle": "-"},
+    "midpoint": {"color": SKY, "marker": "D", "linestyle": "--"},
+    "beam": {"color": GREEN, "marker": "^", "linestyle": "-."},
+    "legendre": {"color": BLACK, "marker": "P", "linestyle": ":"},
+}
+"""Look of each spring rule and basis in `convergence`."""
+
+CURVE_STYLES: tuple[dict[str, Any], ...] = (
+    {"color": VERMILION, "linestyle": (0, (1, 1.2))},
+    {"color": BLACK, "linestyle": "-"},
+    {"color": BLUE, "linestyle": (0, (5, 1.5))},
+    {"color": GREEN, "linestyle": (0, (6, 1.5, 1, 1.5))},
+    {"color": PURPLE, "linestyle": (0, (3, 1, 1, 1, 1, 1))},
+    {"color": ORANGE, "linestyle": (0, (8, 3))},
+)
+
+
+def style() -> AbstractContextManager[None]:
+    """Settings for a page of print, in force within a with statement."""
+    settings: dict[Any, Any] = {
+        "font.size": 8.0,
+        "axes.titlesize": 8.0,
+        "axes.labelsize": 8.0,
+        "legend.fontsize": 7.5,
+        "xtick.labelsize": 7.5,
+        "ytick.labelsize": 7.5,
+        "axes.linewidth": 0.6,
+        "xtick.direction": "in",
+        "ytick.direction": "in",
+        "xtick.top": True,
+        "ytick.right": True,
+        "legend.framealpha": 0.9,
+        "legend.handlelength": 2.8,
+        "pdf.fonttype": 42,
+        "savefig.dpi": 200,
+    }
+    return matplotlib.rc_context(settings)
+
+
+def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure, NDArray[Any]]:
+    """An empty figure, width x height inches, and its Axes, shape (rows, columns), on one range."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    return figure, axes
+
+
+def colour_bar(figure: Figure, axes: NDArray[Any], label: str) -> None:
+    """One colour bar beside the panels, of the first collection drawn in any of them."""
+    drawn = [ax.collections[0] for ax in axes.flat if ax.collections]
+    if not drawn:
+        return
+    bar = figure.colorbar(drawn[0], ax=axes, label=label, pad=0.01, aspect=40)
+    if isinstance(drawn[0].norm, SymLogNorm):
+        end = float(drawn[0].norm.vmax or 1.0)
+        decades = [10.0**k for k in range(math.floor(math.log10(end)) + 1)]
+        steps = [a * b for a in decades for b in (1.0, 3.0) if a * b <= end]
+        ticks = [-step for step in reversed(steps)] + [0.0, *steps]
+        bar.set_ticks(ticks, labels=[f"{tick:g}".replace("-", "\u2212") for tick in ticks])
+        bar.minorticks_off()
+
+
+def notice(ax: Axes, text: str) -> Axes:
+    """A sentence in place of a picture."""
+    ax.set_xticks([])
+    ax.set_yticks([])
+    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", wrap=True)
+    return ax
+
+
+# ---------------------------------------------------------------------------------- eigenvalues
+
+
+def root_loci(
+    ax: Axes, loci: RootLoci, benchmark: RootLoci | None = None, highest: float | None = None
+) -> Axes:
+    """Branches in the upper half of the complex plane, flow speed as colour.
+
+    The lower half is their mirror image. A pair that has turned real shows as two curves on the
+    real axis.
+
+    Args:
+        ax: where to draw; its first collection serves `Figure.colorbar`.
+        loci: branches of the model.
+        benchmark: branches of the continuous pipe, drawn as black dots.
+        highest: speed at the end of the colours; that of the loci where not given.
+    """
+    norm = Normalize(0.0, loci.speeds[-1] if highest is None else highest)
+    middle = 0.5 * (loci.speeds[1:] + loci.speeds[:-1])
+    for branch in _branches(loci):
+        segments, there = _segments(branch.real, branch.imag)
+        lines = LineCollection(segments, cmap="viridis", norm=norm, linewidths=2.0, zorder=2.2)
+        lines.set_array(middle[there])
+        outline = LineCollection(segments, colors="0.35", linewidths=2.6, zorder=2.1)
+        for collection in (lines, outline):
+            collection.set_capstyle("round")
+            ax.add_collection(collection)
+    if benchmark is not None:
+        for branch in _branches(benchmark):
+            dots = branch[:: _stride(benchmark)]
+            ax.plot(dots.real, dots.imag, **_dots())
+    ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
+    ax.autoscale_view()
+    ax.set_xlabel(REAL_LABEL)
+    ax.set_ylabel(IMAGINARY_LABEL)
+    return ax
+
+
+def frequencies(
+    ax: Axes, loci: RootLoci, benchmark: RootLoci | None = None, largest: float | None = None
+) -> Axes:
+    """|Im lambda| against flow speed, the real part as a diverging colour centred on zero.
+
+    What is unstable has a black outline beside its colour; a diamond marks each onset.
+
+    Args:
+        ax: where to draw; its first collection serves `Figure.colorbar`.
+        loci: branches of the model.
+        benchmark: branches of the continuous pipe, drawn as black dots.
+        largest: |Re lambda| at the ends of the colours, linear within 1 and logarithmic beyond;
+            that of the loci where not given.
+    """
+    branches = _branches(loci)
+    if largest is None:
+        largest = float(np.nanmax(np.abs([branch.real for branch in branches])))
+    norm = SymLogNorm(1.0, vmin=-max(largest, 2.0), vmax=max(largest, 2.0))
+    for branch in branches:
+        segments, there = _segments(loci.speeds, branch.imag)
+        real = (0.5 * (branch.real[1:] + branch.real[:-1]))[there]
+        unstable = real > NEUTRAL
+        lines = LineCollection(segments, cmap="RdBu_r", norm=norm, linewidths=2.0, zorder=2.2)
+        lines.set_array(real)
+        outline = LineCollection(
+            segments,
+            colors=np.where(unstable, "black", "0.35").tolist(),
+            linewidths=np.where(unstable, 4.2, 2.6).tolist(),
+            zorder=2.1,
+        )
+        for collection in (lines, outline):
+            ax.add_collection(collection)
+    for branch in branches:
+        ax.plot(
+            *_onsets(loci.speeds, branch),
+            linestyle="none",
+            marker="D",
+            markersize=4.5,
+            markerfacecolor="white",
+            markeredgecolor="black",
+            markeredgewidth=0.9,
+            zorder=4.0,
+        )
+    if benchmark is not None:
+        every = _stride(benchmark)
+        for branch in _branches(benchmark):
+            ax.plot(benchmark.speeds[::every], branch.imag[::every], **_dots())
+    ax.autoscale_view()
+    ax.set_xlabel(SPEED_LABEL)
+    ax.set_ylabel(FREQUENCY_LABEL)
+    return ax
+
+
+def _branches(loci: RootLoci) -> list[NDArray[np.complex128]]:
+    """Upper roots, then the partners where they are real; NaN where there is nothing to draw."""
+    upper = np.where(loci.converged, loci.eigenvalues, np.nan)
+    upper = upper.real + 1j * np.abs(upper.imag)
+    real = np.zeros(upper.shape, dtype=np.bool_)
+    real[:] = loci.eigenvalues.imag == 0.0
+    # The step that leads to the real axis is drawn for both roots.
+    real[1:] |= loci.eigenvalues.imag[:-1] == 0.0
+    real[:-1] |= loci.eigenvalues.imag[1:] == 0.0
+    partners = np.where(loci.converged & real, loci.partners, np.nan)
+    partners = partners.real + 1j * np.abs(partners.imag)
+    columns = [*upper.T, *(column for column in partners.T if np.isfinite(column).any())]
+    return [np.asarray(column) for column in columns]
+
+
+def _segments(x: Array, y: Array) -> tuple[list[Array], NDArray[np.bool_]]:
+    """Line segments between neighbouring points, each of shape (2, 2), and which have both ends."""
+    points = np.stack([x, y], axis=-1)
+    both = np.stack([points[:-1], points[1:]], axis=1)
+    there: NDArray[np.bool_] = np.isfinite(both.reshape(-1, 4)).all(axis=1)
+    return list(both[there]), there
+
+
+def _onsets(speeds: Array, branch: NDArray[np.complex128]) -> tuple[Array, Array]:
+    """Speed and |Im| where the real part becomes positive, by linear interpolation."""
+    real = branch.real
+    with np.errstate(invalid="ignore"):
+        at = np.flatnonzero((real[:-1] <= NEUTRAL) & (real[1:] > NEUTRAL))
+    part = real[at] / (real[at] - real[at + 1])
+    return (
+        speeds[at] + part * (speeds[at + 1] - speeds[at]),
+        branch.imag[at] + part * (branch.imag[at + 1] - branch.imag[at]),
+    )
+
+
+def _stride(loci: RootLoci) -> int:
+    return max(1, round((loci.speeds.size - 1) / 18))
+
+
+def _dots() -> dict[str, Any]:
+    return {
+        "linestyle": "none",
+        "marker": "o",
+        "markersize": 2.2,
+        "markerfacecolor": "black",
+        "markeredgewidth": 0.0,
+        "zorder": 3.0,
+    }
+
+
+def mode_shapes(ax: Axes, modes: Modes) -> Axes:
+    """Transverse displacement along the pipe: real part solid, imaginary part dashed.
+
+    Args:
+        ax: where to draw.
+        modes: one curve pair for each eigenvalue that is not the lower of a conjugate pair.
+    """
+    s = np.linspace(0.0, 1.0, 401)
+    upper = [shape for shape in modes.shapes if shape.eigenvalue.imag >= 0.0]
+    colours = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+    for i, shape in enumerate(upper):
+        displacement = shape(s)
+        look: dict[str, Any] = {
+            "color": colours[i % len(colours)],
+            "linewidth": 1.0 + 0.4 * (i % 3),
+        }
+        value = shape.eigenvalue
+        label = rf"$\lambda = {value.real:.3g} {value.imag:+.4g}\,\mathrm{{i}}$"
+        ax.plot(s, displacement.real, label=label, **look)
+        ax.plot(s, displacement.imag, linestyle="--", **look)
+    ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
+    ax.set_xlim(0.0, 1.0)
+    ax.set_ylim(-1.08, 1.08)
+    ax.set_xlabel("arc length $s / L$ from the clamp")
+    ax.set_ylabel("displacement (largest = 1); Re solid, Im dashed")
+    ax.set_title(rf"$u = {modes.speed:g}$")
+    ax.legend(loc="best")
+    return ax
+
+
+# ---------------------------------------------------------------------------------- convergence
+
+
+@dataclass(frozen=True)
+class Trend:
+    """How the error of a family's critical speed falls as its models grow.
+
+    Attributes:
+        law: "power" (error ~ size^-rate), "exponential" (error ~ rate^-size), "flat" (it ends at
+            `limit`), or "unknown" (too few sizes).
+        rate: order, or factor by which the error falls with each degree of freedom; NaN for the
+            other laws.
+        limit: for "flat" the signed relative error at infinite size, extrapolated; else NaN.
+        spread: by how much one size less moves the limit; else NaN.
+        sizes: the sizes used, shape (k,).
+    """
+
+    law: Literal["power", "exponential", "flat", "unknown"]
+    rate: float
+    limit: float
+    spread: float
+    sizes: Array
+
+
+def relative_errors(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> tuple[Array, Array]:
+    """Sizes, and signed errors of the speed relative to the exact; NaN if wrong in kind."""
+    results = sorted(found, key=lambda result: result.size)
+    sizes = np.array([result.size for result in results], dtype=np.float64)
+    if exact.speed == 0.0:
+        return sizes, np.full(sizes.size, np.nan)
+    errors = [
+        result.speed / exact.speed - 1.0 if result.kind == exact.kind else math.nan
+        for result in results
+    ]
+    return sizes, np.array(errors)
+
+
+def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
+    """Order of convergence, or what is left at infinite size; rounding is not fitted.
+
+    Args:
+        found: critical speeds of models of one family.
+        exact: that of the continuous pipe.
+    """
+    sizes, errors = relative_errors(found, exact)
+    good = np.isfinite(errors)
+    good &= np.abs(errors) > 30.0 * _floor(found, exact)
+    sizes, errors = sizes[good], errors[good]
+    if sizes.size < 4:
+        return Trend("unknown", math.nan, math.nan, math.nan, sizes)
+    last = sizes >= sizes[-1] / 4.0
+    if last.sum() < 4:
+        last = np.arange(sizes.size) >= sizes.size - 4
+    logs = np.log(np.abs(errors[last]))
+    power, misfit = _line(np.log(sizes[last]), logs)
+    if power > -0.5:
+        limits = [_at_infinity(sizes[last][k:], errors[last][k:]) for k in (0, 1)]
+        if min(np.abs(limits)) > 0.3 * abs(errors[-1]):
+            spread = abs(limits[0] - limits[1])
+            return Trend("flat", math.nan, limits[0], spread, sizes[last])
+    exponential, other_misfit = _line(sizes[last], logs)
+    if other_misfit < misfit:
+        return Trend("exponential", math.exp(-exponential), math.nan, math.nan, sizes[last])
+    return Trend("power", -power, math.nan, math.nan, sizes[last])
+
+
+def _floor(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
+    """Relative error that the speeds compared have of their own."""
+    own = max((result.error for result in found), default=0.0)
+    return (exact.error + own) / exact.speed + float(np.finfo(float).eps)
+
+
+def _at_infinity(sizes: Array, errors: Array) -> float:
+    """c_0 of errors c_0 + c_1 / n + c_2 / n^2 + ..., as many terms as sizes."""
+    powers = (1.0 / sizes)[:, None] ** np.arange(sizes.size)
+    return float(np.linalg.solve(powers, errors)[0])
+
+
+def _line(x: Array, y: Array) -> tuple[float, float]:
+    """Slope and sum of squared misfits of a straight line."""
+    fit = np.polynomial.Polynomial.fit(x, y, 1).convert()
+    misfit = float(np.sum((fit(x) - y) ** 2))
+    return float(fit.coef[1]) if fit.coef.size > 1 else 0.0, misfit
+
+
+def convergence(
+    ax: Axes, families: Mapping[str, Sequence[CriticalSpeed]], exact: CriticalSpeed
+) -> Axes:
+    """Error of the critical speed against degrees of freedom, with fitted orders.
+
+    Args:
+        ax: where to draw.
+        families: critical speeds of models of growing size under the name of their spring rule or
+            basis.
+        exact: critical speed of the continuous pipe.
+    """
+    ax.set_xlabel("degrees of freedom $n$, $m$")
+    ax.set_ylabel("relative error of the critical speed, $|u_c / u_{c,exact} - 1|$")
+    if exact.speed == 0.0:
+        return notice(ax, "The critical speed is 0: nothing converges to it.")
+    smallest = math.inf
+    for name, found in families.items():
+        sizes, errors = relative_errors(found, exact)
+        look = FAMILY_STYLES.get(name, {"color": "0.4", "marker": "."})
+        fitted = trend(found, exact)
+        shown = np.abs(errors)
+        shown[shown == 0.0] = np.finfo(float).eps
+        label = f"{_family(name)}: {_law(fitted)}"
+        ax.plot(sizes, shown, label=label, linewidth=1.1, markersize=4.5, **look)
+        if fitted.law == "flat":
+            ax.axhline(abs(fitted.limit), color=look["color"], linewidth=0.7, zorder=0.8)
+        if np.isfinite(shown).any():
+            smallest = min(smallest, float(np.nanmin(shown)))
+        wrong = sizes[~np.isfinite(errors)]
+        if wrong.size:
+            ax.plot(
+                wrong,
+                np.full(wrong.size, 1.0),
+                linestyle="none",
+                marker=look["marker"],
+                markersize=4.5,
+                markerfacecolor="none",
+                markeredgecolor=look["color"],
+            )
+    floor = max(_floor(found, exact) for found in families.values() if found)
+    ax.set_xscale("log", base=2)
+    ax.set_yscale("log")
+    ax.set_ylim(bottom=0.3 * min(smallest, floor), top=3.0)
+    ax.axhspan(ax.get_ylim()[0], floor, color="0.9", zorder=0.3)
+    ax.text(
+        0.99,
+        floor,
+        "own error of the speeds compared ",
+        transform=ax.get_yaxis_transform(),
+        fontsize=6.5,
+        color="0.35",
+        ha="right",
+        va="top",
+    )
+    ax.xaxis.set_major_formatter(ScalarFormatter())
+    ax.yaxis.set_major_locator(LogLocator(10.0, numticks=20))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.grid(True, which="major", color="0.9", linewidth=0.5, zorder=0.2)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, borderaxespad=0.0)
+    return ax
+
+
+def _family(name: str) -> str:
+    kind = "reduced" if name in ("beam", "legendre") else "chain"
+    return f"{kind}, {name}" + (" (the paper's)" if name == "rayleigh" else "")
+
+
+def _law(fitted: Trend) -> str:
+    if fitted.law == "power":
+        return f"order {fitted.rate:.2f}"
+    if fitted.law == "exponential":
+        return f"÷ {fitted.rate:.1f} per degree of freedom"
+    if fitted.law == "flat":
+        return f"tends to {100.0 * fitted.limit:+.2f} %".replace("-", "\u2212")
+    return "no fit"
+
+
+# -------------------------------------------------------------------------------- stability map
+
+
+def stability_map(
+    ax: Axes,
+    curves: Mapping[str, StabilityCurve],
+    highest: float | None = None,
+    marked: CriticalSpeed | None = None,
+) -> Axes:
+    """Boundaries of stability: flow speed against a parameter, folds included.
+
+    Passages at neighbouring parameters are joined where frequency and sense of passage agree, and
+    the ends of two that vanish together are joined round the nose of the fold, a parabola through
+    both with the slopes that their sensitivities by beta tell.
+
+    Args:
+        ax: where to draw.
+        curves: stability curves by label, made over beta with a `max_speed`, so that they hold
+            every passage.
+        highest: end of the axis of speed.
+        marked: a critical speed to mark, at its pipe's beta.
+    """
+    for (label, curve), look in zip(curves.items(), _cycled(len(curves)), strict=True):
+        for strand, kind in _strands(curve):
+            ax.plot(strand[:, 0], strand[:, 1], linewidth=1.5, label=label, **look)
+            label = "_" + label.lstrip("_")
+            if kind == "divergence":
+                ax.annotate(
+                    "divergence",
+                    strand[strand.shape[0] // 2],
+                    xytext=(0, 2),
+                    textcoords="offset points",
+                    color=look["color"],
+                    ha="center",
+                    fontsize=7.0,
+                )
+    if marked is not None and (highest is None or marked.speed <= highest):
+        pipe = marked.pipe
+        ax.plot(
+            pipe.beta,
+            marked.speed,
+            linestyle="none",
+            marker="o",
+            markersize=7.0,
+            markerfacecolor="none",
+            markeredgecolor="black",
+            markeredgewidth=1.2,
+            clip_on=False,
+            zorder=4.0,
+            label=rf"$u_c = {marked.speed:.4g}$ at $\beta = {pipe.beta:g}$, $\gamma = {pipe.gamma:g}$",
+        )
+    ax.set_ylim(0.0, highest)
+    ax.set_xlabel(BETA_LABEL)
+    ax.set_ylabel(SPEED_LABEL)
+    ax.legend(loc="upper left")
+    return ax
+
+
+def _cycled(count: int) -> list[dict[str, Any]]:
+    return [CURVE_STYLES[i % len(CURVE_STYLES)] for i in range(count)]
+
+
+def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
+    """Passages at which the pipe gains or loses stability altogether."""
+    return [c for c in found if min(c.unstable_before, c.unstable_after) == 0]
+
+
+Node = tuple[int, int]
+End = tuple[Node, Literal["left", "right"]]
+
+
+def _strands(curve: StabilityCurve) -> list[tuple[Array, str]]:
+    """Boundaries of stability as polylines (parameter, speed), each of shape (k, 2), and kinds."""
+    failed = {failure.index for failure in curve.failures}
+    taken = [i for i in np.argsort(curve.values) if i not in failed]
+    values = curve.values[taken]
+    columns = [boundaries(curve.crossings[i]) for i in taken]
+    edges: dict[End, tuple[End, Array]] = {}
+
+    def join(a: End, b: End, points: Array) -> None:
+        edges[a], edges[b] = (b, points), (a, points[::-1])
+
+    for i, (left, right) in enumerate(pairwise(columns)):
+        step = float(values[i + 1] - values[i])
+        matched = _matched(left, right, step)
+        for j, k in matched:
+            bow = _bow((values[i], left[j]), (values[i + 1], right[k]))
+            join(((i, j), "right"), ((i + 1, k), "left"), bow)
+        loose = [j for j in range(len(left)) if j not in {j for j, _ in matched}]
+        for j, k, points in _noses(values[i], left, loose, step):
+            join(((i, j), "right"), ((i, k), "right"), points)
+        loose = [k for k in range(len(right)) if k not in {k for _, k in matched}]
+        for j, k, points in _noses(values[i + 1], right, loose, -step):
+            join(((i + 1, j), "left"), ((i + 1, k), "left"), points)
+    nodes = {(i, j): c for i, column in enumerate(columns) for j, c in enumerate(column)}
+    places = {node: np.array([values[node[0]], c.speed]) for node, c in nodes.items()}
+    return [(points, nodes[first].kind) for first, points in _walked(places, edges)]
+
+
+def _walked(
+    nodes: dict[Node, Array], edges: dict[End, tuple[End, Array]]
+) -> list[tuple[Node, Array]]:
+    """Chains of edges with the node that each starts from, open ones first."""
+    unseen = set(nodes)
+    sides: tuple[Literal["left", "right"], ...] = ("left", "right")
+    ends: list[End] = [*product(nodes, sides)]
+    strands = []
+    for node, side in sorted(ends, key=lambda end: end in edges):
+        if node not in unseen:
+            continue
+        first, strand = node, [nodes[node][None]]
+        unseen.discard(node)
+        end: End = (node, _other(side))
+        while end in edges:
+            (node, side), points = edges[end]
+            strand.append(points[1:])
+            if node not in unseen:
+                break
+            unseen.discard(node)
+            end = (node, _other(side))
+        strands.append((first, np.concatenate(strand)))
+    return strands
+
+
+def _other(side: Literal["left", "right"]) -> Literal["left", "right"]:
+    return "left" if side == "right" else "right"
+
+
+FARTHEST = 1.2
+"""Passages that disagree by more, in units of speed, are not one another's continuation."""
+
+
+def _matched(left: list[Crossing], right: list[Crossing], step: float) -> list[tuple[int, int]]:
+    """Which passage of the right column continues which of the left.
+
+    Along a branch the sense of passage changes at the nose of a fold only.
+    """
+    cost = np.full((len(left), len(right)), 1e3)
+    for (j, a), (k, b) in product(enumerate(left), enumerate(right)):
+        if a.kind != b.kind or a.destabilising != b.destabilising:
+            continue
+        scale = 4.0 / (1.0 + max(a.frequency, b.frequency))
+        plain = abs(a.speed - b.speed) + scale * abs(a.frequency - b.frequency)
+        (ua, wa), (ub, wb) = _slopes(a), _slopes(b)
+        speeds = a.speed - b.speed + 0.5 * step * (ua + ub)
+        tuned = a.frequency - b.frequency + 0.5 * step * (wa + wb)
+        cost[j, k] = min(plain, abs(speeds) + scale * abs(tuned))
+    pairs = zip(*linear_sum_assignment(cost), strict=True)
+    return [(int(j), int(k)) for j, k in pairs if cost[j, k] < FARTHEST]
+
+
+def _slopes(crossing: Crossing) -> tuple[float, float]:
+    """d(speed)/dbeta and d(frequency)/dbeta; 0 where there is no sensitivity."""
+    known = crossing.sensitivity
+    if known is None or known.speed.beta is None or known.frequency.beta is None:
+        return 0.0, 0.0
+    return known.speed.beta, known.frequency.beta
+
+
+def _bow(a: tuple[float, Crossing], b: tuple[float, Crossing]) -> Array:
+    """Hermite cubic by arc length between two passages, shape (k, 2)."""
+    ends = np.array([[x, crossing.speed] for x, crossing in (a, b)])
+    stretch = np.array([20.0, 1.0])  # beta spans 1 where the speed spans some 20
+    p, q = ends * stretch
+    chord = q - p
+    if any(crossing.sensitivity is None for _, crossing in (a, b)):
+        return ends
+    tangents = [np.array([1.0, _slopes(crossing)[0]]) * stretch for _, crossing in (a, b)]
+    d, e = (t / np.linalg.norm(t) * np.linalg.norm(chord) for t in tangents)
+    t = np.linspace(0.0, 1.0, 9)[:, None]
+    points = p + chord * t * t * (3 - 2 * t) + d * t * (1 - t) ** 2 - e * t * t * (1 - t)
+    return np.asarray(points / stretch)
+
+
+def _noses(
+    value: float, column: list[Crossing], loose: list[int], step: float
+) -> list[tuple[int, int, Array]]:
+    """Neighbouring passages that end together before the next column, and the way round."""
+    found = []
+    order = sorted(loose, key=lambda j: column[j].speed)
+    while len(order) > 1:
+        nearest = min(pairwise(order), key=lambda jk: column[jk[1]].speed - column[jk[0]].speed)
+        a, b = (column[j] for j in nearest)
+        order = [j for j in order if j not in nearest]
+        (slope_a, _), (slope_b, _) = _slopes(a), _slopes(b)
+        if a.kind != b.kind or a.destabilising == b.destabilising or slope_a == slope_b:
+            continue
+        # A parabola's tangents meet twice as far off as its vertex.
+        reach = (b.speed - a.speed) / (slope_a - slope_b)
+        if reach * step <= 0.0:
+            continue
+        reach = math.copysign(min(abs(reach), 2.0 * abs(step)), step)
+        corner = 0.5 * (a.speed + b.speed + reach * (slope_a + slope_b))
+        control = np.array([value + reach, min(max(corner, a.speed), b.speed)])
+        t = np.linspace(0.0, 1.0, 17)[:, None]
+        p, q = np.array([value, a.speed]), np.array([value, b.speed])
+        points = p * (1 - t) ** 2 + 2.0 * control * t * (1 - t) + q * t * t
+        found.append((*nearest, points))
+    return found
+
+
+__all__ = [
+    "Figure",
+    "Trend",
+    "boundaries",
+    "colour_bar",
+    "convergence",
+    "frequencies",
+    "mode_shapes",
+    "notice",
+    "panels",
+    "relative_errors",
+    "root_loci",
+    "stability_map",
+    "style",
+    "trend",
+]

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: MIT
+"""Error beside cost of eigenvalues and critical speeds; prints, and fails on an error only.
+
+Run with `.venv/bin/python tests/benchmark_eigenvalues.py`; pytest does not collect it.
+"""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import mpmath
+import numpy as np
+
+import pipedyn as pd
+
+BETA, SPEED, COUNT = 0.2, 6.0, 8
+PIPE = pd.Pipe(beta=BETA)
+Answer = TypeVar("Answer")
+
+failures = []
+
+
+def timed(question: Callable[[], Answer], repeats: int = 5) -> tuple[Answer, float]:
+    """The answer and the shortest of a few times, s."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        answer = question()
+        times.append(time.perf_counter() - start)
+    return answer, min(times)
+
+
+def check(error: float, limit: float, what: str) -> None:
+    if not error <= limit:
+        failures.append(f"{what}: error {error:.1e} is not within {limit:.0e}")
+
+
+def worst(values: np.ndarray, exact: np.ndarray) -> float:
+    """Largest error of a set of eigenvalues, relative to each."""
+    distance = np.abs(values[:, None] - exact[None, :])
+    return float(np.max(distance.min(axis=0) / np.abs(exact)))
+
+
+# ---------------------------------------------------------------------------------- references
+
+
+def refined(chain: pd.Chain, value: complex) -> complex:
+    """The chain's own eigenvalue nearest to a guess, by transfer matrices in 40 digits.
+
+    From the free end to the clamp, angle, displacement, force and elastic moment are carried over
+    each segment; the two motions of the free end must combine to none at the clamp.
+    """
+    root_beta, square = mpmath.sqrt(mpmath.mpf(BETA)), mpmath.mpf(SPEED) ** 2
+    rows = [
+        [mpmath.mpf(float(number)) for number in row]
+        for row in zip(
+            *(chain.lengths, chain.centers, chain.gyration_radii, chain.springs), strict=True
+        )
+    ]
+
+    def determinant(guess: mpmath.mpc) -> mpmath.mpc:
+        inertia, coriolis = guess**2, root_beta * SPEED * guess
+        columns = []
+        for theta, w in ((mpmath.mpc(1), mpmath.mpc(0)), (mpmath.mpc(0), mpmath.mpc(1))):
+            force, moment = square * theta, mpmath.mpc(0)
+            for length, center, radius, spring in reversed(rows):
+                w -= length * theta
+                arm = center * length
+                moment = moment - length * (
+                    (inertia * (arm**2 + radius**2) + coriolis * length - square) * theta
+                    + inertia * arm * w
+                    + force
+                )
+                force += length * (inertia * (w + arm * theta) + 2 * coriolis * theta)
+                theta -= moment / spring
+            columns.append((theta, w))
+        (a, c), (b, d) = columns
+        return a * d - b * c
+
+    with mpmath.workdps(40):
+        guess, step = mpmath.mpc(value), mpmath.mpf(10) ** -20
+        for _ in range(2):
+            here = determinant(guess)
+            guess -= here * step / (determinant(guess + step) - here)
+        return complex(guess)
+
+
+def exact_critical_speed() -> float:
+    """Root of the determinant of the four exponentials, in 30 digits, from the printed 5.5914."""
+
+    def boundary(u: mpmath.mpf, omega: mpmath.mpf) -> mpmath.mpc:
+        roots = mpmath.polyroots(
+            [1, 0, -(u**2), -2 * mpmath.sqrt(mpmath.mpf(BETA)) * u * omega, -(omega**2)],
+            maxsteps=200,
+            extraprec=200,
+        )
+        rows = [
+            [1 for _ in roots],
+            list(roots),
+            [a**2 * mpmath.expj(a) for a in roots],
+            [a**3 * mpmath.expj(a) for a in roots],
+        ]
+        spread = mpmath.mpf(1)
+        for i in range(4):
+            for j in range(i):
+                spread *= roots[i] - roots[j]
+        return mpmath.det(mpmath.matrix(rows)) / spread
+
+    with mpmath.workdps(30):
+
+        def parts(u: mpmath.mpf, omega: mpmath.mpf) -> list[mpmath.mpf]:
+            value = boundary(u, omega)
+            return [value.real, value.imag]
+
+        solution = mpmath.findroot(parts, (mpmath.mpf("5.5914"), mpmath.mpf("13.7147")))
+        return float(solution[0])
+
+
+# ---------------------------------------------------------------------------------- benchmarks
+
+
+def against_dense() -> None:
+    n = 800
+    chain = pd.Chain(PIPE, n)
+    found, cost = timed(lambda: pd.eigenvalues(pd.Chain(PIPE, n), SPEED, COUNT))
+    exact = np.array([refined(chain, value) for value in found])
+
+    def dense() -> np.ndarray:
+        mass, velocity, stiffness = chain.operators().at(SPEED)
+        companion = np.zeros((2 * n, 2 * n))
+        companion[:n, n:] = np.eye(n)
+        companion[n:] = -np.linalg.solve(mass, np.hstack([stiffness, velocity]))
+        return np.linalg.eigvals(companion)
+
+    all_values, dense_cost = timed(dense, repeats=1)
+    error = worst(found, exact)
+    print(f"{COUNT} lowest eigenvalues, chain of {n} segments, beta = {BETA}, u = {SPEED:g}")
+    print("  route                              time (s)   error, against 40 digits")
+    print(f"  numpy.linalg.eigvals, companion   {dense_cost:9.3f}   {worst(all_values, exact):.1e}")
+    print(f"  pipedyn.eigenvalues               {cost:9.5f}   {error:.1e}")
+    print(f"  {dense_cost / cost:.0f} times faster\n")
+    check(error, 1e-9, f"eigenvalues of {n} segments")
+
+
+def against_continuum() -> None:
+    exact = pd.eigenvalues(pd.Continuum(PIPE), SPEED, COUNT)
+    print(f"{COUNT} lowest eigenvalues, beta = {BETA}, u = {SPEED:g}, against the continuous pipe")
+    print("  segments      time (s)   error")
+    found = {}
+    for n in (800, 1600, 10_000, 100_000):
+        repeats = 1 if n > 20_000 else 3
+        found[n], cost = timed(
+            lambda n=n: pd.eigenvalues(pd.Chain(PIPE, n), SPEED, COUNT), repeats
+        )
+        print(f"  {n:8d}   {cost:10.4f}   {worst(found[n], exact):.1e}")
+    extrapolated = worst((4.0 * found[1600] - found[800]) / 3.0, exact)
+    print(f"  800 and 1600 extrapolated       {extrapolated:.1e}\n")
+    check(worst(found[100_000], exact), 1e-6, "eigenvalues of 100000 segments")
+    check(extrapolated, 1e-8, "extrapolated eigenvalues")
+
+
+def critical_speeds() -> None:
+    exact = exact_critical_speed()
+    print(f"critical speed, beta = {BETA}, gamma = 0: {exact:.9f} by the exact determinant")
+    print("| model | critical speed | relative error | time (ms) |")
+    print("|---|---|---|---|")
+    makers: list[tuple[str, Callable[[], pd.Chain | pd.Galerkin | pd.Continuum]]] = [
+        (f"chain, {rule}, n = {n}", lambda rule=rule, n=n: pd.Chain(PIPE, n, springs=rule))
+        for rule in ("rayleigh", "consistent", "midpoint")
+        for n in (10, 40)
+    ]
+    makers += [
+        (f"reduced, {basis}, m = {m}", lambda basis=basis, m=m: pd.Galerkin(PIPE, m, basis))
+        for basis, m in (("beam", 4), ("beam", 10), ("legendre", 10), ("legendre", 16))
+    ]
+    makers.append(("continuous pipe", lambda: pd.Continuum(PIPE)))
+    for name, make in makers:
+        found, cost = timed(lambda make=make: pd.critical_speed(make()))
+        error = found.speed / exact - 1.0
+        digits = "0" if abs(error) < 1e-14 else f"{error:+.0e}"
+        if abs(error) > 1e-4:
+            digits = f"{100.0 * error:+.2f} %"
+        print(f"| {name} | {found.speed:.7f} | {digits} | {1e3 * cost:.0f} |")
+    check(abs(found.speed / exact - 1.0), 1e-9, "critical speed of the continuous pipe")
+
+
+def machine() -> str:
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    try:
+        commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        commit = "unknown"
+    return (
+        f"pipedyn {pd.__version__} (commit {commit}), Python {platform.python_version()}, "
+        f"numpy {np.__version__}, {platform.system()} {platform.machine()}"
+    )
+
+
+def main() -> int:
+    print(machine() + "\n")
+    against_dense()
+    against_continuum()
+    critical_speeds()
+    for failure in failures:
+        print(f"FAILED {failure}")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: MIT
+"""Settings of the whole suite: property tests draw the same examples every time."""
+
+import os
+
+# Before numpy is imported: its matrices here are small, and threads only get in each other's way.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import hypothesis
+
+hypothesis.settings.register_profile("same", derandomize=True, deadline=None, database=None)
+hypothesis.settings.load_profile("same")

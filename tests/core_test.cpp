@@ -1,0 +1,374 @@
+// SPDX-License-Identifier: MIT
+//
+// The core's own test: properties of random chains and of both bases, without Python. Prints every
+// check that fails; the exit status says whether any did.
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <complex>
+#include <cstdio>
+#include <numbers>
+#include <random>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "pipedyn/chain.hpp"
+#include "pipedyn/galerkin.hpp"
+
+namespace {
+
+using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Index;
+using pipedyn::Matrix, pipedyn::Operators, pipedyn::Pipe, pipedyn::Segments, pipedyn::Vector;
+using Complex = std::complex<double>;
+using ComplexMatrix = Chain::ComplexMatrix;
+
+int checks = 0;
+int failures = 0;
+std::string scene;
+
+void check(bool good, const std::string& claim) {
+  ++checks;
+  if (good) return;
+  ++failures;
+  std::printf("FAILED %s: %s\n", scene.c_str(), claim.c_str());
+}
+
+/// Largest difference of two matrices, relative to the largest entry of the second, is within
+/// tolerance. No template over the expressions: it would be compiled for each of them.
+void check_close_complex(const ComplexMatrix& got, const ComplexMatrix& expected, double tolerance,
+                         const std::string& claim) {
+  if (got.rows() != expected.rows() || got.cols() != expected.cols()) {
+    check(false, claim + " (shape)");
+    return;
+  }
+  const double size = expected.cwiseAbs().maxCoeff();
+  const double error = (got - expected).cwiseAbs().maxCoeff() / (size > 0.0 ? size : 1.0);
+  check(error <= tolerance, claim + ", error " + std::to_string(error / tolerance) + " tolerances");
+}
+
+void check_close(const Matrix& got, const Matrix& expected, double tolerance,
+                 const std::string& claim) {
+  check_close_complex(got.cast<Complex>(), expected.cast<Complex>(), tolerance, claim);
+}
+
+template <class Action>
+void check_refused(const Action& action, const std::string& claim) {
+  try {
+    action();
+  } catch (const std::invalid_argument&) {
+    check(true, claim);
+    return;
+  }
+  check(false, claim + " is not refused");
+}
+
+// ------------------------------------------------------------------------------- random chains
+
+class Dice {
+ public:
+  double between(double low, double high) {
+    return low + (high - low) * std::uniform_real_distribution<double>()(engine_);
+  }
+  Vector vector(Index n, double low, double high) {
+    return Vector::NullaryExpr(n, [&] { return between(low, high); });
+  }
+  Matrix matrix(Index rows, Index columns) {
+    return Matrix::NullaryExpr(rows, columns, [&] { return between(-1.0, 1.0); });
+  }
+  Pipe pipe(bool aspirating) {
+    return Pipe{.beta = between(0.01, 0.99),
+                .gamma = between(-20.0, 20.0),
+                .alpha = between(0.0, 2.0),
+                .drag = 0.0,
+                .damping = between(0.0, 0.1),
+                .aspirating = aspirating};
+  }
+  Segments segments(Index n) {
+    Segments segments{.length = vector(n, 0.2, 1.0),
+                      .center = vector(n, 0.0, 1.0),
+                      .gyration_radius = vector(n, 0.1, 0.5) / static_cast<double>(n),
+                      .spring = vector(n, 0.5, 2.0) * static_cast<double>(n),
+                      .drag_point = vector(n, 0.0, 1.0),
+                      .base = between(0.0, 0.3)};
+    segments.length *= (1.0 - segments.base) / segments.length.sum();
+    return segments;
+  }
+
+ private:
+  std::mt19937_64 engine_{20260214};
+};
+
+Matrix lower_ones(Index n) { return Matrix::Ones(n, n).triangularView<Eigen::Lower>(); }
+
+/// The products agree with the dense operators.
+void check_products(const Chain& chain, const Segments& segments, const Operators& dense,
+                    const Operators& weightless, double gamma, Dice& dice) {
+  const Index n = chain.dof();
+  const double tolerance = 1e-12;
+  const Matrix x = dice.matrix(n, 3);
+  const Matrix velocity = dense.gyroscopic + dense.end_flux;
+  check_close(chain.mass_times(x), dense.mass * x, tolerance, "M x");
+  check_close(chain.velocity_times(x, false), velocity * x, tolerance, "V x");
+  check_close(chain.velocity_times(x, true), velocity.transpose() * x, tolerance, "V^T x");
+  check_close(chain.flux_times(x, false), dense.flux * x, tolerance, "A x");
+  check_close(chain.flux_times(x, true), dense.flux.transpose() * x, tolerance, "A^T x");
+  const Matrix turns = lower_ones(n).inverse() * x;
+  check_close(chain.springs_times(turns), weightless.stiffness * x, tolerance, "springs");
+  const Matrix weighted = gamma * chain.gravity_times(x) + chain.springs_times(turns);
+  check_close(weighted, dense.stiffness * x, tolerance, "K x");
+  const Matrix energy = x.transpose() * chain.springs_times(turns);
+  check_close(energy, turns.transpose() * segments.spring.asDiagonal() * turns, tolerance,
+              "twice the springs' energy");
+}
+
+/// Joint angles divided by their scale are another basis of the same operators.
+void check_joint_operators(const Chain& chain, const Operators& angle, Dice& dice) {
+  const Index n = chain.dof();
+  const Vector scale = dice.vector(n, 0.1, 2.0);
+  const Operators joint = chain.joint_operators(scale);
+  const Matrix basis = lower_ones(n) * scale.asDiagonal();
+  const auto check_same = [&](const Matrix Operators::* part, const char* name) {
+    const Matrix expected = basis.transpose() * (angle.*part) * basis;
+    check_close(joint.*part, expected, 1e-11, std::string("joint operator ") + name);
+  };
+  check_same(&Operators::mass, "mass");
+  check_same(&Operators::gyroscopic, "gyroscopic");
+  check_same(&Operators::end_flux, "end_flux");
+  check_same(&Operators::damping, "damping");
+  check_same(&Operators::stiffness, "stiffness");
+  check_same(&Operators::flux, "flux");
+}
+
+/// The operators agree with what they stand for, computed from the motion itself.
+void check_physics(const Pipe& pipe, const Segments& segments, const Operators& dense,
+                   const Operators& weightless, Dice& dice) {
+  const Index n = segments.length.size();
+  const Vector rates = dice.vector(n, -1.0, 1.0);
+  double node = 0.0, twice_kinetic = 0.0;
+  for (Index j = 0; j < n; ++j) {
+    const double center = node + segments.center[j] * segments.length[j] * rates[j];
+    const double spin = segments.gyration_radius[j] * rates[j];
+    twice_kinetic += segments.length[j] * (center * center + spin * spin);
+    node += segments.length[j] * rates[j];
+  }
+  const auto check_number = [](double got, double expected, const char* claim) {
+    check_close(Vector::Constant(1, got), Vector::Constant(1, expected), 1e-11, claim);
+  };
+  check_number(rates.dot(dense.mass * rates), twice_kinetic, "twice the kinetic energy");
+  check(dense.mass.llt().info() == Eigen::Success, "mass is positive definite");
+  check_close(dense.gyroscopic, -dense.gyroscopic.transpose(), 0.0, "gyroscopic is skew");
+  const Matrix velocity = dense.gyroscopic + dense.end_flux;
+  check_number(rates.dot(velocity * rates), pipe.sqrt_beta() * node * node,
+               "the flow's power goes through the free end only");
+  // With the angles as unknowns of unit determinant, no flow changes det K of a weightless chain.
+  const double thrust = 30.0;
+  const Matrix scaled = segments.spring.cwiseInverse().asDiagonal() *
+                        (lower_ones(n).transpose() *
+                         (weightless.stiffness + thrust * weightless.flux) * lower_ones(n));
+  check_number(scaled.determinant(), 1.0, "det K does not depend on the flow");
+}
+
+/// The band matrix solves the same linear problem as the dense operators.
+void check_band(const Pipe& pipe, const Chain& chain, const Segments& segments,
+                const Operators& dense, Dice& dice) {
+  const Index n = chain.dof(), width = Chain::band_width;
+  const Complex lambda(dice.between(-3.0, 3.0), dice.between(1.0, 30.0));
+  const double u = dice.between(0.5, 9.0);
+  const ComplexMatrix band = chain.band(lambda, u);
+  check(band.rows() == 3 * width + 1 && band.cols() == 4 * n, "shape of the band matrix");
+  check(band.topRows(width).isZero(0.0), "LAPACK's working rows are zero");
+  ComplexMatrix full = ComplexMatrix::Zero(4 * n, 4 * n);
+  for (Index column = 0; column < 4 * n; ++column) {
+    for (Index row = 0; row < band.rows(); ++row) {
+      const Index i = row + column - 2 * width;
+      if (i >= 0 && i < 4 * n) {
+        full(i, column) = band(row, column);
+      } else {
+        check(band(row, column) == 0.0, "entries outside the matrix are zero");
+      }
+    }
+  }
+  const Matrix damping =
+      pipe.direction() * u * (dense.gyroscopic + dense.end_flux) + dense.damping;
+  const Matrix stiffness = dense.stiffness + pipe.centrifugal() * u * u * dense.flux;
+  const ComplexMatrix pencil = lambda * lambda * dense.mass + lambda * damping + stiffness;
+  const ComplexMatrix moments = dice.matrix(n, 2);
+  const ComplexMatrix angles = pencil.partialPivLu().solve(moments);
+  ComplexMatrix rows = ComplexMatrix::Zero(4 * n, 2);
+  for (Index j = 0; j < n; ++j) rows.row(4 * j + 2) = moments.row(j);
+  const ComplexMatrix solution = full.partialPivLu().solve(rows);
+  const auto unknown = [&](Index which) -> ComplexMatrix {
+    return solution(Eigen::seqN(which, n, 4), Eigen::all);
+  };
+  const double tolerance = 1e-9;
+  const Matrix turn = lower_ones(n).inverse();
+  const Matrix reach = lower_ones(n) * segments.length.asDiagonal();
+  check_close_complex(unknown(0), turn * angles, tolerance, "joint angles of the band solve");
+  check_close_complex(unknown(1), angles, tolerance, "angles of the band solve");
+  check_close_complex(unknown(2), reach * angles, tolerance, "displacements of the band solve");
+}
+
+void check_chains() {
+  Dice dice;
+  for (const Index n : {1, 2, 3, 50}) {
+    for (const bool aspirating : {false, true}) {
+      scene = "chain of " + std::to_string(n) + (aspirating ? ", aspirating" : ", ejecting");
+      const Pipe pipe = dice.pipe(aspirating);
+      const Segments segments = dice.segments(n);
+      const Chain chain(pipe, segments);
+      check(chain.dof() == n, "dof");
+      Pipe without_weight = pipe;
+      without_weight.gamma = 0.0;
+      const Operators dense = chain.operators();
+      const Operators weightless = Chain(without_weight, segments).operators();
+      check_close(dense.damping, pipe.damping * weightless.stiffness, 1e-15, "damping is elastic");
+      check_products(chain, segments, dense, weightless, pipe.gamma, dice);
+      check_joint_operators(chain, dense, dice);
+      check_physics(pipe, segments, dense, weightless, dice);
+      check_band(pipe, chain, segments, dense, dice);
+    }
+  }
+}
+
+void check_refusals() {
+  scene = "bad sizes";
+  Dice dice;
+  const Pipe pipe = dice.pipe(false);
+  const Segments good = dice.segments(4);
+  const auto check_array = [&](Vector Segments::* array, const char* name) {
+    for (const Index size : {0, 3, 5}) {
+      Segments bad = good;
+      bad.*array = Vector::Ones(size);
+      check_refused([&] { Chain(pipe, bad); }, name + (" of size " + std::to_string(size)));
+    }
+  };
+  check_array(&Segments::length, "length");
+  check_array(&Segments::center, "center");
+  check_array(&Segments::gyration_radius, "gyration_radius");
+  check_array(&Segments::spring, "spring");
+  check_array(&Segments::drag_point, "drag_point");
+  check_refused([&] { Chain(pipe, Segments{}); }, "a chain without segments");
+  for (const Family family : {Family::beam, Family::legendre}) {
+    check_refused([&] { Basis(family, 0); }, "a basis without functions");
+    check_refused([&] { Basis(family, -1); }, "a negative number of functions");
+    const Vector middle = Vector::Constant(1, 0.5);
+    check_refused([&] { Basis(family, 2).evaluate(middle, 3); }, "a third derivative");
+    check_refused([&] { Basis(family, 2).evaluate(middle, -1); }, "a negative derivative");
+    check_refused([&] { Galerkin(pipe, Basis(family, 2), Vector::Ones(3), Vector::Ones(2)); },
+                  "a weight too few");
+  }
+}
+
+// --------------------------------------------------------------------------------------- bases
+
+struct Rule {
+  Vector nodes, weights;
+
+  Matrix product(const Matrix& a, const Matrix& b) const {
+    return a.transpose() * weights.asDiagonal() * b;
+  }
+};
+
+/// Gauss-Legendre rule on [0, 1]: Newton's method on P_count from the classical guesses.
+Rule gauss(Index count) {
+  Rule rule{Vector(count), Vector(count)};
+  const double degree = static_cast<double>(count);
+  for (Index i = 0; i < count; ++i) {
+    double x = std::cos(std::numbers::pi * (static_cast<double>(i) + 0.75) / (degree + 0.5));
+    double slope = 0.0;
+    for (int step = 0; step < 8; ++step) {
+      double value = x, before = 1.0;
+      for (Index k = 2; k <= count; ++k) {
+        const double order = static_cast<double>(k);
+        before = std::exchange(value, ((2.0 * order - 1.0) * x * value - (order - 1.0) * before) /
+                                          order);
+      }
+      slope = degree * (x * value - before) / (x * x - 1.0);
+      x -= value / slope;
+    }
+    rule.nodes[i] = 0.5 * (1.0 + x);
+    rule.weights[i] = 1.0 / ((1.0 - x * x) * slope * slope);
+  }
+  return rule;
+}
+
+void check_bases() {
+  for (const Family family : {Family::beam, Family::legendre}) {
+    const bool beam = family == Family::beam;
+    scene = beam ? "beam modes" : "Legendre functions";
+    const Index m = 40;
+    const Basis basis(family, m);
+    const Rule rule = gauss(3 * m);
+    const Matrix value = basis.evaluate(rule.nodes, 0), slope = basis.evaluate(rule.nodes, 1);
+    const Matrix curvature = basis.evaluate(rule.nodes, 2);
+    const Matrix at_clamp = basis.evaluate(Vector::Zero(1), 0);
+    const Matrix slope_at_clamp = basis.evaluate(Vector::Zero(1), 1);
+    const Matrix at_end = basis.evaluate(Vector::Ones(1), 0);
+    const Matrix slope_at_end = basis.evaluate(Vector::Ones(1), 1);
+    check(at_clamp.cwiseAbs().maxCoeff() < 1e-13, "w(0) = 0");
+    check(slope_at_clamp.cwiseAbs().maxCoeff() < 1e-11, "w'(0) = 0");
+    check_close(rule.weights.transpose() * slope, at_end, 1e-12, "w(1) is the integral of w'");
+    check_close(rule.weights.transpose() * curvature, slope_at_end, 1e-12,
+                "w'(1) is the integral of w''");
+    const Vector size = basis.stiffness().cwiseSqrt().cwiseInverse();
+    check_close(size.asDiagonal() * rule.product(curvature, curvature) * size.asDiagonal(),
+                Matrix::Identity(m, m), 1e-11, "curvatures are orthogonal");
+    if (beam) {
+      check_close(rule.product(value, value), Matrix::Identity(m, m), 1e-12,
+                  "modes are orthonormal");
+      check_close(at_end.cwiseAbs(), Matrix::Constant(1, m, 2.0), 1e-12, "|w(1)| = 2");
+      const Matrix bent_end = basis.evaluate(Vector::Ones(1), 2) * size.asDiagonal();
+      check(bent_end.cwiseAbs().maxCoeff() < 1e-11, "w''(1) = 0");
+      check_close(basis.stiffness().head(1).cwiseSqrt(), Vector::Constant(1, 3.5160152685), 1e-10,
+                  "first frequency of the cantilever");
+    }
+
+    Dice dice;
+    const Pipe pipe = dice.pipe(false);
+    const Rule coarse = gauss(m + 3);
+    const Rule& own = beam ? rule : coarse;
+    const Operators ops = Galerkin(pipe, basis, own.nodes, own.weights).operators();
+    const Vector above = 1.0 - rule.nodes.array();
+    const Matrix falling = above.asDiagonal() * curvature - slope;  // ((1 - s) w')'
+    const Matrix weight = -pipe.gamma * rule.product(value, falling);
+    const Matrix elastic = basis.stiffness().asDiagonal();
+    check_close(ops.mass, rule.product(value, value), 1e-12, "mass");
+    check_close(ops.gyroscopic, -ops.gyroscopic.transpose(), 0.0, "gyroscopic is skew");
+    check_close(ops.gyroscopic + ops.end_flux, 2.0 * pipe.sqrt_beta() * rule.product(value, slope),
+                1e-11, "Coriolis term of the equation");
+    check_close(ops.flux, rule.product(value, curvature), 1e-11,
+                "centrifugal term of the equation");
+    check_close(ops.stiffness - elastic, weight, beam ? 1e-9 : 1e-11, "weight's term");
+    check_close(ops.damping, pipe.damping * elastic, 1e-15, "Kelvin-Voigt damping");
+  }
+}
+
+void check_high_modes() {
+  const Index m = 2000;
+  const Rule rule = gauss(2 * m + 60);
+  for (const Family family : {Family::beam, Family::legendre}) {
+    const bool beam = family == Family::beam;
+    scene = beam ? "beam mode 2000" : "Legendre function 2000";
+    const Basis basis(family, m);
+    for (const int derivative : {0, 1, 2}) {
+      const Matrix all = basis.evaluate(rule.nodes, derivative);
+      check(all.allFinite(), "derivative " + std::to_string(derivative) + " is finite");
+      if (derivative != (beam ? 0 : 2)) continue;
+      const Matrix last = all.rightCols(3);
+      check_close(rule.product(last, last), Matrix::Identity(3, 3), 1e-9,
+                  "the last three are orthonormal");
+    }
+    check(basis.stiffness().allFinite(), "stiffness is finite");
+  }
+}
+
+}  // namespace
+
+int main() {
+  check_chains();
+  check_refusals();
+  check_bases();
+  check_high_modes();
+  std::printf("%d checks, %d failed\n", checks, failures);
+  return failures == 0 ? 0 : 1;
+}

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: MIT
+"""Routes to the answers that share nothing with the package's own."""
+
+from functools import lru_cache
+
+import mpmath
+import numpy as np
+import sympy
+from numpy.polynomial import chebyshev
+
+
+def lagrangian_operators(
+    lengths, centers, radii, springs, beta, gamma, delta, aspirating, alpha, u
+):
+    """M, C and K of the paper's eqs. (1)-(6), linearised from its Lagrangian, as floats.
+
+    Written with L = EI = mu_p + mu_f = 1, so mu_f = beta, V = u / sqrt(beta), g = gamma. delta
+    gives each joint a dashpot delta k_j beside its spring, which the paper does not have.
+    """
+    n = len(lengths)
+    q, v, a = (sympy.symbols(f"{letter}1:{n + 1}") for letter in "qva")
+    length, chi, eta, k = (
+        [sympy.Rational(str(x)) for x in numbers] for numbers in (lengths, centers, radii, springs)
+    )
+    beta, gamma, delta, alpha, u = (sympy.Rational(str(x)) for x in (beta, gamma, delta, alpha, u))
+    speed = u / sympy.sqrt(beta)
+    sign = -1 if aspirating else 1
+
+    def rate(expression):
+        return sum(sympy.diff(expression, x) * dx for x, dx in zip(q, v, strict=True))
+
+    tangents = [sympy.Matrix([sympy.sin(x), sympy.cos(x)]) for x in q]
+    nodes = [sympy.zeros(2, 1)]
+    for j in range(n):
+        nodes.append(nodes[-1] + length[j] * tangents[j])
+    lagrangian = 0
+    for j in range(n):
+        velocity = ((1 - chi[j]) * nodes[j] + chi[j] * nodes[j + 1]).applyfunc(rate)
+        fluid = velocity + sign * speed * tangents[j]
+        height = (1 - chi[j]) * nodes[j][1] + chi[j] * nodes[j + 1][1]
+        kinetic = (1 - beta) * velocity.dot(velocity) + beta * fluid.dot(fluid)
+        kinetic += eta[j] ** 2 * v[j] ** 2
+        turn = q[j] - (q[j - 1] if j else 0)
+        lagrangian += length[j] * (kinetic + 2 * gamma * height) / 2 - k[j] * turn**2 / 2
+    end = nodes[-1].applyfunc(rate)
+    if aspirating:
+        force = beta * speed * (end - alpha * speed * tangents[-1])
+    else:
+        force = -beta * speed * (end + speed * tangents[-1])
+    dissipation = sum(delta * k[j] * (v[j] - (v[j - 1] if j else 0)) ** 2 / 2 for j in range(n))
+
+    rest = dict.fromkeys([*q, *v, *a], 0)
+    mass, damping, stiffness = (np.empty((n, n)) for _ in range(3))
+    for row in range(n):
+        momentum = sympy.diff(lagrangian, v[row])
+        equation = rate(momentum) - sympy.diff(lagrangian, q[row])
+        equation += sum(sympy.diff(momentum, x) * dx for x, dx in zip(v, a, strict=True))
+        equation -= force.dot(sympy.diff(nodes[-1], q[row]))
+        equation += sympy.diff(dissipation, v[row])
+        for column in range(n):
+            mass[row, column] = sympy.diff(equation, a[column]).subs(rest)
+            damping[row, column] = sympy.diff(equation, v[column]).subs(rest)
+            stiffness[row, column] = sympy.diff(equation, q[column]).subs(rest)
+    return mass, damping, stiffness
+
+
+def determinant(value, u, beta, *, centrifugal=1.0, direction=1.0, damping=0.0):
+    """Determinant of the four exponentials of the continuous pipe without gravity, in mpmath.
+
+    With w = exp(a s + lambda tau), (1 + delta lambda) a^4 + c u^2 a^2 + 2 sqrt(beta) s u lambda a
+    + lambda^2 = 0; rows: w and w' at the clamp, w'' and w''' at the free end. Divided by the
+    Vandermonde determinant, so that it does not vanish where two exponents meet.
+    """
+    value, u, beta = mpmath.mpmathify(value), mpmath.mpmathify(u), mpmath.mpmathify(beta)
+    thrust = mpmath.mpmathify(centrifugal) * u**2
+    coriolis = 2 * mpmath.sqrt(beta) * direction * u * value
+    elastic = 1 + damping * value
+    polynomial = [elastic, 0, thrust, coriolis, value**2]
+    a = mpmath.polyroots(polynomial, maxsteps=200, extraprec=60)
+    largest = max(x.real for x in a)
+    rows = [
+        [mpmath.mpf(1)] * 4,
+        list(a),
+        [x**2 * mpmath.exp(x - largest) for x in a],
+        [x**3 * mpmath.exp(x - largest) for x in a],
+    ]
+    meeting = mpmath.mpf(1)
+    for i in range(4):
+        for j in range(i):
+            meeting *= a[i] - a[j]
+    return mpmath.det(mpmath.matrix(rows)) / meeting
+
+
+def determinant_crossing(beta, u, omega, digits=25, **more):
+    """(u, omega) where an eigenvalue i omega lies on the axis, from a guess of both."""
+    with mpmath.workdps(digits):
+
+        def parts(speed, frequency):
+            value = determinant(1j * frequency, speed, beta, **more)
+            return value.real, value.imag
+
+        u, omega = mpmath.findroot(parts, (mpmath.mpf(u), mpmath.mpf(omega)), tol=1e-30)
+        return float(u), float(omega)
+
+
+def determinant_eigenvalue(guess, u, beta, digits=25, **more):
+    """The eigenvalue nearest to a guess."""
+    with mpmath.workdps(digits):
+        return complex(
+            mpmath.findroot(
+                lambda value: determinant(value, u, beta, **more),
+                mpmath.mpmathify(guess),
+                tol=1e-35,
+            )
+        )
+
+
+@lru_cache(maxsize=8)
+def _collocation(size):
+    """Values at Gauss points s of w, w', w'' and w'''' when w'''' is a Chebyshev polynomial."""
+    x = np.cos(np.pi * (np.arange(size) + 0.5) / size)
+    tables = []
+    for k in range(size):
+        fourth = np.zeros(k + 1)
+        fourth[k] = 1.0
+        third = chebyshev.chebint(fourth, lbnd=1.0, scl=0.5)
+        second = chebyshev.chebint(third, lbnd=1.0, scl=0.5)
+        first = chebyshev.chebint(second, lbnd=-1.0, scl=0.5)
+        value = chebyshev.chebint(first, lbnd=-1.0, scl=0.5)
+        tables.append([chebyshev.chebval(x, c) for c in (value, first, second, fourth)])
+    return 0.5 * (x + 1.0), *np.transpose(tables, (1, 2, 0))
+
+
+def collocation_eigenvalues(pipe, u, size=40):
+    """Eigenvalues of the strong form of the continuous pipe's equation, lowest first.
+
+    Chebyshev collocation of w''''; the four boundary conditions are met exactly.
+    """
+    s, value, first, second, fourth = _collocation(size)
+    aspirating = pipe.flow == "aspirating"
+    thrust = (pipe.alpha if aspirating else 1.0) * u**2
+    tension = thrust - pipe.gamma * (1.0 - s)
+    stiffness = fourth + tension[:, None] * second + pipe.gamma * first
+    damping = 2.0 * np.sqrt(pipe.beta) * (-u if aspirating else u) * first + pipe.damping * fourth
+    return quadratic_eigenvalues(value, damping, stiffness)
+
+
+def quadratic_eigenvalues(mass, damping, stiffness):
+    """All eigenvalues of lambda^2 M + lambda C + K by the dense inverse problem, lowest first."""
+    n = len(mass)
+    step = np.zeros((2 * n, 2 * n))
+    step[:n] = -np.linalg.solve(stiffness, np.hstack([damping, mass]))
+    step[n:, :n] = np.eye(n)
+    mu = np.linalg.eigvals(step)
+    values = 1.0 / mu[np.abs(mu) > 1e-300]
+    return values[np.argsort(np.abs(values), kind="stable")]
+
+
+def companion_eigenvalues(mass, damping, stiffness):
+    """All eigenvalues by the textbook companion matrix of M^-1 C and M^-1 K."""
+    n = len(mass)
+    companion = np.zeros((2 * n, 2 * n))
+    companion[:n, n:] = np.eye(n)
+    companion[n:, :n] = -np.linalg.solve(mass, stiffness)
+    companion[n:, n:] = -np.linalg.solve(mass, damping)
+    return np.linalg.eigvals(companion)
+
+
+def unstable_count(model, u, threshold=1e-7):
+    """Number of eigenvalues of a small model with a positive real part, from its matrices."""
+    return int(np.sum(companion_eigenvalues(*model.operators().at(u)).real > threshold))
+
+
+def distances(found, reference):
+    """Distance of each value found to the nearest of the reference, relative to its size or 1."""
+    found, reference = np.asarray(found), np.asarray(reference)
+    nearest = np.abs(found[:, None] - reference[None, :]).min(axis=1)
+    return nearest / np.maximum(np.abs(found), 1.0)
+
+
+def chain_newton_step(chain, value, u, digits=30):
+    """Newton's correction of an eigenvalue of a chain, by shooting from its free end in mpmath.
+
+    From any angle and displacement of the free end, the moments about the joints give one segment
+    after another; an eigenvalue lets a combination of two such shapes meet the clamp.
+    """
+    with mpmath.workdps(digits):
+        value, step = mpmath.mpmathify(complex(value)), mpmath.mpf(10) ** -10
+        here = _clamp_misfit(chain, value, u)
+        there = _clamp_misfit(chain, value * (1 + step), u)
+        return complex(-here * value * step / (there - here))
+
+
+def _clamp_misfit(chain, value, u):
+    pipe = chain.pipe
+    aspirating = pipe.flow == "aspirating"
+    thrust = mpmath.mpf(pipe.alpha if aspirating else 1.0) * u**2
+    coriolis = mpmath.sqrt(pipe.beta) * (-u if aspirating else u) * value
+    elastic = 1 + pipe.damping * value
+    square = value**2
+    columns = []
+    for tip_angle, tip in ((mpmath.mpf(1), mpmath.mpf(0)), (mpmath.mpf(0), mpmath.mpf(1))):
+        angle, node = mpmath.mpc(tip_angle), mpmath.mpc(tip)
+        force = moment = beyond = mpmath.mpc(0)  # inertia forces beyond, the joint, the mass beyond
+        for k in reversed(range(chain.dof)):
+            length, spring = mpmath.mpf(chain.lengths[k]), mpmath.mpf(chain.springs[k])
+            arm = mpmath.mpf(chain.centers[k]) * length
+            clamped_side = node - length * angle
+            inertia = square * length * (clamped_side + arm * angle)
+            total = length * force + arm * inertia
+            total += square * length * mpmath.mpf(chain.gyration_radii[k]) ** 2 * angle
+            total += coriolis * length * (length * angle + 2 * (tip - node))
+            total += thrust * length * (tip_angle - angle)
+            total += pipe.gamma * length * (beyond + arm) * angle
+            moment -= total
+            force, node, beyond = force + inertia, clamped_side, beyond + length
+            angle -= moment / (elastic * spring)
+        columns.append((angle, node))
+    (a, b), (c, d) = columns
+    return a * d - b * c

@@ -1,0 +1,373 @@
+# SPDX-License-Identifier: MIT
+"""Chain: operators, coordinates, spring rules, the line it draws."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from independent import lagrangian_operators
+from scipy.linalg import eigvalsh
+
+import pipedyn as pd
+from pipedyn.spectrum import BandPencil, DensePencil
+
+FIRST_BEAM_FREQUENCY = 1.8751040687119612**2
+"""First root of cos(k) cosh(k) = -1, squared (physics.md, section 2: 1.8751040687)."""
+
+UNEQUAL = {
+    "lengths": [0.5, 0.3, 0.2],
+    "centers": [0.4, 0.65, 0.55],
+    "gyration_radii": [0.11, 0.2, 0.05],
+    "springs": [3.0, 2.0, 5.0],
+}
+
+
+@st.composite
+def chains(draw, most=7):
+    """Any chain that the paper allows, of any pipe."""
+    n = draw(st.integers(1, most))
+
+    def numbers(low, high):
+        return np.array(draw(st.lists(st.floats(low, high), min_size=n, max_size=n)))
+
+    base = draw(st.sampled_from([0.0, 0.07, 0.4]))
+    lengths = numbers(0.05, 1.0)
+    pipe = pd.Pipe(
+        beta=draw(st.floats(0.0, 0.95)),
+        gamma=draw(st.floats(-20.0, 20.0)),
+        flow=draw(st.sampled_from(["ejecting", "aspirating"])),
+        alpha=draw(st.floats(0.0, 2.0)),
+        damping=draw(st.floats(0.0, 0.1)),
+    )
+    return pd.Chain(
+        pipe,
+        lengths=lengths * (1.0 - base) / lengths.sum(),
+        centers=numbers(0.0, 1.0),
+        gyration_radii=numbers(0.01, 0.3),
+        springs=numbers(0.0, 50.0),
+        base=base,
+    )
+
+
+def end_jacobian(chain):
+    """x of the free end by each angle."""
+    return chain.lengths
+
+
+# ------------------------------------------------------------------------------- operators
+
+
+@pytest.mark.parametrize(
+    ("flow", "alpha"),
+    [("ejecting", 1.0), ("ejecting", 0.3), ("aspirating", 0.7), ("aspirating", 0)],
+)
+def test_chain_linearises_the_papers_lagrangian(flow, alpha):
+    """Three unequal segments against eqs. (1)-(6), derived with sympy."""
+    pipe = pd.Pipe(0.3, gamma=2.5, flow=flow, alpha=alpha, damping=0.01)
+    chain = pd.Chain(pipe, **UNEQUAL)
+    expected = lagrangian_operators(
+        *UNEQUAL.values(), 0.3, 2.5, 0.01, flow == "aspirating", alpha, u=1.75
+    )
+    for found, right in zip(chain.operators().at(1.75), expected, strict=True):
+        np.testing.assert_allclose(found, right, rtol=1e-14, atol=1e-15 * np.abs(right).max())
+
+
+def test_a_chain_of_one_segment_is_a_pendulum_with_a_jet():
+    """One homogeneous bar: inertia 1/3, weight gamma/2, jet damping sqrt(beta) u."""
+    chain = pd.Chain(pd.Pipe(0.25, gamma=4.0), n=1, springs=[3.0])
+    mass, damping, stiffness = chain.operators().at(2.0)
+    assert mass[0, 0] == pytest.approx(1 / 3, rel=1e-15)
+    assert damping[0, 0] == pytest.approx(0.5 * 2.0, rel=1e-15)
+    assert stiffness[0, 0] == pytest.approx(3.0 + 4.0 / 2, rel=1e-15)
+
+
+@given(chains())
+def test_kinetic_energy_is_that_of_the_moving_segments(chain):
+    """Mass matrix from the velocity of each centre of mass, for any chain."""
+    expected = np.zeros((chain.dof, chain.dof))
+    for j in range(chain.dof):
+        centre = np.where(np.arange(chain.dof) < j, chain.lengths, 0.0)
+        centre[j] = chain.centers[j] * chain.lengths[j]
+        spin = np.eye(chain.dof)[j] * chain.gyration_radii[j]
+        expected += chain.lengths[j] * (np.outer(centre, centre) + np.outer(spin, spin))
+    np.testing.assert_allclose(chain.operators().mass, expected, rtol=1e-12, atol=1e-16)
+
+
+@given(chains())
+def test_potential_energy_is_that_of_springs_and_lifted_centres(chain):
+    """Springs by joint angles; each centre of mass rises by half its arm times theta squared."""
+    joints = np.eye(chain.dof) - np.eye(chain.dof, k=-1)
+    springs = joints.T @ np.diag(chain.springs) @ joints
+    beyond = chain.lengths.sum() - np.cumsum(chain.lengths)
+    weight = chain.lengths * (beyond + chain.centers * chain.lengths)
+    ops = chain.operators()
+    np.testing.assert_allclose(
+        ops.stiffness, springs + chain.pipe.gamma * np.diag(weight), rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(ops.damping, chain.pipe.damping * springs, rtol=1e-12, atol=1e-14)
+
+
+@given(chains())
+def test_coriolis_is_skew_and_the_end_flux_sees_only_the_free_end(chain):
+    ops = chain.operators()
+    np.testing.assert_array_equal(ops.gyroscopic, -ops.gyroscopic.T)
+    end = end_jacobian(chain)
+    np.testing.assert_allclose(
+        ops.end_flux, math.sqrt(chain.pipe.beta) * np.outer(end, end), rtol=1e-13, atol=1e-17
+    )
+
+
+@given(chains(), st.data())
+def test_flow_feeds_power_only_through_the_free_end(chain, data):
+    """v . (forces of the flow) = -sqrt(beta) U w'(1)^2 - a U^2 theta(1) w'(1), linearised."""
+    numbers = st.lists(st.floats(-1.0, 1.0), min_size=chain.dof, max_size=chain.dof)
+    q, v = np.array(data.draw(numbers)), np.array(data.draw(numbers))
+    u = data.draw(st.floats(0.0, 10.0))
+    ops = chain.operators()
+    rate = ops.direction * u * (ops.gyroscopic + ops.end_flux) @ v
+    centrifugal = ops.centrifugal * u**2 * ops.flux
+    # The symmetric part of the centrifugal matrix is a potential (a compressed column).
+    column = -ops.centrifugal * u**2 * np.diag(chain.lengths)
+    end = end_jacobian(chain) @ v
+    expected = math.sqrt(chain.pipe.beta) * ops.direction * u * end**2
+    expected += ops.centrifugal * u**2 * q[-1] * end
+    assert v @ rate + v @ (centrifugal - column) @ q == pytest.approx(
+        expected, rel=1e-10, abs=1e-10 * (1 + u**2)
+    )
+
+
+def test_a_horizontal_chain_never_diverges():
+    """gamma = 0: det K is the product of the springs at any speed (physics.md, section 2)."""
+    chain = pd.Chain(pd.Pipe(0.2), **UNEQUAL)
+    for u in (0.0, 1.0, 4.0, 9.0):
+        assert np.linalg.det(chain.operators().at(u)[2]) == pytest.approx(3 * 2 * 5, rel=1e-11)
+
+
+def test_aspirating_reverses_the_speed_and_alpha_multiplies_the_centrifugal_term_only():
+    arrays = UNEQUAL | {}
+    out = pd.Chain(pd.Pipe(0.3, gamma=1.0, damping=0.01), **arrays).operators()
+    back = pd.Chain(pd.Pipe(0.3, 1.0, "aspirating", 0.6, damping=0.01), **arrays).operators()
+    _, c_out, k_out = out.at(2.0)
+    _, c_back, k_back = back.at(2.0)
+    np.testing.assert_allclose(c_out + c_back, 2.0 * out.damping, atol=1e-15)
+    np.testing.assert_allclose(k_back - back.stiffness, 0.6 * (k_out - out.stiffness), atol=1e-14)
+
+
+# ----------------------------------------------------------------- coordinates and O(n) route
+
+
+@given(chains())
+def test_joint_angles_tell_the_same_pipe_as_angles(chain):
+    transform = chain.from_elastic(np.eye(chain.dof))
+    angles, elastic = chain.operators(), chain.elastic_operators()
+    for name in ("mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"):
+        expected = transform.T @ getattr(angles, name) @ transform
+        size = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(getattr(elastic, name), expected, atol=1e-12 * size)
+
+
+@given(chains())
+def test_an_elastic_coordinate_holds_half_a_unit_of_energy(chain):
+    rigid = pd.Chain(
+        pd.Pipe(0.1), lengths=chain.lengths, base=chain.base, springs=chain.springs + 1.0
+    )
+    np.testing.assert_allclose(rigid.elastic_operators().stiffness, np.eye(chain.dof), atol=1e-12)
+
+
+@given(chains(), st.data())
+def test_sweeps_along_the_chain_multiply_like_its_matrices(chain, data):
+    draw = st.lists(st.floats(-1.0, 1.0), min_size=2 * chain.dof, max_size=2 * chain.dof)
+    x = np.array(data.draw(draw)).reshape(chain.dof, 2)
+    dense, band = DensePencil(chain), BandPencil(chain)
+    for vectors in (x, x + 1j * x[::-1]):
+        for name in ("mass", "velocity", "damping", "stiffness", "flux"):
+            expected = getattr(dense, name)(vectors)
+            size = max(1.0, np.abs(expected).max())
+            np.testing.assert_allclose(getattr(band, name)(vectors), expected, atol=1e-12 * size)
+        np.testing.assert_allclose(
+            band.gravity(vectors), dense.gravity(vectors), atol=1e-10 * (1 + abs(chain.pipe.gamma))
+        )
+
+
+@pytest.mark.parametrize("rule", ["consistent", "midpoint", "rayleigh"])
+@pytest.mark.parametrize("flow", ["ejecting", "aspirating"])
+@pytest.mark.parametrize("value", [0.9, -2.0 + 13.0j, 30.0j])
+def test_the_band_solve_is_the_dense_solve(rule, flow, value):
+    pipe = pd.Pipe(0.4, gamma=3.0, flow=flow, alpha=0.8, damping=2e-3)
+    chain = pd.Chain(pipe, 30, springs=rule)
+    u = 5.0
+    dense, band = DensePencil(chain), BandPencil(chain)
+    rows = np.cos(np.arange(60.0)).reshape(30, 2) + 0.0j
+    # The matrix from the operators in the angles, not from either route.
+    mass, damping, stiffness = chain.operators().at(u)
+    transform = chain.from_elastic(np.eye(30))
+    matrix = transform.T @ (value**2 * mass + value * damping + stiffness) @ transform
+    expected = np.linalg.solve(matrix, rows)
+    turned = np.linalg.solve(matrix.conj().T, rows)
+    for pencil in (dense, band):
+        solve = pencil.factor(value, u)
+        np.testing.assert_allclose(solve(rows), expected, atol=1e-9 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            solve(rows, adjoint=True), turned, atol=1e-9 * np.abs(turned).max()
+        )
+
+
+def test_the_band_keeps_four_digits_beyond_the_dense_matrix_at_static_loads():
+    """n = 2000, u = 0: a moment at the free end bends every joint alike, exactly 1 / k_j."""
+    chain = pd.Chain(pd.Pipe(0.2), 2000)
+    moment = np.ones((2000, 1)) * chain.elastic_scale[:, None]
+    turned = BandPencil(chain).factor(0.0, 0.0)(moment)[:, 0] * chain.elastic_scale
+    np.testing.assert_allclose(turned * chain.springs, 1.0, rtol=1e-12)
+
+
+# ----------------------------------------------------------------------------- spring rules
+
+
+def first_frequency(chain):
+    """From the mass matrix in joint angles, whose largest eigenvalue keeps its digits at any n."""
+    joints = np.tri(chain.dof)
+    mass = joints.T @ chain.operators().mass @ joints
+    return 1.0 / math.sqrt(eigvalsh(mass, np.diag(chain.springs))[-1])
+
+
+def test_consistent_springs_share_the_flexibility_of_unequal_segments():
+    """1 / k_j = (l_{j-1} + l_j) / 2 with l_0 = 0; the clamp carries half a segment."""
+    chain = pd.Chain(pd.Pipe(0.2), lengths=[0.5, 0.3, 0.2])
+    np.testing.assert_allclose(chain.springs, [2 / 0.5, 2 / 0.8, 2 / 0.5], rtol=1e-15)
+    equal = pd.Chain(pd.Pipe(0.2), 7)
+    np.testing.assert_allclose(equal.springs, [14.0] + 6 * [7.0], rtol=1e-14)
+
+
+def test_consistent_chain_bends_like_the_beam_under_a_moment_at_its_end():
+    """The free end's angle is M L / EI up to the half segment beyond the last joint."""
+    lengths = np.array([0.1, 0.3, 0.15, 0.25, 0.2])
+    chain = pd.Chain(pd.Pipe(0.2), lengths=lengths)
+    assert np.sum(1.0 / chain.springs) == pytest.approx(1.0 - lengths[-1] / 2, rel=1e-14)
+
+
+def test_uniform_springs_are_all_n():
+    np.testing.assert_array_equal(pd.Chain(pd.Pipe(0.2), 9, springs="uniform").springs, 9.0)
+
+
+def test_midpoint_cuts_cells_with_a_joint_in_the_middle_of_each():
+    chain = pd.Chain(pd.Pipe(0.2), 4, springs="midpoint")
+    assert chain.base == 1 / 8
+    np.testing.assert_allclose(chain.lengths, [1 / 4, 1 / 4, 1 / 4, 1 / 8], rtol=1e-15)
+    np.testing.assert_array_equal(chain.springs, 4.0)
+    np.testing.assert_allclose(chain.gyration_radii, chain.lengths / math.sqrt(12), rtol=1e-15)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 10, 150])
+def test_frequency_rule_gives_the_cantilevers_first_frequency(n):
+    chain = pd.Chain(pd.Pipe(0.2), n, springs="frequency")
+    assert np.ptp(chain.springs) == 0.0
+    assert first_frequency(chain) == pytest.approx(FIRST_BEAM_FREQUENCY, rel=1e-10)
+
+
+def test_frequency_rule_serves_unequal_segments():
+    chain = pd.Chain(pd.Pipe(0.2), lengths=[0.4, 0.1, 0.3, 0.2], springs="frequency")
+    assert first_frequency(chain) == pytest.approx(FIRST_BEAM_FREQUENCY, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [2, 3, 8])
+def test_rayleigh_rule_equates_two_energies_of_the_tip_load_shape(n):
+    """The paper's rule written out: joints on x^2 (3 - x), potential = omega_1^2 kinetic energy."""
+    joints = np.arange(n + 1) / n
+    nodes = joints**2 * (3 - joints)
+    angles = np.diff(nodes) * n
+    kinetic = 0.0
+    for j in range(n):
+        centre = (nodes[j] + nodes[j + 1]) / 2
+        kinetic += (centre**2 + angles[j] ** 2 / n**2 / 12) / n
+    turns = np.diff(np.concatenate([[0.0], angles]))
+    spring = FIRST_BEAM_FREQUENCY**2 * kinetic / np.sum(turns**2)
+    chain = pd.Chain(pd.Pipe(0.2), n, springs="rayleigh")
+    np.testing.assert_allclose(chain.springs, spring, rtol=1e-13)
+
+
+def test_the_papers_rule_tends_to_a_beam_too_soft():
+    """k / n tends to 0.971328, printed with six digits (physics.md, section 2).
+
+    It is the first eigenvalue over the Rayleigh quotient of x^2 (3 - x), 140 / 11: potential energy
+    int (6 - 6 x)^2 = 12, kinetic energy int x^4 (3 - x)^2 = 33 / 35.
+    """
+    quotient = FIRST_BEAM_FREQUENCY**2 / (12 / (33 / 35))
+    assert quotient == pytest.approx(0.971328, abs=1e-6)
+    coarse, fine = (
+        pd.Chain(pd.Pipe(0.2), n, springs="rayleigh").springs[0] / n for n in (800, 1600)
+    )
+    assert fine == pytest.approx(quotient, abs=1e-3)
+    assert 2 * fine - coarse == pytest.approx(quotient, abs=1e-6)
+
+
+def test_the_papers_rule_leaves_frequencies_1_44_percent_low():
+    """Extrapolated to n without end from three sizes, errors in 1 / n and 1 / n^2 removed."""
+    a, b, c = (
+        first_frequency(pd.Chain(pd.Pipe(0.2), n, springs="rayleigh")) for n in (75, 150, 300)
+    )
+    limit = (8 * c - 6 * b + a) / 3
+    assert limit / FIRST_BEAM_FREQUENCY - 1 == pytest.approx(-0.0144, rel=0, abs=5e-5)
+
+
+# ------------------------------------------------------------------- what a chain looks like
+
+
+def test_a_bent_chain_keeps_its_length_and_ends_at_its_tip():
+    chain = pd.Chain(pd.Pipe(0.2), 6, springs="midpoint")
+    q = np.array([0.2, 0.5, -0.3, 0.9, 1.4, 2.0])
+    nodes = chain.shape(q, chain.base + np.concatenate([[0.0], np.cumsum(chain.lengths)]))
+    np.testing.assert_allclose(np.hypot(*np.diff(nodes, axis=0).T), chain.lengths, rtol=1e-14)
+    np.testing.assert_allclose(nodes[0], [0.0, chain.base], atol=1e-16)
+    expected = [np.sum(chain.lengths * np.sin(q)), chain.base + np.sum(chain.lengths * np.cos(q))]
+    np.testing.assert_allclose(chain.tip(q), expected, rtol=1e-14)
+    np.testing.assert_allclose(nodes[-1], chain.tip(q), rtol=1e-14)
+
+
+def test_a_straight_chain_hangs_along_gravity():
+    s = np.linspace(0.0, 1.0, 7)
+    line = pd.Chain(pd.Pipe(0.2), 3).shape(np.zeros(3), s)
+    np.testing.assert_allclose(line, np.stack([np.zeros(7), s], axis=-1), atol=1e-16)
+
+
+def test_deflection_is_the_shape_at_small_angles():
+    chain = pd.Chain(pd.Pipe(0.2), **UNEQUAL)
+    q, s = np.array([0.3, -0.2, 0.5]), np.linspace(0.0, 1.0, 11)
+    tiny = 1e-6
+    np.testing.assert_allclose(
+        chain.shape(tiny * q, s)[:, 0] / tiny, chain.deflection(q, s), atol=1e-11
+    )
+
+
+def test_a_chain_tells_what_it_was_made_of_and_pickles():
+    chain = pd.Chain(pd.Pipe(0.3, gamma=2.0), **UNEQUAL, drag_points=[0.1, 0.2, 0.3])
+    chain.operators()
+    same = pickle.loads(pickle.dumps(chain))
+    for name, value in (UNEQUAL | {"drag_points": [0.1, 0.2, 0.3]}).items():
+        np.testing.assert_array_equal(getattr(chain, name), value)
+        np.testing.assert_array_equal(getattr(same, name), value)
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(chain, name)[0] = 1.0
+    assert same.pipe == chain.pipe
+    assert repr(same) == repr(chain)
+    np.testing.assert_array_equal(same.operators().mass, chain.operators().mass)
+
+
+def test_a_chain_of_the_users_own_is_not_taken_for_the_continuous_pipe():
+    assert pd.Chain(pd.Pipe(0.2), 5).rule == "consistent"
+    assert pd.Chain(pd.Pipe(0.2), 5).approximates_pipe
+    own = pd.Chain(pd.Pipe(0.2), springs=[5.0] * 5)
+    assert own.rule is None
+    assert not own.approximates_pipe
+
+
+def test_another_pipe_may_take_the_same_chain():
+    chain = pd.Chain(pd.Pipe(0.2), **UNEQUAL)
+    other = chain.with_pipe(pd.Pipe(0.5, gamma=3.0))
+    expected = pd.Chain(pd.Pipe(0.5, gamma=3.0), **UNEQUAL).operators()
+    np.testing.assert_array_equal(other.springs, chain.springs)
+    np.testing.assert_array_equal(other.operators().stiffness, expected.stiffness)
+    np.testing.assert_array_equal(other.operators().gyroscopic, expected.gyroscopic)
+    assert chain.pipe == pd.Pipe(0.2)

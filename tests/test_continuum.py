@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: MIT
+"""Continuum against the determinant of the four exponentials and Chebyshev collocation.
+
+Reference numbers: physics.md, section 6, with the digits printed there.
+"""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from independent import (
+    collocation_eigenvalues,
+    determinant_crossing,
+    determinant_eigenvalue,
+    distances,
+)
+
+import pipedyn as pd
+
+
+def critical(beta, **numbers):
+    return pd.critical_speed(pd.Continuum(pd.Pipe(beta, **numbers)))
+
+
+# ------------------------------------------------------------------------- critical speeds
+
+
+@pytest.mark.parametrize(
+    ("beta", "speed", "frequency", "digits"),
+    [
+        (0.1, 4.749897, 14.21710, (5e-7, 5e-6)),
+        (0.2, 5.591404378, 13.71469980, (5e-10, 5e-9)),
+        (0.5, 9.322418433, 26.49732846, (5e-10, 5e-9)),
+        (0.65, 10.405319, 26.41544, (5e-7, 5e-6)),
+    ],
+)
+def test_critical_speeds_meet_the_printed_table(beta, speed, frequency, digits):
+    found = critical(beta)
+    assert found.kind == "flutter"
+    assert found.stable_at_rest
+    assert found.speed == pytest.approx(speed, rel=0, abs=digits[0])
+    assert found.frequency == pytest.approx(frequency, rel=0, abs=digits[1])
+
+
+@pytest.mark.parametrize("beta", [0.01, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.99])
+def test_critical_speeds_are_roots_of_the_determinant_to_nine_digits(beta):
+    found = critical(beta)
+    speed, frequency = determinant_crossing(beta, found.speed, found.frequency, digits=35)
+    assert abs(found.speed / speed - 1.0) < 1e-9
+    assert abs(found.frequency / frequency - 1.0) < 1e-8
+    assert abs(found.speed - speed) <= found.error + 1e-13 * speed
+    assert found.error < 1e-9 * speed
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        {"damping": 1e-3},
+        {"flow": "aspirating", "damping": 1e-3},
+        {"flow": "aspirating", "damping": 1e-2, "alpha": 0.5},
+        {"flow": "aspirating", "damping": 1e-2, "alpha": 0.0},
+    ],
+    ids=["damped", "aspirating", "half inlet", "no centrifugal term"],
+)
+def test_damped_and_aspirating_pipes_cross_where_the_determinant_does(numbers):
+    found = critical(0.3, **numbers)
+    aspirating = numbers.get("flow") == "aspirating"
+    speed, frequency = determinant_crossing(
+        0.3,
+        found.speed,
+        found.frequency,
+        damping=numbers["damping"],
+        direction=-1.0 if aspirating else 1.0,
+        centrifugal=numbers.get("alpha", 1.0),
+    )
+    assert abs(found.speed / speed - 1.0) < 1e-9
+    assert abs(found.frequency / frequency - 1.0) < 1e-9
+
+
+@pytest.mark.parametrize("beta", [0.1, 0.2, 0.5, 0.8])
+@pytest.mark.parametrize("gamma", [-6.0, 10.0, 60.0])
+def test_heavy_pipes_cross_where_collocation_of_the_strong_form_does(beta, gamma):
+    """An eigenvalue on the axis, no other unstable, and stable just below."""
+    found = critical(beta, gamma=gamma)
+    pipe = pd.Pipe(beta, gamma=gamma)
+    values = collocation_eigenvalues(pipe, found.speed, size=48)[:24]
+    nearest = values[np.argmin(np.abs(values - 1j * found.frequency))]
+    assert abs(nearest - 1j * found.frequency) < 1e-8 * found.frequency
+    others = values[np.abs(np.abs(values.imag) - found.frequency) > 1e-6]
+    assert (others.real < 0.0).all()
+    below = collocation_eigenvalues(pipe, 0.999 * found.speed, size=48)[:24]
+    above = collocation_eigenvalues(pipe, 1.001 * found.speed, size=48)[:24]
+    assert (below.real < 0.0).all()
+    assert np.sum(above.real > 0.0) == 2
+
+
+def test_a_pipe_of_almost_no_fluid_mass_tends_to_a_limit_of_its_own():
+    """beta -> 0+: 4.190241, omega 14.63273; at beta = 0 itself, Beck's column, 4.47783."""
+    small = critical(1e-8)
+    assert small.speed == pytest.approx(4.190241, rel=0, abs=5e-7 + 1e-5 * 1e-2)
+    assert small.frequency == pytest.approx(14.63273, rel=0, abs=5e-6 + 1e-5 * 1e-1)
+    beck = critical(0.0)
+    assert beck.kind == "flutter"
+    assert beck.speed == pytest.approx(4.47783, rel=0, abs=5e-6)
+
+
+def test_becks_load_is_the_textbook_number():
+    """Beck (1952): P = 20.05 EI / L^2; 20.0509 with one digit more."""
+    assert critical(0.0).speed ** 2 == pytest.approx(20.0509, rel=0, abs=1e-4)
+
+
+def test_gravity_raises_the_critical_speed_of_a_hanging_pipe():
+    assert critical(0.2, gamma=10.0).speed == pytest.approx(6.3398, rel=0, abs=5e-5)
+
+
+def test_a_pipe_buckled_under_its_own_weight_is_straightened_by_the_flow():
+    """gamma = -10, beta = 0.2: straight from 1.797, flutter from 4.866."""
+    found = pd.crossings(pd.Continuum(pd.Pipe(0.2, gamma=-10.0)), 6.0)
+    assert [crossing.kind for crossing in found] == ["divergence", "flutter"]
+    assert [(c.unstable_before, c.unstable_after) for c in found] == [(1, 0), (0, 2)]
+    assert found[0].speed == pytest.approx(1.797, rel=0, abs=5e-4)
+    assert found[1].speed == pytest.approx(4.866, rel=0, abs=5e-4)
+    assert found[0].frequency == 0.0
+    critical_one = critical(0.2, gamma=-10.0)
+    assert critical_one.speed == pytest.approx(found[1].speed, rel=1e-12)
+    assert not critical_one.stable_at_rest
+
+
+def test_a_pipe_buckles_under_its_own_weight_at_minus_7_837():
+    """Greenhill's column: stable at rest above gamma = -7.837, buckled below."""
+    assert critical(0.2, gamma=-7.836).stable_at_rest
+    assert not critical(0.2, gamma=-7.838).stable_at_rest
+
+
+@pytest.mark.parametrize(
+    ("beta", "speeds"), [(0.295, [7.26054, 7.85163, 8.18918])], ids=["three times at 0.295"]
+)
+def test_the_fold_crosses_three_times(beta, speeds):
+    found = pd.crossings(pd.Continuum(pd.Pipe(beta)), 9.0)
+    assert [crossing.speed for crossing in found] == pytest.approx(speeds, rel=0, abs=5.1e-6)
+    assert [crossing.destabilising for crossing in found] == [True, False, True]
+
+
+def test_the_critical_speed_grows_without_visible_bound_towards_beta_one():
+    """18.28963 at 0.99."""
+    assert critical(0.99).speed == pytest.approx(18.28963, rel=0, abs=5e-6)
+
+
+def test_the_search_goes_as_far_as_it_must():
+    """About 59.6 at beta = 0.9999, and a root of the determinant."""
+    found = critical(0.9999)
+    assert found.speed == pytest.approx(59.6, abs=0.05)
+    speed, _ = determinant_crossing(0.9999, found.speed, found.frequency, digits=50)
+    assert abs(found.speed / speed - 1.0) < 1e-9
+
+
+# ------------------------------------------------------------------------------ eigenvalues
+
+
+@pytest.mark.parametrize(
+    ("u", "omegas"),
+    [
+        (4.0, [4.012 + 4.755j, 17.036 + 2.526j, 55.738 + 3.497j, 114.625 + 3.551j]),
+        (6.0, [2.152 + 12.157j, 13.631 - 0.882j, 47.382 + 4.998j, 106.377 + 5.261j]),
+    ],
+)
+def test_eigenvalues_meet_the_printed_root_locus(u, omegas):
+    """beta = 0.2, gamma = 0, as omega = -i lambda, three decimals."""
+    found = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), u, 8)
+    printed = sorted((-1j * found[found.imag > 0.0]), key=lambda omega: omega.real)
+    np.testing.assert_allclose(np.real(printed), np.real(omegas), rtol=0, atol=5.1e-4)
+    np.testing.assert_allclose(np.imag(printed), np.imag(omegas), rtol=0, atol=5.1e-4)
+
+
+def test_two_branches_lie_on_the_real_axis_at_u_8():
+    """omega = 15.871i and 24.153i, that is lambda = -15.871 and -24.153."""
+    found = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), 8.0, 8)
+    real = np.sort(found[found.imag == 0.0].real)
+    np.testing.assert_allclose(real, [-24.153, -15.871], rtol=0, atol=5.1e-4)
+
+
+@pytest.mark.parametrize(
+    ("beta", "u", "numbers"),
+    [
+        (0.2, 6.0, {}),
+        (0.2, 8.0, {}),
+        (0.7, 12.0, {"damping": 1e-3}),
+        (0.4, 2.0, {"flow": "aspirating", "alpha": 0.6}),
+    ],
+)
+def test_eigenvalues_are_roots_of_the_determinant(beta, u, numbers):
+    found = pd.eigenvalues(pd.Continuum(pd.Pipe(beta, **numbers)), u, 10)
+    aspirating = numbers.get("flow") == "aspirating"
+    for value in found[found.imag >= 0.0]:
+        root = determinant_eigenvalue(
+            value,
+            u,
+            beta,
+            digits=40,
+            damping=numbers.get("damping", 0.0),
+            direction=-1.0 if aspirating else 1.0,
+            centrifugal=numbers.get("alpha", 1.0),
+        )
+        assert abs(value - root) < 1e-9 * abs(root)
+
+
+@pytest.mark.parametrize(
+    "pipe",
+    [
+        pd.Pipe(0.3, gamma=25.0),
+        pd.Pipe(0.6, gamma=-12.0, damping=5e-4),
+        pd.Pipe(0.1, gamma=8.0, flow="aspirating", alpha=1.4, damping=1e-3),
+    ],
+    ids=["hanging", "standing", "aspirating"],
+)
+@pytest.mark.parametrize("u", [0.5, 5.0, 9.0])
+def test_eigenvalues_meet_collocation_of_the_strong_form(pipe, u):
+    found = pd.eigenvalues(pd.Continuum(pipe), u, 12)
+    reference = collocation_eigenvalues(pipe, u, size=48)
+    assert distances(found, reference).max() < 1e-8
+    assert distances(reference[:12], found).max() < 1e-8
+
+
+def test_published_four_mode_eigenvalues_come_back_and_their_converged_values():
+    """physics.md, section 6: stored output of a MATLAB package, 4 beam modes, delta = 0.001."""
+    pipe = pd.Pipe(0.2, damping=0.001)
+    for u, four, half_digit, full in (
+        (5.2, -1.0556 + 14.0064j, 5e-5, -1.0423 + 14.0263j),
+        (6.0, 0.7631 + 13.53j, 5e-3, 0.7928 + 13.5575j),
+    ):
+        rom = pd.eigenvalues(pd.Galerkin(pipe, 4), u)
+        exact = pd.eigenvalues(pd.Continuum(pipe), u, 8)
+        for found, printed, last in ((rom, four, half_digit), (exact, full, 5e-5)):
+            value = found[np.argmin(np.abs(found - printed))]
+            assert value.real == pytest.approx(printed.real, rel=0, abs=5.1e-5)
+            assert value.imag == pytest.approx(printed.imag, rel=0, abs=1.02 * last)
+
+
+# ---------------------------------------------------------------------------------- size
+
+
+def test_the_benchmark_reports_the_size_it_needed_and_that_it_stood_still():
+    modes = pd.modes(pd.Continuum(pd.Pipe(0.2)), 6.0, 4)
+    assert modes.discretisation is not None
+    assert modes.discretisation < 1e-10
+    far = pd.modes(pd.Continuum(pd.Pipe(0.2)), 6.0, 60)
+    assert far.size > modes.size >= 16
+    assert far.converged.all()
+
+
+def test_a_frozen_benchmark_is_the_reduced_model_of_that_size():
+    frozen = pd.Continuum(pd.Pipe(0.2)).frozen(24)
+    assert isinstance(frozen, pd.Galerkin)
+    assert (frozen.dof, frozen.basis) == (24, "legendre")
+    assert pd.critical_speed(frozen).speed == pytest.approx(5.591404377827, rel=1e-11)
+
+
+def test_the_benchmark_pickles_and_knows_its_pipe():
+    exact = pd.Continuum(pd.Pipe(0.2, gamma=3.0))
+    same = pickle.loads(pickle.dumps(exact))
+    assert same.pipe == exact.pipe
+    assert repr(same) == repr(exact)
+
+
+def test_a_benchmark_that_cannot_stand_still_says_so():
+    """Eigenvalues of a pipe so heavy that 240 functions do not hold its boundary layer."""
+    heavy = pd.Continuum(dataclasses.replace(pd.Pipe(0.2), gamma=1e6))
+    with pytest.raises(pd.NotConverged) as caught:
+        pd.eigenvalues(heavy, 6000.0, 200)
+    assert "240" in str(caught.value)

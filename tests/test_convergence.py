@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: MIT
+"""How chains and reduced models tend to the continuous pipe, and that the paper's rule does not."""
+
+import numpy as np
+import pytest
+
+import pipedyn as pd
+
+PIPE = pd.Pipe(0.2)
+EXACT = 5.591404378
+"""Critical speed at beta = 0.2 (physics.md, section 6: determinant of 30 digits)."""
+
+
+def errors(models, exact=EXACT):
+    return np.array([abs(pd.critical_speed(model).speed / exact - 1.0) for model in models])
+
+
+def fitted_order(sizes, error):
+    return -np.polyfit(np.log(sizes), np.log(error), 1)[0]
+
+
+@pytest.mark.parametrize(
+    ("rule", "order", "largest"),
+    [
+        ("consistent", 2.0, 1.2e-4),
+        ("midpoint", 2.0, 6e-5),
+        ("uniform", 1.0, 4e-3),
+        ("frequency", 1.0, 4e-3),
+    ],
+)
+def test_chains_converge_in_a_window_from_64_to_128_segments(rule, order, largest):
+    sizes = np.array([64, 90, 128])
+    error = errors([pd.Chain(PIPE, int(n), springs=rule) for n in sizes])
+    assert fitted_order(sizes, error) == pytest.approx(order, abs=0.05)
+    assert error[-1] < largest
+
+
+def test_the_papers_rule_ends_1_44_percent_low():
+    """5.5107 in place of 5.5914 (physics.md, section 2), from three sizes extrapolated."""
+    a, b, c = (pd.critical_speed(pd.Chain(PIPE, n, springs="rayleigh")).speed for n in (20, 40, 80))
+    limit = (8.0 * c - 6.0 * b + a) / 3.0
+    assert limit == pytest.approx(5.5107, rel=0, abs=3e-4)
+    assert limit / EXACT - 1.0 == pytest.approx(-0.0144, rel=0, abs=1e-4)
+    assert abs(c / EXACT - 1.0) > 0.0144
+
+
+@pytest.mark.parametrize(
+    ("n", "uniform", "consistent", "rayleigh", "midpoint"),
+    [
+        (2, 3.6541, 3.5927, 4.6649, 5.4684),
+        (4, 4.7127, 4.9493, 5.1848, 5.2150),
+        (10, 5.2762, 5.4857, 5.4122, 5.5345),
+        (20, 5.4419, 5.5649, 5.4683, 5.5773),
+        (40, 5.5190, 5.5848, 5.4914, 5.5879),
+    ],
+)
+def test_chains_meet_the_printed_table(n, uniform, consistent, rayleigh, midpoint):
+    """physics.md, section 2: four decimals."""
+    printed = {
+        "uniform": uniform,
+        "consistent": consistent,
+        "rayleigh": rayleigh,
+        "midpoint": midpoint,
+    }
+    for rule, speed in printed.items():
+        found = pd.critical_speed(pd.Chain(PIPE, n, springs=rule)).speed
+        assert found == pytest.approx(speed, rel=0, abs=5.1e-5), rule
+
+
+def test_the_midpoint_cut_is_lucky_at_two_segments():
+    """4.893 at n = 3."""
+    found = pd.critical_speed(pd.Chain(PIPE, 3, springs="midpoint")).speed
+    assert found == pytest.approx(4.893, rel=0, abs=5.1e-4)
+
+
+@pytest.mark.parametrize(("beta", "ratio"), [(0.2, 0.5), (0.5, 1.0)])
+def test_the_midpoint_cut_has_no_more_error_than_consistent_springs(beta, ratio):
+    """Half of it at beta = 0.2 (physics.md, section 2); hardly less of it at 0.5."""
+    exact = pd.critical_speed(pd.Continuum(pd.Pipe(beta))).speed
+    midpoint, consistent = errors(
+        [pd.Chain(pd.Pipe(beta), 60, springs=rule) for rule in ("midpoint", "consistent")], exact
+    )
+    assert midpoint / consistent < ratio + 0.05
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 5])
+def test_matching_the_frequency_is_best_of_the_rules_with_equal_springs_on_few_segments(n):
+    frequency, uniform, rayleigh = errors(
+        [pd.Chain(PIPE, n, springs=rule) for rule in ("frequency", "uniform", "rayleigh")]
+    )
+    assert frequency < uniform
+    assert frequency < rayleigh
+
+
+def test_unequal_segments_converge_at_second_order_too():
+    """Segments that shrink smoothly towards the free end, consistent springs."""
+    sizes = np.array([20, 40, 80])
+
+    def graded(n):
+        ends = np.sin(0.4 * np.pi * np.arange(n + 1) / n)
+        return pd.Chain(PIPE, lengths=np.diff(ends / ends[-1]))
+
+    error = errors([graded(int(n)) for n in sizes])
+    assert fitted_order(sizes, error) == pytest.approx(2.0, abs=0.05)
+    assert error[-1] < 1e-3
+
+
+def test_beam_modes_converge_at_fourth_order():
+    """physics.md, section 7: 3 beam modes give 1e-3, 10 beam modes 6e-5."""
+    sizes = np.array([8, 11, 16, 22, 32])
+    error = errors([pd.Galerkin(PIPE, int(m), "beam") for m in sizes])
+    assert fitted_order(sizes, error) == pytest.approx(4.0, abs=0.3)
+    assert error[-1] < 1e-6
+    three, ten = errors([pd.Galerkin(PIPE, 3, "beam"), pd.Galerkin(PIPE, 10, "beam")])
+    assert three == pytest.approx(1e-3, rel=0.5)
+    assert ten == pytest.approx(6e-5, rel=0.1)
+
+
+def test_legendre_functions_converge_exponentially():
+    """10 functions: 2e-10 (physics.md, section 7); each further one gains most of a digit."""
+    exact = pd.critical_speed(pd.Continuum(PIPE)).speed
+    sizes = np.arange(4, 12)
+    error = errors([pd.Galerkin(PIPE, int(m), "legendre") for m in sizes], exact)
+    digits_a_function = -np.polyfit(sizes, np.log10(error), 1)[0]
+    assert digits_a_function > 0.8
+    assert error[sizes == 10][0] == pytest.approx(2e-10, rel=0.5)
+
+
+@pytest.mark.parametrize(("beta", "m", "digits"), [(0.5, 16, 1e-12), (0.99, 24, 1e-12)])
+def test_a_few_legendre_functions_give_twelve_digits(beta, m, digits):
+    """physics.md, section 6."""
+    frozen = pd.critical_speed(pd.Galerkin(pd.Pipe(beta), m, "legendre")).speed
+    exact = pd.critical_speed(pd.Galerkin(pd.Pipe(beta), m + 10, "legendre")).speed
+    assert frozen == pytest.approx(exact, rel=digits)
+
+
+def test_ten_beam_modes_are_worse_at_heavy_fluid():
+    """beta = 0.9: 1.7e-3 (physics.md, section 7)."""
+    exact = pd.critical_speed(pd.Continuum(pd.Pipe(0.9))).speed
+    (error,) = errors([pd.Galerkin(pd.Pipe(0.9), 10, "beam")], exact)
+    assert error == pytest.approx(1.7e-3, abs=5e-5)

@@ -1,0 +1,389 @@
+# SPDX-License-Identifier: MIT
+"""Passages through the imaginary axis: none missed, each with an honest error."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from independent import (
+    collocation_eigenvalues,
+    companion_eigenvalues,
+    determinant_crossing,
+    unstable_count,
+)
+from scipy.optimize import brentq, minimize_scalar
+
+import pipedyn as pd
+
+
+def counts_meet_the_matrices(model, max_speed, samples=400, slack=1e-5):
+    """Unstable roots between the crossings found, against eigvals of the matrices on a fine grid.
+
+    Grid points within `slack` of a crossing, or with a root that close to the axis, tell nothing.
+    """
+    found = pd.crossings(model, max_speed)
+    speeds = np.array([crossing.speed for crossing in found])
+    assert (np.diff(speeds) >= 0.0).all()
+    assert (speeds <= max_speed).all()
+    for before, after in zip(found, found[1:], strict=False):
+        assert before.unstable_after == after.unstable_before
+    ops = model.operators()
+    checked = 0
+    for u in np.linspace(0.0, max_speed, samples)[1:]:
+        values = companion_eigenvalues(*ops.at(u))
+        if np.abs(speeds - u).min(initial=np.inf) < slack or np.abs(values.real).min() < 1e-7:
+            continue
+        past = int(np.sum(speeds < u))
+        if past:
+            expected = found[past - 1].unstable_after
+        elif found:
+            expected = found[0].unstable_before
+        else:
+            expected = unstable_count(model, 0.0)
+        assert np.sum(values.real > 0.0) == expected, f"at u = {u}"
+        checked += 1
+    assert checked > 0.9 * samples
+    return found
+
+
+# --------------------------------------------------------------------- none missed, counts
+
+
+@pytest.mark.parametrize(
+    ("pipe", "max_speed"),
+    [
+        (pd.Pipe(0.2), 15.0),
+        (pd.Pipe(0.295), 12.0),
+        (pd.Pipe(0.67), 15.0),
+        (pd.Pipe(0.9), 18.0),
+        (pd.Pipe(0.2, gamma=-10.0), 12.0),
+        (pd.Pipe(0.4, gamma=-60.0), 14.0),
+        (pd.Pipe(0.3, gamma=40.0, damping=1e-3), 14.0),
+        (pd.Pipe(0.3, flow="aspirating", damping=1e-2), 12.0),
+        (pd.Pipe(0.3, gamma=5.0, flow="aspirating", alpha=0.0, damping=1e-2), 12.0),
+        (pd.Pipe(0.0), 12.0),
+        (pd.Pipe(0.0, gamma=-20.0), 12.0),
+        (pd.Pipe(0.0, gamma=3.0, damping=1e-3), 12.0),
+    ],
+    ids=repr,
+)
+@pytest.mark.parametrize("kind", ["3", "10", "midpoint 10", "beam 8", "legendre 12"])
+def test_crossings_account_for_every_unstable_root(pipe, max_speed, kind):
+    model = {
+        "3": lambda: pd.Chain(pipe, 3),
+        "10": lambda: pd.Chain(pipe, 10),
+        "midpoint 10": lambda: pd.Chain(pipe, 10, springs="midpoint"),
+        "beam 8": lambda: pd.Galerkin(pipe, 8),
+        "legendre 12": lambda: pd.Galerkin(pipe, 12, "legendre"),
+    }[kind]()
+    counts_meet_the_matrices(model, max_speed)
+
+
+@settings(max_examples=50)
+@given(
+    beta=st.floats(0.0, 0.97),
+    gamma=st.floats(-50.0, 50.0),
+    damping=st.sampled_from([0.0, 1e-4, 1e-2]),
+    flow=st.sampled_from(["ejecting", "aspirating"]),
+    alpha=st.sampled_from([0.0, 0.6, 1.0, 1.3]),
+    n=st.integers(1, 9),
+)
+def test_any_pipes_crossings_account_for_every_unstable_root(
+    beta, gamma, damping, flow, alpha, n
+):
+    pipe = pd.Pipe(round(beta, 3), round(gamma, 2), flow, alpha, damping=damping)
+    counts_meet_the_matrices(pd.Chain(pipe, n), 10.0, samples=80)
+
+
+@pytest.mark.parametrize("beta", [0.2, 0.295, 0.9])
+def test_a_long_chain_has_the_crossings_of_its_matrices(beta):
+    """70 segments, where eigenvalues come from sweeps along the chain."""
+    counts_meet_the_matrices(pd.Chain(pd.Pipe(beta), 70), 13.0, samples=40)
+
+
+@pytest.mark.parametrize(
+    ("beta", "gamma", "max_speed"), [(0.2, 0.0, 15.0), (0.67, 0.0, 14.0), (0.9, -9.0, 17.0)]
+)
+def test_the_continuous_pipes_crossings_account_for_the_roots_of_its_strong_form(
+    beta, gamma, max_speed
+):
+    pipe = pd.Pipe(beta, gamma=gamma)
+    found = pd.crossings(pd.Continuum(pipe), max_speed)
+    speeds = np.array([crossing.speed for crossing in found])
+    for u in np.linspace(0.0, max_speed, 60)[1:]:
+        values = collocation_eigenvalues(pipe, u, size=48)[:30]
+        past = int(np.sum(speeds < u))
+        expected = found[past - 1].unstable_after if past else found[0].unstable_before
+        assert np.sum(values.real > 0.0) == expected
+
+
+def test_the_pipe_at_beta_0_2_crosses_four_times_up_to_15():
+    found = pd.crossings(pd.Continuum(pd.Pipe(0.2)), 15.0)
+    assert [(c.unstable_before, c.unstable_after) for c in found] == [(0, 2), (2, 4), (4, 2), (2, 4)]
+    for crossing in found:
+        speed, frequency = determinant_crossing(0.2, crossing.speed, crossing.frequency)
+        assert crossing.speed == pytest.approx(speed, rel=1e-11)
+        assert crossing.frequency == pytest.approx(frequency, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("low", "fold", "high", "max_speed"),
+    [(0.28, 0.295, 0.31, 9.0), (0.64, 0.67, 0.71, 14.0), (0.84, 0.9, 0.93, 16.5)],
+)
+def test_the_stability_curve_folds(low, fold, high, max_speed):
+    """Folds near beta = 0.293-0.297, 0.649-0.695 and 0.845-0.925 (physics.md, section 6)."""
+
+    def times(beta):
+        found = pd.crossings(pd.Continuum(pd.Pipe(beta)), max_speed)
+        lowest = [c for c in found if c.unstable_before + c.unstable_after == 2]
+        assert [c.destabilising for c in lowest][:3] == ([True, False, True] * 2)[: len(lowest)]
+        return len(lowest)
+
+    assert times(fold) == 3
+    assert times(low) == times(high) == 1
+
+
+# -------------------------------------------------------------------------- near tangency
+
+
+def gap_to_the_axis(make_model, beta, window):
+    """Least real part of the unstable pair within a window of speeds: 0 at the nose of the fold."""
+    ops = make_model(beta).operators()
+
+    def growth(u):
+        return companion_eigenvalues(*ops.at(u)).real.max()
+
+    least = minimize_scalar(growth, bounds=window, method="bounded", options={"xatol": 1e-10})
+    return least.fun
+
+
+@pytest.mark.parametrize(
+    ("make_model", "betas", "window"),
+    [
+        (lambda beta: pd.Galerkin(pd.Pipe(beta), 14, "legendre"), (0.290, 0.295), (7.2, 8.15)),
+        (lambda beta: pd.Galerkin(pd.Pipe(beta), 14, "legendre"), (0.64, 0.67), (11.5, 13.0)),
+    ],
+    ids=["first fold", "second fold"],
+)
+@pytest.mark.parametrize("distance", [1e-4, 1e-6, 1e-8])
+def test_two_crossings_that_all_but_touch_are_both_found_or_neither(
+    make_model, betas, window, distance
+):
+    """At the nose of a fold a branch touches the axis; a hair to either side it does or does not.
+
+    The nose, and on which side the axis is passed, come from eigvals and a minimisation.
+    """
+    nose = brentq(lambda beta: gap_to_the_axis(make_model, beta, window), *betas, xtol=1e-13)
+    for beta in (nose - distance, nose + distance):
+        gap = gap_to_the_axis(make_model, beta, window)
+        assert abs(gap) > 1e-10
+        speeds = [c.speed for c in pd.crossings(make_model(beta), window[1] + 0.1)]
+        inside = [u for u in speeds if window[0] < u < window[1]]
+        close = [u for u in inside if len(inside) > 1 and np.ptp(sorted(inside)[-2:]) < 0.5]
+        assert bool(close) == (gap < 0.0)
+        if gap < 0.0:
+            a, b = sorted(inside)[-2:]
+            middle = companion_eigenvalues(*make_model(beta).operators().at(0.5 * (a + b)))
+            assert middle.real.max() < 0.0
+
+
+# -------------------------------------------------------------------------- critical speed
+
+
+@pytest.mark.parametrize("n", [3, 10, 70])
+def test_a_chains_critical_speed_parts_stable_from_unstable(n):
+    chain = pd.Chain(pd.Pipe(0.2), n)
+    found = pd.critical_speed(chain)
+    assert found.error < 1e-10
+    assert found.size == n
+    assert unstable_count(chain, found.speed * (1.0 - 1e-6)) == 0
+    assert unstable_count(chain, found.speed * (1.0 + 1e-6)) == 2
+    values = companion_eigenvalues(*chain.operators().at(found.speed))
+    assert np.abs(values - 1j * found.frequency).min() < 1e-7
+
+
+@pytest.mark.parametrize(
+    "make_model",
+    [lambda pipe: pd.Chain(pipe, 10), lambda pipe: pd.Galerkin(pipe, 10), pd.Continuum],
+    ids=["chain", "reduced", "continuum"],
+)
+@pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
+def test_an_undamped_aspirating_pipe_is_unstable_from_the_smallest_flow_on(make_model, alpha):
+    found = pd.critical_speed(make_model(pd.Pipe(0.3, flow="aspirating", alpha=alpha)))
+    assert found.speed == 0.0
+    assert found.kind == "flutter"
+    assert found.stable_at_rest
+    assert found.sensitivity is None
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
+def test_damping_gives_an_aspirating_pipe_a_critical_speed(alpha):
+    chain = pd.Chain(pd.Pipe(0.3, flow="aspirating", alpha=alpha, damping=1e-2), 10)
+    found = pd.critical_speed(chain)
+    assert 0.0 < found.speed < 1.0
+    assert unstable_count(chain, found.speed * (1.0 - 1e-5)) == 0
+    assert unstable_count(chain, found.speed * (1.0 + 1e-5)) == 2
+
+
+def test_every_mode_of_an_undamped_aspirating_pipe_leaves_the_axis_at_once():
+    n = 7
+    found = pd.crossings(pd.Chain(pd.Pipe(0.3, flow="aspirating"), n), 0.5)
+    assert [crossing.speed for crossing in found] == [0.0] * n
+    assert [crossing.mode for crossing in found] == list(range(1, n + 1))
+    assert found[-1].unstable_after == 2 * n
+    rest = pd.eigenvalues(pd.Chain(pd.Pipe(0.3, flow="aspirating"), n), 0.0)[::2].imag
+    np.testing.assert_allclose([crossing.frequency for crossing in found], rest, rtol=1e-9)
+
+
+def test_a_pipe_without_fluid_mass_flutters_where_two_frequencies_meet():
+    """beta = 0: Beck's column, one branch of two, no sensitivity."""
+    for model in (pd.Chain(pd.Pipe(0.0), 12), pd.Continuum(pd.Pipe(0.0))):
+        found = pd.critical_speed(model)
+        assert found.kind == "flutter"
+        assert found.mode == 2
+        assert found.sensitivity is None
+        rom = model if isinstance(model, pd.Chain) else model.frozen(24)
+        just_below, just_above = (
+            companion_eigenvalues(*rom.operators().at(found.speed * factor))
+            for factor in (1.0 - 1e-6, 1.0 + 1e-6)
+        )
+        assert just_below.real.max() < 1e-6
+        assert just_above.real.max() > 1e-3
+
+
+def test_the_second_mode_flutters_at_low_mass_ratio_but_not_always():
+    """The paper: 'a critical speed at the second natural mode in all the analyzed scenarios'."""
+    modes = [pd.critical_speed(pd.Continuum(pd.Pipe(beta))).mode for beta in (0.05, 0.1, 0.2)]
+    assert modes == [2, 2, 2]
+    assert pd.critical_speed(pd.Continuum(pd.Pipe(0.5))).mode == 3
+
+
+def test_the_mode_is_the_branch_of_the_root_locus():
+    for pipe in (pd.Pipe(0.2), pd.Pipe(0.5), pd.Pipe(0.5, gamma=-10.0), pd.Pipe(0.1, damping=0.01)):
+        model = pd.Galerkin(pipe, 14, "legendre")
+        found = pd.critical_speed(model)
+        loci = pd.root_loci(model, [0.0, found.speed], count=6)
+        on_axis = np.abs(loci.eigenvalues[1] - 1j * found.frequency)
+        assert int(np.argmin(on_axis)) == found.mode - 1
+        assert on_axis.min() < 1e-6
+
+
+def test_a_heavy_standing_pipe_is_buckled_at_rest():
+    assert not pd.critical_speed(pd.Chain(pd.Pipe(0.2, gamma=-10.0), 20)).stable_at_rest
+    assert pd.critical_speed(pd.Chain(pd.Pipe(0.2, gamma=-5.0), 20)).stable_at_rest
+
+
+@pytest.mark.parametrize(
+    "model", [pd.Chain(pd.Pipe(0.2), 10), pd.Continuum(pd.Pipe(0.2))], ids=["chain", "continuum"]
+)
+def test_a_search_that_gives_up_names_its_bound(model):
+    with pytest.raises(pd.NoCrossing, match=r"5\.25") as caught:
+        pd.critical_speed(model, max_speed=5.25)
+    assert caught.value.max_speed == 5.25
+    assert isinstance(caught.value, pd.PipedynError)
+    assert pd.crossings(model, 5.25) == ()
+
+
+def test_one_segment_never_flutters():
+    """Its jet damping is positive at any speed and its stiffness k - 0 u^2 + ... positive."""
+    with pytest.raises(pd.NoCrossing, match="100"):
+        pd.critical_speed(pd.Chain(pd.Pipe(0.2), 1))
+
+
+@pytest.mark.parametrize("beta", [0.1, 0.295, 0.5, 0.9, 0.99])
+def test_the_continuums_error_is_honest(beta):
+    for crossing in pd.crossings(pd.Continuum(pd.Pipe(beta)), 18.5)[:4]:
+        speed, _ = determinant_crossing(beta, crossing.speed, crossing.frequency, digits=35)
+        assert abs(crossing.speed - speed) <= crossing.error + 4e-16 * speed
+        assert crossing.error < 1e-8 * speed
+
+
+@pytest.mark.parametrize("n", [5, 20, 70])
+def test_a_chains_error_is_honest(n):
+    """Against Newton's method in quadruple precision from the same matrices."""
+    import mpmath
+
+    chain = pd.Chain(pd.Pipe(0.2), n)
+    found = pd.critical_speed(chain)
+    from independent import _clamp_misfit
+
+    with mpmath.workdps(30):
+
+        def misfit(u, omega):
+            value = _clamp_misfit(chain, 1j * omega, u)
+            return value.real, value.imag
+
+        speed, _ = mpmath.findroot(
+            misfit, (mpmath.mpf(found.speed), mpmath.mpf(found.frequency)), tol=1e-25
+        )
+    assert abs(found.speed - float(speed)) <= found.error + 4e-16 * found.speed
+
+
+def test_discretisation_bounds_the_distance_to_the_continuous_pipe():
+    exact = 5.591404378
+    for model in (
+        pd.Chain(pd.Pipe(0.2), 10),
+        pd.Chain(pd.Pipe(0.2), 10, springs="rayleigh"),
+        pd.Galerkin(pd.Pipe(0.2), 5),
+    ):
+        found = pd.critical_speed(model)
+        distance = abs(found.speed - exact)
+        assert distance - 1e-9 <= found.discretisation <= distance + 1e-8
+    own = pd.critical_speed(pd.Chain(pd.Pipe(0.2), springs=[9.0] * 10))
+    assert own.discretisation is None
+    assert pd.critical_speed(pd.Continuum(pd.Pipe(0.2))).discretisation < 1e-8
+
+
+# ----------------------------------------------------------------------------- sensitivity
+
+
+def moved(crossing, make_model, value, kind_of):
+    """Speed and frequency of the same crossing at another value of a parameter."""
+    found = pd.crossings(make_model(value), crossing.speed * 1.05)
+    same = [c for c in found if c.kind == kind_of.kind]
+    nearest = min(same, key=lambda c: abs(c.speed - crossing.speed))
+    return np.array([nearest.speed, nearest.frequency])
+
+
+def central_difference(crossing, make_model, value, step):
+    """Fourth order."""
+    points = [moved(crossing, make_model, value + k * step, crossing) for k in (-2, -1, 1, 2)]
+    return (points[0] - 8.0 * points[1] + 8.0 * points[2] - points[3]) / (12.0 * step)
+
+
+SCENES = {
+    "flutter": (pd.Pipe(0.35, gamma=3.0, damping=2e-3), 0),
+    "aspirating": (pd.Pipe(0.35, 3.0, "aspirating", 0.8, damping=1e-2), 0),
+    "divergence": (pd.Pipe(0.2, gamma=-10.0, damping=1e-3), 0),
+    "after divergence": (pd.Pipe(0.2, gamma=-10.0, damping=1e-3), 1),
+}
+MODELS = {
+    "chain": lambda pipe: pd.Chain(pipe, lengths=[0.2, 0.3, 0.15, 0.35], springs=[8.0, 4.0, 4.0, 5.0]),
+    "beam": lambda pipe: pd.Galerkin(pipe, 6),
+    "long chain": lambda pipe: pd.Chain(pipe, 70),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("kind", MODELS)
+@pytest.mark.parametrize(
+    ("name", "step"), [("beta", 1e-3), ("gamma", 1e-2), ("damping", 1e-4), ("alpha", 1e-3)]
+)
+def test_sensitivity_meets_differences(scene, kind, name, step):
+    pipe, which = SCENES[scene]
+    make = MODELS[kind]
+    model = make(pipe)
+    crossing = pd.crossings(model, 10.0)[which]
+    assert crossing.sensitivity is not None
+    # Springs held: the rules' springs do not depend on the pipe.
+    expected = central_difference(
+        crossing,
+        lambda value: model.with_pipe(dataclasses.replace(pipe, **{name: value})),
+        getattr(pipe, name),
+        step,
+    )
+    found = [getattr(part, name) for part in dataclasses.astuple_free(crossing.sensitivity)]
+    np.testing.assert_allclose(found, expected, rtol=2e-6, atol=1e-7)

@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: MIT
+"""Eigenvalues that can be trusted at any size."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from independent import chain_newton_step, companion_eigenvalues, distances
+
+import pipedyn as pd
+from pipedyn.spectrum import BandPencil, DensePencil, Eigenpairs, Pencil, lowest
+
+PIPES = [
+    pd.Pipe(0.2),
+    pd.Pipe(0.6, gamma=15.0, damping=1e-3),
+    pd.Pipe(0.4, gamma=-5.0, flow="aspirating", alpha=0.7, damping=2e-3),
+    pd.Pipe(0.0, gamma=2.0),
+]
+
+
+def every_model(pipe):
+    n = np.arange(1.0, 6.0)
+    return [
+        pd.Chain(pipe, 1),
+        pd.Chain(pipe, 6),
+        pd.Chain(pipe, 6, springs="midpoint"),
+        pd.Chain(pipe, 6, springs="rayleigh"),
+        pd.Chain(pipe, lengths=n / n.sum(), springs=5.0 * n),
+        pd.Galerkin(pipe, 6, "beam"),
+        pd.Galerkin(pipe, 6, "legendre"),
+    ]
+
+
+# ------------------------------------------------------------------- all of them, and in order
+
+
+@pytest.mark.parametrize("u", [0.0, 3.0, 9.0])
+@pytest.mark.parametrize("pipe", PIPES, ids=repr)
+def test_every_model_has_the_eigenvalues_of_its_matrices(pipe, u):
+    for model in every_model(pipe):
+        found = pd.eigenvalues(model, u)
+        assert found.shape == (2 * model.dof,)
+        reference = companion_eigenvalues(*model.operators().at(u))
+        assert distances(found, reference).max() < 1e-7
+        assert distances(reference, found).max() < 1e-7
+
+
+def in_order(values):
+    """Sorted by magnitude; conjugates side by side, the upper first."""
+    magnitudes = np.abs(values)
+    assert (np.diff(magnitudes) >= -1e-12 * magnitudes[1:]).all()
+    i = 0
+    while i < values.size:
+        if values[i].imag == 0.0:
+            i += 1
+            continue
+        assert values[i].imag > 0.0
+        if i + 1 < values.size:
+            assert values[i + 1] == np.conj(values[i])
+        i += 2
+
+
+@settings(max_examples=60)
+@given(
+    st.sampled_from(PIPES),
+    st.integers(0, 6),
+    st.floats(0.0, 20.0),
+    st.integers(1, 12),
+)
+def test_eigenvalues_are_sorted_and_conjugates_stand_side_by_side(pipe, which, u, count):
+    model = every_model(pipe)[which]
+    count = min(count, 2 * model.dof)
+    all_of_them = pd.eigenvalues(model, u)
+    in_order(all_of_them)
+    few = pd.eigenvalues(model, u, count)
+    assert few.shape == (count,)
+    np.testing.assert_allclose(few, all_of_them[:count], atol=1e-9 * (1 + np.abs(few[-1])))
+
+
+def test_a_long_chains_eigenvalues_are_sorted_too():
+    for count in (1, 2, 5, 30):
+        in_order(pd.eigenvalues(pd.Chain(pd.Pipe(0.2), 300), 8.0, count))
+
+
+@pytest.mark.parametrize(
+    "pipe", [pd.Pipe(0.2), pd.Pipe(0.9, gamma=4.0), pd.Pipe(0.5, flow="aspirating", alpha=0.5)]
+)
+def test_without_damping_rest_is_conservative(pipe):
+    """At u = 0 every eigenvalue lies on the imaginary axis, exactly."""
+    for model in [*every_model(pipe), pd.Chain(pipe, 200)]:
+        assert not pd.eigenvalues(model, 0.0, min(2 * model.dof, 12)).real.any()
+
+
+def test_a_cantilever_at_rest_has_its_textbook_frequencies():
+    """Roots of cos k cosh k = -1: 1.8751041, 4.6940911, 7.8547574, 10.9955407, squared."""
+    roots = np.array([1.87510407, 4.69409113, 7.85475744, 10.99554073])
+    found = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), 0.0, 8)[::2]
+    np.testing.assert_allclose(found, 1j * roots**2, rtol=3e-9)
+
+
+# ----------------------------------------------------------------------------- long chains
+
+
+@pytest.mark.parametrize("rule", ["consistent", "midpoint", "rayleigh"])
+@pytest.mark.parametrize("pipe", PIPES, ids=repr)
+def test_the_sweep_route_meets_the_dense_route(pipe, rule):
+    chain = pd.Chain(pipe, 90, springs=rule)
+    for u in (0.0, 4.0, 8.0):
+        band, dense = (lowest(kind(chain), u, 12) for kind in (BandPencil, DensePencil))
+        assert band.converged.all()
+        assert dense.converged.all()
+        np.testing.assert_allclose(band.values, dense.values, atol=1e-9 * abs(band.values[-1]))
+
+
+@pytest.mark.parametrize(
+    ("pipe", "u"), [(PIPES[0], 6.0), (PIPES[1], 9.0), (PIPES[2], 3.0)], ids=repr
+)
+def test_800_segments_have_their_own_exact_spectrum_to_nine_digits(pipe, u):
+    """Newton's correction by shooting along the chain with 30 digits."""
+    chain = pd.Chain(pipe, 800)
+    for value in pd.eigenvalues(chain, u, 4)[::2]:
+        assert abs(chain_newton_step(chain, value, u)) < 1e-9 * abs(value)
+
+
+def test_chains_of_the_users_own_have_their_exact_spectrum_too():
+    """Unequal segments, centres, radii and springs, on the route for long chains."""
+    n = 120
+    k = np.arange(n)
+    lengths = 1.0 + 0.5 * np.sin(k)
+    chain = pd.Chain(
+        pd.Pipe(0.3, gamma=4.0, damping=1e-4),
+        lengths=0.9 * lengths / lengths.sum(),
+        base=0.1,
+        centers=0.5 + 0.3 * np.cos(k),
+        gyration_radii=0.01 + 0.002 * np.sin(2 * k),
+        springs=n * (1.0 + 0.5 * np.cos(3 * k)),
+    )
+    for value in pd.eigenvalues(chain, 5.0, 8)[::2]:
+        assert abs(chain_newton_step(chain, value, 5.0)) < 1e-10 * abs(value)
+
+
+def test_400_and_800_segments_extrapolate_to_the_continuous_pipe():
+    """Second order, so (4 x fine - coarse) / 3; the rest is of fourth order."""
+    exact = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), 6.0, 8)
+    coarser, coarse, fine = (
+        pd.eigenvalues(pd.Chain(pd.Pipe(0.2), n), 6.0, 8) for n in (200, 400, 800)
+    )
+    order = np.log2(np.abs(coarse - exact) / np.abs(fine - exact))
+    np.testing.assert_allclose(order, 2.0, atol=1e-3)
+    two = (4.0 * fine - coarse) / 3.0
+    assert (np.abs(two / exact - 1.0) < 1e-8).all()
+    three = (64.0 * fine - 20.0 * coarse + coarser) / 45.0
+    assert (np.abs(three / exact - 1.0) < 1e-11).all()
+
+
+def test_100000_segments_meet_the_continuous_pipe_to_six_digits():
+    found = pd.eigenvalues(pd.Chain(pd.Pipe(0.2), 100_000), 6.0, 8)
+    exact = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), 6.0, 8)
+    assert (np.abs(found / exact - 1.0) < 1e-6).all()
+
+
+def test_a_long_chain_answers_for_many_eigenvalues_as_for_few():
+    chain = pd.Chain(pd.Pipe(0.2), 150)
+    all_of_them = pd.eigenvalues(chain, 6.0)
+    np.testing.assert_allclose(pd.eigenvalues(chain, 6.0, 140), all_of_them[:140], rtol=1e-8)
+
+
+# ---------------------------------------------------------------------- singular stiffness
+
+
+@pytest.mark.parametrize("n", [3, 100])
+def test_without_any_spring_gravity_holds_the_chain(n):
+    """A hanging chain of free joints swings like a rope: J0(2 omega sqrt(L / g)) = 0 as n grows."""
+    chain = pd.Chain(pd.Pipe(0.2, gamma=9.0), n, springs=np.zeros(n))
+    found = pd.eigenvalues(chain, 0.0, 4)
+    reference = companion_eigenvalues(*chain.operators().at(0.0))
+    assert distances(found, reference).max() < 1e-7
+    if n == 100:
+        assert found[0].imag == pytest.approx(2.404825557695773 * np.sqrt(9.0) / 2.0, rel=1e-4)
+
+
+@pytest.mark.parametrize(("n", "count"), [(3, 4), (8, 4), (100, 4), (200, 8)])
+def test_a_chain_that_nothing_holds_rests_at_zero(n, count):
+    """No springs, no gravity, no flow: every eigenvalue is a double zero."""
+    found = pd.eigenvalues(pd.Chain(pd.Pipe(0.2), n, springs=np.zeros(n)), 0.0, count)
+    np.testing.assert_allclose(found, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("n", "joint"), [(4, 0), (4, 2), (100, 0), (100, 40)])
+def test_one_joint_without_a_spring_swings_free(n, joint):
+    """Without gravity and flow the chain turns freely about it: a double zero, the rest elastic."""
+    springs = np.full(n, float(n))
+    springs[joint] = 0.0
+    chain = pd.Chain(pd.Pipe(0.2), springs=springs)
+    found = pd.eigenvalues(chain, 0.0, 6)
+    np.testing.assert_allclose(found[:2], 0.0, atol=1e-6)
+    assert (np.abs(found[2:]) > 1.0).all()
+    reference = companion_eigenvalues(*chain.operators().at(0.0))
+    assert distances(found[2:], reference).max() < 1e-7
+
+
+@pytest.mark.parametrize("n", [4, 100])
+def test_a_joint_without_a_spring_leaves_one_real_zero_under_flow(n):
+    """det K(u) is the product of the springs without gravity: zero at any speed."""
+    springs = np.full(n, float(n))
+    springs[n // 2] = 0.0
+    found = pd.eigenvalues(pd.Chain(pd.Pipe(0.2), springs=springs), 2.0, 6)
+    assert abs(found[0]) < 1e-9
+    assert (np.abs(found[1:]) > 1e-3).all()
+
+
+@pytest.mark.parametrize("n", [8, 100])
+def test_the_onset_of_divergence_has_an_eigenvalue_at_zero(n):
+    """A standing pipe at the speed where its stiffness is singular."""
+    chain = pd.Chain(pd.Pipe(0.2, gamma=-10.0), n)
+    onset = pd.crossings(chain, 3.0)[0]
+    assert onset.kind == "divergence"
+    stiffness = chain.operators().at(onset.speed)[2]
+    joints = np.tri(n)
+    assert abs(np.linalg.det(joints.T @ stiffness @ joints / chain.springs)) < 1e-9
+    assert abs(pd.eigenvalues(chain, onset.speed, 4)[0]) < 1e-10
+
+
+@pytest.mark.parametrize("n", [6, 100])
+def test_a_column_at_its_own_buckling_weight_has_a_double_zero(n):
+    """gamma where K at rest is singular, from the matrices alone."""
+    chain = pd.Chain(pd.Pipe(0.2), n)
+    ops = chain.operators()
+    weight = pd.Chain(pd.Pipe(0.2, gamma=1.0), n).operators().stiffness - ops.stiffness
+    gamma = -1.0 / np.linalg.eigvals(np.linalg.solve(ops.stiffness, weight)).real.max()
+    found = pd.eigenvalues(chain.with_pipe(pd.Pipe(0.2, gamma=gamma)), 0.0, 4)
+    if n == 100:
+        assert gamma == pytest.approx(-7.837, abs=1e-3)
+    assert (np.abs(found[:2]) < 1e-5).all()
+    assert (np.abs(found[2:]) > 1.0).all()
+
+
+# ----------------------------------------------------------------------------- what fails
+
+
+@pytest.mark.parametrize("n", [10, 100])
+def test_a_wrong_pair_has_a_residual_that_tells(n):
+    """An eigenvalue wrong in the seventh digit, or a vector wrong in the seventh, does not pass."""
+    pencil = (DensePencil if n == 10 else BandPencil)(pd.Chain(pd.Pipe(0.2), n))
+    pairs = lowest(pencil, 6.0, 4)
+    assert pairs.converged.all()
+    off = pencil.residuals(6.0, pairs.values * (1 + 1e-7), pairs.right)
+    bent = pairs.right.copy()
+    bent[n // 2] += 1e-7
+    assert (off > 1e-9).all()
+    assert (pencil.residuals(6.0, pairs.values, bent) > 1e-9).all()
+
+
+@pytest.mark.parametrize("n", [10, 100])
+def test_what_a_broken_solver_returns_is_refused(n, monkeypatch):
+    """A solver off by a part in a million and no way to mend it: NotConverged, with the modes."""
+    kind = DensePencil if n == 10 else BandPencil
+    exact = kind.inverse
+
+    def broken(self, u, shift, free, count, left):
+        mu, right, dual = exact(self, u, shift, free, count, left)
+        return mu * (1.0 + 1e-6), right, dual
+
+    def unmended(self, u, value, x=None, steps=6):
+        nothing = np.zeros((self.dof, 1), dtype=complex)
+        return Eigenpairs(np.array([np.nan + 0j]), nothing, nothing, np.array([np.inf]))
+
+    monkeypatch.setattr(kind, "inverse", broken)
+    monkeypatch.setattr(Pencil, "refine", unmended)
+    chain = pd.Chain(pd.Pipe(0.2), n)
+    with pytest.raises(pd.NotConverged, match="residual") as caught:
+        pd.eigenvalues(chain, 6.0, 4)
+    assert isinstance(caught.value, pd.PipedynError)
+    assert not caught.value.result.converged.any()
+    assert not pd.modes(chain, 6.0, 4).converged.any()
+
+
+def test_a_broken_solver_is_mended_where_that_is_possible(monkeypatch):
+    """The same error in the solver's values, with refinement in place: right again."""
+    chain = pd.Chain(pd.Pipe(0.2), 100)
+    expected = pd.eigenvalues(chain, 6.0, 4)
+    exact = BandPencil.inverse
+
+    def broken(self, u, shift, free, count, left):
+        mu, right, dual = exact(self, u, shift, free, count, left)
+        return mu * (1.0 + 1e-6), right, dual
+
+    monkeypatch.setattr(BandPencil, "inverse", broken)
+    np.testing.assert_allclose(pd.eigenvalues(chain, 6.0, 4), expected, rtol=1e-11)
+
+
+# --------------------------------------------------------------------------------- modes
+
+
+@pytest.mark.parametrize("u", [0.0, 6.0, 8.0])
+@pytest.mark.parametrize("pipe", PIPES, ids=repr)
+def test_modes_solve_the_models_equation_of_motion(pipe, u):
+    """P(lambda) x = 0 with the matrices that the model shows."""
+    for model in [*every_model(pipe), pd.Chain(pipe, 80)]:
+        mass, damping, stiffness = model.operators().at(u)
+        found = pd.modes(model, u, min(2 * model.dof, 8))
+        assert found.converged.all()
+        for shape in found.shapes:
+            x, value = shape.coordinates, shape.eigenvalue
+            terms = value**2 * mass @ x, value * damping @ x, stiffness @ x
+            size = sum(map(np.linalg.norm, terms)) + np.linalg.norm(np.abs(stiffness) @ np.abs(x))
+            assert np.linalg.norm(sum(terms)) < 1e-10 * size
+
+
+@pytest.mark.parametrize("u", [0.0, 6.0])
+def test_a_modes_largest_displacement_is_one_and_real_there(u):
+    s = np.linspace(0.0, 1.0, 2001)
+    models = [*every_model(pd.Pipe(0.2)), pd.Chain(pd.Pipe(0.2), 100), pd.Continuum(pd.Pipe(0.2))]
+    for model in models:
+        count = 2 if isinstance(model, pd.Chain) and model.dof == 1 else 6
+        for shape in pd.modes(model, u, count).shapes:
+            displacement = shape(s)
+            assert displacement[0] == 0.0
+            largest = displacement[np.argmax(np.abs(displacement))]
+            assert largest == pytest.approx(1.0, abs=2e-3)
+
+
+def test_conjugate_eigenvalues_have_conjugate_modes():
+    s = np.linspace(0.0, 1.0, 5)
+    for model in (pd.Chain(pd.Pipe(0.2), 9), pd.Galerkin(pd.Pipe(0.2), 9)):
+        upper, lower = pd.modes(model, 5.0, 2).shapes
+        np.testing.assert_allclose(lower(s), upper(s).conj(), atol=1e-9)
+
+
+def test_the_first_mode_at_rest_is_the_cantilevers():
+    """w(1/2) / w(1) = 0.3395, the tabulated first mode of a clamped-free beam."""
+    shape = pd.modes(pd.Continuum(pd.Pipe(0.2)), 0.0, 2).shapes[0]
+    assert abs(shape([0.5])[0] / shape([1.0])[0]) == pytest.approx(0.3395, abs=5e-5)
+
+
+def test_modes_report_size_and_residuals():
+    found = pd.modes(pd.Chain(pd.Pipe(0.2), 100), 6.0, 6)
+    assert (found.speed, found.size, found.discretisation) == (6.0, 100, None)
+    assert found.residuals.shape == found.converged.shape == (6,)
+    assert (found.residuals < 1e-10).all()
+    assert [shape.eigenvalue for shape in found.shapes] == list(found.eigenvalues)

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: MIT
+"""Reduced models: bases and operators against quadrature of the textbook expressions."""
+
+import math
+import pickle
+
+import mpmath
+import numpy as np
+import pytest
+from numpy.polynomial import Legendre, Polynomial
+from scipy.integrate import quad
+from scipy.special import eval_legendre
+
+import pipedyn as pd
+
+
+def gauss(count):
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def beam_root(i):
+    """Root i (from 1) of cos(k) cosh(k) = -1, in mpmath."""
+    guess = (i - mpmath.mpf(1) / 2) * mpmath.pi
+    if i == 1:
+        guess = mpmath.mpf("1.875")
+    return mpmath.findroot(lambda k: mpmath.cos(k) + 1 / mpmath.cosh(k), guess)
+
+
+def beam_mode(i, s, derivative=0):
+    """Textbook beam mode, cosh - cos - sigma (sinh - sin), with digits to spare, in mpmath."""
+    k = beam_root(i)
+    sigma = (mpmath.cosh(k) + mpmath.cos(k)) / (mpmath.sinh(k) + mpmath.sin(k))
+    x = k * s
+    ch, sh, c, n = mpmath.cosh(x), mpmath.sinh(x), mpmath.cos(x), mpmath.sin(x)
+    value = [ch - c - sigma * (sh - n), sh + n - sigma * (ch - c), ch + c - sigma * (sh + n)]
+    return k**derivative * value[derivative]
+
+
+# ----------------------------------------------------------------------------------- bases
+
+
+@pytest.mark.parametrize("number", [1, 2, 5, 12, 13, 50, 300])
+def test_beam_modes_are_good_at_any_number(number):
+    """Against the textbook formula with as many digits as it needs."""
+    s = np.array([0.0, 1e-3, 0.02, 0.3, 0.5, 0.77, 0.999, 1.0])
+    model = pd.Galerkin(pd.Pipe(0.2), number)
+    with mpmath.workdps(int(30 + number * math.pi)):
+        root = float(beam_root(number))
+        for derivative in range(3):
+            expected = [float(beam_mode(number, mpmath.mpf(float(x)), derivative)) for x in s]
+            found = model.functions(s, derivative)[:, -1]
+            np.testing.assert_allclose(
+                found, expected, atol=2e-14 * number * root**derivative, err_msg=f"{derivative}"
+            )
+
+
+def test_beam_modes_reach_two_at_the_free_end_with_alternating_sign():
+    """A unit-mass mode of a cantilever has |w(1)| = 2."""
+    ends = pd.Galerkin(pd.Pipe(0.2), 400).functions([1.0])[0]
+    np.testing.assert_allclose(ends, 2.0 * (-1.0) ** np.arange(400), atol=1e-11)
+
+
+def test_beam_modes_are_orthogonal_with_unit_mass():
+    model = pd.Galerkin(pd.Pipe(0.2), 60)
+    nodes, weights = gauss(240)
+    values = model.functions(nodes)
+    curvatures = model.functions(nodes, 2)
+    roots = np.array([float(beam_root(i)) for i in range(1, 61)])
+    np.testing.assert_allclose(values.T * weights @ values, np.eye(60), atol=1e-12)
+    scaled = curvatures / roots**2
+    np.testing.assert_allclose(scaled.T * weights @ scaled, np.eye(60), atol=1e-12)
+    np.testing.assert_allclose(model.operators().mass, np.eye(60), atol=1e-12)
+    np.testing.assert_allclose(model.operators().stiffness, np.diag(roots**4), rtol=1e-12)
+
+
+def test_legendre_functions_have_legendre_polynomials_for_curvature():
+    model = pd.Galerkin(pd.Pipe(0.2), 30, "legendre")
+    s = np.linspace(0.0, 1.0, 41)
+    for i in range(30):
+        expected = math.sqrt(2 * i + 1) * eval_legendre(i, 2.0 * s - 1.0)
+        np.testing.assert_allclose(model.functions(s, 2)[:, i], expected, atol=1e-12)
+    nodes, weights = gauss(40)
+    curvatures = model.functions(nodes, 2)
+    np.testing.assert_allclose(curvatures.T * weights @ curvatures, np.eye(30), atol=1e-13)
+
+
+def test_legendre_functions_integrate_their_curvature_twice():
+    """Exact series: w'' -> w' -> w with w(0) = w'(0) = 0."""
+    model = pd.Galerkin(pd.Pipe(0.2), 20, "legendre")
+    s = np.linspace(0.0, 1.0, 23)
+    for i in range(20):
+        curvature = math.sqrt(2 * i + 1) * Legendre.basis(i, domain=[0.0, 1.0])
+        slope = curvature.integ(lbnd=0.0)
+        np.testing.assert_allclose(model.functions(s, 1)[:, i], slope(s), atol=1e-14)
+        np.testing.assert_allclose(model.functions(s)[:, i], slope.integ(lbnd=0.0)(s), atol=1e-14)
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_every_function_is_clamped(basis):
+    model = pd.Galerkin(pd.Pipe(0.2), 200, basis)
+    slope_size = np.abs(model.functions(np.linspace(0, 1, 401), 1)).max(axis=0)
+    np.testing.assert_allclose(model.functions([0.0])[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(model.functions([0.0], 1)[0] / slope_size, 0.0, atol=1e-12)
+
+
+def test_beam_modes_carry_no_moment_at_the_free_end():
+    model = pd.Galerkin(pd.Pipe(0.2), 200)
+    roots = np.sqrt(np.sqrt(np.diag(model.operators().stiffness)))
+    np.testing.assert_allclose(model.functions([1.0], 2)[0] / roots**2, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_slopes_and_curvatures_are_derivatives(basis):
+    model = pd.Galerkin(pd.Pipe(0.2), 9, basis)
+    s, h = np.linspace(0.1, 0.9, 9), 1e-4
+    for order in (0, 1):
+        difference = (model.functions(s + h, order) - model.functions(s - h, order)) / (2 * h)
+        size = np.abs(model.functions(s, order + 1)).max(axis=0)
+        np.testing.assert_allclose(
+            difference / size, model.functions(s, order + 1) / size, atol=3e-5
+        )
+
+
+# -------------------------------------------------------------------------------- operators
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_operators_are_the_weak_form_of_the_pipes_equation(basis):
+    """Each term of the equation, integrated by scipy.quad from mpmath or polynomial functions."""
+    pipe = pd.Pipe(0.3, gamma=2.0, damping=0.01)
+    m = 4
+    ops = pd.Galerkin(pipe, m, basis).operators()
+    if basis == "beam":
+        with mpmath.workdps(30):
+            samples, weights = gauss(60)
+            tables = [
+                np.array([[float(beam_mode(i + 1, mpmath.mpf(x), d)) for i in range(m)] for x in s])
+                for s, d in ((samples, 0), (samples, 1), (samples, 2))
+            ]
+            end = np.array(
+                [[float(beam_mode(i + 1, mpmath.mpf(1), d)) for i in range(m)] for d in (0, 1)]
+            )
+
+        def integral(i, j, left, right, weight=lambda s: 1.0):
+            factor = np.array([weight(s) for s in samples])
+            return np.sum(weights * factor * tables[left][:, i] * tables[right][:, j])
+    else:
+        curves = [math.sqrt(2 * i + 1) * Legendre.basis(i, domain=[0, 1]) for i in range(m)]
+        slopes = [c.integ(lbnd=0.0) for c in curves]
+        families = [[p.integ(lbnd=0.0) for p in slopes], slopes, curves]
+        end = np.array([[p(1.0) for p in families[d]] for d in (0, 1)])
+
+        def integral(i, j, left, right, weight=lambda s: 1.0):
+            return quad(
+                lambda s: weight(s) * families[left][i](s) * families[right][j](s),
+                0,
+                1,
+                epsabs=1e-13,
+            )[0]
+
+    root = math.sqrt(0.3)
+    for i in range(m):
+        for j in range(m):
+            bend = integral(i, j, 2, 2)
+            weight = integral(i, j, 1, 1, lambda s: 1.0 - s)
+            coriolis = 2 * root * integral(i, j, 0, 1)
+            expected = {
+                "mass": integral(i, j, 0, 0),
+                "stiffness": bend + 2.0 * weight,
+                "damping": 0.01 * bend,
+                "flux": integral(i, j, 0, 2),
+                "end_flux": root * end[0, i] * end[0, j],
+                "gyroscopic": coriolis - root * end[0, i] * end[0, j],
+            }
+            for name, value in expected.items():
+                matrix = getattr(ops, name)
+                assert matrix[i, j] == pytest.approx(
+                    value, rel=1e-10, abs=1e-11 * np.abs(matrix).max()
+                ), name
+
+
+@pytest.mark.parametrize("flow", ["ejecting", "aspirating"])
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_operators_hold_the_strong_form_for_a_smooth_motion(basis, flow):
+    """Every term of the equation, for w = s^4 - 4 s^3 + 6 s^2 (no force or moment at the end)."""
+    pipe = pd.Pipe(0.4, gamma=3.0, flow=flow, alpha=0.7, damping=0.02)
+    u, rate = 2.0, 1.3
+    w = Polynomial([0.0, 0.0, 6.0, -4.0, 1.0])
+    first, second, fourth = w.deriv(), w.deriv(2), w.deriv(4)
+    assert second(1.0) == w.deriv(3)(1.0) == 0.0
+    direction, thrust = (1.0, u**2) if flow == "ejecting" else (-1.0, 0.7 * u**2)
+
+    def strong(s):
+        """Force on the pipe when w(s) exp(rate tau) is its motion."""
+        tension = thrust - 3.0 * (1.0 - s)
+        coriolis = 2.0 * math.sqrt(0.4) * direction * u * rate * first(s)
+        bend = (1.0 + 0.02 * rate) * fourth(s)
+        return bend + tension * second(s) + 3.0 * first(s) + coriolis + rate**2 * w(s)
+
+    m = 40 if basis == "beam" else 6
+    model = pd.Galerkin(pipe, m, basis)
+    nodes, weights = gauss(200)
+    # Coordinates of w by its curvature, in which both families are orthogonal.
+    curvature = model.functions(nodes, 2)
+    q = (curvature.T * weights @ second(nodes)) / np.sum(weights[:, None] * curvature**2, axis=0)
+    mass, damping, stiffness = model.operators().at(u)
+    found = (rate**2 * mass + rate * damping + stiffness) @ q
+    expected = model.functions(nodes).T * weights @ strong(nodes)
+    # The beam modes' series of w ends after 40 terms, with curvature coefficients like m^-3.
+    tolerance = 1e-11 if basis == "legendre" else 2e-3
+    lowest = min(m, 6)
+    np.testing.assert_allclose(found[:lowest], expected[:lowest], atol=tolerance)
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_coriolis_is_skew_and_the_end_flux_has_rank_one(basis):
+    ops = pd.Galerkin(pd.Pipe(0.6, gamma=-4.0, damping=0.1), 9, basis).operators()
+    np.testing.assert_array_equal(ops.gyroscopic, -ops.gyroscopic.T)
+    assert np.linalg.matrix_rank(ops.end_flux) == 1
+    for name in ("mass", "end_flux", "damping", "stiffness"):
+        matrix = getattr(ops, name)
+        np.testing.assert_allclose(matrix, matrix.T, atol=1e-13 * np.abs(matrix).max())
+    assert np.linalg.eigvalsh(ops.mass)[0] > 0.0
+
+
+def test_aspirating_reverses_the_speed_and_alpha_multiplies_the_centrifugal_term_only():
+    out = pd.Galerkin(pd.Pipe(0.3), 5).operators()
+    back = pd.Galerkin(pd.Pipe(0.3, flow="aspirating", alpha=0.25), 5).operators()
+    for name in ("mass", "gyroscopic", "end_flux", "stiffness", "flux"):
+        np.testing.assert_array_equal(getattr(out, name), getattr(back, name))
+    _, c_out, k_out = out.at(4.0)
+    _, c_back, k_back = back.at(4.0)
+    np.testing.assert_array_equal(c_back, -c_out)
+    np.testing.assert_allclose(k_back, k_out - 0.75 * 16.0 * out.flux, rtol=1e-14)
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_elastic_coordinates_tell_the_same_pipe(basis):
+    model = pd.Galerkin(pd.Pipe(0.3, gamma=1.0, damping=0.01), 8, basis)
+    transform = model.from_elastic(np.eye(8))
+    plain, elastic = model.operators(), model.elastic_operators()
+    for name in ("mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"):
+        expected = transform.T @ getattr(plain, name) @ transform
+        np.testing.assert_allclose(getattr(elastic, name), expected, atol=1e-13)
+
+
+# ------------------------------------------------------------------------------------ shape
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_the_centreline_keeps_its_length_at_any_amplitude(basis):
+    model = pd.Galerkin(pd.Pipe(0.2), 4, basis)
+    q = np.array([0.4, -0.1, 0.05, 0.02])
+    s = np.linspace(0.0, 1.0, 2001)
+    steps = np.hypot(*np.diff(model.shape(q, s), axis=0).T)
+    np.testing.assert_allclose(steps, 1 / 2000, rtol=1e-4)
+    assert steps.sum() == pytest.approx(1.0, abs=1e-5)
+    np.testing.assert_allclose(model.tip(q), model.shape(q, s)[-1], rtol=1e-13)
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_deflection_is_the_shape_at_small_amplitudes(basis):
+    model = pd.Galerkin(pd.Pipe(0.2), 4, basis)
+    q, s = np.array([0.4, -0.1, 0.05, 0.02]), np.linspace(0.0, 1.0, 11)
+    np.testing.assert_allclose(
+        model.shape(1e-6 * q, s)[:, 0] / 1e-6, model.deflection(q, s), atol=1e-9
+    )
+    np.testing.assert_allclose(model.deflection(q, s), model.functions(s) @ q, atol=1e-15)
+
+
+def test_reduced_models_pickle():
+    model = pd.Galerkin(pd.Pipe(0.2, gamma=1.0), 5, "legendre")
+    model.operators()
+    same = pickle.loads(pickle.dumps(model))
+    assert (same.pipe, same.dof, same.basis) == (model.pipe, 5, "legendre")
+    np.testing.assert_array_equal(same.operators().flux, model.operators().flux)
+    assert repr(same) == repr(model)

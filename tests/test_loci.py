@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+"""Root loci: branches that are followed, not sorted."""
+
+import numpy as np
+import pytest
+from independent import companion_eigenvalues, distances
+from scipy.optimize import linear_sum_assignment
+
+import pipedyn as pd
+
+PIPE = pd.Pipe(0.2)
+
+
+def followed_by_tiny_steps(model, speeds, step, count):
+    """Each pair by nearest neighbours from one speed to the next, refusing what is ambiguous.
+
+    Returns the two roots of each pair, shape (len(speeds), count, 2).
+    """
+    ops = model.operators()
+    start = companion_eigenvalues(*ops.at(speeds[0]))
+    upper = start[start.imag > 0.0]
+    upper = upper[np.argsort(np.abs(upper))[:count]]
+    here = np.concatenate([upper, upper.conj()])
+    twin = np.roll(np.arange(2 * count), count)
+    rows, u = [here], speeds[0]
+    for target in speeds[1:]:
+        steps = max(1, round((target - u) / step))
+        for at in np.linspace(u, target, steps + 1)[1:]:
+            values = companion_eigenvalues(*ops.at(at))
+            gaps = np.abs(here[:, None] - values[None, :])
+            left, right = linear_sum_assignment(gaps)
+            mine = right[np.argsort(left)]
+            chosen = gaps[np.arange(2 * count), mine]
+            # Which root of a pair is which is no matter; whether it is another pair's is.
+            gaps[np.arange(2 * count), mine] = gaps[np.arange(2 * count), mine[twin]] = np.inf
+            assert (chosen < 0.3 * gaps.min(axis=1)).all(), f"ambiguous at u = {at}"
+            here = values[mine]
+        rows.append(here)
+        u = target
+    return np.array(rows).reshape(len(speeds), 2, count).transpose(0, 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("model", "end"),
+    [
+        (pd.Chain(PIPE, 6), 9.0),
+        (pd.Galerkin(PIPE, 8), 13.0),
+        (pd.Chain(pd.Pipe(0.5, gamma=10.0, damping=1e-3), 7), 12.0),
+        (pd.Chain(pd.Pipe(0.3, flow="aspirating", alpha=0.5, damping=1e-3), 8), 8.0),
+    ],
+    ids=["chain", "beam modes", "heavy", "aspirating"],
+)
+def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
+    """Pairs compared by sum and product, which run smoothly where a pair turns real."""
+    speeds = np.linspace(0.0, end, 15)
+    expected = followed_by_tiny_steps(model, speeds, 2e-3, 4)
+    loci = pd.root_loci(model, speeds, count=4)
+    sums, products = loci.eigenvalues + loci.partners, loci.eigenvalues * loci.partners
+    np.testing.assert_allclose(sums, expected.sum(axis=2), atol=1e-6)
+    np.testing.assert_allclose(products, expected.prod(axis=2), rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [pd.Continuum(PIPE), pd.Chain(PIPE, 20), pd.Chain(PIPE, 100), pd.Galerkin(PIPE, 12)],
+    ids=["continuum", "chain", "long chain", "beam"],
+)
+def test_branches_do_not_depend_on_the_speeds_asked_for(model):
+    fine = np.linspace(0.0, 14.0, 57)
+    every = pd.root_loci(model, fine, count=4)
+    for stride in (4, 8, 28, 56):
+        some = pd.root_loci(model, fine[::stride], count=4)
+        np.testing.assert_array_equal(some.speeds, fine[::stride])
+        np.testing.assert_allclose(some.eigenvalues, every.eigenvalues[::stride], atol=1e-6)
+        np.testing.assert_allclose(some.partners, every.partners[::stride], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [pd.Continuum(PIPE), pd.Chain(PIPE, 30), pd.Chain(PIPE, 100)],
+    ids=["continuum", "chain", "long chain"],
+)
+def test_a_pair_turns_real_and_back_without_a_jump(model):
+    """beta = 0.2 near u = 8: a branch meets its conjugate on the real axis."""
+    speeds = np.linspace(6.0, 10.0, 161)
+    loci = pd.root_loci(model, speeds, count=4)
+    real = (loci.eigenvalues.imag == 0.0) & (loci.partners.imag == 0.0)
+    at_8 = np.argmin(np.abs(speeds - 8.0))
+    assert real[at_8].sum() == 1
+    branch = int(np.argmax(real[at_8]))
+    assert not real[0].any()
+    assert np.flatnonzero(np.diff(real[:, branch])).size == 2
+    # Sum and product of a pair run smoothly through the meeting; the roots like a square root.
+    total = loci.eigenvalues + loci.partners
+    product = loci.eigenvalues * loci.partners
+    np.testing.assert_allclose(total.imag, 0.0, atol=1e-8)
+    for smooth in (total.real, product.real):
+        # A jump would be as large in the second difference as in the first.
+        first, second = (np.abs(np.diff(smooth, k, axis=0)).max(axis=0) for k in (1, 2))
+        assert (second < 0.2 * first).all()
+    greater, lesser = loci.eigenvalues[:, branch].real, loci.partners[:, branch].real
+    assert (greater >= lesser).all()
+    if isinstance(model, pd.Continuum):
+        assert greater[at_8] == pytest.approx(-15.871, rel=0, abs=5.1e-4)
+        assert lesser[at_8] == pytest.approx(-24.153, rel=0, abs=5.1e-4)
+
+
+def test_branches_are_roots_at_every_speed_and_partners_make_up_the_pair():
+    model = pd.Chain(pd.Pipe(0.2, damping=1e-3), 12)
+    speeds = np.linspace(0.0, 12.0, 49)
+    loci = pd.root_loci(model, speeds, count=12)
+    assert loci.converged.all()
+    for u, values, partners in zip(speeds, loci.eigenvalues, loci.partners, strict=True):
+        reference = companion_eigenvalues(*model.operators().at(u))
+        both = np.concatenate([values, partners])
+        left, right = linear_sum_assignment(np.abs(both[:, None] - reference[None, :]))
+        np.testing.assert_allclose(both[left], reference[right], atol=2e-6)
+        complex_ones = values.imag != 0.0
+        np.testing.assert_allclose(partners[complex_ones], values[complex_ones].conj(), atol=1e-8)
+        assert (values.imag >= 0.0).all()
+        assert not partners[~complex_ones].imag.any()
+
+
+def test_sorting_would_have_exchanged_the_branches():
+    """Between u = 8 and 9 the second branch passes the third, by magnitude and by frequency."""
+    loci = pd.root_loci(pd.Continuum(PIPE), [0.0, 8.0, 9.0], count=3)
+    second, third = loci.eigenvalues[:, 1], loci.eigenvalues[:, 2]
+    for size in (np.abs, np.imag):
+        np.testing.assert_array_equal(size(second) < size(third), [True, True, False])
+    # At 8 the first branch, real there, has the second between its two roots.
+    first = np.abs([loci.eigenvalues[1, 0], loci.partners[1, 0]])
+    assert first.min() < abs(second[1]) < first.max()
+
+
+def test_the_flutter_branch_is_the_one_that_crosses_at_the_critical_speed():
+    """Second mode at beta = 0.2, as the paper says, at 5.591404378."""
+    loci = pd.root_loci(pd.Continuum(PIPE), [0.0, 5.591404, 5.591405], count=4)
+    crossing = (loci.eigenvalues[1].real < 0.0) & (loci.eigenvalues[2].real > 0.0)
+    np.testing.assert_array_equal(crossing, [False, True, False, False])
+
+
+def test_loci_meet_the_printed_benchmark():
+    """physics.md, section 6, as omega = -i lambda at u = 4 and 6, three decimals."""
+    loci = pd.root_loci(pd.Continuum(PIPE), [0.0, 4.0, 6.0], count=4)
+    omega = -1j * loci.eigenvalues[1:]
+    printed = np.array(
+        [
+            [4.012 + 4.755j, 17.036 + 2.526j, 55.738 + 3.497j, 114.625 + 3.551j],
+            [2.152 + 12.157j, 13.631 - 0.882j, 47.382 + 4.998j, 106.377 + 5.261j],
+        ]
+    )
+    np.testing.assert_allclose(omega.real, printed.real, rtol=0, atol=5.1e-4)
+    np.testing.assert_allclose(omega.imag, printed.imag, rtol=0, atol=5.1e-4)
+
+
+@pytest.mark.parametrize("rule", ["consistent", "midpoint"])
+def test_a_long_chains_branches_are_those_of_the_continuous_pipe(rule):
+    speeds = np.linspace(0.0, 12.0, 13)
+    exact = pd.root_loci(pd.Continuum(PIPE), speeds, count=3).eigenvalues
+    chain = pd.root_loci(pd.Chain(PIPE, 1000, springs=rule), speeds, count=3).eigenvalues
+    np.testing.assert_allclose(chain, exact, rtol=1e-4)
+
+
+def test_a_buckled_column_starts_with_its_real_pair():
+    """gamma = -10: the first pair is real at rest, one root unstable, until 1.797."""
+    loci = pd.root_loci(pd.Continuum(pd.Pipe(0.2, gamma=-10.0)), [0.0, 1.7, 1.9, 4.0], count=2)
+    first, partner = loci.eigenvalues[:, 0], loci.partners[:, 0]
+    assert first[0].imag == partner[0].imag == 0.0
+    assert first[0].real > 0.0 > partner[0].real
+    assert first[0].real == pytest.approx(-partner[0].real, rel=1e-9)
+    assert first[1].real > 0.0 > first[2].real
+
+
+def test_a_pipe_without_fluid_mass_keeps_to_the_axis_until_two_branches_meet():
+    """beta = 0 (Beck's column): frequencies meet at 4.47783, then one grows and one decays."""
+    loci = pd.root_loci(pd.Continuum(pd.Pipe(0.0)), [0.0, 2.0, 4.47, 4.49, 5.0], count=3)
+    assert not loci.eigenvalues[:3].real.any()
+    assert np.sort(loci.eigenvalues[3:, :2].real, axis=1)[:, 0].max() < 0.0
+    assert np.sort(loci.eigenvalues[3:, :2].real, axis=1)[:, 1].min() > 0.0
+    assert not loci.eigenvalues[:, 2].real.any()
+
+
+def test_one_speed_is_a_locus_of_one_point():
+    loci = pd.root_loci(pd.Chain(PIPE, 5), [3.0], count=5)
+    assert loci.eigenvalues.shape == loci.partners.shape == (1, 5)
+    assert distances(loci.eigenvalues[0], pd.eigenvalues(pd.Chain(PIPE, 5), 3.0)).max() < 1e-12
+    assert loci.size == 5
+
+
+def test_progress_changes_nothing_but_stderr(capsys):
+    speeds = np.linspace(0.0, 8.0, 9)
+    quiet = pd.root_loci(pd.Chain(PIPE, 5), speeds)
+    assert capsys.readouterr().err == ""
+    shown = pd.root_loci(pd.Chain(PIPE, 5), speeds, progress=True)
+    assert "root loci" in capsys.readouterr().err
+    np.testing.assert_array_equal(shown.eigenvalues, quiet.eigenvalues)

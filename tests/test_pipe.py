@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""The pipe's numbers, from SI and back."""
+
+import dataclasses
+import math
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pipedyn as pd
+
+HOSE = {
+    "length": 0.68,
+    "bending_stiffness": 7.4e-3,
+    "pipe_mass": 0.194,
+    "fluid_mass": 0.0314,
+    "gravity": 9.81,
+    "drag_coefficient": 1.2,
+    "external_diameter": 0.0157,
+    "external_density": 1.2,
+    "damping_time": 2e-3,
+}
+
+
+def test_units_of_a_pipe_from_si_follow_from_length_mass_and_stiffness():
+    pipe = pd.Pipe.from_si(**HOSE)
+    mass = HOSE["pipe_mass"] + HOSE["fluid_mass"]
+    stiffness, length = HOSE["bending_stiffness"], HOSE["length"]
+    assert pipe.beta == pytest.approx(HOSE["fluid_mass"] / mass, rel=1e-15)
+    assert pipe.gamma == pytest.approx(9.81 * length**3 * mass / stiffness, rel=1e-15)
+    assert pipe.drag == pytest.approx(1.2 * 1.2 * 0.0157 * length / (2 * mass), rel=1e-14)
+    assert pipe.scales.length == length
+    assert pipe.scales.mass == pytest.approx(mass, rel=1e-15)
+    assert pipe.scales.time == pytest.approx(math.sqrt(mass * length**4 / stiffness), rel=1e-15)
+    assert pipe.damping == pytest.approx(2e-3 / pipe.scales.time, rel=1e-15)
+    assert pipe.scales.speed == pytest.approx(
+        math.sqrt(stiffness / HOSE["fluid_mass"]) / length, rel=1e-15
+    )
+
+
+def test_the_centrifugal_force_of_a_speed_in_si_is_u_squared_in_units_of_the_beam():
+    pipe = pd.Pipe.from_si(**HOSE)
+    speed = 11.0
+    thrust = HOSE["fluid_mass"] * speed**2 * HOSE["length"] ** 2 / HOSE["bending_stiffness"]
+    assert pipe.speed(speed) ** 2 == pytest.approx(thrust, rel=1e-14)
+
+
+@given(st.floats(1e-6, 1e6))
+def test_what_goes_to_si_comes_back(number):
+    pipe = pd.Pipe.from_si(**HOSE)
+    for there, back in (
+        (pipe.speed_si, pipe.speed),
+        (pipe.time_si, pipe.time),
+        (pipe.frequency_si, pipe.frequency),
+        (pipe.length_si, pipe.length),
+    ):
+        assert back(there(number)) == pytest.approx(number, rel=1e-14)
+        assert there(back(number)) == pytest.approx(number, rel=1e-14)
+
+
+def test_arrays_convert_elementwise_and_numbers_stay_numbers():
+    pipe = pd.Pipe.from_si(**HOSE)
+    speeds = pipe.speed_si([0.0, 1.0, 2.0])
+    assert isinstance(speeds, np.ndarray)
+    np.testing.assert_allclose(speeds, pipe.scales.speed * np.arange(3.0), rtol=1e-15)
+    assert type(pipe.speed(3)) is float
+
+
+def test_a_period_in_si_belongs_to_the_frequency_in_si():
+    pipe = pd.Pipe.from_si(**HOSE)
+    omega = 13.7147
+    period = pipe.time_si(2.0 * math.pi / omega)
+    assert period * pipe.frequency_si(omega) == pytest.approx(2.0 * math.pi, rel=1e-14)
+
+
+def test_a_pipe_without_gravity_or_surroundings_has_neither_weight_nor_drag():
+    few = {name: HOSE[name] for name in ("length", "bending_stiffness", "pipe_mass", "fluid_mass")}
+    pipe = pd.Pipe.from_si(**few, gravity=0.0)
+    assert (pipe.gamma, pipe.drag, pipe.damping) == (0.0, 0.0, 0.0)
+    assert pd.Pipe.from_si(**few, gravity=-9.81).gamma == -pd.Pipe.from_si(**few).gamma
+
+
+def test_pipes_with_equal_numbers_are_equal_and_hash_alike():
+    one, other = pd.Pipe(0.2, gamma=1), pd.Pipe(beta=0.2, gamma=1.0)
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one != pd.Pipe(0.2, gamma=2.0)
+    assert pd.Pipe.from_si(**HOSE) == pd.Pipe.from_si(**HOSE)
+
+
+def test_a_pipe_is_frozen_and_pickles():
+    pipe = pd.Pipe.from_si(**HOSE)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        pipe.beta = 0.3
+    assert pickle.loads(pickle.dumps(pipe)) == pipe
+    assert dataclasses.replace(pipe, flow="aspirating", alpha=0.5).scales == pipe.scales
+
+
+def test_every_number_of_a_pipe_is_stored_as_a_float():
+    pipe = pd.Pipe(np.float32(0.25), gamma=np.int64(3), alpha=1, drag=2, damping=np.array(0.5))
+    numbers = (pipe.beta, pipe.gamma, pipe.alpha, pipe.drag, pipe.damping)
+    assert numbers == (0.25, 3.0, 1.0, 2.0, 0.5)
+    assert {type(number) for number in numbers} == {float}
+
+
+def test_repr_shows_the_numbers_that_a_pipe_has_and_no_others():
+    assert repr(pd.Pipe(0.2)) == "Pipe(beta=0.2)"
+    shown = repr(pd.Pipe(0.3, gamma=-1.5, flow="aspirating", alpha=0.5, damping=1e-3))
+    assert "drag" not in shown
+    same = eval(shown, {"Pipe": pd.Pipe})
+    assert same == pd.Pipe(0.3, gamma=-1.5, flow="aspirating", alpha=0.5, damping=1e-3)
+    assert "0.68 m" in repr(pd.Pipe.from_si(**HOSE))
+
+
+def test_drag_has_no_part_in_the_linear_analysis():
+    calm, dragged = pd.Pipe(0.2), pd.Pipe(0.2, drag=3.0)
+    for make in (lambda pipe: pd.Chain(pipe, 5), lambda pipe: pd.Galerkin(pipe, 5)):
+        for a, b in zip(
+            make(calm).operators().at(4.0), make(dragged).operators().at(4.0), strict=True
+        ):
+            np.testing.assert_array_equal(a, b)
+    assert (
+        pd.critical_speed(pd.Chain(dragged, 5)).speed == pd.critical_speed(pd.Chain(calm, 5)).speed
+    )
