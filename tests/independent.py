@@ -186,12 +186,26 @@ def chain_newton_step(chain, value, u, digits=30):
     """
     with mpmath.workdps(digits):
         value, step = mpmath.mpmathify(complex(value)), mpmath.mpf(10) ** -10
-        here = _clamp_misfit(chain, value, u)
-        there = _clamp_misfit(chain, value * (1 + step), u)
+        here = clamp_misfit(chain, value, u)
+        there = clamp_misfit(chain, value * (1 + step), u)
         return complex(-here * value * step / (there - here))
 
 
-def _clamp_misfit(chain, value, u):
+def chain_crossing(chain, u, omega, digits=30):
+    """(u, omega) where an eigenvalue i omega of a chain lies on the axis, by shooting in mpmath."""
+    with mpmath.workdps(digits):
+
+        def misfit(speed, frequency):
+            value = clamp_misfit(chain, 1j * frequency, speed)
+            return value.real, value.imag
+
+        guess = mpmath.mpf(u), mpmath.mpf(omega)
+        u, omega = mpmath.findroot(misfit, guess, tol=mpmath.mpf(10) ** (-2 * digits // 3))
+        return u, omega
+
+
+def clamp_misfit(chain, value, u):
+    """Zero where lambda is an eigenvalue."""
     pipe = chain.pipe
     aspirating = pipe.flow == "aspirating"
     thrust = mpmath.mpf(pipe.alpha if aspirating else 1.0) * u**2

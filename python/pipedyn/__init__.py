@@ -3,27 +3,20 @@
 
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
-from pipedyn.galerkin import Galerkin
-from pipedyn.modal import (
-    Crossing,
+from pipedyn.critical import (
     CriticalSpeed,
+    Crossing,
     Derivatives,
-    Failure,
-    Modes,
-    ModeShape,
     NoCrossing,
-    RootLoci,
     Sensitivity,
-    StabilityCurve,
     critical_speed,
     crossings,
-    eigenvalues,
-    modes,
-    root_loci,
-    stability_curve,
 )
+from pipedyn.galerkin import Galerkin
+from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.model import Model, NotConverged, Operators, PipedynError
 from pipedyn.pipe import Pipe, Scales, inlet_coefficient
+from pipedyn.stability import Failure, StabilityCurve, stability_curve
 
 __version__ = "0.1.0"
 

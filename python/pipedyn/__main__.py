@@ -29,21 +29,13 @@ import numpy as np
 from pipedyn import plot
 from pipedyn.chain import SPRING_RULES, Chain
 from pipedyn.continuum import Continuum
+from pipedyn.critical import CriticalSpeed, Crossing, NoCrossing, critical_speed, crossings
 from pipedyn.galerkin import BASES, Galerkin
-from pipedyn.modal import (
-    CriticalSpeed,
-    Crossing,
-    NoCrossing,
-    RootLoci,
-    StabilityCurve,
-    critical_speed,
-    crossings,
-    root_loci,
-    stability_curve,
-)
+from pipedyn.modal import RootLoci, root_loci
 from pipedyn.model import Model
 from pipedyn.pipe import FLOWS, Pipe
 from pipedyn.progress import track
+from pipedyn.stability import StabilityCurve, stability_curve
 
 BRANCHES = 4
 CHAIN_LADDER = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
@@ -55,10 +47,10 @@ HIGHEST_SPEED, MOST_SPEEDS = 100.0, 5001
 FORMATS = ("png", "pdf", "svg")
 
 MAP_GAMMAS = (-10.0, 0.0, 10.0, 100.0)
-MAP_BETAS = np.linspace(0.01, 0.98, 31)
+MAP_BETAS = np.linspace(0.01, 0.98, 25)
 MAP_SPEEDS = 20.0, 30.0
 """Highest speed of the map, and how far it may be raised to hold the case itself."""
-MAP_JUMP, MAP_STEP = 0.6, 0.0005
+MAP_JUMP, MAP_STEP = 0.8, 0.001
 """Where boundaries jump by more than MAP_JUMP, steps in beta are halved down to MAP_STEP."""
 
 
@@ -141,9 +133,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         allow_abbrev=False,
     )
     add = parser.add_argument_group("pipe").add_argument
-    add(
-        "--beta", type=float, default=0.2, metavar="B", help="mass ratio, 0 <= B < 1 (default: 0.2)"
-    )
+    add("--beta", type=float, default=0.2, metavar="B", help="mass ratio in [0, 1) (default: 0.2)")
     add(
         "--gamma",
         type=float,
@@ -372,7 +362,8 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
         Row(kind, family, model.dof, *next_of(f"critical speed, {kind}, {family}, {model.dof}"))
         for kind, family, model in families
     ]
-    gammas = sorted({*MAP_GAMMAS, case.pipe.gamma}, reverse=True)
+    others = sorted({*MAP_GAMMAS} - {case.pipe.gamma}, reverse=True)
+    gammas = [case.pipe.gamma, *others]
     for gamma in track(gammas, len(gammas), "stability map", case.progress):
         pipe = replace(case.pipe, gamma=gamma)
         curve, difference = mapped(pipe, _top(critical), executor)
@@ -408,11 +399,9 @@ def _panels(case: Case) -> list[list[tuple[str, Model]]]:
     """Title and model of each panel: a row for each spring rule, and one for the basis."""
     rows: list[list[tuple[str, Model]]] = []
     for rule in case.springs:
-        named = "the paper's springs" if rule == "rayleigh" else f"{rule} springs"
-        sizes = case.chain_sizes
-        rows.append(
-            [(f"chain, n = {n}, {named}", Chain(case.pipe, n, springs=rule)) for n in sizes]
-        )
+        named = "rayleigh (the paper's)" if rule == "rayleigh" else f"{rule} springs"
+        chains = [Chain(case.pipe, n, springs=rule) for n in case.chain_sizes]
+        rows.append([(f"chain, n = {chain.dof}, {named}", chain) for chain in chains])
     rows.append(
         [
             (f"reduced, m = {m}, {case.basis} basis", Galerkin(case.pipe, m, case.basis))
@@ -541,8 +530,13 @@ def _figure_3(case: Case, findings: Findings) -> plot.Figure:
 def _grid(case: Case, findings: Findings, more: str = "") -> tuple[plot.Figure, Any]:
     rows, columns = len(findings.panels), max(len(row) for row in findings.panels)
     figure, axes = plot.panels(rows, columns, 1.5 + 2.05 * columns, 0.7 + 2.1 * rows)
-    dots = "" if findings.benchmark is None else "; black dots: continuous pipe"
-    figure.suptitle(_heading(case.pipe) + dots + (more if findings.exact else ""), fontsize=9.0)
+    title = _heading(case.pipe)
+    if findings.benchmark is not None:
+        step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
+        title += f"; black dots: continuous pipe at steps of {step:.3g} in $u$"
+    if findings.exact is not None:
+        title += more
+    figure.suptitle(title, fontsize=9.0)
     return figure, axes
 
 

@@ -31,7 +31,7 @@ def _controller() -> ThreadpoolController:
 
 @contextmanager
 def one_thread(rows: int) -> Iterator[None]:
-    """Within, BLAS uses one thread if the matrices have few rows; safe to nest and across threads."""
+    """Within, BLAS uses one thread if the matrices are small; nests, and serves many threads."""
     global _inside, _limit
     if rows > SMALL:
         yield

@@ -24,8 +24,10 @@ LARGEST_CHAIN = 1_000_000
 
 
 class Chain(Model):
-    """A chain of n rigid segments, the lumped-parameter model of a pipe. Coordinates: the angles
-    theta_j of the segments from the straight pipe, shape (n,), from the clamp to the free end.
+    """A chain of n rigid segments, the lumped-parameter model of a pipe.
+
+    Coordinates: the angles theta_j of the segments from the straight pipe, shape (n,), from the
+    clamp to the free end.
 
     Args:
         pipe: the pipe.
@@ -105,7 +107,8 @@ class Chain(Model):
             )
         if self._centers[-1] == 0.0 and self._gyration_radii[-1] == 0.0:
             raise ValueError(
-                "centers and gyration_radii must not both be 0 at the last segment: it would turn without inertia"
+                "centers and gyration_radii must not both be 0 at the last segment: "
+                "it would turn without inertia"
             )
         self._rule = rule
         if rule is None:
@@ -186,7 +189,7 @@ class Chain(Model):
 
     @property
     def approximates_pipe(self) -> bool:
-        """Whether springs and inertia follow from the pipe rather than from arrays of the user's."""
+        """Whether springs and inertia follow from the pipe, not from arrays of the user's."""
         return self._approximates
 
     @property
@@ -294,7 +297,7 @@ def _segment_count(n: int | None, arrays: tuple[Any, ...]) -> int:
                 raise ValueError(
                     f"n, or one-dimensional arrays that tell it, must be given, got shape {size}"
                 )
-            return size[0]
+            return int(size[0])
     raise ValueError("n or lengths must be given")
 
 

@@ -25,7 +25,7 @@ class CirculatoryHunt(Hunt):
     """One sweep from rest, of nu = lambda^2."""
 
     def take(self, u: float) -> Sample:
-        """nu and d nu / du at a speed."""
+        """Nu and d nu / du at a speed."""
         pairs = lowest(self.pencil, u, self.count, left=True)
         values = pairs.values
         pairs = pairs.take((values.real > 0.0) | ((values.real == 0.0) & (values.imag > 0.0)))

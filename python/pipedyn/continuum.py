@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pipedyn import _check
 from pipedyn.galerkin import Galerkin
-from pipedyn.model import NotConverged, checked_pipe
+from pipedyn.model import Model, NotConverged, checked_pipe
 from pipedyn.pipe import Pipe
 
 Answer = TypeVar("Answer")
@@ -39,8 +41,8 @@ class Continuum:
     """The continuous pipe (the partial differential equation), for linear questions.
 
     It answers with Legendre reduced models of growing size: `pipedyn.eigenvalues`, `modes`,
-    `root_loci`, `crossings`, `critical_speed` and `stability_curve` take it like any other model and
-    report size and error where their results have a place for them.
+    `root_loci`, `crossings`, `critical_speed` and `stability_curve` take it like any other model
+    and report size and error where their results have a place for them.
 
     Args:
         pipe: the pipe.
@@ -104,8 +106,18 @@ class Continuum:
             before = answer
 
 
-def relative(a: np.ndarray, b: np.ndarray) -> float:
-    """Largest distance between two arrays' entries, relative to each entry or 1; inf if they differ in length."""
+AnyModel: TypeAlias = Model | Continuum
+
+
+def checked_model(model: Any) -> AnyModel:
+    """The argument, if it is a model."""
+    if not isinstance(model, Model | Continuum):
+        raise TypeError(f"model must be a Chain, Galerkin or Continuum, got {_check.shown(model)}")
+    return model
+
+
+def relative(a: NDArray[Any], b: NDArray[Any]) -> float:
+    """Largest distance of two arrays' entries, relative to the entry or 1; inf if shapes differ."""
     if a.shape != b.shape or not (np.isfinite(a).all() and np.isfinite(b).all()):
         return np.inf
     if a.size == 0:

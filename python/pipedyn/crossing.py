@@ -3,11 +3,12 @@
 
 Each step of a followed sweep (see `pipedyn.follow`) gives a cubic for the real part of every branch.
 The step is believed where no extremum of the cubic lies closer to the axis than the cubic's own
-error, and halved elsewhere; so a branch that touches the axis between two samples, or passes it twice,
-is found. Each passage is then polished by Newton's method with d lambda / du on the model itself.
+error, and halved elsewhere; so a branch that touches the axis between two samples, or passes it
+twice, is found. Each passage is then polished by Newton's method with d lambda / du on the model.
 
-A real part within rounding of zero has no sign: such a branch stays what it was, stable or not, until
-its real part leaves the noise. `pipedyn.circulatory` is for pipes without any term in the velocity.
+A real part within rounding of zero has no sign: such a branch stays what it was, stable or not,
+until its real part leaves the noise. `pipedyn.circulatory` is for pipes without any term in the
+velocity.
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ class Hunt:
                 raise Untracked
 
     def states(self, values: Complex, before: Flags) -> Flags:
-        """Which roots are unstable: by the sign of the real part, or as before where it has none."""
+        """Which roots are unstable: by the sign of Re lambda, or as before where it has none."""
         known = (np.abs(values.real) > _noise(values)) & (np.abs(values) >= STUCK)
         states: Flags = np.where(known, values.real > 0.0, before)
         return states
@@ -221,7 +222,7 @@ class Hunt:
         return [(int(roots[r]), 0.5, bool(after[r])) for r in np.flatnonzero(before != after)]
 
     def _scan(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]] | None:
-        """(root, t, rising) of every passage that the real parts' cubics show; None where unsure."""
+        """(root, t, rising) of every passage that the cubics show; None where unsure."""
         if roots.size == 0:
             return []
         onto = step.onto[roots]
@@ -329,7 +330,7 @@ class Hunt:
 
 
 def _noise(values: Complex) -> Array:
-    """Rounding of each eigenvalue of a sample: eps of the inverse problem's largest, carried over."""
+    """Rounding of each eigenvalue of a sample: eps of the largest mu, taken to lambda."""
     size = np.abs(values)
     nearest = max(float(np.abs(values - SHIFTS[0]).min()), 1e-3)
     noise: Array = 1e-14 * size + 4.0 * np.finfo(float).eps * size**2 / nearest
@@ -382,9 +383,9 @@ def modes_at_rest(values: Complex, damping: float) -> Indices:
     modes = np.zeros(values.size, dtype=np.intp)
     groups: list[tuple[float, list[int]]] = []
     real = [i for i in range(values.size) if values[i].imag == 0.0]
-    for i in np.flatnonzero(values.imag > 0.0):
+    for i in map(int, np.flatnonzero(values.imag > 0.0)):
         twin = np.flatnonzero(values == values[i].conj())
-        groups.append((float(np.abs(values[i]) ** 2), [int(i), *map(int, twin[:1])]))
+        groups.append((float(np.abs(values[i]) ** 2), [i, *map(int, twin[:1])]))
     while real:
         i = real.pop(0)
         if not real:

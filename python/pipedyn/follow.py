@@ -30,8 +30,8 @@ LONGEST_STEP = 0.5
 SHORTEST_STEP = 1e-6
 """Relative to 1 + u; below it the best match is taken as it is."""
 
-STUCK = 1e-6
-"""Eigenvalues smaller than this at both ends of a step rest at zero (a joint without a spring)."""
+STUCK = 1e-4
+"""Smaller eigenvalues count as zero: a triple one (a free joint) scatters by eps^(1/3)."""
 
 Indices = NDArray[np.intp]
 
@@ -69,7 +69,7 @@ class Step:
 
     @property
     def length(self) -> float:
-        """h = u_1 - u_0."""
+        """H = u_1 - u_0."""
         return self.right.u - self.left.u
 
     @property

@@ -129,7 +129,8 @@ class Galerkin(Model):
 
     def from_elastic(self, z: NDArray[Any]) -> NDArray[Any]:
         """Amplitudes, shape (m, ...), from elastic coordinates of the same shape."""
-        return (self.elastic_scale * z.T).T
+        result: NDArray[Any] = (self.elastic_scale * z.T).T
+        return result
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         """Centreline (x, y) at arc lengths s, shape (len(s), 2), inextensible at any amplitude.

@@ -104,7 +104,7 @@ class Model(ABC):
     """A pipe with a finite number of degrees of freedom. Immutable; models pickle.
 
     Beside the coordinates q that users see, each model has elastic coordinates z, in which the
-    elastic energy is |z|^2 / 2: eigenvalues are computed there, because small ones survive rounding.
+    elastic energy is |z|^2 / 2: eigenvalues are computed there, where small ones survive rounding.
     """
 
     @property
@@ -153,7 +153,7 @@ class Model(ABC):
     def _check_dense(self) -> None:
         if self.dof > DENSE_LIMIT:
             raise ValueError(
-                f"dense operators must not exceed {DENSE_LIMIT} degrees of freedom, got {self.dof}; "
+                f"dense operators need at most {DENSE_LIMIT} degrees of freedom, got {self.dof}; "
                 "eigenvalues, modes and root_loci take larger chains with count="
             )
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -280,8 +281,10 @@ def _axisymmetric(
             return float(2.0 * math.pi * r * value**power)
 
         edges = [0.0, radius] if breaks is None else [0.0, *breaks, radius]
-        pairs = zip(edges[:-1], edges[1:], strict=True)
-        return math.fsum(quad(ring, a, b, limit=200, epsabs=0.0, epsrel=1e-10)[0] for a, b in pairs)
+        pieces = pairwise(edges)
+        return math.fsum(
+            quad(ring, a, b, limit=200, epsabs=0.0, epsrel=1e-10)[0] for a, b in pieces
+        )
 
     return _coefficient(integral(1), integral(2), math.pi * radius**2, section)
 

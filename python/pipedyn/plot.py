@@ -25,7 +25,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn._check import Array
-from pipedyn.modal import CriticalSpeed, Crossing, Modes, RootLoci, StabilityCurve
+from pipedyn.critical import CriticalSpeed, Crossing
+from pipedyn.modal import Modes, RootLoci
+from pipedyn.stability import StabilityCurve
 
 SPEED_LABEL = r"flow speed $u = V L \, (\mu_f / EI)^{1/2}$"
 REAL_LABEL = r"Re $\lambda$  $(1/T)$"
@@ -52,10 +54,10 @@ FAMILY_STYLES: dict[str, dict[str, Any]] = {
 """Look of each spring rule and basis in `convergence`."""
 
 CURVE_STYLES: tuple[dict[str, Any], ...] = (
-    {"color": VERMILION, "linestyle": (0, (1, 1.2))},
     {"color": BLACK, "linestyle": "-"},
     {"color": BLUE, "linestyle": (0, (5, 1.5))},
     {"color": GREEN, "linestyle": (0, (6, 1.5, 1, 1.5))},
+    {"color": VERMILION, "linestyle": (0, (1, 1.2))},
     {"color": PURPLE, "linestyle": (0, (3, 1, 1, 1, 1, 1))},
     {"color": ORANGE, "linestyle": (0, (8, 3))},
 )
@@ -142,7 +144,7 @@ def root_loci(
             ax.add_collection(collection)
     if benchmark is not None:
         for branch in _branches(benchmark):
-            dots = branch[:: _stride(benchmark)]
+            dots = branch[:: dot_stride(benchmark)]
             ax.plot(dots.real, dots.imag, **_dots())
     ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
@@ -195,7 +197,7 @@ def frequencies(
             zorder=4.0,
         )
     if benchmark is not None:
-        every = _stride(benchmark)
+        every = dot_stride(benchmark)
         for branch in _branches(benchmark):
             ax.plot(benchmark.speeds[::every], branch.imag[::every], **_dots())
     ax.autoscale_view()
@@ -206,14 +208,15 @@ def frequencies(
 
 def _branches(loci: RootLoci) -> list[NDArray[np.complex128]]:
     """Upper roots, then the partners where they are real; NaN where there is nothing to draw."""
-    upper = np.where(loci.converged, loci.eigenvalues, np.nan)
+    nothing = complex(math.nan, math.nan)
+    upper = np.where(loci.converged, loci.eigenvalues, nothing)
     upper = upper.real + 1j * np.abs(upper.imag)
     real = np.zeros(upper.shape, dtype=np.bool_)
     real[:] = loci.eigenvalues.imag == 0.0
     # The step that leads to the real axis is drawn for both roots.
     real[1:] |= loci.eigenvalues.imag[:-1] == 0.0
     real[:-1] |= loci.eigenvalues.imag[1:] == 0.0
-    partners = np.where(loci.converged & real, loci.partners, np.nan)
+    partners = np.where(loci.converged & real, loci.partners, nothing)
     partners = partners.real + 1j * np.abs(partners.imag)
     columns = [*upper.T, *(column for column in partners.T if np.isfinite(column).any())]
     return [np.asarray(column) for column in columns]
@@ -223,7 +226,7 @@ def _segments(x: Array, y: Array) -> tuple[list[Array], NDArray[np.bool_]]:
     """Line segments between neighbouring points, each of shape (2, 2), and which have both ends."""
     points = np.stack([x, y], axis=-1)
     both = np.stack([points[:-1], points[1:]], axis=1)
-    there: NDArray[np.bool_] = np.isfinite(both.reshape(-1, 4)).all(axis=1)
+    there = np.array([bool(np.isfinite(segment).all()) for segment in both], dtype=np.bool_)
     return list(both[there]), there
 
 
@@ -239,7 +242,8 @@ def _onsets(speeds: Array, branch: NDArray[np.complex128]) -> tuple[Array, Array
     )
 
 
-def _stride(loci: RootLoci) -> int:
+def dot_stride(loci: RootLoci) -> int:
+    """Every how many speeds of a benchmark there is a dot."""
     return max(1, round((loci.speeds.size - 1) / 18))
 
 
@@ -374,6 +378,9 @@ def convergence(
 ) -> Axes:
     """Error of the critical speed against degrees of freedom, with fitted orders.
 
+    A model that loses stability in another way than the continuous pipe (divergence for flutter)
+    shows as an open marker at 1.
+
     Args:
         ax: where to draw.
         families: critical speeds of models of growing size under the name of their spring rule or
@@ -384,44 +391,32 @@ def convergence(
     ax.set_ylabel("relative error of the critical speed, $|u_c / u_{c,exact} - 1|$")
     if exact.speed == 0.0:
         return notice(ax, "The critical speed is 0: nothing converges to it.")
-    smallest = math.inf
+    floor = max((_floor(found, exact) for found in families.values()), default=1e-15)
     for name, found in families.items():
         sizes, errors = relative_errors(found, exact)
         look = FAMILY_STYLES.get(name, {"color": "0.4", "marker": "."})
         fitted = trend(found, exact)
-        shown = np.abs(errors)
-        shown[shown == 0.0] = np.finfo(float).eps
+        shown = np.maximum(np.abs(errors), floor)
         label = f"{_family(name)}: {_law(fitted)}"
         ax.plot(sizes, shown, label=label, linewidth=1.1, markersize=4.5, **look)
         if fitted.law == "flat":
             ax.axhline(abs(fitted.limit), color=look["color"], linewidth=0.7, zorder=0.8)
-        if np.isfinite(shown).any():
-            smallest = min(smallest, float(np.nanmin(shown)))
         wrong = sizes[~np.isfinite(errors)]
         if wrong.size:
-            ax.plot(
-                wrong,
-                np.full(wrong.size, 1.0),
-                linestyle="none",
-                marker=look["marker"],
-                markersize=4.5,
-                markerfacecolor="none",
-                markeredgecolor=look["color"],
-            )
-    floor = max(_floor(found, exact) for found in families.values() if found)
+            open_markers = {**look, "linestyle": "none", "markerfacecolor": "none"}
+            ax.plot(wrong, np.full(wrong.size, 1.0), markersize=4.5, **open_markers)
     ax.set_xscale("log", base=2)
     ax.set_yscale("log")
-    ax.set_ylim(bottom=0.3 * min(smallest, floor), top=3.0)
-    ax.axhspan(ax.get_ylim()[0], floor, color="0.9", zorder=0.3)
+    ax.set_ylim(0.1 * floor, max(3.0, ax.get_ylim()[1]))
+    ax.axhspan(0.1 * floor, floor, color="0.9", zorder=0.3)
     ax.text(
-        0.99,
-        floor,
-        "own error of the speeds compared ",
+        0.01,
+        0.3 * floor,
+        "own error of the speeds compared; smaller distances stand at its edge",
         transform=ax.get_yaxis_transform(),
         fontsize=6.5,
         color="0.35",
-        ha="right",
-        va="top",
+        va="center",
     )
     ax.xaxis.set_major_formatter(ScalarFormatter())
     ax.yaxis.set_major_locator(LogLocator(10.0, numticks=20))
@@ -476,16 +471,16 @@ def stability_map(
                 ax.annotate(
                     "divergence",
                     strand[strand.shape[0] // 2],
-                    xytext=(0, 2),
+                    xytext=(0, 3),
                     textcoords="offset points",
                     color=look["color"],
                     ha="center",
                     fontsize=7.0,
                 )
     if marked is not None and (highest is None or marked.speed <= highest):
-        pipe = marked.pipe
+        place = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         ax.plot(
-            pipe.beta,
+            marked.pipe.beta,
             marked.speed,
             linestyle="none",
             marker="o",
@@ -495,7 +490,7 @@ def stability_map(
             markeredgewidth=1.2,
             clip_on=False,
             zorder=4.0,
-            label=rf"$u_c = {marked.speed:.4g}$ at $\beta = {pipe.beta:g}$, $\gamma = {pipe.gamma:g}$",
+            label=f"{place}: $u_c = {marked.speed:.4g}$",
         )
     ax.set_ylim(0.0, highest)
     ax.set_xlabel(BETA_LABEL)
@@ -653,6 +648,7 @@ __all__ = [
     "boundaries",
     "colour_bar",
     "convergence",
+    "dot_stride",
     "frequencies",
     "mode_shapes",
     "notice",

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Eigenvalues of P(lambda) = lambda^2 M + lambda C + K at any size, each with a checked residual.
 
-All is done in a model's elastic coordinates, where the elastic stiffness is the identity, and on the
-inverse problem about a real shift sigma: with lambda = sigma + 1/mu, C_s = C + 2 sigma M and
+All is done in a model's elastic coordinates, where the elastic stiffness is the identity, and on
+the inverse problem about a real shift sigma: with lambda = sigma + 1/mu, C_s = C + 2 sigma M and
 K_s = P(sigma),
 
     mu [x; y] = [-K_s^-1 (C_s x + M y); x],
@@ -72,7 +72,7 @@ class Eigenpairs:
 
 
 class Pencil(ABC):
-    """P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A of a model, in elastic coordinates.
+    """P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A, in elastic coordinates.
 
     V = s (gyroscopic + end_flux) and A = flux. Each product takes and gives (dof, r).
     """
@@ -153,7 +153,7 @@ class Pencil(ABC):
         return result
 
     def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
-        """d lambda / du of each pair, shape (r,)."""
+        """D lambda / du of each pair, shape (r,)."""
         assert pairs.left is not None
         by_speed = pairs.values * self.velocity(pairs.right)
         by_speed = by_speed + 2.0 * self.centrifugal * u * self.flux(pairs.right)
@@ -196,6 +196,12 @@ class Pencil(ABC):
         return best
 
 
+def _elastic(model: Model) -> Array:
+    if isinstance(model, Chain):
+        return (model.springs * model.elastic_scale**2).reshape(-1, 1)
+    return np.ones((model.dof, 1))
+
+
 def _unit(x: Vectors) -> Vectors:
     with np.errstate(all="ignore"):
         result: Vectors = x / np.linalg.norm(x, axis=0)
@@ -211,9 +217,7 @@ class DensePencil(Pencil):
         self.M, self.D, self.K = ops.mass, ops.damping, ops.stiffness
         self.V = ops.direction * (ops.gyroscopic + ops.end_flux)
         self.A = ops.flux
-        self.elastic = np.ones((self.dof, 1))
-        if isinstance(model, Chain):
-            self.elastic = (model.springs * model.elastic_scale**2)[:, None]
+        self.elastic = _elastic(model)
 
     def mass(self, x: Vectors) -> Vectors:
         return self.M @ x
@@ -287,13 +291,13 @@ class BandPencil(Pencil):
         super().__init__(model)
         self.core = model.core
         self.scale = model.elastic_scale[:, None]
-        self.elastic = (model.springs * model.elastic_scale**2)[:, None]
+        self.elastic = _elastic(model)
 
     def _rows(self, product: Callable[[Array], Array], x: Vectors) -> Vectors:
         """A product in the angles, taken to elastic coordinates; complex columns as real pairs."""
         angles = np.ascontiguousarray(np.cumsum(self.scale * x, axis=0))
         if np.iscomplexobj(angles):
-            rows = np.ascontiguousarray(product(angles.view(np.float64))).view(np.complex128)
+            rows: Vectors = product(angles.view(np.float64)).view(np.complex128)
         else:
             rows = product(angles)
         result: Vectors = self.scale * np.cumsum(rows[::-1], axis=0)[::-1]
@@ -339,7 +343,8 @@ class BandPencil(Pencil):
                 angles = substitute(lu, width, width, extended, pivots, trans=2, overwrite_b=True)[
                     0
                 ]
-                return np.diff(angles[2::4], axis=0, prepend=0.0) / self.scale
+                dual: Vectors = np.diff(angles[2::4], axis=0, prepend=0.0) / self.scale
+                return dual
             moments = rows / self.scale
             extended[2::4] = moments
             extended[2:-4:4] -= moments[1:]
@@ -401,7 +406,7 @@ def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = Fals
     if isinstance(pencil, BandPencil) and count > pencil.dof // 2:
         if pencil.dof > DENSE_LIMIT:
             raise ValueError(
-                f"count must not exceed {pencil.dof // 2} with {pencil.dof} degrees of freedom, got {count}"
+                f"count must be at most dof / 2 = {pencil.dof // 2} for a long chain, got {count}"
             )
         pencil = DensePencil(pencil.model)
     best: Eigenpairs | None = None

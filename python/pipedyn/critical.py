@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: MIT
+"""Critical speeds: passages through the imaginary axis, and what moves them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from pipedyn import _check
+from pipedyn._check import Array
+from pipedyn.blas import one_thread
+from pipedyn.chain import Chain
+from pipedyn.circulatory import CirculatoryHunt
+from pipedyn.continuum import AnyModel, Continuum, checked_model
+from pipedyn.crossing import Hunt, Passage, Sweep, Untracked
+from pipedyn.modal import LARGEST_SPEED
+from pipedyn.model import Model, PipedynError
+from pipedyn.pipe import Pipe
+from pipedyn.spectrum import BandPencil, DensePencil, pencil_of, rows_of
+
+Kind = Literal["flutter", "divergence"]
+
+LARGEST_SWEEP = 2000
+"""Degrees of freedom up to which passages are searched."""
+
+
+class NoCrossing(PipedynError):
+    """The pipe does not lose stability up to the end of the search.
+
+    Attributes:
+        max_speed: where the search ended.
+    """
+
+    def __init__(self, message: str, max_speed: float) -> None:
+        super().__init__(message, max_speed)
+        self.max_speed = max_speed
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """Derivatives of one quantity by the pipe's numbers and the springs.
+
+    Attributes:
+        beta: None at beta = 0, where the square root of beta has no derivative.
+        gamma, damping, alpha: alpha 0 for an ejecting pipe.
+        springs: by each k_j, shape (n,), the others held; None for reduced models.
+    """
+
+    beta: float | None
+    gamma: float
+    damping: float
+    alpha: float
+    springs: Array | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How a passage moves with the pipe's numbers.
+
+    Attributes:
+        speed: derivatives of its speed.
+        frequency: derivatives of its frequency.
+    """
+
+    speed: Derivatives
+    frequency: Derivatives
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A passage of an eigenvalue, or of a conjugate pair, through the imaginary axis.
+
+    Attributes:
+        speed: u.
+        frequency: angular, in 1 / T; 0 for divergence.
+        kind: "flutter" (a pair) or "divergence" (a real root).
+        unstable_before, unstable_after: number of unstable roots on either side, a pair being two.
+        error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
+        mode: which branch passes, counted from rest by frequency, from 1; of two that meet on the
+            axis (beta = 0) the higher.
+        sensitivity: derivatives of speed and frequency; None at u = 0 and at beta = 0 without
+            damping.
+    """
+
+    speed: float
+    frequency: float
+    kind: Kind
+    unstable_before: int
+    unstable_after: int
+    error: float
+    mode: int
+    sensitivity: Sensitivity | None = field(default=None, repr=False)
+
+    @property
+    def destabilising(self) -> bool:
+        """Whether unstable roots become more."""
+        return self.unstable_after > self.unstable_before
+
+
+@dataclass(frozen=True)
+class CriticalSpeed:
+    """The lowest passage that destabilises.
+
+    Attributes:
+        speed: u; 0 if the pipe is unstable from the smallest flow on.
+        frequency: angular, in 1 / T; 0 for divergence.
+        kind: "flutter" or "divergence".
+        error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
+        mode: which branch, counted from rest by frequency, from 1.
+        stable_at_rest: False if the pipe is buckled without flow.
+        sensitivity: derivatives of speed and frequency; None at u = 0 and at beta = 0 without
+            damping.
+        size: degrees of freedom of the model solved.
+        pipe: the pipe.
+    """
+
+    speed: float
+    frequency: float
+    kind: Kind
+    error: float
+    mode: int
+    stable_at_rest: bool
+    sensitivity: Sensitivity | None = field(repr=False)
+    size: int
+    pipe: Pipe = field(repr=False)
+    _approximates: bool = field(repr=False, default=True)
+    _continuous: float | None = field(repr=False, default=None)
+    _max_speed: float = field(repr=False, default=100.0)
+
+    @cached_property
+    def discretisation(self) -> float | None:
+        """Bound on the distance of the speed to the continuous pipe's, absolute.
+
+        None for chains with springs or inertia of the user's own, infinite where the continuous
+        pipe has no critical speed. The continuous pipe is solved at the first request.
+        """
+        if not self._approximates:
+            return None
+        if self._continuous is not None:
+            return self._continuous
+        try:
+            exact = critical_speed(Continuum(self.pipe), self._max_speed)
+        except NoCrossing:
+            return math.inf
+        return abs(self.speed - exact.speed) + self.error + exact.error
+
+
+def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
+    """Every passage of an eigenvalue through the imaginary axis up to a flow speed.
+
+    None is missed between samples: see `pipedyn.crossing`. A pipe that is unstable from the
+    smallest flow on has passages at speed 0, one for each mode that leaves the axis there (for
+    `Continuum`, those of its basis).
+
+    Args:
+        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
+        max_speed: end of the search, > 0.
+
+    Returns:
+        Passages in order of speed, flutter and divergence.
+
+    Raises:
+        NotConverged: if the passages found do not account for the unstable roots, or the continuous
+            pipe's do not stand still as the basis grows.
+        ValueError, TypeError: for bad arguments.
+    """
+    checked_model(model)
+    return _search(model, checked_end(max_speed)).crossings
+
+
+def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
+    """Lowest flow speed at which the number of unstable roots of the straight pipe grows.
+
+    Args:
+        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
+        max_speed: end of the search, in sqrt(EI / mu_f) / L.
+
+    Returns:
+        Speed, frequency, kind, mode and sensitivity, with the error of the speed.
+
+    Raises:
+        NoCrossing: if there is none up to max_speed.
+        NotConverged: as for `crossings`.
+        ValueError, TypeError: for bad arguments.
+    """
+    checked_model(model)
+    critical, _ = first_loss(model, checked_end(max_speed))
+    return critical
+
+
+def checked_end(max_speed: Any) -> float:
+    """The argument max_speed, if it can end a search."""
+    return _check.real("max_speed", max_speed, low=0.0, high=LARGEST_SPEED, open_low=True)
+
+
+def first_loss(
+    model: AnyModel, max_speed: float = 100.0
+) -> tuple[CriticalSpeed, tuple[Crossing, ...]]:
+    """The critical speed, and the passages up to it, from a search that ends there.
+
+    Raises:
+        NoCrossing: if there is none up to max_speed.
+    """
+    # A low critical speed needs no large model, so the search grows from rest.
+    for end in [*(end for end in (12.0, 30.0, 60.0) if end < max_speed), max_speed]:
+        found = _search(model, end, lambda passage: passage.change > 0)
+        critical = found.critical(max_speed)
+        if critical is not None:
+            return critical, found.crossings
+    raise NoCrossing(f"no loss of stability up to u = {max_speed:g}", max_speed)
+
+
+def all_losses(
+    model: AnyModel, max_speed: float
+) -> tuple[CriticalSpeed | None, tuple[Crossing, ...]]:
+    """Every passage up to max_speed, and the critical speed if there is one."""
+    found = _search(model, max_speed)
+    return found.critical(max_speed), found.crossings
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Passages, and how far the last growth of a Continuum moved them, relative."""
+
+    model: AnyModel
+    crossings: tuple[Crossing, ...]
+    size: int
+    moved: float | None = None
+
+    def critical(self, max_speed: float) -> CriticalSpeed | None:
+        """The first passage that destabilises."""
+        first = next((c for c in self.crossings if c.destabilising), None)
+        if first is None:
+            return None
+        own = isinstance(self.model, Chain) and not self.model.approximates_pipe
+        return CriticalSpeed(
+            speed=first.speed,
+            frequency=first.frequency,
+            kind=first.kind,
+            error=first.error,
+            mode=first.mode,
+            stable_at_rest=self.crossings[0].unstable_before == 0,
+            sensitivity=first.sensitivity,
+            size=self.size,
+            pipe=self.model.pipe,
+            _approximates=not own,
+            _continuous=None if self.moved is None else first.error,
+            _max_speed=max_speed,
+        )
+
+
+def _search(
+    model: AnyModel, max_speed: float, until: Callable[[Passage], bool] | None = None
+) -> _Search:
+    if not isinstance(model, Continuum):
+        if model.dof > LARGEST_SWEEP:
+            raise ValueError(
+                f"model must have at most {LARGEST_SWEEP} degrees of freedom for crossings, "
+                f"got {model.dof}"
+            )
+        return _Search(model, _crossings(model, _sweep(model, max_speed, until)), model.dof)
+    # Three fifths of a Legendre model's modes are the pipe's to many digits.
+    settled = model.settle(
+        lambda rom: _crossings(rom, _sweep(rom, max_speed, until, (3 * rom.dof) // 5)),
+        _difference,
+        smallest=max(16, math.ceil(0.8 * max_speed) + 8),
+    )
+    moved = settled.error
+    found = tuple(replace(c, error=c.error + moved * c.speed) for c in settled.value)
+    return _Search(model, found, settled.size, moved)
+
+
+def _sweep(
+    model: Model,
+    max_speed: float,
+    until: Callable[[Passage], bool] | None,
+    trusted: int | None = None,
+) -> Sweep:
+    """Passages of one model.
+
+    Of a long chain only as many modes are followed as can meet the flow: a mode of wave number k
+    does where k is comparable to u. With modes up to k = pi u and twelve more there is room, and if
+    a root beyond that turns unstable, more are followed.
+    """
+    pencil = pencil_of(model)
+    followed: int | None = None
+    if isinstance(pencil, BandPencil):
+        followed = 12 + math.ceil(max_speed)
+    while True:
+        if followed is not None and (followed > pencil.dof // 4 or max_speed > pencil.dof / 4):
+            pencil, followed = DensePencil(model), None
+        kind = CirculatoryHunt if pencil.velocity_free(1.0) else Hunt
+        try:
+            with one_thread(rows_of(pencil)):
+                return kind(pencil, max_speed, followed, trusted).run(until)
+        except Untracked:
+            assert followed is not None
+            followed *= 2
+
+
+def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:
+    """Largest relative change of a speed; infinite where passages differ in kind or number."""
+    # Of modes that leave the axis at rest a larger model has more: the first stands for all.
+    a, b = (tuple(c for c in found if c.speed > 0.0 or c is found[0]) for found in (a, b))
+    kinds = [[(c.kind, c.destabilising, c.mode) for c in found] for found in (a, b)]
+    if kinds[0] != kinds[1]:
+        return math.inf
+    moves = (abs(x.speed - y.speed) / y.speed for x, y in zip(a, b, strict=True) if y.speed)
+    return max(moves, default=0.0)
+
+
+def _crossings(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
+    found = []
+    unstable = swept.unstable_at_rest
+    for passage in swept.passages:
+        after = unstable + passage.change
+        found.append(
+            Crossing(
+                speed=passage.speed,
+                frequency=abs(passage.value.imag),
+                kind="flutter" if passage.value.imag else "divergence",
+                unstable_before=unstable,
+                unstable_after=after,
+                error=passage.error,
+                mode=passage.mode,
+                sensitivity=_sensitivity(model, passage),
+            )
+        )
+        unstable = after
+    return tuple(found)
+
+
+def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
+    """From left and right eigenvectors, along P(i omega, u; p) x = 0 with Re lambda held at 0.
+
+    du/dp = -Re lambda_p / Re lambda_u and domega/dp = Im(lambda_p + lambda_u du/dp).
+    """
+    pair, slope = passage.pair, passage.slope
+    if pair is None or slope is None or pair.left is None:
+        return None
+    pencil = pencil_of(model)
+    pipe, u, value = model.pipe, passage.speed, passage.value
+    x, y = pair.right, pair.left
+    down = complex(pencil.derivative(u, np.array([value]), x, y)[0])
+
+    def moved(rows: Any) -> complex:
+        """D lambda / dp from (dP/dp) x."""
+        return -complex(np.sum(y.conj() * rows)) / down
+
+    def split(change: Any) -> tuple[Any, Any]:
+        speed = -np.real(change) / slope.real
+        frequency = np.imag(change + slope * speed) if passage.value.imag else 0.0 * speed
+        return (speed, frequency) if np.ndim(speed) else (float(speed), float(frequency))
+
+    beta: tuple[float | None, float | None] = (None, None)
+    if pipe.beta:
+        beta = split(moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta)))
+    gamma = split(moved(pencil.gravity(x)))
+    damping = split(moved(value * pencil.elastic * x))
+    alpha = (0.0, 0.0)
+    if pipe.flow == "aspirating":
+        alpha = split(moved(u**2 * pencil.flux(x)))
+    springs: tuple[Array | None, Array | None] = (None, None)
+    if isinstance(model, Chain):
+        scale = model.elastic_scale**2 * (1.0 + pipe.damping * value)
+        springs = split(-(y[:, 0].conj() * scale * x[:, 0]) / down)
+    speed, frequency = (
+        Derivatives(
+            beta=beta[i],
+            gamma=gamma[i],
+            damping=damping[i],
+            alpha=alpha[i],
+            springs=springs[i],
+        )
+        for i in (0, 1)
+    )
+    return Sensitivity(speed, frequency)

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: MIT
+"""Stability curves: critical speeds against any parameter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipedyn import _check
+from pipedyn._check import Array
+from pipedyn.continuum import AnyModel, checked_model
+from pipedyn.critical import CriticalSpeed, Crossing, all_losses, checked_end, first_loss
+from pipedyn.progress import track
+
+Point = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A point of a sweep that could not be computed.
+
+    Attributes:
+        index: its place in the sweep.
+        value: the parameter there.
+        error: what was raised.
+    """
+
+    index: int
+    value: float
+    error: Exception
+
+
+@dataclass(frozen=True)
+class StabilityCurve:
+    """Critical speed, and every passage, against a parameter.
+
+    Attributes:
+        values: the parameter, shape (S,).
+        critical: CriticalSpeed at each value, None where there is none or the point failed.
+        crossings: passages at each value; those up to the critical speed where no max_speed was
+            asked for; empty where the point failed.
+        failures: the points that failed, with what they raised.
+    """
+
+    values: Array
+    critical: tuple[CriticalSpeed | None, ...] = field(repr=False)
+    crossings: tuple[tuple[Crossing, ...], ...] = field(repr=False)
+    failures: tuple[Failure, ...]
+
+    @property
+    def speeds(self) -> Array:
+        """Critical speeds, shape (S,), NaN where there is none."""
+        return np.array([math.nan if c is None else c.speed for c in self.critical])
+
+    @property
+    def frequencies(self) -> Array:
+        """Critical frequencies, shape (S,), NaN where there is none."""
+        return np.array([math.nan if c is None else c.frequency for c in self.critical])
+
+
+def stability_curve(
+    make_model: Callable[[float], AnyModel],
+    values: ArrayLike,
+    max_speed: float | None = None,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> StabilityCurve:
+    """Critical speed against any parameter.
+
+    Args:
+        make_model: the model at a value of the parameter; called in this process, so a lambda will
+            do.
+        values: the parameter, shape (S,).
+        max_speed: collect every passage up to this speed; without it the search ends at the
+            critical speed.
+        executor: a `concurrent.futures.Executor` that takes the points.
+        progress: show progress on stderr.
+
+    Returns:
+        StabilityCurve; a point that fails is recorded in `failures` and the others are kept. A pipe
+        that stays stable is no failure if max_speed is given.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    if not callable(make_model):
+        raise TypeError(
+            f"make_model must be a function of the parameter, got {_check.shown(make_model)}"
+        )
+    at = _check.array("values", values, longest=100_000)
+    if max_speed is not None:
+        max_speed = checked_end(max_speed)
+    if executor is not None and not hasattr(executor, "submit"):
+        raise TypeError(
+            f"executor must be a concurrent.futures.Executor, got {_check.shown(executor)}"
+        )
+    shown = _check.flag("progress", progress)
+
+    failures: list[Failure] = []
+    critical: list[CriticalSpeed | None] = [None] * at.size
+    found: list[tuple[Crossing, ...]] = [()] * at.size
+    points: list[tuple[int, AnyModel]] = []
+    for i, value in enumerate(at):
+        try:
+            model = make_model(float(value))
+            checked_model(model)
+            points.append((i, model))
+        except Exception as error:
+            failures.append(Failure(i, float(value), error))
+
+    for i, outcome in track(
+        _outcomes(points, max_speed, executor), len(points), "stability curve", shown
+    ):
+        if isinstance(outcome, Exception):
+            failures.append(Failure(i, float(at[i]), outcome))
+        else:
+            critical[i], found[i] = outcome
+    failures.sort(key=lambda failure: failure.index)
+    return StabilityCurve(at, tuple(critical), tuple(found), tuple(failures))
+
+
+def _outcomes(
+    points: list[tuple[int, AnyModel]], max_speed: float | None, executor: Executor | None
+) -> Iterable[tuple[int, Point | Exception]]:
+    if executor is None:
+        for i, model in points:
+            yield i, _outcome(lambda model=model: _point(model, max_speed))  # type: ignore[misc]
+        return
+    tasks = []
+    for i, model in points:
+        tasks.append((i, executor.submit(_point, model, max_speed)))
+    for i, task in tasks:
+        yield i, _outcome(task.result)
+
+
+def _outcome(get: Callable[[], Point]) -> Point | Exception:
+    try:
+        return get()
+    except Exception as error:
+        return error
+
+
+def _point(model: AnyModel, max_speed: float | None) -> Point:
+    """What a stability curve keeps of one model."""
+    return first_loss(model) if max_speed is None else all_losses(model, max_speed)
