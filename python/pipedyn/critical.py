@@ -18,6 +18,7 @@ from pipedyn.chain import Chain
 from pipedyn.circulatory import CirculatoryHunt
 from pipedyn.continuum import AnyModel, Continuum, checked_model
 from pipedyn.crossing import Hunt, Passage, Sweep, Untracked
+from pipedyn.galerkin import Galerkin
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, PipedynError
 from pipedyn.pipe import Pipe
@@ -114,7 +115,8 @@ class CriticalSpeed:
         frequency: angular, in 1 / T; 0 for divergence.
         kind: "flutter" or "divergence".
         error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
-        mode: which branch, counted from rest by frequency, from 1.
+        mode: which branch, counted from rest by frequency, from 1; a convention where damping is so
+            strong that the modes at rest do not oscillate.
         stable_at_rest: False if the pipe is buckled without flow.
         sensitivity: derivatives of speed and frequency; None at u = 0 and at beta = 0 without
             damping.
@@ -267,15 +269,25 @@ def _search(
                 f"got {model.dof}"
             )
         return _Search(model, _crossings(model, _sweep(model, max_speed, until)), model.dof)
-    # Three fifths of a Legendre model's modes are the pipe's to many digits.
     settled = model.settle(
-        lambda rom: _crossings(rom, _sweep(rom, max_speed, until, (3 * rom.dof) // 5)),
+        lambda rom: _crossings(rom, _sweep(rom, max_speed, until, _trusted(rom))),
         _difference,
         smallest=max(16, math.ceil(0.8 * max_speed) + 8),
     )
     moved = settled.error
     found = tuple(replace(c, error=c.error + moved * c.speed) for c in settled.value)
     return _Search(model, found, settled.size, moved)
+
+
+def _trusted(rom: Galerkin) -> int | None:
+    """How many modes of a Legendre model to look at: three fifths are the pipe's to many digits.
+
+    All, if damping is so strong that the last of these do not oscillate: then those beyond are
+    overdamped too, however they would grow without damping, and cannot be told from the others.
+    """
+    trusted = (3 * rom.dof) // 5
+    overdamped = rom.pipe.damping * (math.pi * trusted) ** 2 > 2.0
+    return None if overdamped else trusted
 
 
 def _sweep(
@@ -310,7 +322,7 @@ def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:
     """Largest relative change of a speed; infinite where passages differ in kind or number."""
     # Of modes that leave the axis at rest a larger model has more: the first stands for all.
     a, b = (tuple(c for c in found if c.speed > 0.0 or c is found[0]) for found in (a, b))
-    kinds = [[(c.kind, c.destabilising, c.mode) for c in found] for found in (a, b)]
+    kinds = [[(c.kind, c.destabilising) for c in found] for found in (a, b)]
     if kinds[0] != kinds[1]:
         return math.inf
     moves = (abs(x.speed - y.speed) / y.speed for x, y in zip(a, b, strict=True) if y.speed)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Where eigenvalues pass through the imaginary axis as the flow speed grows.
 
-Each step of a followed sweep (see `pipedyn.follow`) gives a cubic for the real part of every branch.
+Each step of a followed sweep (see `pipedyn.follow`) gives a cubic for the real part of a branch.
 The step is believed where no extremum of the cubic lies closer to the axis than the cubic's own
 error, and halved elsewhere; so a branch that touches the axis between two samples, or passes it
 twice, is found. Each passage is then polished by Newton's method with d lambda / du on the model.
@@ -110,7 +110,8 @@ class Hunt:
         self.unstable = self.states(first.values, np.zeros(first.values.size, dtype=np.bool_))
         at_rest = unstable = self.count_unstable()
         passages: list[Passage] = []
-        for step in march(self.take, first, speeds[1:], self.wanted, self.sure):
+        delta = self.pencil.pipe.damping
+        for step in march(self.take, first, speeds[1:], self.wanted, delta, self.sure):
             for passage in sorted(self.passages(step), key=lambda passage: passage.speed):
                 passages.append(passage)
                 unstable += passage.change

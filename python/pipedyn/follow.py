@@ -109,6 +109,7 @@ def march(
     first: Sample,
     speeds: Iterable[float],
     wanted: int,
+    delta: float,
     sure: Callable[[Step], bool] = lambda step: True,
 ) -> Iterator[Step]:
     """Steps from the first sample through all speeds, short enough to be believed.
@@ -119,6 +120,8 @@ def march(
         speeds: strictly increasing, above the first sample's.
         wanted: how many roots, from the lowest of the first sample, must be followed with
             certainty; the others are matched as well as they can be.
+        delta: Kelvin-Voigt damping; the overdamped roots that crowd at -1 / delta are not told
+            apart.
         sure: a further condition that a step must meet, unless it is the shortest.
     """
     ahead = list(speeds)[::-1]
@@ -133,7 +136,7 @@ def march(
         if right.u - left.u > LONGEST_STEP * (1.0 + 1e-12):
             stack.append(take(middle))
             continue
-        step, clear = _join(left, right, followed)
+        step, clear = _join(left, right, followed, delta)
         if not step.shortest and not (clear and sure(step)):
             stack.append(take(middle))
             continue
@@ -143,7 +146,7 @@ def march(
         left = stack.pop()
 
 
-def _join(left: Sample, right: Sample, followed: Indices) -> tuple[Step, bool]:
+def _join(left: Sample, right: Sample, followed: Indices, delta: float) -> tuple[Step, bool]:
     """The best match of two samples, and whether it is beyond doubt for the followed roots."""
     h = right.u - left.u
     ahead = left.values + 0.5 * h * left.slopes
@@ -174,6 +177,10 @@ def _join(left: Sample, right: Sample, followed: Indices) -> tuple[Step, bool]:
     doubt[np.arange(mine.size), mine] = False
     stuck = (np.abs(left.values) < STUCK) & (np.abs(right.values[onto]) < STUCK)
     doubt &= ~(stuck[followed, None] & stuck[None, roots])
+    # Overdamped roots crowd at -1 / delta, where nobody can tell them apart, nor needs to.
+    apart = np.maximum(np.abs(delta * left.values + 1.0), np.abs(delta * right.values[onto] + 1.0))
+    crowd = apart < 0.5
+    doubt &= ~(crowd[followed, None] & crowd[None, roots])
     for m, r in zip(*np.nonzero(doubt), strict=True):
         i, k = int(followed[m]), int(roots[r])
         if meets[i] < 0 and meets[k] < 0 and _meeting(step, i, k):

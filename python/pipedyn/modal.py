@@ -276,6 +276,7 @@ def _followed(
         first,
         map(float, speeds[1:]),
         first.values.size if taken is None else 4 * count,
+        pencil.pipe.damping,
     )
 
     def store(row: int, pairs: Eigenpairs) -> None:
