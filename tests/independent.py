@@ -131,8 +131,8 @@ def _collocation(size):
     return 0.5 * (x + 1.0), *np.transpose(tables, (1, 2, 0))
 
 
-def collocation_eigenvalues(pipe, u, size=40):
-    """Eigenvalues of the strong form of the continuous pipe's equation, lowest first.
+def collocation_matrices(pipe, u, size=40):
+    """Mass, damping and stiffness of the strong form of the continuous pipe's equation.
 
     Chebyshev collocation of w''''; the four boundary conditions are met exactly.
     """
@@ -142,7 +142,12 @@ def collocation_eigenvalues(pipe, u, size=40):
     tension = thrust - pipe.gamma * (1.0 - s)
     stiffness = fourth + tension[:, None] * second + pipe.gamma * first
     damping = 2.0 * np.sqrt(pipe.beta) * (-u if aspirating else u) * first + pipe.damping * fourth
-    return quadratic_eigenvalues(value, damping, stiffness)
+    return value, damping, stiffness
+
+
+def collocation_eigenvalues(pipe, u, size=40):
+    """Eigenvalues of the strong form, lowest first."""
+    return quadratic_eigenvalues(*collocation_matrices(pipe, u, size))
 
 
 def quadratic_eigenvalues(mass, damping, stiffness):

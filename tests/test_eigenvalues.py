@@ -13,7 +13,7 @@ from pipedyn.spectrum import BandPencil, DensePencil, Eigenpairs, Pencil, lowest
 PIPES = [
     pd.Pipe(0.2),
     pd.Pipe(0.6, gamma=15.0, damping=1e-3),
-    pd.Pipe(0.4, gamma=-5.0, flow="aspirating", alpha=0.7, damping=2e-3),
+    pd.Pipe(0.4, gamma=-5.0, flow="aspirating", alpha=0.7, damping=2e-4),
     pd.Pipe(0.0, gamma=2.0),
 ]
 

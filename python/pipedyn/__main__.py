@@ -43,15 +43,16 @@ REDUCED_LADDER = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 23, 32, 45)
 """Sizes of the convergence picture, beside those of the panels."""
 
 LARGEST_CHAIN, LARGEST_REDUCED, MOST_PANELS = 1000, 200, 5
-HIGHEST_SPEED, MOST_SPEEDS = 100.0, 5001
+LEAST_HIGHEST, HIGHEST_SPEED, MOST_SPEEDS = 8.0, 100.0, 5001
 FORMATS = ("png", "pdf", "svg")
 
 MAP_GAMMAS = (-10.0, 0.0, 10.0, 100.0)
 MAP_BETAS = np.linspace(0.01, 0.98, 25)
 MAP_SPEEDS = 20.0, 30.0
 """Highest speed of the map, and how far it may be raised to hold the case itself."""
-MAP_JUMP, MAP_STEP = 0.8, 0.001
-"""Where boundaries jump by more than MAP_JUMP, steps in beta are halved down to MAP_STEP."""
+MAP_JUMP, MAP_STEP = 0.04, 0.001
+"""Where boundaries jump by more than this part of the highest speed, steps in beta are halved, down
+to MAP_STEP."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +189,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         type=float,
         metavar="U",
         help=f"highest flow speed, 0 < U <= {HIGHEST_SPEED:g} (default: half as much again as the "
-        "critical speed)",
+        f"critical speed, but {LEAST_HIGHEST:g} at least)",
     )
     add(
         "--speeds",
@@ -379,15 +380,18 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
 def _highest(case: Case, critical: CriticalSpeed | None) -> float:
     if case.highest is not None:
         return case.highest
-    if critical is None or critical.speed == 0.0:
-        return 10.0
-    return min(float(math.ceil(1.5 * critical.speed)), HIGHEST_SPEED)
+    wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
+    return float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
 
 
 def _top(critical: CriticalSpeed | None) -> float:
-    """End of the map's speeds."""
+    """End of the map's speeds: low where the pipe loses stability by the least flow."""
     usual, farthest = MAP_SPEEDS
-    return usual if critical is None else min(max(usual, 1.1 * critical.speed), farthest)
+    if critical is None:
+        return usual
+    if critical.speed < 1.0:
+        return 5.0 * critical.speed or 1.0
+    return min(max(usual, 1.1 * critical.speed), farthest)
 
 
 def _remark(error: Exception) -> str:
@@ -444,7 +448,8 @@ def mapped(pipe: Pipe, top: float, executor: Executor | None) -> tuple[Stability
         between = [
             0.5 * (curve.values[i] + curve.values[i + 1])
             for i, (left, right) in enumerate(pairwise(curve.crossings))
-            if curve.values[i + 1] - curve.values[i] > MAP_STEP and _jumps(left, right)
+            if curve.values[i + 1] - curve.values[i] > MAP_STEP
+            and _jumps(left, right, MAP_JUMP * top)
         ]
         if not between:
             return curve, difference
@@ -452,10 +457,10 @@ def mapped(pipe: Pipe, top: float, executor: Executor | None) -> tuple[Stability
         curve = _merged(curve, more)
 
 
-def _jumps(left: Sequence[Crossing], right: Sequence[Crossing]) -> bool:
+def _jumps(left: Sequence[Crossing], right: Sequence[Crossing], most: float) -> bool:
     a, b = plot.boundaries(left), plot.boundaries(right)
     pairs = zip(a, b, strict=False)
-    return len(a) != len(b) or any(abs(p.speed - q.speed) > MAP_JUMP for p, q in pairs)
+    return len(a) != len(b) or any(abs(p.speed - q.speed) > most for p, q in pairs)
 
 
 def _difference(found: Sequence[Sequence[Crossing]], exact: StabilityCurve) -> float:
@@ -533,9 +538,8 @@ def _grid(case: Case, findings: Findings, more: str = "") -> tuple[plot.Figure, 
     title = _heading(case.pipe)
     if findings.benchmark is not None:
         step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
-        title += f"; black dots: continuous pipe at steps of {step:.3g} in $u$"
-    if findings.exact is not None:
-        title += more
+        title += f"\nblack dots: continuous pipe, at steps of {step:.3g} in $u$"
+        title += more if findings.exact is not None else ""
     figure.suptitle(title, fontsize=9.0)
     return figure, axes
 
@@ -631,32 +635,33 @@ def verdict(findings: Findings) -> str:
         sizes = ", ".join(f"{size:g}" for size in fitted.sizes)
         return (
             "The paper's spring rule (rayleigh) does not converge to the continuous pipe: its "
-            f"critical speed tends to {exact.speed * (1.0 + fitted.limit):.4f}, "
-            f"{100.0 * fitted.limit:+.2f} % from the exact {exact.speed:.4f} (extrapolated from "
+            f"critical speed tends to {exact.speed * (1.0 + fitted.limit):.5g}, "
+            f"{100.0 * fitted.limit:+.2f} % from the exact {exact.speed:.5g} (extrapolated from "
             f"n = {sizes})."
         )
-    if fitted.law == "unknown":
-        return "Too few chains lose stability as the continuous pipe does to tell their limit."
-    return "The paper's spring rule (rayleigh) shows no lasting error at the sizes looked at."
+    return (
+        "The limit of the paper's spring rule (rayleigh) cannot be told from the sizes computed; "
+        "it does not converge to the continuous pipe where it can."
+    )
 
 
 def passages(findings: Findings) -> str:
     """What the continuous pipe does as the flow grows."""
+    exact = findings.exact
+    start = ""
+    if exact is not None and not exact.stable_at_rest:
+        start = "The pipe is buckled at rest. "
+    elif exact is not None and exact.speed == 0.0:
+        start = "The pipe is unstable from the smallest flow on. "
     told = [
-        f"u = {c.speed:.5g} ({c.kind}, mode {c.mode}: {c.unstable_before} unstable roots become "
-        f"{c.unstable_after})"
+        f"u = {c.speed:.5g} ({c.kind}, mode {c.mode}, {'begins' if c.destabilising else 'ends'})"
         for c in findings.crossings
         if c.speed > 0.0
     ]
-    start = ""
-    if findings.exact is not None and not findings.exact.stable_at_rest:
-        start = "The pipe is buckled at rest. "
-    elif findings.exact is not None and findings.exact.speed == 0.0:
-        start = "The pipe is unstable from the smallest flow on. "
     if len(told) > 8:
         told[8:] = [f"and {len(told) - 8} more"]
-    listed = ", ".join(told) if told else "none"
-    return f"{start}Passages of the continuous pipe, 0 < u <= {findings.highest:g}: {listed}."
+    listed = ", ".join(told) or "none"
+    return f"{start}Instabilities of the continuous pipe, 0 < u <= {findings.highest:g}: {listed}."
 
 
 def second_mode(findings: Findings) -> list[str]:

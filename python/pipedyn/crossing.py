@@ -271,10 +271,8 @@ class Hunt:
             pair = pencil.refine(u, guess, vector)
             slope = complex(pencil.slopes(u, pair)[0])
             value = complex(pair.values[0])
-            change = -value.real / slope.real
-            if not (
-                math.isfinite(change) and step.left.u - slack <= u + change <= step.right.u + slack
-            ):
+            change = -value.real / slope.real if slope.real else math.inf
+            if not step.left.u - slack <= u + change <= step.right.u + slack:
                 break
             u, vector = max(u + change, 0.0), pair.right[:, 0]
             guess = value + slope * change
@@ -284,15 +282,19 @@ class Hunt:
         pair = pencil.refine(u, guess, vector)
         slope = complex(pencil.slopes(u, pair)[0])
         value = complex(pair.values[0])
-        if (
-            not pair.converged[0]
-            or (slope.real > 0.0) != rising
-            or abs(value.real) > 1e-6 * (1.0 + abs(value))
-        ):
+        there = step.hermite(np.array([root]), np.array([(u - step.left.u) / step.length]))[0, 0]
+        tolerance = 1e-6 * (1.0 + abs(value))
+        strayed = abs(value - there) > 4.0 * step.error[root] + tolerance
+        if (slope.real > 0.0) != rising or strayed or abs(value.real) > tolerance:
             u = self._bisect(step, root)
             near = self._nearest(u, step, root)
             pair, slope = near.pairs, complex(near.slopes[0])
             value = complex(pair.values[0])
+        if not pair.converged[0]:
+            raise NotConverged(
+                f"the eigenvalue near {value:.6g} that passes the axis at u = {u:g} failed its "
+                f"residual check with {pair.residuals[0]:.1e}"
+            )
         assert pair.left is not None
         derivative = abs(complex(pencil.derivative(u, pair.values, pair.right, pair.left)[0]))
         rest = pencil.residuals(u, pair.values, pair.right)[0]
@@ -334,7 +336,7 @@ def _noise(values: Complex) -> Array:
     """Rounding of each eigenvalue of a sample: eps of the largest mu, taken to lambda."""
     size = np.abs(values)
     nearest = max(float(np.abs(values - SHIFTS[0]).min()), 1e-3)
-    noise: Array = 1e-14 * size + 4.0 * np.finfo(float).eps * size**2 / nearest
+    noise: Array = 1e-14 * size + 40.0 * np.finfo(float).eps * size**2 / nearest
     return noise
 
 

@@ -171,20 +171,26 @@ def frequencies(
     if largest is None:
         largest = float(np.nanmax(np.abs([branch.real for branch in branches])))
     norm = SymLogNorm(1.0, vmin=-max(largest, 2.0), vmax=max(largest, 2.0))
+    pieces, means = [], []
     for branch in branches:
         segments, there = _segments(loci.speeds, branch.imag)
-        real = (0.5 * (branch.real[1:] + branch.real[:-1]))[there]
-        unstable = real > NEUTRAL
-        lines = LineCollection(segments, cmap="RdBu_r", norm=norm, linewidths=2.0, zorder=2.2)
-        lines.set_array(real)
-        outline = LineCollection(
-            segments,
-            colors=np.where(unstable, "black", "0.35").tolist(),
-            linewidths=np.where(unstable, 4.2, 2.6).tolist(),
-            zorder=2.1,
-        )
-        for collection in (lines, outline):
-            ax.add_collection(collection)
+        pieces += segments
+        means.append((0.5 * (branch.real[1:] + branch.real[:-1]))[there])
+    real = np.concatenate(means)
+    order = np.argsort(real)  # of two roots with one frequency, the less stable is on top
+    pieces, real = [pieces[i] for i in order], real[order]
+    unstable = real > NEUTRAL
+    lines = LineCollection(pieces, cmap="RdBu_r", norm=norm, linewidths=2.0, zorder=2.2)
+    lines.set_array(real)
+    outline = LineCollection(
+        pieces,
+        colors=np.where(unstable, "black", "0.35").tolist(),
+        linewidths=np.where(unstable, 4.2, 2.6).tolist(),
+        zorder=2.1,
+    )
+    for collection in (lines, outline):
+        collection.set_capstyle("round")
+        ax.add_collection(collection)
     for branch in branches:
         ax.plot(
             *_onsets(loci.speeds, branch),
@@ -297,11 +303,11 @@ class Trend:
 
     Attributes:
         law: "power" (error ~ size^-rate), "exponential" (error ~ rate^-size), "flat" (it ends at
-            `limit`), or "unknown" (too few sizes).
+            `limit`), or "unknown" (no law fits, or too few sizes).
         rate: order, or factor by which the error falls with each degree of freedom; NaN for the
             other laws.
         limit: for "flat" the signed relative error at infinite size, extrapolated; else NaN.
-        spread: by how much one size less moves the limit; else NaN.
+        spread: by how much the limit moves without the smallest of the sizes; else NaN.
         sizes: the sizes used, shape (k,).
     """
 
@@ -338,20 +344,21 @@ def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
     sizes, errors = sizes[good], errors[good]
     if sizes.size < 4:
         return Trend("unknown", math.nan, math.nan, math.nan, sizes)
-    last = sizes >= sizes[-1] / 4.0
-    if last.sum() < 4:
-        last = np.arange(sizes.size) >= sizes.size - 4
-    logs = np.log(np.abs(errors[last]))
-    power, misfit = _line(np.log(sizes[last]), logs)
-    if power > -0.5:
-        limits = [_at_infinity(sizes[last][k:], errors[last][k:]) for k in (0, 1)]
-        if min(np.abs(limits)) > 0.3 * abs(errors[-1]):
-            spread = abs(limits[0] - limits[1])
-            return Trend("flat", math.nan, limits[0], spread, sizes[last])
-    exponential, other_misfit = _line(sizes[last], logs)
-    if other_misfit < misfit:
-        return Trend("exponential", math.exp(-exponential), math.nan, math.nan, sizes[last])
-    return Trend("power", -power, math.nan, math.nan, sizes[last])
+    # An error that lasts: c_0 of c_0 + c_1 / n + c_2 / n^2 + ..., if it stands still.
+    count = min(5, sizes.size)
+    limits = [_at_infinity(sizes[-k:], errors[-k:]) for k in (count, count - 1)]
+    spread = abs(limits[0] - limits[1])
+    if abs(limits[0]) > max(0.3 * abs(errors[-1]), 5.0 * spread):
+        return Trend("flat", math.nan, limits[0], spread, sizes[-5:])
+    last = sizes >= min(sizes[-1] / 2.0, sizes[-4])
+    sizes, logs = sizes[last], np.log(np.abs(errors[last]))
+    power, power_misfit = _line(np.log(sizes), logs)
+    exponential, misfit = _line(sizes, logs)
+    if min(power_misfit, misfit) > 0.1 * float(np.ptp(logs)):
+        return Trend("unknown", math.nan, math.nan, math.nan, sizes)
+    if misfit < power_misfit:
+        return Trend("exponential", math.exp(-exponential), math.nan, math.nan, sizes)
+    return Trend("power", -power, math.nan, math.nan, sizes)
 
 
 def _floor(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
@@ -367,10 +374,9 @@ def _at_infinity(sizes: Array, errors: Array) -> float:
 
 
 def _line(x: Array, y: Array) -> tuple[float, float]:
-    """Slope and sum of squared misfits of a straight line."""
-    fit = np.polynomial.Polynomial.fit(x, y, 1).convert()
-    misfit = float(np.sum((fit(x) - y) ** 2))
-    return float(fit.coef[1]) if fit.coef.size > 1 else 0.0, misfit
+    """Slope and root mean square misfit of a straight line."""
+    slope, start = np.polyfit(x, y, 1)
+    return float(slope), float(np.sqrt(np.mean((start + slope * x - y) ** 2)))
 
 
 def convergence(
@@ -438,7 +444,7 @@ def _law(fitted: Trend) -> str:
         return f"÷ {fitted.rate:.1f} per degree of freedom"
     if fitted.law == "flat":
         return f"tends to {100.0 * fitted.limit:+.2f} %".replace("-", "\u2212")
-    return "no fit"
+    return "no clear order"
 
 
 # -------------------------------------------------------------------------------- stability map
@@ -464,7 +470,10 @@ def stability_map(
         marked: a critical speed to mark, at its pipe's beta.
     """
     for (label, curve), look in zip(curves.items(), _cycled(len(curves)), strict=True):
-        for strand, kind in _strands(curve):
+        strands = _strands(curve)
+        if not strands:
+            ax.plot([], [], linewidth=1.5, label=f"{label}: none here", **look)
+        for strand, kind in strands:
             ax.plot(strand[:, 0], strand[:, 1], linewidth=1.5, label=label, **look)
             label = "_" + label.lstrip("_")
             if kind == "divergence":
@@ -518,6 +527,7 @@ def _strands(curve: StabilityCurve) -> list[tuple[Array, str]]:
     taken = [i for i in np.argsort(curve.values) if i not in failed]
     values = curve.values[taken]
     columns = [boundaries(curve.crossings[i]) for i in taken]
+    tall = max([c.speed for column in columns for c in column], default=0.0) or 1.0
     edges: dict[End, tuple[End, Array]] = {}
 
     def join(a: End, b: End, points: Array) -> None:
@@ -525,9 +535,9 @@ def _strands(curve: StabilityCurve) -> list[tuple[Array, str]]:
 
     for i, (left, right) in enumerate(pairwise(columns)):
         step = float(values[i + 1] - values[i])
-        matched = _matched(left, right, step)
+        matched = _matched(left, right, step, tall)
         for j, k in matched:
-            bow = _bow((values[i], left[j]), (values[i + 1], right[k]))
+            bow = _bow((values[i], left[j]), (values[i + 1], right[k]), tall)
             join(((i, j), "right"), ((i + 1, k), "left"), bow)
         loose = [j for j in range(len(left)) if j not in {j for j, _ in matched}]
         for j, k, points in _noses(values[i], left, loose, step):
@@ -569,12 +579,14 @@ def _other(side: Literal["left", "right"]) -> Literal["left", "right"]:
     return "left" if side == "right" else "right"
 
 
-FARTHEST = 1.2
-"""Passages that disagree by more, in units of speed, are not one another's continuation."""
+FARTHEST = 0.06
+"""Passages that disagree by more, as a part of the highest speed, do not continue one another."""
 
 
-def _matched(left: list[Crossing], right: list[Crossing], step: float) -> list[tuple[int, int]]:
-    """Which passage of the right column continues which of the left.
+def _matched(
+    left: list[Crossing], right: list[Crossing], step: float, tall: float
+) -> list[tuple[int, int]]:
+    """Which passage of the right column continues which of the left; tall: the highest speed.
 
     Along a branch the sense of passage changes at the nose of a fold only.
     """
@@ -582,12 +594,12 @@ def _matched(left: list[Crossing], right: list[Crossing], step: float) -> list[t
     for (j, a), (k, b) in product(enumerate(left), enumerate(right)):
         if a.kind != b.kind or a.destabilising != b.destabilising:
             continue
-        scale = 4.0 / (1.0 + max(a.frequency, b.frequency))
-        plain = abs(a.speed - b.speed) + scale * abs(a.frequency - b.frequency)
+        scale = 0.2 / (1.0 + max(a.frequency, b.frequency))
+        plain = abs(a.speed - b.speed) / tall + scale * abs(a.frequency - b.frequency)
         (ua, wa), (ub, wb) = _slopes(a), _slopes(b)
         speeds = a.speed - b.speed + 0.5 * step * (ua + ub)
         tuned = a.frequency - b.frequency + 0.5 * step * (wa + wb)
-        cost[j, k] = min(plain, abs(speeds) + scale * abs(tuned))
+        cost[j, k] = min(plain, abs(speeds) / tall + scale * abs(tuned))
     pairs = zip(*linear_sum_assignment(cost), strict=True)
     return [(int(j), int(k)) for j, k in pairs if cost[j, k] < FARTHEST]
 
@@ -600,10 +612,10 @@ def _slopes(crossing: Crossing) -> tuple[float, float]:
     return known.speed.beta, known.frequency.beta
 
 
-def _bow(a: tuple[float, Crossing], b: tuple[float, Crossing]) -> Array:
+def _bow(a: tuple[float, Crossing], b: tuple[float, Crossing], tall: float) -> Array:
     """Hermite cubic by arc length between two passages, shape (k, 2)."""
     ends = np.array([[x, crossing.speed] for x, crossing in (a, b)])
-    stretch = np.array([20.0, 1.0])  # beta spans 1 where the speed spans some 20
+    stretch = np.array([tall, 1.0])  # beta spans 1
     p, q = ends * stretch
     chord = q - p
     if any(crossing.sensitivity is None for _, crossing in (a, b)):

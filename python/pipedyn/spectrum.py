@@ -246,7 +246,9 @@ class DensePencil(Pencil):
             + self.K
             + self.centrifugal * u**2 * self.A
         )
-        lu, pivots, _ = lapack.zgetrf(_nudged(matrix.astype(np.complex128)))
+        lu, pivots, _ = lapack.zgetrf(matrix.astype(np.complex128))
+        exact = np.flatnonzero(np.diag(lu) == 0.0)  # singular: LU of one that differs in rounding
+        lu[exact, exact] = np.finfo(float).eps
 
         def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
             solution: Vectors = lapack.zgetrs(lu, pivots, rows, trans=2 if adjoint else 0)[0]
@@ -276,12 +278,6 @@ class DensePencil(Pencil):
         mu, lefts, vectors = scipy.linalg.eig(step, left=True, check_finite=False)
         dual = lapack.dgetrs(lu, pivots, np.hstack([lefts[:n].real, lefts[:n].imag]), trans=1)[0]
         return mu, vectors[:n].astype(np.complex128), dual[:, : mu.size] + 1j * dual[:, mu.size :]
-
-
-def _nudged(matrix: Complex) -> Complex:
-    """A matrix that is singular to the last bit may still be factored."""
-    matrix[np.diag_indices_from(matrix)] *= 1.0 + 1e-15
-    return matrix
 
 
 class BandPencil(Pencil):
@@ -331,8 +327,9 @@ class BandPencil(Pencil):
             (lapack.dgbtrf, lapack.dgbtrs) if real else (lapack.zgbtrf, lapack.zgbtrs)
         )
         lu, pivots, singular = factorise(band.real if real else band, kl=width, ku=width)
-        if singular > 0:  # exact zero pivot: LU of a matrix that differs in the last bit
-            lu[2 * width, singular - 1] = np.finfo(float).eps
+        if singular > 0:  # as in DensePencil
+            pivot = lu[2 * width]
+            pivot[pivot == 0.0] = np.finfo(float).eps
 
         def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
             if np.iscomplexobj(rows) and real:

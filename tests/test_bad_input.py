@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: MIT
+"""Every public argument, given what it must not take: refused at once, by name."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import pipedyn as pd
+
+PIPE = pd.Pipe(0.2)
+CHAIN = pd.Chain(PIPE, 3)
+ROM = pd.Galerkin(PIPE, 3)
+EXACT = pd.Continuum(PIPE)
+
+NAN, INF = math.nan, math.inf
+NOT_NUMBERS = ["1", None, [1.0], 1j, True, np.bool_(False), {}, object()]
+NOT_FINITE = [NAN, INF, -INF, np.float64("nan"), 10**400]
+NOT_COUNTS = ["3", 3.0, 2.5, None, True, np.bool_(True), [3], 1j, NAN]
+NOT_FLAGS = [1, 0, "yes", None, 1.0]
+NOT_ARRAYS = ["abc", ["a", "b"], [1j, 2j], [True, False], {}, [None, 1.0]]
+NOT_MODELS = [None, "chain", 3, PIPE, pd.Chain, object()]
+
+SI = {"length": 1.0, "bending_stiffness": 1.0, "pipe_mass": 1.0, "fluid_mass": 1.0}
+
+
+def real(name, call, below=(), above=(), missing=()):
+    """Cases of a real argument: no number, not finite, out of range."""
+    skip = [value for value in missing if value is None]
+    for value in NOT_NUMBERS:
+        if value is not None or not skip:
+            yield name, call, value
+    for value in (*NOT_FINITE, *below, *above):
+        yield name, call, value
+
+
+def count(name, call, low=(0, -1), high=(), optional=False):
+    for value in NOT_COUNTS:
+        if not (optional and value is None):
+            yield name, call, value
+    for value in (*low, *high):
+        yield name, call, value
+
+
+def array(name, call, size, bad=(), optional=False):
+    """Cases of an array argument of a given size."""
+    for value in NOT_ARRAYS:
+        yield name, call, value
+    if not optional:
+        yield name, call, None
+    good = np.full(size, 0.5)
+    for number in (NAN, INF, -INF, *bad):
+        wrong = good.copy()
+        wrong[-1] = number
+        yield name, call, wrong
+    yield name, call, good.reshape(1, -1)
+    yield name, call, np.zeros((2, 2))
+    yield name, call, []
+
+
+CASES = [
+    # Pipe
+    *real("beta", lambda v: pd.Pipe(v), below=[-1e-9, -1], above=[1, 1.2]),
+    *real("gamma", lambda v: pd.Pipe(0.2, gamma=v), above=[1e300]),
+    *real("alpha", lambda v: pd.Pipe(0.2, alpha=v), below=[-0.1], above=[1e300]),
+    *real("drag", lambda v: pd.Pipe(0.2, drag=v), below=[-0.1]),
+    *real("damping", lambda v: pd.Pipe(0.2, damping=v), below=[-1e-12]),
+    *(("flow", lambda v: pd.Pipe(0.2, flow=v), v) for v in ["", "Ejecting", "out", 1, None, True]),
+    *(
+        ("scales", lambda v: pd.Pipe(0.2, scales=v), v)
+        for v in ["SI", 1.0, (1.0, 1.0), (1.0, 1.0, 1.0, NAN), (1.0, 1.0, 1.0, 0.0), [1, 1, 1, 1]]
+    ),
+    # Pipe.from_si
+    *real("length", lambda v: pd.Pipe.from_si(**SI | {"length": v}), below=[0, -1], above=[1e200]),
+    *real("bending_stiffness", lambda v: pd.Pipe.from_si(**SI | {"bending_stiffness": v}), [0, -1]),
+    *real("pipe_mass", lambda v: pd.Pipe.from_si(**SI | {"pipe_mass": v}), [0, -1]),
+    *real("fluid_mass", lambda v: pd.Pipe.from_si(**SI | {"fluid_mass": v}), [0, -1]),
+    *real("gravity", lambda v: pd.Pipe.from_si(**SI, gravity=v)),
+    *real("drag_coefficient", lambda v: pd.Pipe.from_si(**SI, drag_coefficient=v), [-1], [1]),
+    *real("external_diameter", lambda v: pd.Pipe.from_si(**SI, external_diameter=v), [-1], [1]),
+    *real("external_density", lambda v: pd.Pipe.from_si(**SI, external_density=v), [-1], [1]),
+    *real("damping_time", lambda v: pd.Pipe.from_si(**SI, damping_time=v), [-1]),
+    *real("alpha", lambda v: pd.Pipe.from_si(**SI, alpha=v), [-1]),
+    *(("flow", lambda v: pd.Pipe.from_si(**SI, flow=v), v) for v in ["in", 0, None]),
+    # conversions
+    *(
+        case
+        for name, method in [
+            ("u", "speed_si"),
+            ("V", "speed"),
+            ("tau", "time_si"),
+            ("t", "time"),
+            ("omega", "frequency_si"),
+            ("omega_si", "frequency"),
+            ("s", "length_si"),
+            ("x", "length"),
+        ]
+        for case in [
+            (name, getattr(pd.Pipe.from_si(**SI), method), value)
+            for value in ["1", None, 1j, True, [1.0, NAN], INF, ["a"]]
+        ]
+    ),
+    *(
+        ("from_si", getattr(PIPE, method), 1.0)
+        for method in ("speed_si", "speed", "time_si", "time", "frequency_si", "frequency")
+    ),
+    *(("from_si", getattr(PIPE, method), 1.0) for method in ("length_si", "length")),
+    # inlet_coefficient
+    *array("velocity", lambda v: pd.inlet_coefficient(v, areas=[1.0, 1.0, 1.0]), 3),
+    ("velocity", lambda v: pd.inlet_coefficient(v, areas=[1.0, 1.0]), [1.0, 1.0, 1.0]),
+    ("velocity", lambda v: pd.inlet_coefficient(v), lambda r: NAN),
+    ("velocity", lambda v: pd.inlet_coefficient(v), lambda r: "fast"),
+    ("velocity", lambda v: pd.inlet_coefficient(v), lambda r: np.ones(2)),
+    *real("radius", lambda v: pd.inlet_coefficient(lambda r: 1.0, radius=v), [0, -1]),
+    *real("section", lambda v: pd.inlet_coefficient(lambda r: 1.0, section=v), [0], missing=[None]),
+    *array("radii", lambda v: pd.inlet_coefficient([1.0] * 3, radii=v), 3, [-1], optional=True),
+    ("radii", lambda v: pd.inlet_coefficient([1.0] * 3, radii=v), [0.1, 0.2, 0.3]),
+    ("radii", lambda v: pd.inlet_coefficient([1.0] * 3, radii=v), [0.0, 0.2, 0.2]),
+    ("radii", lambda v: pd.inlet_coefficient([1.0], radii=v), [0.0]),
+    ("radii", lambda v: pd.inlet_coefficient([1.0] * 3, radii=v), None),
+    ("radii", lambda v: pd.inlet_coefficient([1.0] * 2, radii=v, areas=[1.0, 1.0]), [0.0, 1.0]),
+    ("radii", lambda v: pd.inlet_coefficient(lambda r: 1.0, radii=v), [0.0, 1.0]),
+    ("areas", lambda v: pd.inlet_coefficient(lambda r: 1.0, areas=v), [1.0, 1.0]),
+    *array("areas", lambda v: pd.inlet_coefficient([1.0] * 3, areas=v), 3, [0, -1], optional=True),
+    # Chain
+    *(("pipe", lambda v: pd.Chain(v, 3), v) for v in [None, 0.2, "pipe", CHAIN, pd.Pipe]),
+    *count("n", lambda v: pd.Chain(PIPE, v), high=[10**6 + 1, 10**12, 10**400]),
+    ("n", lambda v: pd.Chain(PIPE), None),
+    *(
+        ("springs", lambda v: pd.Chain(PIPE, 3, springs=v), v)
+        for v in ["", "Uniform", "stiff", None, 1.0, True]
+    ),
+    *array("springs", lambda v: pd.Chain(PIPE, 3, springs=v), 3, [-1e-9, 1e300]),
+    ("springs", lambda v: pd.Chain(PIPE, 3, springs=v), [1.0, 1.0]),
+    *array("lengths", lambda v: pd.Chain(PIPE, 2, lengths=v), 2, [0, -0.5], optional=True),
+    ("lengths", lambda v: pd.Chain(PIPE, 3, lengths=v), [0.5, 0.5]),
+    ("lengths", lambda v: pd.Chain(PIPE, lengths=v), [0.5, 0.6]),
+    ("lengths", lambda v: pd.Chain(PIPE, lengths=v, base=0.1), [0.5, 0.5]),
+    ("lengths", lambda v: pd.Chain(PIPE, lengths=v, springs="midpoint"), [0.5, 0.5]),
+    *array("centers", lambda v: pd.Chain(PIPE, 3, centers=v), 3, [-0.1, 1.1], optional=True),
+    ("centers", lambda v: pd.Chain(PIPE, 3, centers=v), [0.5, 0.5]),
+    ("centers", lambda v: pd.Chain(PIPE, 2, centers=v, gyration_radii=[0.1, 0.0]), [0.5, 0.0]),
+    *array(
+        "gyration_radii", lambda v: pd.Chain(PIPE, 3, gyration_radii=v), 3, [-0.1], optional=True
+    ),
+    ("gyration_radii", lambda v: pd.Chain(PIPE, 3, gyration_radii=v), [0.5, 0.5]),
+    *array(
+        "drag_points", lambda v: pd.Chain(PIPE, 3, drag_points=v), 3, [-0.1, 1.1], optional=True
+    ),
+    ("drag_points", lambda v: pd.Chain(PIPE, 3, drag_points=v), [0.5, 0.5]),
+    *real("base", lambda v: pd.Chain(PIPE, 3, base=v), below=[-0.1], above=[1.0, 2.0]),
+    ("base", lambda v: pd.Chain(PIPE, 3, springs="midpoint", base=v), 0.1),
+    # Galerkin and Continuum
+    *(("pipe", lambda v: pd.Galerkin(v, 3), v) for v in [None, 0.2, CHAIN]),
+    *count("m", lambda v: pd.Galerkin(PIPE, v), high=[2001, 10**12]),
+    *(
+        ("basis", lambda v: pd.Galerkin(PIPE, 3, v), v)
+        for v in ["", "Beam", "fourier", None, 1, True]
+    ),
+    *(("pipe", lambda v: pd.Continuum(v), v) for v in [None, 0.2, CHAIN, "pipe"]),
+    *count("m", lambda v: EXACT.frozen(v), high=[2001]),
+    # what models answer
+    *real("u", lambda v: CHAIN.operators().at(v), below=[-1e-9]),
+    *real("u", lambda v: ROM.operators().at(v), below=[-1.0]),
+    *(("pipe", model.with_pipe, v) for model in (CHAIN, ROM) for v in [None, 0.2]),
+    *(
+        case
+        for model in (CHAIN, ROM)
+        for case in [
+            *array("q", lambda v, model=model: model.shape(v, [0.5]), 3),
+            *array("q", model.tip, 3),
+            ("q", model.tip, [0.0, 0.0]),
+            *array("s", lambda v, model=model: model.shape(np.zeros(3), v), 3, [-0.1, 1.1]),
+            *array("s", lambda v, model=model: model.deflection(np.zeros(3), v), 3, [-0.1, 1.1]),
+            *array("s", pd.modes(model, 1.0).shapes[0], 3, [-0.1, 1.1]),
+        ]
+    ),
+    *array("s", lambda v: ROM.functions(v), 3, [-0.1, 1.1]),
+    *count("derivative", lambda v: ROM.functions([0.5], v), low=[-1], high=[3, 10**9]),
+    # eigenvalues, modes
+    *(
+        case
+        for question in (pd.eigenvalues, pd.modes)
+        for case in [
+            *(("model", lambda v, f=question: f(v, 1.0, 2), v) for v in NOT_MODELS),
+            *real("u", lambda v, f=question: f(CHAIN, v), below=[-1e-9], above=[1e9]),
+            *count("count", lambda v, f=question: f(CHAIN, 1.0, v), high=[7, 10**9], optional=True),
+            *count("count", lambda v, f=question: f(EXACT, 1.0, v), high=[10**9], optional=True),
+            ("count", lambda v, f=question: f(EXACT, 1.0, v), None),
+            ("count", lambda v, f=question: f(pd.Chain(PIPE, 100_000), 1.0, v), None),
+            ("count", lambda v, f=question: f(pd.Chain(PIPE, 100_000), 1.0, v), 60_000),
+        ]
+    ),
+    # root_loci
+    *(("model", lambda v: pd.root_loci(v, [0.0, 1.0]), v) for v in NOT_MODELS),
+    *array("speeds", lambda v: pd.root_loci(CHAIN, v, 2), 3, [-1.0, 1e9]),
+    ("speeds", lambda v: pd.root_loci(CHAIN, v, 2), [1.0, 1.0]),
+    ("speeds", lambda v: pd.root_loci(CHAIN, v, 2), [2.0, 1.0]),
+    ("speeds", lambda v: pd.root_loci(CHAIN, v, 2), 3.0),
+    *count("count", lambda v: pd.root_loci(CHAIN, [0.0, 1.0], v), high=[4, 10**9]),
+    *count("count", lambda v: pd.root_loci(EXACT, [0.0, 1.0], v), high=[10**9]),
+    *(("progress", lambda v: pd.root_loci(CHAIN, [0.0], 2, progress=v), v) for v in NOT_FLAGS),
+    # crossings, critical_speed
+    *(
+        case
+        for question in (pd.crossings, pd.critical_speed)
+        for case in [
+            *(("model", lambda v, f=question: f(v, 5.0), v) for v in NOT_MODELS),
+            ("model", lambda v, f=question: f(v, 5.0), pd.Chain(PIPE, 2001)),
+            ("model", lambda v, f=question: f(v, 5.0), pd.Chain(PIPE, 10**6)),
+            *real("max_speed", lambda v, f=question: f(CHAIN, v), below=[0, -1], above=[1e9]),
+        ]
+    ),
+    # stability_curve
+    *(("make_model", lambda v: pd.stability_curve(v, [0.1]), v) for v in [None, "chain", CHAIN, 3]),
+    *array("values", lambda v: pd.stability_curve(lambda b: CHAIN, v), 3),
+    ("values", lambda v: pd.stability_curve(lambda b: CHAIN, v), 0.2),
+    *real(
+        "max_speed",
+        lambda v: pd.stability_curve(lambda b: CHAIN, [0.1], max_speed=v),
+        below=[0, -1],
+        above=[1e9],
+        missing=[None],
+    ),
+    *(
+        ("executor", lambda v: pd.stability_curve(lambda b: CHAIN, [0.1], executor=v), v)
+        for v in ["threads", 2, True, object()]
+    ),
+    *(
+        ("progress", lambda v: pd.stability_curve(lambda b: CHAIN, [0.1], progress=v), v)
+        for v in NOT_FLAGS
+    ),
+]
+
+
+def label(case):
+    name, _, value = case
+    return re.sub(r"\s+|0x[0-9a-f]+", "", f"{name}={value!r}")[:40]
+
+
+@pytest.mark.parametrize(("name", "call", "value"), CASES, ids=map(label, CASES))
+def test_a_bad_argument_is_refused_by_name(name, call, value):
+    with pytest.raises((ValueError, TypeError), match=rf"\b{name}\b") as caught:
+        call(value)
+    assert type(caught.value) in (ValueError, TypeError)
+    assert len(str(caught.value)) < 300
+
+
+def test_a_refusal_names_the_rule_and_what_came():
+    with pytest.raises(ValueError, match=r"^beta must lie in \[0, 1\), got 1\.2$"):
+        pd.Pipe(1.2)
+
+
+def test_absurd_sizes_are_refused_before_memory_is_asked_for():
+    """A chain of a million segments is light; its dense matrices would not be."""
+    chain = pd.Chain(PIPE, 10**6, springs="uniform")
+    with pytest.raises(ValueError, match="4000"):
+        chain.operators()
+    with pytest.raises(ValueError, match="4000"):
+        chain.elastic_operators()
+    with pytest.raises(ValueError, match="lengths"):
+        pd.Chain(PIPE, lengths=np.broadcast_to(1e-9, (10**9,)))
+    with pytest.raises(ValueError, match="speeds"):
+        pd.root_loci(CHAIN, np.broadcast_to(1.0, (10**9,)), 2)
+    with pytest.raises(ValueError, match="s must"):
+        CHAIN.shape(np.zeros(3), np.broadcast_to(1.0, (10**9,)))
+
+
+def test_arguments_are_not_changed_and_not_kept_in_hand():
+    springs = np.array([1.0, 2.0, 3.0])
+    chain = pd.Chain(PIPE, springs=springs)
+    springs[0] = 99.0
+    np.testing.assert_array_equal(chain.springs, [1.0, 2.0, 3.0])
+
+
+def test_whole_numbers_of_numpy_count_and_lists_are_arrays():
+    assert pd.Chain(PIPE, np.int64(3)).dof == 3
+    assert pd.Galerkin(PIPE, np.uint8(3)).dof == 3
+    loci = pd.root_loci(CHAIN, [0, 1, 2], np.int32(2))
+    assert loci.speeds.dtype == np.float64
