@@ -59,7 +59,13 @@ class CirculatoryHunt(Hunt):
     def sure(self, step: Step) -> bool:
         """Whether each nu stays real or complex, or meets a partner of its own sign once."""
         a, b = step.left.values, step.right.values
-        for i in self.rows(step):
+        roots = self.rows(step)
+        # Two that seem to pass zero in one step may have met below and parted above it.
+        after = self.states(b[step.onto], self.unstable)
+        real = (a.imag == 0.0) & (b[step.onto].imag == 0.0)
+        if np.sum((real & (after != self.unstable))[roots]) > 1 and step.left.u > 0.0:
+            return False
+        for i in roots:
             k, j = int(step.meets[i]), int(step.onto[i])
             if (a[i].imag == 0.0) == (b[j].imag == 0.0):
                 if k >= 0:
