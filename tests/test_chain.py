@@ -241,6 +241,12 @@ def test_consistent_springs_share_the_flexibility_of_unequal_segments():
     np.testing.assert_allclose(equal.springs, [14.0] + 6 * [7.0], rtol=1e-14)
 
 
+def test_a_fixed_base_gives_all_its_flexibility_to_the_first_joint():
+    """1 / k_1 = base + l_1 / 2; the joints together bend like the beam up to the last half."""
+    chain = pd.Chain(pd.Pipe(0.2), lengths=[0.4, 0.3, 0.2], base=0.1)
+    np.testing.assert_allclose(1.0 / chain.springs, [0.1 + 0.2, 0.35, 0.25], rtol=1e-14)
+
+
 def test_consistent_chain_bends_like_the_beam_under_a_moment_at_its_end():
     """The free end's angle is M L / EI up to the half segment beyond the last joint."""
     lengths = np.array([0.1, 0.3, 0.15, 0.25, 0.2])

@@ -78,7 +78,12 @@ class Chain(Model):
         rule = _check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
         base = _check.real("base", base, low=0.0, high=1.0, open_high=True)
         n = _segment_count(
-            n, (lengths, None if rule else springs, centers, gyration_radii, drag_points)
+            n,
+            lengths=lengths,
+            springs=None if rule else springs,
+            centers=centers,
+            gyration_radii=gyration_radii,
+            drag_points=drag_points,
         )
         if lengths is not None:
             self._lengths = _check.array("lengths", lengths, size=n, low=0.0, open_low=True)
@@ -287,17 +292,12 @@ class Chain(Model):
         return result
 
 
-def _segment_count(n: int | None, arrays: tuple[Any, ...]) -> int:
+def _segment_count(n: int | None, **arrays: Any) -> int:
     if n is not None:
         return _check.count("n", n, high=LARGEST_CHAIN)
-    for given in arrays:
+    for name, given in arrays.items():
         if given is not None:
-            size = np.shape(given)
-            if len(size) != 1 or not 1 <= size[0] <= LARGEST_CHAIN:
-                raise ValueError(
-                    f"n, or one-dimensional arrays that tell it, must be given, got shape {size}"
-                )
-            return int(size[0])
+            return _check.array(name, given, longest=LARGEST_CHAIN).size
     raise ValueError("n or lengths must be given")
 
 

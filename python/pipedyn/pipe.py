@@ -121,11 +121,13 @@ class Pipe:
                 external_diameter and external_density all three or none.
             TypeError: for what is no number.
         """
-        length = _check.real("length", length, low=0.0, open_low=True)
-        stiffness = _check.real("bending_stiffness", bending_stiffness, low=0.0, open_low=True)
-        pipe_mass = _check.real("pipe_mass", pipe_mass, low=0.0, open_low=True)
-        fluid_mass = _check.real("fluid_mass", fluid_mass, low=0.0, open_low=True)
-        gravity = _check.real("gravity", gravity)
+        length = _check.real("length", length, low=0.0, high=1e12, open_low=True)
+        stiffness = _check.real(
+            "bending_stiffness", bending_stiffness, low=0.0, high=1e12, open_low=True
+        )
+        pipe_mass = _check.real("pipe_mass", pipe_mass, low=0.0, high=1e12, open_low=True)
+        fluid_mass = _check.real("fluid_mass", fluid_mass, low=0.0, high=1e12, open_low=True)
+        gravity = _check.real("gravity", gravity, low=-1e12, high=1e12)
         drag = [
             _check.real("drag_coefficient", drag_coefficient, low=0.0),
             _check.real("external_diameter", external_diameter, low=0.0),
@@ -275,7 +277,7 @@ def _axisymmetric(
     section: float | None,
     breaks: _check.Array | None = None,
 ) -> float:
-    def integral(power: int) -> float:
+    def integral(power: int, floor: float) -> float:
         def ring(r: float) -> float:
             value = _check.real(f"velocity({r:g})", np.asarray(profile(r))[()])
             return float(2.0 * math.pi * r * value**power)
@@ -283,10 +285,13 @@ def _axisymmetric(
         edges = [0.0, radius] if breaks is None else [0.0, *breaks, radius]
         pieces = pairwise(edges)
         return math.fsum(
-            quad(ring, a, b, limit=200, epsabs=0.0, epsrel=1e-10)[0] for a, b in pieces
+            quad(ring, a, b, limit=200, epsabs=floor, epsrel=1e-10)[0] for a, b in pieces
         )
 
-    return _coefficient(integral(1), integral(2), math.pi * radius**2, section)
+    area = math.pi * radius**2
+    momentum = integral(2, 0.0)
+    flow = integral(1, 1e-11 * math.sqrt(area * momentum))
+    return _coefficient(flow, momentum, area, section)
 
 
 def _coefficient(flow: float, momentum: float, area: float, section: float | None) -> float:

@@ -504,7 +504,7 @@ def stability_map(
     ax.set_ylim(0.0, highest)
     ax.set_xlabel(BETA_LABEL)
     ax.set_ylabel(SPEED_LABEL)
-    ax.legend(loc="upper left")
+    ax.legend(loc="best")
     return ax
 
 
@@ -579,7 +579,7 @@ def _other(side: Literal["left", "right"]) -> Literal["left", "right"]:
     return "left" if side == "right" else "right"
 
 
-FARTHEST = 0.06
+FARTHEST = 0.15
 """Passages that disagree by more, as a part of the highest speed, do not continue one another."""
 
 

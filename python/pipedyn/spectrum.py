@@ -23,7 +23,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs
 
 from pipedyn._check import Array
 from pipedyn.chain import Chain
@@ -372,6 +372,8 @@ class BandPencil(Pencil):
             mu, vectors = eigs(operator, k=count, which="LM", v0=start, tol=0.0, ncv=ncv)
         except ArpackNoConvergence as error:
             mu, vectors = error.eigenvalues, error.eigenvectors
+        except ArpackError:  # too many equal eigenvalues for a Krylov space
+            return None
         if not np.isfinite(mu).all():
             return None
         return mu, vectors[:n], None
@@ -415,6 +417,8 @@ def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = Fals
             best = pairs
         if bool(pairs.converged.all()):
             break
+    if best is None and isinstance(pencil, BandPencil) and pencil.dof <= DENSE_LIMIT // 2:
+        return lowest(DensePencil(pencil.model), u, count, left)
     if best is None:
         empty = np.full(count, np.nan + 0j)
         vectors = np.zeros((pencil.dof, count), dtype=np.complex128)
