@@ -188,8 +188,7 @@ void check_band(const Pipe& pipe, const Chain& chain, const Segments& segments,
       }
     }
   }
-  const Matrix damping =
-      pipe.direction() * u * (dense.gyroscopic + dense.end_flux) + dense.damping;
+  const Matrix damping = pipe.direction() * u * (dense.gyroscopic + dense.end_flux) + dense.damping;
   const Matrix stiffness = dense.stiffness + pipe.centrifugal() * u * u * dense.flux;
   const ComplexMatrix pencil = lambda * lambda * dense.mass + lambda * damping + stiffness;
   const ComplexMatrix moments = dice.matrix(n, 2);
@@ -280,8 +279,8 @@ Rule gauss(Index count) {
       double value = x, before = 1.0;
       for (Index k = 2; k <= count; ++k) {
         const double order = static_cast<double>(k);
-        before = std::exchange(value, ((2.0 * order - 1.0) * x * value - (order - 1.0) * before) /
-                                          order);
+        before = std::exchange(value,
+                               ((2.0 * order - 1.0) * x * value - (order - 1.0) * before) / order);
       }
       slope = degree * (x * value - before) / (x * x - 1.0);
       x -= value / slope;

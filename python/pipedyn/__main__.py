@@ -215,10 +215,19 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         help="processes that share the work, 0 for none beside this one (default: %(default)s)",
     )
     add("--quiet", action="store_true", help="show no progress on stderr")
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        return _checked(parser.parse_args(arguments))
+        return _checked(parser.parse_args([_positional(word) for word in given]))
     except (ValueError, OSError) as error:
         parser.error(str(error))
+
+
+def _positional(word: str) -> str:
+    """-1e3 as -1000: argparse takes a negative number with an exponent for an option."""
+    try:
+        return np.format_float_positional(float(word)) if word.startswith("-") else word
+    except ValueError:
+        return word
 
 
 def _size(largest: int) -> Callable[[str], int]:

@@ -394,7 +394,7 @@ def convergence(
         exact: critical speed of the continuous pipe.
     """
     ax.set_xlabel("degrees of freedom $n$, $m$")
-    ax.set_ylabel("relative error of the critical speed, $|u_c / u_{c,exact} - 1|$")
+    ax.set_ylabel(r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$")
     if exact.speed == 0.0:
         return notice(ax, "The critical speed is 0: nothing converges to it.")
     floor = max((_floor(found, exact) for found in families.values()), default=1e-15)
@@ -407,6 +407,15 @@ def convergence(
         ax.plot(sizes, shown, label=label, linewidth=1.1, markersize=4.5, **look)
         if fitted.law == "flat":
             ax.axhline(abs(fitted.limit), color=look["color"], linewidth=0.7, zorder=0.8)
+            ax.annotate(
+                _percent(fitted.limit),
+                (1.0, abs(fitted.limit)),
+                xytext=(3, 0),
+                xycoords=ax.get_yaxis_transform(),
+                textcoords="offset points",
+                color=look["color"],
+                va="center",
+            )
         wrong = sizes[~np.isfinite(errors)]
         if wrong.size:
             open_markers = {**look, "linestyle": "none", "markerfacecolor": "none"}
@@ -443,8 +452,12 @@ def _law(fitted: Trend) -> str:
     if fitted.law == "exponential":
         return f"÷ {fitted.rate:.1f} per degree of freedom"
     if fitted.law == "flat":
-        return f"tends to {100.0 * fitted.limit:+.2f} %".replace("-", "\u2212")
+        return f"tends to {_percent(fitted.limit)}"
     return "no clear order"
+
+
+def _percent(part: float) -> str:
+    return f"{100.0 * part:+.2f} %".replace("-", "\u2212")
 
 
 # -------------------------------------------------------------------------------- stability map

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from pipedyn._check import Array
 from pipedyn.chain import Chain
@@ -39,6 +39,10 @@ eps |lambda|^2, which is what limits high modes."""
 
 DENSE_CHAIN = 64
 """Chains up to this size are solved dense: measured, the two routes take equal time near there."""
+
+DENSE_RESCUE, PATIENCE = 1000, 30
+"""Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or crowd
+at -1 / delta), chains up to this size are solved dense; it ends after a few where it does."""
 
 SHIFTS = (0.97, 2.31, 0.41)
 """Tried in turn until every residual passes; an eigenvalue may lie on one of them by chance."""
@@ -69,6 +73,10 @@ class Eigenpairs:
         """Some of the pairs."""
         left = None if self.left is None else self.left[:, which]
         return Eigenpairs(self.values[which], self.right[:, which], left, self.residuals[which])
+
+
+class _Crowded(Exception):
+    """Eigenvalues too close together for a Krylov space."""
 
 
 class Pencil(ABC):
@@ -368,12 +376,18 @@ class BandPencil(Pencil):
         start = np.concatenate([np.linspace(1.0, 0.0, n, endpoint=False), np.zeros(size - n)])
         operator = LinearOperator((size, size), matvec=step, dtype=np.float64)
         ncv = min(size, max(2 * count + 1, 20))
+        options = {"v0": start, "tol": 0.0, "ncv": ncv}
+        if n <= DENSE_RESCUE:
+            options["maxiter"] = PATIENCE
         try:
-            mu, vectors = eigs(operator, k=count, which="LM", v0=start, tol=0.0, ncv=ncv)
-        except ArpackNoConvergence as error:
-            mu, vectors = error.eigenvalues, error.eigenvectors
-        except ArpackError:  # too many equal eigenvalues for a Krylov space
-            return None
+            mu, vectors = eigs(operator, k=count, which="LM", **options)
+        except ArpackError as error:
+            if n <= DENSE_RESCUE:
+                raise _Crowded from error
+            mu = getattr(error, "eigenvalues", np.zeros(0))
+            if mu.size == 0:
+                return None
+            vectors = error.eigenvectors
         if not np.isfinite(mu).all():
             return None
         return mu, vectors[:n], None
@@ -410,15 +424,16 @@ def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = Fals
         pencil = DensePencil(pencil.model)
     best: Eigenpairs | None = None
     for shift in SHIFTS:
-        pairs = _about(pencil, u, count, left, shift)
+        try:
+            pairs = _about(pencil, u, count, left, shift)
+        except _Crowded:
+            return lowest(DensePencil(pencil.model), u, count, left)
         if pairs is None:
             continue
         if best is None or pairs.residuals.max() < best.residuals.max():
             best = pairs
         if bool(pairs.converged.all()):
             break
-    if best is None and isinstance(pencil, BandPencil) and pencil.dof <= DENSE_LIMIT // 2:
-        return lowest(DensePencil(pencil.model), u, count, left)
     if best is None:
         empty = np.full(count, np.nan + 0j)
         vectors = np.zeros((pencil.dof, count), dtype=np.complex128)
