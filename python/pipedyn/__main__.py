@@ -223,11 +223,13 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
 
 
 def _positional(word: str) -> str:
-    """-1e3 as -1000: argparse takes a negative number with an exponent for an option."""
+    """-1e3 as -1000.0: argparse takes a negative number with an exponent for an option."""
     try:
-        return np.format_float_positional(float(word)) if word.startswith("-") else word
+        if word.startswith("-") and "e" in word.lower():
+            return np.format_float_positional(float(word), trim="0")
     except ValueError:
-        return word
+        pass
+    return word
 
 
 def _size(largest: int) -> Callable[[str], int]:
@@ -660,7 +662,8 @@ def passages(findings: Findings) -> str:
     elif exact is not None and exact.speed == 0.0:
         start = "The pipe is unstable from the smallest flow on. "
     told = [
-        f"u = {c.speed:.5g} ({c.kind}, mode {c.mode}, {'begins' if c.destabilising else 'ends'})"
+        f"u = {c.speed:.5g} ({c.kind}, mode {c.mode}, {'begins' if c.destabilising else 'ends'}"
+        f"{'' if c.unstable_after else '; stable beyond'})"
         for c in findings.crossings
         if c.speed > 0.0
     ]
@@ -775,16 +778,25 @@ def report(case: Case, findings: Findings) -> str:
 
 
 def write(case: Case, findings: Findings, figures: dict[str, plot.Figure]) -> list[Path]:
-    """The table and the figures as files; the paths written."""
-    paths = [case.output / "critical-speeds.csv"]
-    with paths[0].open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(HEADER)
-        writer.writerows(table(findings))
-    for name, figure in figures.items():
-        paths.append(case.output / f"{name}.{case.format}")
-        with plot.style():
-            figure.savefig(paths[-1])
+    """The table and the figures as files; the paths written, what could not be in `failures`."""
+
+    def save_table(path: Path) -> None:
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(HEADER)
+            writer.writerows(table(findings))
+
+    savers: dict[str, Callable[[Path], None]] = {"critical-speeds.csv": save_table}
+    savers |= {f"{name}.{case.format}": figure.savefig for name, figure in figures.items()}
+    paths = []
+    for name, save in savers.items():
+        path = case.output / name
+        try:
+            with plot.style():
+                save(path)
+            paths.append(path)
+        except OSError as error:
+            findings.failures.append(f"{path}: {error.strerror or error}")
     return paths
 
 
@@ -794,15 +806,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with _pool(case.workers) as executor:
         findings = gather(case, executor)
     print(report(case, findings), flush=True)
-    try:
-        paths = write(case, findings, draw(case, findings))
-    except OSError as error:
-        print(f"python -m pipedyn: error: {error}", file=sys.stderr)
-        return 1
+    paths = write(case, findings, draw(case, findings))
     print("\nWritten: " + ", ".join(map(str, paths)))
     if findings.failures:
-        count, first = len(findings.failures), findings.failures[0]
-        print(f"python -m pipedyn: {count} not computed, the first: {first}", file=sys.stderr)
+        missing = f"{len(findings.failures)} not computed or written, the first:"
+        print(f"python -m pipedyn: {missing} {findings.failures[0]}", file=sys.stderr)
         return 1
     return 0
 

@@ -41,9 +41,6 @@ class NoCrossing(PipedynError):
         super().__init__(message, max_speed)
         self.max_speed = max_speed
 
-    def __str__(self) -> str:
-        return str(self.args[0])
-
 
 @dataclass(frozen=True)
 class Derivatives:

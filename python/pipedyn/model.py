@@ -18,7 +18,13 @@ DENSE_LIMIT = 4000
 
 
 class PipedynError(Exception):
-    """What the package could not compute; every other error it raises is about an argument."""
+    """What the package could not compute; every other error it raises is about an argument.
+
+    The first argument is the message, those after it what comes along.
+    """
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class NotConverged(PipedynError):
@@ -31,9 +37,6 @@ class NotConverged(PipedynError):
     def __init__(self, message: str, result: Any = None) -> None:
         super().__init__(message, result)
         self.result = result
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 @dataclass(frozen=True)
