@@ -381,6 +381,9 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
         curve, difference = mapped(pipe, _top(critical), executor)
         findings.curves[gamma] = curve
         findings.map_error = max(findings.map_error, difference)
+        if math.isinf(difference):
+            what = f"stability map, gamma = {gamma:g}"
+            findings.failures.append(f"{what}: boundaries differ from the continuous pipe's")
         findings.failures += [
             f"stability map, gamma = {gamma:g}, beta = {failure.value:g}: {_remark(failure.error)}"
             for failure in curve.failures
@@ -681,10 +684,12 @@ def second_mode(findings: Findings) -> list[str]:
         answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
         modes = [(row, row.critical.mode) for row in findings.rows if row.critical is not None]
         others = [f"{row.family} {row.size} (mode {k})" for row, k in modes if k != exact.mode]
+        count = len(others)
+        others[10:] = [f"and {count - 10} more"] if count > 10 else []
         named = f"; not so: {', '.join(others)}" if others else ""
         lines.append(
             "Is the instability in the second mode (branches counted from rest)? Continuous pipe: "
-            f"{answer}; {len(modes) - len(others)} of {len(modes)} models agree{named}."
+            f"{answer}; {len(modes) - count} of {len(modes)} models agree{named}."
         )
     for gamma, curve in findings.curves.items():
         if runs := _mode_runs(curve):

@@ -318,17 +318,16 @@ class Trend:
     sizes: Array
 
 
-def relative_errors(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> tuple[Array, Array]:
-    """Sizes, and signed errors of the speed relative to the exact; NaN if wrong in kind."""
+def relative_errors(
+    found: Iterable[CriticalSpeed], exact: CriticalSpeed
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Sizes, signed errors of the speed relative to the exact, and whether alike in kind."""
     results = sorted(found, key=lambda result: result.size)
     sizes = np.array([result.size for result in results], dtype=np.float64)
-    if exact.speed == 0.0:
-        return sizes, np.full(sizes.size, np.nan)
-    errors = [
-        result.speed / exact.speed - 1.0 if result.kind == exact.kind else math.nan
-        for result in results
-    ]
-    return sizes, np.array(errors)
+    speeds = np.array([result.speed for result in results])
+    alike = np.array([result.kind == exact.kind for result in results], dtype=np.bool_)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return sizes, (speeds - exact.speed) / exact.speed, alike
 
 
 def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
@@ -338,9 +337,9 @@ def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
         found: critical speeds of models of one family.
         exact: that of the continuous pipe.
     """
-    sizes, errors = relative_errors(found, exact)
-    good = np.isfinite(errors)
-    good &= np.abs(errors) > 30.0 * _floor(found, exact)
+    sizes, errors, alike = relative_errors(found, exact)
+    good = alike & np.isfinite(errors)
+    good[good] &= np.abs(errors[good]) > 30.0 * _floor(found, exact)
     sizes, errors = sizes[good], errors[good]
     if sizes.size < 4:
         return Trend("unknown", math.nan, math.nan, math.nan, sizes)
@@ -356,7 +355,7 @@ def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
     exponential, misfit = _line(sizes, logs)
     if min(power_misfit, misfit) > 0.1 * float(np.ptp(logs)):
         return Trend("unknown", math.nan, math.nan, math.nan, sizes)
-    if misfit < power_misfit:
+    if misfit < power_misfit and exponential < -math.log(2.0):
         return Trend("exponential", math.exp(-exponential), math.nan, math.nan, sizes)
     return Trend("power", -power, math.nan, math.nan, sizes)
 
@@ -364,7 +363,8 @@ def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
 def _floor(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
     """Relative error that the speeds compared have of their own."""
     own = max((result.error for result in found), default=0.0)
-    return (exact.error + own) / exact.speed + float(np.finfo(float).eps)
+    eps = float(np.finfo(float).eps)
+    return (exact.error + own) / exact.speed + eps if exact.speed > 0.0 else eps
 
 
 def _at_infinity(sizes: Array, errors: Array) -> float:
@@ -385,7 +385,7 @@ def convergence(
     """Error of the critical speed against degrees of freedom, with fitted orders.
 
     A model that loses stability in another way than the continuous pipe (divergence for flutter)
-    shows as an open marker at 1.
+    shows as an open marker and is not fitted.
 
     Args:
         ax: where to draw.
@@ -398,13 +398,16 @@ def convergence(
     if exact.speed == 0.0:
         return notice(ax, "The critical speed is 0: nothing converges to it.")
     floor = max((_floor(found, exact) for found in families.values()), default=1e-15)
+    least, all_alike = 1.0, True
     for name, found in families.items():
-        sizes, errors = relative_errors(found, exact)
-        look = FAMILY_STYLES.get(name, {"color": "0.4", "marker": "."})
-        fitted = trend(found, exact)
+        sizes, errors, alike = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
+        look = {"linewidth": 1.1, "markersize": 4.5, **FAMILY_STYLES.get(name, {"color": "0.4"})}
+        fitted = trend(found, exact)
         label = f"{_family(name)}: {_law(fitted)}"
-        ax.plot(sizes, shown, label=label, linewidth=1.1, markersize=4.5, **look)
+        ax.plot(sizes[alike], shown[alike], label=label, **look)
+        look |= {"linestyle": "none", "markerfacecolor": "none"}
+        ax.plot(sizes[~alike], shown[~alike], **look)
         if fitted.law == "flat":
             ax.axhline(abs(fitted.limit), color=look["color"], linewidth=0.7, zorder=0.8)
             ax.annotate(
@@ -416,23 +419,25 @@ def convergence(
                 color=look["color"],
                 va="center",
             )
-        wrong = sizes[~np.isfinite(errors)]
-        if wrong.size:
-            open_markers = {**look, "linestyle": "none", "markerfacecolor": "none"}
-            ax.plot(wrong, np.full(wrong.size, 1.0), markersize=4.5, **open_markers)
+        least = min([least, *shown])
+        all_alike = all_alike and bool(alike.all())
+    if not all_alike:
+        label = f"open: no {exact.kind}, not fitted"
+        ax.plot([], [], "o", color="0.3", markersize=4.5, markerfacecolor="none", label=label)
     ax.set_xscale("log", base=2)
     ax.set_yscale("log")
-    ax.set_ylim(0.1 * floor, max(3.0, ax.get_ylim()[1]))
-    ax.axhspan(0.1 * floor, floor, color="0.9", zorder=0.3)
-    ax.text(
-        0.01,
-        0.3 * floor,
-        "own error of the speeds compared; smaller distances stand at its edge",
-        transform=ax.get_yaxis_transform(),
-        fontsize=6.5,
-        color="0.35",
-        va="center",
-    )
+    ax.set_ylim(0.1 * least, max(3.0, ax.get_ylim()[1]))
+    if least <= floor:
+        ax.axhspan(0.1 * floor, floor, color="0.9", zorder=0.3)
+        ax.text(
+            0.02,
+            0.3 * floor,
+            "own error of the speeds compared; smaller distances stand at its edge",
+            transform=ax.get_yaxis_transform(),
+            fontsize=6.5,
+            color="0.35",
+            va="center",
+        )
     ax.xaxis.set_major_formatter(ScalarFormatter())
     ax.yaxis.set_major_locator(LogLocator(10.0, numticks=20))
     ax.yaxis.set_minor_formatter(NullFormatter())
@@ -482,8 +487,10 @@ def stability_map(
         highest: end of the axis of speed.
         marked: a critical speed to mark, at its pipe's beta.
     """
+    tallest = 0.0
     for (label, curve), look in zip(curves.items(), _cycled(len(curves)), strict=True):
         strands = _strands(curve)
+        tallest = max([tallest, *(float(strand[:, 1].max()) for strand, _ in strands)])
         if not strands:
             ax.plot([], [], linewidth=1.5, label=f"{label}: none here", **look)
         for strand, kind in strands:
@@ -515,6 +522,8 @@ def stability_map(
             label=f"{place}: $u_c = {marked.speed:.4g}$",
         )
     ax.set_ylim(0.0, highest)
+    if tallest == 0.0:
+        notice(ax, "There is no boundary of stability above $u = 0$.")
     ax.set_xlabel(BETA_LABEL)
     ax.set_ylabel(SPEED_LABEL)
     ax.legend(loc="best")
