@@ -16,7 +16,7 @@ import sys
 import tempfile
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -322,15 +322,20 @@ Job = Callable[[], Any]
 
 def _outcomes(jobs: Sequence[Job], executor: Executor | None) -> Iterator[Any]:
     """What each job gave, or the exception that it raised, in order."""
-    calls = jobs
-    if executor is not None:
-        futures: list[Future[Any]] = [executor.submit(job) for job in jobs]
-        calls = [future.result for future in futures]
-    for call in calls:
+    futures = [None if executor is None else executor.submit(job) for job in jobs]
+    for job, future in zip(jobs, futures, strict=True):
         try:
-            yield call()
+            yield job() if future is None else _result(job, future)
         except Exception as error:
             yield error
+
+
+def _result(job: Job, future: Future[Any]) -> Any:
+    """The future's result; where its processes died, the job is done here."""
+    try:
+        return future.result()
+    except BrokenExecutor:
+        return job()
 
 
 def gather(case: Case, executor: Executor | None = None) -> Findings:
@@ -378,7 +383,11 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
     gammas = [case.pipe.gamma, *others]
     for gamma in track(gammas, len(gammas), "stability map", case.progress):
         pipe = replace(case.pipe, gamma=gamma)
-        curve, difference = mapped(pipe, _top(critical), executor)
+        try:
+            curve, difference = mapped(pipe, _top(critical), executor)
+        except BrokenExecutor:
+            executor = None
+            curve, difference = mapped(pipe, _top(critical), executor)
         findings.curves[gamma] = curve
         findings.map_error = max(findings.map_error, difference)
         if math.isinf(difference):
