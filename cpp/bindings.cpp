@@ -18,10 +18,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   m.doc() = "C++ core of pipedyn: operators of the chain and of the reduced model.";
 
   py::class_<Pipe>(m, "Pipe")
-      .def(py::init([](double beta, double gamma, double alpha, double drag, double damping,
-                       bool aspirating) {
-             return Pipe{beta, gamma, alpha, drag, damping, aspirating};
-           }),
+      .def(py::init(
+               [](double beta, double gamma, double alpha, double drag, double damping,
+                  bool aspirating) { return Pipe{beta, gamma, alpha, drag, damping, aspirating}; }),
            "beta"_a, "gamma"_a, "alpha"_a, "drag"_a, "damping"_a, "aspirating"_a)
       .def_property_readonly("direction", &Pipe::direction)
       .def_property_readonly("centrifugal", &Pipe::centrifugal);
@@ -38,9 +37,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def(py::init([](const Pipe& pipe, pipedyn::Vector length, pipedyn::Vector center,
                        pipedyn::Vector gyration_radius, pipedyn::Vector spring,
                        pipedyn::Vector drag_point, double base) {
-             return Chain(pipe, Segments{std::move(length), std::move(center),
-                                         std::move(gyration_radius), std::move(spring),
-                                         std::move(drag_point), base});
+             return Chain(pipe,
+                          Segments{std::move(length), std::move(center), std::move(gyration_radius),
+                                   std::move(spring), std::move(drag_point), base});
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
            "base"_a)
@@ -62,11 +61,11 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "pipe"_a, "legendre"_a, "size"_a, "nodes"_a, "weights"_a)
       .def("operators", &Galerkin::operators, Unlocked())
-      .def("basis",
-           [](const Galerkin& model, const pipedyn::Vector& s, int derivative) {
-             return model.basis().evaluate(s, derivative);
-           },
-           "s"_a, "derivative"_a, Unlocked())
-      .def("elastic_stiffness",
-           [](const Galerkin& model) { return model.basis().stiffness(); });
+      .def(
+          "basis",
+          [](const Galerkin& model, const pipedyn::Vector& s, int derivative) {
+            return model.basis().evaluate(s, derivative);
+          },
+          "s"_a, "derivative"_a, Unlocked())
+      .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
 }

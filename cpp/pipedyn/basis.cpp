@@ -25,7 +25,8 @@ Matrix integrate_legendre(const Matrix& values, const Vector& s) {
   Matrix out(values.rows(), values.cols() - 1);
   out.col(0) = s;
   for (Index k = 1; k < out.cols(); ++k) {
-    out.col(k) = (values.col(k + 1) - values.col(k - 1)) / (2.0 * (2.0 * static_cast<double>(k) + 1.0));
+    out.col(k) =
+        (values.col(k + 1) - values.col(k - 1)) / (2.0 * (2.0 * static_cast<double>(k) + 1.0));
   }
   return out;
 }
@@ -36,9 +37,9 @@ Matrix legendre(const Vector& s, Index count) {
   if (count > 1) values.col(1) = x;
   for (Index k = 1; k + 1 < count; ++k) {
     const double order = static_cast<double>(k);
-    values.col(k + 1) = ((2.0 * order + 1.0) * x.cwiseProduct(values.col(k)) -
-                         order * values.col(k - 1)) /
-                        (order + 1.0);
+    values.col(k + 1) =
+        ((2.0 * order + 1.0) * x.cwiseProduct(values.col(k)) - order * values.col(k - 1)) /
+        (order + 1.0);
   }
   return values;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Functions w_i(s) on 0 <= s <= 1 with w_i(0) = w_i'(0) = 0, the transverse displacements onto which
-// a reduced model projects.
+// Functions w_i(s) on 0 <= s <= 1 with w_i(0) = w_i'(0) = 0, the transverse displacements onto
+// which a reduced model projects.
 #pragma once
 
 #include "pipedyn/pipe.hpp"

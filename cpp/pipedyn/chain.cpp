@@ -2,9 +2,21 @@
 #include "pipedyn/chain.hpp"
 
 #include <stdexcept>
+#include <string>
 #include <utility>
 
 namespace pipedyn {
+
+namespace {
+
+void require_rows(Index rows, Index dof) {
+  if (rows != dof) {
+    throw std::invalid_argument("expected one row a segment, " + std::to_string(dof) + ", got " +
+                                std::to_string(rows));
+  }
+}
+
+}  // namespace
 
 Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::move(segments)) {
   const Index n = dof();
@@ -19,8 +31,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
     mass_beyond_[k] = beyond;
     beyond += l[k];
   }
-  first_moment_ =
-      l.array() * (mass_beyond_.array() + segments_.center.array() * l.array());
+  first_moment_ = l.array() * (mass_beyond_.array() + segments_.center.array() * l.array());
 }
 
 Operators Chain::operators() const {
@@ -54,6 +65,7 @@ Operators Chain::operators() const {
 
 Operators Chain::joint_operators(const Vector& scale) const {
   const Index n = dof();
+  require_rows(scale.size(), n);
   const auto& [l, chi, eta, spring, xi, base] = segments_;
   const double sqrt_beta = pipe_.sqrt_beta();
   Operators ops(n);
@@ -83,6 +95,7 @@ Operators Chain::joint_operators(const Vector& scale) const {
 
 Matrix Chain::mass_times(const Matrix& x) const {
   const Index n = dof();
+  require_rows(x.rows(), n);
   const auto& [l, chi, eta, spring, xi, base] = segments_;
   Matrix out(n, x.cols());
   Eigen::RowVectorXd carry = Eigen::RowVectorXd::Zero(x.cols());  // acceleration of node k - 1
@@ -102,6 +115,7 @@ Matrix Chain::mass_times(const Matrix& x) const {
 
 Matrix Chain::velocity_times(const Matrix& x, bool transposed) const {
   const Index n = dof();
+  require_rows(x.rows(), n);
   const Vector& l = segments_.length;
   const double sqrt_beta = pipe_.sqrt_beta();
   Matrix out(n, x.cols());
@@ -116,6 +130,7 @@ Matrix Chain::velocity_times(const Matrix& x, bool transposed) const {
 
 Matrix Chain::flux_times(const Matrix& x, bool transposed) const {
   const Index n = dof();
+  require_rows(x.rows(), n);
   const Vector& l = segments_.length;
   Matrix out = -(l.asDiagonal() * x);
   if (transposed) {
@@ -127,11 +142,13 @@ Matrix Chain::flux_times(const Matrix& x, bool transposed) const {
 }
 
 Matrix Chain::gravity_times(const Matrix& x) const {
+  require_rows(x.rows(), dof());
   return first_moment_.asDiagonal() * x;
 }
 
 Matrix Chain::springs_times(const Matrix& joint_angles) const {
   const Index n = dof();
+  require_rows(joint_angles.rows(), n);
   Matrix out = segments_.spring.asDiagonal() * joint_angles;
   out.topRows(n - 1) -= out.bottomRows(n - 1).eval();
   return out;
@@ -159,8 +176,7 @@ Chain::ComplexMatrix Chain::band(std::complex<double> lambda, double u) const {
     at(node_row, theta) = -l[j];
     at(moment_row, phi) = elastic * spring[j];
     at(moment_row, theta) = inertia * l[j] * (arm * arm + eta[j] * eta[j]) +
-                            coriolis * l[j] * l[j] - thrust * l[j] +
-                            pipe_.gamma * first_moment_[j];
+                            coriolis * l[j] * l[j] - thrust * l[j] + pipe_.gamma * first_moment_[j];
     at(moment_row, force) = l[j];
     at(force_row, force) = 1.0;
     if (j > 0) {

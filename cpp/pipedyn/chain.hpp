@@ -40,11 +40,13 @@ class Chain {
   Operators operators() const;
 
   /// Operators in the joint angles divided by scale, phi = scale * z, O(n^2). Every entry is a sum
-  /// of terms of one sign, so none loses digits to cancellation.
+  /// of terms of one sign, so none loses digits to cancellation. Throws std::invalid_argument
+  /// unless scale has one entry a segment.
   Operators joint_operators(const Vector& scale) const;
 
   // Products in O(n): x (n, k) holds angles (for springs_times: joint angles) in its columns, the
-  // result (n, k) is the operator of the straight pipe in the angles times x.
+  // result (n, k) is the operator of the straight pipe in the angles times x. Each throws
+  // std::invalid_argument unless x has one row a segment.
   Matrix mass_times(const Matrix& x) const;
   Matrix velocity_times(const Matrix& x, bool transposed) const;  // gyroscopic + end_flux
   Matrix flux_times(const Matrix& x, bool transposed) const;

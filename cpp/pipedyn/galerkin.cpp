@@ -7,7 +7,10 @@
 namespace pipedyn {
 
 Galerkin::Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights)
-    : pipe_(pipe), basis_(std::move(basis)), nodes_(std::move(nodes)), weights_(std::move(weights)) {
+    : pipe_(pipe),
+      basis_(std::move(basis)),
+      nodes_(std::move(nodes)),
+      weights_(std::move(weights)) {
   if (nodes_.size() != weights_.size()) {
     throw std::invalid_argument("quadrature must have as many weights as nodes");
   }

@@ -78,6 +78,7 @@ class Continuum:
         distance: Callable[[Answer, Answer], float],
         tolerance: float = 1e-10,
         smallest: int = SMALLEST,
+        largest: int = LARGEST,
     ) -> Settled[Answer]:
         """The answer to a question, from a basis grown until the answer stands still.
 
@@ -86,19 +87,20 @@ class Continuum:
             distance: relative distance between two answers; infinite where they differ in kind.
             tolerance: distance at which the answer stands still.
             smallest: first size.
+            largest: last size, or one step above the first.
 
         Raises:
-            NotConverged: if it still moves at 240 functions; carries the last answer.
+            NotConverged: if it still moves at the last size; carries the last answer.
         """
         size = smallest
         before = question(self.frozen(size))
         while True:
-            size = min(max(size + 8, (5 * size) // 4), max(LARGEST, smallest + 8))
+            size = min(max(size + 8, (5 * size) // 4), max(largest, smallest + 8))
             answer = question(self.frozen(size))
             error = distance(before, answer)
             if error <= tolerance:
                 return Settled(answer, size, error)
-            if size >= LARGEST:
+            if size >= largest:
                 raise NotConverged(
                     f"the continuous pipe's answer still moves by {error:.1e} at {size} functions",
                     answer,

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from pipedyn._check import Array
-from pipedyn.follow import LONGEST_STEP, STUCK, Indices, Sample, Step, march, sample
+from pipedyn.follow import LONGEST_STEP, STUCK, Crowd, Indices, Sample, Step, march, sample
 from pipedyn.galerkin import Galerkin
 from pipedyn.model import NotConverged
 from pipedyn.spectrum import SHIFTS, Complex, Eigenpairs, Pencil
@@ -110,8 +110,9 @@ class Hunt:
         self.unstable = self.states(first.values, np.zeros(first.values.size, dtype=np.bool_))
         at_rest = unstable = self.count_unstable()
         passages: list[Passage] = []
-        delta = self.pencil.pipe.damping
-        for step in march(self.take, first, speeds[1:], self.wanted, delta, self.sure):
+        followed = np.arange(min(self.wanted, first.values.size))
+        crowd = Crowd(self.pencil.pipe.damping)
+        for step in march(self.take, first, speeds[1:], followed, crowd, self.sure):
             for passage in sorted(self.passages(step), key=lambda passage: passage.speed):
                 passages.append(passage)
                 unstable += passage.change
@@ -133,7 +134,7 @@ class Hunt:
 
     def ranked(self, first: Sample) -> Indices:
         """Mode of each root at rest, by frequency."""
-        return modes_at_rest(first.values, self.pencil.pipe.damping)
+        return modes_of_pairs(first.values, self.pencil.pipe.damping)
 
     def take(self, u: float) -> Sample:
         """The sample at a speed; at rest without damping on the axis or real."""
@@ -377,8 +378,8 @@ def _meets_off_axis(step: Step, i: int) -> bool:
     return bool((total + reach < 0.0).all() or (total - reach > 0.0).all())
 
 
-def modes_at_rest(values: Complex, damping: float) -> Indices:
-    """Mode of each root of the pipe at rest, from 1, by the square of its undamped frequency.
+def modes_of_pairs(values: Complex, damping: float) -> Indices:
+    """Mode of each root, from 1, by the square of its undamped frequency at rest.
 
     Conjugates share a mode; so do two real roots with 1/a + 1/b = -delta, which is exact for
     opposite roots of an undamped buckled pipe and for overdamped modes without gravity.

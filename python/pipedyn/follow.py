@@ -37,6 +37,24 @@ Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
+class Crowd:
+    """Overdamped roots of a Kelvin-Voigt pipe crowd at -1 / delta, where they need no names.
+
+    Attributes:
+        delta: the damping; without it there is no crowd.
+        radius: how far the crowd reaches, in 1 / delta.
+    """
+
+    delta: float
+    radius: float = 0.5
+
+    def holds(self, values: Complex) -> NDArray[np.bool_]:
+        """Which roots belong to the crowd."""
+        result: NDArray[np.bool_] = np.abs(self.delta * values + 1.0) < self.radius
+        return result
+
+
+@dataclass(frozen=True)
 class Sample:
     """The lowest eigenvalues at one speed, with slopes d lambda / du, each of shape (r,)."""
 
@@ -108,8 +126,8 @@ def march(
     take: Callable[[float], Sample],
     first: Sample,
     speeds: Iterable[float],
-    wanted: int,
-    delta: float,
+    followed: Indices,
+    crowd: Crowd,
     sure: Callable[[Step], bool] = lambda step: True,
 ) -> Iterator[Step]:
     """Steps from the first sample through all speeds, short enough to be believed.
@@ -118,15 +136,13 @@ def march(
         take: gives the sample at a speed.
         first: the sample to start from.
         speeds: strictly increasing, above the first sample's.
-        wanted: how many roots, from the lowest of the first sample, must be followed with
-            certainty; the others are matched as well as they can be.
-        delta: Kelvin-Voigt damping; the overdamped roots that crowd at -1 / delta are not told
-            apart.
+        followed: the roots of the first sample that must be followed with certainty; the others
+            are matched as well as they can be.
+        crowd: roots that need not be told apart.
         sure: a further condition that a step must meet, unless it is the shortest.
     """
     ahead = list(speeds)[::-1]
     left = first
-    followed = np.arange(min(wanted, left.values.size))
     stack: list[Sample] = []
     while ahead or stack:
         if not stack:
@@ -136,7 +152,7 @@ def march(
         if right.u - left.u > LONGEST_STEP * (1.0 + 1e-12):
             stack.append(take(middle))
             continue
-        step, clear = _join(left, right, followed, delta)
+        step, clear = _join(left, right, followed, crowd)
         if not step.shortest and not (clear and sure(step)):
             stack.append(take(middle))
             continue
@@ -146,7 +162,7 @@ def march(
         left = stack.pop()
 
 
-def _join(left: Sample, right: Sample, followed: Indices, delta: float) -> tuple[Step, bool]:
+def _join(left: Sample, right: Sample, followed: Indices, crowd: Crowd) -> tuple[Step, bool]:
     """The best match of two samples, and whether it is beyond doubt for the followed roots."""
     h = right.u - left.u
     ahead = left.values + 0.5 * h * left.slopes
@@ -177,10 +193,8 @@ def _join(left: Sample, right: Sample, followed: Indices, delta: float) -> tuple
     doubt[np.arange(mine.size), mine] = False
     stuck = (np.abs(left.values) < STUCK) & (np.abs(right.values[onto]) < STUCK)
     doubt &= ~(stuck[followed, None] & stuck[None, roots])
-    # Overdamped roots crowd at -1 / delta, where nobody can tell them apart, nor needs to.
-    apart = np.maximum(np.abs(delta * left.values + 1.0), np.abs(delta * right.values[onto] + 1.0))
-    crowd = apart < 0.5
-    doubt &= ~(crowd[followed, None] & crowd[None, roots])
+    crowded = crowd.holds(left.values) & crowd.holds(right.values[onto])
+    doubt &= ~(crowded[followed, None] & crowded[None, roots])
     for m, r in zip(*np.nonzero(doubt), strict=True):
         i, k = int(followed[m]), int(roots[r])
         if meets[i] < 0 and meets[k] < 0 and _meeting(step, i, k):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +14,9 @@ from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
 from pipedyn.chain import Chain
-from pipedyn.continuum import AnyModel, Continuum, checked_model, relative
-from pipedyn.follow import march, sample
+from pipedyn.continuum import AnyModel, Continuum, Settled, checked_model, relative
+from pipedyn.crossing import modes_of_pairs
+from pipedyn.follow import Crowd, march, sample
 from pipedyn.model import Model, NotConverged
 from pipedyn.progress import track
 from pipedyn.spectrum import (
@@ -231,11 +233,13 @@ def root_loci(
     count = _check.count("count", count, high=1000)
     shown = _check.flag("progress", progress)
     if isinstance(model, Continuum):
-        settled = model.settle(
+        smallest = max(16, 3 * count, math.ceil(at[-1]))
+        settled: Settled[RootLoci] = model.settle(
             lambda rom: _root_loci(rom, at, count, shown),
-            lambda a, b: relative(_both(a), _both(b)),
+            partial(_moved, delta=model.pipe.damping),
             tolerance=1e-8,
-            smallest=max(16, 3 * count, math.ceil(at[-1])),
+            smallest=smallest,
+            largest=smallest + 32,
         )
         return settled.value
     if count > model.dof:
@@ -243,14 +247,27 @@ def root_loci(
     return _root_loci(model, at, count, shown)
 
 
-def _both(loci: RootLoci) -> Complex:
-    """Symmetric functions of each pair: smooth in u where the pair meets on the real axis."""
-    half = 0.5 * (loci.eigenvalues + loci.partners)
-    return np.stack([half, np.sqrt(np.abs(loci.eigenvalues * loci.partners))])
+def _moved(a: RootLoci, b: RootLoci, delta: float) -> float:
+    """Largest relative change of a root; with damping, of those that are not overdamped.
+
+    Overdamped roots of neighbouring modes meet and part in the crowd at -1 / delta, so that which
+    is which is a convention.
+    """
+    if delta == 0.0:
+        return max(relative(a.eigenvalues, b.eigenvalues), relative(a.partners, b.partners))
+
+    def overdamped(values: Complex) -> NDArray[np.bool_]:
+        return Crowd(delta).holds(values) | ((values.imag == 0.0) & (values.real < 0.0))
+
+    telling = ~(overdamped(a.eigenvalues) & overdamped(b.eigenvalues))
+    return relative(a.eigenvalues[telling], b.eigenvalues[telling])
 
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
-    pencil = pencil_of(model)
+    # Where the modes asked for are overdamped, half of their roots lie beyond the crowd at
+    # -1 / delta, which only a dense solve can pass.
+    overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
+    pencil = pencil_of(model, dense=True if overdamped else None)
     taken = 2 * count + 16
     while True:
         every = isinstance(pencil, DensePencil) or taken >= pencil.dof
@@ -265,9 +282,13 @@ def _followed(
     pencil: Pencil, speeds: Array, count: int, taken: int | None, shown: bool
 ) -> RootLoci | None:
     first = sample(pencil, float(speeds[0]), taken)
-    upper, lower = _pairs(first.values, count)
+    upper, lower = _pairs(first.values, count, pencil.pipe.damping)
     if upper.size < count:
         return None
+    # The crowd begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
+    delta = pencil.pipe.damping
+    beyond = delta * (math.pi * (count + 0.5)) ** 2
+    crowd = Crowd(delta, min(0.5, 0.5 / beyond**2) if beyond else 0.5)
     values = np.empty((speeds.size, count), dtype=np.complex128)
     partners = np.empty_like(values)
     converged = np.empty(values.shape, dtype=np.bool_)
@@ -275,8 +296,8 @@ def _followed(
         lambda u: sample(pencil, u, taken),
         first,
         map(float, speeds[1:]),
-        first.values.size if taken is None else 4 * count,
-        pencil.pipe.damping,
+        np.concatenate([upper, lower]),
+        crowd,
     )
 
     def store(row: int, pairs: Eigenpairs) -> None:
@@ -303,22 +324,18 @@ def _followed(
     return RootLoci(speeds, values, partners, converged, pencil.dof)
 
 
-def _pairs(values: Complex, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Upper (or greater) and lower root of the `count` lowest pairs."""
+def _pairs(
+    values: Complex, count: int, damping: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Upper (or greater) and lower root of the `count` lowest modes, or of as many as there are."""
+    ranks = modes_of_pairs(values, damping)
     upper: list[int] = []
     lower: list[int] = []
-    left = list(range(values.size))
-    while left and len(upper) < count:
-        i = left.pop(0)
-        wanted = np.conj(values[i])
-        if values[i].imag == 0.0:
-            wanted = -values[i]
-        same = [k for k in left if (values[k].imag == 0.0) == (values[i].imag == 0.0)]
-        if not same:
+    for rank in range(1, count + 1):
+        members = np.flatnonzero(ranks == rank)
+        if members.size < 2:
             break
-        k = min(same, key=lambda k: abs(values[k] - wanted))
-        left.remove(k)
-        first_is_upper = (values[i].imag, values[i].real) > (values[k].imag, values[k].real)
-        upper.append(i if first_is_upper else k)
-        lower.append(k if first_is_upper else i)
+        first, second = sorted(members, key=lambda i: (values[i].imag, values[i].real))
+        upper.append(int(second))
+        lower.append(int(first))
     return np.array(upper, dtype=np.intp), np.array(lower, dtype=np.intp)
