@@ -257,7 +257,8 @@ def _moved(a: RootLoci, b: RootLoci, delta: float) -> float:
         return max(relative(a.eigenvalues, b.eigenvalues), relative(a.partners, b.partners))
 
     def overdamped(values: Complex) -> NDArray[np.bool_]:
-        return Crowd(delta).holds(values) | ((values.imag == 0.0) & (values.real < 0.0))
+        on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
+        return on_axis | Crowd(delta).holds(values)
 
     telling = ~(overdamped(a.eigenvalues) & overdamped(b.eigenvalues))
     return relative(a.eigenvalues[telling], b.eigenvalues[telling])

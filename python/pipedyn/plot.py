@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any, Literal
 
@@ -24,6 +23,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from pipedyn import trade
 from pipedyn._check import Array
 from pipedyn.critical import CriticalSpeed, Crossing
 from pipedyn.modal import Modes, RootLoci
@@ -297,88 +297,6 @@ def mode_shapes(ax: Axes, modes: Modes) -> Axes:
 # ---------------------------------------------------------------------------------- convergence
 
 
-@dataclass(frozen=True)
-class Trend:
-    """How the error of a family's critical speed falls as its models grow.
-
-    Attributes:
-        law: "power" (error ~ size^-rate), "exponential" (error ~ rate^-size), "flat" (it ends at
-            `limit`), or "unknown" (no law fits, or too few sizes).
-        rate: order, or factor by which the error falls with each degree of freedom; NaN for the
-            other laws.
-        limit: for "flat" the signed relative error at infinite size, extrapolated; else NaN.
-        spread: by how much the limit moves without the smallest of the sizes; else NaN.
-        sizes: the sizes used, shape (k,).
-    """
-
-    law: Literal["power", "exponential", "flat", "unknown"]
-    rate: float
-    limit: float
-    spread: float
-    sizes: Array
-
-
-def relative_errors(
-    found: Iterable[CriticalSpeed], exact: CriticalSpeed
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Sizes, signed errors of the speed relative to the exact, and whether alike in kind."""
-    results = sorted(found, key=lambda result: result.size)
-    sizes = np.array([result.size for result in results], dtype=np.float64)
-    speeds = np.array([result.speed for result in results])
-    alike = np.array([result.kind == exact.kind for result in results], dtype=np.bool_)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return sizes, (speeds - exact.speed) / exact.speed, alike
-
-
-def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
-    """Order of convergence, or what is left at infinite size; rounding is not fitted.
-
-    Args:
-        found: critical speeds of models of one family.
-        exact: that of the continuous pipe.
-    """
-    sizes, errors, alike = relative_errors(found, exact)
-    good = alike & np.isfinite(errors)
-    good[good] &= np.abs(errors[good]) > 30.0 * _floor(found, exact)
-    sizes, errors = sizes[good], errors[good]
-    if sizes.size < 4:
-        return Trend("unknown", math.nan, math.nan, math.nan, sizes)
-    # An error that lasts: c_0 of c_0 + c_1 / n + c_2 / n^2 + ..., if it stands still.
-    count = min(5, sizes.size)
-    limits = [_at_infinity(sizes[-k:], errors[-k:]) for k in (count, count - 1)]
-    spread = abs(limits[0] - limits[1])
-    if abs(limits[0]) > max(0.3 * abs(errors[-1]), 5.0 * spread):
-        return Trend("flat", math.nan, limits[0], spread, sizes[-5:])
-    last = sizes >= min(sizes[-1] / 2.0, sizes[-4])
-    sizes, logs = sizes[last], np.log(np.abs(errors[last]))
-    power, power_misfit = _line(np.log(sizes), logs)
-    exponential, misfit = _line(sizes, logs)
-    if min(power_misfit, misfit) > 0.1 * float(np.ptp(logs)):
-        return Trend("unknown", math.nan, math.nan, math.nan, sizes)
-    if misfit < power_misfit and exponential < -math.log(2.0):
-        return Trend("exponential", math.exp(-exponential), math.nan, math.nan, sizes)
-    return Trend("power", -power, math.nan, math.nan, sizes)
-
-
-def _floor(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
-    """Relative error that the speeds compared have of their own."""
-    own = max((result.error for result in found), default=0.0)
-    eps = float(np.finfo(float).eps)
-    return (exact.error + own) / exact.speed + eps if exact.speed > 0.0 else eps
-
-
-def _at_infinity(sizes: Array, errors: Array) -> float:
-    """c_0 of errors c_0 + c_1 / n + c_2 / n^2 + ..., as many terms as sizes."""
-    powers = (1.0 / sizes)[:, None] ** np.arange(sizes.size)
-    return float(np.linalg.solve(powers, errors)[0])
-
-
-def _line(x: Array, y: Array) -> tuple[float, float]:
-    """Slope and root mean square misfit of a straight line."""
-    slope, start = np.polyfit(x, y, 1)
-    return float(slope), float(np.sqrt(np.mean((start + slope * x - y) ** 2)))
-
-
 def convergence(
     ax: Axes, families: Mapping[str, Sequence[CriticalSpeed]], exact: CriticalSpeed
 ) -> Axes:
@@ -397,13 +315,13 @@ def convergence(
     ax.set_ylabel(r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$")
     if exact.speed == 0.0:
         return notice(ax, "The critical speed is 0: nothing converges to it.")
-    floor = max((_floor(found, exact) for found in families.values()), default=1e-15)
+    floor = max((trade.own_error(found, exact) for found in families.values()), default=1e-15)
     least, all_alike = 1.0, True
     for name, found in families.items():
-        sizes, errors, alike = relative_errors(found, exact)
+        sizes, errors, alike = trade.relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
         look = {"linewidth": 1.1, "markersize": 4.5, **FAMILY_STYLES.get(name, {"color": "0.4"})}
-        fitted = trend(found, exact)
+        fitted = trade.trend(found, exact)
         label = f"{_family(name)}: {_law(fitted)}"
         ax.plot(sizes[alike], shown[alike], label=label, **look)
         look |= {"linestyle": "none", "markerfacecolor": "none"}
@@ -451,7 +369,7 @@ def _family(name: str) -> str:
     return f"{kind}, {name}" + (" (the paper's)" if name == "rayleigh" else "")
 
 
-def _law(fitted: Trend) -> str:
+def _law(fitted: trade.Trend) -> str:
     if fitted.law == "power":
         return f"order {fitted.rate:.2f}"
     if fitted.law == "exponential":
@@ -678,7 +596,6 @@ def _noses(
 
 __all__ = [
     "Figure",
-    "Trend",
     "boundaries",
     "colour_bar",
     "convergence",
@@ -687,9 +604,7 @@ __all__ = [
     "mode_shapes",
     "notice",
     "panels",
-    "relative_errors",
     "root_loci",
     "stability_map",
     "style",
-    "trend",
 ]
