@@ -377,3 +377,14 @@ def test_another_pipe_may_take_the_same_chain():
     np.testing.assert_array_equal(other.operators().stiffness, expected.stiffness)
     np.testing.assert_array_equal(other.operators().gyroscopic, expected.gyroscopic)
     assert chain.pipe == pd.Pipe(0.2)
+
+
+@pytest.mark.parametrize(
+    "product", ["mass_times", "velocity_times", "flux_times", "gravity_times", "springs_times"]
+)
+def test_the_core_refuses_an_array_of_another_size(product):
+    core = pd.Chain(pd.Pipe(0.2), 10).core
+    with pytest.raises(ValueError, match="one row a segment"):
+        getattr(core, product)(np.ones((3, 1)))
+    with pytest.raises(ValueError, match="one row a segment"):
+        core.joint_operators(np.ones(2))

@@ -20,11 +20,11 @@ from scipy.optimize import brentq, minimize_scalar
 import pipedyn as pd
 
 
-def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5):
+def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, told=0.9):
     """Unstable roots between the crossings found, against eigvals of the matrices on a fine grid.
 
     Grid points within `slack` of a crossing, or with a root nearer to the axis than rounding and
-    the meeting of two roots allow eigvals to tell, say nothing.
+    the meeting of two roots allow eigvals to tell, say nothing; `told` of them must say something.
     """
     found = pd.crossings(model, max_speed)
     speeds = np.array([crossing.speed for crossing in found])
@@ -49,7 +49,7 @@ def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5):
             expected = unstable_count(model, 0.0)
         assert unstable_count(model, u) == expected, f"at u = {u}"
         checked += 1
-    assert checked > 0.9 * samples
+    assert checked > told * samples
     return found
 
 
@@ -452,3 +452,27 @@ def test_a_damped_pipe_without_fluid_mass_has_no_derivative_by_it():
         1e-2,
     )
     assert crossing.sensitivity.speed.gamma == pytest.approx(speed, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_irregular_chains_crossings_account_for_every_unstable_root(seed):
+    """Localised modes hardly see the flow: their real parts drown in rounding."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(3, 10))
+    lengths = random.uniform(0.2, 1.0, n)
+    lengths /= lengths.sum()
+    pipe = pd.Pipe(
+        beta=float(random.choice([0.0, random.uniform(0.0, 0.95)])),
+        gamma=float(random.choice([0.0, random.uniform(-20.0, 40.0)])),
+        flow=str(random.choice(["ejecting", "aspirating"])),
+        alpha=float(random.uniform(0.0, 1.5)),
+        damping=float(random.choice([0.0, 1e-3])),
+    )
+    chain = pd.Chain(
+        pipe,
+        lengths=lengths,
+        springs=n * 10.0 ** random.uniform(-1.0, 1.0, n),
+        centers=random.uniform(0.2, 0.8, n),
+        gyration_radii=lengths * random.uniform(0.1, 0.5, n),
+    )
+    counts_meet_the_matrices(chain, 10.0, told=0.75)

@@ -194,3 +194,15 @@ def test_progress_changes_nothing_but_stderr(capsys):
     shown = pd.root_loci(pd.Chain(PIPE, 5), speeds, progress=True)
     assert "root loci" in capsys.readouterr().err
     np.testing.assert_array_equal(shown.eigenvalues, quiet.eigenvalues)
+
+
+@pytest.mark.parametrize("damping", [0.01, 0.05, 0.5])
+def test_overdamped_modes_do_not_hide_those_asked_for(damping):
+    """Roots crowd at -1 / delta below the frequencies of the modes; w1^2 = 12.362 at rest."""
+    loci = pd.root_loci(pd.Continuum(pd.Pipe(0.2, damping=damping)), np.linspace(0.0, 9.0, 46), 4)
+    products = (loci.eigenvalues[0] * loci.partners[0]).real
+    squares = np.array([1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349]) ** 4
+    np.testing.assert_allclose(products, squares, rtol=1e-6)
+    critical = pd.critical_speed(pd.Continuum(pd.Pipe(0.2, damping=damping)), 20.0)
+    unstable = (loci.eigenvalues.real > 0.0).any(axis=1)
+    np.testing.assert_array_equal(unstable, loci.speeds > critical.speed)
