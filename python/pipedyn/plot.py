@@ -23,11 +23,11 @@ from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from pipedyn import trade
 from pipedyn._check import Array
 from pipedyn.critical import CriticalSpeed, Crossing
 from pipedyn.modal import Modes, RootLoci
 from pipedyn.stability import StabilityCurve
+from pipedyn.trade import Trend, own_error, relative_errors, trend
 
 SPEED_LABEL = r"flow speed $u = V L \, (\mu_f / EI)^{1/2}$"
 REAL_LABEL = r"Re $\lambda$  $(1/T)$"
@@ -315,13 +315,13 @@ def convergence(
     ax.set_ylabel(r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$")
     if exact.speed == 0.0:
         return notice(ax, "The critical speed is 0: nothing converges to it.")
-    floor = max((trade.own_error(found, exact) for found in families.values()), default=1e-15)
+    floor = max((own_error(found, exact) for found in families.values()), default=1e-15)
     least, all_alike = 1.0, True
     for name, found in families.items():
-        sizes, errors, alike = trade.relative_errors(found, exact)
+        sizes, errors, alike = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
         look = {"linewidth": 1.1, "markersize": 4.5, **FAMILY_STYLES.get(name, {"color": "0.4"})}
-        fitted = trade.trend(found, exact)
+        fitted = trend(found, exact)
         label = f"{_family(name)}: {_law(fitted)}"
         ax.plot(sizes[alike], shown[alike], label=label, **look)
         look |= {"linestyle": "none", "markerfacecolor": "none"}
@@ -369,7 +369,7 @@ def _family(name: str) -> str:
     return f"{kind}, {name}" + (" (the paper's)" if name == "rayleigh" else "")
 
 
-def _law(fitted: trade.Trend) -> str:
+def _law(fitted: Trend) -> str:
     if fitted.law == "power":
         return f"order {fitted.rate:.2f}"
     if fitted.law == "exponential":

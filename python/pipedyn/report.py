@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from pipedyn import plot, trade
+from pipedyn import plot
 from pipedyn.critical import CriticalSpeed
 from pipedyn.modal import RootLoci
 from pipedyn.paper import CHAIN_LADDER, REDUCED_LADDER, Case, Findings, Row, map_top
 from pipedyn.pipe import Pipe
 from pipedyn.stability import StabilityCurve
+from pipedyn.trade import trend
 
 
 def draw(case: Case, findings: Findings) -> dict[str, plot.Figure]:
@@ -150,7 +151,7 @@ def verdict(findings: Findings) -> str:
         return "There is no critical speed of the continuous pipe to compare with."
     if exact.speed == 0.0:
         return "The pipe is unstable from the smallest flow on: there is nothing to converge to."
-    fitted = trade.trend(_by_family(findings)["rayleigh"], exact)
+    fitted = trend(_by_family(findings)["rayleigh"], exact)
     if fitted.law == "flat":
         sizes = ", ".join(f"{size:g}" for size in fitted.sizes)
         return (
