@@ -101,6 +101,10 @@ def array(
         raise TypeError(f"{name} must be an array of real numbers: {error}") from error
     if raw.dtype.kind not in "iuf":
         raise TypeError(f"{name} must be an array of real numbers, got {shown(value)}")
+    if isinstance(value, list | tuple) and any(
+        isinstance(v, bool | np.bool_) for v in value[:1000]
+    ):
+        raise TypeError(f"{name} must be an array of real numbers, got {shown(value)}")
     if raw.ndim != 1:
         raise ValueError(f"{name} must be one-dimensional, got shape {raw.shape}")
     if size is not None and raw.size != size:

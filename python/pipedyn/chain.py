@@ -21,6 +21,8 @@ FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
 
 LARGEST_CHAIN = 1_000_000
+SHORTEST_SEGMENT = 1e-7
+"""Shorter segments, or a last one with less inertia, are lost in rounding beside the others."""
 
 
 class Chain(Model):
@@ -101,6 +103,10 @@ class Chain(Model):
         total = base + math.fsum(self._lengths)
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"base + sum(lengths) must be 1, got {total!r}")
+        if float(self._lengths.min()) < SHORTEST_SEGMENT:
+            raise ValueError(
+                f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {self._lengths.min()!r}"
+            )
         self._base = base
         self._centers = _fractions("centers", centers, n)
         self._drag_points = _fractions("drag_points", drag_points, n)
@@ -110,7 +116,8 @@ class Chain(Model):
             self._gyration_radii = _check.array(
                 "gyration_radii", gyration_radii, size=n, low=0.0, high=1e3
             )
-        if self._centers[-1] == 0.0 and self._gyration_radii[-1] == 0.0:
+        arm = self._centers[-1] * self._lengths[-1] + self._gyration_radii[-1]
+        if arm < 0.1 * SHORTEST_SEGMENT:
             raise ValueError(
                 "centers and gyration_radii must not both be 0 at the last segment: "
                 "it would turn without inertia"

@@ -29,6 +29,9 @@ from pipedyn.spectrum import SHIFTS, Complex, Eigenpairs, Pencil
 
 Flags = NDArray[np.bool_]
 
+WORST = 1e-3
+"""Relative error of a passage's speed beyond which it is no result."""
+
 HIGH_DAMPING = 0.3
 """Roots that need not be followed are not worth refining with Re < -0.3 |lambda| at both ends."""
 
@@ -200,9 +203,16 @@ class Hunt:
             k = int(step.meets[i])
             change = int(after[i]) + int(after[k]) - int(self.unstable[i]) - int(self.unstable[k])
             if change and (i < k or k not in roots):
-                value = complex(0.0, abs(step.left.values[i].imag))
+                odd = change % 2 != 0  # one real root of the two passes zero
+                value = 0j if odd else complex(0.0, abs(step.left.values[i].imag))
                 middle = 0.5 * (step.left.u + step.right.u)
                 found.append(Passage(middle, value, change, int(self.modes[i]), step.length))
+        for passage in found:
+            if passage.error > WORST * passage.speed:
+                raise NotConverged(
+                    f"a passage near u = {passage.speed:.6g} is known to {passage.error:.1e} only: "
+                    "the real part of its eigenvalue hardly leaves rounding"
+                )
         return found
 
     def _leaving(self, step: Step, roots: Indices) -> Flags:

@@ -313,8 +313,14 @@ def _followed(
         upper, lower = step.onto[upper], step.onto[lower]
         if (upper < 0).any() or (lower < 0).any():
             return None
+        # While a pair is complex its partner is the conjugate, whichever root of the crowd that is.
+        for i in np.flatnonzero(step.right.values[upper].imag != 0.0):
+            twin = np.flatnonzero(step.right.values == step.right.values[upper[i]].conj())
+            lower[i] = twin[0] if twin.size else lower[i]
         # A branch that left the upper half plane comes back there.
-        swap = was_real & (step.right.values[upper].imag < 0.0)
+        swap = (was_real | crowd.holds(step.right.values[upper])) & (
+            step.right.values[upper].imag < 0.0
+        )
         upper, lower = np.where(swap, lower, upper), np.where(swap, upper, lower)
         if step.right.u == speeds[row]:
             store(row, step.right.pairs)

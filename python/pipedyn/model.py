@@ -69,7 +69,7 @@ class Operators:
 
     def at(self, u: float) -> tuple[Array, Array, Array]:
         """(M, C, K) at flow speed u >= 0."""
-        u = _check.real("u", u, low=0.0)
+        u = _check.real("u", u, low=0.0, high=1e100)
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
         return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
 

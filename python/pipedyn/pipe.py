@@ -249,6 +249,7 @@ def inlet_coefficient(
 
     Source: Orsino and Di Giulio, eqs. (7)-(8).
     """
+    radius = _check.real("radius", radius, low=0.0, high=1e50, open_low=True)
     if callable(velocity):
         if radii is not None or areas is not None:
             raise ValueError("radii and areas must go with samples, not with a function")
@@ -258,14 +259,14 @@ def inlet_coefficient(
     if (radii is None) == (areas is None):
         raise ValueError("samples must come with either radii or areas")
     if radii is not None:
-        at = _check.array("radii", radii, low=0.0)
-        samples = _check.array("velocity", velocity, size=at.size)
+        at = _check.array("radii", radii, low=0.0, high=1e50)
+        samples = _check.array("velocity", velocity, size=at.size, low=-1e50, high=1e50)
         if at.size < 2 or at[0] != 0.0 or np.any(np.diff(at) <= 0.0):
             raise ValueError(f"radii must increase from 0, got {_check.shown(radii)}")
         profile = PchipInterpolator(at, samples)
         return _axisymmetric(profile, float(at[-1]), section, breaks=at[1:-1])
-    patches = _check.array("areas", areas, low=0.0, open_low=True)
-    samples = _check.array("velocity", velocity, size=patches.size)
+    patches = _check.array("areas", areas, low=0.0, high=1e100, open_low=True)
+    samples = _check.array("velocity", velocity, size=patches.size, low=-1e50, high=1e50)
     return _coefficient(
         float(patches @ samples), float(patches @ samples**2), float(patches.sum()), section
     )
@@ -279,7 +280,9 @@ def _axisymmetric(
 ) -> float:
     def integral(power: int, floor: float) -> float:
         def ring(r: float) -> float:
-            value = _check.real(f"velocity({r:g})", np.asarray(profile(r))[()])
+            value = _check.real(
+                f"velocity({r:g})", np.asarray(profile(r))[()], low=-1e50, high=1e50
+            )
             return float(2.0 * math.pi * r * value**power)
 
         edges = [0.0, radius] if breaks is None else [0.0, *breaks, radius]

@@ -95,7 +95,7 @@ def stability_curve(
     at = _check.array("values", values, longest=100_000)
     if max_speed is not None:
         max_speed = checked_end(max_speed)
-    if executor is not None and not hasattr(executor, "submit"):
+    if executor is not None and (isinstance(executor, type) or not hasattr(executor, "submit")):
         raise TypeError(
             f"executor must be a concurrent.futures.Executor, got {_check.shown(executor)}"
         )
