@@ -77,3 +77,71 @@ def test_the_coefficient_does_not_ask_for_the_sign_of_the_flow():
 def test_an_inlet_through_which_nothing_flows_is_refused(velocity):
     with pytest.raises(ValueError, match="velocity"):
         pd.inlet_coefficient(velocity)
+
+
+@pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("place", ["centre", "middle", "wall"])
+@pytest.mark.parametrize("radius", [1.0, 0.02])
+def test_a_narrow_jet_is_not_overlooked(width, place, radius):
+    """alpha of a uniform jet is the inlet's area over the jet's."""
+    start = {"centre": -1.0, "middle": 0.517, "wall": 1.0 - width}[place]
+    end = {"centre": width, "middle": 0.517 + width, "wall": 2.0}[place]
+    area = min(end, 1.0) ** 2 - max(start, 0.0) ** 2
+    alpha = pd.inlet_coefficient(lambda r: float(start < r / radius < end), radius=radius)
+    assert alpha == pytest.approx(1.0 / area, rel=1e-9)
+
+
+def test_a_narrow_jet_beside_a_slow_stream_is_not_overlooked():
+    start, end, slow = 0.3, 0.3001, 0.001
+    part = end**2 - start**2
+    expected = (part + slow**2 * (1.0 - part)) / (part + slow * (1.0 - part)) ** 2
+    alpha = pd.inlet_coefficient(lambda r: 1.0 if start < r < end else slow)
+    assert alpha == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e200, -1e-200, 5e-324, 1.7e308])
+def test_the_coefficient_does_not_ask_for_the_unit_of_speed(scale):
+    def jet(r):
+        return 1.0 if 0.25 < r < 0.3 else 0.0
+
+    r, v, areas = [0.0, 0.3, 1.0], np.array([1.0, 1.0, 0.0]), [1.0, 2.0, 3.0]
+    for ask in (
+        lambda k: pd.inlet_coefficient(lambda r: k * jet(r)),
+        lambda k: pd.inlet_coefficient(k * v, radii=r),
+        lambda k: pd.inlet_coefficient(k * v, areas=areas),
+    ):
+        assert ask(scale) == pytest.approx(ask(1.0), rel=1e-13)
+
+
+@pytest.mark.parametrize("unit", [1e-200, 1e200])
+def test_the_coefficient_does_not_ask_for_the_unit_of_length(unit):
+    def profile(r):
+        return 1.0 - (r / unit) ** 2
+
+    assert pd.inlet_coefficient(profile, radius=unit) == pytest.approx(4.0 / 3.0, rel=1e-11)
+    r = np.linspace(0.0, 1.0, 5)
+    assert pd.inlet_coefficient(1.0 - r, radii=unit * r) == pytest.approx(
+        pd.inlet_coefficient(1.0 - r, radii=r), rel=1e-13
+    )
+    assert pd.inlet_coefficient([1.0, 2.0], areas=[unit, unit]) == pytest.approx(10.0 / 9.0)
+
+
+def test_samples_that_fall_in_a_straight_line_are_integrated_exactly():
+    """1 - r: 3/2, elementary integration."""
+    assert pd.inlet_coefficient([1.0, 0.5, 0.0], radii=[0.0, 1.0, 2.0]) == pytest.approx(1.5)
+
+
+def test_a_profile_that_does_not_settle_is_refused():
+    noise = np.random.default_rng(1)
+    with pytest.raises(ValueError, match=r"^velocity must be a profile that can be integrated"):
+        pd.inlet_coefficient(lambda r: noise.random())
+
+
+def test_a_profile_whose_momentum_is_infinite_is_refused():
+    with pytest.raises(ValueError, match="velocity"):
+        pd.inlet_coefficient(lambda r: 1.0 / math.sqrt(1.0 - r) if r < 1.0 else math.inf)
+
+
+def test_a_section_out_of_proportion_is_refused():
+    with pytest.raises(ValueError, match=r"^section must be comparable with the inlet's area"):
+        pd.inlet_coefficient(lambda r: 1.0, radius=1e-200, section=1.0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import multiprocessing
 import os
 import sys
@@ -120,7 +121,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
     add = parser.add_argument_group("output").add_argument
     add(
         "--output",
-        type=Path,
+        type=_folder,
         default=Path("figures"),
         metavar="FOLDER",
         help="folder to write to, made if need be (default: figures)",
@@ -142,12 +143,15 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
 
 
 def _positional(word: str) -> str:
-    """-1e3 as -1000.0: argparse takes a negative number with an exponent for an option."""
+    """A negative number that argparse would take for an option, so that it does not."""
     try:
-        if word.startswith("-") and "e" in word.lower():
-            return np.format_float_positional(float(word), trim="0")
+        number = float(word)
     except ValueError:
-        pass
+        return word
+    if word.startswith("-") and not math.isfinite(number):
+        return f" {word}"
+    if word.startswith("-") and "e" in word.lower():
+        return np.format_float_positional(number, trim="0")
     return word
 
 
@@ -164,6 +168,12 @@ def _size(largest: int) -> Callable[[str], int]:
         return number
 
     return size
+
+
+def _folder(text: str) -> Path:
+    if not text.strip() or "\0" in text:
+        raise argparse.ArgumentTypeError(f"must name a folder, got {text!r}")
+    return Path(text)
 
 
 def _checked(given: argparse.Namespace) -> Case:

@@ -5,7 +5,10 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Collection
+import reprlib
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from itertools import islice
 from numbers import Integral, Real
 from typing import Any
 
@@ -14,10 +17,21 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+NOT_NUMBERS = (bool, np.bool_, np.timedelta64)
+"""What Python or numpy registers as a number, but counts nothing."""
+
+
+_BRIEF = reprlib.Repr()
+_BRIEF.maxlist = _BRIEF.maxtuple = _BRIEF.maxset = _BRIEF.maxfrozenset = _BRIEF.maxdict = 20
+_BRIEF.maxstring = _BRIEF.maxlong = _BRIEF.maxother = 120
+
 
 def shown(value: object) -> str:
-    """What came, short enough for a message."""
-    text = repr(value)
+    """What came, on one line and short enough for a message."""
+    try:
+        text = " ".join(_BRIEF.repr(value).split())
+    except Exception:  # an int of more digits than Python prints, an object that has no repr
+        text = f"<{type(value).__name__}>"
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -32,8 +46,9 @@ def real(
 ) -> float:
     """A finite real number in an interval, as a float."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
+        _refuse_masked(name, value)
         value = value[()]
-    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+    if not _is_real(value):
         raise TypeError(f"{name} must be a real number, got {shown(value)}")
     try:
         number = float(value)
@@ -43,7 +58,7 @@ def real(
     above = number >= high if open_high else number > high
     if not math.isfinite(number) or below or above:
         raise ValueError(f"{name} must {_rule(low, high, open_low, open_high)}, got {shown(value)}")
-    return number
+    return number + 0.0  # -0.0 becomes 0.0
 
 
 def _rule(low: float, high: float, open_low: bool, open_high: bool) -> str:
@@ -58,7 +73,7 @@ def _rule(low: float, high: float, open_low: bool, open_high: bool) -> str:
 
 def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> int:
     """A whole number in an interval; booleans and floats do not count."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, Integral):
+    if isinstance(value, NOT_NUMBERS) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be a whole number, got {shown(value)}")
     number = operator.index(value)
     if number < low or (high is not None and number > high):
@@ -79,9 +94,10 @@ def choice(name: str, value: Any, options: Collection[str]) -> str:
     listed = ", ".join(repr(option) for option in options)
     if not isinstance(value, str):
         raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
-    if value not in options:
-        raise ValueError(f"{name} must be one of {listed}, got {shown(value)}")
-    return value
+    for option in options:
+        if value == option:
+            return option
+    raise ValueError(f"{name} must be one of {listed}, got {shown(value)}")
 
 
 def array(
@@ -95,28 +111,91 @@ def array(
     longest: int = 1_000_000,
 ) -> Array:
     """A one-dimensional array of finite numbers in an interval, as a read-only copy."""
-    try:
-        raw = np.asarray(value)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise TypeError(f"{name} must be an array of real numbers: {error}") from error
-    if raw.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be an array of real numbers, got {shown(value)}")
-    if isinstance(value, list | tuple) and any(
-        isinstance(v, bool | np.bool_) for v in value[:1000]
-    ):
-        raise TypeError(f"{name} must be an array of real numbers, got {shown(value)}")
+    raw = numbers(name, value, "an array of real numbers", longest=longest)
     if raw.ndim != 1:
         raise ValueError(f"{name} must be one-dimensional, got shape {raw.shape}")
     if size is not None and raw.size != size:
         raise ValueError(f"{name} must have {size} entries, got {raw.size}")
-    if not 1 <= raw.size <= longest:
-        raise ValueError(f"{name} must have from 1 to {longest} entries, got {raw.size}")
-    numbers = np.array(raw, dtype=np.float64)
-    below = numbers <= low if open_low else numbers < low
-    bad = ~np.isfinite(numbers) | below | (numbers > high)
+    if raw.size < 1:
+        raise ValueError(f"{name} must have from 1 to {longest} entries, got 0")
+    with np.errstate(over="ignore"):  # of longer floats; infinity is refused
+        values = np.array(raw, dtype=np.float64)
+    below = values <= low if open_low else values < low
+    bad = ~np.isfinite(values) | below | (values > high)
     if bad.any():
         where = int(np.argmax(bad))
         rule = _rule(low, high, open_low, False)
-        raise ValueError(f"{name} must {rule}, got {numbers[where]!r} at index {where}")
-    numbers.flags.writeable = False
-    return numbers
+        raise ValueError(f"{name} must {rule}, got {float(values[where])!r} at index {where}")
+    values.flags.writeable = False
+    return values
+
+
+def numbers(
+    name: str, value: Any, what: str, *, kinds: str = "iuf", longest: int = 1_000_000
+) -> NDArray[Any]:
+    """What came as a numpy array of any shape, itself where it is one.
+
+    Refused are masked entries, booleans among numbers and, before memory is asked for, more than
+    `longest` entries; numbers that are not finite are not.
+    """
+    came = _entries(value)
+    if came > longest:
+        raise ValueError(f"{name} must have at most {longest} entries, got {shown(value)}")
+    _refuse_masked(name, value)
+
+    def wrong() -> TypeError:
+        return TypeError(f"{name} must be {what}, got {shown(value)}")
+
+    if isinstance(value, list | tuple):
+        leaves = list(islice(_leaves(value), longest))
+        if any(issubclass(kind, NOT_NUMBERS) for kind in set(map(type, leaves))):
+            raise wrong()
+        for part in leaves if any(isinstance(leaf, np.ndarray) for leaf in leaves) else ():
+            if isinstance(part, np.ndarray) and part.dtype.kind == "b":
+                raise wrong()
+            _refuse_masked(name, part)
+    try:
+        raw = np.asarray(value)
+    except (ValueError, TypeError, OverflowError):  # lists of different lengths, for one
+        raise wrong() from None
+    if raw.dtype.kind == "O" and all(_is_real(part) for part in raw.flat):
+        parts = [real(name, part) for part in raw.flat]  # fractions, whole numbers beyond 64 bits
+        raw = np.array(parts, dtype=np.float64).reshape(raw.shape)
+    if raw.dtype.kind not in kinds:
+        raise wrong()
+    return raw
+
+
+def _is_real(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, NOT_NUMBERS)
+
+
+def _entries(value: Any) -> int:
+    """How many entries an array of this would have, as far as the first of each list tells."""
+    entries = 1
+    for _ in range(32):
+        if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+            break
+        try:
+            entries *= len(value)
+        except OverflowError:  # a range
+            return sys.maxsize
+        if not entries:
+            return 0
+        value = value[0]
+    return entries * value.size if isinstance(value, np.ndarray) else entries
+
+
+def _leaves(value: Any, depth: int = 0) -> Iterator[Any]:
+    """What stands in a list and the lists in it."""
+    for part in value:
+        if isinstance(part, list | tuple) and depth < 32:
+            yield from _leaves(part, depth + 1)
+        else:
+            yield part
+
+
+def _refuse_masked(name: str, value: Any) -> None:
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        masked = int(np.ma.getmaskarray(value).sum())
+        raise ValueError(f"{name} must not be masked, got {masked} masked of {value.size} entries")

@@ -103,10 +103,9 @@ class Chain(Model):
         total = base + math.fsum(self._lengths)
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"base + sum(lengths) must be 1, got {total!r}")
-        if float(self._lengths.min()) < SHORTEST_SEGMENT:
-            raise ValueError(
-                f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {self._lengths.min()!r}"
-            )
+        shortest = float(self._lengths.min())
+        if shortest < SHORTEST_SEGMENT:
+            raise ValueError(f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {shortest}")
         self._base = base
         self._centers = _fractions("centers", centers, n)
         self._drag_points = _fractions("drag_points", drag_points, n)
@@ -176,6 +175,10 @@ class Chain(Model):
     def core(self) -> _core.Chain:
         """The compiled chain."""
         return self._with_springs(self._springs)
+
+    def braced(self, springs: Array) -> _core.Chain:
+        """The compiled chain with springs added to its own, shape (n,)."""
+        return self._with_springs(self._springs + springs)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "core"}
@@ -248,7 +251,7 @@ class Chain(Model):
         A joint with no spring, or one far below the mean, takes a scale from the mean instead.
         """
         mean = float(self._springs.mean())
-        floor = 1e-3 * mean if mean > 0.0 else float(self.dof)
+        floor = 1e-3 * mean if mean > 1e-100 else float(self.dof)  # squares of the scale are taken
         return _frozen(1.0 / np.sqrt(np.maximum(self._springs, floor)))
 
     def operators(self) -> Operators:
@@ -265,9 +268,14 @@ class Chain(Model):
         self._check_dense()
         return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
 
-    def from_elastic(self, z: NDArray[Any]) -> NDArray[Any]:
-        """Angles, shape (n, ...), from elastic coordinates of the same shape."""
-        return np.cumsum((self.elastic_scale * z.T).T, axis=0)
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        """Angles, shape (n, ...), from elastic coordinates of the same shape.
+
+        Raises:
+            ValueError, TypeError: for z of another shape, or not of finite numbers.
+        """
+        joints = (self.elastic_scale * self._columns("z", z).T).T
+        return np.cumsum(joints, axis=0, out=joints)
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         """Centreline (x, y) at arc lengths s, shape (len(s), 2).
@@ -285,9 +293,21 @@ class Chain(Model):
         y = self._along(self._lengths * np.cos(angles), at) + np.minimum(at, self._base)
         return np.stack([x, y], axis=-1)
 
-    def deflection(self, q: NDArray[Any], s: ArrayLike) -> NDArray[Any]:
-        """Transverse displacement for small angles, shape (len(s),) or (len(s), k)."""
-        return self._along((self._lengths * q.T).T, arc_lengths(s))
+    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement for small angles at arc lengths s.
+
+        Args:
+            q: angles theta, rad, real or complex, shape (n,) or (n, k).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+
+        Returns:
+            Displacements, shape (p,) or (p, k).
+
+        Raises:
+            ValueError, TypeError: for angles or arc lengths that are not such.
+        """
+        at = arc_lengths(s)
+        return self._along((self._lengths * self._displaced(q, at.size).T).T, at)
 
     def _along(self, steps: NDArray[Any], s: Array) -> NDArray[Any]:
         """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _check
-from pipedyn.galerkin import Galerkin
+from pipedyn.galerkin import LARGEST_BASIS, Galerkin
 from pipedyn.model import Model, NotConverged, checked_pipe
 from pipedyn.pipe import Pipe
 
@@ -85,19 +86,27 @@ class Continuum:
         Args:
             question: asked of reduced models of growing size.
             distance: relative distance between two answers; infinite where they differ in kind.
-            tolerance: distance at which the answer stands still.
-            smallest: first size.
-            largest: last size, or one step above the first.
+            tolerance: distance at which the answer stands still, > 0.
+            smallest: first size, from 1 to 1992.
+            largest: last size, up to 2000, or one step above the first.
 
         Raises:
             NotConverged: if it still moves at the last size; carries the last answer.
+            ValueError, TypeError: for bad arguments.
         """
-        size = smallest
+        for name, given in (("question", question), ("distance", distance)):
+            if not callable(given):
+                raise TypeError(f"{name} must be a function, got {_check.shown(given)}")
+        tolerance = _check.real("tolerance", tolerance, low=0.0, open_low=True)
+        size = smallest = _check.count("smallest", smallest, high=LARGEST_BASIS - 8)
+        largest = _check.count("largest", largest, high=LARGEST_BASIS)
         before = question(self.frozen(size))
         while True:
             size = min(max(size + 8, (5 * size) // 4), max(largest, smallest + 8))
             answer = question(self.frozen(size))
             error = distance(before, answer)
+            if not isinstance(error, Real):
+                raise TypeError(f"distance must return a number, got {_check.shown(error)}")
             if error <= tolerance:
                 return Settled(answer, size, error)
             if size >= largest:

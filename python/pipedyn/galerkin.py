@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -17,6 +18,12 @@ from pipedyn.pipe import Pipe
 
 BASES = ("beam", "legendre")
 LARGEST_BASIS = 2000
+
+MOST_TURNING = 1000.0
+"""Angle, rad, through which a shape may turn along the pipe: its quadrature grows with it."""
+
+LARGEST_TABLE = 100_000_000
+"""Values of functions handed out at once: 800 MB."""
 
 
 @lru_cache(maxsize=32)
@@ -105,7 +112,13 @@ class Galerkin(Model):
             ValueError: for arc lengths or a derivative out of range.
         """
         order = _check.count("derivative", derivative, low=0, high=2)
-        return self.core.basis(arc_lengths(s), order)
+        at = arc_lengths(s)
+        if at.size * self._size > LARGEST_TABLE:
+            raise ValueError(
+                f"s must have at most {LARGEST_TABLE // self._size} entries for {self._size} "
+                f"functions, got {at.size}"
+            )
+        return self.core.basis(at, order)
 
     def operators(self) -> Operators:
         """Linear operators about the straight pipe at rest, in the amplitudes q."""
@@ -127,9 +140,13 @@ class Galerkin(Model):
             *(ops.direction, ops.centrifugal),
         )
 
-    def from_elastic(self, z: NDArray[Any]) -> NDArray[Any]:
-        """Amplitudes, shape (m, ...), from elastic coordinates of the same shape."""
-        result: NDArray[Any] = (self.elastic_scale * z.T).T
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        """Amplitudes, shape (m, ...), from elastic coordinates of the same shape.
+
+        Raises:
+            ValueError, TypeError: for z of another shape, or not of finite numbers.
+        """
+        result: NDArray[Any] = (self.elastic_scale * self._columns("z", z).T).T
         return result
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
@@ -146,14 +163,36 @@ class Galerkin(Model):
         """
         amplitudes = self._coordinates(q)
         at = arc_lengths(s)
-        nodes, weights = gauss_nodes(2 * self._size + 60)
-        points = np.outer(at, nodes)
-        angles = (self.functions(points.ravel(), 1) @ amplitudes).reshape(points.shape)
-        x = at * (np.sin(angles) @ weights)
-        y = at * (np.cos(angles) @ weights)
-        return np.stack([x, y], axis=-1)
+        nodes, _ = gauss_nodes(2 * self._size + 60)
+        turns = float(np.abs(np.diff(self.core.basis(nodes, 1) @ amplitudes)).sum())
+        if turns > MOST_TURNING:
+            raise ValueError(
+                f"q must bend the pipe by at most {MOST_TURNING:g} rad in all, got {turns:.3g} rad"
+            )
+        nodes, weights = gauss_nodes(nodes.size + math.ceil(turns))
+        # In pieces: a table of the functions at every node of every s may not fit into memory.
+        pieces = math.ceil(at.size * nodes.size * self._size / 1e7)
+        line = np.empty((at.size, 2))
+        for piece in np.array_split(np.arange(at.size), min(pieces, at.size)):
+            points = np.outer(at[piece], nodes)
+            angles = (self.core.basis(points.ravel(), 1) @ amplitudes).reshape(points.shape)
+            line[piece, 0] = at[piece] * (np.sin(angles) @ weights)
+            line[piece, 1] = at[piece] * (np.cos(angles) @ weights)
+        return line
 
-    def deflection(self, q: NDArray[Any], s: ArrayLike) -> NDArray[Any]:
-        """Transverse displacement for small amplitudes, shape (len(s),) or (len(s), k)."""
-        result: NDArray[Any] = self.functions(s) @ q
+    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement for small amplitudes at arc lengths s.
+
+        Args:
+            q: amplitudes, real or complex, shape (m,) or (m, k).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+
+        Returns:
+            Displacements, shape (p,) or (p, k).
+
+        Raises:
+            ValueError, TypeError: for amplitudes or arc lengths that are not such.
+        """
+        at = arc_lengths(s)
+        result: NDArray[Any] = self.functions(at) @ self._displaced(q, at.size)
         return result

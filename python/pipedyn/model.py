@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _check, _core
@@ -17,6 +18,14 @@ DENSE_LIMIT = 4000
 """Largest dof for which dense operators are made: six matrices of 128 MB."""
 
 
+LARGEST_RESULT = 1_000_000_000
+"""Numbers in one result: 8 GB, and twice that if they are complex."""
+
+
+LARGEST_ANGLE = 1e6
+"""Coordinates of a shape; sine and cosine of greater angles lose their digits."""
+
+
 class PipedynError(Exception):
     """What the package could not compute; every other error it raises is about an argument.
 
@@ -24,7 +33,7 @@ class PipedynError(Exception):
     """
 
     def __str__(self) -> str:
-        return str(self.args[0])
+        return str(self.args[0]) if self.args else ""
 
 
 class NotConverged(PipedynError):
@@ -137,16 +146,31 @@ class Model(ABC):
         """The same operators in elastic coordinates z."""
 
     @abstractmethod
-    def from_elastic(self, z: NDArray[Any]) -> NDArray[Any]:
-        """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape."""
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape.
+
+        Raises:
+            ValueError, TypeError: for z of another shape, or not of finite numbers.
+        """
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         """Centreline (x, y) at arc lengths s, shape (len(s), 2); x transverse, y downward."""
 
     @abstractmethod
-    def deflection(self, q: NDArray[Any], s: ArrayLike) -> NDArray[Any]:
-        """Transverse displacement for small q, shape (len(s),) or (len(s), k); q may be complex."""
+    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement for small q at arc lengths s.
+
+        Args:
+            q: coordinates, real or complex, shape (dof,) or (dof, k).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+
+        Returns:
+            Displacements, shape (p,) or (p, k).
+
+        Raises:
+            ValueError, TypeError: for coordinates or arc lengths that are not such.
+        """
 
     def tip(self, q: ArrayLike) -> Array:
         """Position (x, y) of the free end, shape (2,)."""
@@ -161,7 +185,39 @@ class Model(ABC):
             )
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        return _check.array("q", q, size=self.dof)
+        return _check.array("q", q, size=self.dof, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+
+    def _columns(self, name: str, given: ArrayLike) -> NDArray[Any]:
+        """Coordinates of one or several small displacements, shape (dof, ...), real or complex."""
+        columns = _check.numbers(
+            *(name, given, "an array of real or complex numbers"),
+            kinds="iufc",
+            longest=LARGEST_RESULT,
+        )
+        if columns.ndim == 0 or columns.shape[0] != self.dof or columns.size == 0:
+            raise ValueError(f"{name} must have shape ({self.dof}, ...), got {columns.shape}")
+        good = np.isfinite(columns)
+        if not good.all():
+            where = tuple(int(i) for i in np.unravel_index(np.argmin(good), good.shape))
+            index = where[0] if len(where) == 1 else where
+            raise ValueError(
+                f"{name} must be finite, got {columns[where].item()!r} at index {index}"
+            )
+        return columns
+
+    def _displaced(self, q: ArrayLike, points: int) -> NDArray[Any]:
+        """Coordinates to be displaced at so many points, shape (dof,) or (dof, k)."""
+        columns = self._columns("q", q)
+        if columns.ndim > 2:
+            rule = f"({self.dof},) or ({self.dof}, k)"
+            raise ValueError(f"q must have shape {rule}, got {columns.shape}")
+        wide = columns.size // self.dof
+        if wide * points > LARGEST_RESULT:
+            raise ValueError(
+                f"q and s must ask for at most {LARGEST_RESULT} numbers, got {wide} columns of q "
+                f"at {points} points"
+            )
+        return columns
 
 
 def arc_lengths(s: ArrayLike) -> Array:

@@ -19,13 +19,16 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, SymLogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from matplotlib.font_manager import FontProperties
+from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from pipedyn import _check
 from pipedyn._check import Array
-from pipedyn.critical import CriticalSpeed, Crossing
+from pipedyn.critical import CriticalSpeed
 from pipedyn.modal import Modes, RootLoci
+from pipedyn.sensitivity import Crossing
 from pipedyn.stability import StabilityCurve
 from pipedyn.trade import Trend, own_error, relative_errors, trend
 
@@ -87,6 +90,10 @@ def style() -> AbstractContextManager[None]:
 
 def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure, NDArray[Any]]:
     """An empty figure, width x height inches, and its Axes, shape (rows, columns), on one range."""
+    rows = _check.count("rows", rows, high=100)
+    columns = _check.count("columns", columns, high=100)
+    width = _check.real("width", width, low=0.1, high=200.0)
+    height = _check.real("height", height, low=0.1, high=200.0)
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     return figure, axes
@@ -94,6 +101,11 @@ def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure
 
 def colour_bar(figure: Figure, axes: NDArray[Any], label: str) -> None:
     """One colour bar beside the panels, of the first collection drawn in any of them."""
+    _check_type("figure", figure, Figure)
+    _check_type("axes", axes, np.ndarray)
+    for ax in axes.flat:
+        _check_type("axes", ax, Axes)
+    _check_type("label", label, str)
     drawn = [ax.collections[0] for ax in axes.flat if ax.collections]
     if not drawn:
         return
@@ -107,8 +119,32 @@ def colour_bar(figure: Figure, axes: NDArray[Any], label: str) -> None:
         bar.minorticks_off()
 
 
+def _check_axes(ax: Any) -> None:
+    _check_type("ax", ax, Axes)
+
+
+def _check_type(name: str, value: Any, kind: type) -> None:
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be of type {kind.__name__}, got {_check.shown(value)}")
+
+
+def _check_mapping(name: str, value: Any) -> None:
+    _check_type(name, value, Mapping)
+    for key in value:
+        _check_type(f"the names of {name}", key, str)
+
+
+def _check_loci(ax: Any, loci: Any, benchmark: Any) -> None:
+    _check_axes(ax)
+    _check_type("loci", loci, RootLoci)
+    if benchmark is not None:
+        _check_type("benchmark", benchmark, RootLoci)
+
+
 def notice(ax: Axes, text: str) -> Axes:
     """A sentence in place of a picture."""
+    _check_axes(ax)
+    _check_type("text", text, str)
     ax.set_xticks([])
     ax.set_yticks([])
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", wrap=True)
@@ -132,7 +168,11 @@ def root_loci(
         benchmark: branches of the continuous pipe, drawn as black dots.
         highest: speed at the end of the colours; that of the loci where not given.
     """
-    norm = Normalize(0.0, loci.speeds[-1] if highest is None else highest)
+    _check_loci(ax, loci, benchmark)
+    end = float(loci.speeds[-1])
+    if highest is not None:
+        end = _check.real("highest", highest, low=0.0, open_low=True)
+    norm = Normalize(0.0, end or 1.0)
     middle = 0.5 * (loci.speeds[1:] + loci.speeds[:-1])
     for branch in _branches(loci):
         segments, there = _segments(branch.real, branch.imag)
@@ -167,9 +207,11 @@ def frequencies(
         largest: |Re lambda| at the ends of the colours, linear within 1 and logarithmic beyond;
             that of the loci where not given.
     """
+    _check_loci(ax, loci, benchmark)
     branches = _branches(loci)
     if largest is None:
-        largest = float(np.nanmax(np.abs([branch.real for branch in branches])))
+        largest = max((float(abs(x)) for x in np.ravel(branches).real if x == x), default=0.0)
+    largest = _check.real("largest", largest, low=0.0)
     norm = SymLogNorm(1.0, vmin=-max(largest, 2.0), vmax=max(largest, 2.0))
     pieces, means = [], []
     for branch in branches:
@@ -250,6 +292,7 @@ def _onsets(speeds: Array, branch: NDArray[np.complex128]) -> tuple[Array, Array
 
 def dot_stride(loci: RootLoci) -> int:
     """Every how many speeds of a benchmark there is a dot."""
+    _check_type("loci", loci, RootLoci)
     return max(1, round((loci.speeds.size - 1) / 18))
 
 
@@ -271,6 +314,8 @@ def mode_shapes(ax: Axes, modes: Modes) -> Axes:
         ax: where to draw.
         modes: one curve pair for each eigenvalue that is not the lower of a conjugate pair.
     """
+    _check_axes(ax)
+    _check_type("modes", modes, Modes)
     s = np.linspace(0.0, 1.0, 401)
     upper = [shape for shape in modes.shapes if shape.eigenvalue.imag >= 0.0]
     colours = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
@@ -290,7 +335,8 @@ def mode_shapes(ax: Axes, modes: Modes) -> Axes:
     ax.set_xlabel("arc length $s / L$ from the clamp")
     ax.set_ylabel("displacement (largest = 1); Re solid, Im dashed")
     ax.set_title(rf"$u = {modes.speed:g}$")
-    ax.legend(loc="best")
+    if upper:
+        ax.legend(loc="best")
     return ax
 
 
@@ -311,12 +357,20 @@ def convergence(
             basis.
         exact: critical speed of the continuous pipe.
     """
+    _check_axes(ax)
+    _check_mapping("families", families)
+    for name, found in families.items():
+        _check_type(f"families[{name!r}]", found, Sequence)
+        for i, critical in enumerate(found):
+            _check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
+    _check_type("exact", exact, CriticalSpeed)
+    families = {name: found for name, found in families.items() if found}
     ax.set_xlabel("degrees of freedom $n$, $m$")
     ax.set_ylabel(r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$")
     if exact.speed == 0.0:
         return notice(ax, "The critical speed is 0: nothing converges to it.")
     floor = max((own_error(found, exact) for found in families.values()), default=1e-15)
-    least, all_alike = 1.0, True
+    least, largest, all_alike = 1.0, 2.0, True
     for name, found in families.items():
         sizes, errors, alike = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
@@ -337,14 +391,13 @@ def convergence(
                 color=look["color"],
                 va="center",
             )
-        least = min([least, *shown])
+        least, largest = min([least, *shown]), max([largest, *shown])
         all_alike = all_alike and bool(alike.all())
     if not all_alike:
         label = f"open: no {exact.kind}, not fitted"
         ax.plot([], [], "o", color="0.3", markersize=4.5, markerfacecolor="none", label=label)
     ax.set_xscale("log", base=2)
     ax.set_yscale("log")
-    ax.set_ylim(0.1 * least, max(3.0, ax.get_ylim()[1]))
     if least <= floor:
         ax.axhspan(0.1 * floor, floor, color="0.9", zorder=0.3)
         ax.text(
@@ -355,13 +408,41 @@ def convergence(
             fontsize=6.5,
             color="0.35",
             va="center",
+            clip_on=True,
         )
     ax.xaxis.set_major_formatter(ScalarFormatter())
-    ax.yaxis.set_major_locator(LogLocator(10.0, numticks=20))
-    ax.yaxis.set_minor_formatter(NullFormatter())
     ax.grid(True, which="major", color="0.9", linewidth=0.5, zorder=0.2)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, borderaxespad=0.0)
+    _legend_on_top(ax, 0.1 * least, 1.5 * largest)
     return ax
+
+
+def _legend_on_top(ax: Axes, low: float, high: float) -> None:
+    """A legend inside logarithmic axes, above the range from low to high, whatever the layout."""
+    handles, _ = ax.get_legend_handles_labels()
+    size = min(
+        7.0, FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
+    )
+    box = ax.get_window_extent()
+    dots = getattr(ax.get_figure(), "dpi", 100.0)
+    width, height = 72.0 * box.width / dots, 72.0 * box.height / dots
+    columns = 2 if width > 44.0 * size else 1
+    rows = math.ceil(len(handles) / columns)
+    share = min(0.6, (1.5 * rows + 2.5) * size / height) if rows else 0.0
+    ax.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))
+    decades = np.arange(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
+    step = math.ceil(decades.size / 20)
+    ax.yaxis.set_major_locator(FixedLocator((10.0**decades)[::-step].tolist()))
+    ax.yaxis.set_minor_locator(NullLocator())
+    if handles:
+        ax.legend(
+            loc="upper center",
+            ncols=columns,
+            fontsize=size,
+            handlelength=2.5,
+            handletextpad=0.6,
+            columnspacing=1.0,
+            framealpha=1.0,
+        )
 
 
 def _family(name: str) -> str:
@@ -373,7 +454,7 @@ def _law(fitted: Trend) -> str:
     if fitted.law == "power":
         return f"order {fitted.rate:.2f}"
     if fitted.law == "exponential":
-        return f"÷ {fitted.rate:.1f} per degree of freedom"
+        return f"÷ {fitted.rate:.1f} per d.o.f."
     if fitted.law == "flat":
         return f"tends to {_percent(fitted.limit)}"
     return "no clear order"
@@ -405,6 +486,14 @@ def stability_map(
         highest: end of the axis of speed.
         marked: a critical speed to mark, at its pipe's beta.
     """
+    _check_axes(ax)
+    _check_mapping("curves", curves)
+    for label, curve in curves.items():
+        _check_type(f"curves[{label!r}]", curve, StabilityCurve)
+    if highest is not None:
+        highest = _check.real("highest", highest, low=0.0, open_low=True)
+    if marked is not None:
+        _check_type("marked", marked, CriticalSpeed)
     tallest = 0.0
     for (label, curve), look in zip(curves.items(), _cycled(len(curves)), strict=True):
         strands = _strands(curve)
@@ -444,7 +533,8 @@ def stability_map(
         notice(ax, "There is no boundary of stability above $u = 0$.")
     ax.set_xlabel(BETA_LABEL)
     ax.set_ylabel(SPEED_LABEL)
-    ax.legend(loc="best")
+    if curves or marked is not None:
+        ax.legend(loc="best")
     return ax
 
 
@@ -454,7 +544,11 @@ def _cycled(count: int) -> list[dict[str, Any]]:
 
 def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
     """Passages at which the pipe gains or loses stability altogether."""
-    return [c for c in found if min(c.unstable_before, c.unstable_after) == 0]
+    _check_type("found", found, Iterable)
+    passages = list(found)
+    for i, passage in enumerate(passages):
+        _check_type(f"found[{i}]", passage, Crossing)
+    return [c for c in passages if min(c.unstable_before, c.unstable_after) == 0]
 
 
 Node = tuple[int, int]
