@@ -3,19 +3,12 @@
 
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
-from pipedyn.critical import (
-    CriticalSpeed,
-    Crossing,
-    Derivatives,
-    NoCrossing,
-    Sensitivity,
-    critical_speed,
-    crossings,
-)
+from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.model import Model, NotConverged, Operators, PipedynError
 from pipedyn.pipe import Pipe, Scales, inlet_coefficient
+from pipedyn.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.stability import Failure, StabilityCurve, stability_curve
 
 __version__ = "0.1.0"

@@ -32,6 +32,8 @@ class CirculatoryHunt(Hunt):
         slopes = 2.0 * pairs.values * self.pencil.slopes(u, pairs)
         squares = replace(pairs, values=pairs.values**2)
         squares.values.imag[(pairs.values.real == 0.0) | (pairs.values.imag == 0.0)] = 0.0
+        if u == 0.0:
+            squares.values[np.abs(squares.values) < STUCK] = 0.0
         return Sample(u, squares, np.where(np.isfinite(slopes), slopes, 0.0))
 
     @property
@@ -67,6 +69,8 @@ class CirculatoryHunt(Hunt):
             return False
         for i in roots:
             k, j = int(step.meets[i]), int(step.onto[i])
+            if a[i] == 0.0:  # a free joint at rest: nothing to meet
+                continue
             if (a[i].imag == 0.0) == (b[j].imag == 0.0):
                 if k >= 0:
                     return False
@@ -86,11 +90,16 @@ class CirculatoryHunt(Hunt):
         for i in roots[self.unstable[roots] != after[roots]]:
             i, k = int(i), int(step.meets[i])
             mode, change = int(self.modes[i]), 1 if after[i] else -1
-            if step.left.u == 0.0 and abs(step.left.values[i]) < STUCK:  # a joint without a spring
-                found.append(Passage(0.0, 0j, change, mode, 0.0))
+            if step.left.values[i] == 0.0:  # a free joint at rest
+                side = step.right.values[step.onto[i]].imag
+                if side >= 0.0:
+                    found.append(Passage(0.0, 0j, 2 if side else 1, mode, 0.0))
             elif k < 0:
-                speed, error = self._root_of(step, i, lambda nu: float(nu[0].real), 1)
-                found.append(Passage(speed, 0j, change, mode, error))
+                divergence = self._divergence(step, change, mode)
+                if divergence is None:
+                    speed, error = self._root_of(step, i, lambda nu: float(nu[0].real), 1)
+                    divergence = Passage(speed, 0j, change, mode, error)
+                found.append(replace(divergence, pair=None, slope=None))
             elif i < k:
                 speed, error = self._root_of(
                     step, i, lambda nu: float(((nu[0] - nu[1]) ** 2).real), 2

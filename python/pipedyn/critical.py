@@ -7,24 +7,22 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
-
-import numpy as np
+from typing import Any
 
 from pipedyn import _check
-from pipedyn._check import Array
 from pipedyn.blas import one_thread
 from pipedyn.chain import Chain
 from pipedyn.circulatory import CirculatoryHunt
 from pipedyn.continuum import AnyModel, Continuum, checked_model
 from pipedyn.crossing import Hunt, Passage, Sweep, Untracked
+from pipedyn.deflation import sweeping_pencil
+from pipedyn.faint import extrapolated, is_faint, strengthened
 from pipedyn.galerkin import Galerkin
-from pipedyn.modal import LARGEST_SPEED
+from pipedyn.modal import CONTINUUM_SPEED, LARGEST_SPEED
 from pipedyn.model import Model, PipedynError
 from pipedyn.pipe import Pipe
-from pipedyn.spectrum import BandPencil, DensePencil, pencil_of, rows_of
-
-Kind = Literal["flutter", "divergence"]
+from pipedyn.sensitivity import Crossing, Kind, Sensitivity, crossings_of
+from pipedyn.spectrum import DENSE_CHAIN, BandPencil, rows_of
 
 LARGEST_SWEEP = 2000
 """Degrees of freedom up to which passages are searched."""
@@ -40,67 +38,6 @@ class NoCrossing(PipedynError):
     def __init__(self, message: str, max_speed: float) -> None:
         super().__init__(message, max_speed)
         self.max_speed = max_speed
-
-
-@dataclass(frozen=True)
-class Derivatives:
-    """Derivatives of one quantity by the pipe's numbers and the springs.
-
-    Attributes:
-        beta: None at beta = 0, where the square root of beta has no derivative.
-        gamma, damping, alpha: alpha 0 for an ejecting pipe.
-        springs: by each k_j, shape (n,), the others held; None for reduced models.
-    """
-
-    beta: float | None
-    gamma: float
-    damping: float
-    alpha: float
-    springs: Array | None = field(default=None, repr=False)
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """How a passage moves with the pipe's numbers.
-
-    Attributes:
-        speed: derivatives of its speed.
-        frequency: derivatives of its frequency.
-    """
-
-    speed: Derivatives
-    frequency: Derivatives
-
-
-@dataclass(frozen=True)
-class Crossing:
-    """A passage of an eigenvalue, or of a conjugate pair, through the imaginary axis.
-
-    Attributes:
-        speed: u.
-        frequency: angular, in 1 / T; 0 for divergence.
-        kind: "flutter" (a pair) or "divergence" (a real root).
-        unstable_before, unstable_after: number of unstable roots on either side, a pair being two.
-        error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
-        mode: which branch passes, counted from rest by frequency, from 1; of two that meet on the
-            axis (beta = 0) the higher.
-        sensitivity: derivatives of speed and frequency; None at u = 0 and at beta = 0 without
-            damping.
-    """
-
-    speed: float
-    frequency: float
-    kind: Kind
-    unstable_before: int
-    unstable_after: int
-    error: float
-    mode: int
-    sensitivity: Sensitivity | None = field(default=None, repr=False)
-
-    @property
-    def destabilising(self) -> bool:
-        """Whether unstable roots become more."""
-        return self.unstable_after > self.unstable_before
 
 
 @dataclass(frozen=True)
@@ -172,7 +109,7 @@ def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    return _search(model, checked_end(max_speed)).crossings
+    return _search(model, checked_end(max_speed, model)).crossings
 
 
 def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
@@ -191,13 +128,14 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    critical, _ = first_loss(model, checked_end(max_speed))
+    critical, _ = first_loss(model, checked_end(max_speed, model))
     return critical
 
 
-def checked_end(max_speed: Any) -> float:
-    """The argument max_speed, if it can end a search."""
-    return _check.real("max_speed", max_speed, low=0.0, high=LARGEST_SPEED, open_low=True)
+def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
+    """The argument max_speed, if it can end a search in the model."""
+    high = CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
+    return _check.real("max_speed", max_speed, low=0.0, high=high, open_low=True)
 
 
 def first_loss(
@@ -208,8 +146,11 @@ def first_loss(
     Raises:
         NoCrossing: if there is none up to max_speed.
     """
-    # A low critical speed needs no large model, so the search grows from rest.
-    for end in [*(end for end in (12.0, 30.0, 60.0) if end < max_speed), max_speed]:
+    # A low critical speed needs no large basis and few modes of a long chain: the search grows
+    # from rest where that tells.
+    grows = isinstance(model, Continuum) or (isinstance(model, Chain) and model.dof > DENSE_CHAIN)
+    ends = [end for end in (12.0, 30.0, 60.0) if grows and end < max_speed]
+    for end in [*ends, max_speed]:
         found = _search(model, end, lambda passage: passage.change > 0)
         critical = found.critical(max_speed)
         if critical is not None:
@@ -259,20 +200,38 @@ class _Search:
 def _search(
     model: AnyModel, max_speed: float, until: Callable[[Passage], bool] | None = None
 ) -> _Search:
+    pipe = model.pipe
+    if pipe.beta == 0.0 and pipe.flow == "aspirating" and pipe.alpha == 0.0:
+        return _Search(model, (), 0)  # the flow acts on nothing
+    if not is_faint(pipe):
+        return _search_once(model, max_speed, until)
+    solved = strengthened(model.pipe)
+    found = [_search_once(_with_pipe(model, pipe), max_speed, until) for pipe in solved]
+    passages = extrapolated(model.pipe, solved, [search.crossings for search in found])
+    return replace(found[0], model=model, crossings=passages)
+
+
+def _with_pipe(model: AnyModel, pipe: Pipe) -> AnyModel:
+    return Continuum(pipe) if isinstance(model, Continuum) else model.with_pipe(pipe)
+
+
+def _search_once(
+    model: AnyModel, max_speed: float, until: Callable[[Passage], bool] | None
+) -> _Search:
     if not isinstance(model, Continuum):
         if model.dof > LARGEST_SWEEP:
             raise ValueError(
                 f"model must have at most {LARGEST_SWEEP} degrees of freedom for crossings, "
                 f"got {model.dof}"
             )
-        return _Search(model, _crossings(model, _sweep(model, max_speed, until)), model.dof)
+        return _Search(model, crossings_of(model, _sweep(model, max_speed, until)), model.dof)
     settled = model.settle(
-        lambda rom: _crossings(rom, _sweep(rom, max_speed, until, _trusted(rom))),
+        lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _trusted(rom))),
         _difference,
         smallest=max(16, math.ceil(0.8 * max_speed) + 8),
     )
     moved = settled.error
-    found = tuple(replace(c, error=c.error + moved * c.speed) for c in settled.value)
+    found = tuple(replace(c, error=2.0 * c.error + moved * c.speed) for c in settled.value)
     return _Search(model, found, settled.size, moved)
 
 
@@ -299,13 +258,13 @@ def _sweep(
     does where k is comparable to u. With modes up to k = pi u and twelve more there is room, and if
     a root beyond that turns unstable, more are followed.
     """
-    pencil = pencil_of(model)
+    pencil = sweeping_pencil(model)
     followed: int | None = None
     if isinstance(pencil, BandPencil):
         followed = 12 + math.ceil(max_speed)
     while True:
         if followed is not None and (followed > pencil.dof // 4 or max_speed > pencil.dof / 4):
-            pencil, followed = DensePencil(model), None
+            pencil, followed = pencil.dense(), None
         kind = CirculatoryHunt if pencil.velocity_free(1.0) else Hunt
         try:
             with one_thread(rows_of(pencil)):
@@ -316,79 +275,18 @@ def _sweep(
 
 
 def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:
-    """Largest relative change of a speed; infinite where passages differ in kind or number."""
+    """Largest relative change of a speed beyond what the errors of either explain.
+
+    Infinite where passages differ in kind or number.
+    """
     # Of modes that leave the axis at rest a larger model has more: the first stands for all.
     a, b = (tuple(c for c in found if c.speed > 0.0 or c is found[0]) for found in (a, b))
     kinds = [[(c.kind, c.destabilising) for c in found] for found in (a, b)]
     if kinds[0] != kinds[1]:
         return math.inf
-    moves = (abs(x.speed - y.speed) / y.speed for x, y in zip(a, b, strict=True) if y.speed)
-    return max(moves, default=0.0)
-
-
-def _crossings(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
-    found = []
-    unstable = swept.unstable_at_rest
-    for passage in swept.passages:
-        after = unstable + passage.change
-        found.append(
-            Crossing(
-                speed=passage.speed,
-                frequency=abs(passage.value.imag),
-                kind="flutter" if passage.value.imag else "divergence",
-                unstable_before=unstable,
-                unstable_after=after,
-                error=passage.error,
-                mode=passage.mode,
-                sensitivity=_sensitivity(model, passage),
-            )
-        )
-        unstable = after
-    return tuple(found)
-
-
-def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
-    """From left and right eigenvectors, along P(i omega, u; p) x = 0 with Re lambda held at 0.
-
-    du/dp = -Re lambda_p / Re lambda_u and domega/dp = Im(lambda_p + lambda_u du/dp).
-    """
-    pair, slope = passage.pair, passage.slope
-    if pair is None or slope is None or pair.left is None:
-        return None
-    pencil = pencil_of(model)
-    pipe, u, value = model.pipe, passage.speed, passage.value
-    x, y = pair.right, pair.left
-    down = complex(pencil.derivative(u, np.array([value]), x, y)[0])
-
-    def moved(rows: Any) -> complex:
-        """D lambda / dp from (dP/dp) x."""
-        return -complex(np.sum(y.conj() * rows)) / down
-
-    def split(change: Any) -> tuple[Any, Any]:
-        speed = -np.real(change) / slope.real
-        frequency = np.imag(change + slope * speed) if passage.value.imag else 0.0 * speed
-        return (speed, frequency) if np.ndim(speed) else (float(speed), float(frequency))
-
-    beta: tuple[float | None, float | None] = (None, None)
-    if pipe.beta:
-        beta = split(moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta)))
-    gamma = split(moved(pencil.gravity(x)))
-    damping = split(moved(value * pencil.elastic * x))
-    alpha = (0.0, 0.0)
-    if pipe.flow == "aspirating":
-        alpha = split(moved(u**2 * pencil.flux(x)))
-    springs: tuple[Array | None, Array | None] = (None, None)
-    if isinstance(model, Chain):
-        scale = model.elastic_scale**2 * (1.0 + pipe.damping * value)
-        springs = split(-(y[:, 0].conj() * scale * x[:, 0]) / down)
-    speed, frequency = (
-        Derivatives(
-            beta=beta[i],
-            gamma=gamma[i],
-            damping=damping[i],
-            alpha=alpha[i],
-            springs=springs[i],
-        )
-        for i in (0, 1)
+    moves = (
+        max(abs(x.speed - y.speed) - x.error - y.error, 0.0) / y.speed
+        for x, y in zip(a, b, strict=True)
+        if y.speed
     )
-    return Sensitivity(speed, frequency)
+    return max(moves, default=0.0)

@@ -43,7 +43,7 @@ class Passage:
     Attributes:
         speed: u.
         value: i times the frequency there; 0 for divergence.
-        change: by how many the number of unstable roots grows.
+        change: by how many the number of unstable roots grows, a pair being two.
         mode: branch, counted from rest by frequency, from 1.
         error: of the speed, absolute.
         pair: eigenvalue with both vectors; None where two branches meet on the axis or at u = 0+.
@@ -117,6 +117,12 @@ class Hunt:
         crowd = Crowd(self.pencil.pipe.damping)
         for step in march(self.take, first, speeds[1:], followed, crowd, self.sure):
             for passage in sorted(self.passages(step), key=lambda passage: passage.speed):
+                if passage.error > WORST * passage.speed:
+                    raise NotConverged(
+                        f"a passage near u = {passage.speed:.6g} is known to {passage.error:.1e} "
+                        "only: the real part of its eigenvalue hardly leaves rounding",
+                        Sweep(at_rest, tuple(passages)),
+                    )
                 passages.append(passage)
                 unstable += passage.change
                 if until is not None and until(passage):
@@ -140,9 +146,11 @@ class Hunt:
         return modes_of_pairs(first.values, self.pencil.pipe.damping)
 
     def take(self, u: float) -> Sample:
-        """The sample at a speed; at rest without damping on the axis or real."""
+        """The sample at a speed; at rest zero is exact, and without damping the axis."""
         at = sample(self.pencil, u, self.count)
-        if self.pencil.velocity_free(u):
+        if u == 0.0:
+            at.values[np.abs(at.values) < STUCK] = 0.0
+        if u == 0.0 and self.pencil.pipe.damping == 0.0:
             at.values.real[at.values.imag != 0.0] = 0.0
         return at
 
@@ -172,7 +180,8 @@ class Hunt:
     def rows(self, step: Step) -> Indices:
         """Roots to look at: one of each conjugate pair, trusted, not heavily damped throughout."""
         a, b = step.left.values, step.right.values[step.onto]
-        mine = (self.modes >= 1) & (self.modes <= self.trusted) & (step.onto >= 0) & (a.imag >= 0.0)
+        upper = np.where(a == 0.0, b, a).imag >= 0.0
+        mine = (self.modes >= 1) & (self.modes <= self.trusted) & (step.onto >= 0) & upper
         damped = (a.real < -HIGH_DAMPING * np.abs(a)) & (b.real < -HIGH_DAMPING * np.abs(b))
         mine &= ~(damped & (self.modes > self.certain))
         return np.flatnonzero(mine)
@@ -193,7 +202,7 @@ class Hunt:
         found = []
         for root in single[self._leaving(step, single)]:
             value = complex(0.0, step.left.values[root].imag)
-            change = 2 if value.imag else 1
+            change = 2 if value.imag or step.right.values[step.onto[root]].imag else 1
             found.append(Passage(0.0, value, change, int(self.modes[root]), 0.0))
         scanned = self._scan(step, single)
         for root, t, rising in self._ends(step, single) if scanned is None else scanned:
@@ -204,23 +213,57 @@ class Hunt:
             change = int(after[i]) + int(after[k]) - int(self.unstable[i]) - int(self.unstable[k])
             if change and (i < k or k not in roots):
                 odd = change % 2 != 0  # one real root of the two passes zero
+                divergence = self._divergence(step, change, int(self.modes[i])) if odd else None
                 value = 0j if odd else complex(0.0, abs(step.left.values[i].imag))
                 middle = 0.5 * (step.left.u + step.right.u)
-                found.append(Passage(middle, value, change, int(self.modes[i]), step.length))
-        for passage in found:
-            if passage.error > WORST * passage.speed:
-                raise NotConverged(
-                    f"a passage near u = {passage.speed:.6g} is known to {passage.error:.1e} only: "
-                    "the real part of its eigenvalue hardly leaves rounding"
-                )
+                met_there = Passage(middle, value, change, int(self.modes[i]), step.length)
+                found.append(divergence or met_there)
         return found
+
+    def _divergence(self, step: Step, change: int, mode: int) -> Passage | None:
+        """Where det K(u) changes sign within the step; None if it does not.
+
+        1 / (d^T K^-1 b) has the determinant's zeros, and none of its poles nearby if d and b are
+        close to the null vectors.
+        """
+        pencil = self.pencil.static()
+        seed = np.linspace(1.0, 0.5, pencil.dof).reshape(-1, 1)
+        near = pencil.null_pair(0.5 * (step.left.u + step.right.u), seed, seed)
+        assert near.left is not None
+        dual, vector = near.left.real, near.right.real
+
+        def determinant(u: float) -> float:
+            return 1.0 / float((vector.T @ pencil.factor(0.0, u)(dual)).real[0, 0])
+
+        slack = 1e-9 * (1.0 + step.right.u) + 0.1 * step.length
+        for reach in (0.0, slack):
+            low, high = max(step.left.u - reach, 0.0), step.right.u + reach
+            if determinant(low) * determinant(high) < 0.0:
+                break
+        else:
+            return None
+        tolerance = 4e-16 * (1.0 + high)
+        u = float(brentq(determinant, low, high, xtol=tolerance, rtol=8.9e-16))
+        pair = pencil.null_pair(u, vector, dual)
+        assert pair.left is not None
+        if not pair.converged[0]:
+            return None
+        h = 1e-5 * (1.0 + u)
+        rate = (pencil.stiffened(u + h, pair.right) - pencil.stiffened(u - h, pair.right)) / (2 * h)
+        change_of_zero = abs(complex(np.sum(pair.left.conj() * rate)))
+        size = 1.0 + abs(pencil.pipe.gamma) + pencil.centrifugal * u**2
+        uncertain = float(pair.residuals[0] + np.finfo(float).eps) * size
+        error = tolerance + uncertain / change_of_zero if change_of_zero else math.inf
+        own = pencil.original(u, pair)
+        slope = None if own is None else complex(pencil.slopes(u, own)[0])
+        return Passage(u, 0j, change, mode, error, own, slope)
 
     def _leaving(self, step: Step, roots: Indices) -> Flags:
         """Which roots lie on the axis at rest and turn unstable at once."""
         if step.left.u > 0.0 or roots.size == 0:
             return np.zeros(roots.size, dtype=np.bool_)
         a, b = step.left.values[roots], step.right.values[step.onto[roots]]
-        resting = np.abs(a) < STUCK  # a joint without a spring: no slope there
+        resting = a == 0.0  # joints without a spring
         rises = (
             step.left.slopes[roots].real * step.length > _noise(step.right.values)[step.onto[roots]]
         )
@@ -243,8 +286,7 @@ class Hunt:
         end_slope = step.right.slopes[onto].real * step.length
         c2, c3 = 3.0 * (b - a) - 2.0 * c1 - end_slope, 2.0 * (a - b) + c1 + end_slope
         noise = np.maximum(_noise(step.left.values)[roots], _noise(step.right.values)[onto])
-        resting = np.abs(step.left.values[roots]) < STUCK
-        noise[resting] = np.inf
+        noise[step.left.values[roots] == 0.0] = np.inf
         # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
         misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
         band = 2.0 * misfit + 1e-4 * step.error[roots]
@@ -273,6 +315,10 @@ class Hunt:
         """A passage to rounding, by Newton's method on the model itself."""
         pencil = self.pencil
         real = step.left.values[root].imag == 0.0
+        if real:
+            divergence = self._divergence(step, 1 if rising else -1, int(self.modes[root]))
+            if divergence is not None:
+                return divergence
         u = step.left.u + t * step.length
         guess = complex(step.hermite(np.array([root]), np.array([t]))[0, 0])
         vector = step.left.pairs.right[:, root]
@@ -308,11 +354,12 @@ class Hunt:
             )
         assert pair.left is not None
         derivative = abs(complex(pencil.derivative(u, pair.values, pair.right, pair.left)[0]))
-        rest = pencil.residuals(u, pair.values, pair.right)[0]
         size = abs(value) ** 2 * float(np.linalg.norm(pencil.mass(pair.right)))
         size += abs(value) * float(np.linalg.norm(pencil.damped(u, pair.right)))
         size += 1.0 + abs(self.pencil.pipe.gamma) + pencil.centrifugal * u**2
-        uncertain = float((rest + np.finfo(float).eps) * size / derivative) + abs(value.real)
+        uncertain = float((pair.residuals[0] + np.finfo(float).eps) * size / derivative) + abs(
+            value.real
+        )
         error = uncertain / abs(slope.real) if slope.real else math.inf
         change_of_count = (1 if real else 2) * (1 if rising else -1)
         frequency = 0.0 if real else abs(value.imag)
@@ -322,7 +369,7 @@ class Hunt:
             change_of_count,
             int(self.modes[root]),
             error,
-            pair,
+            pencil.original(u, pair),
             slope,
         )
 
@@ -346,7 +393,7 @@ class Hunt:
 def _noise(values: Complex) -> Array:
     """Rounding of each eigenvalue of a sample: eps of the largest mu, taken to lambda."""
     size = np.abs(values)
-    nearest = max(float(np.abs(values - SHIFTS[0]).min()), 1e-3)
+    nearest = max(float(np.abs(values - SHIFTS[0]).min(initial=np.inf)), 1e-3)
     noise: Array = 1e-14 * size + 40.0 * np.finfo(float).eps * size**2 / nearest
     return noise
 

@@ -45,7 +45,7 @@ def sweeping_pencil(model: Model, dense: bool | None = None) -> Pencil:
 
 
 class Deflated(Pencil):
-    """What the two deflated pencils share; the model is a chain with a free joint and no gravity."""
+    """What the two share; the model is a chain with a free joint, without gravity."""
 
     model: Chain
 

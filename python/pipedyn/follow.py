@@ -15,7 +15,7 @@ and product run smoothly through the meeting, and are compared instead.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,6 +180,16 @@ def _join(left: Sample, right: Sample, followed: Indices, crowd: Crowd) -> tuple
     matched = onto >= 0
     if not matched[followed].all():
         return step, False
+    # Zero roots at rest (free joints) are alike and have no slope of their own there: lambda leaves
+    # like u, lambda^2 like u^2.
+    resting = matched & (left.values == 0.0) & (left.u == 0.0)
+    if resting.any():
+        there, behind = right.values[onto[resting]], h * right.slopes[onto[resting]]
+        linear, square = 0.5 * np.abs(there - behind), np.abs(there - 0.5 * behind)
+        slopes = left.slopes.copy()
+        slopes[resting] = np.where(linear < square, there / h, 0.0)
+        step = replace(step, left=replace(left, slopes=slopes))
+        error[resting] = np.minimum(linear, square)
     roots = np.flatnonzero(matched)
     t = np.linspace(0.0, 1.0, 9)
     curves = step.hermite(roots, t)
@@ -188,7 +198,10 @@ def _join(left: Sample, right: Sample, followed: Indices, crowd: Crowd) -> tuple
     mine = position[followed]
     gaps = np.full((mine.size, roots.size), np.inf)
     for k in range(t.size):
-        np.minimum(gaps, np.abs(curves[mine, None, k] - curves[None, :, k]), out=gaps)
+        apart = np.abs(curves[mine, None, k] - curves[None, :, k])
+        if t[k] == 0.0:
+            apart[resting[followed, None] & resting[None, roots]] = np.inf
+        np.minimum(gaps, apart, out=gaps)
     doubt = gaps < 3.0 * (error[followed, None] + error[None, roots])
     doubt[np.arange(mine.size), mine] = False
     stuck = (np.abs(left.values) < STUCK) & (np.abs(right.values[onto]) < STUCK)

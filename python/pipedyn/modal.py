@@ -35,6 +35,12 @@ LARGEST_SPEED = 1e4
 LARGEST_FULL = 2000
 """Degrees of freedom up to which all eigenvalues are computed at once."""
 
+LARGEST_TABLE = 10_000_000
+"""Eigenvalues times degrees of freedom beyond which vectors are refused: 1 GB at work."""
+
+CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
+"""Largest u and count for a `Continuum`, whose basis grows with both."""
+
 
 def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     """Eigenvalues lambda of the straight pipe at flow speed u; motion ~ exp(lambda tau).
@@ -77,7 +83,13 @@ class ModeShape:
         """Complex displacement at arc lengths s in [0, 1], shape (len(s),).
 
         The motion is Re(shape(s) exp(lambda tau)).
+
+        Raises:
+            NotConverged: if the mode was not found.
+            ValueError, TypeError: for bad arc lengths.
         """
+        if not np.isfinite(self.coordinates).all():
+            raise NotConverged(f"the mode of eigenvalue {self.eigenvalue:g} was not found")
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
@@ -127,8 +139,10 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     if isinstance(model, Continuum):
         if count is None:
             raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
-        if count > 400:
-            raise ValueError(f"count must be at most 400 for a Continuum, got {count}")
+        if count > CONTINUUM_COUNT:
+            raise ValueError(
+                f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}"
+            )
         asked = count
         settled = model.settle(
             lambda rom: _modes(rom, u, asked),
@@ -146,7 +160,17 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         raise ValueError(
             f"count must be given beyond {LARGEST_FULL} degrees of freedom, got {model.dof}"
         )
+    if count is not None:
+        _check_table(count, model)
     return _modes(model, u, count)
+
+
+def _check_table(count: int, model: Model) -> None:
+    if count * model.dof > LARGEST_TABLE:
+        raise ValueError(
+            f"count must be at most {LARGEST_TABLE // model.dof} for {model.dof} degrees of "
+            f"freedom, got {count}"
+        )
 
 
 def _modes(model: Model, u: float, count: int | None) -> Modes:
@@ -168,7 +192,7 @@ def _peaks(model: Model, coordinates: Complex) -> Complex:
     s = np.linspace(0.0, 1.0, max(201, 8 * min(model.dof, 500) + 1))
     if isinstance(model, Chain):
         s = np.minimum(model.base + np.cumsum(model.lengths), 1.0)  # polylines peak at their nodes
-    displacement = model.deflection(coordinates, s)
+    displacement = model.deflection(np.nan_to_num(coordinates), s)  # a mode that failed is NaN
     where = np.argmax(np.abs(displacement), axis=0)
     peaks: Complex = displacement[where, np.arange(where.size)]
     return peaks
@@ -233,6 +257,14 @@ def root_loci(
     count = _check.count("count", count, high=1000)
     shown = _check.flag("progress", progress)
     if isinstance(model, Continuum):
+        if at[-1] > CONTINUUM_SPEED:
+            raise ValueError(
+                f"speeds must be at most {CONTINUUM_SPEED:g} for a Continuum, got {at[-1]:g}"
+            )
+        if count > CONTINUUM_COUNT:
+            raise ValueError(
+                f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}"
+            )
         smallest = max(16, 3 * count, math.ceil(at[-1]))
         settled: Settled[RootLoci] = model.settle(
             lambda rom: _root_loci(rom, at, count, shown),
@@ -244,6 +276,7 @@ def root_loci(
         return settled.value
     if count > model.dof:
         raise ValueError(f"count must be at most dof = {model.dof}, got {count}")
+    _check_table(count, model)
     return _root_loci(model, at, count, shown)
 
 
@@ -289,7 +322,7 @@ def _followed(
     # The crowd begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
     delta = pencil.pipe.damping
     beyond = delta * (math.pi * (count + 0.5)) ** 2
-    crowd = Crowd(delta, min(0.5, 0.5 / beyond**2) if beyond else 0.5)
+    crowd = Crowd(delta, 0.5 / max(beyond, 1.0) ** 2)
     values = np.empty((speeds.size, count), dtype=np.complex128)
     partners = np.empty_like(values)
     converged = np.empty(values.shape, dtype=np.bool_)

@@ -20,12 +20,13 @@ import numpy as np
 from pipedyn import plot
 from pipedyn.chain import SPRING_RULES, Chain
 from pipedyn.continuum import Continuum
-from pipedyn.critical import CriticalSpeed, Crossing, NoCrossing, critical_speed, crossings
+from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.galerkin import BASES, Galerkin
 from pipedyn.modal import RootLoci, root_loci
 from pipedyn.model import Model
 from pipedyn.pipe import Pipe
 from pipedyn.progress import track
+from pipedyn.sensitivity import Crossing
 from pipedyn.stability import StabilityCurve, stability_curve
 
 BRANCHES = 4

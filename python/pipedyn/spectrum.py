@@ -144,6 +144,22 @@ class Pencil(ABC):
         """Whether P holds lambda only as lambda^2: no damping, and no flow or no fluid mass."""
         return self.pipe.damping == 0.0 and (u == 0.0 or self.pipe.beta == 0.0)
 
+    def dense(self) -> DensePencil:
+        """The same problem in matrices."""
+        return DensePencil(self.model)
+
+    def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:
+        """Pairs of the model itself, where it is deflated; None where they have no slope."""
+        return pairs
+
+    def static(self) -> Pencil:
+        """The pencil whose stiffness is singular where a real root passes zero, and only there."""
+        return self
+
+    def genuine(self, values: Complex, free: bool) -> NDArray[np.bool_]:
+        """Which eigenvalues of the inverse problem are the model's: all, unless it is deflated."""
+        return np.ones(values.size, dtype=np.bool_)
+
     def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
         """Relative residual of each pair, shape (r,)."""
         inertia, velocity = values**2 * self.mass(x), values * self.damped(u, x)
@@ -203,6 +219,15 @@ class Pencil(ABC):
             return Eigenpairs(values, right, left, np.array([np.inf]))
         return best
 
+    def null_pair(self, u: float, right: Vectors, left: Vectors) -> Eigenpairs:
+        """Vectors nearest to lambda = 0, of it where det K(u) vanishes, by inverse iteration."""
+        solve = self.factor(0.0, u)
+        for _ in range(3):
+            right, left = _unit(solve(right)), _unit(solve(left, adjoint=True))
+        values = np.zeros(1, dtype=np.complex128)
+        right, left = right.astype(np.complex128), left.astype(np.complex128)
+        return Eigenpairs(values, right, left, self.residuals(u, values, right))
+
 
 def _elastic(model: Model) -> Array:
     if isinstance(model, Chain):
@@ -247,13 +272,13 @@ class DensePencil(Pencil):
     def flux(self, x: Vectors) -> Vectors:
         return self.A @ x
 
+    def matrices(self, u: float) -> tuple[Array, Array]:
+        """(C, K) at speed u, each of shape (dof, dof)."""
+        return u * self.V + self.D, self.K + self.centrifugal * u**2 * self.A
+
     def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        matrix = (
-            value**2 * self.M
-            + value * (u * self.V + self.D)
-            + self.K
-            + self.centrifugal * u**2 * self.A
-        )
+        velocity, stiffness = self.matrices(u)
+        matrix = value**2 * self.M + value * velocity + stiffness
         lu, pivots, _ = lapack.zgetrf(matrix.astype(np.complex128))
         exact = np.flatnonzero(np.diag(lu) == 0.0)  # singular: LU of one that differs in rounding
         lu[exact, exact] = np.finfo(float).eps
@@ -266,8 +291,8 @@ class DensePencil(Pencil):
 
     def inverse(self, u: float, shift: float, free: bool, count: int | None, left: bool) -> Any:
         n = self.dof
-        damped = u * self.V + self.D
-        shifted = shift**2 * self.M + shift * damped + self.K + self.centrifugal * u**2 * self.A
+        damped, stiffness = self.matrices(u)
+        shifted = shift**2 * self.M + shift * damped + stiffness
         lu, pivots, singular = lapack.dgetrf(shifted)
         if singular:
             return None
@@ -421,16 +446,16 @@ def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = Fals
             raise ValueError(
                 f"count must be at most dof / 2 = {pencil.dof // 2} for a long chain, got {count}"
             )
-        pencil = DensePencil(pencil.model)
+        pencil = pencil.dense()
     best: Eigenpairs | None = None
     for shift in SHIFTS:
         try:
             pairs = _about(pencil, u, count, left, shift)
         except _Crowded:
-            return lowest(DensePencil(pencil.model), u, count, left)
+            return lowest(pencil.dense(), u, count, left)
         if pairs is None:
             continue
-        if best is None or pairs.residuals.max() < best.residuals.max():
+        if best is None or pairs.residuals.max(initial=0.0) < best.residuals.max():
             best = pairs
         if bool(pairs.converged.all()):
             break
@@ -462,6 +487,9 @@ def _about(pencil: Pencil, u: float, count: int, left: bool, shift: float) -> Ei
             real, upper = values.imag == 0.0, values.imag > 0.0
             values = np.concatenate([values[real], values[upper], values[upper].conj()])
             right = np.hstack([right[:, real], right[:, upper], right[:, upper].conj()])
+        mine = pencil.genuine(values, free)
+        values, right = values[mine], right[:, mine]
+        dual = None if dual is None else dual[:, mine]
         order = np.lexsort((-values.imag, np.abs(values)))
         if isinstance(pencil, DensePencil) or values.size >= 2 * pencil.dof:
             break

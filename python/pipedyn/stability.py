@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.continuum import AnyModel, checked_model
-from pipedyn.critical import CriticalSpeed, Crossing, all_losses, checked_end, first_loss
+from pipedyn.critical import CriticalSpeed, all_losses, checked_end, first_loss
 from pipedyn.progress import track
+from pipedyn.sensitivity import Crossing
 
 Point = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
 
@@ -95,7 +96,8 @@ def stability_curve(
     at = _check.array("values", values, longest=100_000)
     if max_speed is not None:
         max_speed = checked_end(max_speed)
-    if executor is not None and (isinstance(executor, type) or not hasattr(executor, "submit")):
+    submits = callable(getattr(executor, "submit", None)) and not isinstance(executor, type)
+    if executor is not None and not submits:
         raise TypeError(
             f"executor must be a concurrent.futures.Executor, got {_check.shown(executor)}"
         )

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: MIT
+"""Passages where plain eigenvalues tell nothing: free joints, meetings at zero, faint forces."""
+
+import dataclasses
+import itertools
+
+import mpmath
+import numpy as np
+import pytest
+from independent import collocation_eigenvalues
+from scipy.optimize import brentq
+
+import pipedyn as pd
+from pipedyn import spectrum
+
+
+def unstable_in_many_digits(chain, u, digits=50):
+    """Unstable roots from the equations of motion at small angles, written out in mpmath.
+
+    Rounding of 50 digits keeps a standing zero, double or triple, below 1e-12.
+    """
+    pipe, n = chain.pipe, chain.dof
+    with mpmath.workdps(digits):
+        lengths, centers, radii, springs = (
+            [mpmath.mpf(float(v)) for v in values]
+            for values in (chain.lengths, chain.centers, chain.gyration_radii, chain.springs)
+        )
+        aspirating = pipe.flow == "aspirating"
+        speed = mpmath.mpf(-u if aspirating else u)
+        thrust = mpmath.mpf(pipe.alpha if aspirating else 1.0) * speed**2
+        mass, velocity, stiffness = (mpmath.zeros(n) for _ in range(3))
+        for k in range(n):
+            beyond = mpmath.fsum(lengths[k + 1 :])
+            arm = lengths[k] * beyond + centers[k] * lengths[k] ** 2
+            offset = (centers[k] * lengths[k]) ** 2 + radii[k] ** 2
+            mass[k, k] = lengths[k] ** 2 * beyond + lengths[k] * offset
+            velocity[k, k] += mpmath.sqrt(pipe.beta) * speed * lengths[k] ** 2
+            for i in range(k):
+                mass[k, i] = mass[i, k] = lengths[i] * arm
+                velocity[i, k] += 2 * mpmath.sqrt(pipe.beta) * speed * lengths[k] * lengths[i]
+            for j, spring in ((k, springs[k]), *([(k + 1, springs[k + 1])] if k + 1 < n else [])):
+                near = (k, j - 1 if j == k else j)
+                for matrix, part in ((stiffness, spring), (velocity, pipe.damping * spring)):
+                    matrix[k, k] += part
+                    if 0 <= near[1] < n:
+                        matrix[k, near[1]] -= part
+            stiffness[k, n - 1] += thrust * lengths[k]
+            stiffness[k, k] -= thrust * lengths[k]
+            stiffness[k, k] += pipe.gamma * arm
+        companion = mpmath.zeros(2 * n)
+        inverse = mass**-1
+        companion[:n, n:] = mpmath.eye(n)
+        companion[n:, :n] = -inverse * stiffness
+        companion[n:, n:] = -inverse * velocity
+        values = mpmath.eig(companion, left=False, right=False)
+        return sum(mpmath.re(value) > 1e-12 for value in values)
+
+
+FREE = [[0], [1, 0], [1, 0, 1], [1, 1, 0], [5, 5, 0], [0, 0, 1], [2, 0, 0], [0, 0, 0], [3, 0, 2, 0]]
+FLOWS = [
+    {"beta": 0.05},
+    {"beta": 0.5},
+    {"beta": 0.0},
+    {"beta": 0.0, "damping": 0.01},
+    {"beta": 0.3, "flow": "aspirating", "alpha": 0.0, "damping": 0.1},
+    {"beta": 0.3, "flow": "aspirating", "alpha": 0.5},
+]
+
+
+@pytest.mark.parametrize("flow", FLOWS, ids=str)
+@pytest.mark.parametrize("springs", FREE, ids=str)
+def test_crossings_of_a_chain_with_a_free_joint_account_for_every_unstable_root(springs, flow):
+    chain = pd.Chain(pd.Pipe(**flow), springs=np.array(springs, dtype=float))
+    found = pd.crossings(chain, 6.0)
+    ends = np.unique([0.0, *(crossing.speed for crossing in found), 6.0])
+    for low, high in itertools.pairwise(ends):
+        u = 0.5 * (low + high)
+        passed = [crossing.unstable_after for crossing in found if crossing.speed < u]
+        assert unstable_in_many_digits(chain, u) == (passed[-1] if passed else 0)
+
+
+def test_a_chain_diverges_at_its_free_joint_where_the_flow_no_longer_damps_it():
+    # Two segments, the second hinged freely: K(u) x = 0 for x = (u^2 / 2, k), in the joint angles,
+    # and K^T y = 0 for y = (0, 1), so that y^T (G + F) x = 0 at u^2 = 2 k by hand.
+    for spring in (1.0, 3.0):
+        first = next(
+            crossing
+            for crossing in pd.crossings(pd.Chain(pd.Pipe(0.3), springs=[spring, 0.0]), 4.0)
+            if crossing.kind == "divergence"
+        )
+        assert first.speed == pytest.approx(np.sqrt(2.0 * spring), rel=1e-13)
+        assert first.error < 1e-12
+        assert first.sensitivity is None  # gravity parts the two zeros: no derivative
+
+
+def test_a_long_chain_with_a_free_joint_is_solved_alike_by_bands_and_dense(monkeypatch):
+    springs = np.full(80, 80.0)
+    springs[40] = 0.0
+    chain = pd.Chain(pd.Pipe(0.2), springs=springs)
+    by_bands = pd.crossings(chain, 6.0)
+    monkeypatch.setattr(spectrum, "DENSE_CHAIN", 100)
+    dense = pd.crossings(chain, 6.0)
+    assert [crossing.kind for crossing in by_bands] == ["flutter", "divergence"]
+    for a, b in zip(by_bands, dense, strict=True):
+        assert a.speed == pytest.approx(b.speed, rel=1e-11)
+        assert a.frequency == pytest.approx(b.frequency, rel=1e-10)
+
+
+def test_sensitivity_of_a_flutter_beside_a_standing_zero_meets_differences():
+    springs = np.array([4.0, 0.0, 5.0])
+
+    def flutter(beta, first):
+        chain = pd.Chain(pd.Pipe(beta), springs=[first, *springs[1:]])
+        return next(c for c in pd.crossings(chain, 4.0) if c.kind == "flutter")
+
+    by = flutter(0.1, 4.0).sensitivity.speed
+    h = 1e-4
+    assert by.beta == pytest.approx(
+        (flutter(0.1 + h, 4.0).speed - flutter(0.1 - h, 4.0).speed) / (2 * h), rel=1e-5
+    )
+    assert by.springs[0] == pytest.approx(
+        (flutter(0.1, 4.0 + h).speed - flutter(0.1, 4.0 - h).speed) / (2 * h), rel=1e-6
+    )
+
+
+@pytest.mark.parametrize(("beta", "gamma"), [(0.01, -51.9), (0.02, -55.0), (1e-6, -50.0)])
+def test_a_divergence_beside_a_meeting_is_known_to_rounding(beta, gamma):
+    def divergence(gamma):
+        found = pd.crossings(pd.Continuum(pd.Pipe(beta, gamma)), 3.0)
+        return next(crossing for crossing in found if crossing.kind == "divergence")
+
+    found = divergence(gamma)
+    assert found.error < 1e-10 * found.speed
+    pipe = pd.Pipe(beta, gamma)
+
+    def determinant(u):  # of the strong form: the product of its roots, of no more than 2e15 or so
+        lowest = collocation_eigenvalues(pipe, u)
+        lowest = lowest[np.argsort(np.abs(lowest))][:6]
+        return float(np.prod(lowest).real)
+
+    strong = brentq(determinant, found.speed - 1e-3, found.speed + 1e-3, xtol=1e-12)
+    assert found.speed == pytest.approx(strong, abs=1e-7)
+    h = 1e-3
+    slope = (divergence(gamma + h).speed - divergence(gamma - h).speed) / (2 * h)
+    assert found.sensitivity.speed.gamma == pytest.approx(slope, rel=1e-5)
+
+
+@pytest.mark.parametrize("beta", [1e-9, 4.1e-10, 3.9e-10, 1e-14, 1e-20, 1e-300, 5e-324])
+def test_the_critical_speed_tends_to_4_190241_as_fluid_mass_vanishes(beta):
+    found = pd.critical_speed(pd.Continuum(pd.Pipe(beta)))
+    assert found.speed == pytest.approx(4.190241 + 4.68 * beta, abs=5e-7)
+    assert found.frequency == pytest.approx(14.63273, abs=5e-6)
+    assert found.error < 2e-9
+    # One limit, whichever way it is computed: see the slope in the sensitivity.
+    assert abs(found.speed - 4.6766 * beta - 4.19024096460) < found.error
+
+
+def first_order_onset(ops, low, high):
+    """Where a little damping turns a frequency of Beck's column unstable, to first order.
+
+    Re lambda = -delta y^T D x / (2 y^T M x), from plain numpy eigenvectors at delta = 0.
+    """
+
+    def growth(u):
+        mass, damping, stiffness = ops.at(u)
+        squares, right = np.linalg.eig(np.linalg.solve(mass, stiffness))
+        back, left = np.linalg.eig(np.linalg.solve(mass, stiffness.T))
+        x = right[:, np.argmin(squares.real)].real
+        y = left[:, np.argmin(back.real)].real
+        return float((y @ damping @ x) / (y @ mass @ x))
+
+    return brentq(growth, low, high, xtol=1e-13)
+
+
+@pytest.mark.parametrize("delta", [2.1e-5, 1.9e-5, 1e-8, 1e-12, 1e-300])
+def test_the_faintest_damping_destabilises_becks_column_at_a_limit(delta):
+    model = pd.Galerkin(pd.Pipe(0.0, damping=delta), 10, "legendre")
+    found = pd.critical_speed(model)
+    unit = pd.Galerkin(pd.Pipe(0.0, damping=1.0), 10, "legendre").operators()
+    limit = first_order_onset(unit, 2.5, 4.0)
+    assert found.speed == pytest.approx(limit + 41.2 * delta**2, abs=1e-9)
+    assert found.sensitivity.speed.damping == pytest.approx(82.4 * delta, rel=0.2)
+    assert abs(found.speed - limit - 41.2 * delta**2) < found.error < 1e-6
+    assert found.mode == 1
+
+
+@pytest.mark.parametrize("name", ["beta", "damping", "gamma"])
+def test_sensitivity_of_faint_forces_meets_differences(name):
+    pipe = pd.Pipe(1e-12, damping=1e-7)
+    value = getattr(pipe, name)
+    step = 1e-3 * (value or 1.0)
+
+    def moved(by):
+        other = dataclasses.replace(pipe, **{name: value + by})
+        return pd.critical_speed(pd.Chain(other, 5))
+
+    difference = (moved(step).speed - moved(-step).speed) / (2.0 * step)
+    of_frequency = (moved(step).frequency - moved(-step).frequency) / (2.0 * step)
+    by = moved(0.0).sensitivity
+    assert getattr(by.speed, name) == pytest.approx(difference, rel=1e-4)
+    assert getattr(by.frequency, name) == pytest.approx(of_frequency, rel=1e-4)
+
+
+def test_all_crossings_of_the_faintest_flow_have_a_limit():
+    faint = pd.crossings(pd.Continuum(pd.Pipe(1e-20)), 15.0)
+    small = pd.crossings(pd.Continuum(pd.Pipe(1e-8)), 15.0)
+    assert len(faint) == len(small) == 2
+    for a, b in zip(faint, small, strict=True):
+        assert a.kind == b.kind == "flutter"
+        assert a.speed == pytest.approx(b.speed, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "pipe",
+    [
+        pd.Pipe(0.0, flow="aspirating", alpha=0.0, damping=1e-3),
+        pd.Pipe(0.0, gamma=-20.0, flow="aspirating", alpha=0.0),
+    ],
+    ids=["damped", "buckled"],
+)
+@pytest.mark.parametrize("make", [pd.Continuum, lambda pipe: pd.Chain(pipe, 200)], ids=str)
+def test_a_flow_that_acts_on_nothing_moves_nothing(pipe, make):
+    assert pd.crossings(make(pipe), 500.0) == ()
+    with pytest.raises(pd.NoCrossing, match="100"):
+        pd.critical_speed(make(pipe))
+
+
+def test_a_pipe_of_treacle_flutters_late():
+    # Every mode overdamped; rounding, not the basis, limits the speed, and the error says so.
+    found = pd.critical_speed(pd.Continuum(pd.Pipe(0.0, damping=10.0)))
+    finer = pd.crossings(pd.Continuum(pd.Pipe(0.0, damping=10.0)).frozen(80), 42.0)
+    assert found.speed == pytest.approx(finer[0].speed, abs=found.error)
+    assert found.error < 1e-5 * found.speed
