@@ -56,7 +56,10 @@ def unstable_in_many_digits(chain, u, digits=50):
         return sum(mpmath.re(value) > 1e-12 for value in values)
 
 
-FREE = [[0], [1, 0], [1, 0, 1], [1, 1, 0], [5, 5, 0], [0, 0, 1], [2, 0, 0], [0, 0, 0], [3, 0, 2, 0]]
+FREE = [
+    *([0], [1, 0], [1, 0, 1], [1, 1, 0], [5, 5, 0], [0, 0, 1], [2, 0, 0], [0, 0, 0]),
+    *([3, 0, 2, 0], [0, 0.9, 0, 6.4]),  # several free joints: three roots may pass zero as one
+]
 FLOWS = [
     {"beta": 0.05},
     {"beta": 0.5},

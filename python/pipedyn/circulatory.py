@@ -95,7 +95,7 @@ class CirculatoryHunt(Hunt):
                 if side >= 0.0:
                     found.append(Passage(0.0, 0j, 2 if side else 1, mode, 0.0))
             elif k < 0:
-                divergence = self._divergence(step, change, mode)
+                divergence = self._divergence(step, 0.5, change, mode)
                 if divergence is None:
                     speed, error = self._root_of(step, i, lambda nu: float(nu[0].real), 1)
                     divergence = Passage(speed, 0j, change, mode, error)

@@ -116,8 +116,11 @@ class Hunt:
         followed = np.arange(min(self.wanted, first.values.size))
         crowd = Crowd(self.pencil.pipe.damping)
         for step in march(self.take, first, speeds[1:], followed, crowd, self.sure):
-            for passage in sorted(self.passages(step), key=lambda passage: passage.speed):
-                if passage.error > WORST * passage.speed:
+            found = self.passages(step)
+            self.move(step)
+            found += self._collapse(step, unstable + sum(passage.change for passage in found))
+            for passage in sorted(found, key=lambda passage: passage.speed):
+                if passage.error > WORST * passage.speed + 1e-12:
                     raise NotConverged(
                         f"a passage near u = {passage.speed:.6g} is known to {passage.error:.1e} "
                         "only: the real part of its eigenvalue hardly leaves rounding",
@@ -127,7 +130,6 @@ class Hunt:
                 unstable += passage.change
                 if until is not None and until(passage):
                     return Sweep(at_rest, tuple(passages))
-            self.move(step)
             if unstable != self.count_unstable():
                 raise NotConverged(
                     f"{self.count_unstable()} unstable roots at u = {step.right.u:g}, where the "
@@ -213,47 +215,42 @@ class Hunt:
             change = int(after[i]) + int(after[k]) - int(self.unstable[i]) - int(self.unstable[k])
             if change and (i < k or k not in roots):
                 odd = change % 2 != 0  # one real root of the two passes zero
-                divergence = self._divergence(step, change, int(self.modes[i])) if odd else None
+                divergence = (
+                    self._divergence(step, 0.5, change, int(self.modes[i])) if odd else None
+                )
                 value = 0j if odd else complex(0.0, abs(step.left.values[i].imag))
                 middle = 0.5 * (step.left.u + step.right.u)
                 met_there = Passage(middle, value, change, int(self.modes[i]), step.length)
                 found.append(divergence or met_there)
         return found
 
-    def _divergence(self, step: Step, change: int, mode: int) -> Passage | None:
-        """Where det K(u) changes sign within the step; None if it does not.
+    def _collapse(self, step: Step, told: int) -> list[Passage]:
+        """Three roots that pass zero as one (two free joints), where the matching tells nothing."""
+        change = self.count_unstable() - told
+        if change % 2 == 0 or not step.shortest:
+            return []
+        mode = int(self.modes[np.argmin(np.abs(step.right.values))])
+        passage = self._divergence(step, 0.5, change, mode)
+        return [] if passage is None else [passage]
 
-        1 / (d^T K^-1 b) has the determinant's zeros, and none of its poles nearby if d and b are
-        close to the null vectors.
-        """
+    def _divergence(self, step: Step, t: float, change: int, mode: int) -> Passage | None:
+        """Where det K(u) changes sign within the step, near its fraction t; None if it does not."""
         pencil = self.pencil.static()
-        seed = np.linspace(1.0, 0.5, pencil.dof).reshape(-1, 1)
-        near = pencil.null_pair(0.5 * (step.left.u + step.right.u), seed, seed)
-        assert near.left is not None
-        dual, vector = near.left.real, near.right.real
-
-        def determinant(u: float) -> float:
-            return 1.0 / float((vector.T @ pencil.factor(0.0, u)(dual)).real[0, 0])
-
-        slack = 1e-9 * (1.0 + step.right.u) + 0.1 * step.length
-        for reach in (0.0, slack):
-            low, high = max(step.left.u - reach, 0.0), step.right.u + reach
-            if determinant(low) * determinant(high) < 0.0:
+        for where in (t, 0.0, 1.0, 0.5):
+            found = _singular_speed(pencil, step, step.left.u + where * step.length)
+            if found is not None:
                 break
         else:
             return None
-        tolerance = 4e-16 * (1.0 + high)
-        u = float(brentq(determinant, low, high, xtol=tolerance, rtol=8.9e-16))
-        pair = pencil.null_pair(u, vector, dual)
+        u, pair = found
         assert pair.left is not None
-        if not pair.converged[0]:
-            return None
         h = 1e-5 * (1.0 + u)
         rate = (pencil.stiffened(u + h, pair.right) - pencil.stiffened(u - h, pair.right)) / (2 * h)
         change_of_zero = abs(complex(np.sum(pair.left.conj() * rate)))
         size = 1.0 + abs(pencil.pipe.gamma) + pencil.centrifugal * u**2
         uncertain = float(pair.residuals[0] + np.finfo(float).eps) * size
-        error = tolerance + uncertain / change_of_zero if change_of_zero else math.inf
+        error = uncertain / change_of_zero if change_of_zero else math.inf
+        error += 4e-16 * (1.0 + u)
         own = pencil.original(u, pair)
         slope = None if own is None else complex(pencil.slopes(u, own)[0])
         return Passage(u, 0j, change, mode, error, own, slope)
@@ -268,7 +265,8 @@ class Hunt:
             step.left.slopes[roots].real * step.length > _noise(step.right.values)[step.onto[roots]]
         )
         ends = self.states(b, np.zeros(b.size, dtype=np.bool_))
-        return np.where(resting, ends, (a.real == 0.0) & rises)
+        on_axis = np.abs(a.real) <= _noise(step.left.values)[roots]
+        return np.where(resting, ends, on_axis & rises)
 
     def _ends(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
         """What a shortest step tells: the state at either end."""
@@ -316,7 +314,7 @@ class Hunt:
         pencil = self.pencil
         real = step.left.values[root].imag == 0.0
         if real:
-            divergence = self._divergence(step, 1 if rising else -1, int(self.modes[root]))
+            divergence = self._divergence(step, t, 1 if rising else -1, int(self.modes[root]))
             if divergence is not None:
                 return divergence
         u = step.left.u + t * step.length
@@ -388,6 +386,32 @@ class Hunt:
         if low * high >= 0.0:
             return step.left.u if abs(low) < abs(high) else step.right.u
         return float(brentq(real_part, step.left.u, step.right.u, xtol=1e-14, rtol=1e-14))
+
+
+def _singular_speed(pencil: Pencil, step: Step, near: float) -> tuple[float, Eigenpairs] | None:
+    """Speed within the step at which K(u) is singular, with its null vectors.
+
+    1 / (d^T K^-1 b) has the determinant's zeros, and no pole nearby if d and b are close to the
+    null vectors: they are those of the least singular value at a speed near by.
+    """
+    seed = np.linspace(1.0, 0.5, pencil.dof).reshape(-1, 1)
+    start = pencil.null_pair(near, seed, seed)
+    assert start.left is not None
+    dual, vector = start.left.real, start.right.real
+
+    def determinant(u: float) -> float:
+        return 1.0 / float((vector.T @ pencil.factor(0.0, u)(dual)).real[0, 0])
+
+    slack = 1e-9 * (1.0 + step.right.u) + 0.1 * step.length
+    for reach in (0.0, slack):
+        low, high = max(step.left.u - reach, 0.0), step.right.u + reach
+        if determinant(low) * determinant(high) < 0.0:
+            break
+    else:
+        return None
+    u = float(brentq(determinant, low, high, xtol=4e-16 * (1.0 + high), rtol=8.9e-16))
+    pair = pencil.null_pair(u, vector, dual)
+    return (u, pair) if pair.converged[0] else None
 
 
 def _noise(values: Complex) -> Array:

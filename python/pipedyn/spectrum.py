@@ -220,10 +220,11 @@ class Pencil(ABC):
         return best
 
     def null_pair(self, u: float, right: Vectors, left: Vectors) -> Eigenpairs:
-        """Vectors nearest to lambda = 0, of it where det K(u) vanishes, by inverse iteration."""
+        """Singular vectors of K(u) to its least singular value: its null vectors, if any."""
         solve = self.factor(0.0, u)
         for _ in range(3):
-            right, left = _unit(solve(right)), _unit(solve(left, adjoint=True))
+            left = _unit(solve(right, adjoint=True))
+            right = _unit(solve(left))
         values = np.zeros(1, dtype=np.complex128)
         right, left = right.astype(np.complex128), left.astype(np.complex128)
         return Eigenpairs(values, right, left, self.residuals(u, values, right))
