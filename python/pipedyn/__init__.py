@@ -14,7 +14,7 @@ from pipedyn.critical import (
 )
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
-from pipedyn.model import Model, NotConverged, Operators, PipedynError
+from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.pipe import Pipe, Scales, inlet_coefficient
 from pipedyn.stability import Failure, StabilityCurve, stability_curve
 
@@ -36,6 +36,7 @@ __all__ = [
     "Operators",
     "Pipe",
     "PipedynError",
+    "Power",
     "RootLoci",
     "Scales",
     "Sensitivity",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What every model answers: its size, its operators and the line it draws."""
+"""What every model answers: its size, its operators, its motion and the line it draws."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ class NotConverged(PipedynError):
 
 @dataclass(frozen=True)
 class Operators:
-    """Linear operators about the straight pipe at rest, each of shape (dof, dof).
+    """Linear operators about a configuration at rest, each of shape (dof, dof).
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
-    K = stiffness + a u^2 flux. gyroscopic is skew and end_flux symmetric of rank one; both carry
-    sqrt(beta).
+    K = stiffness + a u^2 flux. gyroscopic is skew and end_flux symmetric of rank one, about a bent
+    pipe two; both carry sqrt(beta).
 
     Attributes:
         mass: M, symmetric and positive definite.
         gyroscopic: Coriolis part, skew.
-        end_flux: flux through the free end, symmetric of rank one.
+        end_flux: flux through the free end, symmetric.
         damping: Kelvin-Voigt damping, symmetric.
         stiffness: springs or bending, and gravity; symmetric.
         flux: centrifugal force and the end's follower force.
@@ -72,6 +72,28 @@ class Operators:
         u = _check.real("u", u, low=0.0, high=1e100)
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
         return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
+
+
+@dataclass(frozen=True)
+class Power:
+    """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
+
+    Attributes:
+        flow: of the flow, all of it at the free end.
+        joints: of Kelvin-Voigt damping, <= 0.
+        drag: of quadratic drag, <= 0.
+        others: of what is no part of a plain pipe.
+    """
+
+    flow: float | Array
+    joints: float | Array
+    drag: float | Array
+    others: float | Array
+
+    @property
+    def total(self) -> float | Array:
+        """dE/dt along the motion."""
+        return self.flow + self.joints + self.drag + self.others
 
 
 def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
@@ -169,4 +191,4 @@ def arc_lengths(s: ArrayLike) -> Array:
     return _check.array("s", s, low=0.0, high=1.0)
 
 
-__all__ = ["Model", "NotConverged", "Operators", "PipedynError"]
+__all__ = ["Model", "NotConverged", "Operators", "PipedynError", "Power"]
