@@ -9,6 +9,7 @@
 #include <pybind11/pybind11.h>
 
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "pipedyn/levels.hpp"
@@ -85,8 +86,7 @@ struct States {
 /// Flow speed of each member, or one for all.
 struct Speeds {
   double one = 0.0;
-  Numbers each;
-  bool alone = true;
+  std::optional<Numbers> each;  // a Numbers made for nothing would cost as much as the call
 
   /// A number, or where states is a batch also shape (members,).
   Speeds(const char* name, py::handle value, const States& states) {
@@ -98,32 +98,35 @@ struct Speeds {
         throw py::type_error(std::string(name) + " must be " + kind + ", got " + shown(value));
       }
       each = numbers_argument(name, kind, value);
-      alone = each.ndim() == 0;
-      if (alone) {
-        one = *each.data();
-      } else if (states.one || each.ndim() != 1 || each.shape(0) != states.members) {
+      if (each->ndim() == 0) {
+        one = *each->data();
+        each.reset();
+      } else if (states.one || each->ndim() != 1 || each->shape(0) != states.members) {
         const std::string rule =
             states.one ? "a number"
                        : "a number or have shape (" + std::to_string(states.members) + ",)";
         throw py::value_error(std::string(name) + " must be " + rule + ", got shape " +
-                              shape_of(each));
+                              shape_of(*each));
       }
     }
-    if (alone) {
+    if (!each) {
       require_range(name, one, "");
-    } else {
-      for (py::ssize_t j = 0; j < states.members; ++j) {
-        require_range(name, each.data()[j], " at index " + std::to_string(j));
-      }
+      return;
+    }
+    for (py::ssize_t j = 0; j < states.members; ++j) {
+      const double u = each->data()[j];
+      if (!in_range(u)) require_range(name, u, " at index " + std::to_string(j));
     }
   }
 
-  const double* data() const { return alone ? &one : each.data(); }
-  py::ssize_t step() const { return alone ? 0 : 1; }
+  const double* data() const { return each ? each->data() : &one; }
+  py::ssize_t step() const { return each ? 1 : 0; }
 
  private:
+  static bool in_range(double u) { return u >= 0.0 && u <= highest_speed; }
+
   static void require_range(const char* name, double u, const std::string& where) {
-    if (u >= 0.0 && u <= highest_speed) return;
+    if (in_range(u)) return;
     throw py::value_error(std::string(name) + " must lie in [0, 1e+100], got " +
                           std::string(py::repr(py::float_(u))) + where);
   }
