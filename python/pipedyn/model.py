@@ -162,6 +162,22 @@ class Model(ABC):
     def from_elastic(self, z: NDArray[Any]) -> NDArray[Any]:
         """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape."""
 
+    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+        """dy/dt of the state y = [q, q'], shape (2 dof,) or (2 dof, k); u a number or (k,)."""
+        raise NotImplementedError
+
+    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
+        """Derivative of `rhs` with respect to the state, analytic, shape (2 dof, 2 dof)."""
+        raise NotImplementedError
+
+    def energy(self, y: ArrayLike) -> float | Array:
+        """Kinetic, elastic and gravity's energy, a number or shape (k,); 0 at rest and straight."""
+        raise NotImplementedError
+
+    def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
+        """What feeds and drains the energy; the total is dE/dt along the motion."""
+        raise NotImplementedError
+
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         """Centreline (x, y) at arc lengths s, shape (len(s), 2); x transverse, y downward."""
