@@ -6,6 +6,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
+#include <pybind11/typing.h>
 
 #include "arguments.hpp"
 #include "pipedyn/chain.hpp"
@@ -44,13 +45,15 @@ Numbers jacobian(const Model& model, const py::object&, const py::object& y, con
   return result;
 }
 
-py::object number_or_array(const Numbers& values, bool number) {
+using NumberOrArray = py::typing::Union<py::float_, Numbers>;
+
+NumberOrArray number_or_array(const Numbers& values, bool number) {
   if (number) return py::float_(*values.data());
   return values;
 }
 
 template <class Model>
-py::object energy(const Model& model, const py::object& y) {
+NumberOrArray energy(const Model& model, const py::object& y) {
   const States states("y", y, 2 * model.dof());
   const double still = 0.0;
   const Batch batch{states.values.data(), &still, states.members, 0};
@@ -61,8 +64,10 @@ py::object energy(const Model& model, const py::object& y) {
 }
 
 /// (flow, joints, drag)
+using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray>;
+
 template <class Model>
-py::tuple power(const Model& model, const py::object& y, const py::object& u) {
+Parts power(const Model& model, const py::object& y, const py::object& u) {
   const States states("y", y, 2 * model.dof());
   const Speeds speeds("u", u, states);
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};

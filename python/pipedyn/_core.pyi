@@ -65,7 +65,7 @@ class Chain:
         lambda_: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
         u: typing.SupportsFloat | typing.SupportsIndex,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
-    def energy(self, y: typing.Any) -> typing.Any: ...
+    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def flux_times(
         self,
         x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
@@ -89,7 +89,13 @@ class Chain:
     def operators(
         self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> Operators: ...
-    def power(self, y: typing.Any, u: typing.Any) -> tuple: ...
+    def power(
+        self, y: typing.Any, u: typing.Any
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
     def rhs(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
