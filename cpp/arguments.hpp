@@ -132,6 +132,18 @@ struct Speeds {
   }
 };
 
+/// An array to be written, (rows,) or (rows, columns). pybind11's own constructor computes strides
+/// first, which numpy does better.
+inline Numbers new_numbers(py::ssize_t rows, py::ssize_t columns, bool one) {
+  const auto& api = py::detail::npy_api::get();
+  const Py_intptr_t shape[] = {rows, columns};
+  PyObject* const made =
+      api.PyArray_NewFromDescr_(api.PyArray_Type_, py::dtype::of<double>().release().ptr(),
+                                one ? 1 : 2, shape, nullptr, nullptr, 0, nullptr);
+  if (made == nullptr) throw py::error_already_set();
+  return py::reinterpret_steal<Numbers>(made);
+}
+
 /// Works without the interpreter lock where the work outweighs giving it up and taking it again.
 template <class Work>
 void run(py::ssize_t segments, const Work& work) {

@@ -26,7 +26,7 @@ Numbers rhs(const Model& model, const py::object&, const py::object& y, const py
   const py::ssize_t rows = 2 * model.dof();
   const States states("y", y, rows);
   const Speeds speeds("u", u, states);
-  Numbers rates = states.one ? Numbers(rows) : Numbers({rows, states.members});
+  Numbers rates = pipedyn::new_numbers(rows, states.members, states.one);
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   double* const out = rates.mutable_data();
   pipedyn::run(model.dof() * states.members, [&] { model.rhs(batch, out); });
