@@ -98,7 +98,10 @@ def lagrangian_accelerations(states, *numbers, **more):
 
 
 def dense_rates(chain, y, u):
-    """dy/dt of a chain by the equations of motion in the angles, with a dense mass matrix."""
+    """dy/dt of a chain by the equations of motion in the angles, with a dense mass matrix.
+
+    y may be complex, its imaginary part small.
+    """
     pipe, n = chain.pipe, chain.dof
     length, springs, points = chain.lengths, chain.springs, chain.drag_points
     signed, thrust = u, u**2
@@ -122,8 +125,15 @@ def dense_rates(chain, y, u):
     # Row j of lever: velocity of drag point j across its segment due to each rate.
     lever = np.tril(np.cos(between) * length, -1) + np.diag(points * length)
     across = lever @ rate
-    force += lever.T @ (pipe.drag * length * np.abs(across) * across)
+    force += lever.T @ (pipe.drag * length * np.sign(across.real) * across**2)
     return np.concatenate([rate, np.linalg.solve(coupling * np.cos(between), -force)])
+
+
+def dense_jacobian(chain, y, u):
+    """Derivative of the above by complex steps, which lose no digits."""
+    step = 1e-30
+    columns = [dense_rates(chain, y + 1j * step * unit, u).imag / step for unit in np.eye(y.size)]
+    return np.stack(columns, axis=1)
 
 
 def determinant(value, u, beta, *, centrifugal=1.0, direction=1.0, damping=0.0):
