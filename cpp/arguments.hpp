@@ -92,6 +92,12 @@ struct Speeds {
   Speeds(const char* name, py::handle value, const States& states) {
     if (PyFloat_Check(value.ptr())) {
       one = PyFloat_AS_DOUBLE(value.ptr());
+    } else if (PyLong_Check(value.ptr()) && !PyBool_Check(value.ptr())) {
+      one = PyLong_AsDouble(value.ptr());
+      if (PyErr_Occurred() != nullptr) {  // more than a double holds
+        PyErr_Clear();
+        one = HUGE_VAL;
+      }
     } else {
       const char* const kind = states.one ? "a real number" : "a real number or an array of them";
       if (PyBool_Check(value.ptr())) {

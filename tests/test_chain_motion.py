@@ -443,6 +443,7 @@ NAN = np.where(np.arange(20) == 3, np.nan, GOOD)
         (GOOD, math.nan, ValueError, r"u must lie in [0, 1e+100], got nan"),
         (GOOD, math.inf, ValueError, r"u must lie in [0, 1e+100], got inf"),
         (GOOD, 1e101, ValueError, r"u must lie in [0, 1e+100], got 1e+101"),
+        (GOOD, 10**400, ValueError, r"u must lie in [0, 1e+100], got inf"),
         (GOOD, [1.0], ValueError, r"u must be a number, got shape (1,)"),
         (GOOD, "1", TypeError, r"u must be a real number, got '1'"),
         (GOOD, True, TypeError, r"u must be a real number, got True"),
