@@ -1,21 +1,101 @@
 // SPDX-License-Identifier: MIT
-// The only file that knows Python: names the arguments, releases the interpreter lock, computes
-// nothing.
+// With arguments.hpp the only file that knows Python: names and checks the arguments, releases the
+// interpreter lock, computes nothing.
 #include <pybind11/complex.h>
 #include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/typing.h>
 
+#include "arguments.hpp"
 #include "pipedyn/chain.hpp"
 #include "pipedyn/galerkin.hpp"
+#include "pipedyn/levels.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
 using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Operators,
     pipedyn::Pipe, pipedyn::Segments;
+using pipedyn::Batch, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
+
+namespace {
+
+template <class Model>
+Numbers rhs(const Model& model, const py::object&, const py::object& y, const py::object& u) {
+  const py::ssize_t rows = 2 * model.dof();
+  const States states("y", y, rows);
+  const Speeds speeds("u", u, states);
+  Numbers rates = pipedyn::new_numbers(rows, states.members, states.one);
+  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  double* const out = rates.mutable_data();
+  pipedyn::run(model.dof() * states.members, [&] { model.rhs(batch, out); });
+  return rates;
+}
+
+template <class Model>
+Numbers jacobian(const Model& model, const py::object&, const py::object& y, const py::object& u) {
+  const py::ssize_t rows = 2 * model.dof();
+  const States states("y", y, rows, false);
+  const Speeds speeds("u", u, states);
+  Numbers result({rows, rows});
+  const double* const state = states.values.data();
+  double* const out = result.mutable_data();
+  pipedyn::run(rows * rows, [&] { model.jacobian(state, speeds.one, out); });
+  return result;
+}
+
+using NumberOrArray = py::typing::Union<py::float_, Numbers>;
+
+NumberOrArray number_or_array(const Numbers& values, bool number) {
+  if (number) return py::float_(*values.data());
+  return values;
+}
+
+template <class Model>
+NumberOrArray energy(const Model& model, const py::object& y) {
+  const States states("y", y, 2 * model.dof());
+  const double still = 0.0;
+  const Batch batch{states.values.data(), &still, states.members, 0};
+  Numbers result(states.members);
+  double* const out = result.mutable_data();
+  pipedyn::run(model.dof() * states.members, [&] { model.energy(batch, out); });
+  return number_or_array(result, states.one);
+}
+
+/// (flow, joints, drag)
+using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray>;
+
+template <class Model>
+Parts power(const Model& model, const py::object& y, const py::object& u) {
+  const States states("y", y, 2 * model.dof());
+  const Speeds speeds("u", u, states);
+  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  Numbers flow(states.members), joints(states.members), drag(states.members);
+  const pipedyn::PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data()};
+  pipedyn::run(model.dof() * states.members, [&] { model.power(batch, parts); });
+  return py::make_tuple(number_or_array(flow, states.one), number_or_array(joints, states.one),
+                        number_or_array(drag, states.one));
+}
+
+}  // namespace
 
 PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   using Unlocked = py::call_guard<py::gil_scoped_release>;
-  m.doc() = "C++ core of pipedyn: operators of the chain and of the reduced model.";
+  m.doc() = "C++ core of pipedyn: operators and motion of the chain and of the reduced model.";
+
+  m.def("vector_levels", pipedyn::vector_levels);
+  m.def("vector_level", pipedyn::vector_level);
+  m.def("set_vector_level", pipedyn::set_vector_level, "name"_a);
+  m.def(
+      "sincos",
+      [](const Numbers& x) {
+        Numbers sine(x.size()), cosine(x.size());
+        pipedyn::sincos(x.data(), x.size(), sine.mutable_data(), cosine.mutable_data());
+        return py::make_tuple(sine, cosine);
+      },
+      "x"_a);
+  pipedyn::motion_kernel();  // a wrong PIPEDYN_VECTOR_LEVEL shows at import
 
   py::class_<Pipe>(m, "Pipe")
       .def(py::init(
@@ -43,7 +123,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
            "base"_a)
-      .def("operators", &Chain::operators, Unlocked())
+      .def("operators", py::overload_cast<>(&Chain::operators, py::const_), Unlocked())
+      .def("operators", py::overload_cast<const pipedyn::Vector&>(&Chain::operators, py::const_),
+           "angles"_a, Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def("mass_times", &Chain::mass_times, "x"_a, Unlocked())
       .def("velocity_times", &Chain::velocity_times, "x"_a, "transposed"_a = false, Unlocked())
@@ -51,6 +133,10 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("gravity_times", &Chain::gravity_times, "x"_a, Unlocked())
       .def("springs_times", &Chain::springs_times, "joint_angles"_a, Unlocked())
       .def("band", &Chain::band, "lambda_"_a, "u"_a, Unlocked())
+      .def("rhs", rhs<Chain>, "t"_a, "y"_a, "u"_a)
+      .def("jacobian", jacobian<Chain>, "t"_a, "y"_a, "u"_a)
+      .def("energy", energy<Chain>, "y"_a)
+      .def("power", power<Chain>, "y"_a, "u"_a)
       .def_readonly_static("band_width", &Chain::band_width);
 
   py::class_<Galerkin>(m, "Galerkin")

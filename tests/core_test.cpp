@@ -4,6 +4,7 @@
 // check that fails; the exit status says whether any did.
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <complex>
 #include <cstdio>
 #include <numbers>
@@ -14,6 +15,7 @@
 
 #include "pipedyn/chain.hpp"
 #include "pipedyn/galerkin.hpp"
+#include "pipedyn/levels.hpp"
 
 namespace {
 
@@ -258,6 +260,134 @@ void check_refusals() {
   }
 }
 
+// -------------------------------------------------------------------------------------- motion
+
+Matrix rates_of(const Chain& chain, const Matrix& y, const Vector& u) {
+  Matrix rates(y.rows(), y.cols());
+  chain.rhs({y.data(), u.data(), y.cols(), u.size() == 1 ? 0 : 1}, rates.data());
+  return rates;
+}
+
+Vector energies_of(const Chain& chain, const Matrix& y) {
+  Vector energies(y.cols());
+  const double still = 0.0;
+  chain.energy({y.data(), &still, y.cols(), 0}, energies.data());
+  return energies;
+}
+
+/// Accelerations from the equations of motion in the angles, with the dense mass matrix.
+Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vector& y, double u) {
+  const auto& [l, chi, eta, spring, xi, base] = segments;
+  const Index n = l.size();
+  const Vector angle = y.head(n), rate = y.tail(n);
+  const double coriolis = pipe.sqrt_beta() * pipe.direction() * u;
+  Matrix mass(n, n), lever = Matrix::Zero(n, n);
+  Vector force = Vector::Zero(n);
+  for (Index k = 0; k < n; ++k) {
+    const double beyond = l.tail(n - 1 - k).sum(), arm = chi[k] * l[k];
+    for (Index i = 0; i < n; ++i) {
+      const Index near = std::min(k, i), far = std::max(k, i);
+      const double reach = l.tail(n - 1 - far).sum() + chi[far] * l[far];
+      const double turn = angle[k] - angle[i];
+      double coupling = l[near] * l[far] * reach;
+      if (i == k) coupling = l[k] * l[k] * beyond + l[k] * (arm * arm + eta[k] * eta[k]);
+      mass(k, i) = coupling * std::cos(turn);
+      force[k] += coupling * std::sin(turn) * rate[i] * rate[i];
+      if (i > k) force[k] += 2.0 * coriolis * l[k] * l[i] * std::cos(turn) * rate[i];
+      if (i < k) lever(k, i) = l[i] * std::cos(turn);
+    }
+    lever(k, k) = xi[k] * l[k];
+    force[k] += coriolis * l[k] * l[k] * rate[k];
+    force[k] += pipe.centrifugal() * u * u * l[k] * std::sin(angle[n - 1] - angle[k]);
+    force[k] += pipe.gamma * l[k] * (beyond + arm) * std::sin(angle[k]);
+    const double turn = angle[k] - (k > 0 ? angle[k - 1] : 0.0);
+    const double turning = rate[k] - (k > 0 ? rate[k - 1] : 0.0);
+    const double moment = spring[k] * (turn + pipe.damping * turning);
+    force[k] += moment;
+    if (k > 0) force[k - 1] -= moment;
+  }
+  const Vector across = lever * rate;
+  const Vector drag = pipe.drag * l.array() * across.array().abs() * across.array();
+  force += lever.transpose() * drag;
+  return mass.llt().solve(-force);
+}
+
+void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice& dice) {
+  const Chain chain(pipe, segments);
+  const Index n = chain.dof();
+  const double tolerance = 1e-12 * static_cast<double>(1 + n);
+  const Matrix y = 2.0 * dice.matrix(2 * n, 19);
+  const Vector speeds = dice.vector(19, 0.0, 2.0 * u);
+  const Matrix rates = rates_of(chain, y, speeds);
+  check_close(rates.topRows(n), y.bottomRows(n), 0.0, "theta' is the state's");
+  for (const Index j : {0, 7, 18}) {
+    check_close(rates.col(j).tail(n), dense_accelerations(pipe, segments, y.col(j), speeds[j]),
+                tolerance, "theta'' by the dense equations");
+  }
+  for (Index width = 1; width < 19; ++width) {
+    const Matrix some = rates_of(chain, y.leftCols(width), speeds.head(width));
+    check_close(some, rates.leftCols(width), tolerance, "a batch is its members");
+  }
+  const Vector speed = Vector::Constant(1, u), state = y.col(0);
+  const double step = 1e-4;
+  Matrix jacobian(2 * n, 2 * n), differences(2 * n, 2 * n);
+  chain.jacobian(state.data(), u, jacobian.data());
+  for (Index j = 0; j < 2 * n; ++j) {
+    const auto slope = [&](double h) -> Matrix {
+      Matrix both(2 * n, 2);
+      both << state, state;
+      both(j, 0) += h;
+      both(j, 1) -= h;
+      const Matrix moved = rates_of(chain, both, speed);
+      return (moved.col(0) - moved.col(1)) / (2.0 * h);
+    };
+    differences.col(j) = (4.0 * slope(0.5 * step) - slope(step)) / 3.0;
+  }
+  check_close(jacobian, differences, 1e-7, "the derivative by differences");
+
+  Vector flow(19), joints(19), drag(19);
+  chain.power({y.data(), speeds.data(), 19, 1}, {flow.data(), joints.data(), drag.data()});
+  const auto change = [&](double h) -> Vector {
+    return (energies_of(chain, y + h * rates) - energies_of(chain, y - h * rates)) / (2.0 * h);
+  };
+  const double small = 1e-3 / rates.cwiseAbs().maxCoeff();
+  const Vector fed = (4.0 * change(0.5 * small) - change(small)) / 3.0;
+  const double size = energies_of(chain, y).maxCoeff() / small;  // of what cancels in a difference
+  check((flow + joints + drag - fed).cwiseAbs().maxCoeff() < 1e-9 * size, "energy's rate is power");
+  check(energies_of(chain, Matrix::Zero(2 * n, 3)).isZero(0.0), "no energy at rest");
+}
+
+void check_motion() {
+  Dice dice;
+  const std::string before = pipedyn::vector_level();
+  for (const std::string& level : pipedyn::vector_levels()) {
+    pipedyn::set_vector_level(level);
+    for (const Index n : {1, 2, 3, 20}) {
+      for (const bool aspirating : {false, true}) {
+        scene = level + ", motion of " + std::to_string(n);
+        const Segments segments = dice.segments(n);
+        Pipe pipe = dice.pipe(aspirating);
+        pipe.drag = 1.5;
+        check_motion_of(pipe, segments, 3.0, dice);
+        check_motion_of(Pipe{.beta = 0.3, .aspirating = aspirating}, segments, 0.0, dice);
+      }
+    }
+    scene = level + ", sine and cosine";
+    Vector x = dice.vector(1001, -2000.0, 2000.0);
+    x.head(101) *= 3e-4;
+    x[1000] = 1e300;
+    Vector sine(1001), cosine(1001);
+    pipedyn::sincos(x.data(), x.size(), sine.data(), cosine.data());
+    check((sine.array() - x.array().sin()).abs().maxCoeff() < 3e-16, "sine");
+    check((cosine.array() - x.array().cos()).abs().maxCoeff() < 3e-16, "cosine");
+  }
+  pipedyn::set_vector_level(before);
+  scene = "vector levels";
+  check_refused([] { pipedyn::set_vector_level("none such"); }, "an unknown level");
+  check_refused([&] { Chain(Pipe{}, dice.segments(3)).operators(Vector::Zero(2)); },
+                "an angle too few");
+}
+
 // --------------------------------------------------------------------------------------- bases
 
 struct Rule {
@@ -365,6 +495,7 @@ void check_high_modes() {
 
 int main() {
   check_chains();
+  check_motion();
   check_refusals();
   check_bases();
   check_high_modes();

@@ -9,20 +9,24 @@ import sympy
 from numpy.polynomial import chebyshev
 
 
-def lagrangian_operators(
-    lengths, centers, radii, springs, beta, gamma, delta, aspirating, alpha, u
+def lagrangian_equations(
+    lengths, centers, radii, springs, beta, gamma, delta, aspirating, alpha, u, drag=0, points=None
 ):
-    """M, C and K of the paper's eqs. (1)-(6), linearised from its Lagrangian, as floats.
+    """The paper's eqs. (1)-(9) from its Lagrangian, as expressions that vanish, and (q, q', q'').
 
     Written with L = EI = mu_p + mu_f = 1, so mu_f = beta, V = u / sqrt(beta), g = gamma. delta
-    gives each joint a dashpot delta k_j beside its spring, which the paper does not have.
+    gives each joint a dashpot delta k_j beside its spring, which the paper does not have. A fixed
+    part at the clamp shifts everything alike and changes nothing.
     """
     n = len(lengths)
     q, v, a = (sympy.symbols(f"{letter}1:{n + 1}") for letter in "qva")
-    length, chi, eta, k = (
-        [sympy.Rational(str(x)) for x in numbers] for numbers in (lengths, centers, radii, springs)
+    length, chi, eta, k, xi = (
+        [sympy.Rational(str(x)) for x in numbers]
+        for numbers in (lengths, centers, radii, springs, points or [0] * n)
     )
-    beta, gamma, delta, alpha, u = (sympy.Rational(str(x)) for x in (beta, gamma, delta, alpha, u))
+    beta, gamma, delta, alpha, u, drag = (
+        sympy.Rational(str(x)) for x in (beta, gamma, delta, alpha, u, drag)
+    )
     speed = u / sympy.sqrt(beta)
     sign = -1 if aspirating else 1
 
@@ -34,6 +38,7 @@ def lagrangian_operators(
     for j in range(n):
         nodes.append(nodes[-1] + length[j] * tangents[j])
     lagrangian = 0
+    forces = []
     for j in range(n):
         velocity = ((1 - chi[j]) * nodes[j] + chi[j] * nodes[j + 1]).applyfunc(rate)
         fluid = velocity + sign * speed * tangents[j]
@@ -42,26 +47,93 @@ def lagrangian_operators(
         kinetic += eta[j] ** 2 * v[j] ** 2
         turn = q[j] - (q[j - 1] if j else 0)
         lagrangian += length[j] * (kinetic + 2 * gamma * height) / 2 - k[j] * turn**2 / 2
+        if drag:
+            where = (1 - xi[j]) * nodes[j] + xi[j] * nodes[j + 1]
+            normal = sympy.Matrix([sympy.cos(q[j]), -sympy.sin(q[j])])
+            across = where.applyfunc(rate).dot(normal)
+            forces.append((where, -drag * length[j] * sympy.Abs(across) * across * normal))
     end = nodes[-1].applyfunc(rate)
     if aspirating:
         force = beta * speed * (end - alpha * speed * tangents[-1])
     else:
         force = -beta * speed * (end + speed * tangents[-1])
+    forces.append((nodes[-1], force))
     dissipation = sum(delta * k[j] * (v[j] - (v[j - 1] if j else 0)) ** 2 / 2 for j in range(n))
 
-    rest = dict.fromkeys([*q, *v, *a], 0)
-    mass, damping, stiffness = (np.empty((n, n)) for _ in range(3))
+    equations = []
     for row in range(n):
         momentum = sympy.diff(lagrangian, v[row])
         equation = rate(momentum) - sympy.diff(lagrangian, q[row])
         equation += sum(sympy.diff(momentum, x) * dx for x, dx in zip(v, a, strict=True))
-        equation -= force.dot(sympy.diff(nodes[-1], q[row]))
-        equation += sympy.diff(dissipation, v[row])
-        for column in range(n):
+        equation -= sum(force.dot(sympy.diff(where, q[row])) for where, force in forces)
+        equations.append(equation + sympy.diff(dissipation, v[row]))
+    return equations, q, v, a
+
+
+def lagrangian_operators(*numbers, **more):
+    """M, C and K of the equations above, linearised about the straight pipe, as floats."""
+    equations, q, v, a = lagrangian_equations(*numbers, **more)
+    rest = dict.fromkeys([*q, *v, *a], 0)
+    operators = (np.empty((len(q), len(q))) for _ in range(3))
+    mass, damping, stiffness = operators
+    for row, equation in enumerate(equations):
+        for column in range(len(q)):
             mass[row, column] = sympy.diff(equation, a[column]).subs(rest)
             damping[row, column] = sympy.diff(equation, v[column]).subs(rest)
             stiffness[row, column] = sympy.diff(equation, q[column]).subs(rest)
     return mass, damping, stiffness
+
+
+def lagrangian_accelerations(states, *numbers, **more):
+    """q'' of the equations above at states (2 n, k), shape (n, k)."""
+    equations, q, v, a = lagrangian_equations(*numbers, **more)
+    residual = sympy.lambdify([*q, *v, *a], equations, cse=True)
+    n = len(q)
+    result = np.empty((n, states.shape[1]))
+    for j, state in enumerate(states.T):
+        still = np.array(residual(*state, *np.zeros(n)))
+        mass = np.array([residual(*state, *unit) for unit in np.eye(n)]).T - still[:, None]
+        result[:, j] = np.linalg.solve(mass, -still)
+    return result
+
+
+def dense_rates(chain, y, u):
+    """dy/dt of a chain by the equations of motion in the angles, with a dense mass matrix.
+
+    y may be complex, its imaginary part small.
+    """
+    pipe, n = chain.pipe, chain.dof
+    length, springs, points = chain.lengths, chain.springs, chain.drag_points
+    signed, thrust = u, u**2
+    if pipe.flow == "aspirating":
+        signed, thrust = -u, pipe.alpha * u**2
+    angle, rate = y[:n], y[n:]
+    beyond = length[::-1].cumsum()[::-1] - length
+    arm = chain.centers * length
+    moment = length * (beyond + arm)
+    near, far = np.minimum.outer(range(n), range(n)), np.maximum.outer(range(n), range(n))
+    coupling = length[near] * moment[far]
+    own = length**2 * beyond + length * (arm**2 + chain.gyration_radii**2)
+    np.fill_diagonal(coupling, own)
+    between = angle[:, None] - angle
+    elastic = springs * (np.diff(angle, prepend=0.0) + pipe.damping * np.diff(rate, prepend=0.0))
+    momentum = np.triu(np.outer(length, length) * np.cos(between), 1) @ rate
+    force = coupling * np.sin(between) @ rate**2
+    force += np.sqrt(pipe.beta) * signed * (length**2 * rate + 2.0 * momentum)
+    force += thrust * length * np.sin(angle[-1] - angle) + pipe.gamma * moment * np.sin(angle)
+    force += elastic - np.append(elastic[1:], 0.0)
+    # Row j of lever: velocity of drag point j across its segment due to each rate.
+    lever = np.tril(np.cos(between) * length, -1) + np.diag(points * length)
+    across = lever @ rate
+    force += lever.T @ (pipe.drag * length * np.sign(across.real) * across**2)
+    return np.concatenate([rate, np.linalg.solve(coupling * np.cos(between), -force)])
+
+
+def dense_jacobian(chain, y, u):
+    """Derivative of the above by complex steps, which lose no digits."""
+    step = 1e-30
+    columns = [dense_rates(chain, y + 1j * step * unit, u).imag / step for unit in np.eye(y.size)]
+    return np.stack(columns, axis=1)
 
 
 def determinant(value, u, beta, *, centrifugal=1.0, direction=1.0, damping=0.0):

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/chain.hpp"
 
+#include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <utility>
+
+#include "pipedyn/levels.hpp"
 
 namespace pipedyn {
 
@@ -14,6 +17,16 @@ void require_rows(Index rows, Index dof) {
     throw std::invalid_argument("expected one row a segment, " + std::to_string(dof) + ", got " +
                                 std::to_string(rows));
   }
+}
+
+/// At least count numbers, on a vector's boundary, kept by the thread until it ends.
+double* scratch(std::ptrdiff_t count) {
+  constexpr std::size_t boundary = 64;
+  thread_local std::vector<double> kept;
+  const std::size_t needed = static_cast<std::size_t>(count) + boundary / sizeof(double);
+  if (kept.size() < needed) kept = std::vector<double>(needed);
+  const auto address = reinterpret_cast<std::uintptr_t>(kept.data());
+  return kept.data() + (boundary - address % boundary) % boundary / sizeof(double);
 }
 
 }  // namespace
@@ -32,10 +45,34 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
     beyond += l[k];
   }
   first_moment_ = l.array() * (mass_beyond_.array() + segments_.center.array() * l.array());
+  links_.reserve(static_cast<std::size_t>(n));
+  for (Index j = 0; j < n; ++j) {
+    const double mass = l[j], arm = segments_.center[j] * l[j], eta = segments_.gyration_radius[j];
+    const double inertia = mass * (arm * arm + eta * eta), rest = l[j] - arm;
+    links_.push_back({.length = l[j],
+                      .length_square = l[j] * l[j],
+                      .mass = mass,
+                      .first_moment = mass * arm,
+                      .inertia = inertia,
+                      .end_inertia = mass * (rest * rest + eta * eta),
+                      .own_inertia = mass * mass * eta * eta,
+                      .exchange = mass * (eta * eta - arm * rest),
+                      .spring = segments_.spring[j],
+                      .drag_arm = segments_.drag_point[j] * l[j],
+                      .drag = pipe_.drag * l[j],
+                      .weight = pipe_.gamma * first_moment_[j]});
+  }
 }
 
-Operators Chain::operators() const {
+Operators Chain::operators() const { return operators(Vector::Zero(dof())); }
+
+Operators Chain::operators(const Vector& angles) const {
   const Index n = dof();
+  require_rows(angles.size(), n);
+  const Vector sine = angles.array().sin(), cosine = angles.array().cos();
+  const auto cosine_between = [&](Index k, Index i) {
+    return cosine[k] * cosine[i] + sine[k] * sine[i];
+  };
   const auto& [l, chi, eta, spring, xi, base] = segments_;
   const double sqrt_beta = pipe_.sqrt_beta();
   Operators ops(n);
@@ -44,14 +81,16 @@ Operators Chain::operators() const {
     ops.mass(k, k) = l[k] * l[k] * mass_beyond_[k] + l[k] * (arm * arm + eta[k] * eta[k]);
     ops.end_flux(k, k) = sqrt_beta * l[k] * l[k];
     for (Index i = k + 1; i < n; ++i) {
-      const double product = sqrt_beta * l[k] * l[i];
-      ops.mass(k, i) = ops.mass(i, k) = l[k] * first_moment_[i];
+      const double turned = cosine_between(k, i);
+      const double product = sqrt_beta * l[k] * l[i] * turned;
+      ops.mass(k, i) = ops.mass(i, k) = l[k] * first_moment_[i] * turned;
       ops.end_flux(k, i) = ops.end_flux(i, k) = product;
       ops.gyroscopic(k, i) = product;
       ops.gyroscopic(i, k) = -product;
     }
-    ops.flux(k, k) -= l[k];
-    ops.flux(k, n - 1) += l[k];
+    const double thrust = l[k] * cosine_between(k, n - 1);
+    ops.flux(k, k) -= thrust;
+    ops.flux(k, n - 1) += thrust;
     ops.stiffness(k, k) = spring[k];
     if (k + 1 < n) {
       ops.stiffness(k, k) += spring[k + 1];
@@ -59,7 +98,7 @@ Operators Chain::operators() const {
     }
   }
   ops.damping = pipe_.damping * ops.stiffness;
-  ops.stiffness.diagonal() += pipe_.gamma * first_moment_;
+  ops.stiffness.diagonal() += pipe_.gamma * first_moment_.cwiseProduct(cosine);
   return ops;
 }
 
@@ -195,6 +234,36 @@ Chain::ComplexMatrix Chain::band(std::complex<double> lambda, double u) const {
     }
   }
   return band;
+}
+
+MotionModel Chain::motion() const {
+  return {.links = links_.data(),
+          .size = dof(),
+          .gravity = pipe_.gamma,
+          .damping = pipe_.damping,
+          .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
+          .centrifugal = pipe_.centrifugal(),
+          .drag = pipe_.drag != 0.0};
+}
+
+void Chain::rhs(const Batch& batch, double* rates) const {
+  const MotionKernel& kernel = motion_kernel();
+  kernel.rhs(motion(), batch, rates, scratch(kernel.scratch_size(dof(), batch.members)));
+}
+
+void Chain::jacobian(const double* y, double u, double* out) const {
+  const MotionKernel& kernel = motion_kernel();
+  kernel.jacobian(motion(), y, u, out, scratch(kernel.jacobian_scratch_size(dof())));
+}
+
+void Chain::energy(const Batch& batch, double* out) const {
+  const MotionKernel& kernel = motion_kernel();
+  kernel.energy(motion(), batch, out, scratch(kernel.scratch_size(dof(), batch.members)));
+}
+
+void Chain::power(const Batch& batch, const PowerParts& out) const {
+  const MotionKernel& kernel = motion_kernel();
+  kernel.power(motion(), batch, out, scratch(kernel.scratch_size(dof(), batch.members)));
 }
 
 }  // namespace pipedyn

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Chain of n rigid segments joined by torsional springs (Orsino and Di Giulio, eqs. (1)-(11)),
-// linear about the straight pipe. With the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
+// Chain of n rigid segments joined by torsional springs (Orsino and Di Giulio, eqs. (1)-(11)).
+// Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
 // + chi_k l_k^2, row k reads
 //
 //   sum_i M_ki theta_i'' + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i theta_i')
@@ -10,10 +10,19 @@
 //
 // U = s u. Two coordinates are used: the angles theta, and the joint angles phi, in which the
 // elastic stiffness is diagonal and small eigenvalues survive rounding at any n.
+//
+// At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i), c_kk = M_kk, t the tangents,
+//   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
+//     + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i cos(theta_k - theta_i) theta_i')
+//     + a U^2 l_k sin(theta_n - theta_k) + gamma p_k sin theta_k
+//     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = drag_k,
+// where the force -kappa l_j |v_j| v_j acts across each segment at its drag point; solved in O(n).
 #pragma once
 
 #include <complex>
+#include <vector>
 
+#include "pipedyn/motion.hpp"
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {
@@ -36,8 +45,13 @@ class Chain {
 
   Index dof() const { return segments_.length.size(); }
 
-  /// Operators in the angles theta, O(n^2).
+  /// Operators in the angles theta about the straight pipe, O(n^2).
   Operators operators() const;
+
+  /// The same about a configuration at rest with the given angles (n): what multiplies theta'' and
+  /// theta' there, and the derivatives of the moments of springs and gravity (stiffness) and of the
+  /// follower force (flux). Throws std::invalid_argument unless there is one angle a segment.
+  Operators operators(const Vector& angles) const;
 
   /// Operators in the joint angles divided by scale, phi = scale * z, O(n^2). Every entry is a sum
   /// of terms of one sign, so none loses digits to cancellation. Throws std::invalid_argument
@@ -65,11 +79,27 @@ class Chain {
   static constexpr Index band_width = 4;
   ComplexMatrix band(std::complex<double> lambda, double u) const;
 
+  // Motion, with the vectors that the processor has (levels.hpp). A state y = [theta, theta'] has
+  // 2 n entries; a batch holds one a column. The arrays are the caller's and of the sizes given;
+  // scratch belongs to the thread and is allocated by its first call for a size.
+
+  /// dy/dtau (2 n, members), O(n) a member.
+  void rhs(const Batch& batch, double* rates) const;
+  /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0.
+  void jacobian(const double* y, double u, double* out) const;
+  /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
+  void energy(const Batch& batch, double* out) const;
+  /// What flow, joints and drag add to the energy in unit time; their sum is dE/dtau.
+  void power(const Batch& batch, const PowerParts& out) const;
+
  private:
   Pipe pipe_;
   Segments segments_;
   Vector mass_beyond_;   // sum_{i > k} l_i
   Vector first_moment_;  // p_k
+  std::vector<Link> links_;
+
+  MotionModel motion() const;
 };
 
 }  // namespace pipedyn

@@ -6,7 +6,7 @@ from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
-from pipedyn.model import Model, NotConverged, Operators, PipedynError
+from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.pipe import Pipe, Scales, inlet_coefficient
 from pipedyn.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.stability import Failure, StabilityCurve, stability_curve
@@ -29,6 +29,7 @@ __all__ = [
     "Operators",
     "Pipe",
     "PipedynError",
+    "Power",
     "RootLoci",
     "Scales",
     "Sensitivity",

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """
-C++ core of pipedyn: operators of the chain and of the reduced model.
+C++ core of pipedyn: operators and motion of the chain and of the reduced model.
 """
 
 from __future__ import annotations
@@ -8,7 +8,16 @@ import numpy
 import numpy.typing
 import typing
 
-__all__: list[str] = ["Chain", "Galerkin", "Operators", "Pipe"]
+__all__: list[str] = [
+    "Chain",
+    "Galerkin",
+    "Operators",
+    "Pipe",
+    "set_vector_level",
+    "sincos",
+    "vector_level",
+    "vector_levels",
+]
 
 class Pipe:
     def __init__(
@@ -56,6 +65,7 @@ class Chain:
         lambda_: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
         u: typing.SupportsFloat | typing.SupportsIndex,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def flux_times(
         self,
         x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
@@ -64,13 +74,31 @@ class Chain:
     def gravity_times(
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def jacobian(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def joint_operators(
         self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> Operators: ...
     def mass_times(
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @typing.overload
     def operators(self) -> Operators: ...
+    @typing.overload
+    def operators(
+        self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> Operators: ...
+    def power(
+        self, y: typing.Any, u: typing.Any
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def springs_times(
         self, joint_angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
@@ -98,3 +126,10 @@ class Galerkin:
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def operators(self) -> Operators: ...
+
+def set_vector_level(name: str) -> None: ...
+def sincos(
+    x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+def vector_level() -> str: ...
+def vector_levels() -> list[str]: ...

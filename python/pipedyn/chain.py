@@ -13,7 +13,15 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from pipedyn import _check, _core
 from pipedyn._check import Array
-from pipedyn.model import Model, Operators, arc_lengths, checked_pipe, core_pipe, operators_from
+from pipedyn.model import (
+    Model,
+    Operators,
+    Power,
+    arc_lengths,
+    checked_pipe,
+    core_pipe,
+    operators_from,
+)
 from pipedyn.pipe import Pipe
 
 SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
@@ -254,14 +262,29 @@ class Chain(Model):
         floor = 1e-3 * mean if mean > 1e-100 else float(self.dof)  # squares of the scale are taken
         return _frozen(1.0 / np.sqrt(np.maximum(self._springs, floor)))
 
-    def operators(self) -> Operators:
-        """Linear operators about the straight pipe at rest, in the angles theta.
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """Linear operators about a configuration at rest, in the angles theta.
+
+        Mass, gyroscopic, end_flux and damping are what multiplies theta'' and theta' there; at rest
+        drag has no linear part. stiffness is the derivative of the moments of springs and gravity,
+        flux that of the follower force's. Small motions about q obey them where q is an
+        equilibrium at the speed in question; elsewhere `jacobian` at rest has besides these the
+        derivative of the mass, -M^-1 (dM/dq q'').
+
+        Args:
+            q: angles theta, rad, shape (n,); the straight pipe where not given.
+
+        Returns:
+            Six matrices, each (n, n).
 
         Raises:
-            ValueError: for more than 4000 segments.
+            ValueError: for angles out of range or of another shape, or more than 4000 segments.
+            TypeError: for what is no array of real numbers.
         """
         self._check_dense()
-        return operators_from(self.core.operators(), self._pipe)
+        if q is None:
+            return operators_from(self.core.operators(), self._pipe)
+        return operators_from(self.core.operators(self._coordinates(q)), self._pipe)
 
     def elastic_operators(self) -> Operators:
         """The same operators in the joint angles divided by `elastic_scale`."""
@@ -276,6 +299,81 @@ class Chain(Model):
         """
         joints = (self.elastic_scale * self._columns("z", z).T).T
         return np.cumsum(joints, axis=0, out=joints)
+
+    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+        """Rate of the state, exact at any amplitude, in O(n).
+
+        Flow, gravity, springs, joint damping and quadratic drag at the drag points, each only where
+        the pipe has it. A batch is one call; its members go through the processor's vectors
+        together. Several threads may call one chain at once.
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [theta, theta'], rad and rad per unit time, shape (2 n,), or (2 n, k) for k
+                states; k may be 0.
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            dy/dt = [theta', theta''], of the shape of y.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+
+        Source: Orsino and Di Giulio, eqs. (1)-(11), solved by recursion over the segments.
+        """
+        return self.core.rhs(t, y, u)
+
+    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
+        """Derivative of `rhs` with respect to the state, analytic, in O(n^2).
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [theta, theta'], shape (2 n,).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
+
+        Returns:
+            d(dy/dt)/dy, shape (2 n, 2 n). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 4000
+                segments.
+            TypeError: for what is no array of real numbers.
+        """
+        self._check_dense()
+        return self.core.jacobian(t, y, u)
+
+    def energy(self, y: ArrayLike) -> float | Array:
+        """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
+
+        Args:
+            y: state [theta, theta'], shape (2 n,) or (2 n, k).
+
+        Returns:
+            A number, or for k states shape (k,).
+
+        Raises:
+            ValueError: for another shape, NaN or infinity.
+            TypeError: for what is no array of real numbers.
+        """
+        return self.core.energy(y)
+
+    def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
+        """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
+
+        Args:
+            y: state [theta, theta'], shape (2 n,) or (2 n, k).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            Power by what does the work, numbers or shape (k,) each.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+        """
+        flow, joints, drag = self.core.power(y, u)
+        return Power(flow, joints, drag, 0.0 * drag)
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         """Centreline (x, y) at arc lengths s, shape (len(s), 2).

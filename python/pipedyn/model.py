@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What every model answers: its size, its operators and the line it draws."""
+"""What every model answers: its size, its operators, its motion and the line it draws."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ class NotConverged(PipedynError):
 
 @dataclass(frozen=True)
 class Operators:
-    """Linear operators about the straight pipe at rest, each of shape (dof, dof).
+    """Linear operators about a configuration at rest, each of shape (dof, dof).
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
-    K = stiffness + a u^2 flux. gyroscopic is skew and end_flux symmetric of rank one; both carry
-    sqrt(beta).
+    K = stiffness + a u^2 flux. gyroscopic is skew and end_flux symmetric of rank one, about a bent
+    pipe two; both carry sqrt(beta).
 
     Attributes:
         mass: M, symmetric and positive definite.
         gyroscopic: Coriolis part, skew.
-        end_flux: flux through the free end, symmetric of rank one.
+        end_flux: flux through the free end, symmetric.
         damping: Kelvin-Voigt damping, symmetric.
         stiffness: springs or bending, and gravity; symmetric.
         flux: centrifugal force and the end's follower force.
@@ -81,6 +81,28 @@ class Operators:
         u = _check.real("u", u, low=0.0, high=1e100)
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
         return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
+
+
+@dataclass(frozen=True)
+class Power:
+    """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
+
+    Attributes:
+        flow: of the flow, all of it at the free end.
+        joints: of Kelvin-Voigt damping, <= 0.
+        drag: of quadratic drag, <= 0.
+        others: of what is no part of a plain pipe.
+    """
+
+    flow: float | Array
+    joints: float | Array
+    drag: float | Array
+    others: float | Array
+
+    @property
+    def total(self) -> float | Array:
+        """dE/dt along the motion."""
+        return self.flow + self.joints + self.drag + self.others
 
 
 def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
@@ -152,6 +174,22 @@ class Model(ABC):
         Raises:
             ValueError, TypeError: for z of another shape, or not of finite numbers.
         """
+
+    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+        """dy/dt of the state y = [q, q'], shape (2 dof,) or (2 dof, k); u a number or (k,)."""
+        raise NotImplementedError
+
+    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
+        """Derivative of `rhs` with respect to the state, analytic, shape (2 dof, 2 dof)."""
+        raise NotImplementedError
+
+    def energy(self, y: ArrayLike) -> float | Array:
+        """Kinetic, elastic and gravity's energy, a number or shape (k,); 0 at rest and straight."""
+        raise NotImplementedError
+
+    def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
+        """What feeds and drains the energy; the total is dE/dt along the motion."""
+        raise NotImplementedError
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
@@ -225,4 +263,4 @@ def arc_lengths(s: ArrayLike) -> Array:
     return _check.array("s", s, low=0.0, high=1.0)
 
 
-__all__ = ["Model", "NotConverged", "Operators", "PipedynError"]
+__all__ = ["Model", "NotConverged", "Operators", "PipedynError", "Power"]

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+//
+// Motion of the chain at any amplitude in O(n): what one segment contributes, and the functions
+// that each vector level compiles (motion.cpp holds the recursion). Includes no other library.
+#pragma once
+
+#include <cstddef>
+
+namespace pipedyn {
+
+/// One segment as the recursion reads it; l, m, chi, eta, xi, k as in Segments, m = l.
+struct Link {
+  double length;         // l
+  double length_square;  // l^2
+  double mass;           // m
+  double first_moment;   // m chi l, about the joint
+  double inertia;        // m (chi^2 l^2 + eta^2), about the joint
+  double end_inertia;    // m ((1 - chi)^2 l^2 + eta^2), about the other end
+  double own_inertia;    // m^2 eta^2
+  double exchange;       // inertia - m chi l^2
+  double spring;         // k
+  double drag_arm;       // xi l
+  double drag;           // kappa l
+  double weight;         // gamma p
+};
+
+/// What the kernels read of a chain and its pipe.
+struct MotionModel {
+  const Link* links;
+  std::ptrdiff_t size;  // n
+  double gravity;       // gamma
+  double damping;       // delta
+  double coriolis;      // sqrt(beta) s
+  double centrifugal;   // a
+  bool drag;            // kappa > 0
+};
+
+/// Member j of a batch has its state in column j of y (2 n, members), its speed at u[j * u_step].
+struct Batch {
+  const double* y;
+  const double* u;
+  std::ptrdiff_t members;
+  std::ptrdiff_t u_step;  // 0 where all have one speed
+};
+
+/// Power by what does the work; one entry a member in each.
+struct PowerParts {
+  double* flow;
+  double* joints;
+  double* drag;
+};
+
+/// The functions of one vector level. scratch: as many numbers as its size says.
+struct MotionKernel {
+  const char* name;
+  std::ptrdiff_t width;
+  std::ptrdiff_t (*scratch_size)(std::ptrdiff_t n, std::ptrdiff_t members);
+  std::ptrdiff_t (*jacobian_scratch_size)(std::ptrdiff_t n);
+
+  /// dy/dtau (2 n, members).
+  void (*rhs)(const MotionModel&, const Batch&, double* rates, double* scratch);
+  /// d(dy/dtau)/dy (2 n, 2 n) of one state, row-major.
+  void (*jacobian)(const MotionModel&, const double* y, double u, double* out, double* scratch);
+  /// Energy of each member.
+  void (*energy)(const MotionModel&, const Batch&, double* out, double* scratch);
+  void (*power)(const MotionModel&, const Batch&, const PowerParts& out, double* scratch);
+
+  bool (*finite)(const double* x, std::ptrdiff_t count);
+  void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine,
+                 double* scratch);  // scratch: 3 width numbers
+};
+
+extern const MotionKernel motion_baseline, motion_avx2, motion_avx512;
+
+}  // namespace pipedyn

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: MIT
+"""Error beside cost of the chain's motion, with pinocchio and mujoco on a like chain.
+
+Run with `.venv/bin/python tests/benchmark_motion.py` after `pip install ".[bench]"`; pytest does
+not collect it. Prints, and fails on an error only. Flow, drag, damping and gravity act on our side;
+the peers, which have no flow, move the same bars on the same hinges with gravity alone. One thread.
+"""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import mpmath
+import numpy as np
+from independent import dense_jacobian, dense_rates
+
+import pipedyn as pd
+from pipedyn import _core
+
+SPEED, MEMBERS = 6.0, 256
+PIPE = pd.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
+
+failures = []
+
+
+def timed(call: Callable[[], object], seconds: float = 0.3) -> float:
+    """Shortest of the mean times of a call over short rounds, s."""
+    start = time.perf_counter()
+    call()
+    inner = max(1, int(2e-3 / (time.perf_counter() - start + 1e-9)))
+    best, end = np.inf, time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        start = time.perf_counter()
+        for _ in range(inner):
+            call()
+        best = min(best, (time.perf_counter() - start) / inner)
+    return best
+
+
+def check(error: float, limit: float, what: str) -> None:
+    if not error <= limit:
+        failures.append(f"{what}: error {error:.1e} is not within {limit:.0e}")
+
+
+def worst(found: np.ndarray, exact: np.ndarray) -> float:
+    """Largest error relative to the largest entry."""
+    return float(np.abs(found - exact).max() / np.abs(exact).max())
+
+
+def state(n: int, members: int = 0) -> np.ndarray:
+    """Angles of some tenths of a radian between neighbours, rates of order 1."""
+    rng = np.random.default_rng(n)
+    shape = (n, members) if members else (n,)
+    angles = np.cumsum(rng.normal(scale=0.3, size=shape), axis=0)
+    return np.concatenate([angles, rng.normal(size=shape)])
+
+
+# --------------------------------------------------------------------------------------- references
+
+
+def exact_accelerations(chain: pd.Chain, y: np.ndarray, u: float) -> np.ndarray:
+    """theta'' by the dense equations in the angles, written once more in 30 digits."""
+    n, pipe = chain.dof, chain.pipe
+    with mpmath.workdps(30):
+        length, chi, eta, spring, xi = (
+            [mpmath.mpf(float(x)) for x in numbers]
+            for numbers in (
+                *(chain.lengths, chain.centers, chain.gyration_radii),
+                *(chain.springs, chain.drag_points),
+            )
+        )
+        angle, rate = [mpmath.mpf(x) for x in y[:n]], [mpmath.mpf(x) for x in y[n:]]
+        root_beta = mpmath.sqrt(mpmath.mpf(pipe.beta))
+        cosine = [[mpmath.cos(a - b) for b in angle] for a in angle]
+        sine = [[mpmath.sin(a - b) for b in angle] for a in angle]
+        mass, force = mpmath.matrix(n, n), [mpmath.mpf(0)] * n
+        beyond = [mpmath.fsum(length[k + 1 :]) for k in range(n)]
+        moment = [length[k] * (beyond[k] + chi[k] * length[k]) for k in range(n)]
+        for k in range(n):
+            for i in range(n):
+                coupling = length[min(k, i)] * moment[max(k, i)]
+                if i == k:
+                    coupling = length[k] ** 2 * beyond[k]
+                    coupling += length[k] * ((chi[k] * length[k]) ** 2 + eta[k] ** 2)
+                mass[k, i] = coupling * cosine[k][i]
+                force[k] += coupling * sine[k][i] * rate[i] ** 2
+                if i > k:
+                    force[k] += 2 * root_beta * u * length[k] * length[i] * cosine[k][i] * rate[i]
+            force[k] += root_beta * u * length[k] ** 2 * rate[k]
+            force[k] += u**2 * length[k] * sine[n - 1][k]
+            force[k] += pipe.gamma * moment[k] * mpmath.sin(angle[k])
+            turn, turning = angle[k], rate[k]
+            if k > 0:
+                turn, turning = turn - angle[k - 1], turning - rate[k - 1]
+            elastic = spring[k] * (turn + mpmath.mpf(pipe.damping) * turning)
+            force[k] += elastic
+            if k > 0:
+                force[k - 1] -= elastic
+            lever = [length[i] * cosine[k][i] for i in range(k)] + [xi[k] * length[k]]
+            across = mpmath.fdot(lever, rate[: k + 1])
+            drag = pipe.drag * length[k] * abs(across) * across
+            for i in range(k + 1):
+                force[i] += lever[i] * drag
+        solution = mpmath.lu_solve(mass, -mpmath.matrix(force))
+        return np.array([float(x) for x in solution])
+
+
+# -------------------------------------------------------------------------------------------- peers
+
+
+def plain_accelerations(n: int, y: np.ndarray) -> np.ndarray:
+    """Of the bars on hinges without springs, with gravity alone."""
+    chain = pd.Chain(pd.Pipe(0.0, gamma=PIPE.gamma), n, springs=np.zeros(n))
+    return exact_accelerations(chain, y, 0.0)
+
+
+def pinocchio_chain(n: int) -> tuple[Callable[[], object], Callable[[], object], float]:
+    """aba, its derivatives, and the error of aba."""
+    import pinocchio
+
+    model, length, parent = pinocchio.Model(), 1.0 / n, 0
+    model.gravity.linear = np.array([PIPE.gamma, 0.0, 0.0])  # down is x, where the chain hangs
+    inertia = pinocchio.Inertia(
+        length, np.array([length / 2, 0.0, 0.0]), np.diag([1e-12, 1.0, 1.0]) * length**3 / 12
+    )
+    for j in range(n):
+        offset = np.array([length if j else 0.0, 0.0, 0.0])
+        place = pinocchio.SE3(np.eye(3), offset)
+        parent = model.addJoint(parent, pinocchio.JointModelRZ(), place, f"joint{j}")
+        model.appendBodyToJoint(parent, inertia, pinocchio.SE3.Identity())
+    data, y = model.createData(), state(n)
+    q, v = np.diff(y[:n], prepend=0.0), np.diff(y[n:], prepend=0.0)
+    torque = np.zeros(n)
+    found = np.cumsum(pinocchio.aba(model, data, q, v, torque))
+    return (
+        lambda: pinocchio.aba(model, data, q, v, torque),
+        lambda: pinocchio.computeABADerivatives(model, data, q, v, torque),
+        worst(found, plain_accelerations(n, y)),
+    )
+
+
+def mujoco_chain(n: int) -> tuple[Callable[[], object], float]:
+    """mj_forward and its error."""
+    import mujoco
+
+    length = 1.0 / n
+    link = (
+        f"<body pos='{{}} 0 0'><joint type='hinge' axis='0 0 1'/><inertial pos='{length / 2} 0 0' "
+        f"mass='{length}' diaginertia='{length**3 / 12} {length**3 / 12} {length**3 / 12}'/>"
+    )
+    bodies = "".join(link.format(length if j else 0.0) for j in range(n)) + "</body>" * n
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><compiler angle='radian' inertiafromgeom='false' boundmass='0'/>"
+        f"<option gravity='{PIPE.gamma} 0 0'/><worldbody>{bodies}</worldbody></mujoco>"
+    )
+    data, y = mujoco.MjData(model), state(n)
+    data.qpos[:] = np.diff(y[:n], prepend=0.0)
+    data.qvel[:] = np.diff(y[n:], prepend=0.0)
+    mujoco.mj_forward(model, data)
+    error = worst(np.cumsum(data.qacc), plain_accelerations(n, y))
+    return lambda: mujoco.mj_forward(model, data), error
+
+
+# --------------------------------------------------------------------------------------- benchmarks
+
+
+Route = tuple[str, str, Callable[[], object], float]
+"""Question, route, call and error."""
+
+
+def peers(n: int) -> tuple[list[Route], dict[str, float]]:
+    """Other ways to the answers, and pinocchio's time for each question."""
+    chain, y = pd.Chain(PIPE, n), state(n)
+    aba, derivatives, aba_error = pinocchio_chain(n)
+    forward, forward_error = mujoco_chain(n)
+    dense_error = worst(dense_rates(chain, y, SPEED)[n:], exact_accelerations(chain, y, SPEED))
+    routes: list[Route] = [
+        ("rhs", "dense numpy", lambda: dense_rates(chain, y, SPEED), dense_error),
+        ("rhs", "mujoco mj_forward", forward, forward_error),
+        ("rhs", "pinocchio aba", aba, aba_error),
+        ("jacobian", "pinocchio derivatives", derivatives, np.nan),
+    ]
+    return routes, {"rhs": timed(aba), "jacobian": timed(derivatives)}
+
+
+def ours(n: int) -> list[Route]:
+    """Our three questions at the level in use, each error checked."""
+    chain, y, many = pd.Chain(PIPE, n), state(n), state(n, MEMBERS)
+    speeds = np.linspace(3.0, 7.0, MEMBERS)
+    some = [0, MEMBERS // 2 + 1, MEMBERS - 1]
+    batch = [exact_accelerations(chain, many[:, j], speeds[j]) for j in some]
+    errors = (
+        worst(chain.rhs(0.0, y, SPEED)[n:], exact_accelerations(chain, y, SPEED)),
+        worst(chain.jacobian(0.0, y, SPEED), dense_jacobian(chain, y, SPEED)),
+        worst(chain.rhs(0.0, many, speeds)[n:, some], np.stack(batch, axis=1)),
+    )
+    level = _core.vector_level()
+    check(errors[0], 1e-12, f"rhs, n = {n}, {level}")
+    check(errors[1], 1e-11, f"jacobian against complex steps, n = {n}, {level}")
+    check(errors[2], 1e-12, f"{MEMBERS} states, n = {n}, {level}")
+    return [
+        ("rhs", level, lambda: chain.rhs(0.0, y, SPEED), errors[0]),
+        ("jacobian", level, lambda: chain.jacobian(0.0, y, SPEED), errors[1]),
+        (f"rhs, {MEMBERS} states", level, lambda: chain.rhs(0.0, many, speeds), errors[2]),
+    ]
+
+
+def right_hand_sides() -> None:
+    for n in (10, 100):
+        routes, peer_costs = peers(n)
+        print(f"n = {n}: time of a state, against pinocchio's for the same question")
+        print("| question | route | us | times faster | error |")
+        print("|---|---|---|---|---|")
+        for level in (None, *_core.vector_levels()):
+            if level is not None:
+                _core.set_vector_level(level)
+                routes = ours(n)
+            for question, route, call, error in routes:
+                cost = timed(call) / (MEMBERS if "states" in question else 1)
+                faster = peer_costs["jacobian" if question == "jacobian" else "rhs"] / cost
+                digits = "not measured" if np.isnan(error) else f"{error:.0e}"
+                print(f"| {question} | {route} | {1e6 * cost:.3f} | {faster:.1f} | {digits} |")
+        print()
+
+
+def linearity() -> None:
+    print(f"{_core.vector_level()}: ns a segment and state")
+    print("| n | one state | 16 states |")
+    print("|---|---|---|")
+    for n in (10, 100, 1000, 10_000, 100_000):
+        chain, y, many = pd.Chain(PIPE, n), state(n), state(n, 16)
+        one = timed(lambda chain=chain, y=y: chain.rhs(0.0, y, SPEED))
+        batch = timed(lambda chain=chain, many=many: chain.rhs(0.0, many, SPEED)) / 16
+        print(f"| {n} | {1e9 * one / n:.1f} | {1e9 * batch / n:.1f} |")
+    print()
+
+
+def machine() -> str:
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    try:
+        commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        commit = "unknown"
+    return (
+        f"pipedyn {pd.__version__} (commit {commit}), Python {platform.python_version()}, "
+        f"numpy {np.__version__}, {platform.system()} {platform.machine()}"
+    )
+
+
+def main() -> int:
+    print(machine() + "\n")
+    right_hand_sides()
+    linearity()
+    for failure in failures:
+        print(f"FAILED {failure}")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
