@@ -12,6 +12,7 @@
 #include "pipedyn/chain.hpp"
 #include "pipedyn/galerkin.hpp"
 #include "pipedyn/levels.hpp"
+#include "pipedyn/work.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -30,6 +31,19 @@ Numbers rhs(const Model& model, const py::object&, const py::object& y, const py
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   double* const out = rates.mutable_data();
   pipedyn::run(model.dof() * states.members, [&] { model.rhs(batch, out); });
+  return rates;
+}
+
+template <class Model>
+Numbers rhs_and_power(const Model& model, const py::object&, const py::object& y,
+                      const py::object& u) {
+  const py::ssize_t rows = 2 * model.dof() + 1;
+  const States states("y", y, rows);
+  const Speeds speeds("u", u, states);
+  Numbers rates = pipedyn::new_numbers(rows, states.members, states.one);
+  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  double* const out = rates.mutable_data();
+  pipedyn::run(model.dof() * states.members, [&] { pipedyn::rhs_and_power(model, batch, out); });
   return rates;
 }
 
@@ -134,6 +148,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("springs_times", &Chain::springs_times, "joint_angles"_a, Unlocked())
       .def("band", &Chain::band, "lambda_"_a, "u"_a, Unlocked())
       .def("rhs", rhs<Chain>, "t"_a, "y"_a, "u"_a)
+      .def("rhs_and_power", rhs_and_power<Chain>, "t"_a, "y"_a, "u"_a)
       .def("jacobian", jacobian<Chain>, "t"_a, "y"_a, "u"_a)
       .def("energy", energy<Chain>, "y"_a)
       .def("power", power<Chain>, "y"_a, "u"_a)

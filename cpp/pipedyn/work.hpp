@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: MIT
+//
+// A state with the work done on it, y = [q, q', W], so that an integrator sums W' = power to its own
+// order: E(t) - E(0) - W(t) then audits the motion.
+#pragma once
+
+#include <vector>
+
+#include "pipedyn/motion.hpp"
+
+namespace pipedyn {
+
+/// Rates of y = [q, q', W] (2 dof + 1, members) of each member.
+template <class Model>
+void rhs_and_power(const Model& model, const Batch& batch, double* rates) {
+  model.rhs(batch, rates);
+  const std::ptrdiff_t members = batch.members;
+  thread_local std::vector<double> parts;
+  if (parts.size() < static_cast<std::size_t>(3 * members)) parts.resize(3 * members);
+  double* const flow = parts.data();
+  double* const joints = flow + members;
+  double* const drag = joints + members;
+  model.power(batch, {flow, joints, drag});
+  double* const total = rates + 2 * model.dof() * members;
+  for (std::ptrdiff_t j = 0; j < members; ++j) total[j] = flow[j] + joints[j] + drag[j];
+}
+
+}  // namespace pipedyn
