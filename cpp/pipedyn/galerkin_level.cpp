@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/galerkin_level.hpp"
+
+#include <algorithm>
+#include <array>
+#include <numbers>
+#include <utility>
+
+namespace pipedyn {
+
+namespace {
+
+constexpr double log_tolerance = 25.0;  // of one integrand, relative
+constexpr double products = 3.0;  // slopes in one integrand: q'_i q'_j Theta_i Theta_j Theta_k
+
+Index padded(Index count) {
+  return (count + LevelTables::multiple - 1) / LevelTables::multiple * LevelTables::multiple;
+}
+
+// Absolute Chebyshev coefficients of the slopes, (count, m); those of rounding's size are dropped.
+Matrix chebyshev(const Basis& basis) {
+  const Index count = 2 * basis.size() + 60;
+  const Vector angle =
+      (Vector::LinSpaced(count, 0.0, static_cast<double>(count - 1)).array() + 0.5) *
+      (std::numbers::pi / static_cast<double>(count));
+  const Vector s = 0.5 * (1.0 + angle.array().cos());
+  Matrix transform(count, count);
+  for (Index k = 0; k < count; ++k) {
+    transform.row(k) = (2.0 / static_cast<double>(count)) *
+                       (static_cast<double>(k) * angle.transpose().array()).cos();
+  }
+  transform.row(0) *= 0.5;
+  Matrix coefficient = (transform * basis.evaluate(s, 1)).cwiseAbs();
+  for (Index i = 0; i < basis.size(); ++i) {
+    const double floor = 1e-13 * coefficient.col(i).maxCoeff();
+    for (Index k = 0; k < count; ++k) {
+      if (coefficient(k, i) < floor) coefficient(k, i) = 0.0;
+    }
+  }
+  return coefficient;
+}
+
+// Zero of the cubic through (x[k], v[k]), k < 4, between `low` and `high`, where it changes sign.
+double cubic_zero(const std::array<double, 4>& x, const double* v, ptrdiff_t stride, double low,
+                  double high) {
+  std::array<double, 4> d{v[0], v[stride], v[2 * stride], v[3 * stride]};
+  for (int order = 1; order < 4; ++order) {
+    for (int k = 3; k >= order; --k) d[k] = (d[k] - d[k - 1]) / (x[k] - x[k - order]);
+  }
+  const auto value = [&](double s) {
+    return d[0] + (s - x[0]) * (d[1] + (s - x[1]) * (d[2] + (s - x[2]) * d[3]));
+  };
+  double at_low = value(low), at_high = value(high);
+  double zero = low;
+  for (int step = 0; step < 12 && high - low > 1e-9; ++step) {  // false position, Illinois variant
+    zero = (low * at_high - high * at_low) / (at_high - at_low);
+    const double here = value(zero);
+    if (std::abs(here) <= 1e-9 * std::abs(at_high - at_low)) break;
+    if ((here > 0.0) == (at_high > 0.0)) {
+      high = zero;
+      at_high = here;
+      at_low *= 0.5;
+    } else {
+      low = zero;
+      at_low = here;
+      at_high *= 0.5;
+    }
+  }
+  return zero;
+}
+
+}  // namespace
+
+void signed_weights(const LevelTables& level, const double* v, ptrdiff_t stride, double* scratch,
+                    double* weights) {
+  const ptrdiff_t nodes = level.nodes;
+  const double* weight = level.integral + nodes * nodes;
+  double sign = v[0] < 0.0 ? -1.0 : 1.0;
+  for (ptrdiff_t p = 0; p < nodes; ++p) weights[p * stride] = sign * weight[p];
+  for (ptrdiff_t p = 0; p < nodes; ++p) {
+    const double next = v[(p + 1) * stride];
+    if (!(sign * next < 0.0)) continue;
+    const ptrdiff_t first = std::clamp<ptrdiff_t>(p - 1, 0, nodes - 3);
+    const double* arc = level.arc + first;
+    const double zero = cubic_zero({arc[0], arc[1], arc[2], arc[3]}, v + first * stride, stride,
+                                   level.arc[p], level.arc[p + 1]);
+    legendre_integrals(zero, nodes, scratch);  // beyond the zero: turn the sign
+    for (ptrdiff_t node = 0; node < nodes; ++node) {
+      weights[node * stride] -= 2.0 * sign * weight[node];
+    }
+    for (ptrdiff_t k = 0; k < nodes; ++k) {
+      const double factor = 2.0 * sign * scratch[k];
+      const double* expansion = level.expansion + k * nodes;
+      for (ptrdiff_t node = 0; node < nodes; ++node) {
+        weights[node * stride] += factor * expansion[node];
+      }
+    }
+    sign = -sign;
+  }
+}
+
+Level::Level(const Basis& basis, Index nodes) : rule_(nodes), stiffness_(basis.stiffness()) {
+  arc_.resize(nodes + 1);
+  arc_ << rule_.node, 1.0;
+  slope_ = Matrix::Zero(nodes + 1, padded(basis.size()));
+  slope_.leftCols(basis.size()) = basis.evaluate(arc_, 1);
+  slope_by_function_ = slope_.transpose();
+  integral_ = rule_.integral_to(arc_);
+  integral_.bottomRows(1) = rule_.weight.transpose();
+  tables_ = {.functions = basis.size(),
+             .padded = slope_.cols(),
+             .nodes = nodes,
+             .slope = slope_.data(),
+             .slope_by_function = slope_by_function_.data(),
+             .integral = integral_.data(),
+             .arc = arc_.data(),
+             .expansion = rule_.expansion.data(),
+             .stiffness = stiffness_.data()};
+}
+
+Levels::Levels(Basis basis, Index least_nodes) : basis_(std::move(basis)) {
+  const Matrix coefficient = chebyshev(basis_);
+  const Vector order =
+      Vector::LinSpaced(coefficient.rows(), 0.0, static_cast<double>(coefficient.rows() - 1));
+  const Index m = basis_.size();
+  const Index largest = 16 * m + 96;
+  // Points, the nodes and the end, come in whole multiples.
+  for (Index points = padded(std::max<Index>({m + 1, least_nodes + 1, 8}));;
+       points = padded(points + std::max<Index>(4, points / 6))) {
+    std::vector<Test> tests;
+    for (double eta = 0.05; eta < 3.0; eta *= 1.5) {
+      const Vector size = (order * eta).array().cosh();
+      const Eigen::ArrayXd growth = (size.transpose() * coefficient).transpose().array() /
+                                    coefficient.colwise().sum().transpose().array();
+      const double budget = 2.0 * static_cast<double>(points - 1) * eta - log_tolerance -
+                            products * std::log(growth.maxCoeff());
+      if (!(budget > 0.0)) continue;
+      const Vector slant = (order * eta).array().sinh();
+      tests.push_back({budget, 2.0 * coefficient.transpose() * slant});
+    }
+    const bool last = points - 1 >= std::max(largest, least_nodes);
+    if (tests.empty() && !last) continue;
+    Slot& slot = slots_.emplace_back();
+    slot.nodes = points - 1;
+    slot.tests = std::move(tests);
+    if (last) break;
+  }
+}
+
+Index Levels::choose(const double* q, Index stride) const {
+  const Index m = basis_.size(), last = count() - 1;
+  for (Index number = 0; number < last; ++number) {
+    for (const Test& test : slots_[static_cast<std::size_t>(number)].tests) {
+      double cost = 0.0;
+      for (Index i = 0; i < m; ++i) cost += std::abs(q[i * stride]) * test.cost[i];
+      if (cost <= test.budget) return number;
+    }
+  }
+  return last;
+}
+
+const Level& Levels::operator[](Index number) const {
+  Slot& slot = slots_[static_cast<std::size_t>(number)];
+  std::call_once(slot.built, [&] { slot.level = std::make_unique<Level>(basis_, slot.nodes); });
+  return *slot.level;
+}
+
+}  // namespace pipedyn

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: MIT
+//
+// How many quadrature nodes a reduced model's motion needs. Its integrands are products of the
+// slopes Theta_i and of exp(+-i theta(s)) at two places, entire functions of s. On the ellipse with
+// foci 0 and 1 whose axes sum to exp(eta) / 2, with Chebyshev coefficients c_ik of Theta_i,
+//
+//   |Im theta| <= sum_i |q_i| A_i,   A_i = sum_k |c_ik| sinh(k eta),
+//   |Theta_i| / max |Theta_i| <= G = max_i sum_k |c_ik| cosh(k eta) / sum_k |c_ik|,
+//
+// and Q Gauss nodes miss a fraction exp(-2 Q eta + 2 |Im theta|) G^3 or less (Trefethen 2008,
+// theorem 4.5). A level of Q nodes is taken when one of a few eta shows this to be below the
+// tolerance.
+#pragma once
+
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "pipedyn/basis.hpp"
+#include "pipedyn/galerkin_kernel.hpp"
+#include "pipedyn/quadrature.hpp"
+
+namespace pipedyn {
+
+/// One rule with the slopes at its points (the nodes and the free end). Immutable.
+class Level {
+ public:
+  Level(const Basis& basis, Index nodes);
+
+  Index nodes() const { return rule_.size(); }
+  const Quadrature& rule() const { return rule_; }
+  const Matrix& slope() const { return slope_; }        // (Q + 1, m padded)
+  const Matrix& integral() const { return integral_; }  // (Q + 1, Q)
+  const LevelTables& tables() const { return tables_; }
+
+ private:
+  Quadrature rule_;
+  Matrix slope_, slope_by_function_, integral_;
+  Vector arc_, stiffness_;
+  LevelTables tables_;
+};
+
+/// Levels of growing size, each built when it is first taken. Serves many threads.
+class Levels {
+ public:
+  /// least_nodes: start from at least so many.
+  Levels(Basis basis, Index least_nodes);
+
+  const Basis& basis() const { return basis_; }
+  Index count() const { return static_cast<Index>(slots_.size()); }
+
+  /// Number of the level for amplitudes q with the given stride, O(m) a level tried. The largest
+  /// level serves all beyond.
+  Index choose(const double* q, Index stride) const;
+
+  /// O(Q^3) at the first call for this number, then free.
+  const Level& operator[](Index number) const;
+
+ private:
+  struct Test {
+    double budget;
+    Vector cost;  // (m,), of |q_i|
+  };
+  struct Slot {
+    Index nodes = 0;
+    std::vector<Test> tests;
+    std::once_flag built;
+    std::unique_ptr<const Level> level;
+  };
+
+  Basis basis_;
+  mutable std::deque<Slot> slots_;
+};
+
+}  // namespace pipedyn

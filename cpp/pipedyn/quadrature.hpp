@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: MIT
+//
+// Gauss-Legendre quadrature on [0, 1] and the integral from 0 to any point of the polynomial
+// through its nodes. With x = 2 s - 1 and the antiderivatives I_0 = s, I_k = (P_{k+1} - P_{k-1})/(2
+// (2 k + 1)),
+//
+//   int_0^s f = sum_k I_k(s) sum_p expansion(k, p) f(s_p),   expansion(k, p) = (2 k + 1) w_p
+//   P_k(x_p).
+//
+// At the nodes this is the matrix S of Gauss collocation, for which W S + S^T W = w w^T: a discrete
+// integration by parts without error, at any number of nodes.
+#pragma once
+
+#include "pipedyn/pipe.hpp"
+
+namespace pipedyn {
+
+struct Quadrature {
+  Vector node;       // s_p, ascending, shape (count,)
+  Vector weight;     // w_p, shape (count,)
+  Matrix expansion;  // (count, count)
+
+  /// O(count^2). Throws std::invalid_argument if count < 1.
+  explicit Quadrature(Index count);
+
+  Index size() const { return node.size(); }
+
+  /// Weights of the integral from 0 to each point, shape (len(s), count), O(len(s) count^2).
+  Matrix integral_to(const Vector& s) const;
+};
+
+/// I_k(s) for k < count, written to out.
+void legendre_integrals(double s, Index count, double* out);
+
+}  // namespace pipedyn
