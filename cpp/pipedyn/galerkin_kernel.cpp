@@ -162,8 +162,8 @@ struct Block {
   const MotionEffects& effects;
   const ptrdiff_t m = level.functions, padded = level.padded, nodes = level.nodes;
   const ptrdiff_t points = nodes + 1;
-  // A row holds, of each member side by side: J_i (x, then y), then the two components of the
-  // acceleration at q'' = 0, then padding.
+  // A row holds, of each member side by side: the derivatives J_i of the position by the
+  // orthonormal coordinates (x, then y), the acceleration at q'' = 0, the velocity.
   const ptrdiff_t row_length = (2 * padded + 4) * width;
   double *theta = nullptr, *omega = nullptr, *sine = nullptr, *cosine = nullptr;
   double *integrand = nullptr, *jacobian = nullptr, *mass = nullptr;
@@ -208,7 +208,7 @@ struct Block {
   void fill_integrand() {
     for (ptrdiff_t p = 0; p < nodes; ++p) {
       const double *s = sine + p * width, *c = cosine + p * width, *w = omega + p * width;
-      const double* slope = level.slope + p * padded;
+      const double* slope = level.orthonormal + p * padded;
       double *x = integrand + p * row_length, *y = x + padded * width, *bias = y + padded * width;
       for (ptrdiff_t i = 0; i < padded; ++i) {
         for (ptrdiff_t b = 0; b < width; ++b) {
@@ -219,24 +219,18 @@ struct Block {
       for (ptrdiff_t b = 0; b < width; ++b) {
         bias[b] = -s[b] * w[b] * w[b];
         bias[width + b] = -c[b] * w[b] * w[b];
-        bias[2 * width + b] = bias[3 * width + b] = 0.0;
+        bias[2 * width + b] = c[b] * w[b];
+        bias[3 * width + b] = -s[b] * w[b];
       }
     }
   }
 
   /// Signed weights times kappa v_n^2, and nothing else of the drag: shape (nodes, width).
-  void drag(const double* rate) {
+  void drag() {
     for (ptrdiff_t p = 0; p < points; ++p) {
-      const double *x = jacobian + p * row_length, *y = x + padded * width;
-      double vx[width] = {}, vy[width] = {};
-      for (ptrdiff_t i = 0; i < m * width; i += width) {
-        for (ptrdiff_t b = 0; b < width; ++b) {
-          vx[b] += x[i + b] * rate[i + b];
-          vy[b] += y[i + b] * rate[i + b];
-        }
-      }
+      const double* v = jacobian + p * row_length + (2 * padded + 2) * width;
       for (ptrdiff_t b = 0; b < width; ++b) {
-        velocity[p * width + b] = cosine[p * width + b] * vx[b] - sine[p * width + b] * vy[b];
+        velocity[p * width + b] = cosine[p * width + b] * v[b] - sine[p * width + b] * v[width + b];
       }
     }
     for (ptrdiff_t b = 0; b < width; ++b) {
@@ -252,7 +246,7 @@ struct Block {
     bool flows = false;
     for (ptrdiff_t b = 0; b < width; ++b) flows = flows || u[b] != 0.0;
     const bool coriolis = flows && effects.coriolis != 0.0;
-    if (effects.drag != 0.0) drag(rate);
+    if (effects.drag != 0.0) drag();
     for (ptrdiff_t i = 0; i < padded * width; ++i) force[i] = 0.0;
     for (ptrdiff_t p = 0; p < nodes; ++p) {
       const double *s = sine + p * width, *c = cosine + p * width;
@@ -292,17 +286,35 @@ struct Block {
         }
       }
     }
+    double elastic[width];
     for (ptrdiff_t i = 0; i < m; ++i) {
-      for (ptrdiff_t b = 0; b < width; ++b) {
-        force[i * width + b] -= level.stiffness[i] * q[i * width + b];
-      }
-    }
-    if (effects.damping != 0.0) {
-      for (ptrdiff_t i = 0; i < m; ++i) {
+      for (ptrdiff_t b = 0; b < width; ++b) elastic[b] = level.stiffness[i] * q[i * width + b];
+      if (effects.damping != 0.0) {
         for (ptrdiff_t b = 0; b < width; ++b) {
-          force[i * width + b] -= effects.damping * level.stiffness[i] * rate[i * width + b];
+          elastic[b] += effects.damping * level.stiffness[i] * rate[i * width + b];
         }
       }
+      if (!level.to_basis) {
+        for (ptrdiff_t b = 0; b < width; ++b) force[i * width + b] -= elastic[b];
+        continue;
+      }
+      for (ptrdiff_t j = i; j < m; ++j) {
+        const double factor = level.to_basis[i * m + j];
+        for (ptrdiff_t b = 0; b < width; ++b) force[j * width + b] -= factor * elastic[b];
+      }
+    }
+  }
+
+  /// From orthonormal coordinates to the basis, in place.
+  void to_basis(double* x) const {
+    for (ptrdiff_t i = 0; i < m; ++i) {
+      double sum[width] = {};
+      for (ptrdiff_t j = i; j < m; ++j) {
+        for (ptrdiff_t b = 0; b < width; ++b) {
+          sum[b] += level.to_basis[i * m + j] * x[j * width + b];
+        }
+      }
+      for (ptrdiff_t b = 0; b < width; ++b) x[i * width + b] = sum[b];
     }
   }
 
@@ -314,6 +326,7 @@ struct Block {
     forces(q, rate, u, force);
     gram<width>(level, jacobian, row_length, mass);
     solve<width>(m, padded, mass, force, acceleration);
+    if (level.to_basis) to_basis(acceleration);
   }
 };
 

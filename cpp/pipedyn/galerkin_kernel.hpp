@@ -11,16 +11,17 @@ namespace pipedyn {
 
 using std::ptrdiff_t;
 
-/// Tables of one quadrature level, row-major. Points are the nodes and, last, the free end;
-/// functions are padded with zeros.
+/// Tables of one quadrature level, row-major. Points are the nodes and, last, the free end; the
+/// orthonormal functions are padded with zeros.
 struct LevelTables {
   static constexpr ptrdiff_t multiple = 4;  // of points, and of padded functions
 
   ptrdiff_t functions;              // m
   ptrdiff_t padded;                 // functions with the padding
   ptrdiff_t nodes;                  // Q
-  const double* slope;              // Theta_i at the points, (Q + 1, padded)
-  const double* slope_by_function;  // its transpose, (padded, Q + 1)
+  const double* slope_by_function;  // Theta_i at the points, (m, Q + 1)
+  const double* orthonormal;        // Theta T at the points, (Q + 1, padded)
+  const double* to_basis;           // T of Orthonormal, (m, m); none where it is the identity
   const double* integral;           // integral from 0 to each point, (Q + 1, Q); last row: weights
   const double* arc;                // arc length of each point, (Q + 1,)
   const double* expansion;          // of Quadrature, (Q, Q)

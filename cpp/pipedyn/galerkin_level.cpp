@@ -1,17 +1,24 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin_level.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <numbers>
+#include <stdexcept>
+#include <string>
 #include <utility>
 
 namespace pipedyn {
 
 namespace {
 
-constexpr double log_tolerance = 25.0;  // of one integrand, relative
-constexpr double products = 3.0;  // slopes in one integrand: q'_i q'_j Theta_i Theta_j Theta_k
+/// Logarithm of an integrand's relative tolerance; the powers of G counted; nodes at least.
+struct Demand {
+  double log_tolerance, growths;
+  Index least_nodes;
+};
+constexpr Demand smooth{25.0, 2.5, 7}, with_drag{33.0, 3.5, 23};
 
 Index padded(Index count) {
   return (count + LevelTables::multiple - 1) / LevelTables::multiple * LevelTables::multiple;
@@ -99,41 +106,62 @@ void signed_weights(const LevelTables& level, const double* v, ptrdiff_t stride,
   }
 }
 
-Level::Level(const Basis& basis, Index nodes) : rule_(nodes), stiffness_(basis.stiffness()) {
+Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family::beam) {
+  const Index m = basis.size();
+  to_basis = inverse = Matrix::Identity(m, m);
+  if (identity) return;
+  const Quadrature rule(m + 3);
+  const Matrix value = basis.evaluate(rule.node, 0);
+  const Matrix mass = value.transpose() * rule.weight.asDiagonal() * value;
+  const Eigen::LLT<Matrix> factors(mass);
+  if (factors.info() != Eigen::Success) {
+    throw std::invalid_argument("m must be smaller for a motion: the mass matrix of " +
+                                std::to_string(m) + " functions is singular to rounding");
+  }
+  inverse = factors.matrixU();
+  factors.matrixU().solveInPlace(to_basis);
+}
+
+Level::Level(const Basis& basis, const Orthonormal& orthonormal, Index nodes)
+    : rule_(nodes), stiffness_(basis.stiffness()) {
   arc_.resize(nodes + 1);
   arc_ << rule_.node, 1.0;
-  slope_ = Matrix::Zero(nodes + 1, padded(basis.size()));
-  slope_.leftCols(basis.size()) = basis.evaluate(arc_, 1);
+  slope_ = basis.evaluate(arc_, 1);
+  orthonormal_ = Matrix::Zero(nodes + 1, padded(basis.size()));
+  orthonormal_.leftCols(basis.size()) = slope_ * orthonormal.to_basis;
   slope_by_function_ = slope_.transpose();
   integral_ = rule_.integral_to(arc_);
   integral_.bottomRows(1) = rule_.weight.transpose();
   tables_ = {.functions = basis.size(),
-             .padded = slope_.cols(),
+             .padded = orthonormal_.cols(),
              .nodes = nodes,
-             .slope = slope_.data(),
              .slope_by_function = slope_by_function_.data(),
+             .orthonormal = orthonormal_.data(),
+             .to_basis = orthonormal.identity ? nullptr : orthonormal.to_basis.data(),
              .integral = integral_.data(),
              .arc = arc_.data(),
              .expansion = rule_.expansion.data(),
              .stiffness = stiffness_.data()};
 }
 
-Levels::Levels(Basis basis, Index least_nodes) : basis_(std::move(basis)) {
+Levels::Levels(Basis basis, bool drag, Index least_nodes)
+    : basis_(std::move(basis)), orthonormal_(basis_) {
+  const Demand& demand = drag ? with_drag : smooth;
   const Matrix coefficient = chebyshev(basis_);
   const Vector order =
       Vector::LinSpaced(coefficient.rows(), 0.0, static_cast<double>(coefficient.rows() - 1));
   const Index m = basis_.size();
   const Index largest = 16 * m + 96;
   // Points, the nodes and the end, come in whole multiples.
-  for (Index points = padded(std::max<Index>({m + 1, least_nodes + 1, 8}));;
+  for (Index points = padded(std::max({m, least_nodes, demand.least_nodes}) + 1);;
        points = padded(points + std::max<Index>(4, points / 6))) {
     std::vector<Test> tests;
     for (double eta = 0.05; eta < 3.0; eta *= 1.5) {
       const Vector size = (order * eta).array().cosh();
       const Eigen::ArrayXd growth = (size.transpose() * coefficient).transpose().array() /
                                     coefficient.colwise().sum().transpose().array();
-      const double budget = 2.0 * static_cast<double>(points - 1) * eta - log_tolerance -
-                            products * std::log(growth.maxCoeff());
+      const double budget = 2.0 * static_cast<double>(points - 1) * eta - demand.log_tolerance -
+                            demand.growths * std::log(growth.maxCoeff());
       if (!(budget > 0.0)) continue;
       const Vector slant = (order * eta).array().sinh();
       tests.push_back({budget, 2.0 * coefficient.transpose() * slant});
@@ -161,7 +189,8 @@ Index Levels::choose(const double* q, Index stride) const {
 
 const Level& Levels::operator[](Index number) const {
   Slot& slot = slots_[static_cast<std::size_t>(number)];
-  std::call_once(slot.built, [&] { slot.level = std::make_unique<Level>(basis_, slot.nodes); });
+  std::call_once(slot.built,
+                 [&] { slot.level = std::make_unique<Level>(basis_, orthonormal_, slot.nodes); });
   return *slot.level;
 }
 

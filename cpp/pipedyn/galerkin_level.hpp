@@ -7,9 +7,10 @@
 //   |Im theta| <= sum_i |q_i| A_i,   A_i = sum_k |c_ik| sinh(k eta),
 //   |Theta_i| / max |Theta_i| <= G = max_i sum_k |c_ik| cosh(k eta) / sum_k |c_ik|,
 //
-// and Q Gauss nodes miss a fraction exp(-2 Q eta + 2 |Im theta|) G^3 or less (Trefethen 2008,
-// theorem 4.5). A level of Q nodes is taken when one of a few eta shows this to be below the
-// tolerance.
+// and Q Gauss nodes miss about a fraction exp(-2 Q eta + 2 |Im theta|) of an integrand, times a G
+// for each slope in it (after Trefethen 2008, theorem 4.5). A level of Q nodes is taken when one of
+// a few eta shows this to be below the tolerance. How many G to count was found by measurement, and
+// so was the tolerance with drag, where integrals that end at the zeros of v_n miss exp(-Q eta).
 #pragma once
 
 #include <deque>
@@ -23,20 +24,32 @@
 
 namespace pipedyn {
 
+/// /// Functions orthonormal with the straight pipe's mass: in them a mass matrix is solved without
+/// losing the digits that its condition number in the basis (1e6 for 8 Legendre functions) takes.
+struct Orthonormal {
+  bool identity;    // as for beam modes
+  Matrix to_basis;  // T, upper triangular: their combinations of the basis, (m, m)
+  Matrix inverse;   // upper triangular
+
+  /// Throws std::invalid_argument where the basis is dependent to rounding.
+  explicit Orthonormal(const Basis& basis);
+};
+
 /// One rule with the slopes at its points (the nodes and the free end). Immutable.
 class Level {
  public:
-  Level(const Basis& basis, Index nodes);
+  Level(const Basis& basis, const Orthonormal& orthonormal, Index nodes);
 
   Index nodes() const { return rule_.size(); }
   const Quadrature& rule() const { return rule_; }
-  const Matrix& slope() const { return slope_; }        // (Q + 1, m padded)
-  const Matrix& integral() const { return integral_; }  // (Q + 1, Q)
+  const Matrix& slope() const { return slope_; }              // Theta_i, (Q + 1, m)
+  const Matrix& orthonormal() const { return orthonormal_; }  // Theta T, (Q + 1, m padded)
+  const Matrix& integral() const { return integral_; }        // (Q + 1, Q)
   const LevelTables& tables() const { return tables_; }
 
  private:
   Quadrature rule_;
-  Matrix slope_, slope_by_function_, integral_;
+  Matrix slope_, slope_by_function_, orthonormal_, integral_;
   Vector arc_, stiffness_;
   LevelTables tables_;
 };
@@ -44,10 +57,11 @@ class Level {
 /// Levels of growing size, each built when it is first taken. Serves many threads.
 class Levels {
  public:
-  /// least_nodes: start from at least so many.
-  Levels(Basis basis, Index least_nodes);
+  /// least_nodes: start from at least so many; drag: integrals end at inner points.
+  Levels(Basis basis, bool drag, Index least_nodes);
 
   const Basis& basis() const { return basis_; }
+  const Orthonormal& orthonormal() const { return orthonormal_; }
   Index count() const { return static_cast<Index>(slots_.size()); }
 
   /// Number of the level for amplitudes q with the given stride, O(m) a level tried. The largest
@@ -70,6 +84,7 @@ class Levels {
   };
 
   Basis basis_;
+  Orthonormal orthonormal_;
   mutable std::deque<Slot> slots_;
 };
 

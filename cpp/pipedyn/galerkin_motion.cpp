@@ -41,9 +41,8 @@ struct Frame {
 
   template <class Amplitudes, class Rates>
   void set(const Level& level, const Amplitudes& q, const Rates& rate) {
-    const auto slope = level.slope().leftCols(q.size());
-    sine.noalias() = slope * q;
-    omega.noalias() = slope * rate;
+    sine.noalias() = level.slope() * q;
+    omega.noalias() = level.slope() * rate;
     cosine = sine.array().cos();
     sine = sine.array().sin();
   }
@@ -64,11 +63,13 @@ struct Frame {
   }
 };
 
-/// Derivatives of the position, integral of n Theta_i, at a level's points, by component.
-void set_position_derivatives(const Level& level, const Frame& frame, Index m, Matrix& integrand,
-                              Matrix& x, Matrix& y) {
+/// Derivatives of the position, integral of n Theta_i, at a level's points, by component; slopes
+/// (points, m) holds the Theta_i.
+template <class Slopes>
+void set_position_derivatives(const Level& level, const Frame& frame, const Slopes& slopes,
+                              Matrix& integrand, Matrix& x, Matrix& y) {
   const Index nodes = level.nodes();
-  const auto slope = level.slope().topLeftCorner(nodes, m);
+  const auto slope = slopes.topRows(nodes);
   integrand.noalias() = frame.cosine.head(nodes).asDiagonal() * slope;
   x.noalias() = level.integral() * integrand;
   integrand.noalias() = -(frame.sine.head(nodes).asDiagonal() * slope);
@@ -78,7 +79,7 @@ void set_position_derivatives(const Level& level, const Frame& frame, Index m, M
 }  // namespace
 
 GalerkinMotion::GalerkinMotion(const Pipe& pipe, Basis basis, Index least_nodes)
-    : pipe_(pipe), levels_(std::move(basis), least_nodes) {}
+    : pipe_(pipe), levels_(std::move(basis), pipe.drag != 0.0, least_nodes) {}
 
 MotionEffects GalerkinMotion::effects() const {
   return {.coriolis = 2.0 * pipe_.direction() * pipe_.sqrt_beta(),
@@ -166,8 +167,8 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   const Map q(y, m), rate(y + m, m);
   const Level& level = levels_[levels_.choose(y, 1)];
   const Index nodes = level.nodes(), points = nodes + 1;
-  const auto slope = level.slope().leftCols(m);
-  const auto weight = level.rule().weight;
+  const Matrix& slope = level.slope();
+  const Vector& weight = level.rule().weight;
   const MotionEffects effects = this->effects();
   const double coriolis = effects.coriolis * u, thrust = effects.centrifugal * u * u;
   const bool drags = effects.drag != 0.0;
@@ -176,7 +177,8 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   accelerations(level.tables(), effects, 1, y, y + m, &u,
                 kernel.ensure(size_of(work_size(level.tables(), 1))), acceleration.data());
   frame.set(level, q, rate);
-  set_position_derivatives(level, frame, m, integrand, jx, jy);
+  const auto orthonormal = level.orthonormal().leftCols(m);
+  set_position_derivatives(level, frame, orthonormal, integrand, jx, jy);
   const auto s = frame.sine.array(), c = frame.cosine.array(), omega = frame.omega.array();
   const auto inner = Eigen::seqN(0, nodes);
   spin.noalias() = slope * acceleration;  // second derivative of the angle
@@ -222,7 +224,7 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   by_angle.resize(points, m);
   by_angle.row(nodes) = thrust * across.row(nodes);
   auto angle = by_angle.topRows(nodes).array();
-  angle = slope.topRows(nodes).array().colwise() *
+  angle = orthonormal.topRows(nodes).array().colwise() *
           (-s_in * weighted.col(0).array() - c_in * weighted.col(1).array());
   angle -= sum_along.array().colwise() * spin(inner).array();
   angle -= sum_across.array().colwise() * omega_in.square();
@@ -249,16 +251,23 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   }
   system.leftCols(m).noalias() = -by_angle.transpose() * slope;
   system.rightCols(m).noalias() = -by_rate.transpose() * slope.topRows(nodes);
-  if (drags) system.rightCols(m).noalias() -= by_drag.transpose() * across.topRows(nodes);
+  // Rows belong to orthonormal coordinates, columns to the basis.
+  const Orthonormal& functions = levels_.orthonormal();
+  const auto to_basis = functions.to_basis.triangularView<Eigen::Upper>();
+  if (drags) {
+    integrand.noalias() = by_drag.transpose() * across.topRows(nodes);
+    system.rightCols(m).noalias() -= integrand * functions.inverse;
+  }
   const Map stiffness(level.tables().stiffness, m);
-  system.leftCols(m).diagonal() -= stiffness;
-  system.rightCols(m).diagonal() -= effects.damping * stiffness;
+  integrand.noalias() = functions.to_basis.transpose() * stiffness.asDiagonal();
+  system.leftCols(m) -= integrand;
+  if (effects.damping != 0.0) system.rightCols(m) -= effects.damping * integrand;
   factors.compute(mass);
   factors.solveInPlace(system);
   Eigen::Map<Matrix> result(out, 2 * m, 2 * m);
   result.topLeftCorner(m, m).setZero();
   result.topRightCorner(m, m).setIdentity();
-  result.bottomRows(m) = system;
+  result.bottomRows(m).noalias() = to_basis * system;
   if (factors.info() != Eigen::Success) {
     result.bottomRows(m).setConstant(std::numeric_limits<double>::quiet_NaN());
   }
@@ -329,13 +338,13 @@ Operators GalerkinMotion::operators(const Vector& q) const {
   const Level& level = levels_[levels_.choose(q.data(), 1)];
   const Index nodes = level.nodes();
   const auto weight = level.rule().weight.asDiagonal();
-  const auto slope = level.slope().leftCols(m);
+  const Matrix& slope = level.slope();
   const auto slope_in = slope.topRows(nodes);
   const Map stiffness(level.tables().stiffness, m);
   Frame frame;
   Matrix integrand, x, y;
   frame.set(level, q, Vector(Vector::Zero(m)));
-  set_position_derivatives(level, frame, m, integrand, x, y);
+  set_position_derivatives(level, frame, slope, integrand, x, y);
   const auto x_in = x.topRows(nodes), y_in = y.topRows(nodes);
   const auto s = frame.sine.head(nodes).array(), c = frame.cosine.head(nodes).array();
   Operators ops(m);
