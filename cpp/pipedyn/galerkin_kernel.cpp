@@ -186,7 +186,7 @@ struct Block {
     mass = take(padded * padded * width);
     velocity = take(points * width);
     weighted = take(points * width);
-    scratch = take(nodes);
+    scratch = take(3 * nodes);
     return used;
   }
 

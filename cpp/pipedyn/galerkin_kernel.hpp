@@ -51,8 +51,8 @@ void accelerations(const LevelTables& level, const MotionEffects& effects, ptrdi
 
 /// Weights (Q,) that integrate sign(v) f for a smooth f, given v at the points: the interval is cut
 /// at the zeros of v, each found on the cubic through the four points around it. Where f has a
-/// double zero with v, as |v| v has, a zero's error enters by its cube. O(Q) and O(Q^2) a zero. v
-/// and weights are strided; scratch holds Q doubles.
+/// double zero with v, as |v| v has, a zero's error enters by its cube. O(Q), and O(Q^2) with
+/// zeros. v and weights are strided; scratch holds 3 Q doubles.
 void signed_weights(const LevelTables& level, const double* v, ptrdiff_t stride, double* scratch,
                     double* weights);
 

@@ -18,7 +18,7 @@ struct Demand {
   double log_tolerance, growths;
   Index least_nodes;
 };
-constexpr Demand smooth{25.0, 2.5, 7}, with_drag{33.0, 3.5, 23};
+constexpr Demand smooth{25.0, 2.5, 7}, with_drag{33.0, 3.5, 31};
 
 Index padded(Index count) {
   return (count + LevelTables::multiple - 1) / LevelTables::multiple * LevelTables::multiple;
@@ -82,28 +82,30 @@ void signed_weights(const LevelTables& level, const double* v, ptrdiff_t stride,
                     double* weights) {
   const ptrdiff_t nodes = level.nodes;
   const double* weight = level.integral + nodes * nodes;
+  double *turned = scratch, *integrals = scratch + nodes, *sum = scratch + 2 * nodes;
   double sign = v[0] < 0.0 ? -1.0 : 1.0;
-  for (ptrdiff_t p = 0; p < nodes; ++p) weights[p * stride] = sign * weight[p];
+  bool turns = false;
+  // From a zero on, twice the integral up to it less twice the whole turns the sign.
   for (ptrdiff_t p = 0; p < nodes; ++p) {
-    const double next = v[(p + 1) * stride];
-    if (!(sign * next < 0.0)) continue;
+    if (!(sign * v[(p + 1) * stride] < 0.0)) continue;
+    if (!turns) std::fill(turned, turned + nodes, 0.0);
+    turns = true;
     const ptrdiff_t first = std::clamp<ptrdiff_t>(p - 1, 0, nodes - 3);
     const double* arc = level.arc + first;
     const double zero = cubic_zero({arc[0], arc[1], arc[2], arc[3]}, v + first * stride, stride,
                                    level.arc[p], level.arc[p + 1]);
-    legendre_integrals(zero, nodes, scratch);  // beyond the zero: turn the sign
-    for (ptrdiff_t node = 0; node < nodes; ++node) {
-      weights[node * stride] -= 2.0 * sign * weight[node];
-    }
-    for (ptrdiff_t k = 0; k < nodes; ++k) {
-      const double factor = 2.0 * sign * scratch[k];
-      const double* expansion = level.expansion + k * nodes;
-      for (ptrdiff_t node = 0; node < nodes; ++node) {
-        weights[node * stride] += factor * expansion[node];
-      }
-    }
+    legendre_integrals(zero, nodes, integrals);
+    for (ptrdiff_t k = 0; k < nodes; ++k) turned[k] += 2.0 * sign * integrals[k];
     sign = -sign;
   }
+  for (ptrdiff_t p = 0; p < nodes; ++p) sum[p] = sign * weight[p];
+  if (turns) {
+    for (ptrdiff_t k = 0; k < nodes; ++k) {
+      const double* expansion = level.expansion + k * nodes;
+      for (ptrdiff_t p = 0; p < nodes; ++p) sum[p] += turned[k] * expansion[p];
+    }
+  }
+  for (ptrdiff_t p = 0; p < nodes; ++p) weights[p * stride] = sum[p];
 }
 
 Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family::beam) {

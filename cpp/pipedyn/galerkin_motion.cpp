@@ -58,7 +58,7 @@ struct Frame {
   void set_drag(const Level& level) {
     normal = cosine.cwiseProduct(velocity.col(0)) - sine.cwiseProduct(velocity.col(1));
     weight.resize(level.nodes());
-    scratch.resize(level.nodes());
+    scratch.resize(3 * level.nodes());
     signed_weights(level.tables(), normal.data(), 1, scratch.data(), weight.data());
   }
 };

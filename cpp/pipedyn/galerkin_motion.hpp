@@ -59,7 +59,7 @@ class GalerkinMotion {
   /// Kinetic, elastic and gravity's energy, 0 at rest on the straight pipe; out (members,). O(Q^2).
   void energy(Index members, const double* y, double* out) const;
 
-  /// Rate of energy by its causes, O(Q^2 + zeros of v_n * Q^2) a member.
+  /// Rate of energy by its causes, O(Q^2) a member.
   void power(Index members, const double* y, const double* u, Index u_stride,
              const PowerParts& out) const;
 
