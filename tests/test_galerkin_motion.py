@@ -1,0 +1,587 @@
+# SPDX-License-Identifier: MIT
+"""Motion of the reduced model at any amplitude, against routes that do not share its derivation."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.polynomial import Legendre
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, root
+
+import pipedyn as pd
+from pipedyn import _core
+from pipedyn.model import core_pipe
+
+BASES = ["beam", "legendre"]
+FLOWS = ["ejecting", "aspirating"]
+EIGHTH_ORDER = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+SECOND_DERIVATIVE = (-1 / 560, 8 / 315, -1 / 5, 8 / 5)
+
+
+def gauss(count):
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def derivative(function, h):
+    """Eighth-order central difference at 0."""
+    return sum(c * function(k * h) for k, c in zip(range(-4, 5), EIGHTH_ORDER, strict=True)) / h
+
+
+def second_derivative(function, h):
+    """Eighth-order central difference at 0."""
+    sides = zip((4, 3, 2, 1), SECOND_DERIVATIVE, strict=True)
+    pairs = sum(c * (function(k * h) + function(-k * h)) for k, c in sides)
+    return (pairs - 205 / 72 * function(0.0)) / h**2
+
+
+def state(model, rng, angle, speed=14.0, falling=2):
+    """A random state whose largest angle and rate are given, coefficients like i^-falling."""
+    m = model.dof
+    slopes = model.functions(np.linspace(0.0, 1.0, 200), 1)
+    fall = np.abs(slopes).max(axis=0) * np.arange(1.0, m + 1.0) ** falling
+    q, rate = rng.normal(size=(2, m)) / fall
+    q *= angle / np.abs(slopes @ q).max()
+    rate *= speed * angle / np.abs(slopes @ rate).max()
+    return np.concatenate([q, rate])
+
+
+def fine(model, nodes):
+    """The same equations with at least so many quadrature nodes."""
+    return _core.GalerkinMotion(
+        pipe=core_pipe(model.pipe),
+        legendre=model.basis == "legendre",
+        size=model.dof,
+        least_nodes=nodes,
+    )
+
+
+# ------------------------------------------------------------- d'Alembert, from positions alone
+
+
+def textbook_slopes(basis, m):
+    """Functions Theta_i and their derivatives: beam modes with cosh, Legendre series by numpy."""
+    if basis == "legendre":
+        bends = [math.sqrt(2 * i + 1) * Legendre.basis(i, domain=[0, 1]) for i in range(m)]
+        turns = [bend.integ(lbnd=0.0) for bend in bends]
+        return (
+            lambda s: np.stack([turn(s) for turn in turns], axis=-1),
+            lambda s: np.stack([bend(s) for bend in bends], axis=-1),
+        )
+    characteristic = lambda k: math.cos(k) + 1 / math.cosh(k)  # noqa: E731
+    roots = np.array(
+        [brentq(characteristic, (i + 0.2) * math.pi, (i + 0.8) * math.pi) for i in range(m)]
+    )
+    sigma = (np.cosh(roots) + np.cos(roots)) / (np.sinh(roots) + np.sin(roots))
+
+    def turn(s):
+        x = np.multiply.outer(s, roots)
+        return roots * (np.sinh(x) + np.sin(x) - sigma * (np.cosh(x) - np.cos(x)))
+
+    def bend(s):
+        x = np.multiply.outer(s, roots)
+        return roots**2 * (np.cosh(x) + np.cos(x) - sigma * (np.sinh(x) + np.sin(x)))
+
+    return turn, bend
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_pipe_and_fluid_obey_dalembert(m, basis, flow):
+    """Accelerations of pipe and of fluid particles, differentiated from where they are.
+
+    A fluid particle moves through the pipe at U / sqrt(beta); only positions r(s, q) are used, with
+    virtual displacements that are their differences. The inlet coefficient, an empirical factor of
+    the centrifugal force, multiplies that part of the particle's acceleration.
+    """
+    rng = np.random.default_rng(m)
+    pipe = pd.Pipe(0.3, gamma=4.0, flow=flow, alpha=0.6, drag=0.8, damping=0.02)
+    model = pd.Galerkin(pipe, m, basis)
+    u = 5.0
+    sign, centrifugal = (1.0, 1.0) if flow == "ejecting" else (-1.0, 0.6)
+    turn, bend = textbook_slopes(basis, m)
+    inner, inner_weights = gauss(40)
+
+    def position(s, q):
+        angle = turn(np.multiply.outer(s, inner)) @ q
+        along = np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+        return s[:, None] * np.einsum("skc,k->sc", along, inner_weights)
+
+    def moved(t, q, rate, acceleration, drift=0.0):
+        return position(s + drift * t, q + rate * t + 0.5 * acceleration * t**2)
+
+    panel, panel_weights = gauss(8)
+    s = ((np.arange(30)[:, None] + panel) / 30).ravel()  # many panels: the drag has kinks
+    weights = np.tile(panel_weights / 30, 30)
+    for _ in range(3):
+        y = state(model, rng, angle=rng.uniform(0.3, 2.0))
+        q, rate = y[:m], y[m:]
+        motion = partial(moved, q=q, rate=rate, acceleration=model.rhs(0.0, y, u)[m:])
+        speed, h = sign * u / math.sqrt(0.3), 1e-3
+        bent = second_derivative(lambda x, q=q: position(s + x, q), 5e-3) * speed**2
+        fluid = second_derivative(partial(motion, drift=speed), h) - (1.0 - centrifugal) * bent
+        angle = turn(s) @ q
+        normal = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
+        across = np.sum(normal * derivative(motion, h), axis=-1)
+        load = 0.7 * second_derivative(motion, h) + 0.3 * fluid - [0.0, 4.0]
+        load += 0.8 * (np.abs(across) * across)[:, None] * normal
+        for i in range(m):
+            unit = np.eye(m)[i]
+            virtual = derivative(lambda x, q=q, unit=unit: position(s, q + x * unit), 5e-3)
+            work = np.sum(load * virtual, axis=-1)
+            bending = bend(s) @ (q + 0.02 * rate) * bend(s)[:, i]
+            size = weights @ np.abs(work) + weights @ np.abs(bending)
+            assert abs(weights @ (work + bending)) < 2e-7 * size
+
+
+# ------------------------------------------------------------------------------------ energy
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize("effects", range(16))
+def test_power_is_the_energys_rate_with_every_effect_on_and_off(effects, basis, flow):
+    rng = np.random.default_rng(effects)
+    gravity, drag, damping, flowing = (bool(effects >> bit & 1) for bit in range(4))
+    pipe = pd.Pipe(
+        0.4,
+        gamma=-7.0 if gravity else 0.0,
+        flow=flow,
+        alpha=0.7,
+        drag=1.5 if drag else 0.0,
+        damping=0.01 if damping else 0.0,
+    )
+    model = pd.Galerkin(pipe, 5, basis)
+    u = 6.0 if flowing else 0.0
+    for angle in (0.5, 3.0):
+        y = state(model, rng, angle)
+        slope = model.rhs(0.0, y, u)
+        power = model.power(y, u)
+        pace = np.linalg.norm(slope) / np.linalg.norm(y)
+        rate = derivative(lambda t, y=y, slope=slope: model.energy(y + t * slope), 3e-3 / pace)
+        # The modes exchange energy far faster than the pipe gains it: differences feel that.
+        assert rate == pytest.approx(power.total, abs=1e-11 * model.energy(y) * pace)
+        assert power.total == power.flow + power.joints + power.drag
+        assert power.others == 0.0
+        assert (power.flow != 0.0) == flowing
+        assert (power.joints < 0.0) == damping
+        assert (power.drag < 0.0) == drag
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+def test_the_flow_works_at_the_free_end_only(flow):
+    rng = np.random.default_rng(3)
+    model = pd.Galerkin(pd.Pipe(0.25, gamma=2.0, flow=flow, alpha=0.7), 4, "legendre")
+    y, u = state(model, rng, 1.5), 4.0
+    q, rate = y[:4], y[4:]
+    velocity = derivative(lambda t: model.tip(q + t * rate), 1e-3)
+    angle = (model.functions([1.0], 1) @ q)[0]
+    along = velocity @ [math.sin(angle), math.cos(angle)]
+    sign, centrifugal = (1.0, 1.0) if flow == "ejecting" else (-1.0, 0.7)
+    expected = -sign * 0.5 * u * velocity @ velocity - centrifugal * u**2 * along
+    assert model.power(y, u).flow == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_energy_is_that_of_the_shape(basis):
+    """Bending, weight and kinetic energy of the drawn centreline; zero at rest."""
+    rng = np.random.default_rng(4)
+    model = pd.Galerkin(pd.Pipe(0.3, gamma=6.0), 4, basis)
+    y = state(model, rng, 2.0)
+    q, rate = y[:4], y[4:]
+    s, weights = gauss(60)
+    bending = 0.5 * weights @ (model.functions(s, 2) @ q) ** 2
+    weight = 6.0 * weights @ (s - model.shape(q, s)[:, 1])
+    velocity = derivative(lambda t: model.shape(q + t * rate, s), 1e-3)
+    kinetic = 0.5 * weights @ np.sum(velocity**2, axis=1)
+    assert model.energy(y) == pytest.approx(bending + weight + kinetic, rel=1e-9)
+    assert model.energy(np.zeros(8)) == 0.0
+    tiny = np.concatenate([1e-9 * q, np.zeros(4)])
+    linear = 0.5 * tiny[:4] @ model.operators().stiffness @ tiny[:4]
+    assert model.energy(tiny) == pytest.approx(linear, rel=1e-9, abs=0.0)
+
+
+# ---------------------------------------------------------------------------------- Jacobian
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize("drag", [0.0, 1.5])
+def test_jacobian_is_the_derivative_of_rhs(drag, basis, flow):
+    rng = np.random.default_rng(5)
+    m, u = 5, 5.0
+    pipe = pd.Pipe(0.4, gamma=-7.0, flow=flow, alpha=0.7, drag=drag, damping=0.01)
+    model = pd.Galerkin(pipe, m, basis)
+    scale = np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
+    for angle in (0.5, 2.0):
+        y = state(model, rng, angle)
+        found = model.jacobian(0.0, y, u) * scale
+
+        def along(x, j, y=y):
+            return model.rhs(0.0, y + x * scale[j] * np.eye(2 * m)[j], u)
+
+        expected = np.stack([derivative(partial(along, j=j), 1e-2) for j in range(2 * m)], axis=1)
+        error = np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)
+        # With drag the difference's steps move the kinks of the integrand.
+        assert error.max() < (3e-6 if drag else 1e-9)
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("basis", BASES)
+def test_small_motions_are_those_of_the_operators(basis, flow):
+    """Drag included: it has no linear part, and a Jacobian at rest."""
+    rng = np.random.default_rng(6)
+    pipe = pd.Pipe(0.4, gamma=5.0, flow=flow, alpha=0.7, drag=2.0, damping=0.01)
+    model = pd.Galerkin(pipe, 6, basis)
+    mass, damping, stiffness = model.operators().at(5.0)
+    linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    jacobian = model.jacobian(0.0, np.zeros(12), 5.0)
+    np.testing.assert_allclose(jacobian[6:], linear, atol=1e-10 * np.abs(linear).max())
+    np.testing.assert_array_equal(jacobian[:6], np.eye(12)[6:])
+    smooth = pd.Galerkin(pd.Pipe(0.4, gamma=5.0, flow=flow, alpha=0.7, damping=0.01), 6, basis)
+    y = state(model, rng, 1.0)
+    errors = [
+        np.abs(smooth.rhs(0.0, size * y, 5.0)[6:] / size - linear @ y).max() for size in (0.1, 0.01)
+    ]
+    assert errors[1] == pytest.approx(errors[0] / 100.0, rel=0.05)
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_operators_about_a_buckled_pipe_are_its_small_motions(basis):
+    """Standing under too much weight it rests bent; there the Jacobian is that of the operators."""
+    model = pd.Galerkin(pd.Pipe(0.3, gamma=-12.0, damping=0.02), 5, basis)
+
+    def force(q):
+        return model.rhs(0.0, np.concatenate([q, np.zeros(5)]), 1.0)[5:]
+
+    rest = root(force, model.elastic_scale * [1.5, 0.0, 0.0, 0.0, 0.0], tol=1e-13).x
+    assert abs(model.tip(rest)[0]) > 0.3
+    ops = model.operators(rest)
+    mass, damping, stiffness = ops.at(1.0)
+    linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    jacobian = model.jacobian(0.0, np.concatenate([rest, np.zeros(5)]), 1.0)
+    np.testing.assert_allclose(jacobian[5:], linear, atol=1e-9 * np.abs(linear).max())
+    np.testing.assert_array_equal(ops.gyroscopic, -ops.gyroscopic.T)
+    for name in ("mass", "end_flux", "damping", "stiffness"):
+        matrix = getattr(ops, name)
+        np.testing.assert_allclose(matrix, matrix.T, atol=1e-13 * np.abs(matrix).max())
+    assert np.linalg.matrix_rank(ops.end_flux) == 2
+    straight = model.operators(np.zeros(5))
+    for name in ("mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"):
+        expected = getattr(model.operators(), name)
+        size = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(getattr(straight, name), expected, atol=1e-13 * size)
+
+
+# -------------------------------------------------------------------------------- quadrature
+
+
+@pytest.mark.parametrize("drag", [0.0, 1.0])
+@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize("m", [1, 2, 3, 5, 8, 12])
+def test_quadrature_misses_less_than_it_says(m, basis, drag):
+    """Against far more nodes, from small angles to pi, in low functions and in all of them."""
+    rng = np.random.default_rng(7)
+    model = pd.Galerkin(pd.Pipe(0.3, gamma=5.0, drag=drag), m, basis)
+    reference = fine(model, 400 if drag else 250)
+    worst = 0.0
+    for angle in (0.3, 1.0, 2.0, math.pi):
+        for falling in (0.0, 1.0, 3.0):
+            for speed in (1.0, 14.0, 40.0):
+                y = state(model, rng, angle, speed, falling)
+                expected = reference.rhs(0.0, y, 6.0)
+                error = np.abs(model.rhs(0.0, y, 6.0) - expected)[m:].max()
+                worst = max(worst, error / np.abs(expected[m:]).max())
+    assert worst < (1e-6 if drag else 1e-10)
+
+
+def test_nodes_follow_functions_and_amplitude():
+    counts = [
+        pd.Galerkin(pd.Pipe(0.2), m, "legendre").motion.nodes(np.zeros(m)) for m in (2, 8, 24)
+    ]
+    assert counts == sorted(set(counts))
+    model = pd.Galerkin(pd.Pipe(0.2), 8, "legendre")
+    curled = np.eye(8)[0]
+    counts = [model.motion.nodes(size * curled) for size in (0.0, 3.0, 30.0, 1e6)]
+    assert counts == sorted(set(counts))
+    assert np.isfinite(model.rhs(0.0, np.concatenate([1e6 * curled, curled]), 1.0)).all()
+
+
+# ----------------------------------------------------------------------- batches and threads
+
+
+@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize("m", [1, 5, 8])
+def test_a_batch_is_its_members(m, basis):
+    """At every width, whatever the neighbours' amplitudes."""
+    rng = np.random.default_rng(8)
+    model = pd.Galerkin(pd.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), m, basis)
+    angles = rng.choice([0.0, 0.1, 1.0, 3.0], 20)
+    states = np.stack([state(model, rng, angle) for angle in angles], axis=1)
+    speeds = rng.uniform(0.0, 7.0, 20)
+    speeds[::5] = 0.0
+    single = np.stack([model.rhs(0.0, states[:, k], speeds[k]) for k in range(20)], axis=1)
+    size = np.abs(single).max(axis=0)
+    for width in range(1, 21):
+        found = model.rhs(0.0, states[:, :width], speeds[:width])
+        assert (np.abs(found - single[:, :width]) <= 1e-12 * size[:width]).all()
+    common = model.rhs(0.0, states, 3.0)
+    np.testing.assert_array_equal(common, model.rhs(0.0, states, np.full(20, 3.0)))
+    energies = [model.energy(states[:, k]) for k in range(20)]
+    np.testing.assert_allclose(model.energy(states), energies, rtol=1e-13)
+    powers = model.power(states, speeds)
+    for name in ("flow", "joints", "drag", "total"):
+        each = np.array([getattr(model.power(states[:, k], speeds[k]), name) for k in range(20)])
+        found = getattr(powers, name)
+        np.testing.assert_allclose(found, each, atol=1e-12 * np.abs(each).max())
+
+
+def test_one_model_serves_many_threads():
+    rng = np.random.default_rng(9)
+    pipe = pd.Pipe(0.3, gamma=1.0, drag=0.5)
+    model, fresh = pd.Galerkin(pipe, 6, "legendre"), pd.Galerkin(pipe, 6, "legendre")
+    states = [state(model, rng, angle) for angle in rng.uniform(0.0, 3.0, 64)]
+    batch = np.stack(states, axis=1)
+
+    def answers(asked, y):
+        return (
+            asked.rhs(0.0, y, 5.0),
+            asked.jacobian(0.0, y, 5.0),
+            asked.energy(y),
+            asked.power(y, 5.0).total,
+            asked.rhs(0.0, batch, 5.0),
+        )
+
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(partial(answers, fresh), states))
+    for y, found in zip(states, together, strict=True):
+        for one, other in zip(found, answers(model, y), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+# ---------------------------------------------------------------------------------- symmetry
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_the_mirror_image_moves_as_the_mirror_image(basis):
+    rng = np.random.default_rng(10)
+    model = pd.Galerkin(pd.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), 5, basis)
+    y = state(model, rng, 2.0)
+    slope = model.rhs(0.0, y, 5.0)
+    size = np.abs(slope).max()
+    np.testing.assert_allclose(model.rhs(0.0, -y, 5.0), -slope, rtol=0, atol=1e-13 * size)
+
+
+def test_reversing_time_turns_the_flow():
+    """Ejecting, seen backwards, is aspirating with the inlet coefficient 1."""
+    rng = np.random.default_rng(11)
+    out = pd.Galerkin(pd.Pipe(0.4, gamma=2.0), 4, "legendre")
+    back = pd.Galerkin(pd.Pipe(0.4, gamma=2.0, flow="aspirating"), 4, "legendre")
+    y = state(out, rng, 1.5)
+    turned = np.concatenate([y[:4], -y[4:]])
+    forward = out.rhs(0.0, y, 3.0)[4:]
+    np.testing.assert_allclose(back.rhs(0.0, turned, 3.0)[4:], forward, rtol=1e-11)
+
+
+# ------------------------------------------------------------------------------ known motions
+
+
+def half_period_map(model, u, y, duration):
+    """State after a duration and its derivative with respect to the state before."""
+    n = y.size
+
+    def slope(t, both):
+        now = both[:n]
+        change = model.jacobian(t, now, u) @ both[n:].reshape(n, n)
+        return np.concatenate([model.rhs(t, now, u), change.ravel()])
+
+    start = np.concatenate([y, np.eye(n).ravel()])
+    end = solve_ivp(slope, (0.0, duration), start, "DOP853", rtol=1e-8, atol=1e-10).y[:, -1]
+    return end[:n], end[n:].reshape(n, n)
+
+
+def limit_cycle(model, u, frequency, angle):
+    """Start and period of the cycle: after half a period the pipe is its own mirror image."""
+    growth, shapes = np.linalg.eig(model.jacobian(0.0, np.zeros(2 * model.dof), u))
+    unstable = shapes[:, np.argmax(growth.real)]
+    slopes = model.functions([1.0], 1)[0]
+    unstable = unstable / (slopes @ unstable[: model.dof])
+    y, half = angle * unstable.real, math.pi / frequency
+    phase = np.concatenate([np.zeros(model.dof), slopes])  # the end's angle is at its largest
+    for _ in range(12):
+        end, change = half_period_map(model, u, y, half)
+        column = model.rhs(0.0, end, u)[:, None]
+        system = np.block([[change + np.eye(y.size), column], [phase[None, :], np.zeros((1, 1))]])
+        step = np.linalg.solve(system, -np.append(end + y, phase @ y))
+        y, half = y + step[:-1], half + step[-1]
+        if np.abs(step[:-1]).max() < 1e-7 * np.abs(y).max():
+            return y, 2.0 * half
+    raise AssertionError("Newton's method did not find the cycle")
+
+
+@pytest.mark.parametrize(
+    ("damping", "amplitude", "frequency"),
+    [(0.0, 0.276611, 13.79155), (0.001, 0.262918, 13.69632)],
+)
+def test_the_settled_cycle_at_beta_one_fifth(damping, amplitude, frequency):
+    """u = 6, gamma = 0; values of an independent shooting and of extensible finite elements."""
+    model = pd.Galerkin(pd.Pipe(0.2, damping=damping), 7, "legendre")
+    y, period = limit_cycle(model, 6.0, 13.8, 1.0)
+    assert 2.0 * math.pi / period == pytest.approx(frequency, abs=2e-5)
+    times = np.linspace(0.0, period, 65)
+    motion = solve_ivp(
+        lambda t, y: model.rhs(t, y, 6.0), (0.0, period), y, "DOP853", times, rtol=1e-8, atol=1e-10
+    )
+    tips = np.array([model.tip(q)[0] for q in motion.y[: model.dof].T])
+    # The peak lies between samples: the harmonics of a periodic motion reach it.
+    harmonics = np.fft.rfft(tips[:-1])
+    between = np.fft.irfft(harmonics, 4096) * 4096 / 64
+    assert 0.5 * (between.max() - between.min()) == pytest.approx(amplitude, abs=2e-6)
+
+
+def test_first_lyapunov_coefficient_at_beta_one_fifth():
+    """-3.20501 for |tip| = 1, from cubic differences of rhs at the critical speed."""
+    m, u, omega = 10, 5.591404378, 13.71469980
+    model = pd.Galerkin(pd.Pipe(0.2), m, "legendre")
+    linear = model.jacobian(0.0, np.zeros(2 * m), u)
+
+    def critical(matrix):
+        values, vectors = np.linalg.eig(matrix)
+        nearest = np.argmin(np.abs(values - 1j * omega))
+        assert values[nearest] == pytest.approx(1j * omega, abs=1e-6)
+        return vectors[:, nearest]
+
+    q, p = critical(linear), critical(linear.T)
+    q = q / (model.functions([1.0])[0] @ q[:m])
+    p = p / (p @ q)
+
+    def cube(x):
+        """C(x, x, x); the fifth order is extrapolated away."""
+        rests = [(model.rhs(0.0, h * x, u) - linear @ (h * x)) * 6.0 / h**3 for h in (0.04, 0.02)]
+        return (4.0 * rests[1] - rests[0]) / 3.0
+
+    a, b = q.real, q.imag
+    aab = (cube(a + b) - cube(a - b) - 2.0 * cube(b)) / 6.0
+    abb = (cube(a + b) + cube(a - b) - 2.0 * cube(a)) / 6.0
+    cubic = cube(a) + abb + 1j * (aab + cube(b))
+    assert (p @ cubic).real / (2.0 * omega) == pytest.approx(-3.20501, abs=2e-4)
+
+
+# --------------------------------------------------------------------------------- arguments
+
+MODEL = pd.Galerkin(pd.Pipe(0.2, gamma=1.0, drag=0.3), 3)
+GOOD = np.linspace(0.1, 0.6, 6)
+
+
+def test_states_of_any_layout_and_number_type_serve():
+    expected = MODEL.rhs(0.0, GOOD, 2.0)
+    np.testing.assert_array_equal(MODEL.rhs(0, list(GOOD), 2), expected)
+    np.testing.assert_array_equal(MODEL.rhs(0.0, np.repeat(GOOD, 2)[::2], np.int32(2)), expected)
+    np.testing.assert_array_equal(MODEL.rhs(0.0, GOOD, np.array(2.0)), expected)
+    whole = np.array([1, 0, 0, 2, 0, 0])
+    np.testing.assert_array_equal(MODEL.rhs(0.0, whole, 2.0), MODEL.rhs(0.0, whole * 1.0, 2.0))
+    batch = np.stack([GOOD, 2 * GOOD, -GOOD], axis=1)
+    many = MODEL.rhs(0.0, batch, [0, 1, 2])
+    np.testing.assert_array_equal(MODEL.rhs(0.0, np.asfortranarray(batch), [0, 1, 2]), many)
+    assert many.shape == (6, 3)
+    assert MODEL.rhs(0.0, batch[:, :1], 1.0).shape == (6, 1)
+    assert MODEL.energy(batch).shape == (3,)
+    assert isinstance(MODEL.energy(GOOD), float)
+    assert isinstance(MODEL.power(GOOD, 1.0).total, float)
+
+
+CALLS = {
+    "rhs": lambda y, u: MODEL.rhs(0.0, y, u),
+    "jacobian": lambda y, u: MODEL.jacobian(0.0, y, u),
+    "energy": lambda y, u: MODEL.energy(y),
+    "power": MODEL.power,
+}
+
+
+def with_entry(value):
+    y = GOOD.copy()
+    y[4] = value
+    return y
+
+
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize(
+    ("y", "error", "message"),
+    [
+        (np.zeros(5), ValueError, r"y must have shape \(6,\).*, got \(5,\)"),
+        (np.zeros((5, 2)), ValueError, r"y must have shape \(6,\).*, got \(5, 2\)"),
+        (np.zeros((6, 0)), ValueError, r"y must have shape \(6,\).*, got \(6, 0\)"),
+        (np.zeros((6, 2, 2)), ValueError, r"y must have shape .*, got \(6, 2, 2\)"),
+        (0.5, ValueError, r"y must have shape .*, got \(\)"),
+        ([], ValueError, r"y must have shape .*, got \(0,\)"),
+        (with_entry(math.nan), ValueError, "y must be finite, got nan at index 4"),
+        (with_entry(-math.inf), ValueError, "y must be finite, got -inf at index 4"),
+        (GOOD + 0j, TypeError, "y must be an array of real numbers, got"),
+        (GOOD > 0.3, TypeError, "y must be an array of real numbers, got"),
+        (GOOD.astype(object), TypeError, "y must be an array of real numbers, got"),
+        (GOOD.astype(str), TypeError, "y must be an array of real numbers, got"),
+        ("state", TypeError, "y must be an array of real numbers, got 'state'"),
+        (None, TypeError, "y must be an array of real numbers, got None"),
+        ([[1.0], [1.0, 2.0]], TypeError, "y must be an array of real numbers: "),
+    ],
+)
+def test_bad_states_are_refused(call, y, error, message):
+    with pytest.raises(error, match=message):
+        CALLS[call](y, 1.0)
+
+
+@pytest.mark.parametrize("call", ["rhs", "jacobian", "power"])
+@pytest.mark.parametrize(
+    ("u", "error", "message"),
+    [
+        (-1.0, ValueError, "u must be finite and >= 0, got -1.0"),
+        (math.nan, ValueError, "u must be finite.*, got nan"),
+        (math.inf, ValueError, "u must be finite.*, got inf"),
+        (10**400, ValueError, "u must be finite"),
+        (np.float64(-2.0), ValueError, "u must be finite and >= 0"),
+        (np.ones(1), ValueError, r"u must be a number for one state, got shape \(1,\)"),
+        ([1.0], TypeError, r"u must be a real number, got \[1.0\]"),
+        ("fast", TypeError, "u must be a real number, got 'fast'"),
+        (None, TypeError, "u must be a real number, got None"),
+        (True, TypeError, "u must be a real number, got True"),
+        (1j, TypeError, "u must be a real number, got 1j"),
+        (np.bool_(True), TypeError, "u must be a"),
+    ],
+)
+def test_bad_speeds_are_refused(call, u, error, message):
+    with pytest.raises(error, match=message):
+        CALLS[call](GOOD, u)
+
+
+@pytest.mark.parametrize("call", ["rhs", "power"])
+@pytest.mark.parametrize(
+    ("u", "error", "message"),
+    [
+        ([1.0, 2.0], ValueError, r"u must be a number or have shape \(3,\) .*, got \(2,\)"),
+        (np.ones((1, 3)), ValueError, r"u must be a number or have shape \(3,\) .*, got \(1, 3\)"),
+        ([1.0, -1.0, 2.0], ValueError, "u must be finite and >= 0, got -1.0 at index 1"),
+        ([1.0, math.nan, 2.0], ValueError, "u must be finite.*, got nan at index 1"),
+        ([True, False, True], TypeError, "u must be an array of real numbers"),
+        ([1j, 1j, 1j], TypeError, "u must be an array of real numbers"),
+    ],
+)
+def test_bad_speeds_of_a_batch_are_refused(call, u, error, message):
+    with pytest.raises(error, match=message):
+        CALLS[call](np.ones((6, 3)), u)
+
+
+def test_other_bad_arguments_are_refused():
+    with pytest.raises(ValueError, match=r"y must have shape \(6,\), got \(6, 2\)"):
+        MODEL.jacobian(0.0, np.ones((6, 2)), 1.0)
+    with pytest.raises(TypeError, match="t must be a real number, got 'now'"):
+        MODEL.rhs("now", GOOD, 1.0)
+    with pytest.raises(ValueError, match="t must be finite, got nan"):
+        MODEL.jacobian(math.nan, GOOD, 1.0)
+    with pytest.raises(ValueError, match="q must have 3 entries, got 4"):
+        MODEL.operators(np.zeros(4))
+    with pytest.raises(ValueError, match="q must be finite"):
+        MODEL.operators([0.0, math.nan, 0.0])
