@@ -158,7 +158,7 @@ Levels::Levels(Basis basis, bool drag, Index least_nodes)
   for (Index points = padded(std::max({m, least_nodes, demand.least_nodes}) + 1);;
        points = padded(points + std::max<Index>(4, points / 6))) {
     std::vector<Test> tests;
-    for (double eta = 0.05; eta < 3.0; eta *= 1.5) {
+    for (double eta = std::min(0.05, 2.0 / static_cast<double>(m)); eta < 3.0; eta *= 1.5) {
       const Vector size = (order * eta).array().cosh();
       const Eigen::ArrayXd growth = (size.transpose() * coefficient).transpose().array() /
                                     coefficient.colwise().sum().transpose().array();
