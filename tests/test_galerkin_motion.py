@@ -524,6 +524,7 @@ def with_entry(value):
         (with_entry(-math.inf), ValueError, "y must be finite, got -inf at index 4"),
         (GOOD + 0j, TypeError, "y must be an array of real numbers, got"),
         (GOOD > 0.3, TypeError, "y must be an array of real numbers, got"),
+        ([True, 0.0, 0.0, 0.0, 0.0, 0.0], TypeError, "y must be an array of real numbers, got"),
         (GOOD.astype(object), TypeError, "y must be an array of real numbers, got"),
         (GOOD.astype(str), TypeError, "y must be an array of real numbers, got"),
         ("state", TypeError, "y must be an array of real numbers, got 'state'"),

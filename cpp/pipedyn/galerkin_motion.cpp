@@ -151,18 +151,18 @@ void GalerkinMotion::rhs(Index members, const double* y, const double* u, Index 
 }
 
 void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
-  struct Workspace {
+  struct Workspace {  // each of one shape, so that it is allocated once
     Scratch kernel;
     Frame frame;
     Matrix integrand, x, y, along, across, sum_x, sum_y, sum_along, sum_across;
-    Matrix by_angle, by_rate, by_drag, weighted, force, mass, system;
-    Vector acceleration, spin;
+    Matrix by_angle, by_rate, by_drag, turn, weighted, force, mass, elastic, dragged, system;
+    Vector acceleration, spin, pressure, factor;
     Eigen::LLT<Matrix> factors;
   };
   static thread_local Workspace work;
   auto& [kernel, frame, integrand, jx, jy, along, across, sum_x, sum_y, sum_along, sum_across,
-         by_angle, by_rate, by_drag, weighted, force, mass, system, acceleration, spin, factors] =
-      work;
+         by_angle, by_rate, by_drag, turn, weighted, force, mass, elastic, dragged, system,
+         acceleration, spin, pressure, factor, factors] = work;
   const Index m = dof();
   const Map q(y, m), rate(y + m, m);
   const Level& level = levels_[levels_.choose(y, 1)];
@@ -180,14 +180,13 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   const auto orthonormal = level.orthonormal().leftCols(m);
   set_position_derivatives(level, frame, orthonormal, integrand, jx, jy);
   const auto s = frame.sine.array(), c = frame.cosine.array(), omega = frame.omega.array();
-  const auto inner = Eigen::seqN(0, nodes);
   spin.noalias() = slope * acceleration;  // second derivative of the angle
 
   // Load per node, times its weight: inertia less the forces; at the end the follower force.
-  integrand.resize(nodes, 2);
-  integrand.col(0) = (c * spin.array() - s * omega.square())(inner);
-  integrand.col(1) = (-s * spin.array() - c * omega.square())(inner);
-  force.noalias() = level.integral() * integrand;
+  turn.resize(nodes, 2);
+  turn.col(0) = (c * spin.array() - s * omega.square()).head(nodes);
+  turn.col(1) = (-s * spin.array() - c * omega.square()).head(nodes);
+  force.noalias() = level.integral() * turn;
   if (coriolis != 0.0) {
     force.col(0).array() += coriolis * omega * c;
     force.col(1).array() -= coriolis * omega * s;
@@ -197,10 +196,9 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   if (drags) {
     frame.set_velocity(level);
     frame.set_drag(level);
-    spin = effects.drag * frame.weight.array() * frame.normal(inner).array().square();
-    force.topRows(nodes).col(0).array() += spin.array() * c(inner);
-    force.topRows(nodes).col(1).array() -= spin.array() * s(inner);
-    spin.noalias() = slope * acceleration;
+    pressure = effects.drag * frame.weight.array() * frame.normal.head(nodes).array().square();
+    force.topRows(nodes).col(0).array() += pressure.array() * c.head(nodes);
+    force.topRows(nodes).col(1).array() -= pressure.array() * s.head(nodes);
   }
   force(nodes, 0) = thrust * s[nodes];
   force(nodes, 1) = thrust * c[nodes];
@@ -216,38 +214,42 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   integrand.noalias() = weight.asDiagonal() * jy.topRows(nodes);
   sum_y.noalias() = within * integrand;
   mass.noalias() += integrand.transpose() * jy.topRows(nodes);
-  const auto s_in = s(inner), c_in = c(inner), omega_in = omega(inner);
+  const auto s_in = s.head(nodes), c_in = c.head(nodes), omega_in = omega.head(nodes);
   sum_along = sum_x.array().colwise() * s_in + sum_y.array().colwise() * c_in;
   sum_across = sum_x.array().colwise() * c_in - sum_y.array().colwise() * s_in;
 
   // Row i of the derivatives is the sum over points of these times Theta_j.
+  const auto times = [&factor = factor](const auto& expression) {  // no temporary in a broadcast
+    factor = expression;
+    return factor.array();
+  };
   by_angle.resize(points, m);
   by_angle.row(nodes) = thrust * across.row(nodes);
   auto angle = by_angle.topRows(nodes).array();
   angle = orthonormal.topRows(nodes).array().colwise() *
-          (-s_in * weighted.col(0).array() - c_in * weighted.col(1).array());
-  angle -= sum_along.array().colwise() * spin(inner).array();
-  angle -= sum_across.array().colwise() * omega_in.square();
-  by_rate = sum_along.array().colwise() * (-2.0 * omega_in);
+          times(-s_in * weighted.col(0).array() - c_in * weighted.col(1).array());
+  angle -= sum_along.array().colwise() * spin.head(nodes).array();
+  angle -= sum_across.array().colwise() * times(omega_in.square());
+  by_rate = sum_along.array().colwise() * times(-2.0 * omega_in);
   if (coriolis != 0.0) {
-    angle -= along.topRows(nodes).array().colwise() * (coriolis * weight.array() * omega_in);
-    by_rate.array() += across.topRows(nodes).array().colwise() * (coriolis * weight.array());
+    angle -= along.topRows(nodes).array().colwise() * times(coriolis * weight.array() * omega_in);
+    by_rate.array() += across.topRows(nodes).array().colwise() * times(coriolis * weight.array());
   }
   system.resize(m, 2 * m);
   if (drags) {
-    const auto v_n = frame.normal(inner).array();
-    const auto v_t = (s * frame.velocity.col(0).array() + c * frame.velocity.col(1).array())(inner);
-    by_drag =
-        across.topRows(nodes).array().colwise() * (2.0 * effects.drag * frame.weight.array() * v_n);
-    angle -= by_drag.array().colwise() * v_t;
-    angle -= along.topRows(nodes).array().colwise() *
-             (effects.drag * frame.weight.array() * v_n.square());
+    const auto v_n = frame.normal.head(nodes).array();
+    const auto v_t =
+        (s * frame.velocity.col(0).array() + c * frame.velocity.col(1).array()).head(nodes);
+    by_drag = across.topRows(nodes).array().colwise() *
+              times(2.0 * effects.drag * frame.weight.array() * v_n);
+    angle -= by_drag.array().colwise() * times(v_t);
+    angle -= along.topRows(nodes).array().colwise() * pressure.array();
     integrand = by_drag.array().colwise() * c_in;
     sum_x.noalias() = within * integrand;
-    integrand = by_drag.array().colwise() * -s_in;
+    integrand = by_drag.array().colwise() * times(-s_in);
     sum_y.noalias() = within * integrand;
-    angle -= sum_x.array().colwise() * (s_in * omega_in);
-    angle -= sum_y.array().colwise() * (c_in * omega_in);
+    angle -= sum_x.array().colwise() * times(s_in * omega_in);
+    angle -= sum_y.array().colwise() * times(c_in * omega_in);
   }
   system.leftCols(m).noalias() = -by_angle.transpose() * slope;
   system.rightCols(m).noalias() = -by_rate.transpose() * slope.topRows(nodes);
@@ -255,13 +257,13 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   const Orthonormal& functions = levels_.orthonormal();
   const auto to_basis = functions.to_basis.triangularView<Eigen::Upper>();
   if (drags) {
-    integrand.noalias() = by_drag.transpose() * across.topRows(nodes);
-    system.rightCols(m).noalias() -= integrand * functions.inverse;
+    dragged.noalias() = by_drag.transpose() * across.topRows(nodes);
+    system.rightCols(m).noalias() -= dragged * functions.inverse;
   }
   const Map stiffness(level.tables().stiffness, m);
-  integrand.noalias() = functions.to_basis.transpose() * stiffness.asDiagonal();
-  system.leftCols(m) -= integrand;
-  if (effects.damping != 0.0) system.rightCols(m) -= effects.damping * integrand;
+  elastic.noalias() = functions.to_basis.transpose() * stiffness.asDiagonal();
+  system.leftCols(m) -= elastic;
+  if (effects.damping != 0.0) system.rightCols(m) -= effects.damping * elastic;
   factors.compute(mass);
   factors.solveInPlace(system);
   Eigen::Map<Matrix> result(out, 2 * m, 2 * m);
