@@ -30,6 +30,23 @@ inline std::string shown(py::handle value) {
 
 inline std::string shape_of(const py::array& array) { return py::repr(array.attr("shape")); }
 
+/// Whether a list, or one in it, has booleans: beside numbers numpy takes them for numbers.
+inline bool has_booleans(py::handle value, int depth = 0) {
+  constexpr int deepest = 64;  // numpy's limit of dimensions
+  PyObject* const object = value.ptr();
+  if (PyBool_Check(object)) return true;
+  if (PyFloat_Check(object) || PyLong_Check(object)) return false;
+  if ((PyList_Check(object) || PyTuple_Check(object)) && depth < deepest) {
+    for (const py::handle entry : py::reinterpret_borrow<py::sequence>(value)) {
+      if (has_booleans(entry, depth + 1)) return true;
+    }
+    return false;
+  }
+  const py::array leaf = py::array::ensure(value);
+  if (!leaf) PyErr_Clear();
+  return leaf && leaf.dtype().kind() == 'b';
+}
+
 /// The argument as contiguous numbers: as it is where it is that already, else a copy.
 inline Numbers numbers_argument(const char* name, const char* kind, py::handle value) {
   if (Numbers::check_(value)) return py::reinterpret_borrow<Numbers>(value);
@@ -42,7 +59,7 @@ inline Numbers numbers_argument(const char* name, const char* kind, py::handle v
     refuse();
   }
   const char type = raw.dtype().kind();
-  if (type != 'i' && type != 'u' && type != 'f') refuse();
+  if ((type != 'i' && type != 'u' && type != 'f') || has_booleans(value)) refuse();
   return py::array_t<double, py::array::c_style | py::array::forcecast>(raw);
 }
 
@@ -151,10 +168,11 @@ inline Numbers new_numbers(py::ssize_t rows, py::ssize_t columns, bool one) {
 }
 
 /// Works without the interpreter lock where the work outweighs giving it up and taking it again.
+/// amount: in units of one segment's share of a chain's rhs.
 template <class Work>
-void run(py::ssize_t segments, const Work& work) {
+void run(py::ssize_t amount, const Work& work) {
   constexpr py::ssize_t worth_it = 64;
-  if (segments < worth_it) {
+  if (amount < worth_it) {
     work();
     return;
   }

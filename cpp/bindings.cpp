@@ -11,6 +11,7 @@
 #include "arguments.hpp"
 #include "pipedyn/chain.hpp"
 #include "pipedyn/galerkin.hpp"
+#include "pipedyn/galerkin_motion.hpp"
 #include "pipedyn/levels.hpp"
 #include "pipedyn/work.hpp"
 
@@ -18,9 +19,13 @@ namespace py = pybind11;
 using namespace py::literals;
 using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Operators,
     pipedyn::Pipe, pipedyn::Segments;
-using pipedyn::Batch, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
+using pipedyn::Batch, pipedyn::GalerkinMotion, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
 
 namespace {
+
+/// Work of a state, in that of a chain's segment.
+py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
+py::ssize_t work_of(const GalerkinMotion& motion) { return 4 * motion.dof() * motion.dof(); }
 
 template <class Model>
 Numbers rhs(const Model& model, const py::object&, const py::object& y, const py::object& u) {
@@ -30,7 +35,7 @@ Numbers rhs(const Model& model, const py::object&, const py::object& y, const py
   Numbers rates = pipedyn::new_numbers(rows, states.members, states.one);
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   double* const out = rates.mutable_data();
-  pipedyn::run(model.dof() * states.members, [&] { model.rhs(batch, out); });
+  pipedyn::run(work_of(model) * states.members, [&] { model.rhs(batch, out); });
   return rates;
 }
 
@@ -43,7 +48,7 @@ Numbers rhs_and_power(const Model& model, const py::object&, const py::object& y
   Numbers rates = pipedyn::new_numbers(rows, states.members, states.one);
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   double* const out = rates.mutable_data();
-  pipedyn::run(model.dof() * states.members, [&] { pipedyn::rhs_and_power(model, batch, out); });
+  pipedyn::run(work_of(model) * states.members, [&] { pipedyn::rhs_and_power(model, batch, out); });
   return rates;
 }
 
@@ -55,7 +60,7 @@ Numbers jacobian(const Model& model, const py::object&, const py::object& y, con
   Numbers result({rows, rows});
   const double* const state = states.values.data();
   double* const out = result.mutable_data();
-  pipedyn::run(rows * rows, [&] { model.jacobian(state, speeds.one, out); });
+  pipedyn::run(rows * work_of(model), [&] { model.jacobian(state, speeds.one, out); });
   return result;
 }
 
@@ -73,7 +78,7 @@ NumberOrArray energy(const Model& model, const py::object& y) {
   const Batch batch{states.values.data(), &still, states.members, 0};
   Numbers result(states.members);
   double* const out = result.mutable_data();
-  pipedyn::run(model.dof() * states.members, [&] { model.energy(batch, out); });
+  pipedyn::run(work_of(model) * states.members, [&] { model.energy(batch, out); });
   return number_or_array(result, states.one);
 }
 
@@ -87,9 +92,18 @@ Parts power(const Model& model, const py::object& y, const py::object& u) {
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   Numbers flow(states.members), joints(states.members), drag(states.members);
   const pipedyn::PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data()};
-  pipedyn::run(model.dof() * states.members, [&] { model.power(batch, parts); });
+  pipedyn::run(work_of(model) * states.members, [&] { model.power(batch, parts); });
   return py::make_tuple(number_or_array(flow, states.one), number_or_array(joints, states.one),
                         number_or_array(drag, states.one));
+}
+
+template <class Model>
+void define_motion(py::class_<Model>& model) {
+  model.def("rhs", rhs<Model>, "t"_a, "y"_a, "u"_a)
+      .def("rhs_and_power", rhs_and_power<Model>, "t"_a, "y"_a, "u"_a)
+      .def("jacobian", jacobian<Model>, "t"_a, "y"_a, "u"_a)
+      .def("energy", energy<Model>, "y"_a)
+      .def("power", power<Model>, "y"_a, "u"_a);
 }
 
 }  // namespace
@@ -127,7 +141,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def_readonly("stiffness", &Operators::stiffness)
       .def_readonly("flux", &Operators::flux);
 
-  py::class_<Chain>(m, "Chain")
+  py::class_<Chain> chain(m, "Chain");
+  chain
       .def(py::init([](const Pipe& pipe, pipedyn::Vector length, pipedyn::Vector center,
                        pipedyn::Vector gyration_radius, pipedyn::Vector spring,
                        pipedyn::Vector drag_point, double base) {
@@ -147,12 +162,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("gravity_times", &Chain::gravity_times, "x"_a, Unlocked())
       .def("springs_times", &Chain::springs_times, "joint_angles"_a, Unlocked())
       .def("band", &Chain::band, "lambda_"_a, "u"_a, Unlocked())
-      .def("rhs", rhs<Chain>, "t"_a, "y"_a, "u"_a)
-      .def("rhs_and_power", rhs_and_power<Chain>, "t"_a, "y"_a, "u"_a)
-      .def("jacobian", jacobian<Chain>, "t"_a, "y"_a, "u"_a)
-      .def("energy", energy<Chain>, "y"_a)
-      .def("power", power<Chain>, "y"_a, "u"_a)
       .def_readonly_static("band_width", &Chain::band_width);
+  define_motion(chain);
 
   py::class_<Galerkin>(m, "Galerkin")
       .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size, pipedyn::Vector nodes,
@@ -169,4 +180,16 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           },
           "s"_a, "derivative"_a, Unlocked())
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
+
+  py::class_<GalerkinMotion> galerkin_motion(m, "GalerkinMotion");
+  galerkin_motion
+      .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
+                       pipedyn::Index least_nodes) {
+             return std::make_unique<GalerkinMotion>(
+                 pipe, Basis(legendre ? Family::legendre : Family::beam, size), least_nodes);
+           }),
+           "pipe"_a, "legendre"_a, "size"_a, "least_nodes"_a = 0)
+      .def("nodes", &GalerkinMotion::nodes, "q"_a, Unlocked())
+      .def("operators", &GalerkinMotion::operators, "q"_a, Unlocked());
+  define_motion(galerkin_motion);
 }

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/chain.hpp"
 
-#include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <utility>
 
 #include "pipedyn/levels.hpp"
+#include "pipedyn/scratch.hpp"
 
 namespace pipedyn {
 
@@ -17,16 +17,6 @@ void require_rows(Index rows, Index dof) {
     throw std::invalid_argument("expected one row a segment, " + std::to_string(dof) + ", got " +
                                 std::to_string(rows));
   }
-}
-
-/// At least count numbers, on a vector's boundary, kept by the thread until it ends.
-double* scratch(std::ptrdiff_t count) {
-  constexpr std::size_t boundary = 64;
-  thread_local std::vector<double> kept;
-  const std::size_t needed = static_cast<std::size_t>(count) + boundary / sizeof(double);
-  if (kept.size() < needed) kept = std::vector<double>(needed);
-  const auto address = reinterpret_cast<std::uintptr_t>(kept.data());
-  return kept.data() + (boundary - address % boundary) % boundary / sizeof(double);
 }
 
 }  // namespace

@@ -2,11 +2,15 @@
 #include "pipedyn/galerkin_motion.hpp"
 
 #include <Eigen/Cholesky>
-#include <cstdint>
+#include <algorithm>
 #include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
+
+#include "pipedyn/levels.hpp"
+#include "pipedyn/scratch.hpp"
 
 namespace pipedyn {
 
@@ -15,24 +19,67 @@ namespace {
 using Map = Eigen::Map<const Vector>;
 using Strided = Eigen::Map<const Vector, 0, Eigen::InnerStride<>>;
 
-/// Scratch of a block's states and of the kernel, grown when needed.
-class Scratch {
- public:
-  double* ensure(std::size_t count) {
-    if (memory_.size() < count + 8) memory_.resize(count + 8);
-    const auto address = reinterpret_cast<std::uintptr_t>(memory_.data());
-    return memory_.data() + (64 - address % 64) % 64 / sizeof(double);
+const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
+
+void require_amplitudes(Index entries, Index m) {
+  if (entries != m) {
+    throw std::invalid_argument("q must have " + std::to_string(m) + " entries, got " +
+                                std::to_string(entries));
   }
+}
 
- private:
-  std::vector<double> memory_;
-};
+/// Calls evaluate(grid, block, out, scratch) for blocks of members that take the same grid, one
+/// alone or as many as the vectors hold, and writes row i of out, (results, members of the block),
+/// to row(i).
+template <class Evaluate, class Row>
+void for_each_block(const Grids& grids, const Batch& batch, Index results, const Evaluate& evaluate,
+                    const Row& row) {
+  static thread_local std::vector<Index> grid_of, chosen;
+  const GalerkinKernel& kernel = pipedyn::kernel();
+  const Index state = 2 * grids.basis().size(), members = batch.members;
+  grid_of.resize(static_cast<std::size_t>(members));
+  Index lowest = grids.count(), highest = 0;
+  for (Index k = 0; k < members; ++k) {
+    const Index number = grids.choose(batch.y + k, members);
+    grid_of[static_cast<std::size_t>(k)] = number;
+    lowest = std::min(lowest, number);
+    highest = std::max(highest, number);
+  }
+  for (Index number = lowest; number <= highest; ++number) {
+    chosen.clear();
+    for (Index k = 0; k < members; ++k) {
+      if (grid_of[static_cast<std::size_t>(k)] == number) chosen.push_back(k);
+    }
+    const Index count = static_cast<Index>(chosen.size());
+    if (count == 0) continue;
+    const Grid& grid = grids[number];
+    const Index width = count == 1 ? 1 : motion_kernel().width;
+    const Index numbers = whole(kernel.scratch_size(grid.tables(), width), GridTables::widest);
+    double* const work = scratch(numbers + (state + 1 + results) * width);
+    double* const y = work + numbers;
+    double* const u = y + state * width;
+    double* const out = u + width;
+    const Batch block{y, u, width, 1};
+    for (Index first = 0; first < count; first += width) {
+      const Index used = std::min(width, count - first);
+      const Index* const member = chosen.data() + first;  // lanes to spare repeat the last
+      for (Index b = 0; b < width; ++b) {
+        const Index k = member[std::min(b, used - 1)];
+        u[b] = batch.u[k * batch.u_step];
+        for (Index i = 0; i < state; ++i) y[i * width + b] = batch.y[i * members + k];
+      }
+      evaluate(grid, block, out, work);
+      for (Index i = 0; i < results; ++i) {
+        double* const to = row(i);
+        for (Index b = 0; b < used; ++b) to[member[b]] = out[i * width + b];
+      }
+    }
+  }
+}
 
-std::size_t size_of(Index count) { return static_cast<std::size_t>((count + 7) / 8 * 8); }
-
-/// Angle, rate and the frame t, n at a level's points.
+/// Angle, rate and the frame t, n at a grid's points.
 struct Frame {
-  Vector omega, sine, cosine;
+  Vector angle, omega, sine, cosine;
   Matrix velocity;  // (points, 2)
   Vector normal;    // v_n
   Vector weight;    // signed weights, (nodes,)
@@ -40,46 +87,49 @@ struct Frame {
   Vector scratch;
 
   template <class Amplitudes, class Rates>
-  void set(const Level& level, const Amplitudes& q, const Rates& rate) {
-    sine.noalias() = level.slope() * q;
-    omega.noalias() = level.slope() * rate;
-    cosine = sine.array().cos();
-    sine = sine.array().sin();
+  void set(const Grid& grid, const Amplitudes& q, const Rates& rate) {
+    angle.noalias() = grid.slope() * q;
+    omega.noalias() = grid.slope() * rate;
+    sine.resize(angle.size());
+    cosine.resize(angle.size());
+    const MotionKernel& level = motion_kernel();
+    level.sincos(angle.data(), angle.size(), sine.data(), cosine.data(),
+                 pipedyn::scratch(3 * level.width));
   }
 
-  void set_velocity(const Level& level) {
-    const Index nodes = level.nodes();
+  void set_velocity(const Grid& grid) {
+    const Index nodes = grid.nodes();
     turning.resize(nodes, 2);
     turning.col(0) = cosine.head(nodes).cwiseProduct(omega.head(nodes));
     turning.col(1) = -sine.head(nodes).cwiseProduct(omega.head(nodes));
-    velocity.noalias() = level.integral() * turning;
+    velocity.noalias() = grid.integral() * turning;
   }
 
-  void set_drag(const Level& level) {
+  void set_drag(const Grid& grid) {
     normal = cosine.cwiseProduct(velocity.col(0)) - sine.cwiseProduct(velocity.col(1));
-    weight.resize(level.nodes());
-    scratch.resize(3 * level.nodes());
-    signed_weights(level.tables(), normal.data(), 1, scratch.data(), weight.data());
+    weight.resize(grid.nodes());
+    scratch.resize(3 * grid.nodes());
+    kernel().signed_weights(grid.tables(), normal.data(), weight.data(), scratch.data());
   }
 };
 
-/// Derivatives of the position, integral of n Theta_i, at a level's points, by component; slopes
+/// Derivatives of the position, integral of n Theta_i, at a grid's points, by component; slopes
 /// (points, m) holds the Theta_i.
 template <class Slopes>
-void set_position_derivatives(const Level& level, const Frame& frame, const Slopes& slopes,
+void set_position_derivatives(const Grid& grid, const Frame& frame, const Slopes& slopes,
                               Matrix& integrand, Matrix& x, Matrix& y) {
-  const Index nodes = level.nodes();
+  const Index nodes = grid.nodes();
   const auto slope = slopes.topRows(nodes);
   integrand.noalias() = frame.cosine.head(nodes).asDiagonal() * slope;
-  x.noalias() = level.integral() * integrand;
+  x.noalias() = grid.integral() * integrand;
   integrand.noalias() = -(frame.sine.head(nodes).asDiagonal() * slope);
-  y.noalias() = level.integral() * integrand;
+  y.noalias() = grid.integral() * integrand;
 }
 
 }  // namespace
 
 GalerkinMotion::GalerkinMotion(const Pipe& pipe, Basis basis, Index least_nodes)
-    : pipe_(pipe), levels_(std::move(basis), pipe.drag != 0.0, least_nodes) {}
+    : pipe_(pipe), grids_(std::move(basis), pipe.drag != 0.0, least_nodes) {}
 
 MotionEffects GalerkinMotion::effects() const {
   return {.coriolis = 2.0 * pipe_.direction() * pipe_.sqrt_beta(),
@@ -90,69 +140,40 @@ MotionEffects GalerkinMotion::effects() const {
 }
 
 Index GalerkinMotion::nodes(const Vector& q) const {
-  return levels_[levels_.choose(q.data(), 1)].nodes();
+  require_amplitudes(q.size(), dof());
+  return grids_[grids_.choose(q.data(), 1)].nodes();
 }
 
-void GalerkinMotion::rhs(Index members, const double* y, const double* u, Index u_stride,
-                         double* out) const {
-  static thread_local Scratch scratch;
-  static thread_local std::vector<Index> level_of, chosen;
-  const Index m = dof();
+void GalerkinMotion::rhs(const Batch& batch, double* rates) const {
+  const Index m = dof(), members = batch.members;
   const MotionEffects effects = this->effects();
-  std::copy(y + m * members, y + 2 * m * members, out);
-  if (members == 1) {
-    const Level& level = levels_[levels_.choose(y, 1)];
-    double* work = scratch.ensure(size_of(work_size(level.tables(), 1)));
-    accelerations(level.tables(), effects, 1, y, y + m, u, work, out + m);
-    return;
-  }
-  level_of.resize(static_cast<std::size_t>(members));
-  Index lowest = levels_.count(), highest = 0;
-  for (Index k = 0; k < members; ++k) {
-    const Index number = levels_.choose(y + k, members);
-    level_of[static_cast<std::size_t>(k)] = number;
-    lowest = std::min(lowest, number);
-    highest = std::max(highest, number);
-  }
-  constexpr Index width = block_width;
-  for (Index number = lowest; number <= highest; ++number) {
-    chosen.clear();
-    for (Index k = 0; k < members; ++k) {
-      if (level_of[static_cast<std::size_t>(k)] == number) chosen.push_back(k);
-    }
-    if (chosen.empty()) continue;
-    const Level& level = levels_[number];
-    const std::size_t block = size_of(m * width);
-    double* q =
-        scratch.ensure(3 * block + size_of(width) + size_of(work_size(level.tables(), width)));
-    double *rate = q + block, *acceleration = rate + block, *speed = acceleration + block;
-    double* work = speed + size_of(width);
-    const Index count = static_cast<Index>(chosen.size());
-    for (Index first = 0; first < count; first += width) {
-      Index member[width];  // those beyond the last repeat it
-      for (Index b = 0; b < width; ++b) {
-        member[b] = chosen[static_cast<std::size_t>(std::min(first + b, count - 1))];
-        speed[b] = u[member[b] * u_stride];
-      }
-      for (Index i = 0; i < m; ++i) {
-        const double *amplitudes = y + i * members, *rates = y + (m + i) * members;
-        for (Index b = 0; b < width; ++b) {
-          q[i * width + b] = amplitudes[member[b]];
-          rate[i * width + b] = rates[member[b]];
-        }
-      }
-      accelerations(level.tables(), effects, width, q, rate, speed, work, acceleration);
-      for (Index i = 0; i < m; ++i) {
-        double* row = out + (m + i) * members;
-        for (Index b = 0; b < width; ++b) row[member[b]] = acceleration[i * width + b];
-      }
-    }
-  }
+  std::copy(batch.y + m * members, batch.y + 2 * m * members, rates);
+  const auto evaluate = [&](const Grid& grid, const Batch& block, double* out, double* work) {
+    kernel().accelerations(grid.tables(), effects, block, out, work);
+  };
+  for_each_block(grids_, batch, m, evaluate, [&](Index i) { return rates + (m + i) * members; });
+}
+
+void GalerkinMotion::energy(const Batch& batch, double* out) const {
+  const MotionEffects effects = this->effects();
+  const auto evaluate = [&](const Grid& grid, const Batch& block, double* energies, double* work) {
+    kernel().energy(grid.tables(), effects, block, energies, work);
+  };
+  for_each_block(grids_, batch, 1, evaluate, [&](Index) { return out; });
+}
+
+void GalerkinMotion::power(const Batch& batch, const PowerParts& out) const {
+  const MotionEffects effects = this->effects();
+  const auto evaluate = [&](const Grid& grid, const Batch& block, double* parts, double* work) {
+    const Index width = block.members;
+    kernel().power(grid.tables(), effects, block, {parts, parts + width, parts + 2 * width}, work);
+  };
+  double* const parts[] = {out.flow, out.joints, out.drag};
+  for_each_block(grids_, batch, 3, evaluate, [&](Index i) { return parts[i]; });
 }
 
 void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   struct Workspace {  // each of one shape, so that it is allocated once
-    Scratch kernel;
     Frame frame;
     Matrix integrand, x, y, along, across, sum_x, sum_y, sum_along, sum_across;
     Matrix by_angle, by_rate, by_drag, turn, weighted, force, mass, elastic, dragged, system;
@@ -160,25 +181,25 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
     Eigen::LLT<Matrix> factors;
   };
   static thread_local Workspace work;
-  auto& [kernel, frame, integrand, jx, jy, along, across, sum_x, sum_y, sum_along, sum_across,
-         by_angle, by_rate, by_drag, turn, weighted, force, mass, elastic, dragged, system,
-         acceleration, spin, pressure, factor, factors] = work;
+  auto& [frame, integrand, jx, jy, along, across, sum_x, sum_y, sum_along, sum_across, by_angle,
+         by_rate, by_drag, turn, weighted, force, mass, elastic, dragged, system, acceleration,
+         spin, pressure, factor, factors] = work;
   const Index m = dof();
   const Map q(y, m), rate(y + m, m);
-  const Level& level = levels_[levels_.choose(y, 1)];
-  const Index nodes = level.nodes(), points = nodes + 1;
-  const Matrix& slope = level.slope();
-  const Vector& weight = level.rule().weight;
+  const Grid& grid = grids_[grids_.choose(y, 1)];
+  const Index nodes = grid.nodes(), points = nodes + 1;
+  const Matrix& slope = grid.slope();
+  const Vector& weight = grid.rule().weight;
   const MotionEffects effects = this->effects();
   const double coriolis = effects.coriolis * u, thrust = effects.centrifugal * u * u;
   const bool drags = effects.drag != 0.0;
 
   acceleration.resize(m);
-  accelerations(level.tables(), effects, 1, y, y + m, &u,
-                kernel.ensure(size_of(work_size(level.tables(), 1))), acceleration.data());
-  frame.set(level, q, rate);
-  const auto orthonormal = level.orthonormal().leftCols(m);
-  set_position_derivatives(level, frame, orthonormal, integrand, jx, jy);
+  kernel().accelerations(grid.tables(), effects, {y, &u, 1, 0}, acceleration.data(),
+                         scratch(kernel().scratch_size(grid.tables(), 1)));
+  frame.set(grid, q, rate);
+  const auto orthonormal = grid.orthonormal().leftCols(m);
+  set_position_derivatives(grid, frame, orthonormal, integrand, jx, jy);
   const auto s = frame.sine.array(), c = frame.cosine.array(), omega = frame.omega.array();
   spin.noalias() = slope * acceleration;  // second derivative of the angle
 
@@ -186,7 +207,7 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   turn.resize(nodes, 2);
   turn.col(0) = (c * spin.array() - s * omega.square()).head(nodes);
   turn.col(1) = (-s * spin.array() - c * omega.square()).head(nodes);
-  force.noalias() = level.integral() * turn;
+  force.noalias() = grid.integral() * turn;
   if (coriolis != 0.0) {
     force.col(0).array() += coriolis * omega * c;
     force.col(1).array() -= coriolis * omega * s;
@@ -194,20 +215,20 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   if (effects.gamma != 0.0) force.col(1).array() -= effects.gamma;
   force.topRows(nodes).array().colwise() *= weight.array();
   if (drags) {
-    frame.set_velocity(level);
-    frame.set_drag(level);
+    frame.set_velocity(grid);
+    frame.set_drag(grid);
     pressure = effects.drag * frame.weight.array() * frame.normal.head(nodes).array().square();
     force.topRows(nodes).col(0).array() += pressure.array() * c.head(nodes);
     force.topRows(nodes).col(1).array() -= pressure.array() * s.head(nodes);
   }
   force(nodes, 0) = thrust * s[nodes];
   force(nodes, 1) = thrust * c[nodes];
-  weighted.noalias() = level.integral().transpose() * force;  // sum of the loads beyond, weighted
+  weighted.noalias() = grid.integral().transpose() * force;  // sum of the loads beyond, weighted
 
   // Virtual displacements along t and n, and what is beyond of them.
   along = jx.array().colwise() * s + jy.array().colwise() * c;
   across = jx.array().colwise() * c - jy.array().colwise() * s;
-  const auto within = level.integral().topRows(nodes).transpose();
+  const auto within = grid.integral().topRows(nodes).transpose();
   integrand.noalias() = weight.asDiagonal() * jx.topRows(nodes);
   sum_x.noalias() = within * integrand;
   mass.noalias() = integrand.transpose() * jx.topRows(nodes);
@@ -254,13 +275,13 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   system.leftCols(m).noalias() = -by_angle.transpose() * slope;
   system.rightCols(m).noalias() = -by_rate.transpose() * slope.topRows(nodes);
   // Rows belong to orthonormal coordinates, columns to the basis.
-  const Orthonormal& functions = levels_.orthonormal();
+  const Orthonormal& functions = grids_.orthonormal();
   const auto to_basis = functions.to_basis.triangularView<Eigen::Upper>();
   if (drags) {
     dragged.noalias() = by_drag.transpose() * across.topRows(nodes);
     system.rightCols(m).noalias() -= dragged * functions.inverse;
   }
-  const Map stiffness(level.tables().stiffness, m);
+  const Map stiffness(grid.tables().stiffness, m);
   elastic.noalias() = functions.to_basis.transpose() * stiffness.asDiagonal();
   system.leftCols(m) -= elastic;
   if (effects.damping != 0.0) system.rightCols(m) -= effects.damping * elastic;
@@ -275,78 +296,19 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   }
 }
 
-void GalerkinMotion::energy(Index members, const double* y, double* out) const {
-  static thread_local Frame frame;
-  const Index m = dof();
-  for (Index k = 0; k < members; ++k) {
-    const Strided q(y + k, m, Eigen::InnerStride<>(members));
-    const Strided rate(y + m * members + k, m, Eigen::InnerStride<>(members));
-    const Level& level = levels_[levels_.choose(y + k, members)];
-    const Vector& weight = level.rule().weight;
-    const Index nodes = level.nodes();
-    frame.set(level, q, rate);
-    frame.set_velocity(level);
-    double energy = 0.5 * weight.dot(frame.velocity.topRows(nodes).rowwise().squaredNorm());
-    energy += 0.5 * Map(level.tables().stiffness, m).dot(q.cwiseAbs2());
-    if (pipe_.gamma != 0.0) {
-      // s - y(s) integrated by parts; 1 - cos theta is written so that it keeps its digits.
-      double height = 0.0;
-      for (Index p = 0; p < nodes; ++p) {
-        const double s = frame.sine[p], c = frame.cosine[p];
-        const double rise = c > 0.0 ? s * s / (1.0 + c) : 1.0 - c;
-        height += weight[p] * (1.0 - level.rule().node[p]) * rise;
-      }
-      energy += pipe_.gamma * height;
-    }
-    out[k] = energy;
-  }
-}
-
-void GalerkinMotion::power(Index members, const double* y, const double* u, Index u_stride,
-                           const PowerParts& out) const {
-  static thread_local Frame frame;
-  const Index m = dof();
-  for (Index k = 0; k < members; ++k) {
-    const Strided q(y + k, m, Eigen::InnerStride<>(members));
-    const Strided rate(y + m * members + k, m, Eigen::InnerStride<>(members));
-    const Level& level = levels_[levels_.choose(y + k, members)];
-    const Index nodes = level.nodes();
-    const double speed = u[k * u_stride];
-    frame.set(level, q, rate);
-    frame.set_velocity(level);
-    const auto end = frame.velocity.row(nodes);
-    out.flow[k] = -pipe_.direction() * pipe_.sqrt_beta() * speed * end.squaredNorm() -
-                  pipe_.centrifugal() * speed * speed *
-                      (frame.sine[nodes] * end[0] + frame.cosine[nodes] * end[1]);
-    out.joints[k] = 0.0;
-    if (pipe_.damping != 0.0) {
-      out.joints[k] = -pipe_.damping * Map(level.tables().stiffness, m).dot(rate.cwiseAbs2());
-    }
-    out.drag[k] = 0.0;
-    if (pipe_.drag != 0.0) {
-      frame.set_drag(level);
-      const auto normal = frame.normal.head(nodes).array();
-      out.drag[k] = -pipe_.drag * (frame.weight.array() * normal.cube()).sum();
-    }
-  }
-}
-
 Operators GalerkinMotion::operators(const Vector& q) const {
   const Index m = dof();
-  if (q.size() != m) {
-    throw std::invalid_argument("q must have " + std::to_string(m) + " entries, got " +
-                                std::to_string(q.size()));
-  }
-  const Level& level = levels_[levels_.choose(q.data(), 1)];
-  const Index nodes = level.nodes();
-  const auto weight = level.rule().weight.asDiagonal();
-  const Matrix& slope = level.slope();
+  require_amplitudes(q.size(), m);
+  const Grid& grid = grids_[grids_.choose(q.data(), 1)];
+  const Index nodes = grid.nodes();
+  const auto weight = grid.rule().weight.asDiagonal();
+  const Matrix& slope = grid.slope();
   const auto slope_in = slope.topRows(nodes);
-  const Map stiffness(level.tables().stiffness, m);
+  const Map stiffness(grid.tables().stiffness, m);
   Frame frame;
   Matrix integrand, x, y;
-  frame.set(level, q, Vector(Vector::Zero(m)));
-  set_position_derivatives(level, frame, slope, integrand, x, y);
+  frame.set(grid, q, Vector(Vector::Zero(m)));
+  set_position_derivatives(grid, frame, slope, integrand, x, y);
   const auto x_in = x.topRows(nodes), y_in = y.topRows(nodes);
   const auto s = frame.sine.head(nodes).array(), c = frame.cosine.head(nodes).array();
   Operators ops(m);
@@ -358,13 +320,13 @@ Operators GalerkinMotion::operators(const Vector& q) const {
   ops.end_flux = pipe_.sqrt_beta() * (end_x.transpose() * end_x + end_y.transpose() * end_y);
   const double end_s = frame.sine[nodes], end_c = frame.cosine[nodes];
   // J_i turns by -t Theta_i Theta_j: its projection on the end's tangent is that of two tangents.
-  const Vector shortening = -(level.rule().weight.array() * (end_s * s + end_c * c)).matrix();
+  const Vector shortening = -(grid.rule().weight.array() * (end_s * s + end_c * c)).matrix();
   ops.flux = (end_c * end_x - end_s * end_y).transpose() * slope.row(nodes) +
              slope_in.transpose() * shortening.asDiagonal() * slope_in;
   ops.damping.diagonal() = pipe_.damping * stiffness;
   if (pipe_.gamma != 0.0) {
     const Vector tension =
-        pipe_.gamma * level.rule().weight.array() * (1.0 - level.rule().node.array()) * c;
+        pipe_.gamma * grid.rule().weight.array() * (1.0 - grid.rule().node.array()) * c;
     ops.stiffness = slope_in.transpose() * tension.asDiagonal() * slope_in;
   }
   ops.stiffness.diagonal() += stiffness;

@@ -26,42 +26,37 @@
 // exactly (quadrature.hpp). The drag's integrand is cut at the zeros of v_n (signed_weights).
 #pragma once
 
-#include "pipedyn/galerkin_level.hpp"
+#include "pipedyn/grid.hpp"
 
 namespace pipedyn {
 
-/// Parts of the rate of energy, each an array with one entry a member.
-struct PowerParts {
-  double *flow, *joints, *drag;
-};
-
-/// Immutable; one model may serve many threads, scratch belongs to the thread. States y are
-/// (2 m, members), row-major: amplitudes q over rates q'. Flow speeds u >= 0: one a member, or one
-/// for all (u_stride 0).
+/// Immutable; one model may serve many threads. Moves with the vectors that the processor has
+/// (levels.hpp). A state y = [q, q'] has 2 m entries; a batch holds one a column. The arrays are
+/// the caller's and of the sizes given; scratch belongs to the thread and is allocated by its first
+/// call for a size.
 class GalerkinMotion {
  public:
-  /// least_nodes: use at least so many quadrature nodes, to measure what fewer miss.
+  /// least_nodes: use at least so many quadrature nodes, to measure what fewer miss. Throws
+  /// std::invalid_argument where the basis is dependent to rounding.
   GalerkinMotion(const Pipe& pipe, Basis basis, Index least_nodes = 0);
 
-  Index dof() const { return levels_.basis().size(); }
+  Index dof() const { return grids_.basis().size(); }
 
-  /// Quadrature nodes that a configuration is given.
+  /// Quadrature nodes that a configuration is given. Throws std::invalid_argument unless q has m
+  /// entries.
   Index nodes(const Vector& q) const;
 
-  /// dy/dtau, the shape of y. O(Q^2 m + Q m^2 + m^3) a member, without allocation after a thread's
-  /// first call. NaN where the mass matrix is singular to rounding.
-  void rhs(Index members, const double* y, const double* u, Index u_stride, double* out) const;
-
-  /// Jacobian of one state's rhs, (2 m, 2 m), same order of cost. The drag's is that of |v_n| v_n,
-  /// 2 |v_n| dv_n, which is 0 at rest.
+  /// dy/dtau (2 m, members), O(Q^2 m + Q m^2 + m^3) a member. NaN where the mass matrix is singular
+  /// to rounding.
+  void rhs(const Batch& batch, double* rates) const;
+  /// d(dy/dtau)/dy (2 m, 2 m), row-major, at the same order of cost. Drag's share is 2 |v_n| dv_n,
+  /// 0 where v_n = 0.
   void jacobian(const double* y, double u, double* out) const;
-
-  /// Kinetic, elastic and gravity's energy, 0 at rest on the straight pipe; out (members,). O(Q^2).
-  void energy(Index members, const double* y, double* out) const;
-
-  /// Rate of energy by its causes, O(Q^2) a member.
-  void power(Index members, const double* y, const double* u, Index u_stride,
-             const PowerParts& out) const;
+  /// Kinetic, elastic and gravity's energy of each member, O(Q^2); 0 at rest on the straight pipe.
+  void energy(const Batch& batch, double* out) const;
+  /// What flow, damping (joints) and drag add to the energy in unit time, O(Q^2) a member; their
+  /// sum is dE/dtau.
+  void power(const Batch& batch, const PowerParts& out) const;
 
   /// Operators about a configuration q at rest; stiffness and flux are the derivatives of the
   /// bending and gravity forces and of the follower force. Throws std::invalid_argument unless q
@@ -72,7 +67,7 @@ class GalerkinMotion {
   MotionEffects effects() const;
 
   Pipe pipe_;
-  Levels levels_;
+  Grids grids_;
 };
 
 }  // namespace pipedyn

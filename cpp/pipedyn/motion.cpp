@@ -9,6 +9,7 @@
 #include "pipedyn/motion.hpp"
 
 #include "pipedyn/derivative.hpp"
+#include "pipedyn/galerkin_kernel.hpp"
 #include "pipedyn/pack.hpp"
 #include "pipedyn/sweeps.hpp"
 
@@ -131,14 +132,12 @@ void sincos_of(const double* x, Count count, double* sine, double* cosine, doubl
 
 }  // namespace
 
-#define PIPEDYN_JOINED(a, b) a##b
-#define PIPEDYN_NAMED(level) PIPEDYN_JOINED(motion_, level)
 #define PIPEDYN_QUOTED(level) #level
 #define PIPEDYN_TEXT(level) PIPEDYN_QUOTED(level)
 
 namespace pipedyn {
 
-const MotionKernel PIPEDYN_NAMED(PIPEDYN_LEVEL) = {
+const MotionKernel PIPEDYN_NAMED(motion) = {
     .name = PIPEDYN_TEXT(PIPEDYN_LEVEL),
     .width = width,
     .scratch_size = ::scratch_size,
@@ -149,6 +148,7 @@ const MotionKernel PIPEDYN_NAMED(PIPEDYN_LEVEL) = {
     .power = ::power,
     .finite = ::all_finite,
     .sincos = ::sincos_of,
+    .galerkin = &PIPEDYN_NAMED(galerkin),
 };
 
 }  // namespace pipedyn

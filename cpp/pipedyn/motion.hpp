@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// Motion of the chain at any amplitude in O(n): what one segment contributes, and the functions
-// that each vector level compiles (motion.cpp holds the recursion). Includes no other library.
+// Batches of states, the motion of the chain at any amplitude in O(n) (what one segment
+// contributes; sweeps.hpp holds the recursion), and the functions that each vector level compiles.
+// Includes no other library.
 #pragma once
 
 #include <cstddef>
@@ -50,6 +51,8 @@ struct PowerParts {
   double* drag;
 };
 
+struct GalerkinKernel;
+
 /// The functions of one vector level. scratch: as many numbers as its size says.
 struct MotionKernel {
   const char* name;
@@ -68,6 +71,8 @@ struct MotionKernel {
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine,
                  double* scratch);  // scratch: 3 width numbers
+
+  const GalerkinKernel* galerkin;  // the reduced model's
 };
 
 extern const MotionKernel motion_baseline, motion_avx2, motion_avx512;

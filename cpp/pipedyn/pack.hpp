@@ -21,6 +21,10 @@
 #define PIPEDYN_WIDTH 1
 #endif
 
+#define PIPEDYN_JOINED(a, b) a##_##b
+#define PIPEDYN_JOINED_VALUES(a, b) PIPEDYN_JOINED(a, b)
+#define PIPEDYN_NAMED(name) PIPEDYN_JOINED_VALUES(name, PIPEDYN_LEVEL)  // name_avx2, for one
+
 namespace {
 
 using Count = std::ptrdiff_t;
@@ -37,6 +41,8 @@ using Bits = std::int64_t;
 /// Numbers that a Real holds: a double, or a pack of them.
 template <class Real>
 constexpr Count lanes = static_cast<Count>(sizeof(Real) / sizeof(double));
+
+inline Count whole_packs(Count count) { return (count + width - 1) / width * width; }
 
 template <class To, class From>
 inline To same_bits(const From& from) {

@@ -34,8 +34,6 @@ namespace {
 
 using pipedyn::Batch, pipedyn::Link, pipedyn::MotionModel;
 
-Count whole_packs(Count count) { return (count + width - 1) / width * width; }
-
 /// Some members of a batch, as many as a Real holds or, in a narrow batch, fewer.
 template <class Real>
 struct Members {

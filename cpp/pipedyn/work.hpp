@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// A state with the work done on it, y = [q, q', W], so that an integrator sums W' = power to its own
-// order: E(t) - E(0) - W(t) then audits the motion.
+// A state with the work done on it, y = [q, q', W], so that an integrator sums W' = power to its
+// own order: E(t) - E(0) - W(t) then audits the motion.
 #pragma once
 
 #include <vector>

@@ -13,7 +13,15 @@ from scipy.special import roots_legendre
 
 from pipedyn import _check, _core
 from pipedyn._check import Array
-from pipedyn.model import Model, Operators, arc_lengths, checked_pipe, core_pipe, operators_from
+from pipedyn.model import (
+    Model,
+    Operators,
+    Power,
+    arc_lengths,
+    checked_pipe,
+    core_pipe,
+    operators_from,
+)
 from pipedyn.pipe import Pipe
 
 BASES = ("beam", "legendre")
@@ -73,8 +81,16 @@ class Galerkin(Model):
             weights=weights,
         )
 
+    @cached_property
+    def motion(self) -> _core.GalerkinMotion:
+        """The compiled equations of motion."""
+        return _core.GalerkinMotion(
+            pipe=core_pipe(self._pipe), legendre=self._basis == "legendre", size=self._size
+        )
+
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "core"}
+        compiled = ("core", "motion")
+        return {name: value for name, value in self.__dict__.items() if name not in compiled}
 
     def __repr__(self) -> str:
         return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
@@ -120,9 +136,28 @@ class Galerkin(Model):
             )
         return self.core.basis(at, order)
 
-    def operators(self) -> Operators:
-        """Linear operators about the straight pipe at rest, in the amplitudes q."""
-        return operators_from(self.core.operators(), self._pipe)
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """Linear operators about a configuration at rest, in the amplitudes q.
+
+        Mass, gyroscopic, end_flux and damping are what multiplies q'' and q' there; at rest drag
+        has no linear part. stiffness is the derivative of the forces of bending and gravity, flux
+        that of the follower force's. Small motions about q obey them where q is an equilibrium at
+        the speed in question; elsewhere `jacobian` at rest has besides these the derivative of the
+        mass, -M^-1 (dM/dq q'').
+
+        Args:
+            q: amplitudes, shape (m,); the straight pipe where not given.
+
+        Returns:
+            Six matrices, each (m, m).
+
+        Raises:
+            ValueError: for amplitudes out of range or of another shape.
+            TypeError: for what is no array of real numbers.
+        """
+        if q is None:
+            return operators_from(self.core.operators(), self._pipe)
+        return operators_from(self.motion.operators(self._coordinates(q)), self._pipe)
 
     @cached_property
     def elastic_scale(self) -> Array:
@@ -148,6 +183,85 @@ class Galerkin(Model):
         """
         result: NDArray[Any] = (self.elastic_scale * self._columns("z", z).T).T
         return result
+
+    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+        """Rate of the state, geometrically exact at any amplitude.
+
+        Flow, gravity, bending, Kelvin-Voigt damping and quadratic drag, each only where the pipe
+        has it. A batch is one call; its members go through the processor's vectors together.
+        Several threads may call one model at once.
+
+        The integrals along the pipe are taken with as many nodes as the configuration needs: what
+        they miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for
+        angles up to pi in any of the functions. Configurations wilder than that are given the
+        largest number of nodes, some 16 m + 96.
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [q, q'], shape (2 m,), or (2 m, k) for k states; k may be 0.
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            dy/dt = [q', q''], of the shape of y; NaN where the mass matrix is singular to rounding.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, a speed below 0, or so many functions
+                that they depend on one another to rounding.
+            TypeError: for what is no array of real numbers.
+
+        Source: virtual work along the inextensible centreline; the flow's forces are those of
+        Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
+        """
+        return self.motion.rhs(t, y, u)
+
+    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
+        """Derivative of `rhs` with respect to the state, analytic.
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [q, q'], shape (2 m,).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
+
+        Returns:
+            d(dy/dt)/dy, shape (2 m, 2 m). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+        """
+        return self.motion.jacobian(t, y, u)
+
+    def energy(self, y: ArrayLike) -> float | Array:
+        """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
+
+        Args:
+            y: state [q, q'], shape (2 m,) or (2 m, k).
+
+        Returns:
+            A number, or for k states shape (k,).
+
+        Raises:
+            ValueError: for another shape, NaN or infinity.
+            TypeError: for what is no array of real numbers.
+        """
+        return self.motion.energy(y)
+
+    def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
+        """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
+
+        Args:
+            y: state [q, q'], shape (2 m,) or (2 m, k).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            Power by what does the work, numbers or shape (k,) each.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+        """
+        flow, joints, drag = self.motion.power(y, u)
+        return Power(flow, joints, drag, 0.0 * drag)
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         """Centreline (x, y) at arc lengths s, shape (len(s), 2), inextensible at any amplitude.

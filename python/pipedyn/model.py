@@ -156,11 +156,13 @@ class Model(ABC):
         """The same discretisation, springs included, of another pipe."""
 
     @abstractmethod
-    def operators(self) -> Operators:
-        """Linear operators about the straight pipe at rest, in q.
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """Linear operators in q about a configuration at rest, the straight pipe where not given.
 
         Raises:
-            ValueError: for more than 4000 degrees of freedom.
+            ValueError: for coordinates out of range or of another shape, or more than 4000 degrees
+                of freedom.
+            TypeError: for what is no array of real numbers.
         """
 
     @abstractmethod
@@ -175,21 +177,21 @@ class Model(ABC):
             ValueError, TypeError: for z of another shape, or not of finite numbers.
         """
 
+    @abstractmethod
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
         """dy/dt of the state y = [q, q'], shape (2 dof,) or (2 dof, k); u a number or (k,)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
         """Derivative of `rhs` with respect to the state, analytic, shape (2 dof, 2 dof)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def energy(self, y: ArrayLike) -> float | Array:
         """Kinetic, elastic and gravity's energy, a number or shape (k,); 0 at rest and straight."""
-        raise NotImplementedError
 
+    @abstractmethod
     def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
         """What feeds and drains the energy; the total is dE/dt along the motion."""
-        raise NotImplementedError
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:

@@ -8,7 +8,7 @@
 //   |Theta_i| / max |Theta_i| <= G = max_i sum_k |c_ik| cosh(k eta) / sum_k |c_ik|,
 //
 // and Q Gauss nodes miss about a fraction exp(-2 Q eta + 2 |Im theta|) of an integrand, times a G
-// for each slope in it (after Trefethen 2008, theorem 4.5). A level of Q nodes is taken when one of
+// for each slope in it (after Trefethen 2008, theorem 4.5). A grid of Q nodes is taken when one of
 // a few eta shows this to be below the tolerance. How many G to count was found by measurement, and
 // so was the tolerance with drag, where integrals that end at the zeros of v_n miss exp(-Q eta).
 #pragma once
@@ -24,7 +24,12 @@
 
 namespace pipedyn {
 
-/// /// Functions orthonormal with the straight pipe's mass: in them a mass matrix is solved without
+/// The next multiple of a number.
+inline Index whole(Index count, Index multiple) {
+  return (count + multiple - 1) / multiple * multiple;
+}
+
+/// Functions orthonormal with the straight pipe's mass: in them a mass matrix is solved without
 /// losing the digits that its condition number in the basis (1e6 for 8 Legendre functions) takes.
 struct Orthonormal {
   bool identity;    // as for beam modes
@@ -36,40 +41,41 @@ struct Orthonormal {
 };
 
 /// One rule with the slopes at its points (the nodes and the free end). Immutable.
-class Level {
+class Grid {
  public:
-  Level(const Basis& basis, const Orthonormal& orthonormal, Index nodes);
+  Grid(const Basis& basis, const Orthonormal& orthonormal, Index nodes);
 
   Index nodes() const { return rule_.size(); }
   const Quadrature& rule() const { return rule_; }
   const Matrix& slope() const { return slope_; }              // Theta_i, (Q + 1, m)
   const Matrix& orthonormal() const { return orthonormal_; }  // Theta T, (Q + 1, m padded)
-  const Matrix& integral() const { return integral_; }        // (Q + 1, Q)
-  const LevelTables& tables() const { return tables_; }
+  const Matrix& integral() const { return integral_; }        // from 0 to each point, (Q + 1, Q)
+  const GridTables& tables() const { return tables_; }
 
  private:
   Quadrature rule_;
   Matrix slope_, slope_by_function_, orthonormal_, integral_;
-  Vector arc_, stiffness_;
-  LevelTables tables_;
+  Matrix from_sums_, from_differences_, expansion_, recurrence_;
+  Vector arc_, folded_weight_, stiffness_;
+  GridTables tables_;
 };
 
-/// Levels of growing size, each built when it is first taken. Serves many threads.
-class Levels {
+/// Grids of growing size, each built when it is first taken. Serves many threads.
+class Grids {
  public:
   /// least_nodes: start from at least so many; drag: integrals end at inner points.
-  Levels(Basis basis, bool drag, Index least_nodes);
+  Grids(Basis basis, bool drag, Index least_nodes);
 
   const Basis& basis() const { return basis_; }
   const Orthonormal& orthonormal() const { return orthonormal_; }
   Index count() const { return static_cast<Index>(slots_.size()); }
 
-  /// Number of the level for amplitudes q with the given stride, O(m) a level tried. The largest
-  /// level serves all beyond.
+  /// Number of the grid for amplitudes q with the given stride, O(m) a grid tried. The largest
+  /// serves all beyond.
   Index choose(const double* q, Index stride) const;
 
   /// O(Q^3) at the first call for this number, then free.
-  const Level& operator[](Index number) const;
+  const Grid& operator[](Index number) const;
 
  private:
   struct Test {
@@ -80,7 +86,7 @@ class Levels {
     Index nodes = 0;
     std::vector<Test> tests;
     std::once_flag built;
-    std::unique_ptr<const Level> level;
+    std::unique_ptr<const Grid> grid;
   };
 
   Basis basis_;

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/galerkin_level.hpp"
+#include "pipedyn/grid.hpp"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <array>
 #include <numbers>
 #include <stdexcept>
 #include <string>
@@ -20,9 +19,7 @@ struct Demand {
 };
 constexpr Demand smooth{25.0, 2.5, 7}, with_drag{33.0, 3.5, 31};
 
-Index padded(Index count) {
-  return (count + LevelTables::multiple - 1) / LevelTables::multiple * LevelTables::multiple;
-}
+Index whole_points(Index count) { return whole(count, GridTables::multiple); }
 
 // Absolute Chebyshev coefficients of the slopes, (count, m); those of rounding's size are dropped.
 Matrix chebyshev(const Basis& basis) {
@@ -47,66 +44,7 @@ Matrix chebyshev(const Basis& basis) {
   return coefficient;
 }
 
-// Zero of the cubic through (x[k], v[k]), k < 4, between `low` and `high`, where it changes sign.
-double cubic_zero(const std::array<double, 4>& x, const double* v, ptrdiff_t stride, double low,
-                  double high) {
-  std::array<double, 4> d{v[0], v[stride], v[2 * stride], v[3 * stride]};
-  for (int order = 1; order < 4; ++order) {
-    for (int k = 3; k >= order; --k) d[k] = (d[k] - d[k - 1]) / (x[k] - x[k - order]);
-  }
-  const auto value = [&](double s) {
-    return d[0] + (s - x[0]) * (d[1] + (s - x[1]) * (d[2] + (s - x[2]) * d[3]));
-  };
-  double at_low = value(low), at_high = value(high);
-  double zero = low;
-  for (int step = 0; step < 12 && high - low > 1e-9; ++step) {  // false position, Illinois variant
-    zero = (low * at_high - high * at_low) / (at_high - at_low);
-    const double here = value(zero);
-    if (std::abs(here) <= 1e-9 * std::abs(at_high - at_low)) break;
-    if ((here > 0.0) == (at_high > 0.0)) {
-      high = zero;
-      at_high = here;
-      at_low *= 0.5;
-    } else {
-      low = zero;
-      at_low = here;
-      at_high *= 0.5;
-    }
-  }
-  return zero;
-}
-
 }  // namespace
-
-void signed_weights(const LevelTables& level, const double* v, ptrdiff_t stride, double* scratch,
-                    double* weights) {
-  const ptrdiff_t nodes = level.nodes;
-  const double* weight = level.integral + nodes * nodes;
-  double *turned = scratch, *integrals = scratch + nodes, *sum = scratch + 2 * nodes;
-  double sign = v[0] < 0.0 ? -1.0 : 1.0;
-  bool turns = false;
-  // From a zero on, twice the integral up to it less twice the whole turns the sign.
-  for (ptrdiff_t p = 0; p < nodes; ++p) {
-    if (!(sign * v[(p + 1) * stride] < 0.0)) continue;
-    if (!turns) std::fill(turned, turned + nodes, 0.0);
-    turns = true;
-    const ptrdiff_t first = std::clamp<ptrdiff_t>(p - 1, 0, nodes - 3);
-    const double* arc = level.arc + first;
-    const double zero = cubic_zero({arc[0], arc[1], arc[2], arc[3]}, v + first * stride, stride,
-                                   level.arc[p], level.arc[p + 1]);
-    legendre_integrals(zero, nodes, integrals);
-    for (ptrdiff_t k = 0; k < nodes; ++k) turned[k] += 2.0 * sign * integrals[k];
-    sign = -sign;
-  }
-  for (ptrdiff_t p = 0; p < nodes; ++p) sum[p] = sign * weight[p];
-  if (turns) {
-    for (ptrdiff_t k = 0; k < nodes; ++k) {
-      const double* expansion = level.expansion + k * nodes;
-      for (ptrdiff_t p = 0; p < nodes; ++p) sum[p] += turned[k] * expansion[p];
-    }
-  }
-  for (ptrdiff_t p = 0; p < nodes; ++p) weights[p * stride] = sum[p];
-}
 
 Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family::beam) {
   const Index m = basis.size();
@@ -124,29 +62,55 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family
   factors.matrixU().solveInPlace(to_basis);
 }
 
-Level::Level(const Basis& basis, const Orthonormal& orthonormal, Index nodes)
+Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, Index nodes)
     : rule_(nodes), stiffness_(basis.stiffness()) {
-  arc_.resize(nodes + 1);
+  const Index m = basis.size(), points = nodes + 1, half = points / 2, middle = half - 1;
+  const Index stride = whole(points, GridTables::widest);
+  arc_.resize(points);
   arc_ << rule_.node, 1.0;
   slope_ = basis.evaluate(arc_, 1);
-  orthonormal_ = Matrix::Zero(nodes + 1, padded(basis.size()));
-  orthonormal_.leftCols(basis.size()) = slope_ * orthonormal.to_basis;
-  slope_by_function_ = slope_.transpose();
+  orthonormal_ = Matrix::Zero(points, whole(m, GridTables::multiple));
+  orthonormal_.leftCols(m) = slope_ * orthonormal.to_basis;
+  slope_by_function_ = Matrix::Zero(m, stride);
+  slope_by_function_.leftCols(points) = slope_.transpose();
+  const Vector& weight = rule_.weight;
   integral_ = rule_.integral_to(arc_);
-  integral_.bottomRows(1) = rule_.weight.transpose();
-  tables_ = {.functions = basis.size(),
+  integral_.bottomRows(1) = weight.transpose();
+  from_sums_ = from_differences_ = Matrix::Zero(half, half);
+  for (Index p = 0; p < half; ++p) {
+    const auto here = integral_.row(p), mirrored = integral_.row(nodes - 1 - p);
+    if (p < middle) from_sums_.row(p) = 0.5 * (here - mirrored).head(half);
+    from_differences_.row(p) = 0.5 * (here + mirrored - weight.transpose()).head(half);
+  }
+  from_sums_.row(middle) = 0.5 * weight.head(half).transpose();
+  from_differences_.col(middle).setOnes();
+  folded_weight_.resize(nodes);
+  folded_weight_ << 2.0 * weight.head(middle), weight[middle], 2.0 * weight.head(middle);
+  expansion_ = Matrix::Zero(nodes, stride);
+  expansion_.leftCols(nodes) = rule_.expansion;
+  recurrence_.resize(nodes, 3);
+  for (Index k = 0; k < nodes; ++k) {
+    const double order = static_cast<double>(k), twice = 2.0 * order + 1.0;
+    recurrence_.row(k) << twice / (order + 1.0), order / (order + 1.0), 0.5 / twice;
+  }
+  tables_ = {.functions = m,
              .padded = orthonormal_.cols(),
              .nodes = nodes,
+             .stride = stride,
              .slope_by_function = slope_by_function_.data(),
              .orthonormal = orthonormal_.data(),
              .to_basis = orthonormal.identity ? nullptr : orthonormal.to_basis.data(),
-             .integral = integral_.data(),
+             .from_sums = from_sums_.data(),
+             .from_differences = from_differences_.data(),
+             .weight = rule_.weight.data(),
+             .folded_weight = folded_weight_.data(),
              .arc = arc_.data(),
-             .expansion = rule_.expansion.data(),
+             .expansion = expansion_.data(),
+             .recurrence = recurrence_.data(),
              .stiffness = stiffness_.data()};
 }
 
-Levels::Levels(Basis basis, bool drag, Index least_nodes)
+Grids::Grids(Basis basis, bool drag, Index least_nodes)
     : basis_(std::move(basis)), orthonormal_(basis_) {
   const Demand& demand = drag ? with_drag : smooth;
   const Matrix coefficient = chebyshev(basis_);
@@ -155,8 +119,8 @@ Levels::Levels(Basis basis, bool drag, Index least_nodes)
   const Index m = basis_.size();
   const Index largest = 16 * m + 96;
   // Points, the nodes and the end, come in whole multiples.
-  for (Index points = padded(std::max({m, least_nodes, demand.least_nodes}) + 1);;
-       points = padded(points + std::max<Index>(4, points / 6))) {
+  for (Index points = whole_points(std::max({m, least_nodes, demand.least_nodes}) + 1);;
+       points = whole_points(points + std::max<Index>(4, points / 6))) {
     std::vector<Test> tests;
     for (double eta = std::min(0.05, 2.0 / static_cast<double>(m)); eta < 3.0; eta *= 1.5) {
       const Vector size = (order * eta).array().cosh();
@@ -177,7 +141,7 @@ Levels::Levels(Basis basis, bool drag, Index least_nodes)
   }
 }
 
-Index Levels::choose(const double* q, Index stride) const {
+Index Grids::choose(const double* q, Index stride) const {
   const Index m = basis_.size(), last = count() - 1;
   for (Index number = 0; number < last; ++number) {
     for (const Test& test : slots_[static_cast<std::size_t>(number)].tests) {
@@ -189,11 +153,11 @@ Index Levels::choose(const double* q, Index stride) const {
   return last;
 }
 
-const Level& Levels::operator[](Index number) const {
+const Grid& Grids::operator[](Index number) const {
   Slot& slot = slots_[static_cast<std::size_t>(number)];
   std::call_once(slot.built,
-                 [&] { slot.level = std::make_unique<Level>(basis_, orthonormal_, slot.nodes); });
-  return *slot.level;
+                 [&] { slot.grid = std::make_unique<Grid>(basis_, orthonormal_, slot.nodes); });
+  return *slot.grid;
 }
 
 }  // namespace pipedyn
