@@ -30,37 +30,14 @@ inline std::string shown(py::handle value) {
 
 inline std::string shape_of(const py::array& array) { return py::repr(array.attr("shape")); }
 
-/// Whether a list, or one in it, has booleans: beside numbers numpy takes them for numbers.
-inline bool has_booleans(py::handle value, int depth = 0) {
-  constexpr int deepest = 64;  // numpy's limit of dimensions
-  PyObject* const object = value.ptr();
-  if (PyBool_Check(object)) return true;
-  if (PyFloat_Check(object) || PyLong_Check(object)) return false;
-  if ((PyList_Check(object) || PyTuple_Check(object)) && depth < deepest) {
-    for (const py::handle entry : py::reinterpret_borrow<py::sequence>(value)) {
-      if (has_booleans(entry, depth + 1)) return true;
-    }
-    return false;
-  }
-  const py::array leaf = py::array::ensure(value);
-  if (!leaf) PyErr_Clear();
-  return leaf && leaf.dtype().kind() == 'b';
-}
-
-/// The argument as contiguous numbers: as it is where it is that already, else a copy.
+/// The argument as contiguous numbers: as it is where it is that already, else as Python's own
+/// check of arguments reads it (lists, other numbers, other layouts; masks and booleans are
+/// refused).
 inline Numbers numbers_argument(const char* name, const char* kind, py::handle value) {
-  if (Numbers::check_(value)) return py::reinterpret_borrow<Numbers>(value);
-  const auto refuse = [&] {
-    throw py::type_error(std::string(name) + " must be " + kind + ", got " + shown(value));
-  };
-  const py::array raw = py::array::ensure(value);
-  if (!raw) {
-    PyErr_Clear();
-    refuse();
-  }
-  const char type = raw.dtype().kind();
-  if ((type != 'i' && type != 'u' && type != 'f') || has_booleans(value)) refuse();
-  return py::array_t<double, py::array::c_style | py::array::forcecast>(raw);
+  const auto& api = py::detail::npy_api::get();
+  const bool plain = Py_TYPE(value.ptr()) == api.PyArray_Type_;  // no masked array, for one
+  if (plain && Numbers::check_(value)) return py::reinterpret_borrow<Numbers>(value);
+  return py::module_::import("pipedyn._check").attr("doubles")(name, value, kind);
 }
 
 inline void require_finite(const char* name, const Numbers& array) {

@@ -15,6 +15,7 @@
 
 #include "pipedyn/chain.hpp"
 #include "pipedyn/galerkin.hpp"
+#include "pipedyn/galerkin_motion.hpp"
 #include "pipedyn/levels.hpp"
 
 namespace {
@@ -491,6 +492,125 @@ void check_high_modes() {
   }
 }
 
+// ------------------------------------------------------------------- motion of reduced models
+
+void check_quadrature() {
+  scene = "Gauss collocation";
+  for (const Index count : {1, 2, 7, 40}) {
+    const pipedyn::Quadrature rule(count);
+    const Matrix integral = rule.integral_to(rule.node);
+    const Matrix weighted = rule.weight.asDiagonal() * integral;
+    check_close(weighted + weighted.transpose(), rule.weight * rule.weight.transpose(), 1e-14,
+                "integrates by parts exactly");
+    check_close(integral * Vector::Ones(count), rule.node, 1e-14, "integral of 1");
+    const Vector powers = rule.node.array().pow(static_cast<double>(count - 1));
+    const Vector expected = powers.array() * rule.node.array() / static_cast<double>(count);
+    check_close(integral * powers, expected, 1e-13, "integral of a power");
+  }
+  check_refused([] { pipedyn::Quadrature(0); }, "a quadrature without nodes");
+}
+
+/// Weights that integrate sign(v) v^2: of a v with known zeros.
+void check_signed_weights() {
+  const Basis basis(Family::beam, 3);
+  const pipedyn::Grid grid(basis, pipedyn::Orthonormal(basis), 31);
+  const auto weigh = [&](const Vector& v) -> Vector {
+    Vector scratch(3 * 31), weights(31);
+    pipedyn::motion_kernel().galerkin->signed_weights(grid.tables(), v.data(), weights.data(),
+                                                      scratch.data());
+    return weights;
+  };
+  Vector s(32);
+  s << grid.rule().node, 1.0;
+  const auto primitive = [](double x) { return x * x * x / 3.0 - 0.9 * x * x / 2.0 + 0.14 * x; };
+  const Vector v = (s.array() - 0.2) * (s.array() - 0.7);
+  const double found = weigh(v).dot(v.head(31));
+  const double expected = 2.0 * (primitive(0.2) - primitive(0.7)) + primitive(1.0);
+  check(std::abs(found - expected) < 1e-9, "integral of |v|");
+  const Vector rest = Vector::Zero(32);
+  check_close(weigh(rest), grid.rule().weight, 0.0, "no zero to cut at");
+}
+
+void check_reduced_motion_of(const Pipe& pipe, Family family, Index m, Dice& dice) {
+  const pipedyn::GalerkinMotion model(pipe, Basis(family, m));
+  const Index members = 11;
+  const Vector scale = Basis(family, m).stiffness().cwiseSqrt().cwiseInverse();
+  Matrix y = dice.matrix(2 * m, members);
+  y.topRows(m) = scale.asDiagonal() * y.topRows(m);
+  y.bottomRows(m) = 10.0 * scale.asDiagonal() * y.bottomRows(m);
+  y.col(3) *= 4.0;  // of another level
+  y.col(5).setZero();
+  const Vector u = dice.vector(members, 0.0, 6.0);
+  Matrix together(2 * m, members), jacobian(2 * m, 2 * m);
+  const pipedyn::Batch batch{y.data(), u.data(), members, 1};
+  model.rhs(batch, together.data());
+  Vector energies(members), flow(members), joints(members), drag(members);
+  model.energy(batch, energies.data());
+  model.power(batch, {flow.data(), joints.data(), drag.data()});
+  for (Index k = 0; k < members; ++k) {
+    const Vector state = y.col(k);
+    const auto rhs = [&](const Vector& at) -> Vector {
+      Vector slope(2 * m);
+      model.rhs({at.data(), &u[k], 1, 0}, slope.data());
+      return slope;
+    };
+    const Vector slope = rhs(state);
+    check_close(together.col(k), slope, 1e-11, "a batch is its members");
+    if (k == 5) {
+      check(slope.isZero(0.0) && energies[k] == 0.0, "the straight pipe at rest stays so");
+      continue;
+    }
+    const double h = 1e-3 * state.norm() / slope.norm();
+    const auto energy = [&](double t) {
+      const Vector at = state + t * slope;
+      double value = 0.0;
+      model.energy({at.data(), &u[k], 1, 0}, &value);
+      return value;
+    };
+    const double rate =
+        (8.0 * (energy(h) - energy(-h)) - energy(2.0 * h) + energy(-2.0 * h)) / (12.0 * h);
+    const double total = flow[k] + joints[k] + drag[k];
+    check(std::abs(rate - total) < 1e-8 * std::abs(energies[k]) / h, "power is the energy's rate");
+    model.jacobian(state.data(), u[k], jacobian.data());
+    const Vector way = scale.replicate(2, 1).cwiseProduct(dice.vector(2 * m, -1.0, 1.0));
+    const double step = 1e-3;
+    const Vector change = (8.0 * (rhs(state + step * way) - rhs(state - step * way)) -
+                           rhs(state + 2.0 * step * way) + rhs(state - 2.0 * step * way)) /
+                          (12.0 * step);
+    check_close(jacobian * way, change, 1e-5, "Jacobian");
+  }
+  model.jacobian(Vector::Zero(2 * m).eval().data(), 3.0, jacobian.data());
+  const Operators ops = model.operators(Vector::Zero(m));
+  const Matrix stiffness = ops.stiffness + 9.0 * pipe.centrifugal() * ops.flux;
+  check_close(-ops.mass * jacobian.bottomLeftCorner(m, m), stiffness, 1e-9, "linear stiffness");
+  const Matrix velocity = 3.0 * pipe.direction() * (ops.gyroscopic + ops.end_flux) + ops.damping;
+  check_close(-ops.mass * jacobian.bottomRightCorner(m, m), velocity, 1e-9, "linear damping");
+  check_refused([&] { model.operators(Vector::Zero(m + 1)); }, "an amplitude too many");
+}
+
+void check_reduced_motion() {
+  Dice dice;
+  const std::string before = pipedyn::vector_level();
+  for (const std::string& level : pipedyn::vector_levels()) {
+    pipedyn::set_vector_level(level);
+    scene = level + ", signed weights";
+    check_signed_weights();
+    for (const Family family : {Family::beam, Family::legendre}) {
+      for (const Index m : {1, 3, 8}) {
+        for (const bool aspirating : {false, true}) {
+          scene = level + ", motion of " + std::to_string(m) +
+                  (family == Family::beam ? " beam modes" : " Legendre functions");
+          Pipe pipe = dice.pipe(aspirating);
+          pipe.drag = aspirating ? 0.7 : 0.0;
+          check_reduced_motion_of(pipe, family, m, dice);
+          check_reduced_motion_of(Pipe{.beta = 0.0, .aspirating = aspirating}, family, m, dice);
+        }
+      }
+    }
+  }
+  pipedyn::set_vector_level(before);
+}
+
 }  // namespace
 
 int main() {
@@ -499,6 +619,8 @@ int main() {
   check_refusals();
   check_bases();
   check_high_modes();
+  check_quadrature();
+  check_reduced_motion();
   std::printf("%d checks, %d failed\n", checks, failures);
   return failures == 0 ? 0 : 1;
 }

@@ -203,14 +203,20 @@ CASES = [
     *real("u", lambda v: CHAIN.operators().at(v), below=[-1e-9]),
     *real("u", lambda v: ROM.operators().at(v), below=[-1.0]),
     # motion
-    *real("u", lambda v: CHAIN.rhs(0.0, np.zeros(6), v), below=[-1e-9], above=[1e101]),
-    *real("u", lambda v: CHAIN.jacobian(0.0, np.zeros(6), v), below=[-1e-9]),
-    *real("u", lambda v: CHAIN.power(np.zeros(6), v), below=[-1e-9]),
-    *array("y", lambda v: CHAIN.rhs(0.0, v, 1.0), size=6),
-    *array("y", lambda v: CHAIN.jacobian(0.0, v, 1.0), size=6),
-    *array("y", lambda v: CHAIN.energy(v), size=6),
-    *array("y", lambda v: CHAIN.power(v, 1.0), size=6),
-    *array("q", lambda v: CHAIN.operators(v), size=3, optional=True),
+    *(
+        case
+        for model in (CHAIN, ROM)
+        for case in [
+            *real("u", lambda v, model=model: model.rhs(0.0, np.zeros(6), v), [-1e-9], [1e101]),
+            *real("u", lambda v, model=model: model.jacobian(0.0, np.zeros(6), v), [-1e-9]),
+            *real("u", lambda v, model=model: model.power(np.zeros(6), v), [-1e-9]),
+            *array("y", lambda v, model=model: model.rhs(0.0, v, 1.0), size=6),
+            *array("y", lambda v, model=model: model.jacobian(0.0, v, 1.0), size=6),
+            *array("y", model.energy, size=6),
+            *array("y", lambda v, model=model: model.power(v, 1.0), size=6),
+            *array("q", model.operators, size=3, optional=True),
+        ]
+    ),
     *(("pipe", model.with_pipe, v) for model in (CHAIN, ROM) for v in [None, 0.2]),
     *(
         case

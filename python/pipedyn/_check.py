@@ -21,6 +21,10 @@ NOT_NUMBERS = (bool, np.bool_, np.timedelta64)
 """What Python or numpy registers as a number, but counts nothing."""
 
 
+LONGEST = 1_000_000_000
+"""Numbers in one argument: 8 GB."""
+
+
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlist = _BRIEF.maxtuple = _BRIEF.maxset = _BRIEF.maxfrozenset = _BRIEF.maxdict = 20
 _BRIEF.maxstring = _BRIEF.maxlong = _BRIEF.maxother = 120
@@ -164,6 +168,13 @@ def numbers(
     if raw.dtype.kind not in kinds:
         raise wrong()
     return raw
+
+
+def doubles(name: str, value: Any, what: str) -> Array:
+    """Numbers of any shape, finite or not, as contiguous float64: what the core takes."""
+    raw = numbers(name, value, what, longest=LONGEST)
+    with np.errstate(over="ignore"):  # of longer floats: infinity is refused later
+        return np.asarray(raw, dtype=np.float64, order="C")
 
 
 def _is_real(value: Any) -> bool:
