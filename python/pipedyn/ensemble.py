@@ -9,7 +9,7 @@ batch: the tolerance is sharpened by the root of the members, so that each meets
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -114,7 +114,7 @@ def simulate_many(
     if at.ndim != 1:
         raise ValueError(f"speeds must be a number or one-dimensional, got shape {at.shape}")
     starts, rates = _each("q0", q0), _each("qdot0", qdot0)
-    given = {"models": chosen, "speeds": at, "q0": starts, "qdot0": rates}
+    given: dict[str, Any] = {"models": chosen, "speeds": at, "q0": starts, "qdot0": rates}
     members = max(len(values) for values in given.values())
     for name, values in given.items():
         if len(values) not in (1, members):
@@ -166,6 +166,7 @@ def _each(name: str, given: Any) -> list[Any]:
 def _solved(tasks: list[Task], executor: Executor | None, shown: bool) -> Ensemble:
     blocks = _blocks(tasks)
     joined = [_joined([tasks[i] for i in block]) for block in blocks]
+    answers: Iterable[list[tuple[Motion, str | None]]]
     if executor is None:
         answers = map(_motions, joined)
     else:

@@ -189,9 +189,9 @@ class Model(ABC):
         raise NotImplementedError
 
     @property
-    @abstractmethod
     def motion(self) -> Any:
         """The compiled equations of motion; its `rhs_and_power` takes [q, q', work done]."""
+        raise NotImplementedError
 
     def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
         """What feeds and drains the energy; the total is dE/dt along the motion."""

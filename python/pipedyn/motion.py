@@ -227,7 +227,7 @@ class _Count:
 
     def __init__(self, task: Task) -> None:
         self.calls = 0
-        self.f = task.model.motion.rhs_and_power
+        self.f: Callable[[float, Array, Any], Array] = task.model.motion.rhs_and_power
         self.u = task.u
         self.shape = task.start.shape
 
