@@ -206,8 +206,8 @@ class Galerkin(Model):
         nodes, weights = gauss_nodes(4 * self._size + 60)
         root = np.sqrt(weights)
         table = root[:, None] * self.core.basis(nodes, 1)
-        fitted: Array = np.linalg.lstsq(table, root * self._angles(angle, nodes))[0]
-        return fitted
+        fitted = np.linalg.lstsq(table, root * self._angles(angle, nodes))[0]
+        return np.asarray(fitted, dtype=np.float64)
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         """Transverse displacement for small amplitudes at arc lengths s.
