@@ -187,7 +187,7 @@ def test_a_hundred_members_take_far_fewer_calls_than_a_hundred_motions():
     speeds = np.linspace(5.0, 6.0, 96)
     together = pd.simulate_many(CHAIN, speeds, 1.0, bow, samples=6)
     alone = pd.simulate(CHAIN, 5.5, 1.0, bow, samples=6)
-    calls = sum({id(m): m.evaluations for m in together.motions[::8]}.values())
+    calls = together.motions[0].evaluations + together.motions[-1].evaluations  # two batches
     assert calls < 10 * alone.evaluations
 
 
