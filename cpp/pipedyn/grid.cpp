@@ -117,7 +117,7 @@ Grids::Grids(Basis basis, bool drag, Index least_nodes)
   const Vector order =
       Vector::LinSpaced(coefficient.rows(), 0.0, static_cast<double>(coefficient.rows() - 1));
   const Index m = basis_.size();
-  const Index largest = 16 * m + 96;
+  const Index largest = std::min<Index>(16 * m + 96, std::max<Index>(4095, 4 * m));  // of 0.1 GB
   // Points, the nodes and the end, come in whole multiples.
   for (Index points = whole_points(std::max({m, least_nodes, demand.least_nodes}) + 1);;
        points = whole_points(points + std::max<Index>(4, points / 6))) {

@@ -4,9 +4,11 @@
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
+from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
+from pipedyn.motion import Motion, MotionStopped, simulate
 from pipedyn.pipe import Pipe, Scales, inlet_coefficient
 from pipedyn.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.stability import Failure, StabilityCurve, stability_curve
@@ -19,11 +21,15 @@ __all__ = [
     "CriticalSpeed",
     "Crossing",
     "Derivatives",
+    "Ensemble",
     "Failure",
     "Galerkin",
+    "MemberFailure",
     "ModeShape",
     "Model",
     "Modes",
+    "Motion",
+    "MotionStopped",
     "NoCrossing",
     "NotConverged",
     "Operators",
@@ -40,5 +46,7 @@ __all__ = [
     "inlet_coefficient",
     "modes",
     "root_loci",
+    "simulate",
+    "simulate_many",
     "stability_curve",
 ]

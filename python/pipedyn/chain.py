@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -183,6 +184,11 @@ class Chain(Model):
     def core(self) -> _core.Chain:
         """The compiled chain."""
         return self._with_springs(self._springs)
+
+    @property
+    def motion(self) -> _core.Chain:
+        """The compiled chain."""
+        return self.core
 
     def braced(self, springs: Array) -> _core.Chain:
         """The compiled chain with springs added to its own, shape (n,)."""
@@ -390,6 +396,25 @@ class Chain(Model):
         x = self._along(self._lengths * np.sin(angles), at)
         y = self._along(self._lengths * np.cos(angles), at) + np.minimum(at, self._base)
         return np.stack([x, y], axis=-1)
+
+    def tips(self, q: ArrayLike) -> Array:
+        """Positions (x, y) of the free end, shape (k, 2), for k configurations, angles (n, k)."""
+        angles = self._columns("q", q)
+        down = self._base + self._lengths @ np.cos(angles)
+        return np.stack([self._lengths @ np.sin(angles), down], axis=-1)
+
+    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        """Angles of the segments of a bent pipe, shape (n,): theta(s) at their middles.
+
+        Args:
+            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+
+        Raises:
+            TypeError: if angle is no function.
+            ValueError: if it gives another shape, or no finite numbers.
+        """
+        ends = self._base + np.cumsum(self._lengths)
+        return self._angles(angle, ends - 0.5 * self._lengths)
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         """Transverse displacement for small angles at arc lengths s.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -189,6 +190,11 @@ class Model(ABC):
     def energy(self, y: ArrayLike) -> float | Array:
         """Kinetic, elastic and gravity's energy, a number or shape (k,); 0 at rest and straight."""
 
+    @property
+    @abstractmethod
+    def motion(self) -> _core.Chain | _core.GalerkinMotion:
+        """The compiled equations of motion; its `rhs_and_power` takes [q, q', work done]."""
+
     @abstractmethod
     def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
         """What feeds and drains the energy; the total is dE/dt along the motion."""
@@ -211,6 +217,31 @@ class Model(ABC):
         Raises:
             ValueError, TypeError: for coordinates or arc lengths that are not such.
         """
+
+    @abstractmethod
+    def tips(self, q: ArrayLike) -> Array:
+        """Positions (x, y) of the free end, shape (k, 2), for k configurations, q (dof, k)."""
+
+    @abstractmethod
+    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        """Coordinates of a bent pipe, so that models may start alike.
+
+        Args:
+            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+
+        Returns:
+            q, shape (dof,).
+
+        Raises:
+            TypeError: if angle is no function.
+            ValueError: if it gives another shape, or no finite numbers.
+        """
+
+    @staticmethod
+    def _angles(angle: Callable[[Array], ArrayLike], s: Array) -> Array:
+        if not callable(angle):
+            raise TypeError(f"angle must be a function of arc length, got {_check.shown(angle)}")
+        return _check.array("angle(s)", angle(s), size=s.size)
 
     def tip(self, q: ArrayLike) -> Array:
         """Position (x, y) of the free end, shape (2,)."""

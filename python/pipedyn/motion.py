@@ -1,0 +1,382 @@
+# SPDX-License-Identifier: MIT
+"""Motion in time: what scipy's integrators make of a model's right-hand side, and its audit.
+
+Integrated is y = [q, q', W] with W' the power of flow, joints and drag, so that the audit
+|E(t) - E(0) - W(t)| has the integrator's own order and does not depend on the samples.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+import scipy.integrate
+from numpy.typing import ArrayLike
+from scipy.integrate import ode
+
+from pipedyn import _check
+from pipedyn._check import Array
+from pipedyn.continuum import Continuum
+from pipedyn.modal import LARGEST_SPEED
+from pipedyn.model import Model, PipedynError
+from pipedyn.progress import track
+
+COMPILED = ("dop853", "lsoda")
+"""scipy.integrate.ode's integrators that serve."""
+
+METHODS = ("auto", *COMPILED, "DOP853", "Radau", "BDF", "LSODA")
+"""Small letters: compiled; the others: `scipy.integrate.solve_ivp`'s, in Python."""
+
+Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
+"""Initial coordinates, or the angle theta(s) of the bent pipe."""
+
+LARGEST_IMPLICIT = 300
+"""Degrees of freedom beyond which dense factorisations are not chosen."""
+
+LARGEST_SAMPLES = 100_000_000
+"""Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One motion, sampled.
+
+    Attributes:
+        t: times in T, shape (S,).
+        q, qdot: coordinates and their rates, shape (S, dof).
+        tip: position (x, y) of the free end in L, shape (S, 2).
+        energy: in EI / L, shape (S,).
+        audit: largest |E(t) - E(0) - work of flow, joints and drag|, relative to the largest of |E|
+            and the kinetic energy: 0 but for the integrator's errors.
+        u: flow speed.
+        method: the integrator.
+        evaluations: right-hand sides that it took; of a batch, those of the whole batch.
+        model: the model.
+    """
+
+    t: Array
+    q: Array = field(repr=False)
+    qdot: Array = field(repr=False)
+    tip: Array = field(repr=False)
+    energy: Array = field(repr=False)
+    audit: float
+    u: float
+    method: str
+    evaluations: int
+    model: Model
+
+    @property
+    def y(self) -> Array:
+        """States [q, q'] at the times, shape (2 dof, S)."""
+        return np.concatenate([self.q, self.qdot], axis=1).T
+
+
+class MotionStopped(PipedynError):
+    """An integration that could not go on.
+
+    Attributes:
+        motion: up to the last sample before.
+    """
+
+    def __init__(self, message: str, motion: Motion) -> None:
+        super().__init__(message, motion)
+        self.motion = motion
+
+
+@dataclass(frozen=True)
+class Task:
+    """A checked question: one state or, in the columns, several.
+
+    Attributes:
+        model: the model.
+        u: flow speed, or one of each state, shape (k,).
+        times: of the samples, the first the start, shape (S,).
+        start: [q, q', 0], shape (2 dof + 1,) or (2 dof + 1, k).
+        rtol, atol: tolerances of each state's error in a step.
+        method: of METHODS, not "auto".
+    """
+
+    model: Model
+    u: float | Array
+    times: Array
+    start: Array
+    rtol: float
+    atol: float
+    method: str
+
+
+class Stopped(Exception):
+    """Why an integration ended early."""
+
+
+def simulate(
+    model: Model,
+    u: float,
+    duration: float,
+    q0: Start,
+    qdot0: ArrayLike | None = None,
+    *,
+    samples: int = 501,
+    times: ArrayLike | None = None,
+    rtol: float = 1e-6,
+    atol: float | None = None,
+    method: str = "auto",
+    progress: bool = False,
+) -> Motion:
+    """The motion from an initial state at a constant flow speed, exact in the amplitude.
+
+    Args:
+        model: chain or reduced model.
+        u: flow speed >= 0, in sqrt(EI / mu_f) / L.
+        duration: in T, > 0.
+        q0: initial coordinates, shape (dof,), or the angle theta(s) of the bent pipe, a function
+            of arc lengths (p,) to (p,), so that different models start alike.
+        qdot0: initial rates, shape (dof,); at rest where not given.
+        samples: number of evenly spaced samples, both ends included, at least 2.
+        times: samples at these times instead, increasing, in [0, duration].
+        rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
+        atol: absolute tolerance; rtol / 100 where not given.
+        method: "auto" chooses by measured cost, see `choose_method`; compiled "dop853" (explicit,
+            order 8), "bdf" (implicit) and "lsoda" (both); or one of `scipy.integrate.solve_ivp`:
+            "DOP853", "Radau", "BDF", "LSODA". Implicit ones use the analytic Jacobian.
+        progress: show progress on stderr.
+
+    Returns:
+        Motion.
+
+    Raises:
+        MotionStopped: if the step shrinks to nothing or the state leaves finite numbers; it carries
+            the motion up to there.
+        ValueError, TypeError: for bad arguments.
+
+    Source: `Chain.rhs` and `Galerkin.rhs` for the equations; scipy for their integration.
+    """
+    task = checked_task(
+        *(model, u, duration, q0, qdot0),
+        samples=samples,
+        times=times,
+        rtol=rtol,
+        atol=atol,
+        method=method,
+    )
+    shown = _check.flag("progress", progress)
+    rows, evaluations, why = integrate(task, shown)
+    motion = motion_of(task, float(task.u), rows, evaluations)
+    if why is not None:
+        raise MotionStopped(f"the motion stopped at t = {motion.t[-1]:g}: {why}", motion)
+    return motion
+
+
+def checked_model_in_motion(model: Any) -> Model:
+    """The argument, if it is a model that moves."""
+    if isinstance(model, Continuum) or not isinstance(model, Model):
+        raise TypeError(
+            f"model must be a Chain or a Galerkin model, got {_check.shown(model)}"
+            + ("; take Continuum.frozen(m)" if isinstance(model, Continuum) else "")
+        )
+    return model
+
+
+def checked_task(
+    model: Any,
+    u: Any,
+    duration: Any,
+    q0: Any,
+    qdot0: Any,
+    *,
+    samples: Any,
+    times: Any,
+    rtol: Any,
+    atol: Any,
+    method: Any,
+) -> Task:
+    """The arguments of `simulate`, checked, with the method chosen."""
+    model = checked_model_in_motion(model)
+    u = _check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    duration = _check.real("duration", duration, low=0.0, high=1e9, open_low=True)
+    most = LARGEST_SAMPLES // model.dof
+    if times is None:
+        at = np.linspace(0.0, duration, _check.count("samples", samples, low=2, high=most))
+    else:
+        at = _check.array("times", times, low=0.0, high=duration, longest=most)
+        if np.any(np.diff(at) <= 0.0):
+            raise ValueError("times must be strictly increasing")
+    start = np.zeros(2 * model.dof + 1)
+    coordinates = model.bent(q0) if callable(q0) else q0
+    start[: model.dof] = _check.array("q0", coordinates, size=model.dof, low=-1e6, high=1e6)
+    if qdot0 is not None:
+        rates = _check.array("qdot0", qdot0, size=model.dof, low=-1e100, high=1e100)
+        start[model.dof : -1] = rates
+    rtol = _check.real("rtol", rtol, low=1e-13, high=0.1)
+    atol = 0.01 * rtol if atol is None else _check.real("atol", atol, low=0.0, high=1.0)
+    method = _check.choice("method", method, METHODS)
+    if method == "auto":
+        method = choose_method(model, u, rtol)
+    return Task(model, u, at, start, rtol, atol, method)
+
+
+class _Count:
+    """A right-hand side that counts its calls, and answers NaN to a state that is not finite.
+
+    An exception would pass through compiled integrators, which do not expect one; NaN makes them
+    try a shorter step.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.calls = 0
+        self.overflowed = False
+        self.f: Callable[[float, Array, Any], Array] = task.model.motion.rhs_and_power
+        self.u = task.u
+        self.shape = task.start.shape
+
+    def one(self, t: float, y: Array) -> Array:
+        self.calls += 1
+        try:
+            return self.f(t, y, self.u)
+        except ValueError:
+            self.overflowed = True
+            return np.full(self.shape, np.nan)
+
+    def many(self, t: float, y: Array) -> Array:
+        return self.one(t, y.reshape(self.shape)).ravel()
+
+
+def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
+    """States at the samples, (S, *start.shape), right-hand sides, and why it stopped early."""
+    count = _Count(task)
+    rhs = count.one if task.start.ndim == 1 else count.many
+    route = _compiled if task.method in COMPILED else _stepped
+    rows: list[Array] = []
+    why = None
+    try:
+        for row in track(route(task, rhs), task.times.size, "motion", shown):
+            rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
+    except Stopped as stopped:
+        why = "the state left finite numbers" if count.overflowed else str(stopped)
+    return np.array(rows).reshape(-1, *task.start.shape), count.calls, why
+
+
+def _jacobian(task: Task) -> Callable[[float, Array], Array]:
+    """Of [q, q', W]. W acts on nothing, and the Newton iteration does without the power's row."""
+    size = task.start.size
+
+    def jacobian(t: float, y: Array) -> Array:
+        whole = np.zeros((size, size))
+        whole[:-1, :-1] = task.model.jacobian(t, y[:-1], float(task.u))
+        return whole
+
+    return jacobian
+
+
+def _compiled(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Array]:
+    explicit = task.method == "dop853"
+    solver = ode(rhs) if explicit else ode(rhs, _jacobian(task))
+    options = {} if explicit else {"with_jacobian": True}
+    solver.set_integrator(
+        task.method, rtol=task.rtol, atol=task.atol, nsteps=1_000_000_000, **options
+    )
+    solver.set_initial_value(task.start.ravel(), 0.0)
+    if explicit:
+        # Its test for stiffness ends runs whose steps are held by stability, which is no failure.
+        solver._integrator.iwork[3] = -1
+    for t in task.times:
+        if t > solver.t:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # said by the exception
+                solver.integrate(t)
+            if not (solver.successful() and np.isfinite(solver.y).all()):
+                raise Stopped("its step shrank to nothing")
+        yield solver.y.copy()
+
+
+def _stepped(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Array]:
+    kind = getattr(scipy.integrate, task.method)
+    implicit = {} if task.method == "DOP853" else {"jac": _jacobian(task)}
+    waiting = iter(task.times)
+    t = next(waiting)
+    if t == 0.0:
+        yield task.start
+        t = next(waiting, None)
+    if t is None:
+        return
+    end = float(task.times[-1])
+    solver = kind(rhs, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
+    while t is not None:
+        try:
+            message = solver.step()
+        except ValueError as error:  # a factorisation refuses what is not finite
+            raise Stopped(str(error)) from error
+        if solver.status == "failed" or not np.isfinite(solver.y).all():
+            raise Stopped(message or "the state left finite numbers")
+        between = solver.dense_output()
+        while t is not None and t <= solver.t:
+            yield between(t)
+            t = next(waiting, None)
+
+
+def motion_of(task: Task, u: float, rows: Array, evaluations: int) -> Motion:
+    """The motion of one state from its samples (S, 2 dof + 1)."""
+    dof, model = task.model.dof, task.model
+    t = task.times[: len(rows)]
+    q, qdot, work = rows[:, :dof], rows[:, dof : 2 * dof], rows[:, 2 * dof]
+    states = np.ascontiguousarray(rows[:, :-1].T)
+    energy = np.asarray(model.energy(states))
+    at_rest = states.copy()
+    at_rest[dof:] = 0.0
+    kinetic = energy - np.asarray(model.energy(at_rest))
+    first = float(
+        np.asarray(model.energy(task.start[:-1] if task.start.ndim == 1 else rows[0, :-1]))
+    )
+    scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
+    miss = float(np.abs(energy - first - work).max(initial=0.0))
+    return Motion(
+        t=t,
+        q=q,
+        qdot=qdot,
+        tip=model.tips(q.T),
+        energy=energy,
+        audit=miss / scale if scale else 0.0,
+        u=u,
+        method=task.method,
+        evaluations=evaluations,
+        model=model,
+    )
+
+
+def choose_method(model: Model, u: float, rtol: float) -> str:
+    """The integrator that measured cheapest: "dop853" unless damping makes the motion stiff.
+
+    The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
+    "lsoda" leaves it out of account where it decays at once, at some 1500 (-log10 rtol) such
+    costs, Jacobians and factorisations included; undamped it follows every mode and costs more
+    (tests/benchmark_simulate.py prints the comparison).
+
+    Args:
+        model: chain or reduced model.
+        u: flow speed.
+        rtol: relative tolerance.
+    """
+    delta = model.pipe.damping
+    if delta == 0.0 or model.dof > LARGEST_IMPLICIT:
+        return "dop853"
+    fastest = highest_frequency(model)
+    stiff = max(fastest, delta * fastest**2) > 440.0 * -math.log10(rtol)
+    return "lsoda" if stiff and 0.5 * delta * fastest > 0.1 else "dop853"
+
+
+def highest_frequency(model: Model) -> float:
+    """Angular frequency of the fastest mode at rest, to some per cent, by power iteration."""
+    conservative = replace(model.pipe, damping=0.0, drag=0.0)
+    twin = model.with_pipe(conservative)
+    q = np.cos(math.pi * np.arange(model.dof)) * np.linspace(1.0, 1.5, model.dof)
+    square = 0.0
+    for _ in range(40):
+        q *= 1e-6 / np.abs(q).max()
+        turned = twin.rhs(0.0, np.concatenate([q, np.zeros_like(q)]), 0.0)[model.dof :]
+        square = float(np.linalg.norm(turned) / np.linalg.norm(q))
+        q = turned
+    return math.sqrt(square)
