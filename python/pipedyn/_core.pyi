@@ -11,6 +11,7 @@ import typing
 __all__: list[str] = [
     "Chain",
     "Galerkin",
+    "GalerkinMotion",
     "Operators",
     "Pipe",
     "set_vector_level",
@@ -99,6 +100,9 @@ class Chain:
     def rhs(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def springs_times(
         self, joint_angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
@@ -126,6 +130,38 @@ class Galerkin:
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def operators(self) -> Operators: ...
+
+class GalerkinMotion:
+    def __init__(
+        self,
+        pipe: Pipe,
+        legendre: bool,
+        size: typing.SupportsInt | typing.SupportsIndex,
+        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> None: ...
+    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def nodes(
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> int: ...
+    def operators(
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> Operators: ...
+    def power(
+        self, y: typing.Any, u: typing.Any
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
 
 def set_vector_level(name: str) -> None: ...
 def sincos(
