@@ -86,6 +86,58 @@ void product(Count size, const double* a, const double* x, Count row_length, dou
   }
 }
 
+/// From sums and differences (both in sums) to the integrals' halves: see GridTables.
+void integrate_folded(const GridTables& grid, Count row, double* sums, double* moments) {
+  const Count half = (grid.nodes + 1) / 2, middle = half - 1;
+  double* const differences = sums + half * row;
+  const double* const half_of_all = moments + (2 * half - 1) * row;
+  product(half, grid.from_sums, sums, row, moments + half * row);
+  for (Count i = 0; i < row; ++i) differences[middle * row + i] = half_of_all[i];
+  product(half, grid.from_differences, differences, row, moments);
+}
+
+Count integrals_scratch_size(const GridTables& grid, Count columns) {
+  return 2 * (grid.nodes + 1) * whole_packs(columns);
+}
+
+void integrate(const GridTables& grid, const double* f, Count columns, double* out,
+               double* scratch) {
+  const Count nodes = grid.nodes, points = nodes + 1, half = points / 2, middle = half - 1;
+  const Count row = whole_packs(columns);
+  double* const moments = scratch + points * row;
+  for (Count p = 0; p < half; ++p) {
+    const double* __restrict const here = f + p * columns;
+    const double* __restrict const mirrored = f + (nodes - 1 - p) * columns;
+    double* __restrict const sum = scratch + p * row;
+    double* __restrict const difference = scratch + (half + p) * row;
+    const double share = p < middle ? 1.0 : 0.5;  // the middle one is its own mirror
+    for (Count i = 0; i < columns; ++i) {
+      sum[i] = share * (here[i] + mirrored[i]);
+      difference[i] = here[i] - mirrored[i];
+    }
+    for (Count i = columns; i < row; ++i) sum[i] = difference[i] = 0.0;
+  }
+  integrate_folded(grid, row, scratch, moments);
+  for (Count p = 0; p < half; ++p) {
+    const double* __restrict const even = moments + p * row;
+    const double* __restrict const odd = moments + (half + p) * row;
+    double* __restrict const here = out + p * columns;
+    double* __restrict const mirrored = out + (nodes - 1 - p) * columns;
+    double* __restrict const end = out + nodes * columns;
+    if (p < middle) {
+      for (Count i = 0; i < columns; ++i) {
+        here[i] = even[i] + odd[i];
+        mirrored[i] = even[i] - odd[i];
+      }
+    } else {
+      for (Count i = 0; i < columns; ++i) {
+        here[i] = even[i];
+        end[i] = 2.0 * odd[i];
+      }
+    }
+  }
+}
+
 // -------------------------------------------------------------------------------- drag's weights
 
 /// Zero of the cubic through (x[k], v[k]), k < 4, between low and high, where it changes sign.
@@ -326,14 +378,6 @@ struct Block {
     }
   }
 
-  void integrate(Count row) {
-    double* const differences = sums + half * row;
-    double* const half_of_all = moments + (2 * half - 1) * row;
-    product(half, grid.from_sums, sums, row, moments + half * row);
-    for (Count i = 0; i < row; ++i) differences[middle * row + i] = half_of_all[i];
-    product(half, grid.from_differences, differences, row, moments);
-  }
-
   /// An integrated column at a point.
   Real moment(Count row, Count column, Count p) const {
     const auto entry = [&](Count which) { return at<Real>(moments + which * row, column); };
@@ -532,7 +576,7 @@ struct Block {
     angles(batch.y);
     fold_slopes(row);
     fold_motion<true>(row, bias);
-    integrate(row);
+    integrate_folded(grid, row, sums, moments);
     forces(batch.y, load<Real>(batch.u), row);
     gram(row);
     solve(out);
@@ -545,7 +589,7 @@ struct Block {
     angles(batch.y);
     for (Count i = 0; i < points * row; ++i) sums[i] = 0.0;
     fold_motion<false>(row, 0);
-    integrate(row);
+    integrate_folded(grid, row, sums, moments);
     return row;
   }
 
@@ -642,6 +686,8 @@ const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
     .accelerations = ::accelerations,
     .energy = ::energy,
     .power = ::power,
+    .integrals_scratch_size = ::integrals_scratch_size,
+    .integrate = ::integrate,
     .signed_weights = ::signed_weights,
 };
 

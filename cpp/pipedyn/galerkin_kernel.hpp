@@ -62,6 +62,11 @@ struct GalerkinKernel {
   void (*power)(const GridTables&, const MotionEffects&, const Batch&, const PowerParts& out,
                 double* scratch);
 
+  /// Integrals from 0 to each point (Q + 1, columns) of what f (Q, columns) is at the nodes.
+  std::ptrdiff_t (*integrals_scratch_size)(const GridTables&, std::ptrdiff_t columns);
+  void (*integrate)(const GridTables&, const double* f, std::ptrdiff_t columns, double* out,
+                    double* scratch);
+
   /// Weights (Q,) that integrate sign(v) f for a smooth f, given v at the points: the interval is
   /// cut at the zeros of v, each found on the cubic through the four points around it. Where f has
   /// a double zero with v, as |v| v has, a zero's error enters by its cube. O(Q), and O(Q^2) with

@@ -77,6 +77,24 @@ void for_each_block(const Grids& grids, const Batch& batch, Index results, const
   }
 }
 
+/// Integrals from 0 to each point (Q + 1, columns) of what f (Q, columns) is at the nodes.
+void integrate(const Grid& grid, const Matrix& f, Matrix& out) {
+  const GridTables& tables = grid.tables();
+  out.resize(grid.nodes() + 1, f.cols());
+  kernel().integrate(tables, f.data(), f.cols(), out.data(),
+                     scratch(kernel().integrals_scratch_size(tables, f.cols())));
+}
+
+/// Transposed: of loads f in each node's weight, all beyond each node, in its weight (Q, columns).
+/// The quadrature's integration by parts, S^T W = w w^T - W S, gives them; out has a row more.
+void integrate_beyond(const Grid& grid, const Matrix& f, Matrix& out) {
+  integrate(grid, f, out);
+  const Index nodes = grid.nodes();
+  for (Index p = 0; p < nodes; ++p) {
+    out.row(p) = grid.rule().weight[p] * (out.row(nodes) - out.row(p));
+  }
+}
+
 /// Angle, rate and the frame t, n at a grid's points.
 struct Frame {
   Vector angle, omega, sine, cosine;
@@ -102,7 +120,7 @@ struct Frame {
     turning.resize(nodes, 2);
     turning.col(0) = cosine.head(nodes).cwiseProduct(omega.head(nodes));
     turning.col(1) = -sine.head(nodes).cwiseProduct(omega.head(nodes));
-    velocity.noalias() = grid.integral() * turning;
+    integrate(grid, turning, velocity);
   }
 
   void set_drag(const Grid& grid) {
@@ -113,17 +131,17 @@ struct Frame {
   }
 };
 
-/// Derivatives of the position, integral of n Theta_i, at a grid's points, by component; slopes
-/// (points, m) holds the Theta_i.
+/// Derivatives of the position, integral of n Theta_i, at a grid's points: x, then y (Q + 1, 2 m);
+/// slopes (points, m) holds the Theta_i.
 template <class Slopes>
 void set_position_derivatives(const Grid& grid, const Frame& frame, const Slopes& slopes,
-                              Matrix& integrand, Matrix& x, Matrix& y) {
-  const Index nodes = grid.nodes();
+                              Matrix& integrand, Matrix& xy) {
+  const Index nodes = grid.nodes(), m = slopes.cols();
   const auto slope = slopes.topRows(nodes);
-  integrand.noalias() = frame.cosine.head(nodes).asDiagonal() * slope;
-  x.noalias() = grid.integral() * integrand;
-  integrand.noalias() = -(frame.sine.head(nodes).asDiagonal() * slope);
-  y.noalias() = grid.integral() * integrand;
+  integrand.resize(nodes, 2 * m);
+  integrand.leftCols(m).noalias() = frame.cosine.head(nodes).asDiagonal() * slope;
+  integrand.rightCols(m).noalias() = -(frame.sine.head(nodes).asDiagonal() * slope);
+  integrate(grid, integrand, xy);
 }
 
 }  // namespace
@@ -175,15 +193,15 @@ void GalerkinMotion::power(const Batch& batch, const PowerParts& out) const {
 void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   struct Workspace {  // each of one shape, so that it is allocated once
     Frame frame;
-    Matrix integrand, x, y, along, across, sum_x, sum_y, sum_along, sum_across;
+    Matrix integrand, xy, along, across, sums, sum_along, sum_across;
     Matrix by_angle, by_rate, by_drag, turn, weighted, force, mass, elastic, dragged, system;
     Vector acceleration, spin, pressure, factor;
     Eigen::LLT<Matrix> factors;
   };
   static thread_local Workspace work;
-  auto& [frame, integrand, jx, jy, along, across, sum_x, sum_y, sum_along, sum_across, by_angle,
-         by_rate, by_drag, turn, weighted, force, mass, elastic, dragged, system, acceleration,
-         spin, pressure, factor, factors] = work;
+  auto& [frame, integrand, xy, along, across, sums, sum_along, sum_across, by_angle, by_rate,
+         by_drag, turn, weighted, force, mass, elastic, dragged, system, acceleration, spin,
+         pressure, factor, factors] = work;
   const Index m = dof();
   const Map q(y, m), rate(y + m, m);
   const Grid& grid = grids_[grids_.choose(y, 1)];
@@ -199,45 +217,46 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
                          scratch(kernel().scratch_size(grid.tables(), 1)));
   frame.set(grid, q, rate);
   const auto orthonormal = grid.orthonormal().leftCols(m);
-  set_position_derivatives(grid, frame, orthonormal, integrand, jx, jy);
+  set_position_derivatives(grid, frame, orthonormal, integrand, xy);
+  const auto jx = xy.leftCols(m), jy = xy.rightCols(m);
   const auto s = frame.sine.array(), c = frame.cosine.array(), omega = frame.omega.array();
   spin.noalias() = slope * acceleration;  // second derivative of the angle
 
-  // Load per node, times its weight: inertia less the forces; at the end the follower force.
+  // Load of each node, in its weight: inertia less the forces; at the end the follower force.
+  const auto s_in = s.head(nodes), c_in = c.head(nodes), omega_in = omega.head(nodes);
   turn.resize(nodes, 2);
-  turn.col(0) = (c * spin.array() - s * omega.square()).head(nodes);
-  turn.col(1) = (-s * spin.array() - c * omega.square()).head(nodes);
-  force.noalias() = grid.integral() * turn;
+  turn.col(0) = c_in * spin.head(nodes).array() - s_in * omega_in.square();
+  turn.col(1) = -s_in * spin.head(nodes).array() - c_in * omega_in.square();
+  integrate(grid, turn, force);
+  force.conservativeResize(nodes, 2);
   if (coriolis != 0.0) {
-    force.col(0).array() += coriolis * omega * c;
-    force.col(1).array() -= coriolis * omega * s;
+    force.col(0).array() += coriolis * omega_in * c_in;
+    force.col(1).array() -= coriolis * omega_in * s_in;
   }
   if (effects.gamma != 0.0) force.col(1).array() -= effects.gamma;
-  force.topRows(nodes).array().colwise() *= weight.array();
   if (drags) {
     frame.set_velocity(grid);
     frame.set_drag(grid);
     pressure = effects.drag * frame.weight.array() * frame.normal.head(nodes).array().square();
-    force.topRows(nodes).col(0).array() += pressure.array() * c.head(nodes);
-    force.topRows(nodes).col(1).array() -= pressure.array() * s.head(nodes);
+    force.col(0).array() += pressure.array() * c_in / weight.array();
+    force.col(1).array() -= pressure.array() * s_in / weight.array();
   }
-  force(nodes, 0) = thrust * s[nodes];
-  force(nodes, 1) = thrust * c[nodes];
-  weighted.noalias() = grid.integral().transpose() * force;  // sum of the loads beyond, weighted
+  integrate_beyond(grid, force, weighted);
+  weighted.col(0).head(nodes) += thrust * s[nodes] * weight;
+  weighted.col(1).head(nodes) += thrust * c[nodes] * weight;
 
   // Virtual displacements along t and n, and what is beyond of them.
   along = jx.array().colwise() * s + jy.array().colwise() * c;
   across = jx.array().colwise() * c - jy.array().colwise() * s;
-  const auto within = grid.integral().topRows(nodes).transpose();
-  integrand.noalias() = weight.asDiagonal() * jx.topRows(nodes);
-  sum_x.noalias() = within * integrand;
-  mass.noalias() = integrand.transpose() * jx.topRows(nodes);
-  integrand.noalias() = weight.asDiagonal() * jy.topRows(nodes);
-  sum_y.noalias() = within * integrand;
-  mass.noalias() += integrand.transpose() * jy.topRows(nodes);
-  const auto s_in = s.head(nodes), c_in = c.head(nodes), omega_in = omega.head(nodes);
-  sum_along = sum_x.array().colwise() * s_in + sum_y.array().colwise() * c_in;
-  sum_across = sum_x.array().colwise() * c_in - sum_y.array().colwise() * s_in;
+  integrand.noalias() = weight.asDiagonal() * xy.topRows(nodes);
+  mass.noalias() = integrand.leftCols(m).transpose() * jx.topRows(nodes);
+  mass.noalias() += integrand.rightCols(m).transpose() * jy.topRows(nodes);
+  integrand = xy.topRows(nodes);
+  integrate_beyond(grid, integrand, sums);
+  sum_along = sums.topLeftCorner(nodes, m).array().colwise() * s_in +
+              sums.topRightCorner(nodes, m).array().colwise() * c_in;
+  sum_across = sums.topLeftCorner(nodes, m).array().colwise() * c_in -
+               sums.topRightCorner(nodes, m).array().colwise() * s_in;
 
   // Row i of the derivatives is the sum over points of these times Theta_j.
   const auto times = [&factor = factor](const auto& expression) {  // no temporary in a broadcast
@@ -248,7 +267,8 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   by_angle.row(nodes) = thrust * across.row(nodes);
   auto angle = by_angle.topRows(nodes).array();
   angle = orthonormal.topRows(nodes).array().colwise() *
-          times(-s_in * weighted.col(0).array() - c_in * weighted.col(1).array());
+          times(-s_in * weighted.col(0).head(nodes).array() -
+                c_in * weighted.col(1).head(nodes).array());
   angle -= sum_along.array().colwise() * spin.head(nodes).array();
   angle -= sum_across.array().colwise() * times(omega_in.square());
   by_rate = sum_along.array().colwise() * times(-2.0 * omega_in);
@@ -265,12 +285,11 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
               times(2.0 * effects.drag * frame.weight.array() * v_n);
     angle -= by_drag.array().colwise() * times(v_t);
     angle -= along.topRows(nodes).array().colwise() * pressure.array();
-    integrand = by_drag.array().colwise() * c_in;
-    sum_x.noalias() = within * integrand;
-    integrand = by_drag.array().colwise() * times(-s_in);
-    sum_y.noalias() = within * integrand;
-    angle -= sum_x.array().colwise() * times(s_in * omega_in);
-    angle -= sum_y.array().colwise() * times(c_in * omega_in);
+    integrand.leftCols(m) = by_drag.array().colwise() * times(c_in / weight.array());
+    integrand.rightCols(m) = by_drag.array().colwise() * times(-s_in / weight.array());
+    integrate_beyond(grid, integrand, sums);
+    angle -= sums.topLeftCorner(nodes, m).array().colwise() * times(s_in * omega_in);
+    angle -= sums.topRightCorner(nodes, m).array().colwise() * times(c_in * omega_in);
   }
   system.leftCols(m).noalias() = -by_angle.transpose() * slope;
   system.rightCols(m).noalias() = -by_rate.transpose() * slope.topRows(nodes);
@@ -306,9 +325,10 @@ Operators GalerkinMotion::operators(const Vector& q) const {
   const auto slope_in = slope.topRows(nodes);
   const Map stiffness(grid.tables().stiffness, m);
   Frame frame;
-  Matrix integrand, x, y;
+  Matrix integrand, xy;
   frame.set(grid, q, Vector(Vector::Zero(m)));
-  set_position_derivatives(grid, frame, slope, integrand, x, y);
+  set_position_derivatives(grid, frame, slope, integrand, xy);
+  const auto x = xy.leftCols(m), y = xy.rightCols(m);
   const auto x_in = x.topRows(nodes), y_in = y.topRows(nodes);
   const auto s = frame.sine.head(nodes).array(), c = frame.cosine.head(nodes).array();
   Operators ops(m);

@@ -74,11 +74,10 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, Index nodes)
   slope_by_function_ = Matrix::Zero(m, stride);
   slope_by_function_.leftCols(points) = slope_.transpose();
   const Vector& weight = rule_.weight;
-  integral_ = rule_.integral_to(arc_);
-  integral_.bottomRows(1) = weight.transpose();
+  const Matrix integral = rule_.integral_to(rule_.node);
   from_sums_ = from_differences_ = Matrix::Zero(half, half);
   for (Index p = 0; p < half; ++p) {
-    const auto here = integral_.row(p), mirrored = integral_.row(nodes - 1 - p);
+    const auto here = integral.row(p), mirrored = integral.row(nodes - 1 - p);
     if (p < middle) from_sums_.row(p) = 0.5 * (here - mirrored).head(half);
     from_differences_.row(p) = 0.5 * (here + mirrored - weight.transpose()).head(half);
   }

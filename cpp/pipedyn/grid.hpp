@@ -49,12 +49,11 @@ class Grid {
   const Quadrature& rule() const { return rule_; }
   const Matrix& slope() const { return slope_; }              // Theta_i, (Q + 1, m)
   const Matrix& orthonormal() const { return orthonormal_; }  // Theta T, (Q + 1, m padded)
-  const Matrix& integral() const { return integral_; }        // from 0 to each point, (Q + 1, Q)
   const GridTables& tables() const { return tables_; }
 
  private:
   Quadrature rule_;
-  Matrix slope_, slope_by_function_, orthonormal_, integral_;
+  Matrix slope_, slope_by_function_, orthonormal_;
   Matrix from_sums_, from_differences_, expansion_, recurrence_;
   Vector arc_, folded_weight_, stiffness_;
   GridTables tables_;
