@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Error beside cost of the chain's motion, with pinocchio and mujoco on a like chain.
+"""Error beside cost of the motion: the chain's beside pinocchio and mujoco, the reduced model's.
 
-Run with `.venv/bin/python tests/benchmark_motion.py` after `pip install ".[bench]"`; pytest does
-not collect it. Prints, and fails on an error only. Flow, drag, damping and gravity act on our side;
-the peers, which have no flow, move the same bars on the same hinges with gravity alone. One thread.
+Run with `.venv/bin/python tests/benchmark_motion.py` after `pip install ".[bench,test]"`; pytest
+does not collect it. Prints, and fails on an error only. Flow, drag, damping and gravity act on our
+side; the peers, which have no flow, move the same bars on the same hinges with gravity alone. One
+thread.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from independent import dense_jacobian, dense_rates
 
 import pipedyn as pd
 from pipedyn import _core
+from pipedyn.model import core_pipe
 
 SPEED, MEMBERS = 6.0, 256
 PIPE = pd.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
@@ -29,16 +31,19 @@ failures = []
 
 
 def timed(call: Callable[[], object], seconds: float = 0.3) -> float:
-    """Shortest of the mean times of a call over short rounds, s."""
-    start = time.perf_counter()
+    """Shortest of the mean times of a call over short rounds, s.
+
+    Of the thread, which other work on the machine interrupts but does not lengthen.
+    """
+    start = time.thread_time()
     call()
-    inner = max(1, int(2e-3 / (time.perf_counter() - start + 1e-9)))
-    best, end = np.inf, time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        start = time.perf_counter()
+    inner = max(1, int(2e-3 / (time.thread_time() - start + 1e-9)))
+    best, end = np.inf, time.monotonic() + seconds
+    while time.monotonic() < end:
+        start = time.thread_time()
         for _ in range(inner):
             call()
-        best = min(best, (time.perf_counter() - start) / inner)
+        best = min(best, (time.thread_time() - start) / inner)
     return best
 
 
@@ -228,6 +233,81 @@ def right_hand_sides() -> None:
         print()
 
 
+REDUCED = pd.Pipe(beta=0.2, gamma=2.0, damping=1e-3)
+REDUCED_DRAG = pd.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
+
+
+def reduced_state(model: pd.Galerkin, rng: np.random.Generator) -> np.ndarray:
+    """Angles of up to one radian, falling like i^-2 in the functions, rates 14 times that."""
+    slopes = model.functions(np.linspace(0.0, 1.0, 200), 1)
+    order = np.arange(1.0, model.dof + 1.0)
+    q, rate = rng.normal(size=(2, model.dof)) / (np.abs(slopes).max(axis=0) * order**2)
+    q /= np.abs(slopes @ q).max()
+    rate *= 14.0 / np.abs(slopes @ rate).max()
+    return np.concatenate([q, rate])
+
+
+def eighth_order(model: pd.Galerkin, y: np.ndarray, column: int, step: float) -> np.ndarray:
+    """Central difference of rhs with respect to one entry of the state."""
+    pairs = zip((1, 2, 3, 4), (4 / 5, -1 / 5, 4 / 105, -1 / 280), strict=True)
+    unit = step * np.eye(y.size)[column]
+    moved = (
+        c * (model.rhs(0.0, y + k * unit, SPEED) - model.rhs(0.0, y - k * unit, SPEED))
+        for k, c in pairs
+    )
+    return sum(moved) / step
+
+
+def reduced_model(pipe: pd.Pipe, basis: str, m: int) -> list[tuple[float, float]]:
+    """Errors of rhs, a batch and the Jacobian, each beside the cost of a state, s.
+
+    rhs against the same equations with three times the nodes, the Jacobian against differences,
+    whose steps move the kinks of drag's integrand.
+    """
+    model, rng = pd.Galerkin(pipe, m, basis), np.random.default_rng(m)
+    many = np.stack([reduced_state(model, rng) for _ in range(MEMBERS)], axis=1)
+    y, speeds = many[:, 0].copy(), np.linspace(3.0, 7.0, MEMBERS)
+    finer = _core.GalerkinMotion(
+        core_pipe(pipe), basis == "legendre", m, 3 * model.motion.nodes(y[:m])
+    )
+    jacobian = model.jacobian(0.0, y, SPEED)
+    steps = 1e-2 * np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
+    differences = np.stack([eighth_order(model, y, j, h) for j, h in enumerate(steps)], axis=1)
+    errors = (
+        worst(model.rhs(0.0, y, SPEED)[m:], finer.rhs(0.0, y, SPEED)[m:]),
+        worst(model.rhs(0.0, many, speeds)[m:], finer.rhs(0.0, many, speeds)[m:]),
+        worst(jacobian * steps, differences * steps),
+    )
+    what = f"{basis}, m = {m}, drag {pipe.drag}, {_core.vector_level()}"
+    limit = 1e-6 if pipe.drag else 1e-10
+    check(max(errors[:2]), limit, f"rhs, {what}")
+    check(errors[2], 1e-5 if pipe.drag else 1e-9, f"jacobian against differences, {what}")
+    costs = (
+        timed(lambda: model.rhs(0.0, y, SPEED)),
+        timed(lambda: model.rhs(0.0, many, speeds)) / MEMBERS,
+        timed(lambda: model.jacobian(0.0, y, SPEED)),
+    )
+    return list(zip(costs, errors, strict=True))
+
+
+def reduced_models() -> None:
+    print(f"reduced models: time of a state, us (error); a batch holds {MEMBERS} states")
+    print("| basis | m | drag | level | rhs | rhs, batch | jacobian |")
+    print("|---|---|---|---|---|---|---|")
+    for basis in ("beam", "legendre"):
+        for m in (4, 8, 16):
+            for pipe in (REDUCED, REDUCED_DRAG):
+                for level in _core.vector_levels():
+                    _core.set_vector_level(level)
+                    cells = [
+                        f"{1e6 * cost:.2f} ({error:.0e})"
+                        for cost, error in reduced_model(pipe, basis, m)
+                    ]
+                    drag = "yes" if pipe.drag else "no"
+                    print(f"| {basis} | {m} | {drag} | {level} | {' | '.join(cells)} |")
+    print()
+
+
 def linearity() -> None:
     print(f"{_core.vector_level()}: ns a segment and state")
     print("| n | one state | 16 states |")
@@ -255,6 +335,7 @@ def machine() -> str:
 def main() -> int:
     print(machine() + "\n")
     right_hand_sides()
+    reduced_models()
     linearity()
     for failure in failures:
         print(f"FAILED {failure}")
