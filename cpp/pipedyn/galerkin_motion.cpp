@@ -77,7 +77,7 @@ void for_each_block(const Grids& grids, const Batch& batch, Index results, const
   }
 }
 
-/// Integrals from 0 to each point (Q + 1, columns) of what f (Q, columns) is at the nodes.
+/// Integrals from 0 to each point (Q + 1, columns) of what f is at the nodes, its first Q rows.
 void integrate(const Grid& grid, const Matrix& f, Matrix& out) {
   const GridTables& tables = grid.tables();
   out.resize(grid.nodes() + 1, f.cols());
@@ -228,18 +228,18 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   turn.col(0) = c_in * spin.head(nodes).array() - s_in * omega_in.square();
   turn.col(1) = -s_in * spin.head(nodes).array() - c_in * omega_in.square();
   integrate(grid, turn, force);
-  force.conservativeResize(nodes, 2);
+  auto load_x = force.col(0).head(nodes).array(), load_y = force.col(1).head(nodes).array();
   if (coriolis != 0.0) {
-    force.col(0).array() += coriolis * omega_in * c_in;
-    force.col(1).array() -= coriolis * omega_in * s_in;
+    load_x += coriolis * omega_in * c_in;
+    load_y -= coriolis * omega_in * s_in;
   }
-  if (effects.gamma != 0.0) force.col(1).array() -= effects.gamma;
+  if (effects.gamma != 0.0) load_y -= effects.gamma;
   if (drags) {
     frame.set_velocity(grid);
     frame.set_drag(grid);
     pressure = effects.drag * frame.weight.array() * frame.normal.head(nodes).array().square();
-    force.col(0).array() += pressure.array() * c_in / weight.array();
-    force.col(1).array() -= pressure.array() * s_in / weight.array();
+    load_x += pressure.array() * c_in / weight.array();
+    load_y -= pressure.array() * s_in / weight.array();
   }
   integrate_beyond(grid, force, weighted);
   weighted.col(0).head(nodes) += thrust * s[nodes] * weight;
@@ -251,8 +251,7 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   integrand.noalias() = weight.asDiagonal() * xy.topRows(nodes);
   mass.noalias() = integrand.leftCols(m).transpose() * jx.topRows(nodes);
   mass.noalias() += integrand.rightCols(m).transpose() * jy.topRows(nodes);
-  integrand = xy.topRows(nodes);
-  integrate_beyond(grid, integrand, sums);
+  integrate_beyond(grid, xy, sums);
   sum_along = sums.topLeftCorner(nodes, m).array().colwise() * s_in +
               sums.topRightCorner(nodes, m).array().colwise() * c_in;
   sum_across = sums.topLeftCorner(nodes, m).array().colwise() * c_in -
