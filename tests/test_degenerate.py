@@ -234,3 +234,58 @@ def test_a_pipe_of_treacle_flutters_late():
     finer = pd.crossings(pd.Continuum(pd.Pipe(0.0, damping=10.0)).frozen(80), 42.0)
     assert found.speed == pytest.approx(finer[0].speed, abs=found.error)
     assert found.error < 1e-5 * found.speed
+
+
+@pytest.mark.parametrize(
+    ("chain", "max_speed", "due"),
+    [
+        (
+            pd.Chain(
+                pd.Pipe(0.2, -5.0, damping=1.0),
+                lengths=[
+                    *(0.18335150926617733, 0.2098036945910874, 0.11030613696111356),
+                    *(0.15551986978196283, 0.1655111893993469, 0.11682359608997496),
+                    0.05868400391033702,
+                ],
+                springs=[
+                    *(26.27373438681658, 3.5514918545348224, 2.8987564614004544),
+                    *(2.026217195731345, 5.963920508909944, 2.1943480913041142),
+                    6.059936062896461,
+                ],
+            ),
+            12.0,
+            2,
+        ),
+        (
+            pd.Chain(
+                pd.Pipe(0.332412239275, -6.25933663554, damping=1.0),
+                lengths=[0.18369, 0.13615, 0.27816, 0.05949, 0.09151, 0.251],
+                springs=[5.81727, 0.0, 4.84922, 7.3024377, 0.0, 2.20481],
+            ),
+            9.0,
+            3,
+        ),
+    ],
+    ids=["springs everywhere", "two free joints"],
+)
+def test_every_divergence_is_a_zero_of_the_determinant_and_none_is_told_twice(
+    chain, max_speed, due
+):
+    speeds = np.linspace(0.0, max_speed, 20001)
+    ops = chain.operators()
+    signs = np.sign(np.linalg.det(np.stack([ops.at(u)[2] for u in speeds])))
+    zeros = speeds[:-1][signs[1:] != signs[:-1]]
+    assert len(zeros) >= due
+    found = [c.speed for c in pd.crossings(chain, max_speed) if c.kind == "divergence"]
+    assert found == pytest.approx(zeros, abs=1.01 * max_speed / 20000)
+
+
+@pytest.mark.parametrize("gamma", [-8.5, -7.9, -50.0])
+@pytest.mark.parametrize("damping", [1.0, 100.0, 1e4])
+def test_damping_does_not_move_a_divergence_however_slow_it_makes_it(gamma, damping):
+    def divergences(damping):
+        found = pd.crossings(pd.Continuum(pd.Pipe(0.2, gamma, damping=damping)), 4.0)
+        return [c.speed for c in found if c.kind == "divergence"]
+
+    assert divergences(damping) == pytest.approx(divergences(0.0), rel=1e-10)
+    assert len(divergences(damping)) >= 1

@@ -206,3 +206,18 @@ def test_overdamped_modes_do_not_hide_those_asked_for(damping):
     critical = pd.critical_speed(pd.Continuum(pd.Pipe(0.2, damping=damping)), 20.0)
     unstable = (loci.eigenvalues.real > 0.0).any(axis=1)
     np.testing.assert_array_equal(unstable, loci.speeds > critical.speed)
+
+
+@pytest.mark.parametrize(
+    ("pipe", "n", "end", "count"),
+    [(pd.Pipe(0.2, damping=0.05), 80, 14.0, 1), (pd.Pipe(0.2, -100.0), 80, 30.0, 1)],
+    ids=["damped", "standing"],
+)
+def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(pipe, n, end, count):
+    speeds = np.linspace(0.0, end, 61)
+    long = pd.root_loci(pd.Chain(pipe, n), speeds, count)
+    short = pd.root_loci(pd.Chain(pipe, 60), speeds, count)
+    assert long.converged.all()
+    for loci in (long, short):
+        steps = np.abs(np.diff(loci.eigenvalues, axis=0))
+        assert steps.max() < 0.15 * np.abs(loci.eigenvalues).max()

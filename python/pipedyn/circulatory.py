@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pipedyn.crossing import Flags, Hunt, Passage
-from pipedyn.follow import STUCK, Indices, Sample, Step
+from pipedyn.follow import Indices, Sample, Step
 from pipedyn.spectrum import Complex, lowest
 
 
@@ -33,8 +33,10 @@ class CirculatoryHunt(Hunt):
         squares = replace(pairs, values=pairs.values**2)
         squares.values.imag[(pairs.values.real == 0.0) | (pairs.values.imag == 0.0)] = 0.0
         if u == 0.0:
-            squares.values[np.abs(squares.values) < STUCK] = 0.0
-        return Sample(u, squares, np.where(np.isfinite(slopes), slopes, 0.0))
+            squares.values[np.abs(squares.values) < self.pencil.stuck] = 0.0
+        return Sample(
+            u, squares, np.where(np.isfinite(slopes), slopes, 0.0), np.zeros(squares.values.size)
+        )
 
     @property
     def wanted(self) -> int:
@@ -47,9 +49,10 @@ class CirculatoryHunt(Hunt):
         modes[np.argsort(-first.values.real)] = np.arange(first.values.size) + 1
         return modes
 
-    def states(self, values: Complex, before: Flags) -> Flags:
+    def states(self, at: Sample, onto: Indices, before: Flags) -> Flags:
         """Which nu stand for an unstable root: the complex and the positive."""
-        known = (np.abs(values) >= STUCK) | (values.imag != 0.0)
+        values = at.values[onto]
+        known = (np.abs(values) >= self.pencil.stuck) | (values.imag != 0.0)
         states: Flags = np.where(known, (values.imag != 0.0) | (values.real > 0.0), before)
         return states
 
@@ -63,7 +66,7 @@ class CirculatoryHunt(Hunt):
         a, b = step.left.values, step.right.values
         roots = self.rows(step)
         # Two that seem to pass zero in one step may have met below and parted above it.
-        after = self.states(b[step.onto], self.unstable)
+        after = self.states(step.right, step.onto, self.unstable)
         real = (a.imag == 0.0) & (b[step.onto].imag == 0.0)
         if np.sum((real & (after != self.unstable))[roots]) > 1 and step.left.u > 0.0:
             return False
@@ -86,7 +89,7 @@ class CirculatoryHunt(Hunt):
         """Passages within a step."""
         found = []
         roots = self.rows(step)
-        after = self.states(step.right.values[step.onto], self.unstable)
+        after = self.states(step.right, step.onto, self.unstable)
         for i in roots[self.unstable[roots] != after[roots]]:
             i, k = int(i), int(step.meets[i])
             mode, change = int(self.modes[i]), 1 if after[i] else -1

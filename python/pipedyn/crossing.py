@@ -13,6 +13,7 @@ velocity.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from pipedyn._check import Array
-from pipedyn.follow import LONGEST_STEP, STUCK, Crowd, Indices, Sample, Step, march, sample
+from pipedyn.follow import LONGEST_STEP, Crowd, Indices, Sample, Step, march, sample
 from pipedyn.galerkin import Galerkin
 from pipedyn.model import NotConverged
-from pipedyn.spectrum import SHIFTS, Complex, Eigenpairs, Pencil
+from pipedyn.spectrum import Complex, Eigenpairs, Pencil
 
 Flags = NDArray[np.bool_]
 
@@ -110,11 +110,12 @@ class Hunt:
         speeds = np.linspace(0.0, self.max_speed, steps + 1).tolist()
         first = self.take(0.0)
         self.modes = self.ranked(first)
-        self.unstable = self.states(first.values, np.zeros(first.values.size, dtype=np.bool_))
+        every = np.arange(first.values.size)
+        self.unstable = self.states(first, every, np.zeros(every.size, dtype=np.bool_))
         at_rest = unstable = self.count_unstable()
         passages: list[Passage] = []
         followed = np.arange(min(self.wanted, first.values.size))
-        crowd = Crowd(self.pencil.pipe.damping)
+        crowd = Crowd(self.pencil.pipe.damping, 0.9, self.pencil.stuck)
         for step in march(self.take, first, speeds[1:], followed, crowd, self.sure):
             found = self.passages(step)
             self.move(step)
@@ -151,7 +152,7 @@ class Hunt:
         """The sample at a speed; at rest zero is exact, and without damping the axis."""
         at = sample(self.pencil, u, self.count)
         if u == 0.0:
-            at.values[np.abs(at.values) < STUCK] = 0.0
+            at.values[np.abs(at.values) < self.pencil.stuck] = 0.0
         if u == 0.0 and self.pencil.pipe.damping == 0.0:
             at.values.real[at.values.imag != 0.0] = 0.0
         return at
@@ -164,19 +165,27 @@ class Hunt:
         """Take modes and states to the step's right sample; mode 0 for roots from outside."""
         there = step.onto >= 0
         onto = step.onto[there]
+        before_modes = self.modes
         modes = np.zeros(step.right.values.size, dtype=np.intp)
         before = np.zeros(modes.size, dtype=np.bool_)
         modes[onto], before[onto] = self.modes[there], self.unstable[there]
-        self.modes, self.unstable = modes, self.states(step.right.values, before)
+        self.modes = modes
+        self.unstable = self.states(step.right, np.arange(modes.size), before)
         if self.count is not None:
+            if bool(step.lost(np.flatnonzero(there & (before_modes <= self.followed))).any()):
+                raise Untracked
             loose = self.unstable & ((modes == 0) | (modes > self.followed))
             if loose.any():
                 raise Untracked
 
-    def states(self, values: Complex, before: Flags) -> Flags:
+    def states(self, at: Sample, onto: Indices, before: Flags) -> Flags:
         """Which roots are unstable: by the sign of Re lambda, or as before where it has none."""
-        known = (np.abs(values.real) > _noise(values)) & (np.abs(values) >= STUCK)
+        values = at.values[onto]
+        known = (np.abs(values.real) > at.noise[onto]) & (np.abs(values) >= self.pencil.stuck)
         states: Flags = np.where(known, values.real > 0.0, before)
+        for i in np.flatnonzero(~known & (values.imag > 0.0)):  # a pair has one state
+            pair = (values == values[i]) | (values == values[i].conj())
+            states[pair] = before[pair].any()
         return states
 
     def rows(self, step: Step) -> Indices:
@@ -209,7 +218,7 @@ class Hunt:
         scanned = self._scan(step, single)
         for root, t, rising in self._ends(step, single) if scanned is None else scanned:
             found.append(self._polish(step, root, t, rising))
-        after = self.states(step.right.values[step.onto], self.unstable)
+        after = self.states(step.right, step.onto, self.unstable)
         for i in roots[met]:
             k = int(step.meets[i])
             change = int(after[i]) + int(after[k]) - int(self.unstable[i]) - int(self.unstable[k])
@@ -222,12 +231,13 @@ class Hunt:
                 middle = 0.5 * (step.left.u + step.right.u)
                 met_there = Passage(middle, value, change, int(self.modes[i]), step.length)
                 found.append(divergence or met_there)
+        _refuse_twins(found)
         return found
 
     def _collapse(self, step: Step, told: int) -> list[Passage]:
         """Three roots that pass zero as one (two free joints), where the matching tells nothing."""
         change = self.count_unstable() - told
-        if change % 2 == 0 or not step.shortest:
+        if change % 2 == 0:
             return []
         mode = int(self.modes[np.argmin(np.abs(step.right.values))])
         passage = self._divergence(step, 0.5, change, mode)
@@ -236,8 +246,11 @@ class Hunt:
     def _divergence(self, step: Step, t: float, change: int, mode: int) -> Passage | None:
         """Where det K(u) changes sign within the step, near its fraction t; None if it does not."""
         pencil = self.pencil.static()
+        expected = step.left.u + t * step.length
         for where in (t, 0.0, 1.0, 0.5):
-            found = _singular_speed(pencil, step, step.left.u + where * step.length)
+            found = _singular_speed(
+                *(pencil, step, expected), near=step.left.u + where * step.length
+            )
             if found is not None:
                 break
         else:
@@ -259,19 +272,17 @@ class Hunt:
         """Which roots lie on the axis at rest and turn unstable at once."""
         if step.left.u > 0.0 or roots.size == 0:
             return np.zeros(roots.size, dtype=np.bool_)
-        a, b = step.left.values[roots], step.right.values[step.onto[roots]]
+        a = step.left.values[roots]
         resting = a == 0.0  # joints without a spring
-        rises = (
-            step.left.slopes[roots].real * step.length > _noise(step.right.values)[step.onto[roots]]
-        )
-        ends = self.states(b, np.zeros(b.size, dtype=np.bool_))
-        on_axis = np.abs(a.real) <= _noise(step.left.values)[roots]
+        rises = step.left.slopes[roots].real * step.length > step.right.noise[step.onto[roots]]
+        ends = self.states(step.right, step.onto[roots], np.zeros(roots.size, dtype=np.bool_))
+        on_axis = np.abs(a.real) <= step.left.noise[roots]
         return np.where(resting, ends, on_axis & rises)
 
     def _ends(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
         """What a shortest step tells: the state at either end."""
         before = self.unstable[roots] | self._leaving(step, roots)
-        after = self.states(step.right.values[step.onto], self.unstable)[roots]
+        after = self.states(step.right, step.onto, self.unstable)[roots]
         return [(int(roots[r]), 0.5, bool(after[r])) for r in np.flatnonzero(before != after)]
 
     def _scan(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]] | None:
@@ -283,7 +294,7 @@ class Hunt:
         c1 = step.left.slopes[roots].real * step.length
         end_slope = step.right.slopes[onto].real * step.length
         c2, c3 = 3.0 * (b - a) - 2.0 * c1 - end_slope, 2.0 * (a - b) + c1 + end_slope
-        noise = np.maximum(_noise(step.left.values)[roots], _noise(step.right.values)[onto])
+        noise = np.maximum(step.left.noise[roots], step.right.noise[onto])
         noise[step.left.values[roots] == 0.0] = np.inf
         # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
         misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
@@ -298,7 +309,7 @@ class Hunt:
         if bool(((np.abs(values) <= band + noise) & (band > noise)).any()):
             return None
         states = self.unstable[roots] | self._leaving(step, roots)
-        after = self.states(step.right.values[step.onto], self.unstable)[roots]
+        after = self.states(step.right, step.onto, self.unstable)[roots]
         clear = np.abs(values) > noise
         turned = (states != after) | (clear & ((values > 0.0) != states)).any(axis=0)
         found = []
@@ -351,13 +362,7 @@ class Hunt:
                 f"residual check with {pair.residuals[0]:.1e}"
             )
         assert pair.left is not None
-        derivative = abs(complex(pencil.derivative(u, pair.values, pair.right, pair.left)[0]))
-        size = abs(value) ** 2 * float(np.linalg.norm(pencil.mass(pair.right)))
-        size += abs(value) * float(np.linalg.norm(pencil.damped(u, pair.right)))
-        size += 1.0 + abs(self.pencil.pipe.gamma) + pencil.centrifugal * u**2
-        uncertain = float((pair.residuals[0] + np.finfo(float).eps) * size / derivative) + abs(
-            value.real
-        )
+        uncertain = float(pencil.uncertainties(u, pair)[0]) + abs(value.real)
         error = uncertain / abs(slope.real) if slope.real else math.inf
         change_of_count = (1 if real else 2) * (1 if rising else -1)
         frequency = 0.0 if real else abs(value.imag)
@@ -376,7 +381,7 @@ class Hunt:
         at = self.take(u)
         t = np.array([(u - step.left.u) / step.length])
         where = int(np.argmin(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0])))
-        return Sample(u, at.pairs.take([where]), at.slopes[[where]])
+        return Sample(u, at.pairs.take([where]), at.slopes[[where]], at.noise[[where]])
 
     def _bisect(self, step: Step, root: int) -> float:
         def real_part(u: float) -> float:
@@ -388,8 +393,18 @@ class Hunt:
         return float(brentq(real_part, step.left.u, step.right.u, xtol=1e-14, rtol=1e-14))
 
 
-def _singular_speed(pencil: Pencil, step: Step, near: float) -> tuple[float, Eigenpairs] | None:
-    """Speed within the step at which K(u) is singular, with its null vectors.
+def _refuse_twins(found: list[Passage]) -> None:
+    """Two real roots that are told to pass zero at one speed are one of them told twice."""
+    static = sorted(passage.speed for passage in found if passage.value == 0.0 < passage.speed)
+    for low, high in itertools.pairwise(static):
+        if high - low <= 1e-11 * high:
+            raise NotConverged(f"two divergences near u = {low:.9g} cannot be told apart")
+
+
+def _singular_speed(
+    pencil: Pencil, step: Step, expected: float, near: float
+) -> tuple[float, Eigenpairs] | None:
+    """Speed nearest to the expected one at which K(u) is singular, with its null vectors.
 
     1 / (d^T K^-1 b) has the determinant's zeros, and no pole nearby if d and b are close to the
     null vectors: they are those of the least singular value at a speed near by.
@@ -403,23 +418,19 @@ def _singular_speed(pencil: Pencil, step: Step, near: float) -> tuple[float, Eig
         return 1.0 / float((vector.T @ pencil.factor(0.0, u)(dual)).real[0, 0])
 
     slack = 1e-9 * (1.0 + step.right.u) + 0.1 * step.length
-    for reach in (0.0, slack):
-        low, high = max(step.left.u - reach, 0.0), step.right.u + reach
+    least, most = max(step.left.u - slack, 0.0), step.right.u + slack
+    # Outwards from what is expected, so that of two zeros in a step each root finds its own.
+    reach = 1e-5 * step.length + 1e-12
+    while True:
+        low, high = max(expected - reach, least), min(expected + reach, most)
         if determinant(low) * determinant(high) < 0.0:
             break
-    else:
-        return None
+        if (low, high) == (least, most):
+            return None
+        reach *= 4.0
     u = float(brentq(determinant, low, high, xtol=4e-16 * (1.0 + high), rtol=8.9e-16))
     pair = pencil.null_pair(u, vector, dual)
     return (u, pair) if pair.converged[0] else None
-
-
-def _noise(values: Complex) -> Array:
-    """Rounding of each eigenvalue of a sample: eps of the largest mu, taken to lambda."""
-    size = np.abs(values)
-    nearest = max(float(np.abs(values - SHIFTS[0]).min(initial=np.inf)), 1e-3)
-    noise: Array = 1e-14 * size + 40.0 * np.finfo(float).eps * size**2 / nearest
-    return noise
 
 
 def _sign_changes(

@@ -14,6 +14,7 @@ and product run smoothly through the meeting, and are compared instead.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -22,7 +23,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn._check import Array
-from pipedyn.spectrum import Complex, Eigenpairs, Pencil, lowest
+from pipedyn.model import NotConverged
+from pipedyn.spectrum import SHIFTS, Complex, Eigenpairs, Pencil, lowest
 
 LONGEST_STEP = 0.5
 """Steps in u above this are split before anything is believed of them."""
@@ -30,8 +32,11 @@ LONGEST_STEP = 0.5
 SHORTEST_STEP = 1e-6
 """Relative to 1 + u; below it the best match is taken as it is."""
 
-STUCK = 1e-4
-"""Smaller eigenvalues count as zero: a triple one (a free joint) scatters by eps^(1/3)."""
+MOST_STEPS = 800
+"""Steps tried, beyond four times those needed, before roots are given up as too close."""
+
+JUMP = 0.1
+"""A root that moves by more than this share of 1 + |lambda| in a shortest step is another one."""
 
 Indices = NDArray[np.intp]
 
@@ -43,10 +48,12 @@ class Crowd:
     Attributes:
         delta: the damping; without it there is no crowd.
         radius: how far the crowd reaches, in 1 / delta.
+        stuck: |lambda| below which roots count as zero, where they need no names either.
     """
 
     delta: float
     radius: float = 0.5
+    stuck: float = 0.0
 
     def holds(self, values: Complex) -> NDArray[np.bool_]:
         """Which roots belong to the crowd."""
@@ -56,11 +63,19 @@ class Crowd:
 
 @dataclass(frozen=True)
 class Sample:
-    """The lowest eigenvalues at one speed, with slopes d lambda / du, each of shape (r,)."""
+    """The lowest eigenvalues at one speed.
+
+    Attributes:
+        u: the speed.
+        pairs: eigenvalues with both vectors.
+        slopes: d lambda / du, shape (r,).
+        noise: how far rounding may have moved each eigenvalue, shape (r,).
+    """
 
     u: float
     pairs: Eigenpairs
     slopes: Complex
+    noise: Array
 
     @property
     def values(self) -> Complex:
@@ -95,6 +110,14 @@ class Step:
         """Whether the step will not be halved again."""
         return self.length <= 2.0 * SHORTEST_STEP * (1.0 + self.right.u)
 
+    def lost(self, roots: Indices) -> NDArray[np.bool_]:
+        """Which roots have left the eigenvalues computed and were matched to others."""
+        if not self.shortest:
+            return np.zeros(roots.size, dtype=np.bool_)
+        a, b = self.left.values[roots], self.right.values[self.onto[roots]]
+        jump: NDArray[np.bool_] = np.abs(b - a) > JUMP * (1.0 + np.abs(a))
+        return jump
+
     def hermite(self, roots: Indices, t: Array) -> Complex:
         """The cubics of some roots at fractions t of the step, shape (len(roots), len(t))."""
         a, b = self.left.values[roots], self.right.values[self.onto[roots]]
@@ -119,7 +142,17 @@ def sample(pencil: Pencil, u: float, count: int | None) -> Sample:
     """The `count` lowest eigenvalues (all without) at speed u, with slopes; no slope reads 0."""
     pairs = lowest(pencil, u, count, left=True)
     slopes = pencil.slopes(u, pairs)
-    return Sample(u, pairs, np.where(np.isfinite(slopes), slopes, 0.0))
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+    return Sample(u, pairs, slopes, _noise(pencil.uncertainties(u, pairs), pairs.values))
+
+
+def _noise(uncertain: Array, values: Complex) -> Array:
+    """Residuals and rounding, taken to lambda; where roots meet they scatter by its root."""
+    size = np.abs(values)
+    nearest = max(float(np.abs(values - SHIFTS[0]).min(initial=np.inf)), 1e-3)
+    of_mu = 1e-14 * size + 40.0 * np.finfo(float).eps * size**2 / nearest
+    noise: Array = np.maximum(of_mu, np.minimum(uncertain, 1e-7 * (1.0 + size)))
+    return noise
 
 
 def march(
@@ -140,8 +173,14 @@ def march(
             are matched as well as they can be.
         crowd: roots that need not be told apart.
         sure: a further condition that a step must meet, unless it is the shortest.
+
+    Raises:
+        NotConverged: if the steps become too many.
     """
     ahead = list(speeds)[::-1]
+    patience = MOST_STEPS + 4 * len(ahead)
+    if ahead:
+        patience += math.ceil(4.0 * (ahead[0] - first.u) / LONGEST_STEP)
     left = first
     stack: list[Sample] = []
     while ahead or stack:
@@ -152,6 +191,9 @@ def march(
         if right.u - left.u > LONGEST_STEP * (1.0 + 1e-12):
             stack.append(take(middle))
             continue
+        patience -= 1
+        if patience < 0:
+            raise NotConverged(f"eigenvalues near u = {left.u:.6g} are too close to be followed")
         step, clear = _join(left, right, followed, crowd)
         if not step.shortest and not (clear and sure(step)):
             stack.append(take(middle))
@@ -204,7 +246,7 @@ def _join(left: Sample, right: Sample, followed: Indices, crowd: Crowd) -> tuple
         np.minimum(gaps, apart, out=gaps)
     doubt = gaps < 3.0 * (error[followed, None] + error[None, roots])
     doubt[np.arange(mine.size), mine] = False
-    stuck = (np.abs(left.values) < STUCK) & (np.abs(right.values[onto]) < STUCK)
+    stuck = (np.abs(left.values) < crowd.stuck) & (np.abs(right.values[onto]) < crowd.stuck)
     doubt &= ~(stuck[followed, None] & stuck[None, roots])
     crowded = crowd.holds(left.values) & crowd.holds(right.values[onto])
     doubt &= ~(crowded[followed, None] & crowded[None, roots])

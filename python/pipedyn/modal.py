@@ -322,7 +322,7 @@ def _followed(
     # The crowd begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
     delta = pencil.pipe.damping
     beyond = delta * (math.pi * (count + 0.5)) ** 2
-    crowd = Crowd(delta, 0.5 / max(beyond, 1.0) ** 2)
+    crowd = Crowd(delta, 0.5 / max(beyond, 1.0) ** 2, pencil.stuck)
     values = np.empty((speeds.size, count), dtype=np.complex128)
     partners = np.empty_like(values)
     converged = np.empty(values.shape, dtype=np.bool_)
@@ -343,8 +343,9 @@ def _followed(
     ticks = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
     for step in steps:
         was_real = (step.left.values[upper].imag == 0.0) & (step.left.values[lower].imag == 0.0)
+        lost = bool(step.lost(upper).any())
         upper, lower = step.onto[upper], step.onto[lower]
-        if (upper < 0).any() or (lower < 0).any():
+        if (upper < 0).any() or (lower < 0).any() or (lost and taken is not None):
             return None
         # While a pair is complex its partner is the conjugate, whichever root of the crowd that is.
         for i in np.flatnonzero(step.right.values[upper].imag != 0.0):

@@ -140,6 +140,16 @@ class Pencil(ABC):
         result: Vectors = self.stiffness(x) + self.centrifugal * u**2 * self.flux(x)
         return result
 
+    @property
+    def stuck(self) -> float:
+        """|lambda| below which a root counts as zero.
+
+        A double zero scatters by the root of rounding, the triple one of a free joint by its cube
+        root; damping slows all that is near zero.
+        """
+        least = 1e-4 if (self.elastic == 0.0).any() else 1e-6
+        return least / max(1.0, self.pipe.damping)
+
     def velocity_free(self, u: float) -> bool:
         """Whether P holds lambda only as lambda^2: no damping, and no flow or no fluid mass."""
         return self.pipe.damping == 0.0 and (u == 0.0 or self.pipe.beta == 0.0)
@@ -175,6 +185,17 @@ class Pencil(ABC):
             y.conj() * (2.0 * values * self.mass(x) + self.damped(u, x)), axis=0
         )
         return result
+
+    def uncertainties(self, u: float, pairs: Eigenpairs) -> Array:
+        """How far residual and rounding may have moved each eigenvalue, shape (r,)."""
+        assert pairs.left is not None
+        size = np.abs(pairs.values) ** 2 * np.linalg.norm(self.mass(pairs.right), axis=0)
+        size += np.abs(pairs.values) * np.linalg.norm(self.damped(u, pairs.right), axis=0)
+        size += 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2
+        derivative = np.abs(self.derivative(u, pairs.values, pairs.right, pairs.left))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: Array = (pairs.residuals + np.finfo(float).eps) * size / derivative
+        return np.where(np.isfinite(result), result, np.inf)
 
     def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
         """D lambda / du of each pair, shape (r,)."""
@@ -524,17 +545,15 @@ def _mended(pencil: Pencil, u: float, pairs: Eigenpairs, left: bool) -> Eigenpai
         twin = np.flatnonzero(pairs.values == np.conj(pairs.values[i]))
         better = pencil.refine(u, complex(values[i]), right[:, i])
         near = abs(better.values[0] - values[i]) <= 1e-3 * abs(values[i]) + 1e-6
-        if (
-            near
-            and (better.residuals[0] <= residuals[i] or better.converged[0])
-            and better.left is not None
-        ):
-            same = values[i].imag == 0.0
-            value = complex(better.values[0].real) if same else complex(better.values[0])
-            values[i], residuals[i] = value, better.residuals[0]
-            right[:, i], lefts[:, i] = better.right[:, 0], better.left[:, 0]
-            if not same and twin.size:
-                j = twin[0]
-                values[j], residuals[j] = np.conj(value), better.residuals[0]
-                right[:, j], lefts[:, j] = better.right[:, 0].conj(), better.left[:, 0].conj()
+        if not near or better.left is None:
+            continue
+        same = values[i].imag == 0.0
+        if better.residuals[0] <= residuals[i] or better.converged[0]:
+            values[i] = better.values[0].real if same else better.values[0]
+            right[:, i], residuals[i] = better.right[:, 0], better.residuals[0]
+        lefts[:, i] = better.left[:, 0]
+        if not same and twin.size:
+            j = twin[0]
+            values[j], residuals[j] = np.conj(values[i]), residuals[i]
+            right[:, j], lefts[:, j] = right[:, i].conj(), lefts[:, i].conj()
     return Eigenpairs(values, right, lefts if left else None, residuals)
