@@ -222,6 +222,51 @@ def test_a_failed_member_is_reported_and_the_others_kept():
 # -------------------------------------------------------------- chain and pipe's behaviour
 
 
+SCENES = {
+    "ejecting": (pd.Pipe(0.2, gamma=3.0), 6.0, "legendre"),
+    "ejecting, drag": (pd.Pipe(0.3, drag=2.0), 6.0, "legendre"),
+    "aspirating, damped": (
+        pd.Pipe(0.2, flow="aspirating", alpha=0.7, damping=2e-3),
+        2.0,
+        "legendre",
+    ),
+    "aspirating": (pd.Pipe(0.2, flow="aspirating"), 1.5, "beam"),
+}
+
+
+def tips(model, u):
+    return pd.simulate(model, u, 1.0, bow, samples=11, rtol=1e-8).tip
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_chain_and_reduced_model_tend_to_one_motion(scene):
+    pipe, u, basis = SCENES[scene]
+    reference = tips(pd.Galerkin(pipe, 12, basis), u)
+    assert np.ptp(reference[:, 0]) > 0.2  # large: the angle reaches 0.6 and more
+    chains = np.array([np.abs(tips(pd.Chain(pipe, n), u) - reference).max() for n in (8, 16, 32)])
+    orders = np.log2(chains[:-1] / chains[1:])
+    assert orders == pytest.approx(2.0, abs=0.35)
+    assert chains[-1] < 6e-3
+    beams = np.array([np.abs(tips(pd.Galerkin(pipe, m), u) - reference).max() for m in (2, 4, 8)])
+    assert beams[0] > 5.0 * beams[1] > 10.0 * beams[2]
+    assert beams[2] < 6e-4
+    if basis == "legendre":
+        few = np.abs(tips(pd.Galerkin(pipe, 8, basis), u) - reference).max()
+        assert few < 2e-4
+
+
+def test_the_reduced_model_settles_on_the_cycle_of_an_independent_program():
+    # Extensible finite elements in arbitrary Lagrangian-Eulerian form: 0.27661 and 13.7913.
+    model = pd.Galerkin(pd.Pipe(0.2), 8, "legendre")
+    motion = pd.simulate(model, 6.0, 24.0, lambda s: 0.2 * s, samples=9601, rtol=1e-7)
+    late = motion.tip[motion.t > 20.0, 0]
+    times = motion.t[motion.t > 20.0]
+    up = np.flatnonzero((late[:-1] < 0.0) & (late[1:] >= 0.0))
+    zeros = times[up] - late[up] * (times[1] - times[0]) / (late[up + 1] - late[up])
+    assert 0.5 * np.ptp(late) == pytest.approx(0.27661, abs=2e-5)
+    assert 2.0 * np.pi / np.diff(zeros).mean() == pytest.approx(13.7913, abs=1e-3)
+
+
 def test_where_drag_acts_on_a_segment_matters_less_as_segments_become_more():
     # The paper: the choice of the drag points loses its meaning as n grows.
     pipe = pd.Pipe(0.2, drag=5.0)
