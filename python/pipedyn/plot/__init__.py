@@ -9,6 +9,7 @@ is made a second time by line style, marker or outline, so that pictures survive
 from matplotlib.figure import Figure
 
 from pipedyn.plot.boundary import boundaries, stability_map
+from pipedyn.plot.histories import phase_portrait, time_history
 from pipedyn.plot.linear import (
     FAMILY_STYLES,
     NEUTRAL,
@@ -31,12 +32,14 @@ from pipedyn.plot.look import (
     REAL_LABEL,
     SKY,
     SPEED_LABEL,
+    TIME_LABEL,
     VERMILION,
     colour_bar,
     notice,
     panels,
     style,
 )
+from pipedyn.plot.pipes import animate, snapshots
 
 __all__ = [
     "BETA_LABEL",
@@ -53,8 +56,10 @@ __all__ = [
     "REAL_LABEL",
     "SKY",
     "SPEED_LABEL",
+    "TIME_LABEL",
     "VERMILION",
     "Figure",
+    "animate",
     "boundaries",
     "colour_bar",
     "convergence",
@@ -63,7 +68,10 @@ __all__ = [
     "mode_shapes",
     "notice",
     "panels",
+    "phase_portrait",
     "root_loci",
+    "snapshots",
     "stability_map",
     "style",
+    "time_history",
 ]

@@ -21,6 +21,7 @@ SPEED_LABEL = r"flow speed $u = V L \, (\mu_f / EI)^{1/2}$"
 REAL_LABEL = r"Re $\lambda$  $(1/T)$"
 IMAGINARY_LABEL = r"Im $\lambda$  $(1/T)$"
 FREQUENCY_LABEL = r"|Im $\lambda$|  $(1/T)$"
+TIME_LABEL = r"time $\tau$  $(T)$"
 BETA_LABEL = r"mass ratio $\beta = \mu_f / (\mu_p + \mu_f)$"
 
 # The colours of Okabe and Ito, which remain distinct to colour-blind readers.
@@ -93,6 +94,17 @@ def colour_bar(figure: Figure, axes: NDArray[Any], label: str) -> None:
 def check_axes(ax: Any) -> None:
     """Refuse what is no Axes."""
     check_type("ax", ax, Axes)
+
+
+def axes_or_new(ax: Any, width: float, height: float) -> Axes:
+    """The Axes given, or those of a new figure of pyplot, width x height inches."""
+    if ax is None:
+        import matplotlib.pyplot as plt  # it chooses how figures are shown: only if need be
+
+        return plt.subplots(figsize=(width, height), layout="constrained")[1]
+    check_axes(ax)
+    given: Axes = ax
+    return given
 
 
 def check_type(name: str, value: Any, kind: type) -> None:
