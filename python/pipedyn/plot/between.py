@@ -29,6 +29,10 @@ STILL = 1e-6
 WIGGLE = 0.1
 """What moves the tip by less, as a part of its late motion, is no cycle."""
 
+ALIKE, MOST_PASSAGES = 0.03, 50
+"""Heights in L and velocities, in the largest, that are the same again after a cycle; how many
+passages one may hold."""
+
 POINTS = 4000
 """Points of a curve that is drawn through fewer samples."""
 
@@ -113,8 +117,8 @@ def refuse_coarse(
     lost = missed > max(invisible, COARSE * np.ptp(positions, axis=0).max())
     if lost or (rates_shown and missed_rate > COARSE_RATE * np.abs(velocities).max()):
         raise ValueError(
-            f"{name} must be sampled at least six times a cycle, got samples {np.diff(t).max():.3g}"
-            " T apart that do not tell what lies between; ask simulate for more"
+            f"{name} must be sampled at least six times a cycle of the fastest that shows, got "
+            f"samples {np.diff(t).max():.3g} T apart that do not tell what lies between"
         )
 
 
@@ -145,13 +149,23 @@ def upward_passages(motion: Motion, start: float, end: float) -> Array:
 
 
 def last_cycle(motion: Motion) -> tuple[float, float] | None:
-    """Start and end of the last whole cycle, from one upward passage to the next; None if still."""
+    """Start and end of the last whole cycle, or None if there is none.
+
+    It ends at the last upward passage of the free end and starts at the latest before at which the
+    free end was as high and as fast; where there is none, as while motion grows, at the one before.
+    """
     begin, finish = float(motion.t[0]), float(motion.t[-1])
-    late = motion.tip[motion.t >= finish - 0.25 * (finish - begin), 0]
+    late = motion.t >= finish - 0.25 * (finish - begin)
     passages = upward_passages(motion, begin, finish)
-    if np.ptp(late) < STILL or passages.size < 2:
+    if np.ptp(motion.tip[late, 0]) < STILL or passages.size < 2:
         return None
-    return float(passages[-2]), float(passages[-1])
+    passages = passages[-MOST_PASSAGES - 1 :]
+    tip = tip_of(motion)
+    swift = np.abs(tip(motion.t[late], 1)).max()
+    there = np.column_stack([tip(passages)[:, 1], tip(passages, 1) / swift])
+    alike = np.flatnonzero(np.abs(there[:-1] - there[-1]).max(axis=1) < ALIKE)
+    start = passages[alike[-1]] if alike.size else passages[-2]
+    return float(start), float(passages[-1])
 
 
 def checked_span(span: Any, motion: Motion) -> tuple[float, float, bool]:

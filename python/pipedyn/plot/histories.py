@@ -124,6 +124,8 @@ def _looks(motions: Sequence[Motion]) -> Iterator[tuple[str, dict[str, Any]]]:
     if len(set(labels)) < len(labels):
         sizes = [f"{type(m.model).__name__}, {m.model.dof} d.o.f." for m in motions]
         labels = [f"{label}, {size}" for label, size in zip(labels, sizes, strict=True)]
+    if len(set(labels)) < len(labels):
+        labels = [f"{i}: {label}" for i, label in enumerate(labels)]
     yield from zip(labels, cycled_styles(len(motions)), strict=True)
 
 

@@ -64,8 +64,8 @@ def snapshots(
 
     Args:
         motion: what to show.
-        span: start and end in T; where not given the last cycle, from one upward passage of the
-            free end through its middle to the next, or all of a motion that has none.
+        span: start and end in T; where not given the last cycle, from a passage of the free end
+            through its middle to the next that is alike, or all of a motion that has none.
         count: number of shapes, from 2 to 1000; both ends of the span are among them, of a cycle
             that ends where it began only the end.
         ax: where to draw; a new figure's where not given. The first collection, the shapes, serves
@@ -238,7 +238,7 @@ def _heading(motion: Motion) -> str:
 
 def _digits(times: Array) -> int:
     """Decimals that tell neighbouring times apart."""
-    return max(0, 1 - math.floor(math.log10(times[1] - times[0])))
+    return max(0, -math.floor(math.log10(times[1] - times[0])))
 
 
 def _stage(ax: Axes, motion: Motion, shapes: Array) -> None:
