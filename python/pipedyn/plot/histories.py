@@ -41,7 +41,7 @@ def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None 
         ax.plot(t, curve(t), label=label, linewidth=1.0, **look)
     ax.margins(x=0.0)
     ax.set_xlabel(TIME_LABEL)
-    ax.set_ylabel("displacement of the free end $x$  $(L)$")
+    ax.set_ylabel("free end $x$  $(L)$")
     _legend(ax, shown)
     return ax
 
@@ -95,7 +95,7 @@ def phase_portrait(
             zorder=3.0,
         )
     if which == "tip":
-        ax.set_xlabel("displacement of the free end $x$  $(L)$")
+        ax.set_xlabel("free end $x$  $(L)$")
         ax.set_ylabel(r"its velocity $\dot x$  $(L/T)$")
     else:
         ax.set_xlabel(f"coordinate $q_{{{which}}}$, counted from 0")
@@ -120,7 +120,7 @@ def _signal(
 
 def _looks(motions: Sequence[Motion]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Label and style of each motion: the speed, and the model where speeds do not tell."""
-    labels = [f"$u = {motion.u:g}$" for motion in motions]
+    labels = [f"$u = {motion.u:.6g}$" for motion in motions]
     if len(set(labels)) < len(labels):
         sizes = [f"{type(m.model).__name__}, {m.model.dof} d.o.f." for m in motions]
         labels = [f"{label}, {size}" for label, size in zip(labels, sizes, strict=True)]
@@ -131,6 +131,6 @@ def _looks(motions: Sequence[Motion]) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def _legend(ax: Axes, motions: Sequence[Motion]) -> None:
     if len(motions) == 1:
-        ax.set_title(f"$u = {motions[0].u:g}$, {motions[0].model.pipe.flow}")
+        ax.set_title(f"$u = {motions[0].u:.4g}$, {motions[0].model.pipe.flow}")
     elif len(motions) <= MOST_NAMED:
         ax.legend(loc="best")

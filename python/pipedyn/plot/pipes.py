@@ -97,8 +97,8 @@ def snapshots(
     flow = _flow_arrow(ax, motion)
     if flow is not None:
         flow.set_positions(*_flow(motion, shapes[-1]))
-    what = f"in a cycle of {end - start:.4g} $T$" if cycle else rf"from $\tau = {start:.4g}\,T$"
-    ax.set_title(f"{_heading(motion)}\n{count} shapes {what}" + rf" to $\tau = {end:.4g}\,T$")
+    what = f"a cycle of {end - start:.4g}" if cycle else rf"$\tau =$ {start:.4g} to {end:.4g}"
+    ax.set_title(f"{_heading(motion)}\n{count} shapes, {what} $T$")
     return ax
 
 
@@ -233,7 +233,7 @@ def _shapes(motion: Motion, times: Array) -> Array:
 
 
 def _heading(motion: Motion) -> str:
-    return f"$u = {motion.u:g}$, {motion.model.pipe.flow}"
+    return f"$u = {motion.u:.4g}$, {motion.model.pipe.flow}"
 
 
 def _digits(times: Array) -> int:
@@ -263,7 +263,7 @@ def _stage(ax: Axes, motion: Motion, shapes: Array) -> None:
         arrow.set_positions((at, start), (at, start + length))
         ax.text(at + 0.03, start + 0.5 * length, "$g$", va="center")
     ax.set_xlabel("transverse $x$  $(L)$")
-    ax.set_ylabel("$y$ along the straight pipe  $(L)$")
+    ax.set_ylabel("along the straight pipe $y$  $(L)$")
 
 
 def _arrow(ax: Axes, colour: str, gid: str) -> FancyArrowPatch:
