@@ -37,9 +37,6 @@ Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 LARGEST_IMPLICIT = 300
 """Degrees of freedom beyond which dense factorisations are not chosen."""
 
-FINER = (1.0, 0.1, 1e-2, 1e-3)
-"""Longest steps tried between two samples, in their distance, where a trial step overflows."""
-
 LARGEST_SAMPLES = 100_000_000
 """Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
 
@@ -228,21 +225,29 @@ def checked_task(
 
 
 class _Count:
-    """A right-hand side that counts its calls."""
+    """A right-hand side that counts its calls, and answers NaN to a state that is not finite.
+
+    An exception would pass through compiled integrators, which do not expect one; NaN makes them
+    try a shorter step.
+    """
 
     def __init__(self, task: Task) -> None:
         self.calls = 0
+        self.overflowed = False
         self.f: Callable[[float, Array, Any], Array] = task.model.motion.rhs_and_power
         self.u = task.u
         self.shape = task.start.shape
 
     def one(self, t: float, y: Array) -> Array:
         self.calls += 1
-        return self.f(t, y, self.u)
+        try:
+            return self.f(t, y, self.u)
+        except ValueError:
+            self.overflowed = True
+            return np.full(self.shape, np.nan)
 
     def many(self, t: float, y: Array) -> Array:
-        self.calls += 1
-        return self.f(t, y.reshape(self.shape), self.u).ravel()
+        return self.one(t, y.reshape(self.shape)).ravel()
 
 
 def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
@@ -256,7 +261,7 @@ def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
         for row in track(route(task, rhs), task.times.size, "motion", shown):
             rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
     except Stopped as stopped:
-        why = str(stopped)
+        why = "the state left finite numbers" if count.overflowed else str(stopped)
     return np.array(rows).reshape(-1, *task.start.shape), count.calls, why
 
 
@@ -274,44 +279,23 @@ def _jacobian(task: Task) -> Callable[[float, Array], Array]:
 
 def _compiled(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Array]:
     explicit = task.method == "dop853"
+    solver = ode(rhs) if explicit else ode(rhs, _jacobian(task))
     options = {} if explicit else {"with_jacobian": True}
-
-    def solver_from(t: float, y: Array, longest: float) -> ode:
-        solver = ode(rhs) if explicit else ode(rhs, _jacobian(task))
-        solver.set_integrator(
-            task.method,
-            rtol=task.rtol,
-            atol=task.atol,
-            nsteps=1_000_000_000,
-            max_step=longest,
-            **options,
-        )
-        solver.set_initial_value(y, t)
-        if explicit:
-            # Its test for stiffness ends runs whose steps are held by stability: no failure.
-            solver._integrator.iwork[3] = -1
-        return solver
-
-    now, state = 0.0, task.start.ravel()
-    solver = solver_from(now, state, 0.0)
+    solver.set_integrator(
+        task.method, rtol=task.rtol, atol=task.atol, nsteps=1_000_000_000, **options
+    )
+    solver.set_initial_value(task.start.ravel(), 0.0)
+    if explicit:
+        # Its test for stiffness ends runs whose steps are held by stability, which is no failure.
+        solver._integrator.iwork[3] = -1
     for t in task.times:
-        if t > now:
-            why = ""
-            for share in FINER:
-                try:
-                    with warnings.catch_warnings():
-                        warnings.simplefilter("ignore", UserWarning)  # said by the exception
-                        solver.integrate(t)
-                    why = "" if solver.successful() else "its step shrank to nothing"
-                except ValueError as error:  # a trial state is not finite
-                    why = _cause(error)
-                if not why:
-                    break
-                solver = solver_from(now, state, 0.1 * share * (t - now))
-            if why:
-                raise Stopped(why)
-            now, state = float(t), solver.y.copy()
-        yield state
+        if t > solver.t:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # said by the exception
+                solver.integrate(t)
+            if not (solver.successful() and np.isfinite(solver.y).all()):
+                raise Stopped("its step shrank to nothing")
+        yield solver.y.copy()
 
 
 def _stepped(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Array]:
@@ -325,22 +309,18 @@ def _stepped(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Array
     if t is None:
         return
     end = float(task.times[-1])
-    try:
-        solver = kind(rhs, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
-        while t is not None:
+    solver = kind(rhs, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
+    while t is not None:
+        try:
             message = solver.step()
-            if solver.status == "failed":
-                raise Stopped(message)
-            between = solver.dense_output()
-            while t is not None and t <= solver.t:
-                yield between(t)
-                t = next(waiting, None)
-    except ValueError as error:
-        raise Stopped(_cause(error)) from error
-
-
-def _cause(error: Exception) -> str:
-    return "the state left finite numbers" if "finite" in str(error) else str(error)
+        except ValueError as error:  # a factorisation refuses what is not finite
+            raise Stopped(str(error)) from error
+        if solver.status == "failed" or not np.isfinite(solver.y).all():
+            raise Stopped(message or "the state left finite numbers")
+        between = solver.dense_output()
+        while t is not None and t <= solver.t:
+            yield between(t)
+            t = next(waiting, None)
 
 
 def motion_of(task: Task, u: float, rows: Array, evaluations: int) -> Motion:

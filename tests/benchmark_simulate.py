@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: MIT
+"""Error beside cost of motions: integrators, a flutter to its limit cycle, ensembles.
+
+Run with `.venv/bin/python tests/benchmark_simulate.py`; pytest does not collect it. Prints, and
+fails on an error only. Takes some minutes: the plain formulation is slow.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from benchmark_motion import machine
+from independent import dense_rates
+from scipy.integrate import solve_ivp
+
+import pipedyn as pd
+from pipedyn.motion import choose_method
+
+failures = []
+
+
+def clocked(call: Callable[[], Any], rounds: int = 3) -> tuple[float, Any]:
+    """Shortest time of a call, s, and its answer; once where it takes seconds."""
+    best = np.inf
+    for _ in range(rounds):
+        start = time.perf_counter()
+        answer = call()
+        best = min(best, time.perf_counter() - start)
+        if best > 2.0:
+            break
+    return best, answer
+
+
+def bow(s: np.ndarray) -> np.ndarray:
+    return 0.3 * s
+
+
+def methods() -> None:
+    """Which integrator is cheapest, over size, damping and tolerance."""
+    print("To tau = 2 at u = 6, beta = 0.2: ms and largest error of q; * is what 'auto' takes")
+    print("| model | delta | rtol | dop853 | lsoda | Radau |")
+    print("|---|---|---|---|---|---|")
+    for name, make in (
+        ("chain, n = 5", lambda pipe: pd.Chain(pipe, 5)),
+        ("chain, n = 20", lambda pipe: pd.Chain(pipe, 20)),
+        ("chain, n = 50", lambda pipe: pd.Chain(pipe, 50)),
+        ("beam, m = 6", lambda pipe: pd.Galerkin(pipe, 6)),
+        ("legendre, m = 8", lambda pipe: pd.Galerkin(pipe, 8, "legendre")),
+    ):
+        for delta in (0.0, 1e-3, 1e-2):
+            model = make(pd.Pipe(0.2, damping=delta))
+            sharp = {"samples": 21, "rtol": 1e-11}
+            exact = pd.simulate(
+                model, 6.0, 2.0, bow, method="lsoda" if delta else "dop853", **sharp
+            )
+            for rtol in (1e-3, 1e-6, 1e-9):
+                chosen = choose_method(model, 6.0, rtol)
+                cells = []
+                for method in ("dop853", "lsoda", "Radau"):
+                    if method == "Radau" and (model.dof > 8 or rtol < 1e-8):
+                        cells.append("-")
+                        continue
+                    cost, found = clocked(
+                        lambda model=model, rtol=rtol, method=method: pd.simulate(
+                            model, 6.0, 2.0, bow, method=method, samples=21, rtol=rtol
+                        )
+                    )
+                    error = np.abs(found.q - exact.q).max()
+                    mark = " *" if method == chosen else ""
+                    cells.append(f"{1e3 * cost:.1f} ({error:.0e}){mark}")
+                print(f"| {name} | {delta:g} | {rtol:g} | " + " | ".join(cells) + " |", flush=True)
+    print()
+
+
+def flutter() -> None:
+    """20 segments from a small push to the settled limit cycle, beside plain dense numpy."""
+    chain, u, end = pd.Chain(pd.Pipe(0.2), 20), 6.0, 60.0
+    q0 = chain.bent(lambda s: 0.01 * s)
+    cost, ours = clocked(lambda: pd.simulate(chain, u, end, q0, rtol=1e-6, samples=601))
+    start = time.perf_counter()
+    plain = solve_ivp(
+        lambda t, y: dense_rates(chain, y, u),
+        (0.0, end),
+        np.concatenate([q0, np.zeros(20)]),
+        method="DOP853",
+        rtol=1e-6,
+        atol=1e-8,
+        t_eval=ours.t,
+    )
+    dense = time.perf_counter() - start
+    exact = pd.simulate(chain, u, end, q0, rtol=1e-10, samples=601)
+    tip = chain.tips(plain.y[:20])
+    print("20 segments, u = 6, beta = 0.2, a small push, to tau = 60, rtol 1e-6")
+    print("| route | s | times faster | largest error of the tip | audit |")
+    print("|---|---|---|---|---|")
+    for name, seconds, found, audit in (
+        ("dense numpy, solve_ivp DOP853", dense, tip, np.nan),
+        ("pipedyn.simulate", cost, ours.tip, ours.audit),
+    ):
+        error = np.abs(found - exact.tip).max()
+        print(f"| {name} | {seconds:.2f} | {dense / seconds:.0f} | {error:.0e} | {audit:.0e} |")
+        if not error < 1e-3:
+            failures.append(f"flutter by {name}: error {error:.1e}")
+    print()
+
+
+def ensembles() -> None:
+    """A hundred members beside a hundred motions."""
+    print("100 flow speeds from 4 to 7 to tau = 10, rtol 1e-6")
+    print("| n | 100 motions, s | ensemble, s | times faster | largest difference of q |")
+    print("|---|---|---|---|---|")
+    speeds = np.linspace(4.0, 7.0, 100)
+    for n in (5, 20):
+        chain = pd.Chain(pd.Pipe(0.2), n)
+        cost, together = clocked(
+            lambda chain=chain: pd.simulate_many(chain, speeds, 10.0, bow, samples=101), 1
+        )
+        start = time.perf_counter()
+        alone = [pd.simulate(chain, u, 10.0, bow, samples=101) for u in speeds]
+        each = time.perf_counter() - start
+        apart = max(np.abs(a.q - b.q).max() for a, b in zip(together.motions, alone, strict=True))
+        print(f"| {n} | {each:.2f} | {cost:.2f} | {each / cost:.1f} | {apart:.0e} |", flush=True)
+    print()
+
+
+def main() -> int:
+    print(machine() + "\n")
+    ensembles()
+    methods()
+    flutter()
+    for failure in failures:
+        print(f"FAILED {failure}")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

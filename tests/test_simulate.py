@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: MIT
+"""Motion in time: tolerances that mean what they say, audits, one or many members."""
+
+import pickle
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy.special import ellipk
+
+import pipedyn as pd
+from pipedyn.motion import choose_method, highest_frequency
+
+PIPE = pd.Pipe(0.2)
+DAMPED = pd.Pipe(0.2, gamma=5.0, drag=0.5, damping=2e-3)
+CHAIN = pd.Chain(PIPE, 6)
+
+
+def bow(s):
+    return 0.6 * s * (2.0 - s)
+
+
+# ------------------------------------------------------------------------- one motion
+
+
+@pytest.mark.parametrize("method", ["dop853", "lsoda", "DOP853", "Radau", "BDF", "LSODA"])
+def test_every_method_tends_to_one_motion_and_its_audit_to_nothing(method):
+    exact = pd.simulate(CHAIN, 6.0, 0.5, bow, rtol=1e-12, samples=11)
+    found = pd.simulate(CHAIN, 6.0, 0.5, bow, method=method, samples=11)
+    assert found.method == method
+    assert np.abs(found.q - exact.q).max() < 5e-4
+    assert exact.audit < 1e-12
+    assert found.audit < 1e-4
+    assert found.evaluations > 50
+
+
+@pytest.mark.parametrize(
+    ("pipe", "method", "least"),
+    [
+        (PIPE, "dop853", 0.7),
+        (PIPE, "lsoda", 0.6),
+        (PIPE, "Radau", 0.5),
+        (DAMPED, "dop853", 0.4),  # |v| v is not smooth: steps across its kinks know less
+        (DAMPED, "lsoda", 0.6),
+    ],
+    ids=str,
+)
+def test_a_sharper_tolerance_gives_a_proportionally_better_answer(pipe, method, least):
+    chain = pd.Chain(pipe, 5)
+    exact = pd.simulate(chain, 6.0, 1.0, bow, rtol=1e-13, samples=21).q
+    tolerances = np.logspace(-4, -9, 6)
+    errors = [
+        np.abs(
+            pd.simulate(chain, 6.0, 1.0, bow, rtol=rtol, samples=21, method=method).q - exact
+        ).max()
+        for rtol in tolerances
+    ]
+    order = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
+    assert least < order < 1.3
+    assert (np.array(errors) < 1e3 * tolerances).all()
+
+
+def test_the_samples_asked_for_do_not_change_the_motion():
+    few = pd.simulate(CHAIN, 6.0, 2.0, bow, rtol=1e-10, samples=3)
+    many = pd.simulate(CHAIN, 6.0, 2.0, bow, rtol=1e-10, samples=401)
+    odd = pd.simulate(CHAIN, 6.0, 2.0, bow, rtol=1e-10, times=[0.31, 1.0, 1.9])
+    assert few.t.tolist() == [0.0, 1.0, 2.0]
+    assert np.abs(few.q - many.q[[0, 200, 400]]).max() < 1e-8
+    assert np.abs(odd.q[1] - few.q[1]).max() < 1e-8
+    assert odd.t.tolist() == [0.31, 1.0, 1.9]
+    at_once = pd.simulate(CHAIN, 6.0, 2.0, bow, times=[0.0])
+    assert at_once.q.tolist() == [CHAIN.bent(bow).tolist()]
+
+
+def test_a_motion_tells_tip_energy_and_states():
+    motion = pd.simulate(CHAIN, 6.0, 1.0, bow, np.linspace(0.0, 1.0, 6), samples=5)
+    assert motion.q.shape == motion.qdot.shape == (5, 6)
+    assert motion.y.shape == (12, 5)
+    assert motion.qdot[0] == pytest.approx(np.linspace(0.0, 1.0, 6))
+    for i in range(5):
+        assert motion.tip[i] == pytest.approx(CHAIN.tip(motion.q[i]), abs=1e-15)
+        assert motion.energy[i] == pytest.approx(CHAIN.energy(motion.y[:, i]), rel=1e-13)
+
+
+def test_the_audit_sees_a_force_that_does_no_work_it_should(monkeypatch):
+    honest = pd.simulate(CHAIN, 6.0, 1.0, bow).audit
+
+    class Wrong:
+        def __init__(self, core):
+            self.core = core
+
+        def rhs_and_power(self, t, y, u):
+            rates = self.core.rhs_and_power(t, y, u)
+            rates[6:12] += 1e-3 * y[:6]  # a force that the power does not know
+            return rates
+
+    core = CHAIN.core
+    monkeypatch.setattr(pd.Chain, "motion", property(lambda chain: Wrong(core)))
+    assert honest < 1e-8 < 1e-6 < pd.simulate(CHAIN, 6.0, 1.0, bow).audit
+
+
+def test_a_chain_of_one_free_segment_is_a_pendulum():
+    gamma, angle = 7.0, 2.0
+    pipe = pd.Pipe(0.0, gamma=gamma)
+    chain = pd.Chain(pipe, springs=[0.0])
+    # A rod hinged at its end: theta'' = -(3 / 2) gamma sin(theta).
+    period = 4.0 / np.sqrt(1.5 * gamma) * ellipk(np.sin(0.5 * angle) ** 2)
+    motion = pd.simulate(chain, 0.0, period, [angle], rtol=1e-11, samples=5)
+    assert motion.q[:, 0] == pytest.approx(angle * np.array([1, 0, -1, 0, 1]), abs=1e-8)
+    assert np.ptp(motion.energy) < 1e-9
+    assert motion.audit < 1e-10
+
+
+@pytest.mark.parametrize("u", [5.0, 6.0])
+def test_small_motion_grows_or_decays_with_the_eigenvalue(u):
+    value = pd.eigenvalues(CHAIN, u)
+    value = value[np.argmax(value.real)]
+    motion = pd.simulate(CHAIN, u, 12.0, lambda s: 1e-9 * s, rtol=1e-9, atol=1e-18, samples=2401)
+    late = motion.t > 8.0
+    tip = motion.tip[late, 0]
+    peaks = np.flatnonzero((tip[1:-1] > tip[:-2]) & (tip[1:-1] > tip[2:])) + 1
+    times = motion.t[late][peaks]
+    growth = np.polyfit(times, np.log(tip[peaks]), 1)[0]
+    assert growth == pytest.approx(value.real, abs=3e-3)
+    assert 2 * np.pi / np.diff(times).mean() == pytest.approx(abs(value.imag), rel=2e-3)
+
+
+def test_a_motion_that_cannot_go_on_carries_what_there_is():
+    with pytest.raises(pd.MotionStopped, match="stopped at t = 0") as caught:
+        pd.simulate(CHAIN, 6.0, 1.0, bow, np.full(6, 1e90))
+    assert caught.value.motion.t.tolist() == [0.0]
+    assert caught.value.motion.q[0] == pytest.approx(CHAIN.bent(bow))
+
+
+def test_a_motion_that_leaves_finite_numbers_later_keeps_its_beginning(monkeypatch):
+    core = CHAIN.core
+
+    class Bursting:
+        def rhs_and_power(self, t, y, u):
+            if t > 0.5:
+                raise ValueError("y must be finite, got inf at index 0")
+            return core.rhs_and_power(t, y, u)
+
+    monkeypatch.setattr(pd.Chain, "motion", property(lambda chain: Bursting()))
+    for method in ("dop853", "lsoda", "Radau"):
+        with pytest.raises(pd.MotionStopped, match="left finite numbers") as caught:
+            pd.simulate(CHAIN, 6.0, 1.0, bow, samples=11, method=method)
+        assert 0.3 <= caught.value.motion.t[-1] <= 0.5
+        assert pickle.loads(pickle.dumps(caught.value)).motion.t.size
+
+
+def test_the_method_follows_from_damping_and_size():
+    assert choose_method(pd.Chain(PIPE, 20), 6.0, 1e-6) == "dop853"
+    stiff = pd.Chain(pd.Pipe(0.2, damping=1e-2), 20)
+    assert choose_method(stiff, 6.0, 1e-6) == "lsoda"
+    assert pd.simulate(stiff, 6.0, 0.1, bow).method == "lsoda"
+    assert pd.simulate(stiff, 6.0, 0.1, bow, method="dop853").method == "dop853"
+    assert choose_method(pd.Chain(pd.Pipe(0.2, damping=1e-2), 4), 6.0, 1e-6) == "dop853"
+    assert choose_method(pd.Chain(pd.Pipe(0.2, damping=1e-2), 1000), 6.0, 1e-6) == "dop853"
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 40])
+def test_the_fastest_frequency_is_that_of_the_matrices(n):
+    chain = pd.Chain(pd.Pipe(0.2, gamma=5.0, drag=1.0, damping=1e-3), n)
+    mass, _, stiffness = chain.operators().at(0.0)
+    exact = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.max())
+    assert highest_frequency(chain) == pytest.approx(exact, rel=0.01)
+
+
+# ----------------------------------------------------------------------- many motions
+
+
+def test_an_ensemble_is_the_motions_of_its_members():
+    speeds = np.linspace(3.0, 7.0, 130)  # more than one batch
+    together = pd.simulate_many(CHAIN, speeds, 1.0, bow, rtol=1e-9, samples=6)
+    assert len(together) == 130
+    assert together.failures == ()
+    for i in (0, 63, 129):
+        alone = pd.simulate(CHAIN, speeds[i], 1.0, bow, rtol=1e-9, samples=6)
+        assert together.motions[i].u == speeds[i]
+        assert np.abs(together.motions[i].q - alone.q).max() < 1e-7
+        assert np.abs(together.motions[i].energy - alone.energy).max() < 1e-6
+        assert together.motions[i].audit < 1e-8
+
+
+def test_a_hundred_members_take_far_fewer_calls_than_a_hundred_motions():
+    speeds = np.linspace(5.0, 6.0, 96)
+    together = pd.simulate_many(CHAIN, speeds, 1.0, bow, samples=6)
+    alone = pd.simulate(CHAIN, 5.5, 1.0, bow, samples=6)
+    calls = together.motions[0].evaluations + together.motions[-1].evaluations  # two batches
+    assert calls < 10 * alone.evaluations
+
+
+@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
+def test_models_speeds_and_starts_of_their_own_go_to_an_executor(pool):
+    models = [pd.Chain(PIPE, n) for n in (2, 3, 5)]
+    with pool(2) as executor:
+        found = pd.simulate_many(
+            *(models, [4.0, 5.0, 6.0], 0.5, [m.bent(bow) for m in models]),
+            samples=4,
+            executor=executor,
+        )
+    for model, motion, u in zip(models, found.motions, (4.0, 5.0, 6.0), strict=True):
+        alone = pd.simulate(model, u, 0.5, bow, samples=4)
+        assert np.array_equal(motion.q, alone.q)
+
+
+def test_a_failed_member_is_reported_and_the_others_kept():
+    rates = np.zeros((40, 6))
+    rates[17] = 1e90
+    found = pd.simulate_many(CHAIN, 6.0, 0.5, bow, rates, samples=4)
+    assert [failure.index for failure in found.failures] == [17]
+    assert found.failures[0].error.motion.t.tolist() == [0.0]
+    assert "member 17" in str(found.failures[0].error)
+    assert len(found) == 40
+    alone = pd.simulate(CHAIN, 6.0, 0.5, bow, samples=4)
+    for i, motion in enumerate(found.motions):
+        if i != 17:
+            assert np.abs(motion.q - alone.q).max() < 1e-4
+
+
+# -------------------------------------------------------------- chain and pipe's behaviour
+
+
+def test_where_drag_acts_on_a_segment_matters_less_as_segments_become_more():
+    # The paper: the choice of the drag points loses its meaning as n grows.
+    pipe = pd.Pipe(0.2, drag=5.0)
+
+    def tip(n, point):
+        chain = pd.Chain(pipe, n, drag_points=np.full(n, point))
+        return pd.simulate(chain, 6.0, 1.0, bow, rtol=1e-9, samples=11).tip
+
+    spread = np.array([np.abs(tip(n, 1.0) - tip(n, 0.0)).max() for n in (4, 8, 16, 32)])
+    orders = np.log2(spread[:-1] / spread[1:])
+    assert (orders > 0.7).all()
+    assert spread[-1] < 0.1
+
+
+def test_drag_bounds_the_aspirating_pipe_that_any_flow_sets_in_motion():
+    # Undamped, every mode grows from the smallest flow on; drag's power grows like the cube of the
+    # amplitude, the flow's like its square.
+    u, width = 0.3, {}
+    assert pd.eigenvalues(pd.Chain(pd.Pipe(0.2, flow="aspirating"), 5), u).real.max() > 0.0
+    free = pd.simulate(
+        pd.Chain(pd.Pipe(0.2, flow="aspirating"), 5), u, 12.0, lambda s: 1e-3 * s, samples=601
+    )
+    assert np.ptp(free.tip[-100:, 0]) > 5.0 * np.ptp(free.tip[:100, 0])
+    for drag in (3.0, 10.0):
+        chain = pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=drag), 5)
+        motion = pd.simulate(chain, u, 200.0, lambda s: 1e-3 * s, samples=2001, rtol=1e-5)
+        parts = [np.ptp(part[:, 0]) for part in np.array_split(motion.tip, 8)]
+        assert parts[-1] == pytest.approx(parts[-2], rel=0.02)
+        width[drag] = parts[-1]
+    assert 0.01 < width[10.0] < width[3.0] < 0.1
+
+
+# ----------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: pd.simulate(pd.Continuum(PIPE), 6.0, 1.0, bow), "model"),
+        (lambda: pd.simulate("chain", 6.0, 1.0, bow), "model"),
+        (lambda: pd.simulate(CHAIN, -1.0, 1.0, bow), "u"),
+        (lambda: pd.simulate(CHAIN, np.nan, 1.0, bow), "u"),
+        (lambda: pd.simulate(CHAIN, [6.0], 1.0, bow), "u"),
+        (lambda: pd.simulate(CHAIN, 6.0, 0.0, bow), "duration"),
+        (lambda: pd.simulate(CHAIN, 6.0, np.inf, bow), "duration"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, np.zeros(5)), "q0"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, [np.nan] * 6), "q0"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, "bow"), "q0"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, lambda s: s[:-1]), r"angle\(s\)"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, np.zeros(7)), "qdot0"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, samples=1), "samples"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, samples=True), "samples"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, samples=10**9), "samples"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, times=[0.5, 0.5]), "times"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, times=[0.5, 1.5]), "times"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, rtol=0.0), "rtol"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, rtol=1e-16), "rtol"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, atol=-1.0), "atol"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, method="euler"), "method"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, method=3), "method"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, progress=1), "progress"),
+        (lambda: pd.simulate_many([], 6.0, 1.0, bow), "models"),
+        (lambda: pd.simulate_many([CHAIN, 3], 6.0, 1.0, bow), "model"),
+        (lambda: pd.simulate_many([CHAIN] * 2, [5.0, 6.0, 7.0], 1.0, bow), "models"),
+        (lambda: pd.simulate_many(CHAIN, [5.0, -6.0], 1.0, bow), "u"),
+        (lambda: pd.simulate_many(CHAIN, [[5.0]], 1.0, bow), "speeds"),
+        (lambda: pd.simulate_many(CHAIN, "fast", 1.0, bow), "speeds"),
+        (lambda: pd.simulate_many(CHAIN, [], 1.0, bow), "speeds"),
+        (lambda: pd.simulate_many(CHAIN, [5.0, 6.0, 7.0], 1.0, np.zeros((2, 6))), "q0"),
+        (lambda: pd.simulate_many(CHAIN, [5.0, 6.0], 1.0, bow, executor=3), "executor"),
+        (lambda: pd.simulate_many(CHAIN, [5.0, 6.0], 1.0, bow, progress=None), "progress"),
+    ],
+)
+def test_a_bad_argument_of_a_motion_is_refused_by_name(call, name):
+    with pytest.raises((ValueError, TypeError), match=rf"\b{name}") as caught:
+        call()
+    assert type(caught.value) in (ValueError, TypeError)
