@@ -403,6 +403,23 @@ class Chain(Model):
         down = self._base + self._lengths @ np.cos(angles)
         return np.stack([self._lengths @ np.sin(angles), down], axis=-1)
 
+    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
+        """Velocities (x', y') of the free end in L / T, exact.
+
+        Args:
+            q: angles theta of k states, rad, shape (n, k).
+            qdot: their rates, rad / T, shape (n, k).
+
+        Returns:
+            Shape (k, 2).
+
+        Raises:
+            ValueError, TypeError: for what has another shape, or is not of finite real numbers.
+        """
+        angles, rates = self._moving(q, qdot)
+        across = self._lengths @ (rates * np.cos(angles))
+        return np.stack([across, -self._lengths @ (rates * np.sin(angles))], axis=-1)
+
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """Angles of the segments of a bent pipe, shape (n,): theta(s) at their middles.
 

@@ -296,6 +296,26 @@ class Galerkin(Model):
         angles = self.core.basis(nodes, 1) @ amplitudes
         return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)
 
+    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
+        """Velocities (x', y') of the free end in L / T, exact.
+
+        Args:
+            q: amplitudes of k states, shape (m, k).
+            qdot: their rates, shape (m, k).
+
+        Returns:
+            Shape (k, 2).
+
+        Raises:
+            ValueError, TypeError: for what has another shape, or is not of finite real numbers.
+        """
+        amplitudes, rates = self._moving(q, qdot)
+        nodes, weights = self._nodes_for(amplitudes)
+        slopes = self.core.basis(nodes, 1)
+        angles, turning = slopes @ amplitudes, slopes @ rates
+        across = weights @ (turning * np.cos(angles))
+        return np.stack([across, -weights @ (turning * np.sin(angles))], axis=-1)
+
     def _nodes_for(self, amplitudes: Array) -> tuple[Array, Array]:
         """Nodes and weights that integrate sine and cosine of the angle, for columns (m, k)."""
         nodes, _ = gauss_nodes(2 * self._size + 60)

@@ -223,6 +223,10 @@ class Model(ABC):
         """Positions (x, y) of the free end, shape (k, 2), for k configurations, q (dof, k)."""
 
     @abstractmethod
+    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
+        """Velocities (x', y') of the free end, exact, shape (k, 2), for k states, (dof, k) each."""
+
+    @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """Coordinates of a bent pipe, so that models may start alike.
 
@@ -275,6 +279,18 @@ class Model(ABC):
                 f"{name} must be finite, got {columns[where].item()!r} at index {index}"
             )
         return columns
+
+    def _moving(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
+        """Coordinates and rates of k states, (dof, k) each."""
+        columns, rates = self._columns("q", q), self._columns("qdot", qdot)
+        for name, given in (("q", columns), ("qdot", rates)):
+            if given.ndim != 2:
+                raise ValueError(f"{name} must have shape ({self.dof}, k), got {given.shape}")
+            if given.dtype.kind == "c":
+                raise TypeError(f"{name} must be real, got complex numbers")
+        if columns.shape != rates.shape:
+            raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
+        return columns, rates
 
     def _displaced(self, q: ArrayLike, points: int) -> NDArray[Any]:
         """Coordinates to be displaced at so many points, shape (dof,) or (dof, k)."""

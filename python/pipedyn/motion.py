@@ -74,6 +74,11 @@ class Motion:
         """States [q, q'] at the times, shape (2 dof, S)."""
         return np.concatenate([self.q, self.qdot], axis=1).T
 
+    @property
+    def tip_velocity(self) -> Array:
+        """Velocity (x', y') of the free end at the times, in L / T, shape (S, 2)."""
+        return self.model.tip_velocities(self.q.T, self.qdot.T)
+
 
 class MotionStopped(PipedynError):
     """An integration that could not go on.

@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of motion: they show the motion, the right way up, and refuse bad questions."""
+
+import dataclasses
+import math
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.animation import FuncAnimation
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from PIL import Image
+
+import pipedyn as pd
+from pipedyn import plot
+from pipedyn.plot.between import coordinates_at, last_cycle, tip_of
+
+
+def bend(s):
+    return 0.05 * s**2
+
+
+CHAIN = pd.Chain(pd.Pipe(0.2), 6)
+CYCLE = pd.simulate(CHAIN, 6.0, 30.0, bend, samples=1201, rtol=1e-8)
+FINE = pd.simulate(CHAIN, 6.0, 30.0, bend, samples=12001, rtol=1e-8)
+DECAY = pd.simulate(CHAIN, 2.0, 10.0, bend, samples=4001)
+COARSE = pd.simulate(CHAIN, 6.0, 30.0, bend, samples=201)
+REST = pd.simulate(CHAIN, 1.0, 1.0, np.zeros(6), samples=11)
+SHORT = pd.simulate(CHAIN, 1.0, 1.0, bend, samples=2)
+MANY = pd.simulate_many(CHAIN, [5.5, 6.0], 5.0, bend, samples=401)
+PIPES = {
+    "hanging": pd.Pipe(0.2, 10.0),
+    "standing": pd.Pipe(0.2, -5.0),
+    "level": pd.Pipe(0.2),
+    "hanging, aspirating": pd.Pipe(0.2, 10.0, "aspirating", damping=0.02),
+    "standing, aspirating": pd.Pipe(0.2, -5.0, "aspirating", damping=0.02),
+}
+
+
+def axes():
+    figure = Figure(layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure.subplots()
+
+
+def by_gid(ax, gid):
+    return [child for child in ax.get_children() if child.get_gid() == gid]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda ax: plot.snapshots(None), "motion must be of type Motion, got None"),
+        (lambda ax: plot.snapshots(MANY), "motion must be of type Motion, got Ensemble("),
+        (lambda ax: plot.snapshots(SHORT), "motion must have at least 3 samples, got 2"),
+        (lambda ax: plot.snapshots(COARSE), "motion must be sampled at least six times a cycle"),
+        (lambda ax: plot.snapshots(CYCLE, ax=3), "ax must be of type Axes, got 3"),
+        (lambda ax: plot.snapshots(CYCLE, 3.0), "span must be one-dimensional"),
+        (lambda ax: plot.snapshots(CYCLE, (1.0, 2.0, 3.0)), "span must have 2 entries, got 3"),
+        (lambda ax: plot.snapshots(CYCLE, (2.0, 1.0)), "span must be a start and a later end"),
+        (lambda ax: plot.snapshots(CYCLE, (0.0, 31.0)), "span must be a start and a later end"),
+        (lambda ax: plot.snapshots(CYCLE, (0.0, math.nan)), "span must be finite"),
+        (lambda ax: plot.snapshots(CYCLE, count=1), "count must be from 2 to 1000, got 1"),
+        (lambda ax: plot.snapshots(CYCLE, count=8.0), "count must be a whole number, got 8.0"),
+        (lambda ax: plot.time_history(None), "motions must be a Motion, several of them or an En"),
+        (lambda ax: plot.time_history("abc"), "motions must be a Motion, several of them or an E"),
+        (lambda ax: plot.time_history([]), "motions must hold at least one, got none"),
+        (lambda ax: plot.time_history([CYCLE, 3]), "motions[1] must be of type Motion, got 3"),
+        (lambda ax: plot.time_history([CYCLE, SHORT]), "motions[1] must have at least 3 samples"),
+        (lambda ax: plot.time_history(COARSE), "motions must be sampled at least six times a cy"),
+        (lambda ax: plot.time_history(CYCLE, [ax]), "ax must be of type Axes, got [<Axes"),
+        (lambda ax: plot.phase_portrait(3), "motions must be a Motion, several of them or an"),
+        (lambda ax: plot.phase_portrait([CYCLE, COARSE]), "motions[1] must be sampled at least s"),
+        (lambda ax: plot.phase_portrait(CYCLE, "top"), "coordinate must be one of 'tip', got 'top"),
+        (lambda ax: plot.phase_portrait(CYCLE, 6), "coordinate must be from 0 to 5, got 6"),
+        (lambda ax: plot.phase_portrait(CYCLE, 1.0), "coordinate must be a whole number, got 1.0"),
+        (lambda ax: plot.phase_portrait(CYCLE, "tip", 3), "ax must be of type Axes, got 3"),
+        (lambda ax: plot.animate([CYCLE]), "motion must be of type Motion"),
+        (lambda ax: plot.animate(COARSE), "motion must be sampled at least six times a cycle"),
+        (lambda ax: plot.animate(CYCLE, 3), "path must be a path of a file, got 3"),
+        (lambda ax: plot.animate(CYCLE, "pipe.mp4"), "path must end with .gif and lie in a folder"),
+        (lambda ax: plot.animate(CYCLE, "none/pipe.gif"), "path must end with .gif and lie in a"),
+        (lambda ax: plot.animate(CYCLE, fps=60), "fps must lie in [1, 50], got 60"),
+        (lambda ax: plot.animate(CYCLE, fps=math.nan), "fps must lie in [1, 50], got nan"),
+        (lambda ax: plot.animate(CYCLE, speed=0.0), "speed must be finite and > 0, got 0.0"),
+        (lambda ax: plot.animate(CYCLE, speed=5.0), "speed must leave at least 8 frames to a cy"),
+        (lambda ax: plot.animate(CYCLE, span=(0, 30), speed=5.0), "speed must leave at least 8 fr"),
+        (lambda ax: plot.animate(CYCLE, speed=1e-9), "span, fps and speed must ask for at most"),
+        (lambda ax: plot.animate(REST, speed=10.0, fps=1), "speed must leave at least 2 frames"),
+        (lambda ax: plot.animate(CYCLE, ax=ax.figure), "ax must be of type Axes"),
+    ],
+)
+def test_a_picture_of_motion_refuses_what_it_cannot_show_by_name(call, message):
+    with pytest.raises((ValueError, TypeError)) as caught:
+        call(axes())
+    assert str(caught.value).startswith(message)
+
+
+def test_samples_once_a_cycle_are_no_pipe_at_rest():
+    start, end = last_cycle(FINE)
+    state = coordinates_at(FINE, np.array([start]))[0]
+    rates = (coordinates_at(FINE, np.array([start + 1e-4]))[0] - state) / 1e-4
+    motion = pd.simulate(CHAIN, 6.0, 10 * (end - start), state, rates, samples=11, rtol=1e-8)
+    assert np.ptp(motion.tip[:, 0]) < 0.01
+    for draw in plot.time_history, plot.phase_portrait:
+        with pytest.raises(ValueError, match="at least six times a cycle"):
+            draw(motion, ax=axes())
+
+
+def test_the_tip_moves_as_its_velocity_says():
+    step = 1e-6
+    generator = np.random.default_rng(5)
+    for model in CHAIN, pd.Chain(pd.Pipe(0.2), 5, springs="midpoint"), pd.Galerkin(pd.Pipe(0.2), 6):
+        q, qdot = generator.normal(size=(2, model.dof, 4))
+        moved = model.tips(q + step * qdot) - model.tips(q - step * qdot)
+        np.testing.assert_allclose(model.tip_velocities(q, qdot), moved / (2 * step), atol=2e-8)
+    np.testing.assert_allclose(
+        CYCLE.tip_velocity, CHAIN.tip_velocities(CYCLE.q.T, CYCLE.qdot.T), rtol=0, atol=0
+    )
+
+
+@pytest.mark.parametrize("model", [CHAIN, pd.Galerkin(pd.Pipe(0.2), 6)], ids=["chain", "reduced"])
+@pytest.mark.parametrize(
+    ("q", "qdot", "message"),
+    [
+        (np.zeros((5, 2)), np.zeros((5, 2)), r"q must have shape \(6, ...\)"),
+        (np.zeros(6), np.zeros(6), r"q must have shape \(6, k\), got \(6,\)"),
+        (np.zeros((6, 2)), np.zeros((6, 3)), r"qdot must have the shape of q, \(6, 2\), got"),
+        (np.zeros((6, 2)), np.full((6, 2), np.inf), "qdot must be finite"),
+        (np.zeros((6, 2)), np.zeros((6, 2), complex), "qdot must be real"),
+        ("abc", np.zeros((6, 2)), "q must be an array"),
+    ],
+)
+def test_the_velocity_of_the_tip_refuses_what_is_no_state(model, q, qdot, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        model.tip_velocities(q, qdot)
+
+
+def test_between_samples_lies_the_motion_itself():
+    tip = tip_of(CYCLE)
+    np.testing.assert_allclose(tip(FINE.t), FINE.tip, atol=5e-4)
+    np.testing.assert_allclose(coordinates_at(CYCLE, FINE.t), FINE.q, atol=3e-3)
+    np.testing.assert_array_equal(coordinates_at(CYCLE, CYCLE.t[100:200]), CYCLE.q[100:200])
+
+
+def test_the_last_cycle_is_a_period_of_the_settled_motion():
+    start, end = last_cycle(CYCLE)
+    x = FINE.tip[:, 0]
+    middles = FINE.t[1:][(x[:-1] < 0.0) & (x[1:] >= 0.0)]
+    assert end - start == pytest.approx(np.diff(middles[-10:]).mean(), rel=1e-3)
+    assert 30.0 - end < end - start
+    assert last_cycle(REST) is None
+
+
+def test_a_cycle_with_three_passages_is_shown_whole():
+    """A standing pipe that whips: each cycle of its tip holds several passages of the middle."""
+    pipe = pd.Pipe(0.2, -10.0, "aspirating", drag=1.0, damping=0.02)
+    motion = pd.simulate(pd.Chain(pipe, 12), 3.0, 20.0, bend, samples=2001)
+    start, end = last_cycle(motion)
+    first, last = coordinates_at(motion, np.array([start, end]))
+    np.testing.assert_allclose(first, last, atol=0.05)
+    x = motion.tip[(motion.t > start) & (motion.t < end), 0]
+    assert x.min() < -0.9
+    assert x.max() > 0.9
+
+
+@pytest.mark.parametrize("name", PIPES)
+def test_gravity_points_down_the_page_and_the_arrow_along_the_flow(name):
+    pipe = PIPES[name]
+    motion = pd.simulate(pd.Chain(pipe, 6), 1.0, 1.0, bend, samples=201)
+    ax = axes()
+    assert plot.snapshots(motion, (0.0, 1.0), 5, ax) is ax
+    ax.figure.canvas.draw()
+    assert ax.get_aspect() == 1.0
+    to_page = ax.transData.transform
+    clamp, tip = to_page((0.0, 0.0)), to_page(motion.tip[-1])
+    assert (tip[1] > clamp[1]) == (pipe.gamma < 0.0)  # only a standing pipe is above its clamp
+    gravity = by_gid(ax, "gravity")
+    assert len(gravity) == (pipe.gamma != 0.0)
+    for arrow in gravity:
+        tail, head = (to_page(point) for point in arrow._posA_posB)
+        assert head[1] < tail[1] - 5.0
+        assert head[0] == tail[0]
+    (flow,) = by_gid(ax, "flow")
+    tail, head = (np.array(point) for point in flow._posA_posB)
+    outward = motion.model.shape(motion.q[-1], [0.99, 1.0]) @ np.eye(2)
+    outward = np.diff(outward, axis=0)[0] / 0.01
+    sign = 1.0 if pipe.flow == "ejecting" else -1.0
+    assert (head - tail) @ outward == pytest.approx(sign * np.linalg.norm(head - tail))
+    nearer, farther = (tail, head) if sign > 0 else (head, tail)
+    assert np.linalg.norm(nearer - motion.tip[-1]) < 0.03
+    assert np.linalg.norm(farther - motion.tip[-1]) > 0.1
+
+
+def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
+    ax = plot.snapshots(DECAY, (2.0, 4.0), 5, axes())
+    (shapes,) = (c for c in ax.collections if isinstance(c, LineCollection))
+    ax.figure.canvas.draw()
+    np.testing.assert_allclose(shapes.get_array(), [2.0, 2.5, 3.0, 3.5, 4.0])
+    grey = np.asarray(shapes.get_colors())[:, :3] @ [0.299, 0.587, 0.114]
+    assert np.all(np.diff(grey) < -0.05)
+    assert grey[0] < 0.9
+    for t, line in zip(shapes.get_array(), shapes.get_segments(), strict=True):
+        i = int(np.argmin(np.abs(DECAY.t - t)))
+        s = np.linspace(0.0, 1.0, len(line))
+        np.testing.assert_allclose(line, CHAIN.shape(DECAY.q[i], s), atol=1e-12)
+    plot.colour_bar(ax.figure, np.array([ax]), plot.TIME_LABEL)
+    assert len(ax.figure.axes) == 2
+
+
+def test_a_cycle_without_count_or_span_is_shown_to_its_end():
+    start, end = last_cycle(CYCLE)
+    (shapes,) = plot.snapshots(CYCLE, ax=axes()).collections
+    np.testing.assert_allclose(shapes.get_array(), np.linspace(start, end, 17)[1:])
+    (shapes,) = plot.snapshots(REST, ax=axes()).collections
+    np.testing.assert_allclose(shapes.get_array(), np.linspace(0.0, 1.0, 16))
+
+
+@pytest.mark.parametrize("motion", [CYCLE, DECAY, REST], ids=["cycle", "decay", "rest"])
+@pytest.mark.parametrize("draw", [plot.snapshots, plot.time_history, plot.phase_portrait])
+def test_nothing_of_a_picture_of_motion_is_cut_off(draw, motion):
+    with plot.style():
+        ax = draw(motion, ax=axes())
+        ax.figure.canvas.draw()
+    whole, inside = ax.figure.bbox, ax.get_window_extent()
+    for text in ax.title, ax.xaxis.label, ax.yaxis.label:
+        box = text.get_window_extent()
+        assert whole.x0 <= box.x0 < box.x1 <= whole.x1
+        assert whole.y0 <= box.y0 < box.y1 <= whole.y1
+    assert ax.xaxis.label.get_text().endswith(("(L)$", "(T)$"))
+    for patch in ax.patches:
+        box = patch.get_window_extent()
+        assert inside.x0 <= box.x0 <= box.x1 <= inside.x1
+        assert inside.y0 <= box.y0 <= box.y1 <= inside.y1
+
+
+def test_histories_and_portraits_show_every_motion_under_its_speed():
+    ax = plot.time_history(MANY, axes())
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["$u = 5.5$", "$u = 6$"]
+    curves = [line for line in ax.lines if line.get_label().startswith("$u")]
+    for curve, motion in zip(curves, MANY.motions, strict=True):
+        drawn = np.interp(motion.t, *curve.get_data())
+        np.testing.assert_allclose(drawn, motion.tip[:, 0], atol=1e-12)
+    assert curves[0].get_linestyle() != curves[1].get_linestyle()
+    ax = plot.time_history([CYCLE, FINE], axes())
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
+
+
+def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
+    ax = plot.phase_portrait(DECAY, 2, axes())
+    drawn = np.concatenate([np.column_stack(line.get_data()) for line in ax.lines[:3]])
+    states = np.column_stack([DECAY.q[:, 2], DECAY.qdot[:, 2]])
+    begin = np.abs(drawn[:, None] - states[None, ::400]).max(axis=-1).min(axis=0)
+    assert begin.max() < 1e-3
+    assert "q_{2}" in ax.get_xlabel()
+
+
+def test_a_film_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
+    path = tmp_path / "pipe.gif"
+    ax = axes()
+    film = plot.animate(CYCLE, path, fps=10, span=(20.0, 21.0), speed=0.5, ax=ax)
+    assert isinstance(film, FuncAnimation)
+    with Image.open(path) as image:
+        assert image.format == "GIF"
+        assert image.n_frames == 20
+        assert image.info["duration"] == 100
+    (pipe,) = by_gid(ax, "pipe")
+    film._draw_frame(19)
+    s = np.linspace(0.0, 1.0, pipe.get_xdata().size)
+    shape = CHAIN.shape(coordinates_at(CYCLE, np.array([21.0]))[0], s)
+    np.testing.assert_allclose(np.column_stack(pipe.get_data()), shape, atol=1e-12)
+    (trace,) = by_gid(ax, "trace")
+    np.testing.assert_allclose(np.column_stack(trace.get_data())[-1], shape[-1], atol=1e-12)
+
+
+def test_a_film_of_a_cycle_goes_round_and_shows_in_a_notebook():
+    film = plot.animate(CYCLE, fps=4)
+    page = film.to_jshtml()
+    assert page.count("data:image/png;base64") == 10  # 2.5 seconds
+    (ax,) = film._fig.axes
+    film._draw_frame(0)
+    (trace,) = by_gid(ax, "trace")
+    x, y = trace.get_data()
+    assert math.hypot(x[0] - x[-1], y[0] - y[-1]) < 1e-3
+    assert ax.yaxis_inverted()
+
+
+def test_pictures_of_motion_make_their_own_axes_and_leave_the_settings_alone():
+    import matplotlib.pyplot as plt
+
+    before = dict(matplotlib.rcParams)
+    try:
+        for draw in plot.snapshots, plot.time_history, plot.phase_portrait:
+            ax = draw(CYCLE)
+            assert ax.figure.number in plt.get_fignums()
+    finally:
+        plt.close("all")
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_a_motion_that_stopped_is_shown_as_far_as_it_went():
+    part = dataclasses.replace(
+        CYCLE, **{name: getattr(CYCLE, name)[:301] for name in ("t", "q", "qdot", "tip", "energy")}
+    )
+    ax = plot.time_history(part, axes())
+    assert ax.get_xlim() == pytest.approx((0.0, 7.5))
