@@ -17,6 +17,7 @@
 #include "pipedyn/galerkin.hpp"
 #include "pipedyn/galerkin_motion.hpp"
 #include "pipedyn/levels.hpp"
+#include "pipedyn/work.hpp"
 
 namespace {
 
@@ -355,6 +356,15 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
   const Vector fed = (4.0 * change(0.5 * small) - change(small)) / 3.0;
   const double size = energies_of(chain, y).maxCoeff() / small;  // of what cancels in a difference
   check((flow + joints + drag - fed).cwiseAbs().maxCoeff() < 1e-9 * size, "energy's rate is power");
+
+  std::vector<double> worked(y.data(), y.data() + y.size());
+  worked.resize(worked.size() + 19, 0.0);  // the row of the work done
+  std::vector<double> with_work(worked.size());
+  pipedyn::rhs_and_power(chain, {worked.data(), speeds.data(), 19, 1}, with_work.data());
+  for (Index j = 0; j < 19; ++j) {
+    check(with_work[static_cast<std::size_t>(y.size() + j)] == flow[j] + joints[j] + drag[j],
+          "the work's rate is the power");
+  }
   check(energies_of(chain, Matrix::Zero(2 * n, 3)).isZero(0.0), "no energy at rest");
 }
 
