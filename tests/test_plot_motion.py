@@ -28,6 +28,7 @@ FINE = pd.simulate(CHAIN, 6.0, 30.0, bend, samples=12001, rtol=1e-8)
 DECAY = pd.simulate(CHAIN, 2.0, 10.0, bend, samples=4001)
 COARSE = pd.simulate(CHAIN, 6.0, 30.0, bend, samples=201)
 REST = pd.simulate(CHAIN, 1.0, 1.0, np.zeros(6), samples=11)
+REDUCED = pd.simulate(pd.Galerkin(pd.Pipe(0.2), 6), 6.5, 20.0, bend, samples=1601)
 SHORT = pd.simulate(CHAIN, 1.0, 1.0, bend, samples=2)
 MANY = pd.simulate_many(CHAIN, [5.5, 6.0], 5.0, bend, samples=401)
 PIPES = {
@@ -218,7 +219,9 @@ def test_a_cycle_without_count_or_span_is_shown_to_its_end():
     np.testing.assert_allclose(shapes.get_array(), np.linspace(0.0, 1.0, 16))
 
 
-@pytest.mark.parametrize("motion", [CYCLE, DECAY, REST], ids=["cycle", "decay", "rest"])
+@pytest.mark.parametrize(
+    "motion", [CYCLE, DECAY, REST, REDUCED], ids=["cycle", "decay", "rest", "reduced"]
+)
 @pytest.mark.parametrize("draw", [plot.snapshots, plot.time_history, plot.phase_portrait])
 def test_nothing_of_a_picture_of_motion_is_cut_off(draw, motion):
     with plot.style():
@@ -299,6 +302,17 @@ def test_pictures_of_motion_make_their_own_axes_and_leave_the_settings_alone():
     finally:
         plt.close("all")
     assert dict(matplotlib.rcParams) == before
+
+
+def test_the_reduced_model_is_filmed_like_the_chain(tmp_path):
+    path = tmp_path / "reduced.gif"
+    ax = axes()
+    plot.animate(REDUCED, path, fps=4, ax=ax)
+    with Image.open(path) as image:
+        assert image.n_frames == 10
+    (pipe,) = by_gid(ax, "pipe")
+    steps = np.diff(np.column_stack(pipe.get_data()), axis=0)
+    np.testing.assert_allclose(np.hypot(*steps.T).sum(), 1.0, rtol=1e-4)  # inextensible
 
 
 def test_a_motion_that_stopped_is_shown_as_far_as_it_went():
