@@ -68,6 +68,8 @@ def test_the_samples_asked_for_do_not_change_the_motion():
     assert np.abs(few.q - many.q[[0, 200, 400]]).max() < 1e-8
     assert np.abs(odd.q[1] - few.q[1]).max() < 1e-8
     assert odd.t.tolist() == [0.31, 1.0, 1.9]
+    assert pd.simulate(CHAIN, 6.0, 2.0, bow).t.size == 501
+    assert np.diff(pd.simulate(CHAIN, 6.0, 20.0, bow).t) == pytest.approx(1 / 40)
     at_once = pd.simulate(CHAIN, 6.0, 2.0, bow, times=[0.0])
     assert at_once.q.tolist() == [CHAIN.bent(bow).tolist()]
 

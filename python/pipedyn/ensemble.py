@@ -73,7 +73,7 @@ def simulate_many(
     q0: Start | Sequence[Start],
     qdot0: ArrayLike | Sequence[ArrayLike] | None = None,
     *,
-    samples: int = 501,
+    samples: int | None = None,
     times: ArrayLike | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,

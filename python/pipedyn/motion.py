@@ -37,6 +37,9 @@ Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 LARGEST_IMPLICIT = 300
 """Degrees of freedom beyond which dense factorisations are not chosen."""
 
+SAMPLES_A_TIME = 40
+"""Samples in a unit of time where the user asks for no number."""
+
 LARGEST_SAMPLES = 100_000_000
 """Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
 
@@ -125,7 +128,7 @@ def simulate(
     q0: Start,
     qdot0: ArrayLike | None = None,
     *,
-    samples: int = 501,
+    samples: int | None = None,
     times: ArrayLike | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
@@ -141,7 +144,8 @@ def simulate(
         q0: initial coordinates, shape (dof,), or the angle theta(s) of the bent pipe, a function
             of arc lengths (p,) to (p,), so that different models start alike.
         qdot0: initial rates, shape (dof,); at rest where not given.
-        samples: number of evenly spaced samples, both ends included, at least 2.
+        samples: number of evenly spaced samples, both ends included, at least 2; where not given,
+            40 a unit of time, of which flutter's cycle takes about a half, but at least 501.
         times: samples at these times instead, increasing, in [0, duration].
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance; rtol / 100 where not given.
@@ -205,6 +209,8 @@ def checked_task(
     duration = _check.real("duration", duration, low=0.0, high=1e9, open_low=True)
     most = LARGEST_SAMPLES // model.dof
     if times is None:
+        if samples is None:
+            samples = min(max(501, math.ceil(SAMPLES_A_TIME * duration) + 1), most)
         at = np.linspace(0.0, duration, _check.count("samples", samples, low=2, high=most))
     else:
         at = _check.array("times", times, low=0.0, high=duration, longest=most)
