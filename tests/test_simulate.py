@@ -151,6 +151,21 @@ def test_a_motion_that_leaves_finite_numbers_later_keeps_its_beginning(monkeypat
         assert pickle.loads(pickle.dumps(caught.value)).motion.t.size
 
 
+@pytest.mark.parametrize("method", ["dop853", "lsoda", "Radau"])
+def test_an_interruption_ends_a_motion_and_is_not_lost(monkeypatch, method):
+    core = CHAIN.core
+
+    class Interrupted:
+        def rhs_and_power(self, t, y, u):
+            if t > 0.5:
+                raise KeyboardInterrupt
+            return core.rhs_and_power(t, y, u)
+
+    monkeypatch.setattr(pd.Chain, "motion", property(lambda chain: Interrupted()))
+    with pytest.raises(KeyboardInterrupt):
+        pd.simulate(CHAIN, 6.0, 1.0, bow, method=method)
+
+
 def test_the_method_follows_from_damping_and_size():
     assert choose_method(pd.Chain(PIPE, 20), 6.0, 1e-6) == "dop853"
     stiff = pd.Chain(pd.Pipe(0.2, damping=1e-2), 20)
@@ -158,6 +173,8 @@ def test_the_method_follows_from_damping_and_size():
     assert pd.simulate(stiff, 6.0, 0.1, bow).method == "lsoda"
     assert pd.simulate(stiff, 6.0, 0.1, bow, method="dop853").method == "dop853"
     assert choose_method(pd.Chain(pd.Pipe(0.2, damping=1e-2), 4), 6.0, 1e-6) == "dop853"
+    assert choose_method(pd.Galerkin(pd.Pipe(0.2, damping=1e-2), 6), 6.0, 1e-6) == "lsoda"
+    assert choose_method(pd.Galerkin(pd.Pipe(0.2), 6), 6.0, 1e-6) == "dop853"
     assert choose_method(pd.Chain(pd.Pipe(0.2, damping=1e-2), 1000), 6.0, 1e-6) == "dop853"
 
 

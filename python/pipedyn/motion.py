@@ -20,6 +20,7 @@ from scipy.integrate import ode
 
 from pipedyn import _check
 from pipedyn._check import Array
+from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, PipedynError
@@ -33,6 +34,9 @@ METHODS = ("auto", *COMPILED, "DOP853", "Radau", "BDF", "LSODA")
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """Initial coordinates, or the angle theta(s) of the bent pipe."""
+
+CHAIN_WORTH, REDUCED_WORTH = 440.0, 40.0
+"""|lambda| of the fastest mode, for each digit asked for, from which implicit steps pay."""
 
 LARGEST_IMPLICIT = 300
 """Degrees of freedom beyond which dense factorisations are not chosen."""
@@ -231,26 +235,30 @@ def checked_task(
 
 
 class _Count:
-    """A right-hand side that counts its calls, and answers NaN to a state that is not finite.
+    """A right-hand side that counts its calls, and answers NaN where it can answer nothing.
 
-    An exception would pass through compiled integrators, which do not expect one; NaN makes them
-    try a shorter step.
+    Compiled integrators do not survive an exception from here: NaN makes them shorten the step and
+    give up. A state that is not finite is remembered, an interruption raised after.
     """
 
     def __init__(self, task: Task) -> None:
         self.calls = 0
         self.overflowed = False
+        self.interruption: BaseException | None = None
         self.f: Callable[[float, Array, Any], Array] = task.model.motion.rhs_and_power
         self.u = task.u
         self.shape = task.start.shape
 
     def one(self, t: float, y: Array) -> Array:
-        self.calls += 1
         try:
-            return self.f(t, y, self.u)
+            self.calls += 1
+            if self.interruption is None:
+                return self.f(t, y, self.u)
         except ValueError:
             self.overflowed = True
-            return np.full(self.shape, np.nan)
+        except BaseException as interruption:  # the user's, most likely
+            self.interruption = interruption
+        return np.full(self.shape, np.nan)
 
     def many(self, t: float, y: Array) -> Array:
         return self.one(t, y.reshape(self.shape)).ravel()
@@ -267,6 +275,8 @@ def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
         for row in track(route(task, rhs), task.times.size, "motion", shown):
             rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
     except Stopped as stopped:
+        if count.interruption is not None:
+            raise count.interruption from None
         why = "the state left finite numbers" if count.overflowed else str(stopped)
     return np.array(rows).reshape(-1, *task.start.shape), count.calls, why
 
@@ -362,9 +372,9 @@ def choose_method(model: Model, u: float, rtol: float) -> str:
     """The integrator that measured cheapest: "dop853" unless damping makes the motion stiff.
 
     The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
-    "lsoda" leaves it out of account where it decays at once, at some 1500 (-log10 rtol) such
-    costs, Jacobians and factorisations included; undamped it follows every mode and costs more
-    (tests/benchmark_simulate.py prints the comparison).
+    "lsoda" leaves it out of account where it decays at once, at the cost of Jacobians and
+    factorisations, which weigh less beside the dearer right-hand side of a reduced model. Undamped
+    it follows every mode and costs more (tests/benchmark_simulate.py prints the comparison).
 
     Args:
         model: chain or reduced model.
@@ -375,7 +385,8 @@ def choose_method(model: Model, u: float, rtol: float) -> str:
     if delta == 0.0 or model.dof > LARGEST_IMPLICIT:
         return "dop853"
     fastest = highest_frequency(model)
-    stiff = max(fastest, delta * fastest**2) > 440.0 * -math.log10(rtol)
+    worth_it = CHAIN_WORTH if isinstance(model, Chain) else REDUCED_WORTH
+    stiff = max(fastest, delta * fastest**2) > worth_it * -math.log10(rtol)
     return "lsoda" if stiff and 0.5 * delta * fastest > 0.1 else "dop853"
 
 
