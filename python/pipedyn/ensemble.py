@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn import _check
+from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model
 from pipedyn.motion import (
     LARGEST_SAMPLES,
@@ -108,11 +109,12 @@ def simulate_many(
         ValueError, TypeError: for bad arguments.
     """
     chosen = list(models) if isinstance(models, Sequence) else [models]
-    for model in chosen:
-        checked_model_in_motion(model)
+    for i, model in enumerate(chosen):
+        checked_model_in_motion(model, f"models[{i}]" if isinstance(models, Sequence) else "models")
     at = np.atleast_1d(_check.numbers("speeds", speeds, "a number or an array of real numbers"))
     if at.ndim != 1:
         raise ValueError(f"speeds must be a number or one-dimensional, got shape {at.shape}")
+    at = _check.array("speeds", at, low=0.0, high=LARGEST_SPEED)
     starts, rates = _each("q0", q0), _each("qdot0", qdot0)
     given: dict[str, Any] = {"models": chosen, "speeds": at, "q0": starts, "qdot0": rates}
     members = max(len(values) for values in given.values())
@@ -133,14 +135,17 @@ def simulate_many(
     methods: dict[int, str] = {}
     for i in range(members):
         model, u, start, rate = (values[i % len(values)] for values in given.values())
-        task = checked_task(
-            *(model, u.item(), duration, start, rate),
-            samples=samples,
-            times=times,
-            rtol=rtol,
-            atol=atol,
-            method=methods.get(id(model), method),
-        )
+        try:
+            task = checked_task(
+                *(model, u.item(), duration, start, rate),
+                samples=samples,
+                times=times,
+                rtol=rtol,
+                atol=atol,
+                method=methods.get(id(model), method),
+            )
+        except (ValueError, TypeError) as error:
+            raise type(error)(f"{error} (member {i})") from error
         methods[id(model)] = task.method
         tasks.append(task)
     if sum(task.times.size * task.model.dof for task in tasks) > LARGEST_SAMPLES:

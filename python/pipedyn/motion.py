@@ -35,10 +35,14 @@ METHODS = ("auto", *COMPILED, "DOP853", "Radau", "BDF", "LSODA")
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """Initial coordinates, or the angle theta(s) of the bent pipe."""
 
+CALLS, LEAST_STEP = 20_000, 2e-5
+"""Right-hand sides after which a motion must have come further than this share of the time of its
+fastest mode with each."""
+
 CHAIN_WORTH, REDUCED_WORTH = 440.0, 40.0
 """|lambda| of the fastest mode, for each digit asked for, from which implicit steps pay."""
 
-LARGEST_IMPLICIT = 300
+LARGEST_IMPLICIT = 2000
 """Degrees of freedom beyond which dense factorisations are not chosen."""
 
 SAMPLES_A_TIME = 40
@@ -144,7 +148,7 @@ def simulate(
     Args:
         model: chain or reduced model.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        duration: in T, > 0.
+        duration: in T, from 1e-12 to 1e9.
         q0: initial coordinates, shape (dof,), or the angle theta(s) of the bent pipe, a function
             of arc lengths (p,) to (p,), so that different models start alike.
         qdot0: initial rates, shape (dof,); at rest where not given.
@@ -152,9 +156,9 @@ def simulate(
             40 a unit of time, of which flutter's cycle takes about a half, but at least 501.
         times: samples at these times instead, increasing, in [0, duration].
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
-        atol: absolute tolerance; rtol / 100 where not given.
+        atol: absolute tolerance, > 0; rtol / 100 where not given.
         method: "auto" chooses by measured cost, see `choose_method`; compiled "dop853" (explicit,
-            order 8), "bdf" (implicit) and "lsoda" (both); or one of `scipy.integrate.solve_ivp`:
+            order 8) and "lsoda" (implicit where it pays); or one of `scipy.integrate.solve_ivp`:
             "DOP853", "Radau", "BDF", "LSODA". Implicit ones use the analytic Jacobian.
         progress: show progress on stderr.
 
@@ -184,11 +188,11 @@ def simulate(
     return motion
 
 
-def checked_model_in_motion(model: Any) -> Model:
+def checked_model_in_motion(model: Any, name: str = "model") -> Model:
     """The argument, if it is a model that moves."""
     if isinstance(model, Continuum) or not isinstance(model, Model):
         raise TypeError(
-            f"model must be a Chain or a Galerkin model, got {_check.shown(model)}"
+            f"{name} must be a Chain or a Galerkin model, got {_check.shown(model)}"
             + ("; take Continuum.frozen(m)" if isinstance(model, Continuum) else "")
         )
     return model
@@ -210,7 +214,7 @@ def checked_task(
     """The arguments of `simulate`, checked, with the method chosen."""
     model = checked_model_in_motion(model)
     u = _check.real("u", u, low=0.0, high=LARGEST_SPEED)
-    duration = _check.real("duration", duration, low=0.0, high=1e9, open_low=True)
+    duration = _check.real("duration", duration, low=1e-12, high=1e9)
     most = LARGEST_SAMPLES // model.dof
     if times is None:
         if samples is None:
@@ -224,14 +228,24 @@ def checked_task(
     coordinates = model.bent(q0) if callable(q0) else q0
     start[: model.dof] = _check.array("q0", coordinates, size=model.dof, low=-1e6, high=1e6)
     if qdot0 is not None:
-        rates = _check.array("qdot0", qdot0, size=model.dof, low=-1e100, high=1e100)
+        rates = _check.array("qdot0", qdot0, size=model.dof, low=-1e6, high=1e6)
         start[model.dof : -1] = rates
     rtol = _check.real("rtol", rtol, low=1e-13, high=0.1)
-    atol = 0.01 * rtol if atol is None else _check.real("atol", atol, low=0.0, high=1.0)
+    if atol is None:
+        atol = 0.01 * rtol
+    atol = _check.real("atol", atol, low=0.0, high=1.0, open_low=True)
     method = _check.choice("method", method, METHODS)
     if method == "auto":
         method = choose_method(model, u, rtol)
     return Task(model, u, at, start, rtol, atol, method)
+
+
+def _scale(task: Task) -> float:
+    """Rate of the fastest that a motion does: of its modes, of the flow and of its own turning."""
+    model = task.model
+    fastest = highest_frequency(model)
+    turning = float(np.abs(task.start).max())
+    return fastest + model.pipe.damping * fastest**2 + float(np.max(task.u)) ** 2 + turning + 1.0
 
 
 class _Count:
@@ -245,6 +259,8 @@ class _Count:
         self.calls = 0
         self.overflowed = False
         self.interruption: BaseException | None = None
+        self.checked, self.reached = CALLS, -math.inf
+        self.least = LEAST_STEP * CALLS / _scale(task)
         self.f: Callable[[float, Array, Any], Array] = task.model.motion.rhs_and_power
         self.u = task.u
         self.shape = task.start.shape
@@ -252,13 +268,23 @@ class _Count:
     def one(self, t: float, y: Array) -> Array:
         try:
             self.calls += 1
+            if self.calls == self.checked:
+                self.check(t)
             if self.interruption is None:
                 return self.f(t, y, self.u)
         except ValueError:
             self.overflowed = True
         except BaseException as interruption:  # the user's, most likely
-            self.interruption = interruption
+            # One that comes while the core computes is wrapped in a SystemError.
+            wrapped = isinstance(interruption, SystemError) and interruption.__cause__
+            self.interruption = wrapped or interruption
         return np.full(self.shape, np.nan)
+
+    def check(self, t: float) -> None:
+        """Whether the last calls came anywhere."""
+        if t - self.reached < self.least:
+            self.interruption = Stopped("its step shrank to nothing beside its fastest mode's time")
+        self.checked, self.reached = self.calls + CALLS, t
 
     def many(self, t: float, y: Array) -> Array:
         return self.one(t, y.reshape(self.shape)).ravel()
@@ -275,9 +301,13 @@ def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
         for row in track(route(task, rhs), task.times.size, "motion", shown):
             rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
     except Stopped as stopped:
-        if count.interruption is not None:
-            raise count.interruption from None
-        why = "the state left finite numbers" if count.overflowed else str(stopped)
+        cause = count.interruption
+        if isinstance(cause, Stopped):
+            why = str(cause)
+        elif cause is not None:
+            raise cause from None
+        else:
+            why = "the state left finite numbers" if count.overflowed else str(stopped)
     return np.array(rows).reshape(-1, *task.start.shape), count.calls, why
 
 

@@ -512,7 +512,7 @@ def _about(pencil: Pencil, u: float, count: int, left: bool, shift: float) -> Ei
         mine = pencil.genuine(values, free)
         values, right = values[mine], right[:, mine]
         dual = None if dual is None else dual[:, mine]
-        order = np.lexsort((-values.imag, np.abs(values)))
+        order = np.lexsort((-values.imag, values.real, np.abs(values)))
         if isinstance(pencil, DensePencil) or values.size >= 2 * pencil.dof:
             break
         # All eigenvalues within `radius` of the shift are here, so all below radius - shift are.
