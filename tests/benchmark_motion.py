@@ -9,15 +9,13 @@ thread.
 
 from __future__ import annotations
 
-import platform
-import subprocess
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import mpmath
 import numpy as np
+from benchmark_eigenvalues import machine
 from independent import dense_jacobian, dense_rates
 
 import pipedyn as pd
@@ -318,18 +316,6 @@ def linearity() -> None:
         batch = timed(lambda chain=chain, many=many: chain.rhs(0.0, many, SPEED)) / 16
         print(f"| {n} | {1e9 * one / n:.1f} | {1e9 * batch / n:.1f} |")
     print()
-
-
-def machine() -> str:
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
-    try:
-        commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        commit = "unknown"
-    return (
-        f"pipedyn {pd.__version__} (commit {commit}), Python {platform.python_version()}, "
-        f"numpy {np.__version__}, {platform.system()} {platform.machine()}"
-    )
 
 
 def main() -> int:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from benchmark_motion import machine
+from benchmark_eigenvalues import machine
 from independent import dense_rates
 from scipy.integrate import solve_ivp
 
@@ -58,7 +58,7 @@ def methods() -> None:
                 model, 6.0, 2.0, bow, method="lsoda" if delta else "dop853", **sharp
             )
             for rtol in (1e-3, 1e-6, 1e-9):
-                chosen = choose_method(model, 6.0, rtol)
+                chosen = choose_method(model, rtol)
                 cells = []
                 for method in ("dop853", "lsoda", "Radau"):
                     if method == "Radau" and (model.dof > 8 or rtol < 1e-8):

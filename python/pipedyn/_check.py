@@ -93,6 +93,13 @@ def flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def executor(name: str, value: Any) -> None:
+    """None, or what takes tasks like a `concurrent.futures.Executor`."""
+    submits = callable(getattr(value, "submit", None)) and not isinstance(value, type)
+    if value is not None and not submits:
+        raise TypeError(f"{name} must be a concurrent.futures.Executor, got {shown(value)}")
+
+
 def choice(name: str, value: Any, options: Collection[str]) -> str:
     """One of a few words."""
     listed = ", ".join(repr(option) for option in options)

@@ -90,7 +90,7 @@ def simulate_many(
     Args:
         models: one model or k.
         speeds: flow speed >= 0, a number or shape (k,).
-        duration: in T, > 0.
+        duration: in T, from 1e-12 to 1e9.
         q0: initial coordinates (dof,) or an angle theta(s), as for `simulate`; or k of them, e.g.
             shape (k, dof).
         qdot0: initial rates, shape (dof,) or k of them; at rest where not given.
@@ -125,11 +125,7 @@ def simulate_many(
             )
     if members > LARGEST_ENSEMBLE:
         raise ValueError(f"speeds must ask for at most {LARGEST_ENSEMBLE} members, got {members}")
-    submits = callable(getattr(executor, "submit", None)) and not isinstance(executor, type)
-    if executor is not None and not submits:
-        raise TypeError(
-            f"executor must be a concurrent.futures.Executor, got {_check.shown(executor)}"
-        )
+    _check.executor("executor", executor)
     shown = _check.flag("progress", progress)
     tasks = []
     methods: dict[int, str] = {}
@@ -220,14 +216,13 @@ def _motions(task: Task) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a task, and why it stopped early; a batch that stops is halved."""
     rows, evaluations, why = integrate(task)
     if task.start.ndim == 1:
-        return [(motion_of(task, float(task.u), rows, evaluations), why)]
-    speeds = np.asarray(task.u)
-    members = speeds.size
+        return [(motion_of(task, rows, evaluations), why)]
+    members = task.start.shape[1]
     if why is not None:
         half = members // 2
         return _motions(_part(task, slice(0, half))) + _motions(_part(task, slice(half, members)))
     return [
-        (motion_of(task, float(speeds[j]), np.ascontiguousarray(rows[:, :, j]), evaluations), None)
+        (motion_of(_part(task, slice(j, j + 1)), rows[:, :, j].copy(), evaluations), None)
         for j in range(members)
     ]
 

@@ -17,7 +17,6 @@ from pipedyn._check import Array
 from pipedyn.model import (
     Model,
     Operators,
-    Power,
     arc_lengths,
     checked_pipe,
     core_pipe,
@@ -231,38 +230,6 @@ class Galerkin(Model):
             TypeError: for what is no array of real numbers.
         """
         return self.motion.jacobian(t, y, u)
-
-    def energy(self, y: ArrayLike) -> float | Array:
-        """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
-
-        Args:
-            y: state [q, q'], shape (2 m,) or (2 m, k).
-
-        Returns:
-            A number, or for k states shape (k,).
-
-        Raises:
-            ValueError: for another shape, NaN or infinity.
-            TypeError: for what is no array of real numbers.
-        """
-        return self.motion.energy(y)
-
-    def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
-        """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
-
-        Args:
-            y: state [q, q'], shape (2 m,) or (2 m, k).
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
-
-        Returns:
-            Power by what does the work, numbers or shape (k,) each.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, or a speed below 0.
-            TypeError: for what is no array of real numbers.
-        """
-        flow, joints, drag = self.motion.power(y, u)
-        return Power(flow, joints, drag, 0.0 * drag)
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         """Centreline (x, y) at arc lengths s, shape (len(s), 2), inextensible at any amplitude.

@@ -186,18 +186,42 @@ class Model(ABC):
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
         """Derivative of `rhs` with respect to the state, analytic, shape (2 dof, 2 dof)."""
 
-    @abstractmethod
-    def energy(self, y: ArrayLike) -> float | Array:
-        """Kinetic, elastic and gravity's energy, a number or shape (k,); 0 at rest and straight."""
-
     @property
     @abstractmethod
     def motion(self) -> _core.Chain | _core.GalerkinMotion:
         """The compiled equations of motion; its `rhs_and_power` takes [q, q', work done]."""
 
-    @abstractmethod
+    def energy(self, y: ArrayLike) -> float | Array:
+        """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
+
+        Args:
+            y: state [q, q'], shape (2 dof,) or (2 dof, k).
+
+        Returns:
+            A number, or for k states shape (k,).
+
+        Raises:
+            ValueError: for another shape, NaN or infinity.
+            TypeError: for what is no array of real numbers.
+        """
+        return self.motion.energy(y)
+
     def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
-        """What feeds and drains the energy; the total is dE/dt along the motion."""
+        """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
+
+        Args:
+            y: state [q, q'], shape (2 dof,) or (2 dof, k).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            Power by what does the work, numbers or shape (k,) each.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+        """
+        flow, joints, drag = self.motion.power(y, u)
+        return Power(flow, joints, drag, 0.0 * drag)
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:

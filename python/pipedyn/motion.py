@@ -11,6 +11,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -182,7 +183,7 @@ def simulate(
     )
     shown = _check.flag("progress", progress)
     rows, evaluations, why = integrate(task, shown)
-    motion = motion_of(task, float(task.u), rows, evaluations)
+    motion = motion_of(task, rows, evaluations)
     if why is not None:
         raise MotionStopped(f"the motion stopped at t = {motion.t[-1]:g}: {why}", motion)
     return motion
@@ -236,7 +237,7 @@ def checked_task(
     atol = _check.real("atol", atol, low=0.0, high=1.0, open_low=True)
     method = _check.choice("method", method, METHODS)
     if method == "auto":
-        method = choose_method(model, u, rtol)
+        method = choose_method(model, rtol)
     return Task(model, u, at, start, rtol, atol, method)
 
 
@@ -260,7 +261,7 @@ class _Count:
         self.overflowed = False
         self.interruption: BaseException | None = None
         self.checked, self.reached = CALLS, -math.inf
-        self.least = LEAST_STEP * CALLS / _scale(task)
+        self.task = task
         self.f: Callable[[float, Array, Any], Array] = task.model.motion.rhs_and_power
         self.u = task.u
         self.shape = task.start.shape
@@ -279,6 +280,11 @@ class _Count:
             wrapped = isinstance(interruption, SystemError) and interruption.__cause__
             self.interruption = wrapped or interruption
         return np.full(self.shape, np.nan)
+
+    @cached_property
+    def least(self) -> float:
+        """Time that so many calls must cover; only long motions come to ask."""
+        return LEAST_STEP * CALLS / _scale(self.task)
 
     def check(self, t: float) -> None:
         """Whether the last calls came anywhere."""
@@ -369,8 +375,8 @@ def _stepped(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Array
             t = next(waiting, None)
 
 
-def motion_of(task: Task, u: float, rows: Array, evaluations: int) -> Motion:
-    """The motion of one state from its samples (S, 2 dof + 1)."""
+def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
+    """The motion of a task of one state from its samples (S, 2 dof + 1)."""
     dof, model = task.model.dof, task.model
     t = task.times[: len(rows)]
     q, qdot, work = rows[:, :dof], rows[:, dof : 2 * dof], rows[:, 2 * dof]
@@ -379,9 +385,7 @@ def motion_of(task: Task, u: float, rows: Array, evaluations: int) -> Motion:
     at_rest = states.copy()
     at_rest[dof:] = 0.0
     kinetic = energy - np.asarray(model.energy(at_rest))
-    first = float(
-        np.asarray(model.energy(task.start[:-1] if task.start.ndim == 1 else rows[0, :-1]))
-    )
+    first = float(model.energy(task.start[:-1]))
     scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
     miss = float(np.abs(energy - first - work).max(initial=0.0))
     return Motion(
@@ -391,14 +395,14 @@ def motion_of(task: Task, u: float, rows: Array, evaluations: int) -> Motion:
         tip=model.tips(q.T),
         energy=energy,
         audit=miss / scale if scale else 0.0,
-        u=u,
+        u=float(task.u),
         method=task.method,
         evaluations=evaluations,
         model=model,
     )
 
 
-def choose_method(model: Model, u: float, rtol: float) -> str:
+def choose_method(model: Model, rtol: float) -> str:
     """The integrator that measured cheapest: "dop853" unless damping makes the motion stiff.
 
     The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
@@ -408,7 +412,6 @@ def choose_method(model: Model, u: float, rtol: float) -> str:
 
     Args:
         model: chain or reduced model.
-        u: flow speed.
         rtol: relative tolerance.
     """
     delta = model.pipe.damping

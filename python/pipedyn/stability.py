@@ -96,11 +96,7 @@ def stability_curve(
     at = _check.array("values", values, longest=100_000)
     if max_speed is not None:
         max_speed = checked_end(max_speed)
-    submits = callable(getattr(executor, "submit", None)) and not isinstance(executor, type)
-    if executor is not None and not submits:
-        raise TypeError(
-            f"executor must be a concurrent.futures.Executor, got {_check.shown(executor)}"
-        )
+    _check.executor("executor", executor)
     shown = _check.flag("progress", progress)
 
     failures: list[Failure] = []
