@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Dynamics of a pipe conveying fluid: chain, reduced-order and continuous models on one footing."""
 
+from pipedyn import modular
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
@@ -45,6 +46,7 @@ __all__ = [
     "eigenvalues",
     "inlet_coefficient",
     "modes",
+    "modular",
     "root_loci",
     "simulate",
     "simulate_many",

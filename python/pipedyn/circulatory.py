@@ -18,7 +18,8 @@ from scipy.optimize import brentq
 
 from pipedyn.crossing import Flags, Hunt, Passage
 from pipedyn.follow import Indices, Sample, Step
-from pipedyn.spectrum import Complex, lowest
+from pipedyn.pencil import Complex
+from pipedyn.spectrum import lowest
 
 
 class CirculatoryHunt(Hunt):

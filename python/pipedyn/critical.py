@@ -11,7 +11,6 @@ from typing import Any
 
 from pipedyn import _check
 from pipedyn.blas import one_thread
-from pipedyn.chain import Chain
 from pipedyn.circulatory import CirculatoryHunt
 from pipedyn.continuum import AnyModel, Continuum, checked_model
 from pipedyn.crossing import Hunt, Passage, Sweep, Untracked
@@ -20,9 +19,10 @@ from pipedyn.faint import extrapolated, is_faint, strengthened
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import CONTINUUM_SPEED, LARGEST_SPEED
 from pipedyn.model import Model, PipedynError
+from pipedyn.pencil import SparsePencil
 from pipedyn.pipe import Pipe
 from pipedyn.sensitivity import Crossing, Kind, Sensitivity, crossings_of
-from pipedyn.spectrum import DENSE_CHAIN, BandPencil, rows_of
+from pipedyn.spectrum import is_long, rows_of
 
 LARGEST_SWEEP = 2000
 """Degrees of freedom up to which passages are searched."""
@@ -148,7 +148,7 @@ def first_loss(
     """
     # A low critical speed needs no large basis and few modes of a long chain: the search grows
     # from rest where that tells.
-    grows = isinstance(model, Continuum) or (isinstance(model, Chain) and model.dof > DENSE_CHAIN)
+    grows = isinstance(model, Continuum) or is_long(model)
     ends = [end for end in (12.0, 30.0, 60.0) if grows and end < max_speed]
     for end in [*ends, max_speed]:
         found = _search(model, end, lambda passage: passage.change > 0)
@@ -180,7 +180,7 @@ class _Search:
         first = next((c for c in self.crossings if c.destabilising), None)
         if first is None:
             return None
-        own = isinstance(self.model, Chain) and not self.model.approximates_pipe
+        own = not (isinstance(self.model, Continuum) or self.model.approximates_pipe)
         return CriticalSpeed(
             speed=first.speed,
             frequency=first.frequency,
@@ -203,7 +203,7 @@ def _search(
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.flow == "aspirating" and pipe.alpha == 0.0:
         return _Search(model, (), 0)  # the flow acts on nothing
-    if not is_faint(pipe):
+    if not is_faint(pipe) or (isinstance(model, Model) and model.resisted):
         return _search_once(model, max_speed, until)
     solved = strengthened(model.pipe)
     found = [_search_once(_with_pipe(model, pipe), max_speed, until) for pipe in solved]
@@ -224,6 +224,7 @@ def _search_once(
                 f"model must have at most {LARGEST_SWEEP} degrees of freedom for crossings, "
                 f"got {model.dof}"
             )
+        model.require_equilibrium(0.0, max_speed)
         return _Search(model, crossings_of(model, _sweep(model, max_speed, until)), model.dof)
     settled = model.settle(
         lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _trusted(rom))),
@@ -260,7 +261,7 @@ def _sweep(
     """
     pencil = sweeping_pencil(model)
     followed: int | None = None
-    if isinstance(pencil, BandPencil):
+    if isinstance(pencil, SparsePencil):
         followed = 12 + math.ceil(max_speed)
     while True:
         if followed is not None and (followed > pencil.dof // 4 or max_speed > pencil.dof / 4):

@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 from pipedyn.follow import LONGEST_STEP, Crowd, Indices, Sample, Step, march, sample
 from pipedyn.galerkin import Galerkin
 from pipedyn.model import NotConverged
-from pipedyn.spectrum import Complex, Eigenpairs, Pencil
+from pipedyn.pencil import Complex, Eigenpairs, Pencil
 
 Flags = NDArray[np.bool_]
 
@@ -153,7 +153,7 @@ class Hunt:
         at = sample(self.pencil, u, self.count)
         if u == 0.0:
             at.values[np.abs(at.values) < self.pencil.stuck] = 0.0
-        if u == 0.0 and self.pencil.pipe.damping == 0.0:
+        if u == 0.0 and not self.pencil.is_damped:
             at.values.real[at.values.imag != 0.0] = 0.0
         return at
 

@@ -24,7 +24,8 @@ from scipy.optimize import linear_sum_assignment
 
 from pipedyn._check import Array
 from pipedyn.model import NotConverged
-from pipedyn.spectrum import SHIFTS, Complex, Eigenpairs, Pencil, lowest
+from pipedyn.pencil import Complex, Eigenpairs, Pencil
+from pipedyn.spectrum import SHIFTS, lowest
 
 LONGEST_STEP = 0.5
 """Steps in u above this are split before anything is believed of them."""

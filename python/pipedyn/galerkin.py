@@ -276,7 +276,7 @@ class Galerkin(Model):
         Raises:
             ValueError, TypeError: for what has another shape, or is not of finite real numbers.
         """
-        amplitudes, rates = self._moving(q, qdot)
+        amplitudes, rates = self._moving_columns(q, qdot)
         nodes, weights = self._nodes_for(amplitudes)
         slopes = self.core.basis(nodes, 1)
         angles, turning = slopes @ amplitudes, slopes @ rates
