@@ -14,6 +14,7 @@ __all__: list[str] = [
     "GalerkinMotion",
     "Operators",
     "Pipe",
+    "Scene",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -162,6 +163,125 @@ class GalerkinMotion:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+
+class Scene:
+    def __init__(
+        self,
+        pipe: Pipe,
+        length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        base: typing.SupportsFloat | typing.SupportsIndex,
+        spring_joint: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        spring_stiffness: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        spring_damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        spring_rest: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        transverse_node: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        transverse_stiffness: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        dashpot_node: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        dashpot_coefficient: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        mass_node: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        flow: bool,
+        drag: bool,
+        constraint_kind: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        constraint_node: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        constraint_x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        constraint_y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        inertia_rows: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        inertia_columns: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    ) -> None: ...
+    def acceleration_derivatives(
+        self,
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        acceleration: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    ) -> tuple[
+        tuple[
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.float64],
+        ],
+        tuple[
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.float64],
+        ],
+    ]: ...
+    def constraints(
+        self, y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.float64],
+        tuple[
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.float64],
+        ],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.int64],
+    ]: ...
+    def curvature(
+        self,
+        q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        multipliers: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def force_derivatives(
+        self,
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        u: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> tuple[
+        tuple[
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.float64],
+        ],
+        tuple[
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.float64],
+        ],
+    ]: ...
+    def forces(
+        self,
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        u: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    def from_angles(
+        self, theta: typing.Any, omega: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def lacking(
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> int: ...
+    def operators(
+        self,
+    ) -> dict[
+        str,
+        tuple[
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.float64],
+        ],
+    ]: ...
+    def power(
+        self, y: typing.Any, u: typing.Any
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, force: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def straight(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def coordinates(self) -> int: ...
 
 def set_vector_level(name: str) -> None: ...
 def sincos(
