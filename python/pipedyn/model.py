@@ -188,7 +188,7 @@ class Model(ABC):
 
     @property
     @abstractmethod
-    def motion(self) -> _core.Chain | _core.GalerkinMotion:
+    def motion(self) -> _core.Chain | _core.GalerkinMotion | _core.FittedMotion:
         """The compiled equations of motion; its `rhs_and_power` takes [q, q', work done]."""
 
     def energy(self, y: ArrayLike) -> float | Array:
