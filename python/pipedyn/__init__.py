@@ -6,6 +6,7 @@ from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
+from pipedyn.fitting import Fitting
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
@@ -24,6 +25,7 @@ __all__ = [
     "Derivatives",
     "Ensemble",
     "Failure",
+    "Fitting",
     "Galerkin",
     "MemberFailure",
     "ModeShape",

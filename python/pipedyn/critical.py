@@ -67,7 +67,7 @@ class CriticalSpeed:
     sensitivity: Sensitivity | None = field(repr=False)
     size: int
     pipe: Pipe = field(repr=False)
-    _approximates: bool = field(repr=False, default=True)
+    _exact: Continuum | None = field(repr=False, default=None)
     _continuous: float | None = field(repr=False, default=None)
     _max_speed: float = field(repr=False, default=100.0)
 
@@ -78,12 +78,12 @@ class CriticalSpeed:
         None for chains with springs or inertia of the user's own, infinite where the continuous
         pipe has no critical speed. The continuous pipe is solved at the first request.
         """
-        if not self._approximates:
+        if self._exact is None:
             return None
         if self._continuous is not None:
             return self._continuous
         try:
-            exact = critical_speed(Continuum(self.pipe), self._max_speed)
+            exact = critical_speed(self._exact, self._max_speed)
         except NoCrossing:
             return math.inf
         return abs(self.speed - exact.speed) + self.error + exact.error
@@ -180,7 +180,6 @@ class _Search:
         first = next((c for c in self.crossings if c.destabilising), None)
         if first is None:
             return None
-        own = not (isinstance(self.model, Continuum) or self.model.approximates_pipe)
         return CriticalSpeed(
             speed=first.speed,
             frequency=first.frequency,
@@ -191,7 +190,7 @@ class _Search:
             sensitivity=first.sensitivity,
             size=self.size,
             pipe=self.model.pipe,
-            _approximates=not own,
+            _exact=_exact(self.model),
             _continuous=None if self.moved is None else first.error,
             _max_speed=max_speed,
         )
@@ -206,13 +205,16 @@ def _search(
     if not is_faint(pipe) or (isinstance(model, Model) and model.resisted):
         return _search_once(model, max_speed, until)
     solved = strengthened(model.pipe)
-    found = [_search_once(_with_pipe(model, pipe), max_speed, until) for pipe in solved]
+    found = [_search_once(model.with_pipe(pipe), max_speed, until) for pipe in solved]
     passages = extrapolated(model.pipe, solved, [search.crossings for search in found])
     return replace(found[0], model=model, crossings=passages)
 
 
-def _with_pipe(model: AnyModel, pipe: Pipe) -> AnyModel:
-    return Continuum(pipe) if isinstance(model, Continuum) else model.with_pipe(pipe)
+def _exact(model: AnyModel) -> Continuum | None:
+    """The continuous pipe that a model stands for, fittings included."""
+    if isinstance(model, Model) and not model.approximates_pipe:
+        return None
+    return Continuum(model.pipe, getattr(model, "fittings", ()))
 
 
 def _search_once(
