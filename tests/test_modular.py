@@ -82,7 +82,7 @@ def test_every_recursion_gives_the_accelerations_of_the_one_shot_null_space(name
         matrix = np.zeros((wanted.size, n))
         np.add.at(matrix, (rows, columns), values)
         mass = np.zeros((n, n))
-        rows, columns, values = scene.core.operators().mass
+        rows, columns, values = scene.core.operators()["mass"]
         np.add.at(mass, (rows, columns), values)
         force = scene.core.forces(y, u)
         basis = scipy.linalg.null_space(matrix, rcond=1e-9)
@@ -451,7 +451,7 @@ def test_initial_states_are_angles_or_coordinates_that_meet_the_constraints() ->
     by_coordinates = pd.simulate(scene, 1.0, 0.1, y[:12], samples=3)
     np.testing.assert_allclose(by_angles.q, by_coordinates.q, atol=1e-13)
     np.testing.assert_allclose(scene.angles(y), angles, atol=1e-15)
-    with pytest.raises(ValueError, match=r"q0 must meet Guide\(node=4\), got 1\.\de-01 beside it"):
+    with pytest.raises(ValueError, match=r"q0 must meet Guide\(node=4\), got .*e-02 beside it"):
         pd.simulate(scene, 1.0, 0.1, [0.3, 0.1, -0.2, 0.1])
     torn = y[:12].copy()
     torn[3] += 0.01

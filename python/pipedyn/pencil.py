@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -129,6 +130,25 @@ class Pencil(ABC):
         """(K + a u^2 A) x."""
         result: Vectors = self.stiffness(x) + self.centrifugal * u**2 * self.flux(x)
         return result
+
+    @cached_property
+    def is_conservative(self) -> bool:
+        """Whether eigenvalues come in fours, lambda, -lambda and conjugates, at every speed.
+
+        No damping, gyroscopic forces only and symmetric stiffness: ends that do no work.
+        """
+        if self.is_damped:
+            return False
+        angles = np.arange(1.0, self.dof + 1.0)
+        x, y = np.cos(angles)[:, None], np.sin(2.0 * angles)[:, None]
+
+        def differ(product: Callable[[Vectors], Vectors], sign: float) -> bool:
+            one, other = float((x.T @ product(y))[0, 0]), float((y.T @ product(x))[0, 0])
+            return abs(one - sign * other) > 1e-11 * float(np.abs(x * product(y)).sum())
+
+        return not (
+            differ(self.velocity, -1.0) or differ(self.stiffness, 1.0) or (differ(self.flux, 1.0))
+        )
 
     @property
     def stuck(self) -> float:

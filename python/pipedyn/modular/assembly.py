@@ -87,7 +87,7 @@ class Assembly(Model):
         )
         self._customs = tuple(CustomForce(module) for module in self._layout.customs)
         rest = self._layout.rest
-        q = self._layout.configuration(rest)
+        q = self._configuration(rest)
         for custom in self._customs:
             custom.tried(q)
         lacking = self.core.lacking(q)
@@ -238,7 +238,11 @@ class Assembly(Model):
         """
         theta = self._angles_of("angles", angles, sizes=(self.moving,))
         omega = self._rates_of("rates", rates, theta, sizes=(self.moving,))
-        return self._layout.state(theta, omega)
+        return self.core.from_angles(theta, omega)
+
+    def _configuration(self, theta: Array) -> Array:
+        q: Array = self.core.from_angles(theta, np.zeros_like(theta))[: self.coordinates]
+        return q
 
     def angles(self, y: ArrayLike) -> Array:
         """Angles of the segments from redundant coordinates or states.
@@ -311,7 +315,7 @@ class Assembly(Model):
                 break
             unbalanced = float(np.abs(rest).max())
             if largest < 1e-9 and (unbalanced <= 1e-13 * size or unbalanced >= last):
-                return self._layout.configuration(theta)
+                return self._configuration(theta)
             last = unbalanced
             theta = self.closed(theta + turn * min(1.0, 0.3 / max(largest, 1e-300)))
         raise NotConverged(f"no equilibrium was found at u = {u:g} from there")
@@ -334,7 +338,7 @@ class Assembly(Model):
 
     def _linear_about(self, theta: Array) -> Linear:
         layout = self._layout
-        q = layout.configuration(theta)
+        q = self._configuration(theta)
         return Linear(
             Tree(layout.lengths, theta),
             self._matrices(q),
@@ -356,7 +360,7 @@ class Assembly(Model):
         if self._layout.has_flow:
             theta_end = float(np.sum(q[2::3]))
             thrust[-3:-1] = -math.sin(theta_end), -math.cos(theta_end)
-        stiffness, damping = matrix(core.stiffness), matrix(core.damping)
+        stiffness, damping = matrix(core["stiffness"]), matrix(core["damping"])
         springs = np.zeros(size)
         springs[2::3] = self._layout.springs
         stiffness = stiffness - sparse.diags_array(springs)
@@ -369,8 +373,8 @@ class Assembly(Model):
             stiffness = stiffness - matrix((rows, columns, custom.by_q(q, zero).ravel()))
             damping = damping - matrix((rows, columns, custom.by_qdot(q, zero).ravel()))
         return SceneMatrices(
-            *(matrix(core.mass), matrix(core.gyroscopic), matrix(core.end_flux)),
-            *(damping, stiffness, matrix(core.flux)),
+            *(matrix(core["mass"]), matrix(core["gyroscopic"]), matrix(core["end_flux"])),
+            *(damping, stiffness, matrix(core["flux"])),
             *(self._layout.springs, force, thrust),
             *(numbers.direction, numbers.centrifugal),
         )
@@ -505,7 +509,7 @@ class Assembly(Model):
         extra: Array,
     ) -> Array:
         size = self.coordinates
-        rows, columns, values = self.core.operators().mass
+        rows, columns, values = self.core.operators()["mass"]
         mass = sparse.coo_array((values, (rows, columns)), shape=(size, size)).toarray()
         return enforce(mass, np.asarray(self.core.forces(y, u)) + extra, self._groups(y))
 
@@ -534,7 +538,7 @@ class Assembly(Model):
             theta = self._angles_of("q", q)
         else:
             theta = self._layout.rest if self._reference is None else self._reference
-        still = self._layout.state(theta, np.zeros_like(theta))
+        still = self.core.from_angles(theta, np.zeros_like(theta))
         return projection(self._groups(still), self.coordinates)[0]
 
     def accelerations(self, y: ArrayLike, u: float, enforcement: str) -> Array:
@@ -600,7 +604,7 @@ class Assembly(Model):
         _, triplets, wanted, _ = core.constraints(y)
         kept = self._layout.kept_rows
         ties = matrix(triplets, wanted.size).tocsr()[kept]
-        mass = matrix(core.operators().mass)
+        mass = matrix(core.operators()["mass"])
         factors = splu(sparse.block_array([[mass, ties.T], [ties, None]], format="csc"))
         force = np.asarray(core.forces(y, u))
         by_q, by_rate = (matrix(part) for part in core.force_derivatives(y, u))
@@ -688,7 +692,7 @@ class Assembly(Model):
         """
         ends = self._layout.ends
         theta = self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
-        return self._layout.configuration(self.closed(theta))
+        return self._configuration(self.closed(theta))
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         """Transverse displacement along x for small motions at arc lengths s.
@@ -730,7 +734,7 @@ class Assembly(Model):
             raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
         theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
         if rows.size == self.coordinates:
-            off = np.abs(self._layout.configuration(theta) - rows)
+            off = np.abs(self._configuration(theta) - rows)
             self._refuse(name, off, rows)
         missed = np.abs(self._layout.missed(theta))
         if missed.max(initial=0.0) > MET:
@@ -763,7 +767,7 @@ class Assembly(Model):
             listed = " or ".join(f"({size},)" for size in sizes)
             raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
         omega = rows if rows.size == self.moving else np.cumsum(rows[2::3])
-        y = self._layout.state(theta, omega)
+        y = self.core.from_angles(theta, omega)
         fast = 1.0 + float(np.abs(omega).max())
         if rows.size == self.coordinates:
             off = float(np.abs(y[self.coordinates :] - rows).max())

@@ -199,25 +199,6 @@ class Layout:
 
     # ------------------------------------------------------------------------------- configurations
 
-    def configuration(self, theta: Array) -> Array:
-        """Redundant coordinates of angles (n,) or (n, k)."""
-        zero = np.zeros_like(theta)
-        return self.state(theta, zero)[: 3 * self.size]
-
-    def state(self, theta: Array, omega: Array) -> Array:
-        """Redundant states (6 n,) or (6 n, k) of angles and rates."""
-        n = self.size
-        lengths = self.lengths.reshape(-1, *(1,) * (theta.ndim - 1))
-        sine, cosine = np.sin(theta), np.cos(theta)
-        y = np.empty((6 * n, *theta.shape[1:]))
-        y[0 : 3 * n : 3] = np.cumsum(lengths * sine, axis=0)
-        y[1 : 3 * n : 3] = self.base + np.cumsum(lengths * cosine, axis=0)
-        y[2 : 3 * n : 3] = np.diff(theta, axis=0, prepend=0.0)
-        y[3 * n :: 3] = np.cumsum(lengths * cosine * omega, axis=0)
-        y[3 * n + 1 :: 3] = -np.cumsum(lengths * sine * omega, axis=0)
-        y[3 * n + 2 :: 3] = np.diff(omega, axis=0, prepend=0.0)
-        return y
-
     def missed(self, theta: Array) -> Array:
         """How far guides and pins are missed at angles (n,), shape (c,); at (n, k), (c, k)."""
         places = np.cumsum(

@@ -54,7 +54,7 @@ class SceneMotion:
         n = self.layout.size
         theta, omega = y[:n], y[n : 2 * n]
         met_theta, met_omega = self.projected(theta, omega)
-        state = self.layout.state(met_theta, met_omega)
+        state = self.core.from_angles(met_theta, met_omega)
         turning = np.cumsum(self.accelerations(state, u)[3 * n + 2 :: 3], axis=0)
         rates = np.empty_like(y)
         rates[:n], rates[n : 2 * n] = met_omega, turning
@@ -99,7 +99,7 @@ class SceneMotion:
 
     def states(self, theta: Array, omega: Array) -> Array:
         """Redundant states of angles and rates, (6 n, k) from (n, k) each."""
-        return self.layout.state(*self.projected(theta, omega))
+        return self.core.from_angles(*self.projected(theta, omega))
 
     def projected(self, theta: Array, omega: Array) -> tuple[Array, Array]:
         """Angles and rates that meet guides and pins, close to those given.
@@ -136,7 +136,7 @@ class SceneMotion:
         """
         n = self.layout.size
         theta, omega = self.projected(y[:n], y[n : 2 * n])
-        by_state = accelerations_by(self.layout.state(theta, omega), u)
+        by_state = accelerations_by(self.core.from_angles(theta, omega), u)
         turning = np.cumsum(by_state[2::3], axis=0)
         lengths = self.layout.lengths
         reached = np.tri(n)
