@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable
 
 import numpy as np
@@ -363,7 +362,7 @@ def test_fittings_move_the_critical_speed_of_scene_and_continuum_alike(name: str
     assert found[-1].discretisation is None
 
 
-# -------------------------------------------------------------------------------------------- motion
+# ------------------------------------------------------------------------------------------ motion
 
 
 def test_constraints_do_not_drift_over_a_hundred_periods() -> None:

@@ -289,7 +289,7 @@ class Hunt:
         resting = a == 0.0  # joints without a spring
         rises = step.left.slopes[roots].real * step.length > step.right.noise[step.onto[roots]]
         ends = self.states(step.right, step.onto[roots], np.zeros(roots.size, dtype=np.bool_))
-        on_axis = np.abs(a.real) <= step.left.noise[roots]
+        on_axis = (np.abs(a.real) <= step.left.noise[roots]) & (not self.pencil.is_conservative)
         return np.where(resting, ends, on_axis & rises)
 
     def _ends(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
@@ -397,7 +397,8 @@ class Hunt:
         at = self.take(u)
         t = np.array([(u - step.left.u) / step.length])
         where = int(np.argmin(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0])))
-        return Sample(u, *(at.pairs.take([where]), at.slopes[[where]], at.noise[[where]]), at.signatures[[where]])
+        pairs, own = at.pairs.take([where]), [where]
+        return Sample(u, pairs, at.slopes[own], at.noise[own], at.signatures[own])
 
     def _bisect(self, step: Step, root: int) -> float:
         def real_part(u: float) -> float:

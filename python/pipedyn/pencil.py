@@ -144,7 +144,8 @@ class Pencil(ABC):
 
         def differ(product: Callable[[Vectors], Vectors], sign: float) -> bool:
             one, other = float((x.T @ product(y))[0, 0]), float((y.T @ product(x))[0, 0])
-            return abs(one - sign * other) > 1e-11 * float(np.abs(x * product(y)).sum())
+            size = float(np.abs(x * product(y)).sum()) + self.dof  # springs have stiffness 1
+            return abs(one - sign * other) > 1e-11 * size
 
         return not (
             differ(self.velocity, -1.0) or differ(self.stiffness, 1.0) or (differ(self.flux, 1.0))

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from pipedyn import _check, _core
 from pipedyn._check import Array
+from pipedyn.blas import one_thread
 from pipedyn.chain import LARGEST_CHAIN, elastic_scale
 from pipedyn.model import (
     LARGEST_ANGLE,
@@ -33,7 +33,7 @@ from pipedyn.modular.enforcement import (
     projection,
 )
 from pipedyn.modular.layout import Closing, Layout
-from pipedyn.modular.linear import Linear, SceneMatrices, Tree
+from pipedyn.modular.linear import Linear, SceneMatrices, Tree, factored
 from pipedyn.modular.moving import SceneMotion
 from pipedyn.modular.parts import Constraint, Module, Part, Segment, TorsionalSpring, told
 from pipedyn.pipe import Pipe
@@ -299,7 +299,7 @@ class Assembly(Model):
             ValueError, TypeError: for bad arguments.
         """
         u = _check.real("u", u, low=0.0, high=1e4)
-        given = _check.array("start", start, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+        given = self._rows("start", start, (self.moving, self.coordinates))
         if given.size == self.coordinates:
             given = np.cumsum(given[2::3])
         theta = self.closed(given)
@@ -605,7 +605,7 @@ class Assembly(Model):
         kept = self._layout.kept_rows
         ties = matrix(triplets, wanted.size).tocsr()[kept]
         mass = matrix(core.operators()["mass"])
-        factors = splu(sparse.block_array([[mass, ties.T], [ties, None]], format="csc"))
+        solve = _solver(mass, ties)
         force = np.asarray(core.forces(y, u))
         by_q, by_rate = (matrix(part) for part in core.force_derivatives(y, u))
         for custom in self._customs:
@@ -614,7 +614,7 @@ class Assembly(Model):
             rows, columns = (p.ravel() for p in np.meshgrid(index, index, indexing="ij"))
             by_q = by_q + matrix((rows, columns, custom.by_q(q, rates).ravel()))
             by_rate = by_rate + matrix((rows, columns, custom.by_qdot(q, rates).ravel()))
-        found = factors.solve(np.concatenate([force, wanted[kept]]))
+        found = solve(np.concatenate([force, wanted[kept]])[:, None])[:, 0]
         multipliers = np.zeros(wanted.size)
         multipliers[kept] = found[size:]
         by_q = by_q - matrix(core.curvature(y[:size], multipliers))
@@ -623,7 +623,7 @@ class Assembly(Model):
             for part in core.acceleration_derivatives(y, found[:size])
         )
         right = sparse.block_array([[by_q, by_rate], [-of_q, -of_rate]]).toarray()
-        result: Array = factors.solve(right)[:size]
+        result: Array = solve(right)[:size]
         return result
 
     # ------------------------------------------------------------------------- what is integrated
@@ -652,17 +652,18 @@ class Assembly(Model):
         """Centreline (x, y) at arc lengths s, shape (len(s), 2).
 
         Args:
-            q: angles (n,) or redundant coordinates (3 n,).
+            q: angles (n,) or redundant coordinates (3 n,), whose nodes are joined as they stand.
             s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
 
         Raises:
-            ValueError: for coordinates or arc lengths out of range or of another shape, or that
-                miss a constraint.
+            ValueError: for coordinates or arc lengths out of range or of another shape.
         """
-        theta = self._angles_of("q", q)
-        at, lengths = arc_lengths(s), self._layout.lengths
-        line = self._along(np.stack([lengths * np.sin(theta), lengths * np.cos(theta)], 1), at)
-        line[:, 1] += np.minimum(at, self._layout.base)
+        rows = self._rows("q", q, (self.moving, self.coordinates))
+        at, base = arc_lengths(s), self._layout.base
+        places = self._configuration(rows) if rows.size == self.moving else rows
+        nodes = np.stack([places[0::3], places[1::3]], axis=1)
+        line = self._along(np.diff(nodes, axis=0, prepend=[[0.0, base]]), at)
+        line[:, 1] += np.minimum(at, base)
         return line
 
     def tips(self, q: ArrayLike) -> Array:
@@ -725,13 +726,19 @@ class Assembly(Model):
 
     # ----------------------------------------------------------------------------------- arguments
 
-    def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
-        """Angles of the segments from angles or redundant coordinates that meet the constraints."""
-        rows = _check.array(name, given, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
-        sizes = sizes or (self.moving, self.coordinates)
+    @staticmethod
+    def _rows(
+        name: str, given: ArrayLike, sizes: tuple[int, ...], high: float = LARGEST_ANGLE
+    ) -> Array:
+        rows = _check.array(name, given, low=-high, high=high)
         if rows.size not in sizes:
             listed = " or ".join(f"({size},)" for size in sizes)
             raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
+        return rows
+
+    def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
+        """Angles of the segments from angles or redundant coordinates that meet the constraints."""
+        rows = self._rows(name, given, sizes or (self.moving, self.coordinates))
         theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
         if rows.size == self.coordinates:
             off = np.abs(self._configuration(theta) - rows)
@@ -761,11 +768,7 @@ class Assembly(Model):
         """Rates of the angles, from those or redundant rates that keep the constraints."""
         if given is None:
             return np.zeros(self.moving)
-        rows = _check.array(name, given, low=-1e6, high=1e6)
-        sizes = sizes or (self.moving, self.coordinates)
-        if rows.size not in sizes:
-            listed = " or ".join(f"({size},)" for size in sizes)
-            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
+        rows = self._rows(name, given, sizes or (self.moving, self.coordinates), 1e6)
         omega = rows if rows.size == self.moving else np.cumsum(rows[2::3])
         y = self.core.from_angles(theta, omega)
         fast = 1.0 + float(np.abs(omega).max())
@@ -783,6 +786,23 @@ class Assembly(Model):
                 f"{name} must keep {told(worst.part)}, got {max(drift):.1e} away from it"
             )
         return np.array(omega)
+
+
+def _solver(mass: Any, ties: Any) -> Callable[[Array], Array]:
+    """Solves [M A^T; A 0] [q''; mu] = rows, with rows and unknowns from the clamp to the tip."""
+    whole = sparse.block_array([[mass, ties.T], [ties, None]]).tocoo()
+    last = np.maximum.reduceat(ties.indices, ties.indptr[:-1]) // 3
+    order = np.argsort(np.concatenate([np.arange(mass.shape[0]) // 3, last]), kind="stable")
+    place = np.empty_like(order)
+    place[order] = np.arange(order.size)
+    solve = factored(order.size, place[whole.row], place[whole.col], whole.data)
+
+    def in_order(rows: Array) -> Array:
+        with one_thread(1):
+            solution: Array = solve(rows[order], False)[place]
+        return solution
+
+    return in_order
 
 
 def _parts(name: str, given: Any, kind: type[Any]) -> tuple[Any, ...]:

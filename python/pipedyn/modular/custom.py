@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -44,7 +45,8 @@ class CustomForce:
         """Generalized force on the coordinates it touches, shape (k,)."""
         at = q[self.index]
         if self.module.force is not None:
-            return self._call("force", at.shape, at, qdot[self.index])
+            force: Array = self._call("force", at.shape, at, qdot[self.index])
+            return force
         return -self._gradient(at)
 
     def work(self, q: Array, qdot: Array) -> float:
@@ -60,7 +62,8 @@ class CustomForce:
         """Derivative of the force by the coordinates, shape (k, k)."""
         at, rates = q[self.index], qdot[self.index]
         if self.module.force_by_q is not None:
-            return self._call("force_by_q", (at.size, at.size), at, rates)
+            given: Array = self._call("force_by_q", (at.size, at.size), at, rates)
+            return given
         if self.module.force is not None:
             return self._stepped("force", at.shape, lambda z: (z, rates), at)
         return -_fourth_order(self._gradient, at)
@@ -69,7 +72,8 @@ class CustomForce:
         """Derivative of the force by the rates, shape (k, k)."""
         at, rates = q[self.index], qdot[self.index]
         if self.module.force_by_qdot is not None:
-            return self._call("force_by_qdot", (at.size, at.size), at, rates)
+            given: Array = self._call("force_by_qdot", (at.size, at.size), at, rates)
+            return given
         if self.module.force is None:
             return np.zeros((at.size, at.size))
         return self._stepped("force", at.shape, lambda z: (at, z), rates)
@@ -96,7 +100,7 @@ class CustomForce:
         function: Function = getattr(self.module, name)
         try:
             answer = np.asarray(function(*arguments))
-        except (TypeError, ValueError, AttributeError) as error:
+        except (TypeError, ValueError, AttributeError, np.exceptions.ComplexWarning) as error:
             if kind == "f":
                 raise
             raise ValueError(
@@ -118,6 +122,11 @@ class CustomForce:
             ValueError, TypeError: for what returns another shape, or no finite numbers, or
                 derivatives that are not those of the function.
         """
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # an imaginary part lost
+            self._try(q)
+
+    def _try(self, q: Array) -> None:
         wobble = np.cos(1.0 + np.arange(q.size))
         at, rates = q + 1e-3 * wobble, 0.1 * np.sin(1.0 + np.arange(q.size))
         force, energy = self.force(at, rates), self.energy(at)

@@ -98,7 +98,8 @@ def by_udwadia_kalaba(mass: Array, force: Array, groups: Sequence[Group]) -> Arr
     light = values <= RANK * values[-1]
     heavy = vectors[:, ~light]
     compliance = heavy @ (heavy / values[~light]).T
-    accelerations = compliance @ force
+    stiffest = float(np.abs(compliance).max(initial=0.0))
+    accelerations: Array = compliance @ force
     # A force along a direction without inertia is carried by the constraints that end it: it is
     # kept until then, as what would accelerate that direction in unit compliance.
     loose, pull = vectors[:, light], vectors[:, light].T @ force
@@ -122,7 +123,7 @@ def by_udwadia_kalaba(mass: Array, force: Array, groups: Sequence[Group]) -> Arr
             loose = free - lever @ free
             rows, wanted = rest, left[:, rank:].T @ wanted
         spread = compliance @ rows.T
-        gain = spread @ _pseudo_inverse(rows @ spread)
+        gain = spread @ _pseudo_inverse(rows @ spread, stiffest * float(np.sum(rows**2)))
         accelerations = accelerations + gain @ (wanted - rows @ accelerations)
         compliance = compliance - gain @ spread.T
         compliance = 0.5 * (compliance + compliance.T)
@@ -136,8 +137,9 @@ def _rank(values: Array, rows: Array) -> int:
     return int(np.sum(values > RANK * size))
 
 
-def _pseudo_inverse(matrix: Array) -> Array:
-    if matrix.size == 0:
-        return matrix.T
-    inverse: Array = np.linalg.pinv(matrix, rcond=RANK, hermitian=True)
+def _pseudo_inverse(matrix: Array, size: float) -> Array:
+    """Of a symmetric matrix whose eigenvalues below RANK of a size are rounding."""
+    values, vectors = np.linalg.eigh(matrix)
+    good = values > RANK * size
+    inverse: Array = vectors[:, good] @ (vectors[:, good] / values[good]).T
     return inverse

@@ -210,7 +210,8 @@ class Layout:
             if self.closings
             else np.zeros((0, *theta.shape[1:]))
         )
-        return held - self.wanted.reshape(-1, *(1,) * (theta.ndim - 1))
+        missed: Array = held - self.wanted.reshape(-1, *(1,) * (theta.ndim - 1))
+        return missed
 
     def rows(self, theta: Array) -> Array:
         """Derivative of `missed` by the angles, shape (c, n)."""

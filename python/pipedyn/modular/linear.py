@@ -248,7 +248,7 @@ class Linear:
         data = data + self.parts.centrifugal * u**2 * flux
         if np.imag(value) == 0.0:
             data = data.real
-        solve_sparse = _factored(size, row, column, data)
+        solve_sparse = factored(size, row, column, data)
         n, unknowns = self.tree.size, size
         phi, moment = self._places[:, 0], self._places[:, 3]
 
@@ -346,7 +346,7 @@ class Linear:
         return (size, row, column, *data)
 
 
-def _factored(
+def factored(
     size: int, row: NDArray[np.intp], column: NDArray[np.intp], data: NDArray[Any]
 ) -> Callable[[Rows, bool], Rows]:
     """solve(rows, adjoint) with a sparse matrix by columns, real or complex."""

@@ -78,7 +78,8 @@ class SceneMotion:
         if q.ndim == 1:
             return float(energy) + sum(custom.energy(q) for custom in self.customs) - zero
         each = [sum(custom.energy(column) for custom in self.customs) for column in q.T]
-        return np.asarray(energy) + np.array(each) - zero
+        total: Array = np.asarray(energy) + np.array(each) - zero
+        return total
 
     def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
         """Power of flow, joints, drag, and of dashpots and what custom modules do besides."""

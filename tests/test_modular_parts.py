@@ -1,0 +1,422 @@
+# SPDX-License-Identifier: MIT
+"""Parts of scenes: a user's own modules, what does not fit, and what comes with every part."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pipedyn as pd
+from pipedyn import modular as md
+
+PIPE = pd.Pipe(0.3, 5.0, drag=0.4)
+
+
+def wave(s: np.ndarray) -> np.ndarray:
+    return 0.4 * np.sin(2.0 * math.pi * s)
+
+
+# ---------------------------------------------------------------------------- modules of one's own
+
+
+def own_spring(node: int, stiffness: float, coefficient: float) -> md.Custom:
+    """A transverse spring and dashpot, written by a user."""
+    return md.Custom(
+        nodes=(node,),
+        energy=lambda q: 0.5 * stiffness * q[0] ** 2,
+        force=lambda q, v: np.array([-stiffness * q[0] - coefficient * v[0], 0.0 * q[1]]),
+        name="my spring",
+    )
+
+
+@pytest.mark.parametrize("n", [4, 70])
+def test_a_module_in_python_is_the_built_in_one(n: int) -> None:
+    plain = md.chain(PIPE, n)
+    built_in = plain.plus(md.TransverseSpring(2, 30.0), md.Dashpot(2, 0.7))
+    own = plain.plus(own_spring(2, 30.0, 0.7))
+    theta, omega = np.sin(np.arange(1.0, n + 1.0)), np.cos(np.arange(1.0, n + 1.0))
+    y = own.state(theta, omega)
+    batch = np.stack([y, 0.5 * y], axis=1)
+    for states in (y, batch):
+        expected = built_in.rhs(0.0, states, 3.0)
+        np.testing.assert_allclose(
+            own.rhs(0.0, states, 3.0), expected, atol=1e-11 * np.abs(expected).max()
+        )
+        np.testing.assert_allclose(own.energy(states), built_in.energy(states), rtol=1e-12)
+        np.testing.assert_allclose(
+            own.power(states, 3.0).others, built_in.power(states, 3.0).others, rtol=1e-11
+        )
+    expected = built_in.jacobian(0.0, y, 3.0)
+    np.testing.assert_allclose(
+        own.jacobian(0.0, y, 3.0), expected, atol=1e-10 * np.abs(expected).max()
+    )
+    np.testing.assert_allclose(
+        pd.eigenvalues(own, 4.0, 6), pd.eigenvalues(built_in, 4.0, 6), rtol=1e-9
+    )
+    assert pd.critical_speed(own).speed == pytest.approx(pd.critical_speed(built_in).speed, 1e-10)
+
+
+def test_a_motion_with_a_module_in_python_is_that_with_the_built_in_one() -> None:
+    plain = md.chain(PIPE, 3)
+    for method in ("dop853", "lsoda"):
+        own, built_in = (
+            pd.simulate(scene, 3.0, 0.5, wave, samples=11, rtol=1e-9, method=method)
+            for scene in (
+                plain.plus(own_spring(2, 30.0, 0.7)),
+                plain.plus(md.TransverseSpring(2, 30.0), md.Dashpot(2, 0.7)),
+            )
+        )
+        np.testing.assert_allclose(own.q, built_in.q, atol=1e-8)
+        assert own.audit < 1e-6
+
+
+def test_an_energy_alone_gives_force_and_operators() -> None:
+    """A magnet that draws the free end: a potential -strength / (1 + r^2 / width^2)."""
+
+    def energy(q: np.ndarray) -> Any:
+        return -2.0 / (1.0 + ((q[0] - 0.2) ** 2 + (q[1] - 1.0) ** 2) / 0.3**2)
+
+    scene = md.chain(PIPE, 5).plus(md.Custom(nodes=(5,), energy=energy, name="magnet"))
+    theta = 0.3 * np.ones(5)
+    y = scene.state(theta, np.cos(np.arange(5.0)))
+    power = scene.power(y, 2.0)
+    assert power.others == 0.0
+    rate, h = scene.rhs(0.0, y, 2.0), 1e-5
+    e = scene.energy(np.stack([y + k * h * rate for k in (-2, -1, 1, 2)], axis=1))
+    measured = (e[0] - 8.0 * e[1] + 8.0 * e[2] - e[3]) / (12.0 * h)
+    assert measured == pytest.approx(power.total, rel=1e-7)
+    # It bends the hose: the straight pipe is no equilibrium, another is found.
+    with pytest.raises(ValueError, match="the model must rest at u = 1 where it is linearised"):
+        pd.eigenvalues(scene, 1.0)
+    q = scene.equilibrium(np.zeros(5), 1.0)
+    assert scene.tip(q)[0] > 0.01
+    rested = scene.about(q)
+    start = np.concatenate([scene.angles(q), np.zeros(5)])
+    every = np.linalg.eigvals(scene.motion_jacobian(start, 1.0))
+    found = pd.eigenvalues(rested, 1.0)
+    assert np.abs(every[:, None] - found[None, :]).min(axis=0).max() < 1e-6
+
+
+def test_a_module_ties_far_nodes_together() -> None:
+    """A rod between nodes far apart: its band is wide, and its inertia couples them."""
+    mass = 0.2 / 6.0 * np.kron([[2.0, 1.0], [1.0, 2.0]], np.eye(2))
+    rod = md.Custom(
+        nodes=(10, 66), energy=lambda q: 20.0 * (q[0] - q[2]) ** 2, mass=mass, name="rod"
+    )
+    scene = md.chain(pd.Pipe(0.2), 70).plus(rod)
+    sparse = pd.eigenvalues(scene, 4.0, 6)
+    dense = pd.modes(scene, 4.0, 6)
+    assert dense.residuals.max() < 1e-10
+    ops = scene.operators()
+    m, c, k = ops.at(4.0)
+    n = scene.dof
+    companion = np.block(
+        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]]
+    )
+    every = np.linalg.eigvals(companion)
+    assert np.all(np.abs(every[:, None] - sparse[None, :]).min(axis=0) < 1e-6 * np.abs(sparse))
+    y = scene.state(0.5 * np.sin(np.arange(70.0)), np.cos(np.arange(70.0)))
+    fast = scene.rhs(0.0, y, 4.0)[210:]
+    slow = scene.accelerations(y, 4.0, "orthonormal")
+    np.testing.assert_allclose(fast, slow, atol=1e-8 * np.abs(slow).max())
+
+
+def test_a_joint_of_ones_own_is_a_torsional_spring() -> None:
+    own = md.Custom(joints=(2, 3), energy=lambda q: 0.5 * (4.0 * q[0] ** 2 + 6.0 * q[1] ** 2))
+    plain = md.chain(pd.Pipe(0.2), 4)
+    built_in = plain.plus(md.TorsionalSpring(2, 4.0), md.TorsionalSpring(3, 6.0))
+    np.testing.assert_allclose(
+        pd.eigenvalues(plain.plus(own), 3.0), pd.eigenvalues(built_in, 3.0), rtol=1e-10
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"nodes": (1,)}, ValueError, "magnet must have an energy, a force or a mass"),
+        ({"energy": np.sum}, ValueError, "magnet must touch nodes or joints, got none"),
+        ({"nodes": (1, 1), "energy": np.sum}, ValueError, "nodes of magnet must differ"),
+        ({"nodes": (0,), "energy": np.sum}, ValueError, "nodes of magnet must be from 1"),
+        ({"nodes": 3, "energy": np.sum}, TypeError, "nodes of magnet must be"),
+        ({"nodes": (1,), "energy": 3.0}, TypeError, "energy of magnet must be a function"),
+        (
+            {"nodes": (1,), "mass": np.eye(3)},
+            ValueError,
+            r"mass of magnet must have shape \(2, 2\)",
+        ),
+        ({"nodes": (1,), "mass": -np.eye(2)}, ValueError, "must be positive semidefinite"),
+        ({"nodes": (1,), "mass": [[1.0, 0.5], [0.0, 1.0]]}, ValueError, "must be symmetric"),
+        ({"nodes": (1,), "mass": [[1.0, math.nan], [0.0, 1.0]]}, ValueError, "must be finite"),
+        (
+            {"nodes": (1,), "energy": np.sum, "force_by_qdot": np.sum},
+            ValueError,
+            "force_by_qdot of magnet must come with a force",
+        ),
+    ],
+)
+def test_modules_of_ones_own_are_refused(given: dict, error: type, message: str) -> None:
+    with pytest.raises(error, match=message):
+        md.Custom(**given, name="magnet")
+
+
+@pytest.mark.parametrize(
+    ("functions", "error", "message"),
+    [
+        ({"energy": lambda q: q}, ValueError, r"energy of magnet must return shape \(\)"),
+        ({"force": lambda q, v: 1.0}, ValueError, r"force of magnet must return shape \(2,\)"),
+        ({"energy": lambda q: "much"}, TypeError, "energy of magnet must return real numbers"),
+        ({"energy": lambda q: np.sum(q) * np.nan}, ValueError, "magnet must give finite"),
+        (
+            {"force": lambda q, v: -np.abs(v) * v},
+            ValueError,
+            "force_by_qdot of magnet must be the force's derivative",
+        ),
+        (
+            {"force": lambda q, v: -q, "force_by_q": lambda q, v: np.eye(2)},
+            ValueError,
+            "force_by_q of magnet must be the force's derivative",
+        ),
+        (
+            {"energy": lambda q: math.sin(q[0])},
+            ValueError,
+            "energy of magnet must accept complex arrays",
+        ),
+    ],
+)
+def test_functions_of_ones_own_are_tried(functions: dict, error: type, message: str) -> None:
+    with pytest.raises(error, match=message):
+        md.chain(PIPE, 4).plus(md.Custom(nodes=(2,), name="magnet", **functions))
+
+
+def test_derivatives_that_are_given_need_no_complex_step() -> None:
+    drag = md.Custom(
+        nodes=(2,),
+        force=lambda q, v: -np.abs(v) * v,
+        force_by_q=lambda q, v: np.zeros((2, 2)),
+        force_by_qdot=lambda q, v: np.diag(-2.0 * np.abs(v)),
+        name="sail",
+    )
+    scene = md.chain(PIPE, 4).plus(drag)
+    motion = pd.simulate(scene, 6.0, 1.0, wave, rtol=1e-8)
+    assert motion.audit < 1e-5
+    assert scene.power(motion.y[:, -1], 6.0).others < 0.0
+
+
+# ------------------------------------------------------------------------------------ what all have
+
+
+def test_scenes_are_immutable_and_plus_makes_another() -> None:
+    scene = md.chain(PIPE, 4)
+    more = scene.plus(md.PointMass(4, 0.1), md.Guide(4))
+    assert scene.dof == 4
+    assert len(scene.modules) + 1 == len(more.modules)
+    assert more.dof == 3
+    assert more.constraints[-1] == md.Guide(4)
+    with pytest.raises(AttributeError):
+        scene.dof = 3  # type: ignore[misc]
+    with pytest.raises(AttributeError):
+        more.constraints[-1].node = 2  # type: ignore[misc]
+
+
+def test_scenes_pickle() -> None:
+    scene = md.chain(PIPE, 4).plus(md.PointMass(4, 0.1), md.Guide(3))
+    _ = scene.core, scene.motion, scene.linear
+    other = pickle.loads(pickle.dumps(scene))
+    y = scene.state(scene.closed([0.1, 0.2, -0.3, 0.4]))
+    np.testing.assert_array_equal(other.rhs(0.0, y, 2.0), scene.rhs(0.0, y, 2.0))
+
+
+def test_another_pipe_is_told_to_every_part() -> None:
+    pipe = pd.Pipe(0.1, -2.0, "aspirating", 0.8, 0.3, 0.02)
+    changed = md.chain(PIPE, 4).plus(md.PointMass(3, 0.2)).with_pipe(pipe)
+    fresh = md.chain(pipe, 4).plus(md.PointMass(3, 0.2))
+    y = fresh.state([0.1, 0.4, -0.3, 0.6], [1.0, -2.0, 0.5, 1.0])
+    np.testing.assert_allclose(changed.rhs(0.0, y, 3.0), fresh.rhs(0.0, y, 3.0), rtol=1e-13)
+    np.testing.assert_allclose(pd.eigenvalues(changed, 3.0), pd.eigenvalues(fresh, 3.0))
+
+
+def test_a_point_mass_weighs_and_a_rest_angle_bends() -> None:
+    heavy = md.chain(pd.Pipe(0.2, 10.0), 3).plus(md.PointMass(3, 0.5))
+    turned = heavy.state([0.5, 0.5, 0.5])
+    light = md.chain(pd.Pipe(0.2, 10.0), 3)
+    lifted = 0.5 * 10.0 * (1.0 - math.cos(0.5))
+    assert heavy.energy(turned) - light.energy(turned) == pytest.approx(lifted, rel=1e-12)
+    bent = md.Assembly(
+        pd.Pipe(0.2),
+        [
+            md.Segment(0.5),
+            md.Segment(0.5),
+            md.TorsionalSpring(1, 2.0, rest_angle=0.4),
+            md.TorsionalSpring(2, 3.0, rest_angle=-0.7),
+            md.InternalFlow(),
+        ],
+        [md.Clamp(), md.Joint(2)],
+    )
+    q = bent.equilibrium([0.0, 0.0])
+    np.testing.assert_allclose(bent.angles(q), [0.4, -0.3], atol=1e-12)
+    assert bent.energy(np.concatenate([q, np.zeros(6)])) == pytest.approx(
+        -0.5 * (2.0 * 0.4**2 + 3.0 * 0.7**2), rel=1e-12
+    )
+
+
+def test_without_internal_flow_the_speed_does_nothing() -> None:
+    plain = md.chain(PIPE, 3)
+    still = md.Assembly(
+        PIPE, [m for m in plain.modules if not isinstance(m, md.InternalFlow)], plain.constraints
+    )
+    y = still.state([0.1, 0.2, 0.3], [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(still.rhs(0.0, y, 0.0), still.rhs(0.0, y, 9.0))
+    assert still.power(y, 9.0).flow == 0.0
+    assert pd.crossings(still, 10.0) == ()
+
+
+# -------------------------------------------------------------------------------- what does not fit
+
+
+def scene(*parts: Any) -> Callable[[], Any]:
+    return lambda: md.chain(pd.Pipe(0.2), 4).plus(*parts)
+
+
+SEGMENTS = [md.Segment(0.5), md.Segment(0.5)]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (scene(md.PointMass(5, 0.1)), "PointMass(node=5, mass=0.1): node must be at most 4"),
+        (scene(md.TorsionalSpring(7, 1.0)), "joint must be at most 4, the number of segments"),
+        (scene(md.Joint(5)), "Joint(segment=5): segment must be at most 4"),
+        (scene(md.Guide(9)), "Guide(node=9): node must be at most 4"),
+        (lambda: scene(md.Custom(nodes=(6,), energy=np.sum))(), "Custom: nodes must be at most 4"),
+        (lambda: md.PointMass(1, -0.1), "mass of PointMass must lie in [0, 1e+15], got -0.1"),
+        (lambda: md.PointMass(1, math.nan), "mass of PointMass must lie in [0, 1e+15], got nan"),
+        (lambda: md.TransverseSpring(2, -1.0), "stiffness of TransverseSpring must lie in"),
+        (lambda: md.Dashpot(2, math.inf), "coefficient of Dashpot must lie in"),
+        (lambda: md.TorsionalSpring(1, 1.0, -2.0), "damping of TorsionalSpring must lie in"),
+        (lambda: md.Segment(0.0), "length of Segment must lie in [1e-07, 1], got 0.0"),
+        (lambda: md.Segment(0.5, center=1.5), "center of Segment must lie in [0, 1], got 1.5"),
+        (lambda: md.Pin(1, math.nan, 0.0), "x of Pin must lie in [-1000, 1000], got nan"),
+        (lambda: md.Joint(1), "segment of Joint must be from 2"),
+        (lambda: md.Guide(0), "node of Guide must be from 1"),
+        (lambda: md.Clamp(1.0), "base of Clamp must lie in [0, 1), got 1.0"),
+        (lambda: md.Assembly(PIPE, [], []), "modules must hold at least one Segment, got none"),
+        (
+            lambda: md.Assembly(PIPE, SEGMENTS, [md.Joint(2)]),
+            "constraints must hold a Clamp: without it phi_1 moves without inertia",
+        ),
+        (
+            lambda: md.Assembly(PIPE, SEGMENTS, [md.Clamp()]),
+            "constraints must hold Joint(segment=2): without it phi_2 moves without inertia",
+        ),
+        (
+            lambda: md.Assembly(PIPE, SEGMENTS[:1], [md.Clamp()]),
+            "the base and the segments' lengths must add up to 1, got 0.5",
+        ),
+        (
+            scene(md.Clamp(0.1)),
+            "constraints contradict one another: Clamp(base=0) and Clamp(base=0.1)",
+        ),
+        (
+            scene(md.Pin(4, 0.0, 0.9), md.Pin(4, 0.1, 0.9)),
+            "constraints contradict one another: Pin(node=4, x=0, y=0.9) and Pin(node=4, x=0.1,",
+        ),
+        (
+            scene(md.Guide(3), md.Pin(3, 0.2, 0.6)),
+            "constraints contradict one another: Guide(node=3) and Pin(node=3, x=0.2, y=0.6)",
+        ),
+        (scene(md.Pin(4, 0.0, 1.2)), "Pin(node=4, x=0, y=1.2) cannot be met, the closest found"),
+        (
+            scene(md.Pin(2, 0.0, 0.4), md.Pin(4, 0.9, 0.4)),
+            "Pin(node=4, x=0.9, y=0.4) cannot be met",
+        ),
+        (scene(md.Pin(4, 0.0, 1.0)), "must leave some slack, got a span that is taut"),
+        (scene(md.Pin(2, 0.3, 0.4)), "Pin(node=2, x=0.3, y=0.4) must leave some slack"),
+        (
+            scene(*(md.Guide(j) for j in range(1, 5))),
+            "must leave something that moves, got nothing",
+        ),
+        (
+            lambda: md.Assembly(
+                PIPE,
+                [md.Segment(0.5), md.Segment(0.5, center=0.0, gyration_radius=0.0)],
+                [md.Clamp(), md.Joint(2)],
+            ),
+            "phi_2 moves without inertia: give its segment a gyration radius",
+        ),
+        (scene(md.Drag()), "modules must hold at most one Drag, got 2"),
+        (
+            lambda: md.chain(
+                pd.Pipe(0.2), 2, fittings=[pd.Fitting(0.3, 1.0), pd.Fitting(0.5, 1.0)]
+            ),
+            "n must be more than 2, the fittings inside the pipe, got 2",
+        ),
+        (
+            lambda: md.chain(pd.Pipe(0.2), lengths=[0.5, 0.5], fittings=[pd.Fitting(0.3, 1.0)]),
+            "fittings must be at nodes, got Fitting(0.3, mass=1); the nearest is at 0.5",
+        ),
+        (lambda: md.Assembly(PIPE, SEGMENTS, [], "baumgarte"), "enforcement must be one of"),
+    ],
+)
+def test_what_does_not_fit_is_named(make: Callable[[], Any], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: md.Assembly(0.2, SEGMENTS, []), "pipe must be a Pipe"),
+        (lambda: md.Assembly(PIPE, [md.Clamp()], []), "modules must hold modules only"),
+        (lambda: md.Assembly(PIPE, SEGMENTS, SEGMENTS), "constraints must hold constraints only"),
+        (lambda: md.Assembly(PIPE, 3, []), "modules must be parts in a sequence"),
+        (scene("mass"), "parts must be modules or constraints, got 'mass'"),
+        (lambda: md.PointMass(1.5, 0.1), "node of PointMass must be a whole number, got 1.5"),
+        (lambda: md.PointMass(1, "heavy"), "mass of PointMass must be a real number"),
+        (lambda: md.Guide(True), "node of Guide must be a whole number, got True"),
+        (lambda: md.chain(PIPE, 3, fittings=3), "fittings must be"),
+    ],
+)
+def test_what_is_no_part_is_refused(make: Callable[[], Any], message: str) -> None:
+    with pytest.raises(TypeError, match=re.escape(message)):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda m: m.rhs(0.0, np.zeros(7), 1.0), "y must have shape (18,)"),
+        (lambda m: m.rhs(0.0, np.full(18, np.nan), 1.0), "y must be finite"),
+        (lambda m: m.rhs(0.0, np.zeros(18), -1.0), "u must lie in"),
+        (lambda m: m.jacobian(0.0, np.zeros(7), 1.0), "y must have shape (18,), got (7,)"),
+        (lambda m: m.jacobian(0.0, np.zeros(18), -1.0), "u must lie in"),
+        (lambda m: m.energy(np.zeros(7)), "y must have shape (18,)"),
+        (lambda m: m.power(np.zeros(18), math.nan), "u must lie in"),
+        (lambda m: m.state(np.zeros(2)), "angles must have shape (3,), got (2,)"),
+        (lambda m: m.state(np.zeros(3), np.zeros(2)), "rates must have shape (3,), got (2,)"),
+        (lambda m: m.angles(np.zeros(7)), "y must have shape (9, ...), got (7,)"),
+        (lambda m: m.closed([0.0, math.nan, 0.0]), "angles must lie in"),
+        (lambda m: m.operators(np.zeros(4)), "q must have shape (3,) or (9,), got (4,)"),
+        (lambda m: m.about(np.zeros(4)), "q must have shape (3,) or (9,)"),
+        (lambda m: m.shape(np.zeros(4), [0.5]), "q must have shape (3,) or (9,)"),
+        (lambda m: m.shape(np.zeros(3), [1.5]), "s must lie in"),
+        (lambda m: m.deflection(np.zeros(4), [0.5]), "q must have shape (3, ...), got (4,)"),
+        (lambda m: m.tips(np.zeros((4, 1))), "q must have shape (9, ...), got (4, 1)"),
+        (lambda m: m.equilibrium(np.zeros(4)), "start must have shape (3,) or (9,), got (4,)"),
+        (lambda m: m.equilibrium(np.zeros(3), -1.0), "u must lie in"),
+        (lambda m: m.accelerations(np.zeros(18), 1.0, "lagrange"), "enforcement must be one of"),
+        (lambda m: m.projection(np.zeros(5)), "q must have shape (3,) or (9,)"),
+    ],
+)
+@pytest.mark.parametrize("own", [False, True])
+def test_bad_questions_are_refused(ask: Callable[[Any], Any], message: str, own: bool) -> None:
+    model = md.chain(PIPE, 3)
+    if own:
+        model = model.plus(own_spring(2, 1.0, 0.1))
+    with pytest.raises(ValueError, match=re.escape(message)):
+        ask(model)
