@@ -156,7 +156,6 @@ def test_enforcement_solves_the_whole_system(n, spot):
         y = made.state(1.0)
         rates = made.core.rhs(0.0, y, 4.0)
         np.testing.assert_array_equal(rates[: 3 * n], y[3 * n :])
-        # guides on every joint of an odd chain leave no motion that fits the velocities
         assert worst(rates[3 * n :], least_squares_accelerations(made.core, y, 4.0)) < 1e-9
         assert made.core.lacking(y[: 3 * n]) == -1
 

@@ -49,6 +49,13 @@ class Enforcement {
               std::vector<Group> groups);
 
   static constexpr int complete = -1;
+  static constexpr int node_size = 3;  // coordinates of a node, which come at once
+
+  /// Entries of a group's A.
+  std::ptrdiff_t matrix_size(std::size_t group) const {
+    const Group& of = groups_[group];
+    return static_cast<std::ptrdiff_t>(of.coordinate.size()) * of.rows;
+  }
 
   /// Accelerations under the given forces. matrix: the groups' A one after the other, b their
   /// right-hand sides. Rows that follow from others within rounding are left out. Returns
@@ -65,16 +72,20 @@ class Enforcement {
   };
   /// Modules and groups up to one after which coordinates die.
   struct Stage {
-    std::vector<int> kept;      // slots of the previous stage, in order, that live on here
-    std::vector<int> entering;  // coordinates, in the slots behind those
     std::vector<Element> elements;
-    std::vector<int> dying;       // slots
-    std::vector<int> surviving;   // slots
-    std::vector<int> coordinate;  // of each slot
-    int group_rows = 0;           // largest of a group
-    int inertia_rows = 0;         // all
+    std::vector<int> coordinate;        // of each slot: those that lived on, then the entering
+    std::vector<int> dying, surviving;  // slots
+    int group_rows = 0;                 // largest of a group
+    int inertia_rows = 0;               // all
   };
   class Front;
+  struct Record;
+
+  /// From the variables z at the end to all before them, calling found(coordinate, acceleration);
+  /// constants: 1, or 0 for a change along z alone.
+  template <class Found>
+  void substitute(const std::vector<Record>& records, double* z, double* next, double constants,
+                  const Found& found) const;
 
   std::vector<double> scale_;
   std::vector<InertiaRow> inertia_;
