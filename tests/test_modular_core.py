@@ -195,6 +195,49 @@ def test_a_thousand_segments_obey_constraints_and_forces(more):
     assert group.max() == len(more) + n - 1
 
 
+def null_space(a):
+    """Orthonormal directions that the rows allow."""
+    _, sizes, directions = np.linalg.svd(a)
+    return directions[int((sizes > 1e-9 * sizes[0]).sum()) :].T
+
+
+def test_scenes_at_random_move_or_name_what_lacks_inertia():
+    """Any groups in any order, at states that need not meet them, by the null space at once."""
+    moved = lacked = 0
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(1, 7))
+        groups = [group for group in chained(n) if rng.random() < 0.95]
+        groups += [(GUIDE, int(rng.integers(1, n + 1))) for _ in range(rng.integers(0, 3))]
+        groups += [(PIN, int(rng.integers(1, n + 1)), 0.1, 0.5)] * int(rng.integers(0, 2))
+        groups = [groups[i] for i in rng.permutation(len(groups))]
+        if not groups:
+            continue
+        made = (rich if seed % 2 else Made)(n, constraints=groups, seed=seed)
+        y = np.r_[made.core.straight(), np.zeros(3 * n)]
+        y[: 3 * n] += 0.5 * rng.normal(size=3 * n)
+        g, triplets, b, _ = made.core.constraints(y)
+        assert not b.any()
+        ways = null_space(matrix(triplets, (g.size, 3 * n)))
+        mass = ways.T @ matrix(made.core.operators()["mass"], (3 * n, 3 * n)) @ ways
+        inertia, combinations = np.linalg.eigh(mass)
+        found = made.core.rhs(0.0, y, 3.0)[3 * n :]
+        lacking = made.core.lacking(y[: 3 * n])
+        if inertia.size and inertia[0] < 1e-13:
+            lacked += 1
+            assert np.isnan(found).all()
+            assert np.abs((ways @ combinations[:, inertia < 1e-13])[lacking]).max() > 1e-3
+            continue
+        moved += 1
+        assert lacking == -1
+        force = made.core.forces(y, 3.0)
+        expected = ways @ np.linalg.solve(mass, ways.T @ force) if inertia.size else 0.0 * force
+        scale = max(np.abs(expected).max(), np.abs(force).max())
+        assert np.abs(found - expected).max() < 1e-9 * scale
+    assert moved > 50
+    assert lacked > 10
+
+
 def test_order_of_the_groups_does_not_matter():
     n = 5
     groups = [*chained(n), (GUIDE, 3), (GUIDE, 5)]
