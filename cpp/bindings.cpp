@@ -27,6 +27,8 @@ using pipedyn::Batch, pipedyn::FittedMotion, pipedyn::Fitting, pipedyn::Fittings
 
 namespace {
 
+using Unlocked = py::call_guard<py::gil_scoped_release>;
+
 /// Work of a state, in that of a chain's segment.
 py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const GalerkinMotion& motion) { return 4 * motion.dof() * motion.dof(); }
@@ -136,7 +138,7 @@ std::vector<Item> items(const char* what, const Whole& first, const Parts&... pa
     throw std::invalid_argument(std::string(what) + " must have arrays of equal length");
   }
   made.reserve(static_cast<std::size_t>(first.size()));
-  for (pipedyn::Index i = 0; i < first.size(); ++i) made.push_back({first[i], parts[i]...});
+  for (pipedyn::Index i = 0; i < first.size(); ++i) made.push_back(Item{first[i], parts[i]...});
   return made;
 }
 
@@ -230,6 +232,12 @@ Numbers scene_from_angles(const Scene& scene, const py::object& theta, const py:
   return made;
 }
 
+template <class Work>
+auto unlocked(const Work& work) {
+  const py::gil_scoped_release released;
+  return work();
+}
+
 py::typing::Tuple<TripletArrays, TripletArrays> pair_of(const pipedyn::Derivatives& derivatives) {
   return py::make_tuple(arrays_of(derivatives.by_coordinates), arrays_of(derivatives.by_rates));
 }
@@ -272,10 +280,10 @@ void define_scene(py::module_& m) {
            "mass_node"_a, "mass"_a, "flow"_a, "drag"_a, "constraint_kind"_a, "constraint_node"_a,
            "constraint_x"_a, "constraint_y"_a, "inertia_rows"_a, "inertia_columns"_a, "inertia"_a)
       .def_property_readonly("coordinates", &Scene::coordinates)
-      .def("straight", &Scene::straight)
+      .def("straight", &Scene::straight, Unlocked())
       .def("operators",
            [](const Scene& scene) {
-             const pipedyn::RedundantOperators ops = scene.operators();
+             const pipedyn::RedundantOperators ops = unlocked([&] { return scene.operators(); });
              py::typing::Dict<py::str, TripletArrays> made;
              made["mass"] = arrays_of(ops.mass);
              made["gyroscopic"] = arrays_of(ops.gyroscopic);
@@ -285,18 +293,18 @@ void define_scene(py::module_& m) {
              made["flux"] = arrays_of(ops.flux);
              return made;
            })
-      .def("forces", &Scene::forces, "y"_a, "u"_a)
+      .def("forces", &Scene::forces, "y"_a, "u"_a, Unlocked())
       .def(
           "force_derivatives",
           [](const Scene& scene, const pipedyn::Vector& y, double u) {
-            return pair_of(scene.force_derivatives(y, u));
+            return pair_of(unlocked([&] { return scene.force_derivatives(y, u); }));
           },
           "y"_a, "u"_a)
       .def(
           "constraints",
           [](const Scene& scene, const pipedyn::Vector& y)
               -> py::typing::Tuple<Numbers, TripletArrays, Numbers, Wholes> {
-            const pipedyn::ConstraintRows rows = scene.constraints(y);
+            const pipedyn::ConstraintRows rows = unlocked([&] { return scene.constraints(y); });
             return py::make_tuple(rows.residual, arrays_of(rows.matrix), rows.right_side,
                                   array_of(rows.group));
           },
@@ -304,26 +312,26 @@ void define_scene(py::module_& m) {
       .def(
           "curvature",
           [](const Scene& scene, const pipedyn::Vector& q, const pipedyn::Vector& multipliers) {
-            return arrays_of(scene.curvature(q, multipliers));
+            return arrays_of(unlocked([&] { return scene.curvature(q, multipliers); }));
           },
           "q"_a, "multipliers"_a)
       .def(
           "acceleration_derivatives",
           [](const Scene& scene, const pipedyn::Vector& y, const pipedyn::Vector& acceleration) {
-            return pair_of(scene.acceleration_derivatives(y, acceleration));
+            return pair_of(
+                unlocked([&] { return scene.acceleration_derivatives(y, acceleration); }));
           },
           "y"_a, "acceleration"_a)
       .def("from_angles", scene_from_angles, "theta"_a, "omega"_a)
       .def("rhs", scene_rhs, "t"_a, "y"_a, "u"_a, "force"_a = py::none())
       .def("energy", scene_energy, "y"_a)
       .def("power", scene_power, "y"_a, "u"_a)
-      .def("lacking", &Scene::lacking, "q"_a);
+      .def("lacking", &Scene::lacking, "q"_a, Unlocked());
 }
 
 }  // namespace
 
 PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
-  using Unlocked = py::call_guard<py::gil_scoped_release>;
   m.doc() = "C++ core of pipedyn: operators and motion of the chain and of the reduced model.";
 
   m.def("vector_levels", pipedyn::vector_levels);

@@ -17,6 +17,7 @@
 #include "pipedyn/galerkin.hpp"
 #include "pipedyn/galerkin_motion.hpp"
 #include "pipedyn/levels.hpp"
+#include "pipedyn/modular.hpp"
 #include "pipedyn/work.hpp"
 
 namespace {
@@ -621,6 +622,112 @@ void check_reduced_motion() {
   pipedyn::set_vector_level(before);
 }
 
+// ------------------------------------------------------------------------------- modular route
+
+using pipedyn::Constraint, pipedyn::Modules, pipedyn::Scene;
+
+Modules chained(const Segments& segments, double damping) {
+  const Index n = segments.length.size();
+  Modules modules;
+  modules.segments = segments;
+  modules.flow = modules.drag = true;
+  for (Index j = 1; j <= n; ++j) {
+    const double k = segments.spring[j - 1];
+    modules.springs.push_back({j, k, damping * k, 0.0});
+    modules.constraints.push_back({j == 1 ? Constraint::Kind::clamp : Constraint::Kind::joint, j});
+  }
+  return modules;
+}
+
+Matrix dense(const pipedyn::Triplets& triplets, Index rows, Index columns) {
+  Matrix made = Matrix::Zero(rows, columns);
+  for (std::size_t i = 0; i < triplets.values.size(); ++i) {
+    made(triplets.rows[i], triplets.columns[i]) += triplets.values[i];
+  }
+  return made;
+}
+
+void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
+  const double u = 3.0;
+  const Segments segments = dice.segments(n);
+  const Modules modules = chained(segments, pipe.damping);
+  const Scene plain(pipe, modules);
+  const Matrix theta = dice.matrix(n, 1), omega = dice.matrix(n, 1);
+  const Vector y = plain.from_angles(theta, omega);
+  const Vector q = y.head(3 * n);
+  Vector state(2 * n), expected(2 * n), rates(6 * n);
+  state << theta, omega;
+  Chain(pipe, segments).rhs({state.data(), &u, 1, 0}, expected.data());
+  plain.rhs({y.data(), &u, 1, 0}, nullptr, rates.data());
+  Vector turns(n);
+  double sum = 0.0;
+  for (Index j = 0; j < n; ++j) turns[j] = sum += rates[3 * (n + j) + 2];
+  check_close(turns, expected.tail(n), 1e-11, "a scene of a chain moves as the chain");
+  check(plain.constraints(y).residual.cwiseAbs().maxCoeff() < 1e-14, "angles meet constraints");
+
+  Modules held = modules;
+  held.transverse_springs.push_back({n, 2.0});
+  held.dashpots.push_back({n, 0.5});
+  held.masses.push_back({n, 0.3});
+  held.inertia.add(0, 0, 0.2);
+  held.inertia.add(3 * n - 1, 3 * n - 1, 0.1);
+  for (int i = 0; i < 2; ++i) held.constraints.push_back({Constraint::Kind::guide, n});
+  const Scene scene_held(pipe, held);
+  scene_held.rhs({y.data(), &u, 1, 0}, nullptr, rates.data());
+  const Vector acceleration = rates.tail(3 * n);
+  const auto rows = scene_held.constraints(y);
+  const Index m = rows.residual.size();
+  const Matrix a = dense(rows.matrix, m, 3 * n);
+  const double size = acceleration.cwiseAbs().maxCoeff() + rows.right_side.cwiseAbs().maxCoeff();
+  check((a * acceleration - rows.right_side).cwiseAbs().maxCoeff() < 1e-11 * size, "A q'' = b");
+  const Matrix mass = dense(scene_held.operators().mass, 3 * n, 3 * n);
+  const Vector missing = scene_held.forces(y, u) - mass * acceleration;
+  const Matrix independent = a.topRows(m - 1).transpose();  // the second guide repeats the first
+  const Vector left = missing - independent * independent.fullPivLu().solve(missing);
+  const double most = scene_held.forces(y, u).norm() + (mass * acceleration).norm();
+  check(left.norm() < 1e-9 * most, "what M q'' lacks to f, constraints give");
+  check(scene_held.lacking(q) == -1, "nothing lacks inertia");
+  const Vector way = dice.vector(6 * n, -1.0, 1.0);
+  const auto by = scene_held.force_derivatives(y, u);
+  const Vector change = dense(by.by_coordinates, 3 * n, 3 * n) * way.head(3 * n) +
+                        dense(by.by_rates, 3 * n, 3 * n) * way.tail(3 * n);
+  const double h = 1e-5;
+  check_close(change,
+              (scene_held.forces(y + h * way, u) - scene_held.forces(y - h * way, u)) / 2 / h, 1e-6,
+              "derivatives of the forces");
+  const Matrix curved = dense(scene_held.curvature(q, dice.vector(m, -1.0, 1.0)), 3 * n, 3 * n);
+  check_close(curved, curved.transpose(), 1e-14, "curvature is symmetric");
+
+  Modules loose = modules;
+  loose.constraints.pop_back();
+  check(Scene(pipe, loose).lacking(q) == 3 * n - 1, "a loose joint angle lacks inertia");
+}
+
+void check_scenes() {
+  Dice dice;
+  for (const Index n : {1, 2, 3, 20}) {
+    for (const bool aspirating : {false, true}) {
+      scene = "scene of " + std::to_string(n);
+      Pipe pipe = dice.pipe(aspirating);
+      pipe.drag = 0.7;
+      check_scene_of(pipe, n, dice);
+    }
+  }
+  scene = "refused scenes";
+  const Modules modules = chained(dice.segments(3), 0.0);
+  const auto refused = [&](const auto& change, const std::string& claim) {
+    Modules wrong = modules;
+    change(wrong);
+    check_refused([&] { Scene(Pipe{}, wrong); }, claim);
+  };
+  refused([](Modules& wrong) { wrong.segments.center.resize(2); }, "a centre short");
+  refused([](Modules& wrong) { wrong.masses.push_back({4, 1.0}); }, "a mass beyond the end");
+  refused([](Modules& wrong) { wrong.masses.push_back({3, -1.0}); }, "a negative mass");
+  refused([](Modules& wrong) { wrong.inertia.add(0, 1, 1.0); }, "an inertia not symmetric");
+  refused([](Modules& wrong) { wrong.constraints.push_back({Constraint::Kind::joint, 1}); },
+          "a joint at the clamp");
+}
+
 }  // namespace
 
 int main() {
@@ -631,6 +738,7 @@ int main() {
   check_high_modes();
   check_quadrature();
   check_reduced_motion();
+  check_scenes();
   std::printf("%d checks, %d failed\n", checks, failures);
   return failures == 0 ? 0 : 1;
 }

@@ -3,8 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <numeric>
 #include <utility>
 
 namespace pipedyn {
@@ -49,10 +47,10 @@ Enforcement::Enforcement(std::vector<double> scale, std::vector<InertiaRow> iner
     bool constraint;
     int index;
   };
-  // Three coordinates a node: the key is the largest node, and its inertia precedes its groups.
+  // The key is the largest node; its inertia precedes its groups.
   std::vector<Item> items;
   const auto key = [](const std::vector<int>& touches) {
-    return touches.empty() ? -1 : *std::max_element(touches.begin(), touches.end()) / 3;
+    return touches.empty() ? -1 : *std::max_element(touches.begin(), touches.end()) / node_size;
   };
   for (std::size_t i = 0; i < inertia_.size(); ++i) {
     items.push_back({key(inertia_[i].coordinate), false, static_cast<int>(i)});
@@ -91,7 +89,6 @@ Enforcement::Enforcement(std::vector<double> scale, std::vector<InertiaRow> iner
       if (slot < 0) {
         slot = static_cast<int>(stage.coordinate.size());
         stage.coordinate.push_back(c);
-        stage.entering.push_back(c);
       }
       element.slot.push_back(slot);
       deaths = deaths || last[static_cast<std::size_t>(c)] == i;
@@ -128,195 +125,284 @@ Enforcement::Enforcement(std::vector<double> scale, std::vector<InertiaRow> iner
 
 // ------------------------------------------------------------------------------------- numeric
 
-/// Everything that is affine in the front's variables, one a row: the force g (its constant is of
-/// no use), the slots' coordinates L z + p, the variables with which the stage began, the rows of
-/// the group being enforced, and the energy's R z + r. One variable a column.
+/// All that is affine in the variables z, a row each: g (which has no constant), the slots'
+/// coordinates L z + p, the variables with which the stage began, the rows of the group being
+/// enforced, and the energy's R z + r. The variables are columns.
 class Enforcement::Front {
  public:
   Front(int most_rows, int most_variables, double* memory)
-      : stride_(most_rows), data_(memory), constant_(memory + most_rows * most_variables) {
-    product_ = constant_ + most_rows;
-    reflection_ = product_ + most_rows;
-  }
+      : stride_(most_rows),
+        data_(memory),
+        constant_(data_ + most_rows * most_variables),
+        product_(constant_ + most_rows),
+        reflection_(product_ + most_rows) {}
+
   static std::size_t size(int most_rows, int most_variables) {
     return static_cast<std::size_t>(most_rows) * static_cast<std::size_t>(most_variables + 2) +
            static_cast<std::size_t>(std::max(most_rows, most_variables));
   }
 
-  int variables = 0;
-  int energy_rows = 0;  // R's
-  int slots = 0, began = 0;
+  int variables() const { return variables_; }
+  int began() const { return began_; }
+  int began_row() const { return 1 + slots_; }
+  static int slot_row(int slot) { return 1 + slot; }
+  /// Column of a variable; behind the last, the constants.
+  const double* column(int variable) const {
+    return variable < variables_ ? data_ + variable * stride_ : constant_;
+  }
 
-  int slot_row(int slot) const { return 1 + slot; }
-  int began_row() const { return 1 + slots; }
-  int group_row() const { return 1 + slots + began; }
-  int energy_row() const { return energy_first_; }
-  int end_row() const { return energy_first_ + energy_rows; }
-
-  double& at(int row, int variable) { return column(variable)[row]; }
-  double& constant(int row) { return constant_[row]; }
-  double* column(int variable) { return data_ + variable * stride_; }
-  double* constants() { return constant_; }
-
-  /// The stage's rows, all zero but what carries over from the previous stage's front.
-  void begin(const Stage& stage, Front& previous, const std::vector<int>& survivors) {
-    slots = static_cast<int>(stage.coordinate.size());
-    began = previous.variables;
-    const int entering = static_cast<int>(stage.entering.size());
-    variables = began + entering;
-    energy_first_ = 1 + slots + began + stage.group_rows;
-    energy_rows = previous.energy_rows;
-    const std::size_t bytes = sizeof(double) * static_cast<std::size_t>(end_row());
-    for (int v = 0; v <= variables; ++v) {
-      double* const to = v < variables ? column(v) : constant_;
-      std::memset(to, 0, bytes);
-      if (v >= began && v < variables) continue;
-      const double* const from = v < began ? previous.column(v) : previous.constant_;
-      to[0] = v < began ? from[0] : 0.0;
-      for (std::size_t s = 0; s < survivors.size(); ++s) {
-        to[1 + static_cast<int>(s)] = from[previous.slot_row(survivors[s])];
+  /// What survives of the previous stage, and the coordinates that enter.
+  void begin(const Stage& stage, const Front& previous, const std::vector<int>& survivors,
+             const double* scale, const double* force) {
+    slots_ = static_cast<int>(stage.coordinate.size());
+    began_ = previous.variables_;
+    const int kept = static_cast<int>(survivors.size());
+    variables_ = began_ + slots_ - kept;
+    energy_first_ = 1 + slots_ + began_ + stage.group_rows;
+    energy_rows_ = previous.energy_rows_;
+    for (int v = 0; v <= variables_; ++v) {
+      double* const to = writable(v);
+      std::fill_n(to, end_row(), 0.0);
+      const bool constants = v == variables_;
+      if (v >= began_ && !constants) continue;
+      const double* const from = constants ? previous.constant_ : previous.column(v);
+      for (int s = 0; s < kept; ++s) {
+        to[slot_row(s)] = from[slot_row(survivors[static_cast<std::size_t>(s)])];
       }
-      if (v < began) to[began_row() + v] = 1.0;
-      std::copy_n(from + previous.energy_row(), energy_rows, to + energy_first_);
+      std::copy_n(from + previous.energy_first_, energy_rows_, to + energy_first_);
+      if (constants) continue;
+      to[0] = from[0];
+      to[began_row() + v] = 1.0;
+    }
+    for (int s = kept; s < slots_; ++s) {
+      double* const entering = writable(began_ + s - kept);
+      const int c = stage.coordinate[static_cast<std::size_t>(s)];
+      entering[slot_row(s)] = scale[c];
+      entering[0] = scale[c] * force[c];
     }
   }
 
-  void append_energy_row() {
+  /// Adds 1/2 (sum_i weight_i a_i)^2 to the energy.
+  void add_inertia(const Element& element, const std::vector<double>& weight) {
     const int row = end_row();
-    ++energy_rows;
-    for (int v = 0; v < variables; ++v) at(row, v) = 0.0;
-    constant_[row] = 0.0;
+    ++energy_rows_;
+    for (int v = 0; v <= variables_; ++v) {
+      writable(v)[row] = sum_of(element, weight.data(), column(v));
+    }
   }
 
-  double norm(int row, int first) const {
+  /// sum_i matrix_ri a_i = b_r: a reflection of the variables leaves a row only the last of them,
+  /// whose value is then known. The others span the rows' null space.
+  void enforce(const Stage& stage, const Element& element, int rows, const double* matrix,
+               const double* b, const double* scale) {
+    const int first = began_row() + began_;
+    const std::size_t touched = element.slot.size();
+    for (int r = 0; r < rows; ++r) {
+      const double* const entries = matrix + static_cast<std::size_t>(r) * touched;
+      double square = 0.0;
+      for (std::size_t i = 0; i < touched; ++i) {
+        const auto slot = static_cast<std::size_t>(element.slot[i]);
+        const double entry = entries[i] * scale[stage.coordinate[slot]];
+        square += entry * entry;
+      }
+      const double weight = square > 0.0 ? 1.0 / std::sqrt(square) : 0.0;
+      for (int v = 0; v <= variables_; ++v) {
+        writable(v)[first + r] = weight * sum_of(element, entries, column(v));
+      }
+      constant_[first + r] -= weight * b[r];
+    }
+    for (int done = 0; done < rows; ++done) {
+      int best = first;
+      double most = 0.0;
+      for (int row = first; row < first + rows; ++row) {
+        const double norm = row_norm(row, 0);
+        if (norm > most) {
+          most = norm;
+          best = row;
+        }
+      }
+      if (!(most > redundant)) return;
+      const int last = variables_ - 1;
+      reflect(best, 0, last, most);
+      const double* const c = column(last);
+      const double value = -constant_[best] / c[best];
+      for (int i = 0; i < end_row(); ++i) constant_[i] += value * c[i];
+      --variables_;
+    }
+  }
+
+  /// Minimises the energy over all variables that the surviving coordinates do not see. Returns one
+  /// that has no inertia, or `complete`.
+  int condense(const Stage& stage, const double* scale) {
+    int seen = 0;
+    for (; seen < variables_; ++seen) {
+      int best = 0;
+      double most = 0.0;
+      for (const int slot : stage.surviving) {
+        const double size = scale[stage.coordinate[static_cast<std::size_t>(slot)]];
+        const double norm = row_norm(slot_row(slot), seen) / size;
+        if (norm > most) {
+          most = norm;
+          best = slot_row(slot);
+        }
+      }
+      if (!(most > unseen)) break;
+      reflect(best, seen, seen, row_norm(best, seen));
+    }
+    double largest = 0.0;
+    for (int v = 0; v < variables_; ++v) largest = std::max(largest, energy_square(v, 0));
+    while (variables_ > seen) {
+      const int w = variables_ - 1;
+      int best = w;
+      for (int v = seen; v < w; ++v) {
+        if (energy_square(v, 0) > energy_square(best, 0)) best = v;
+      }
+      if (!(energy_square(best, 0) > massless * massless * largest)) return best;
+      std::swap_ranges(writable(best), writable(best) + (best < w ? end_row() : 0), writable(w));
+      reflect_energy(w, 0, w);
+      minimise_over_last(stage);
+    }
+    compress();
+    return complete;
+  }
+
+ private:
+  int stride_;
+  double *data_, *constant_, *product_, *reflection_;
+  int variables_ = 0, slots_ = 0, began_ = 0;
+  int energy_first_ = 1, energy_rows_ = 0;
+
+  int end_row() const { return energy_first_ + energy_rows_; }
+  double* writable(int variable) {
+    return variable < variables_ ? data_ + variable * stride_ : constant_;
+  }
+
+  static double sum_of(const Element& element, const double* weight, const double* column) {
     double sum = 0.0;
-    for (int v = first; v < variables; ++v) {
+    for (std::size_t i = 0; i < element.slot.size(); ++i) {
+      sum += weight[i] * column[slot_row(element.slot[i])];
+    }
+    return sum;
+  }
+
+  double row_norm(int row, int first) const {
+    double sum = 0.0;
+    for (int v = first; v < variables_; ++v) {
       const double x = data_[v * stride_ + row];
       sum += x * x;
     }
     return std::sqrt(sum);
   }
 
+  double energy_square(int variable, int first) const {
+    const double* const c = column(variable) + energy_first_;
+    double sum = 0.0;
+    for (int i = first; i < energy_rows_; ++i) sum += c[i] * c[i];
+    return sum;
+  }
+
   /// Orthogonal change of the variables from `first` on after which the row sees only `pivot`.
   void reflect(int row, int first, int pivot, double norm) {
     const int end = end_row();
-    const double at_pivot = at(row, pivot);
+    const double at_pivot = column(pivot)[row];
     const double image = at_pivot > 0.0 ? -norm : norm;
-    for (int v = first; v < variables; ++v) reflection_[v] = at(row, v);
+    for (int v = first; v < variables_; ++v) reflection_[v] = column(v)[row];
     reflection_[pivot] -= image;
     const double factor = 1.0 / (norm * (norm + std::abs(at_pivot)));
     std::fill_n(product_, end, 0.0);
-    for (int v = first; v < variables; ++v) {
+    for (int v = first; v < variables_; ++v) {
       const double* const c = column(v);
       const double weight = reflection_[v];
       for (int i = 0; i < end; ++i) product_[i] += weight * c[i];
     }
-    for (int v = first; v < variables; ++v) {
-      double* const c = column(v);
+    for (int v = first; v < variables_; ++v) {
+      double* const c = writable(v);
       const double weight = factor * reflection_[v];
       for (int i = 0; i < end; ++i) c[i] -= weight * product_[i];
       c[row] = 0.0;
     }
-    at(row, pivot) = image;
+    writable(pivot)[row] = image;
   }
 
-  /// The last variable takes the given value.
-  void fix_last(double value) {
-    const double* const c = column(variables - 1);
-    const int end = end_row();
-    for (int i = 0; i < end; ++i) constant_[i] += value * c[i];
-    --variables;
-  }
-
-  double energy_norm(int variable) {
-    const double* const c = column(variable) + energy_first_;
-    double sum = 0.0;
-    for (int i = 0; i < energy_rows; ++i) sum += c[i] * c[i];
-    return std::sqrt(sum);
-  }
-
-  /// Reflection of the energy's rows from `first` on (counted within them) after which the variable
-  /// enters only that row; applied to variables [0, columns) and the constant.
+  /// Reflection of the energy's rows from `first` on after which, of these, only the first sees the
+  /// variable; applied to the variables before `columns` and to the constant. The row of the
+  /// largest entry comes first: so rows of different size keep their own digits.
   void reflect_energy(int variable, int first, int columns) {
-    double* const x = column(variable) + energy_first_;
-    const int rows = energy_rows;
-    int largest = first;
-    double sum = 0.0;
-    for (int i = first; i < rows; ++i) {
-      sum += x[i] * x[i];
-      if (std::abs(x[i]) > std::abs(x[largest])) largest = i;
-    }
-    if (sum < nothing) {
-      std::fill(x + first, x + rows, 0.0);
+    double* const x = writable(variable) + energy_first_;
+    const double square = energy_square(variable, first);
+    if (square < nothing) {
+      std::fill(x + first, x + energy_rows_, 0.0);
       return;
     }
-    if (largest != first) {
-      for (int v = 0; v < variables; ++v) {
-        std::swap(column(v)[energy_first_ + first], column(v)[energy_first_ + largest]);
-      }
-      std::swap(constant_[energy_first_ + first], constant_[energy_first_ + largest]);
+    int largest = first;
+    for (int i = first; i < energy_rows_; ++i) {
+      if (std::abs(x[i]) > std::abs(x[largest])) largest = i;
     }
-    const double norm = std::sqrt(sum);
+    for (int v = 0; v <= variables_ && largest != first; ++v) {
+      double* const c = writable(v) + energy_first_;
+      std::swap(c[first], c[largest]);
+    }
+    const double norm = std::sqrt(square);
     const double image = x[first] > 0.0 ? -norm : norm;
     const double factor = 1.0 / (norm * (norm + std::abs(x[first])));
-    for (int i = first; i < rows; ++i) reflection_[i] = x[i];
+    for (int i = first; i < energy_rows_; ++i) reflection_[i] = x[i];
     reflection_[first] -= image;
     for (int v = 0; v <= columns; ++v) {
       if (v == variable && v < columns) continue;
-      double* const c = (v < columns ? column(v) : constant_) + energy_first_;
+      double* const c = (v < columns ? writable(v) : constant_) + energy_first_;
       double product = 0.0;
-      for (int i = first; i < rows; ++i) product += reflection_[i] * c[i];
+      for (int i = first; i < energy_rows_; ++i) product += reflection_[i] * c[i];
       product *= factor;
-      for (int i = first; i < rows; ++i) c[i] -= product * reflection_[i];
+      for (int i = first; i < energy_rows_; ++i) c[i] -= product * reflection_[i];
     }
-    std::fill(x + first, x + rows, 0.0);
+    std::fill(x + first, x + energy_rows_, 0.0);
     x[first] = image;
   }
 
-  void swap_variables(int a, int b) {
-    if (a != b) std::swap_ranges(column(a), column(a) + end_row(), column(b));
-  }
-
-  void drop_first_energy_row() {
+  /// The last variable w, which only the energy's first row sees: w = (h / T - B y - r) / T.
+  void minimise_over_last(const Stage& stage) {
+    const int w = variables_ - 1, top = energy_first_;
+    const double* const last = column(w);
+    const double t = last[top], push = last[0] / t;
+    const double shift = (push - constant_[top]) / t;
+    for (int v = 0; v <= w; ++v) {
+      double* const c = v < w ? writable(v) : constant_;
+      const double share = v < w ? -c[top] / t : shift;
+      for (int i = began_row(); i < began_row() + began_; ++i) c[i] += last[i] * share;
+      for (const int slot : stage.dying) c[slot_row(slot)] += last[slot_row(slot)] * share;
+      if (v < w) c[0] -= c[top] * push;
+    }
     ++energy_first_;
-    --energy_rows;
+    --energy_rows_;
+    --variables_;
   }
 
-  /// As many of the energy's rows as variables say all.
+  /// As many of the energy's rows as variables say all: R becomes triangular, columns permuted.
   void compress() {
-    if (energy_rows <= variables) return;
-    unsigned long long used = 0;  // by position, for fronts of usual size
-    std::vector<char> many(variables > 64 ? static_cast<std::size_t>(variables) : 0, 0);
-    for (int first = 0; first < variables; ++first) {
+    if (energy_rows_ <= variables_) return;
+    for (int first = 0; first < variables_; ++first) {
       int best = -1;
       double most = -1.0;
-      for (int v = 0; v < variables; ++v) {
-        if (many.empty() ? (used >> v & 1U) != 0 : many[static_cast<std::size_t>(v)] != 0) continue;
-        const double* const c = column(v) + energy_first_;
-        double sum = 0.0;
-        for (int i = first; i < energy_rows; ++i) sum += c[i] * c[i];
-        if (sum > most) {
-          most = sum;
+      for (int v = 0; v < variables_; ++v) {
+        // a variable done before sees none of these rows
+        const double square = energy_square(v, first);
+        if (square > most) {
+          most = square;
           best = v;
         }
       }
-      if (many.empty()) {
-        used |= 1ULL << best;
-      } else {
-        many[static_cast<std::size_t>(best)] = 1;
-      }
-      reflect_energy(best, first, variables);
+      if (most < nothing) break;
+      reflect_energy(best, first, variables_);
     }
-    energy_rows = variables;
+    energy_rows_ = variables_;
   }
+};
 
- private:
-  int stride_;
-  double* data_;
-  double* constant_;
-  double* product_;
-  double* reflection_;
-  int energy_first_ = 1;
+/// The variables with which a stage began and the coordinates that died in it, as what the
+/// variables at its end make of them.
+struct Enforcement::Record {
+  const double* values;  // column-major (began + dying, variables), then the constants
+  int began, variables;
 };
 
 namespace {
@@ -327,197 +413,84 @@ double* thread_memory(std::size_t count) {
   return kept.data();
 }
 
-struct Record {
-  const double* values;  // column-major (began + dying, variables), then the constants
-  int began, dying, variables;
-};
-
 }  // namespace
+
+template <class Found>
+void Enforcement::substitute(const std::vector<Record>& records, double* z, double* next,
+                             double constants, const Found& found) const {
+  for (std::size_t s = records.size(); s-- > 0;) {
+    const Record& record = records[s];
+    const Stage& stage = stages_[s];
+    const int rows = record.began + static_cast<int>(stage.dying.size());
+    for (int i = 0; i < rows; ++i) {
+      double sum = constants * record.values[record.variables * rows + i];
+      for (int v = 0; v < record.variables; ++v) sum += record.values[v * rows + i] * z[v];
+      if (i < record.began) {
+        next[i] = sum;
+      } else {
+        const int slot = stage.dying[static_cast<std::size_t>(i - record.began)];
+        found(stage.coordinate[static_cast<std::size_t>(slot)], sum);
+      }
+    }
+    std::swap(z, next);
+  }
+}
 
 int Enforcement::solve(const double* matrix, const double* b, const double* force,
                        double* accelerations) const {
   const std::size_t front_size = Front::size(most_rows_, most_variables_);
-  double* const memory =
-      thread_memory(2 * front_size + record_size_ + 2 * static_cast<std::size_t>(most_variables_));
+  const auto variables = static_cast<std::size_t>(most_variables_);
+  double* const memory = thread_memory(2 * front_size + 2 * variables + record_size_);
   Front fronts[2] = {{most_rows_, most_variables_, memory},
                      {most_rows_, most_variables_, memory + front_size}};
-  double* record = memory + 2 * front_size;
-  double* const before = record + record_size_;
-  double* const after = before + most_variables_;
+  double* const z = memory + 2 * front_size;
+  double* const next = z + variables;
+  double* values = next + variables;
   thread_local std::vector<Record> records;
   records.clear();
-
-  // What is known of the front's last variables: their values z, to all that came before.
-  const auto substitute = [&](double* z, double* next, double scale, auto&& found) {
-    for (std::size_t s = records.size(); s-- > 0;) {
-      const Record& r = records[s];
-      const int rows = r.began + r.dying;
-      for (int i = 0; i < rows; ++i) {
-        double sum = scale * r.values[r.variables * rows + i];
-        for (int v = 0; v < r.variables; ++v) sum += r.values[v * rows + i] * z[v];
-        if (i < r.began) {
-          next[i] = sum;
-        } else {
-          const Stage& stage = stages_[s];
-          const int slot = stage.dying[static_cast<std::size_t>(i - r.began)];
-          found(stage.coordinate[static_cast<std::size_t>(slot)], sum);
-        }
-      }
-      std::swap(z, next);
-    }
-  };
 
   static const std::vector<int> none;
   for (std::size_t s = 0; s < stages_.size(); ++s) {
     const Stage& stage = stages_[s];
     Front& front = fronts[s % 2];
-    front.begin(stage, fronts[(s + 1) % 2], s > 0 ? stages_[s - 1].surviving : none);
-    const int kept = front.slots - static_cast<int>(stage.entering.size());
-    for (std::size_t e = 0; e < stage.entering.size(); ++e) {
-      const int variable = front.began + static_cast<int>(e);
-      const auto c = static_cast<std::size_t>(stage.entering[e]);
-      front.at(front.slot_row(kept + static_cast<int>(e)), variable) = scale_[c];
-      front.at(0, variable) = scale_[c] * force[c];
-    }
-
+    front.begin(stage, fronts[(s + 1) % 2], s > 0 ? stages_[s - 1].surviving : none, scale_.data(),
+                force);
     for (const Element& element : stage.elements) {
       const auto index = static_cast<std::size_t>(element.index);
-      const std::size_t touched = element.slot.size();
-      if (!element.constraint) {
-        const InertiaRow& inertia = inertia_[index];
-        const int row = front.end_row();
-        front.append_energy_row();
-        for (int v = 0; v <= front.variables; ++v) {
-          double* const c = v < front.variables ? front.column(v) : front.constants();
-          double sum = 0.0;
-          for (std::size_t i = 0; i < touched; ++i) {
-            sum += inertia.weight[i] * c[front.slot_row(element.slot[i])];
-          }
-          c[row] = sum;
-        }
-        continue;
-      }
-      const int rows = groups_[index].rows;
-      const double* const a = matrix + matrix_start_[index];
-      const int first = front.group_row();
-      for (int r = 0; r < rows; ++r) {
-        const double* const entries = a + static_cast<std::size_t>(r) * touched;
-        double size = 0.0;
-        for (std::size_t i = 0; i < touched; ++i) {
-          const auto slot = static_cast<std::size_t>(element.slot[i]);
-          const double entry =
-              entries[i] * scale_[static_cast<std::size_t>(stage.coordinate[slot])];
-          size += entry * entry;
-        }
-        const double weight = size > 0.0 ? 1.0 / std::sqrt(size) : 0.0;
-        for (int v = 0; v <= front.variables; ++v) {
-          double* const c = v < front.variables ? front.column(v) : front.constants();
-          double sum = 0.0;
-          for (std::size_t i = 0; i < touched; ++i) {
-            sum += entries[i] * c[front.slot_row(element.slot[i])];
-          }
-          c[first + r] = weight * sum;
-        }
-        front.constant(first + r) -= weight * b[row_start_[index] + static_cast<std::size_t>(r)];
-      }
-      for (int done = 0; done < rows; ++done) {
-        int best = -1;
-        double most = redundant;
-        for (int r = 0; r < rows; ++r) {
-          const double norm = front.norm(first + r, 0);
-          if (norm > most) {
-            most = norm;
-            best = r;
-          }
-        }
-        if (best < 0) break;
-        front.reflect(first + best, 0, front.variables - 1, most);
-        const double value =
-            -front.constant(first + best) / front.at(first + best, front.variables - 1);
-        front.fix_last(value);
+      if (element.constraint) {
+        front.enforce(stage, element, groups_[index].rows, matrix + matrix_start_[index],
+                      b + row_start_[index], scale_.data());
+      } else {
+        front.add_inertia(element, inertia_[index].weight);
       }
     }
-
-    int seen = 0;
-    while (seen < front.variables) {
-      int best = -1;
-      double most = unseen;
-      for (const int slot : stage.surviving) {
-        const double weight =
-            scale_[static_cast<std::size_t>(stage.coordinate[static_cast<std::size_t>(slot)])];
-        const double norm = front.norm(front.slot_row(slot), seen) / weight;
-        if (norm > most) {
-          most = norm;
-          best = slot;
-        }
-      }
-      if (best < 0) break;
-      const int row = front.slot_row(best);
-      front.reflect(row, seen, seen, front.norm(row, seen));
-      ++seen;
-    }
-    double largest = 0.0;
-    for (int v = 0; v < front.variables; ++v) largest = std::max(largest, front.energy_norm(v));
-    while (front.variables > seen) {
-      int best = seen;
+    const int massless_variable = front.condense(stage, scale_.data());
+    if (massless_variable != complete) {
+      const double* const way = front.column(massless_variable);
+      int coordinate = 0;
       double most = -1.0;
-      for (int v = seen; v < front.variables; ++v) {
-        const double norm = front.energy_norm(v);
-        if (norm > most) {
-          most = norm;
-          best = v;
+      const auto found = [&](int c, double value) {
+        const double size = std::abs(value) / scale_[static_cast<std::size_t>(c)];
+        if (size > most) {
+          most = size;
+          coordinate = c;
         }
-      }
-      const int w = front.variables - 1;
-      front.swap_variables(best, w);
-      const int dying = static_cast<int>(stage.dying.size());
-      if (!(most > massless * largest)) {
-        for (int i = 0; i < front.began; ++i) before[i] = front.at(front.began_row() + i, w);
-        int coordinate = 0;
-        double size = -1.0;
-        const auto found = [&](int c, double value) {
-          const double moves = std::abs(value) / scale_[static_cast<std::size_t>(c)];
-          if (moves > size) {
-            size = moves;
-            coordinate = c;
-          }
-        };
-        for (int i = 0; i < dying; ++i) {
-          const int slot = stage.dying[static_cast<std::size_t>(i)];
-          found(stage.coordinate[static_cast<std::size_t>(slot)],
-                front.at(front.slot_row(slot), w));
-        }
-        substitute(before, after, 0.0, found);
-        return coordinate;
-      }
-      front.reflect_energy(w, 0, w);
-      const int top = front.energy_row();
-      const double t = front.at(top, w);
-      const double push = front.at(0, w) / t;
-      const double constant = (push - front.constant(top)) / t;
-      const auto eliminate = [&](int row) {
-        const double entry = front.at(row, w);
-        if (entry == 0.0) return;
-        for (int v = 0; v < w; ++v) front.at(row, v) -= entry * front.at(top, v) / t;
-        front.constant(row) += entry * constant;
       };
-      for (int i = 0; i < front.began; ++i) eliminate(front.began_row() + i);
-      for (const int slot : stage.dying) eliminate(front.slot_row(slot));
-      for (int v = 0; v < w; ++v) front.at(0, v) -= front.at(top, v) * push;
-      front.drop_first_energy_row();
-      front.variables = w;
+      for (const int slot : stage.dying) {
+        found(stage.coordinate[static_cast<std::size_t>(slot)], way[Front::slot_row(slot)]);
+      }
+      std::copy_n(way + front.began_row(), front.began(), z);
+      substitute(records, z, next, 0.0, found);
+      return coordinate;
     }
-    front.compress();
-
-    const int dying = static_cast<int>(stage.dying.size());
-    records.push_back({record, front.began, dying, front.variables});
-    for (int v = 0; v <= front.variables; ++v) {
-      const double* const c = v < front.variables ? front.column(v) : front.constants();
-      record = std::copy_n(c + front.began_row(), front.began, record);
-      for (const int slot : stage.dying) *record++ = c[front.slot_row(slot)];
+    records.push_back({values, front.began(), front.variables()});
+    for (int v = 0; v <= front.variables(); ++v) {
+      const double* const c = front.column(v);
+      values = std::copy_n(c + front.began_row(), front.began(), values);
+      for (const int slot : stage.dying) *values++ = c[Front::slot_row(slot)];
     }
   }
-  substitute(before, after, 1.0, [&](int c, double value) { accelerations[c] = value; });
+  substitute(records, z, next, 1.0, [&](int c, double value) { accelerations[c] = value; });
   return complete;
 }
 

@@ -9,19 +9,19 @@
 // W_e^T W_e the inertia of module e. With C_0 = I, group r leaves a = C_r z + particular,
 // C_r = C_{r-1} S_r, the columns of S_r an orthonormal basis of the null space of A_r C_{r-1}.
 //
-// Modules and groups come from the last coordinate to the first. Only a front is held: the
-// variables z, the living coordinates (those that a later module or group touches) as L z + p, and
-// the energy 1/2 |R z + r|^2 - g^T z. A coordinate enters with the first that touches it, a_c =
-// scale z_new, and dies after the last. When some die, an orthogonal change of z leaves the living
+// Modules and groups come by their largest node, from the tip to the clamp, inertia before groups;
+// any order gives the same a, this one keeps the work local. Only a front is held: the variables z,
+// the living coordinates (those that a later module or group touches) as L z + p, and the energy
+// 1/2 |R z + r|^2 - g^T z. A coordinate enters with the first that touches it, as scale times a new
+// variable, and dies after the last. When some die, an orthogonal change of z leaves the living
 // ones a function of its first part y, and the energy's minimum over the rest w is taken:
 //
 //   R = (B, T) in (y, w) by reflections from the left,   w = T^-1 (T^-T h - B y - r),
 //   g_y <- g_y - B^T T^-T h,   h = g_w.
 //
-// R instead of the inertia R^T R: the rows differ in size like the segments' number squared, and a
-// sum of their squares would round the small ones away. On a chain the front has 7 variables at
-// most, so all costs O(n); what couples far coordinates makes the front larger, not the result
-// wrong.
+// R and not the inertia R^T R, whose condition is the square of R's. On a chain the front has 7
+// variables at most, so all costs O(n); inertia between far nodes makes the front larger (k
+// variables cost O(k^3) a stage), not the result wrong.
 #pragma once
 
 #include <cstddef>
@@ -49,9 +49,16 @@ class Enforcement {
               std::vector<Group> groups);
 
   static constexpr int complete = -1;
+  static constexpr int node_size = 3;  // coordinates of a node, which come at once
+
+  /// Entries of a group's A.
+  std::ptrdiff_t matrix_size(std::size_t group) const {
+    const Group& of = groups_[group];
+    return static_cast<std::ptrdiff_t>(of.coordinate.size()) * of.rows;
+  }
 
   /// Accelerations under the given forces. matrix: the groups' A one after the other, b their
-  /// right-hand sides. Rows that follow from others within rounding are left out. Returns
+  /// right-hand sides. Rows that follow from others to 1e-10 of their size are left out. Returns
   /// `complete`, or the coordinate that moves most in a direction that has no inertia; then
   /// accelerations is not written.
   int solve(const double* matrix, const double* b, const double* force,
@@ -65,16 +72,20 @@ class Enforcement {
   };
   /// Modules and groups up to one after which coordinates die.
   struct Stage {
-    std::vector<int> kept;      // slots of the previous stage, in order, that live on here
-    std::vector<int> entering;  // coordinates, in the slots behind those
     std::vector<Element> elements;
-    std::vector<int> dying;       // slots
-    std::vector<int> surviving;   // slots
-    std::vector<int> coordinate;  // of each slot
-    int group_rows = 0;           // largest of a group
-    int inertia_rows = 0;         // all
+    std::vector<int> coordinate;        // of each slot: those that lived on, then the entering
+    std::vector<int> dying, surviving;  // slots
+    int group_rows = 0;                 // largest of a group
+    int inertia_rows = 0;               // all
   };
   class Front;
+  struct Record;
+
+  /// From the variables z at the end to all before them, calling found(coordinate, acceleration);
+  /// constants: 1, or 0 for a change along z alone.
+  template <class Found>
+  void substitute(const std::vector<Record>& records, double* z, double* next, double constants,
+                  const Found& found) const;
 
   std::vector<double> scale_;
   std::vector<InertiaRow> inertia_;

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: MIT
+//
+// Redundant coordinates q = (x_j, y_j, phi_j), j = 1..n, at 3 (j - 1), 3 (j - 1) + 1 and
+// 3 (j - 1) + 2: node P_j at r_j = (x_j, y_j), x across, y down from the clamp, and joint angle
+// phi_j. r_0 = (0, base) stays. What modules and constraints read and write of them.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "pipedyn/pipe.hpp"
+
+namespace pipedyn {
+
+using Point = Eigen::Vector2d;
+using Block = Eigen::Matrix2d;
+
+inline Index x_of(Index node) { return 3 * (node - 1); }
+inline Index y_of(Index node) { return x_of(node) + 1; }
+inline Index phi_of(Index joint) { return x_of(joint) + 2; }
+
+/// cross(a, d) = a_x d_y - a_y d_x = a . turned(d) = turned_back(a) . d
+inline double cross(const Point& a, const Point& d) { return a.x() * d.y() - a.y() * d.x(); }
+inline Point turned(const Point& d) { return {d.y(), -d.x()}; }
+inline Point turned_back(const Point& a) { return {-a.y(), a.x()}; }
+
+/// Coordinates, rates or accelerations, by nodes and joints.
+struct Nodes {
+  const double* values;
+  double base;  // y_0; 0 for rates and accelerations
+
+  Point operator()(Index node) const {
+    if (node == 0) return {0.0, base};
+    return {values[x_of(node)], values[y_of(node)]};
+  }
+  double x(Index node) const { return values[x_of(node)]; }
+  double angle(Index joint) const { return values[phi_of(joint)]; }
+};
+
+/// A state and the signed flow speed U = s u.
+struct Motion {
+  Nodes place, rate;
+  double flow_speed;
+};
+
+/// Generalized forces; node 0 takes any.
+struct Loads {
+  double* values;
+
+  void add(Index node, const Point& force) const {
+    if (node == 0) return;
+    values[x_of(node)] += force.x();
+    values[y_of(node)] += force.y();
+  }
+  void add_x(Index node, double force) const { values[x_of(node)] += force; }
+  void add_moment(Index joint, double moment) const { values[phi_of(joint)] += moment; }
+};
+
+/// Entries (row, column, value) of a sparse matrix; those of one place add up.
+struct Triplets {
+  std::vector<std::int64_t> rows, columns;
+  std::vector<double> values;
+
+  void add(Index row, Index column, double value) {
+    if (value == 0.0) return;
+    rows.push_back(row);
+    columns.push_back(column);
+    values.push_back(value);
+  }
+  /// Of two nodes; what falls on node 0 is dropped.
+  void add_block(Index row_node, Index column_node, const Block& block) {
+    if (row_node == 0 || column_node == 0) return;
+    for (Index i = 0; i < 2; ++i) {
+      for (Index k = 0; k < 2; ++k) add(x_of(row_node) + i, x_of(column_node) + k, block(i, k));
+    }
+  }
+  void add_uniform(Index row_node, Index column_node, double value) {
+    add_block(row_node, column_node, value * Block::Identity());
+  }
+};
+
+/// About the straight pipe: the forces are
+///   -(stiffness + a u^2 flux) q - (s u (gyroscopic + end_flux) + damping) q' + constants
+/// without drag; each (3 n, 3 n). Gravity's potential is linear, hence absent.
+struct RedundantOperators {
+  Triplets mass, gyroscopic, end_flux, damping, stiffness, flux;
+};
+
+/// Derivatives by the coordinates and by their rates.
+struct Derivatives {
+  Triplets by_coordinates, by_rates;
+};
+
+/// What flow, joints, drag and dashpots add to the energy in unit time.
+struct ScenePower {
+  double flow = 0.0, joints = 0.0, drag = 0.0, others = 0.0;
+};
+
+}  // namespace pipedyn
