@@ -243,7 +243,7 @@ def _trusted(rom: Galerkin) -> int | None:
     All, if damping is so strong that the last of these do not oscillate: then those beyond are
     overdamped too, however they would grow without damping, and cannot be told from the others.
     """
-    trusted = (3 * rom.dof) // 5
+    trusted = (3 * rom.resolution) // 5
     overdamped = rom.pipe.damping * (math.pi * trusted) ** 2 > 2.0
     return None if overdamped else trusted
 
