@@ -67,7 +67,7 @@ class CriticalSpeed:
     sensitivity: Sensitivity | None = field(repr=False)
     size: int
     pipe: Pipe = field(repr=False)
-    _exact: Continuum | None = field(repr=False, default=None)
+    _exact: Continuum | None = field(repr=False, compare=False, default=None)
     _continuous: float | None = field(repr=False, default=None)
     _max_speed: float = field(repr=False, default=100.0)
 
