@@ -85,13 +85,18 @@ Basis::Basis(Family family, Index m, const Vector& joints)
                                 std::to_string(panels) + " panels");
   }
   numbers_.resize(static_cast<std::size_t>(panels));
-  Vector share = lengths + Vector::Ones(panels);  // those without any come first
+  const auto claim = [&](Index panel) {
+    const Index more = std::ssize(numbers_[static_cast<std::size_t>(panel)]) - few_on_a_panel;
+    return more > 0 ? lengths[panel] / static_cast<double>(more)
+                    : lengths[panel] + static_cast<double>(1 - more);
+  };
+  Vector claims(panels);
+  for (Index panel = 0; panel < panels; ++panel) claims[panel] = claim(panel);
   for (Index i = 0; i < m; ++i) {
     Index panel = 0;
-    share.maxCoeff(&panel);
-    std::vector<Index>& numbers = numbers_[static_cast<std::size_t>(panel)];
-    numbers.push_back(i);
-    share[panel] = lengths[panel] / static_cast<double>(numbers.size());
+    claims.maxCoeff(&panel);
+    numbers_[static_cast<std::size_t>(panel)].push_back(i);
+    claims[panel] = claim(panel);
   }
 }
 

@@ -21,11 +21,17 @@ enum class Family {
 /// follow only algebraically. So Legendre curvatures may live on panels that end there: on a panel
 /// of length h from a, w_i'' = sqrt((2 k + 1) / h) P_k(2 (s - a) / h - 1), elsewhere 0, and w_i',
 /// w_i are the integrals from the clamp, constant and linear beyond the panel. The unit stiffness
-/// stays. Function by function the panel with the greatest length per function gets the next one,
-/// first of all those without any (Adams's rule): panel of length h holds at least one and at most
-/// ceil(m h), and the first functions of a larger basis are those of a smaller one.
+/// stays.
+///
+/// The first functions of a larger basis are those of a smaller one: function by function the panel
+/// that has fewest gets the next, the longest of these, and once each has five the one with most
+/// length for each function beyond four (Adams's rule, with no panel above its share rounded up).
+/// Proportional to length are the functions that waves need, the others what a smooth shape needs
+/// on a panel however short.
 class Basis {
  public:
+  static constexpr Index few_on_a_panel = 4;
+
   /// joints: inner ends of the panels, ascending; none for beam modes. Throws
   /// std::invalid_argument unless 0 < joints < 1 ascend and m is at least the number of panels.
   Basis(Family family, Index m, const Vector& joints = Vector());

@@ -4,12 +4,15 @@ C++ core of pipedyn: operators and motion of the chain and of the reduced model.
 """
 
 from __future__ import annotations
+import collections.abc
 import numpy
 import numpy.typing
 import typing
 
 __all__: list[str] = [
     "Chain",
+    "FittedMotion",
+    "Fitting",
     "Galerkin",
     "GalerkinMotion",
     "Operators",
@@ -113,14 +116,25 @@ class Chain:
         transposed: bool = False,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
+class Fitting:
+    def __init__(
+        self,
+        at: typing.SupportsFloat | typing.SupportsIndex,
+        mass: typing.SupportsFloat | typing.SupportsIndex,
+        stiffness: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
 class Galerkin:
+    few_on_a_panel: typing.ClassVar[int] = 4
     def __init__(
         self,
         pipe: Pipe,
         legendre: bool,
         size: typing.SupportsInt | typing.SupportsIndex,
+        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         nodes: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         weights: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        fittings: collections.abc.Sequence[Fitting],
     ) -> None: ...
     def basis(
         self,

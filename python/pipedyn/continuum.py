@@ -22,6 +22,9 @@ Answer = TypeVar("Answer")
 SMALLEST, LARGEST = 16, 240
 """Sizes between which the basis grows."""
 
+FUNCTIONS_A_JOINT = 4
+"""By which both are larger for each joint between panels."""
+
 
 @dataclass(frozen=True)
 class Settled(Generic[Answer]):
@@ -102,7 +105,8 @@ class Continuum:
             distance: relative distance between two answers; infinite where they differ in kind.
             tolerance: distance at which the answer stands still, > 0.
             smallest: first size, from 1 to 1992.
-            largest: last size, up to 2000, or one step above the first.
+            largest: last size, up to 2000, or one step above the first. Fittings inside the pipe
+                add four to either size for each joint that they make.
 
         Raises:
             NotConverged: if it still moves at the last size; carries the last answer.
@@ -112,8 +116,11 @@ class Continuum:
             if not callable(given):
                 raise TypeError(f"{name} must be a function, got {_check.shown(given)}")
         tolerance = _check.real("tolerance", tolerance, low=0.0, open_low=True)
-        size = smallest = _check.count("smallest", smallest, high=LARGEST_BASIS - 8)
+        smallest = _check.count("smallest", smallest, high=LARGEST_BASIS - 8)
         largest = _check.count("largest", largest, high=LARGEST_BASIS)
+        joints = FUNCTIONS_A_JOINT * basis_joints(self._fittings).size
+        size = smallest = min(smallest + joints, LARGEST_BASIS - 8)
+        largest = min(largest + joints, LARGEST_BASIS)
         before = question(self.frozen(size))
         while True:
             size = min(max(size + 8, (5 * size) // 4), max(largest, smallest + 8))

@@ -67,7 +67,7 @@ class CriticalSpeed:
     sensitivity: Sensitivity | None = field(repr=False)
     size: int
     pipe: Pipe = field(repr=False)
-    _exact: Continuum | None = field(repr=False, default=None)
+    _exact: Continuum | None = field(repr=False, compare=False, default=None)
     _continuous: float | None = field(repr=False, default=None)
     _max_speed: float = field(repr=False, default=100.0)
 
@@ -244,7 +244,7 @@ def _trusted(rom: Galerkin) -> int | None:
     All, if damping is so strong that the last of these do not oscillate: then those beyond are
     overdamped too, however they would grow without damping, and cannot be told from the others.
     """
-    trusted = (3 * rom.dof) // 5
+    trusted = (3 * rom.resolution) // 5
     overdamped = rom.pipe.damping * (math.pi * trusted) ** 2 > 2.0
     return None if overdamped else trusted
 

@@ -94,8 +94,9 @@ class Hunt:
         self.followed = pencil.dof if followed is None else followed
         self.trusted = self.followed if trusted is None else trusted
         # Legendre's highest third is not the pipe's and heavily damped: matched, but not followed.
-        legendre = isinstance(pencil.model, Galerkin) and pencil.model.basis == "legendre"
-        self.certain = max(1, (2 * self.followed) // 3) if legendre else self.followed
+        model, self.certain = pencil.model, self.followed
+        if isinstance(model, Galerkin) and model.basis == "legendre":
+            self.certain = max(1, (2 * model.resolution) // 3)
         self.modes: Indices = np.zeros(0, dtype=np.intp)
         self.unstable: Flags = np.zeros(0, dtype=np.bool_)
 
@@ -273,8 +274,7 @@ class Hunt:
         h = 1e-5 * (1.0 + u)
         rate = (pencil.stiffened(u + h, pair.right) - pencil.stiffened(u - h, pair.right)) / (2 * h)
         change_of_zero = abs(complex(np.sum(pair.left.conj() * rate)))
-        size = 1.0 + abs(pencil.pipe.gamma) + pencil.centrifugal * u**2
-        uncertain = float(pair.residuals[0] + np.finfo(float).eps) * size
+        uncertain = float(pair.residuals[0] + np.finfo(float).eps) * pencil.size(u)
         error = uncertain / change_of_zero if change_of_zero else math.inf
         error += 4e-16 * (1.0 + u)
         own = pencil.original(u, pair)

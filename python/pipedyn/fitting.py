@@ -22,7 +22,7 @@ SHORTEST_PANEL = 1e-5
 """Length of the shortest panel of a basis: what smooth functions miss of a jump of the shear at a
 distance d from a joint costs d^3 of its energy."""
 
-MOST_FITTINGS = 1000
+MOST_FITTINGS = 400
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def checked_fittings(fittings: Any) -> tuple[Fitting, ...]:
     """The argument, if it is a sequence of fittings.
 
     Raises:
-        ValueError: for more than 1000.
+        ValueError: for more than 400.
         TypeError: for what is no sequence of fittings.
     """
     if not isinstance(fittings, tuple | list):

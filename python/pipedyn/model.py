@@ -180,6 +180,11 @@ class Model(ABC):
         return True
 
     @property
+    def fitted_size(self) -> float:
+        """What other parts than the pipe add to the stiffness of elastic coordinates, about."""
+        return 0.0
+
+    @property
     def resisted(self) -> bool:
         """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
         return False

@@ -29,8 +29,8 @@ Vectors = NDArray[Any]
 
 TOLERANCE = 1e-10
 """Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
-k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix; to it comes the rounding of M x,
-eps |lambda|^2, which is what limits high modes."""
+k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what fittings add; to it
+comes the rounding of M x, eps |lambda|^2, which is what limits high modes."""
 
 DENSE_RESCUE, PATIENCE = 1000, 30
 """Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or crowd
@@ -181,13 +181,16 @@ class Pencil(ABC):
         """Which eigenvalues of the inverse problem are the model's: all, unless it is deflated."""
         return np.ones(values.size, dtype=np.bool_)
 
+    def size(self, u: float) -> float:
+        """Size of the stiffness matrix, elastic stiffness being 1."""
+        return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.fitted_size
+
     def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
         """Relative residual of each pair, shape (r,)."""
         inertia, velocity = values**2 * self.mass(x), values * self.damped(u, x)
         rest = np.linalg.norm(inertia + velocity + self.stiffened(u, x), axis=0)
-        elastic = 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2
         size = np.linalg.norm(inertia, axis=0) + np.linalg.norm(velocity, axis=0)
-        result: Array = rest / (size + elastic * np.linalg.norm(x, axis=0))
+        result: Array = rest / (size + self.size(u) * np.linalg.norm(x, axis=0))
         return result
 
     def derivative(self, u: float, values: Complex, x: Vectors, y: Vectors) -> Complex:
@@ -202,7 +205,7 @@ class Pencil(ABC):
         assert pairs.left is not None
         size = np.abs(pairs.values) ** 2 * np.linalg.norm(self.mass(pairs.right), axis=0)
         size += np.abs(pairs.values) * np.linalg.norm(self.damped(u, pairs.right), axis=0)
-        size += 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2
+        size += self.size(u)
         derivative = np.abs(self.derivative(u, pairs.values, pairs.right, pairs.left))
         with np.errstate(divide="ignore", invalid="ignore"):
             result: Array = (pairs.residuals + np.finfo(float).eps) * size / derivative

@@ -162,6 +162,11 @@ class Assembly(Model):
         return False
 
     @property
+    def fitted_size(self) -> float:
+        """What gravity, springs across and custom modules add to the elastic stiffness, about."""
+        return self._linear.added
+
+    @property
     def resisted(self) -> bool:
         """Whether dashpots, joints of their own damping or custom modules resist velocities."""
         return self._layout.resisted

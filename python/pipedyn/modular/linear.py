@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -233,6 +234,20 @@ class Linear:
         others = self._product(self.parts.stiffness, zeta)
         result: Rows = springs + others + self._bending(self.stiffening, zeta)
         return result
+
+    @cached_property
+    def added(self) -> float:
+        """Norm of what K has beside the torsional springs, to some ten per cent."""
+        zeta = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
+        norm = 0.0
+        for _ in range(12):
+            zeta /= np.linalg.norm(zeta)
+            springs = self.basis.gather(self.elastic * self.basis.spread(zeta))
+            zeta = self.stiffness(zeta) - springs
+            norm = float(np.linalg.norm(zeta))
+            if norm == 0.0:
+                break
+        return norm
 
     def flux(self, zeta: Rows) -> Rows:
         """A zeta."""

@@ -1,0 +1,781 @@
+# SPDX-License-Identifier: MIT
+"""Point masses and springs on the pipe, against routes that do not share their derivation."""
+
+import math
+import pickle
+import re
+from itertools import pairwise
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
+from scipy.optimize import brentq, root
+from scipy.special import ellipe, ellipk
+
+import pipedyn as pd
+from pipedyn import _core
+from pipedyn.fitting import basis_joints, core_fittings
+from pipedyn.model import core_pipe
+
+BASES = ["beam", "legendre"]
+OPERATORS = ["mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"]
+EIGHTH_ORDER = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+SECOND_DERIVATIVE = (-1 / 560, 8 / 315, -1 / 5, 8 / 5)
+
+SPRUNG = (pd.Fitting(0.6, stiffness=50.0),)
+LADEN = (pd.Fitting(0.35, mass=0.4),)
+ALL = (
+    pd.Fitting(0.25, mass=0.4),
+    pd.Fitting(0.6, stiffness=50.0),
+    pd.Fitting(1.0, mass=0.2, stiffness=3.0),
+)
+
+
+def gauss(count):
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def panel_gauss(ends, count):
+    nodes, weights = gauss(count)
+    parts = [(low + (high - low) * nodes, (high - low) * weights) for low, high in pairwise(ends)]
+    return (np.concatenate(each) for each in zip(*parts, strict=True))
+
+
+def derivative(function, h):
+    """Eighth-order central difference at 0."""
+    return sum(c * function(k * h) for k, c in zip(range(-4, 5), EIGHTH_ORDER, strict=True)) / h
+
+
+def second_derivative(function, h):
+    """Eighth-order central difference at 0."""
+    sides = zip((4, 3, 2, 1), SECOND_DERIVATIVE, strict=True)
+    pairs = sum(c * (function(k * h) + function(-k * h)) for k, c in sides)
+    return (pairs - 205 / 72 * function(0.0)) / h**2
+
+
+def state(model, rng, angle, speed=14.0):
+    """A random state whose largest angle and rate are given."""
+    m = model.dof
+    slopes = model.functions(np.linspace(0.0, 1.0, 200), 1)
+    fall = np.abs(slopes).max(axis=0) * np.arange(1.0, m + 1.0) ** 2
+    q, rate = rng.normal(size=(2, m)) / fall
+    q *= angle / np.abs(slopes @ q).max()
+    rate *= speed * angle / np.abs(slopes @ rate).max()
+    return np.concatenate([q, rate])
+
+
+# --------------------------------------------------------------------------- independent routes
+
+
+def exponentials_determinant(value, u, beta, fittings, damping=0.0):
+    """Vanishes at eigenvalues of the ejecting pipe without gravity, in mpmath.
+
+    Four exponentials on each panel; w, w' and w'' are continuous where a fitting is, and the shear
+    jumps: (1 + delta lambda) (w'''(s+) - w'''(s-)) + (mu lambda^2 + k) w = 0, with w'' and w''' 0
+    beyond the free end.
+    """
+    value, u, beta = (mpmath.mpmathify(x) for x in (value, u, beta))
+    elastic = 1 + damping * value
+    polynomial = [elastic, 0, u**2, 2 * mpmath.sqrt(beta) * u * value, value**2]
+    a = mpmath.polyroots(polynomial, maxsteps=200, extraprec=80)
+    ends = sorted({0.0, 1.0, *(f.at for f in fittings)})
+    size = 4 * (len(ends) - 1)
+    rows = mpmath.zeros(size, size)
+    for k in range(4):
+        rows[0, k], rows[1, k] = 1, a[k]
+    for panel, (low, high) in enumerate(pairwise(ends)):
+        held = sum(f.mass * value**2 + f.stiffness for f in fittings if f.at == high) / elastic
+        length = mpmath.mpf(high) - mpmath.mpf(low)
+        first = 4 * panel + 2
+        for k in range(4):
+            w = mpmath.exp(a[k] * length)
+            column = 4 * panel + k
+            rows[first, column], rows[first + 1, column] = a[k] ** 2 * w, (a[k] ** 3 - held) * w
+            if high < 1.0:
+                rows[first + 2, column], rows[first + 3, column] = w, a[k] * w
+                beyond = column + 4
+                rows[first, beyond], rows[first + 1, beyond] = -(a[k] ** 2), -(a[k] ** 3)
+                rows[first + 2, beyond], rows[first + 3, beyond] = -1, -a[k]
+    return mpmath.det(rows)
+
+
+def shooting_determinant(value, u, pipe, fittings):
+    """The same with gravity, aspirating too: two solutions integrated from the clamp.
+
+    The tension gamma (1 - s + masses beyond) falls where a mass hangs, and its jump times the slope
+    joins the shear's.
+    """
+    aspirating = pipe.flow == "aspirating"
+    thrust = (pipe.alpha if aspirating else 1.0) * u**2
+    coriolis = 2.0 * math.sqrt(pipe.beta) * (-u if aspirating else u) * value
+    elastic = 1.0 + pipe.damping * value
+    y = np.array([0, 0, 1, 0, 0, 0, 0, 1], dtype=complex)
+    for low, high in pairwise(sorted({0.0, 1.0, *(f.at for f in fittings)})):
+        hanging = sum(f.mass for f in fittings if f.at > low)
+
+        def slope(s, y, hanging=hanging):
+            w, first, second, third = y.reshape(2, 4).T
+            tension = pipe.gamma * (1.0 - s + hanging) - thrust
+            fourth = tension * second - (pipe.gamma + coriolis) * first - value**2 * w
+            return np.stack([first, second, third, fourth / elastic], axis=1).ravel()
+
+        y = solve_ivp(slope, (low, high), y, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+        mass = sum(f.mass for f in fittings if f.at == high)
+        held = mass * value**2 + sum(f.stiffness for f in fittings if f.at == high)
+        w, first = y[0::4], y[1::4]
+        # Of the shear beyond what is before: at the free end nothing is beyond.
+        y[3::4] -= (held * w + pipe.gamma * mass * first) / elastic
+    return y[2] * y[7] - y[6] * y[3]
+
+
+def nearest_root(function, guess):
+    """Complex root by the secant method."""
+    values = [complex(guess), complex(guess) * (1.0 + 1e-5)]
+    found = [function(value) for value in values]
+    for _ in range(12):
+        step = found[1] * (values[1] - values[0]) / (found[1] - found[0])
+        values = [values[1], values[1] - step]
+        if abs(step) < 1e-11 * abs(values[1]):
+            return values[1]
+        found = [found[1], function(values[1])]
+    raise AssertionError("no root near by")
+
+
+# ------------------------------------------------------------------------------------- the basis
+
+
+@pytest.mark.parametrize("m", [3, 4, 20, 41])
+def test_panelled_functions_integrate_legendre_curvatures_from_the_clamp(m):
+    model = pd.Galerkin(pd.Pipe(0.2), m, "legendre", ALL)
+    ends = [0.0, 0.25, 0.6, 1.0]
+    s, weights = panel_gauss(ends, m + 3)
+    curvature = model.functions(s, 2)
+    np.testing.assert_allclose(curvature.T * weights @ curvature, np.eye(m), atol=1e-13)
+    at = np.array([0.1, 0.25, 0.4, 0.6, 0.77, 1.0])
+    slope, value = np.zeros((2, at.size, m))
+    for row, point in enumerate(at):
+        inner, inner_weights = panel_gauss([*(x for x in ends if x < point), point], m)
+        turned = model.functions(inner, 2) * inner_weights[:, None]
+        slope[row], value[row] = turned.sum(axis=0), (point - inner) @ turned
+    np.testing.assert_allclose(model.functions(at, 1), slope, atol=1e-13)
+    np.testing.assert_allclose(model.functions(at), value, atol=1e-13)
+
+
+def test_a_larger_basis_begins_with_the_smaller_one_and_serves_every_panel():
+    s = np.linspace(0.0, 1.0, 50)
+    fittings = (pd.Fitting(0.01, mass=1.0), pd.Fitting(0.4, mass=1.0))
+    largest = pd.Galerkin(pd.Pipe(0.2), 60, "legendre", fittings).functions(s, 2)
+    for m in (3, 10, 15, 31):
+        model = pd.Galerkin(pd.Pipe(0.2), m, "legendre", fittings)
+        np.testing.assert_allclose(model.functions(s, 2), largest[:, :m], atol=1e-12)
+        counts = [
+            int((np.abs(model.functions([point], 2)[0]) > 0).sum()) for point in (0.004, 0.2, 0.7)
+        ]
+        assert sum(counts) == m
+        assert min(counts) >= min(5, m // 3)
+        if m > 15:
+            assert counts == sorted(counts)
+
+
+@pytest.mark.parametrize("m", [5, 16, 40])
+def test_no_panel_has_more_functions_than_its_quadrature_serves(m):
+    """Operators by the model's own rule are those by far more nodes."""
+    model = pd.Galerkin(pd.Pipe(0.3, gamma=4.0), m, "legendre", ALL)
+    s, weights = panel_gauss([0.0, 0.25, 0.6, 1.0], m + 20)
+    value, slope = model.functions(s), model.functions(s, 1)
+    at = model.functions([f.at for f in ALL])
+    tension = 1.0 - s + 0.2 + 0.4 * (s < 0.25)
+    mass = value.T * weights @ value + at.T * [0.4, 0.0, 0.2] @ at
+    stiffness = np.eye(m) + 4.0 * slope.T * (weights * tension) @ slope
+    stiffness += at.T * [0.0, 50.0, 3.0] @ at
+    np.testing.assert_allclose(model.operators().mass, mass, atol=1e-14)
+    np.testing.assert_allclose(model.operators().stiffness, stiffness, atol=1e-12)
+
+
+# --------------------------------------------------------------------------------- linear answers
+
+
+def test_a_cantilever_with_an_end_mass_vibrates_at_the_textbooks_frequencies():
+    """Roots of 1 + cos k cosh k + mu k (cos k sinh k - sin k cosh k) = 0, omega = k^2."""
+    mu = 0.3
+
+    def characteristic(k):
+        ratio = math.cos(k) * math.tanh(k) - math.sin(k)
+        return 1.0 / math.cosh(k) + math.cos(k) + mu * k * ratio
+
+    k = np.linspace(0.5, 20.0, 400)
+    sign = np.array([characteristic(x) for x in k]) > 0.0
+    roots = [
+        brentq(characteristic, k[i], k[i + 1], xtol=1e-14)
+        for i in np.flatnonzero(sign[1:] != sign[:-1])
+    ]
+    found = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2), (pd.Fitting(1.0, mass=mu),)), 0.0, 10)
+    omega = np.sort(found.imag[found.imag > 0.0])
+    np.testing.assert_allclose(omega, np.square(roots[:5]), rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("beta", "u", "fittings", "damping"),
+    [
+        (0.2, 4.0, (pd.Fitting(1.0, stiffness=20.0),), 0.0),
+        (0.4, 6.0, SPRUNG, 1e-3),
+        (0.3, 3.0, ALL, 0.0),
+        (0.3, 3.0, ALL, 2e-3),
+    ],
+)
+def test_eigenvalues_are_roots_of_the_exponentials_determinant(beta, u, fittings, damping):
+    model = pd.Continuum(pd.Pipe(beta, damping=damping), fittings)
+    found = pd.eigenvalues(model, u, 6)
+    with mpmath.workdps(30):
+        for value in found[found.imag > 0.0]:
+            exact = mpmath.findroot(
+                lambda x: exponentials_determinant(x, u, beta, fittings, damping),
+                mpmath.mpmathify(complex(value)),
+                tol=1e-25,
+            )
+            assert abs(value - complex(exact)) < 1e-9 * abs(value)
+
+
+@pytest.mark.parametrize("fittings", [SPRUNG, LADEN, ALL], ids=["spring", "mass", "all"])
+def test_critical_speed_is_a_root_of_the_exponentials_determinant(fittings):
+    found = pd.critical_speed(pd.Continuum(pd.Pipe(0.2), fittings))
+    assert found.kind == "flutter"
+    with mpmath.workdps(25):
+
+        def parts(u, omega):
+            value = exponentials_determinant(1j * omega, u, 0.2, fittings)
+            return value.real, value.imag
+
+        guess = mpmath.mpf(found.speed), mpmath.mpf(found.frequency)
+        u, omega = mpmath.findroot(parts, guess, tol=1e-20)
+    assert found.speed == pytest.approx(float(u), rel=1e-10)
+    assert found.frequency == pytest.approx(float(omega), rel=1e-9)
+    assert abs(found.speed - float(u)) <= found.error + 1e-12
+    assert found.discretisation == found.error
+
+
+@pytest.mark.parametrize(
+    "pipe",
+    [
+        pd.Pipe(0.3, gamma=25.0),
+        pd.Pipe(0.6, gamma=-3.0, damping=5e-4),
+        pd.Pipe(0.1, gamma=8.0, flow="aspirating", alpha=1.4, damping=1e-3),
+    ],
+    ids=["hanging", "standing", "aspirating"],
+)
+def test_eigenvalues_with_weights_are_those_of_shooting(pipe):
+    u = 2.5
+    found = pd.eigenvalues(pd.Continuum(pipe, ALL), u, 8)
+    for value in found[found.imag > 0.0]:
+        exact = nearest_root(lambda x: shooting_determinant(x, u, pipe, ALL), value)
+        assert abs(value - exact) < 1e-8 * abs(value)
+
+
+def test_critical_speed_with_weights_is_that_of_shooting():
+    pipe = pd.Pipe(0.3, gamma=10.0)
+    found = pd.critical_speed(pd.Continuum(pipe, ALL))
+
+    def parts(both):
+        value = shooting_determinant(1j * both[1], both[0], pipe, ALL)
+        return value.real, value.imag
+
+    exact = root(parts, [found.speed, found.frequency], tol=1e-12).x
+    np.testing.assert_allclose([found.speed, found.frequency], exact, rtol=1e-8)
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_a_hung_mass_pulls_on_what_is_above_it(basis):
+    """The least weight at s that buckles a weightless column clamped at 0: (pi / 2 s)^2."""
+    at = 0.7
+    pipe = pd.Pipe(0.2, gamma=-1.0)
+    m = 60 if basis == "beam" else 24
+    laden = pd.Galerkin(pipe, m, basis, [pd.Fitting(at, mass=1.0)])
+    # The tip's mass makes the panels of the two models the same, and cancels.
+    weights = [pd.Fitting(at, stiffness=1e-300)]
+    plain = pd.Galerkin(pipe, m, basis, weights)
+    weight = plain.operators().stiffness - laden.operators().stiffness
+    elastic = np.diag(laden.elastic_scale**-2)
+    least = 1.0 / eigh(weight, elastic, eigvals_only=True)[-1]
+    assert least == pytest.approx((math.pi / 2.0 / at) ** 2, rel=1e-12 if m == 24 else 1e-3)
+
+
+def test_a_stiff_end_spring_tends_to_a_pin():
+    """Clamped-pinned divergence where tan u = u; the spring's give is of the order of 1 / k."""
+    exact = brentq(lambda u: math.sin(u) - u * math.cos(u), 4.0, 4.6, xtol=1e-14)
+    misses = []
+    for stiffness in (1e4, 1e5, 1e6):
+        fitting = pd.Fitting(1.0, stiffness=stiffness)
+        found = pd.critical_speed(pd.Continuum(pd.Pipe(0.2), [fitting]))
+        assert found.kind == "divergence"
+        misses.append(found.speed - exact)
+    assert abs(misses[2]) < 1e-4
+    np.testing.assert_allclose(misses[:2], np.multiply(misses[1:], 10.0), rtol=0.05)
+
+
+def test_panels_restore_exponential_convergence():
+    """A spring at mid-length: the first frequency's error, on panels and on one panel."""
+    fittings = (pd.Fitting(0.5, stiffness=100.0),)
+
+    def frequency(m, joints):
+        nodes, weights = panel_gauss([0.0, 0.5, 1.0], m + 3)
+        core = _core.Galerkin(
+            pipe=core_pipe(pd.Pipe(0.2)),
+            legendre=True,
+            size=m,
+            joints=np.array(joints),
+            nodes=nodes,
+            weights=weights,
+            fittings=core_fittings(fittings),
+        )
+        ops = core.operators()
+        return math.sqrt(1.0 / eigh(ops.mass, ops.stiffness, eigvals_only=True)[-1])
+
+    exact = frequency(30, [0.5])
+    sizes = np.array([6, 8, 10, 12])
+    errors = [frequency(m, [0.5]) / exact - 1.0 for m in sizes]
+    rate = -np.polyfit(sizes, np.log(errors), 1)[0]
+    assert rate > 2.0  # each function more divides the error by seven at least
+    assert errors[-1] < 2e-12
+    sizes = np.array([8, 12, 18, 27, 40])
+    errors = [frequency(m, []) / exact - 1.0 for m in sizes]
+    order = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+    assert 2.5 < order < 3.5
+    assert errors[-1] > 1e-8
+
+
+def test_beam_modes_converge_like_a_power():
+    """The first frequency; critical speeds do too, from either side by turns."""
+
+    def frequency(model):
+        return np.abs(pd.eigenvalues(model, 0.0, 2))[0]
+
+    exact = frequency(pd.Continuum(pd.Pipe(0.2), SPRUNG))
+    sizes = np.array([10, 15, 22, 33, 50])
+    models = [pd.Galerkin(pd.Pipe(0.2), m, "beam", SPRUNG) for m in sizes]
+    errors = [frequency(model) / exact - 1.0 for model in models]
+    order = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+    assert 2.5 < order < 3.5
+    assert errors[-1] < 1e-5
+    found = pd.critical_speed(models[0])
+    exact = pd.critical_speed(pd.Continuum(pd.Pipe(0.2), SPRUNG))
+    assert found.discretisation == pytest.approx(abs(found.speed - exact.speed), rel=1e-6)
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_sensitivities_are_differences(basis):
+    """To gamma above all, which pulls on the fittings too."""
+    numbers = {"beta": 0.3, "gamma": 6.0, "damping": 1e-3}
+    model = pd.Galerkin(pd.Pipe(**numbers), 14, basis, ALL)
+    found = pd.critical_speed(model)
+    for name, step in (("beta", 1e-4), ("gamma", 1e-3), ("damping", 1e-6)):
+        sides = [
+            pd.critical_speed(model.with_pipe(pd.Pipe(**{**numbers, name: numbers[name] + h})))
+            for h in (-step, step)
+        ]
+        speed = (sides[1].speed - sides[0].speed) / (2.0 * step)
+        frequency = (sides[1].frequency - sides[0].frequency) / (2.0 * step)
+        assert getattr(found.sensitivity.speed, name) == pytest.approx(speed, rel=1e-5)
+        assert getattr(found.sensitivity.frequency, name) == pytest.approx(frequency, rel=1e-5)
+
+
+def test_faint_damping_keeps_the_fittings():
+    """Passages at beta = 1e-12 are extrapolated from stronger pipes, which must carry them."""
+    strong, faint = (
+        pd.critical_speed(pd.Continuum(pd.Pipe(beta), ALL)).speed for beta in (1e-7, 1e-12)
+    )
+    assert faint == pytest.approx(strong, rel=1e-4)
+    assert abs(faint - pd.critical_speed(pd.Continuum(pd.Pipe(1e-12))).speed) > 0.1
+
+
+def test_many_fittings_settle_within_their_error():
+    fittings = [pd.Fitting(k / 10.0, mass=0.1, stiffness=5.0 * k) for k in range(1, 11)]
+    pipe = pd.Pipe(0.4, gamma=3.0, damping=1e-3)
+    found = pd.critical_speed(pd.Continuum(pipe, fittings))
+    finer = pd.critical_speed(pd.Galerkin(pipe, 90, "legendre", fittings))
+    assert abs(found.speed - finer.speed) <= found.error + finer.error
+    assert found.error < 1e-8
+
+
+def test_fittings_side_by_side_are_one():
+    """Too close for a panel between them: what that costs is the cube of the distance."""
+    pipe = pd.Pipe(0.2, gamma=2.0)
+    together = [pd.Fitting(0.5, mass=0.3, stiffness=40.0)]
+    beside = [pd.Fitting(0.5, mass=0.3), pd.Fitting(0.5 + 1e-7, stiffness=40.0)]
+    speeds = [pd.critical_speed(pd.Continuum(pipe, some)).speed for some in (together, beside)]
+    assert speeds[0] == pytest.approx(speeds[1], rel=1e-6)
+    assert pd.Galerkin(pipe, 8, "legendre", beside).panels == 2
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_fittings_at_one_place_add_up(basis):
+    pipe = pd.Pipe(0.2, gamma=2.0, drag=0.5)
+    whole = pd.Galerkin(pipe, 6, basis, [pd.Fitting(0.5, mass=0.3, stiffness=40.0)])
+    parts = [
+        pd.Fitting(0.5, stiffness=40.0),
+        pd.Fitting(0.5, mass=0.1),
+        pd.Fitting(0.5, mass=0.2),
+    ]
+    split = pd.Galerkin(pipe, 6, basis, parts)
+    for name in OPERATORS:
+        expected = getattr(whole.operators(), name)
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(getattr(split.operators(), name), expected, atol=1e-14 * size)
+    y = state(whole, np.random.default_rng(1), 1.0)
+    expected = whole.rhs(0.0, y, 3.0)
+    np.testing.assert_allclose(split.rhs(0.0, y, 3.0), expected, atol=1e-12 * abs(expected).max())
+
+
+def test_no_fittings_are_the_plain_pipe():
+    pipe = pd.Pipe(0.2, gamma=2.0)
+    plain = pd.critical_speed(pd.Continuum(pipe))
+    assert pd.critical_speed(pd.Continuum(pipe, fittings=())) == plain
+    assert type(pd.Galerkin(pipe, 4, fittings=[]).motion) is _core.GalerkinMotion
+
+
+# ------------------------------------------------------------------------------------- the motion
+
+
+EVERYTHING = pd.Pipe(0.4, gamma=-7.0, flow="aspirating", alpha=0.7, drag=1.5, damping=0.01)
+
+
+@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize("pipe", [EVERYTHING, pd.Pipe(0.3, gamma=5.0, drag=0.8)])
+def test_a_massless_fitting_leaves_the_plain_motion(pipe, basis):
+    """That of the vectorised kernel; beam modes on several panels, Legendre on one."""
+    at = (0.25, 0.6, 1.0) if basis == "beam" else (1.0,)
+    nothing = [pd.Fitting(s, mass=1e-15, stiffness=1e-15) for s in at]
+    plain, fitted = pd.Galerkin(pipe, 6, basis), pd.Galerkin(pipe, 6, basis, nothing)
+    rng = np.random.default_rng(2)
+    y = np.stack([state(plain, rng, angle) for angle in (0.2, 1.0, 2.5)], axis=1)
+    u = np.array([0.0, 3.0, 6.0])
+
+    def close(found, expected, tolerance=1e-9):
+        assert np.abs(found - expected).max() <= tolerance * np.abs(expected).max()
+
+    close(fitted.rhs(0.0, y, u), plain.rhs(0.0, y, u), 1e-7)  # drag's kinks
+    close(fitted.energy(y), plain.energy(y))
+    for name in ("flow", "joints", "drag"):
+        found, expected = (getattr(one.power(y, u), name) for one in (fitted, plain))
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-12)
+    smooth = pd.Pipe(pipe.beta, gamma=pipe.gamma, damping=pipe.damping)
+    plain, fitted = plain.with_pipe(smooth), fitted.with_pipe(smooth)
+    close(fitted.rhs(0.0, y, u), plain.rhs(0.0, y, u))
+    close(fitted.jacobian(0.0, y[:, 2], 6.0), plain.jacobian(0.0, y[:, 2], 6.0))
+    for name in OPERATORS:
+        found, expected = (getattr(one.operators(y[:6, 2]), name) for one in (fitted, plain))
+        assert np.abs(found - expected).max() <= 1e-9 * max(1.0, np.abs(expected).max())
+    close(fitted.tips(y[:6]), plain.tips(y[:6]))
+    close(fitted.tip_velocities(y[:6], y[6:]), plain.tip_velocities(y[:6], y[6:]))
+    close(fitted.bent(lambda s: s**2), plain.bent(lambda s: s**2))
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_fittings_load_the_pipe_as_newton_says(basis):
+    """What they change in the acceleration is the work of their inertia, weight and spring.
+
+    Their acceleration, and the virtual displacements, are differences of where they are.
+    """
+    fittings = ALL if basis == "beam" else (pd.Fitting(1.0, mass=0.3, stiffness=7.0),)
+    plain = pd.Galerkin(EVERYTHING, 5, basis)
+    fitted = pd.Galerkin(EVERYTHING, 5, basis, fittings)
+    at = np.array([f.at for f in fittings])
+    mass, stiffness = (np.array([getattr(f, k) for f in fittings]) for k in ("mass", "stiffness"))
+    y, u = state(plain, np.random.default_rng(3), 1.8), 4.0
+    q, rate = y[:5], y[5:]
+    there = fitted.rhs(0.0, y, u)[5:]
+    path = lambda t: plain.shape(q + rate * t + 0.5 * there * t**2, at)  # noqa: E731
+    load = mass[:, None] * (second_derivative(path, 1e-3) - [0.0, EVERYTHING.gamma])
+    load[:, 0] += stiffness * plain.shape(q, at)[:, 0]
+    work = [
+        np.sum(load * derivative(lambda h, i=i: plain.shape(q + h * np.eye(5)[i], at), 5e-3))
+        for i in range(5)
+    ]
+    change = plain.operators(q).mass @ (there - plain.rhs(0.0, y, u)[5:])
+    np.testing.assert_allclose(change, np.negative(work), atol=2e-6 * np.abs(work).max())
+
+
+def test_motion_on_panels_obeys_lagranges_equations():
+    """d/dt dL/dq' = dL/dq at rest flow, from the energy alone, which another test draws."""
+    model = pd.Galerkin(pd.Pipe(0.4, gamma=4.0), 6, "legendre", ALL)
+    y = state(model, np.random.default_rng(4), 1.5)
+    q, rate, still = y[:6], y[6:], np.zeros(6)
+    there = model.rhs(0.0, y, 0.0)[6:]
+    unit = np.eye(6)
+
+    def energy(q, rate):
+        return model.energy(np.concatenate([q, rate]))
+
+    def momentum(t):  # the kinetic energy is quadratic in the rates
+        q_t, rate_t = q + rate * t + 0.5 * there * t**2, rate + there * t
+        sides = [energy(q_t, rate_t + h) - energy(q_t, rate_t - h) for h in unit]
+        return 0.5 * np.array(sides)
+
+    def lagrangian(q):
+        return energy(q, rate) - 2.0 * energy(q, still)
+
+    force = [derivative(lambda h, i=i: lagrangian(q + h * unit[i]), 3e-3) for i in range(6)]
+    change = derivative(momentum, 1e-3)
+    np.testing.assert_allclose(change, force, atol=1e-7 * np.abs(force).max())
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_energy_is_that_of_the_drawn_shape_and_its_fittings(basis):
+    rng = np.random.default_rng(5)
+    model = pd.Galerkin(pd.Pipe(0.3, gamma=6.0), 6, basis, ALL)
+    y = state(model, rng, 2.0)
+    q, rate = y[:6], y[6:]
+    s, weights = panel_gauss([0.0, 0.25, 0.6, 1.0], 40)
+    s = np.append(s, [f.at for f in ALL])
+    mass = np.append(weights, [f.mass for f in ALL])
+    place = model.shape(q, s)
+    velocity = derivative(lambda t: model.shape(q + t * rate, s), 1e-3)
+    expected = 0.5 * weights @ (model.functions(s[: weights.size], 2) @ q) ** 2
+    expected += 6.0 * mass @ (s - place[:, 1]) + 0.5 * mass @ np.sum(velocity**2, axis=1)
+    expected += 0.5 * np.sum([f.stiffness for f in ALL] * place[-3:, 0] ** 2)
+    assert model.energy(y) == pytest.approx(expected, rel=1e-9)
+    assert model.energy(np.zeros(12)) == 0.0
+    tiny = np.concatenate([1e-9 * q, np.zeros(6)])
+    linear = 0.5 * tiny[:6] @ model.operators().stiffness @ tiny[:6]
+    assert model.energy(tiny) == pytest.approx(linear, rel=1e-9, abs=0.0)
+    np.testing.assert_allclose(model.tip_velocities(q[:, None], rate[:, None])[0], velocity[-1])
+
+
+@pytest.mark.parametrize("pipe", [EVERYTHING, pd.Pipe(0.3, gamma=5.0, drag=0.8)])
+@pytest.mark.parametrize("basis", BASES)
+def test_power_is_the_energys_rate_with_everything_on(basis, pipe):
+    rng = np.random.default_rng(6)
+    model = pd.Galerkin(pipe, 6, basis, ALL)
+    for angle in (0.5, 3.0):
+        y = state(model, rng, angle)
+        slope = model.rhs(0.0, y, 6.0)
+        pace = np.linalg.norm(slope) / np.linalg.norm(y)
+        rate = derivative(lambda t, y=y, slope=slope: model.energy(y + t * slope), 3e-3 / pace)
+        power = model.power(y, 6.0)
+        assert rate == pytest.approx(power.total, abs=1e-11 * model.energy(y) * pace)
+
+
+@pytest.mark.parametrize("drag", [0.0, 1.5])
+@pytest.mark.parametrize("basis", BASES)
+def test_jacobian_is_the_derivative_of_rhs(basis, drag):
+    pipe = pd.Pipe(0.4, gamma=-7.0, flow="aspirating", alpha=0.7, drag=drag, damping=0.01)
+    model = pd.Galerkin(pipe, 6, basis, ALL)
+    y = state(model, np.random.default_rng(7), 2.0)
+    scale = np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
+    found = model.jacobian(0.0, y, 5.0) * scale
+
+    def along(x, j):
+        return model.rhs(0.0, y + x * scale[j] * np.eye(12)[j], 5.0)
+
+    columns = [derivative(lambda x, j=j: along(x, j), 1e-2) for j in range(12)]
+    expected = np.stack(columns, axis=1)
+    error = np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)
+    assert error.max() < (3e-6 if drag else 1e-9)
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_small_motions_are_those_of_the_operators(basis):
+    model = pd.Galerkin(EVERYTHING, 6, basis, ALL)
+    mass, damping, stiffness = model.operators().at(5.0)
+    linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    jacobian = model.jacobian(0.0, np.zeros(12), 5.0)
+    np.testing.assert_allclose(jacobian[6:], linear, atol=1e-10 * np.abs(linear).max())
+    straight = model.operators(np.zeros(6))
+    for name in OPERATORS:
+        expected = getattr(model.operators(), name)
+        size = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(getattr(straight, name), expected, atol=1e-13 * size)
+
+
+def buckled(model, q):
+    """Rest near a configuration, by Newton's method on the force."""
+    for _ in range(30):
+        still = np.concatenate([q, np.zeros_like(q)])
+        ops = model.operators(q)
+        force = ops.mass @ model.rhs(0.0, still, 0.0)[q.size :]
+        step = np.linalg.solve(ops.stiffness, force)
+        q = q + step
+        if np.abs(step).max() < 1e-9:
+            return q
+    raise AssertionError("Newton's method found no rest")
+
+
+@pytest.mark.parametrize("degrees", [20.0, 60.0, 110.0])
+def test_under_an_end_weight_the_pipe_is_the_elastica(degrees):
+    """Weight K(k)^2 turns the end by alpha, k = sin(alpha / 2), to x = 2 k / K, y = 2 E / K - 1.
+
+    The pipe's own weight, a share of it, is extrapolated away.
+    """
+    alpha = math.radians(degrees)
+    k = math.sin(0.5 * alpha)
+    whole, second = ellipk(k**2), ellipe(k**2)
+    ends = []
+    for share in (2e-4, 1e-4):
+        pipe = pd.Pipe(0.2, gamma=-share * whole**2)
+        model = pd.Galerkin(pipe, 12, "legendre", [pd.Fitting(1.0, mass=1.0 / share)])
+        rest = buckled(model, model.bent(lambda s: alpha * np.sin(0.5 * math.pi * s)))
+        ends.append([*model.tip(rest), model.functions([1.0], 1)[0] @ rest])
+    expected = [2.0 * k / whole, 2.0 * second / whole - 1.0, alpha]
+    np.testing.assert_allclose(2.0 * np.array(ends[1]) - ends[0], expected, atol=1e-6)
+
+
+def test_operators_about_a_bent_pipe_are_its_small_motions():
+    """Standing under too much weight, held by springs, it rests bent."""
+    fittings = (
+        pd.Fitting(0.4, stiffness=8.0),
+        pd.Fitting(0.7, mass=0.5),
+        pd.Fitting(1.0, mass=0.5, stiffness=0.5),
+    )
+    model = pd.Galerkin(pd.Pipe(0.3, gamma=-4.0, damping=0.02), 8, "legendre", fittings)
+    rest = buckled(model, model.bent(lambda s: 2.0 * np.sin(0.5 * math.pi * s)))
+    assert abs(model.tip(rest)[0]) > 0.3
+    ops = model.operators(rest)
+    linear = np.linalg.solve(ops.mass, np.hstack([-ops.stiffness, -ops.damping]))
+    jacobian = model.jacobian(0.0, np.concatenate([rest, np.zeros(8)]), 0.0)
+    np.testing.assert_allclose(jacobian[8:], linear, atol=1e-9 * np.abs(linear).max())
+    np.testing.assert_allclose(ops.stiffness, ops.stiffness.T, atol=1e-12)
+
+
+@pytest.mark.parametrize("drag", [0.0, 1.0])
+@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize("m", [4, 8, 12])
+def test_quadrature_misses_less_than_it_says(m, basis, drag):
+    """Against far more nodes on each panel; short panels and long ones."""
+    rng = np.random.default_rng(8)
+    fittings = (pd.Fitting(0.5, mass=0.3), pd.Fitting(0.55, stiffness=200.0), pd.Fitting(1.0, 0.1))
+    model = pd.Galerkin(pd.Pipe(0.3, gamma=5.0, drag=drag), m, basis, fittings)
+    fine = _core.FittedMotion(
+        pipe=core_pipe(model.pipe),
+        legendre=basis == "legendre",
+        size=m,
+        joints=basis_joints(fittings) if basis == "legendre" else np.zeros(0),
+        fittings=core_fittings(fittings),
+        least_nodes=200 if drag else 100,
+    )
+    for angle in (0.3, 1.0, math.pi):
+        for speed in (1.0, 14.0, 40.0):
+            y = state(model, rng, angle, speed)
+            expected = fine.rhs(0.0, y, 6.0)
+            error = np.abs(model.rhs(0.0, y, 6.0) - expected)[m:].max()
+            assert error < (1e-6 if drag else 1e-10) * np.abs(expected[m:]).max()
+
+
+def test_a_batch_is_its_members_and_carries_the_work_done():
+    rng = np.random.default_rng(9)
+    model = pd.Galerkin(EVERYTHING, 5, "legendre", ALL)
+    y = np.stack([state(model, rng, angle) for angle in (0.0001, 0.3, 1.0, 3.0)], axis=1)
+    u = np.array([0.0, 2.0, 4.0, 6.0])
+    single = np.stack([model.rhs(0.0, y[:, k], u[k]) for k in range(4)], axis=1)
+    np.testing.assert_array_equal(model.rhs(0.0, y, u), single)
+    np.testing.assert_array_equal(model.energy(y), [model.energy(y[:, k]) for k in range(4)])
+    both = model.motion.rhs_and_power(0.0, np.vstack([y, np.ones(4)]), u)
+    np.testing.assert_array_equal(both[:10], single)
+    np.testing.assert_array_equal(both[10], model.power(y, u).total)
+    assert model.rhs(0.0, np.zeros((10, 0)), 1.0).shape == (10, 0)
+    np.testing.assert_allclose(model.rhs(0.0, -y, u), -single, atol=1e-9)
+
+
+@pytest.mark.parametrize("damping", [0.0, 5e-3])
+def test_simulated_motions_balance_their_energy_in_either_basis(damping):
+    pipe = pd.Pipe(0.2, gamma=3.0, drag=0.5, damping=damping)
+    fittings = (pd.Fitting(0.6, stiffness=20.0), pd.Fitting(1.0, mass=0.2))
+    angle = lambda s: 0.8 * np.sin(0.5 * math.pi * s)  # noqa: E731
+    legendre, beam = (
+        pd.simulate(pd.Galerkin(pipe, m, basis, fittings), 4.0, 1.0, angle, samples=21, rtol=1e-7)
+        for m, basis in ((8, "legendre"), (8, "beam"))
+    )
+    assert legendre.audit < 1e-6
+    assert beam.audit < 1e-6
+    np.testing.assert_allclose(legendre.tip, beam.tip, atol=5e-3)
+    speeds = [3.0, 4.0]
+    members = pd.simulate_many(legendre.model, speeds, 1.0, angle, samples=21, rtol=1e-7)
+    np.testing.assert_allclose(members.motions[1].tip, legendre.tip, atol=1e-6)
+
+
+# ---------------------------------------------------------------------------------- as an object
+
+
+def test_models_keep_show_and_pickle_their_fittings():
+    pipe, other = pd.Pipe(0.2), pd.Pipe(0.3, gamma=1.0)
+    continuum = pd.Continuum(pipe, list(ALL))
+    model = continuum.frozen(9)
+    for one in (continuum, model, pickle.loads(pickle.dumps(model)), continuum.with_pipe(other)):
+        assert one.fittings == ALL
+        assert "Fitting(0.25, mass=0.4), Fitting(0.6, stiffness=50)" in repr(one)
+    assert continuum.with_pipe(other).pipe == model.with_pipe(other).pipe == other
+    assert model.with_pipe(other).fittings == ALL
+    assert (model.panels, pd.Galerkin(pipe, 9, "beam", ALL).panels) == (3, 1)
+    assert pickle.loads(pickle.dumps(ALL[0])) == ALL[0]
+    assert "fittings" not in repr(pd.Galerkin(pipe, 3)) + repr(pd.Continuum(pipe))
+    assert pd.modes(continuum, 1.0, 4).converged.all()
+    loci = pd.root_loci(continuum, [0.0, 1.0, 2.0], 4)
+    values = np.concatenate([loci.eigenvalues[-1], loci.partners[-1]])
+    found = pd.eigenvalues(continuum, 2.0, 8)
+    assert max(np.abs(values - one).min() for one in found) < 1e-7
+
+
+NAN, INF = math.nan, math.inf
+PIPE = pd.Pipe(0.2)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: pd.Fitting(0.0, mass=1.0), ValueError, "at must lie in (0, 1], got 0.0"),
+        (lambda: pd.Fitting(1.1, mass=1.0), ValueError, "at must lie in (0, 1], got 1.1"),
+        (lambda: pd.Fitting(NAN, mass=1.0), ValueError, "at must lie in (0, 1], got nan"),
+        (lambda: pd.Fitting("end", mass=1.0), TypeError, "at must be a real number, got 'end'"),
+        (lambda: pd.Fitting(0.5, mass=-1.0), ValueError, "mass must lie in [0, 1e+06], got -1.0"),
+        (lambda: pd.Fitting(0.5, mass=INF), ValueError, "mass must lie in [0, 1e+06], got inf"),
+        (lambda: pd.Fitting(0.5, mass=True), TypeError, "mass must be a real number, got True"),
+        (
+            lambda: pd.Fitting(0.5, stiffness=-2.0),
+            ValueError,
+            "stiffness must lie in [0, 1e+09], got -2.0",
+        ),
+        (
+            lambda: pd.Fitting(0.5, stiffness=NAN),
+            ValueError,
+            "stiffness must lie in [0, 1e+09], got nan",
+        ),
+        (lambda: pd.Fitting(0.5), ValueError, "mass or stiffness must be > 0, got 0 for both"),
+        *(
+            (lambda make=make, v=v: make(v), TypeError, "fittings must be a tuple or list, got ")
+            for make in (
+                lambda v: pd.Galerkin(PIPE, 3, fittings=v),
+                lambda v: pd.Continuum(PIPE, v),
+            )
+            for v in (None, ALL[0], "mass", iter(ALL))
+        ),
+        (
+            lambda: pd.Continuum(PIPE, [ALL[0], (0.5, 1.0)]),
+            TypeError,
+            "fittings[1] must be a Fitting, got (0.5, 1.0)",
+        ),
+        (
+            lambda: pd.Continuum(PIPE, 401 * ALL[:1]),
+            ValueError,
+            "fittings must be at most 400, got 401",
+        ),
+        (
+            lambda: pd.Galerkin(PIPE, 2, "legendre", ALL),
+            ValueError,
+            "m must be at least 3, the number of panels between fittings, got 2",
+        ),
+        (
+            lambda: pd.Galerkin(PIPE, 4, fittings=ALL).operators(np.zeros(5)),
+            ValueError,
+            "q must have 4 entries, got 5",
+        ),
+        (
+            lambda: pd.Galerkin(PIPE, 4, fittings=ALL).rhs(0.0, np.zeros(7), 1.0),
+            ValueError,
+            "y must have shape (8,) or (8, k), got (7,)",
+        ),
+    ],
+)
+def test_bad_fittings_are_refused(make, error, message):
+    with pytest.raises(error, match=re.escape(message)):
+        make()
