@@ -188,6 +188,19 @@ Numbers scene_rhs(const Scene& scene, const py::object&, const py::object& y, co
   return rates;
 }
 
+Numbers scene_angle_rates(const Scene& scene, const py::object&, const py::object& y,
+                          const py::object& u) {
+  const py::ssize_t rows = 2 * scene.segments() + 1;
+  const States states("y", y, rows);
+  const Speeds speeds("u", u, states);
+  Numbers rates = pipedyn::new_numbers(rows, states.members, states.one);
+  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  double* const out = rates.mutable_data();
+  pipedyn::run(enforcement_work * scene.segments() * states.members,
+               [&] { scene.angle_rates(batch, out); });
+  return rates;
+}
+
 NumberOrArray scene_energy(const Scene& scene, const py::object& y) {
   const States states("y", y, 2 * scene.coordinates());
   const double still = 0.0;
@@ -323,6 +336,16 @@ void define_scene(py::module_& m) {
           },
           "y"_a, "acceleration"_a)
       .def("from_angles", scene_from_angles, "theta"_a, "omega"_a)
+      .def(
+          "project",
+          [](const Scene& scene, pipedyn::Matrix theta, pipedyn::Matrix omega) {
+            scene.project(theta, omega);
+            return std::make_pair(theta, omega);
+          },
+          "theta"_a, "omega"_a, Unlocked())
+      .def_property_readonly_static("return_rate",
+                                    [](const py::object&) { return Scene::return_rate; })
+      .def("angle_rates", scene_angle_rates, "t"_a, "y"_a, "u"_a)
       .def("rhs", scene_rhs, "t"_a, "y"_a, "u"_a, "force"_a = py::none())
       .def("energy", scene_energy, "y"_a)
       .def("power", scene_power, "y"_a, "u"_a)

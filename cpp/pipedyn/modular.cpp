@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/modular.hpp"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -94,6 +95,21 @@ Enforcement Scene::assemble(const Pipe& pipe, const Modules& given) {
     groups.push_back({constraint.coordinates(), constraint.rows()});
     rows_ += constraint.rows();
     matrix_size_ += constraint.rows() * static_cast<Index>(groups.back().coordinate.size());
+  }
+  for (const Constraint& constraint : constraints_) {
+    const auto hold = [&](Index axis, double value) {
+      const auto same = [&](const Held& other) {
+        return other.node == constraint.node && other.axis == axis;
+      };
+      if (std::none_of(held_.begin(), held_.end(), same)) {
+        held_.push_back({constraint.node, axis, value});
+      }
+    };
+    if (constraint.kind == Constraint::Kind::guide) hold(0, 0.0);
+    if (constraint.kind == Constraint::Kind::pin) {
+      hold(0, constraint.x);
+      hold(1, constraint.y);
+    }
   }
   std::vector<double> scale(count(3 * n), 1.0);
   for (Index j = 1; j <= n; ++j) scale[count(phi_of(j))] = 1.0 / length[j - 1];
@@ -216,6 +232,75 @@ Matrix Scene::from_angles(const Matrix& theta, const Matrix& omega) const {
     }
   }
   return states;
+}
+
+void Scene::project_one(Vector& theta, Vector& omega) const {
+  constexpr double close = 1e-13, rank = 1e-9;
+  constexpr int most_steps = 20;
+  const Index n = segments(), held = static_cast<Index>(held_.size());
+  Matrix rows(held, n);
+  Vector missed(held);
+  Eigen::CompleteOrthogonalDecomposition<Matrix> factors;
+  factors.setThreshold(rank);
+  for (int step = 0; step < most_steps; ++step) {
+    const Eigen::ArrayXd sine = theta.array().sin(), cosine = theta.array().cos();
+    rows.setZero();
+    for (Index i = 0; i < held; ++i) {
+      const Held& one = held_[count(i)];
+      double place = one.axis == 0 ? 0.0 : base_;
+      for (Index j = 0; j < one.node; ++j) {
+        place += length_[j] * (one.axis == 0 ? sine[j] : cosine[j]);
+        rows(i, j) = length_[j] * (one.axis == 0 ? cosine[j] : -sine[j]);
+      }
+      missed[i] = place - one.value;
+    }
+    factors.compute(rows);
+    if (missed.cwiseAbs().maxCoeff() <= close) {
+      omega -= factors.solve(rows * omega);
+      return;
+    }
+    theta -= factors.solve(missed);
+  }
+  theta.setConstant(std::numeric_limits<double>::quiet_NaN());
+  omega = theta;
+}
+
+void Scene::project(Matrix& theta, Matrix& omega) const {
+  require("theta", theta.rows(), segments());
+  require("omega", omega.rows(), segments());
+  if (held_.empty()) return;
+  for (Index k = 0; k < theta.cols(); ++k) {
+    Vector angles = theta.col(k), rates = omega.col(k);
+    project_one(angles, rates);
+    theta.col(k) = angles;
+    omega.col(k) = rates;
+  }
+}
+
+void Scene::angle_rates(const Batch& batch, double* rates) const {
+  const Index n = segments(), size = coordinates(), members = batch.members;
+  Vector theta(n), omega(n), met_theta(n), met_omega(n), moved(2 * size);
+  for (Index k = 0; k < members; ++k) {
+    for (Index j = 0; j < n; ++j) {
+      theta[j] = batch.y[j * members + k];
+      omega[j] = batch.y[(n + j) * members + k];
+    }
+    met_theta = theta;
+    met_omega = omega;
+    if (!held_.empty()) project_one(met_theta, met_omega);
+    const Matrix state = from_angles(met_theta, met_omega);
+    const Batch one{state.data(), batch.u + k * batch.u_step, 1, 0};
+    rhs(one, nullptr, moved.data());
+    double flow = 0.0, joints = 0.0, drag = 0.0, others = 0.0;
+    power(one, {&flow, &joints, &drag, &others});
+    double turning = 0.0;  // of the segment: the joints' accelerations up to it
+    for (Index j = 0; j < n; ++j) {
+      turning += moved[size + phi_of(j + 1)];
+      rates[j * members + k] = met_omega[j] - return_rate * (theta[j] - met_theta[j]);
+      rates[(n + j) * members + k] = turning - return_rate * (omega[j] - met_omega[j]);
+    }
+    rates[2 * n * members + k] = flow + joints + drag + others;
+  }
 }
 
 template <class Work>

@@ -80,11 +80,30 @@ class Scene {
   /// What flow, joints, drag and dashpots add to the energy in unit time.
   void power(const Batch& batch, const ScenePowerParts& out) const;
 
+  /// Angles and rates (n, k) close to those given that meet guides and pins, by Newton's method in
+  /// least steps; NaN where there are none close by.
+  void project(Matrix& theta, Matrix& omega) const;
+
+  /// Rate at which a state beside guides and pins returns to them, as fast as flutter turns.
+  static constexpr double return_rate = 10.0;
+
+  /// Rates of [theta, theta', work done] (2 n + 1, members). With P the projection above, the state
+  /// moves as P(y) does, and y - P(y) decays at return_rate: what an integrator errs beside guides
+  /// and pins does not grow. Clamps and joints are met to rounding at any angles.
+  void angle_rates(const Batch& batch, double* rates) const;
+
   /// Coordinate that moves most in a direction that the constraints allow at q and that has no
   /// inertia, -1 if there is none.
   Index lacking(const Vector& q) const;
 
  private:
+  /// A coordinate of a node that guides or pins hold.
+  struct Held {
+    Index node;
+    Index axis;  // 0 for x, 1 for y
+    double value;
+  };
+
   double direction_;
   double base_;
   Vector length_;
@@ -93,8 +112,9 @@ class Scene {
              std::vector<Drag>, std::vector<FurtherInertia>>
       modules_;
   std::vector<Constraint> constraints_;
-  Index rows_ = 0;         // of all constraints
-  Index matrix_size_ = 0;  // entries of their A
+  std::vector<Held> held_;  // each once
+  Index rows_ = 0;          // of all constraints
+  Index matrix_size_ = 0;   // entries of their A
   Enforcement enforcement_;
 
   Enforcement assemble(const Pipe& pipe, const Modules& given);
@@ -103,6 +123,7 @@ class Scene {
   template <class Work>
   void for_each_member(const Batch& batch, const Work& work) const;
   Motion motion(const double* y, double u) const;
+  void project_one(Vector& theta, Vector& omega) const;
   void fill_constraints(const Motion& motion, double* residual, double* matrix,
                         double* right_side) const;
 };

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _check
-from pipedyn.fitting import Fitting, checked_fittings
+from pipedyn.fitting import Fitting, basis_joints, checked_fittings
 from pipedyn.galerkin import LARGEST_BASIS, Galerkin
 from pipedyn.model import Model, NotConverged, checked_pipe
 from pipedyn.pipe import Pipe

@@ -109,7 +109,9 @@ class Assembly(Model):
     @cached_property
     def motion(self) -> SceneMotion:
         """The equations of motion in the angles of the segments, as integrators take them."""
-        return SceneMotion(self.core, self._layout, self._customs, self._accelerations)
+        plain = not self._customs and self._enforcement == "orthonormal"
+        accelerations = None if plain else self._accelerations
+        return SceneMotion(self.core, self._layout, self._customs, accelerations)
 
     def __getstate__(self) -> dict[str, Any]:
         compiled = ("core", "motion", "_linear")

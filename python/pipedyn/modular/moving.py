@@ -4,10 +4,10 @@
 Redundant coordinates that follow from the angles meet every clamp and joint to rounding, at any
 time. Guides and pins are met by a projection P of each state, and
 
-    y' = f(P(y)) - RETURN (y - P(y)),
+    y' = f(P(y)) - return_rate (y - P(y)),
 
 so that what an integrator's errors leave beside the constraints decays. Recorded is P(y): nothing
-is left to grow.
+is left to grow. Without modules in Python all of it is compiled (cpp/pipedyn/modular.hpp).
 """
 
 from __future__ import annotations
@@ -22,12 +22,6 @@ from pipedyn._check import Array
 from pipedyn.modular.custom import CustomForce
 from pipedyn.modular.layout import Layout
 
-RETURN = 10.0
-"""Rate, in 1 / T, at which a state returns to the guides and pins: as fast as flutter turns."""
-
-CLOSE = 1e-13
-"""What the projection may leave, in L."""
-
 
 class SceneMotion:
     """Equations of motion in the angles.
@@ -36,7 +30,8 @@ class SceneMotion:
         core: the compiled scene.
         layout: where its parts are.
         customs: modules of the user's own.
-        accelerations: dy/dt of redundant states (6 n,) or (6 n, k) at a flow speed.
+        accelerations: dy/dt of redundant states (6 n,) or (6 n, k) at a flow speed; None where
+            the core's will do.
     """
 
     def __init__(
@@ -44,13 +39,15 @@ class SceneMotion:
         core: _core.Scene,
         layout: Layout,
         customs: Sequence[CustomForce],
-        accelerations: Callable[[Array, Any], Array],
+        accelerations: Callable[[Array, Any], Array] | None,
     ) -> None:
         self.core, self.layout = core, layout
         self.customs, self.accelerations = customs, accelerations
 
     def rhs_and_power(self, t: float, y: Array, u: Any) -> Array:
         """Rates of [theta, theta', work done], shape (2 n + 1,) or (2 n + 1, k)."""
+        if self.accelerations is None:
+            return self.core.angle_rates(t, y, u)
         n = self.layout.size
         theta, omega = y[:n], y[n : 2 * n]
         met_theta, met_omega = self.projected(theta, omega)
@@ -59,8 +56,8 @@ class SceneMotion:
         rates = np.empty_like(y)
         rates[:n], rates[n : 2 * n] = met_omega, turning
         if self.layout.closings:
-            rates[:n] -= RETURN * (theta - met_theta)
-            rates[n : 2 * n] -= RETURN * (omega - met_omega)
+            rates[:n] -= self.core.return_rate * (theta - met_theta)
+            rates[n : 2 * n] -= self.core.return_rate * (omega - met_omega)
         flow, joints, drag, others = self.core.power(state, u)
         rates[2 * n] = flow + joints + drag + others
         if self.customs:
@@ -103,29 +100,13 @@ class SceneMotion:
         return self.core.from_angles(*self.projected(theta, omega))
 
     def projected(self, theta: Array, omega: Array) -> tuple[Array, Array]:
-        """Angles and rates that meet guides and pins, close to those given.
-
-        Raises:
-            ValueError: if there are none close by.
-        """
+        """Angles and rates that meet guides and pins, close to those given; NaN without any."""
         if not self.layout.closings:
             return theta, omega
-        if theta.ndim == 1:
-            return self._projected(theta, omega)
-        pairs = [self._projected(*pair) for pair in zip(theta.T, omega.T, strict=True)]
-        return np.stack([p for p, _ in pairs], axis=1), np.stack([r for _, r in pairs], axis=1)
-
-    def _projected(self, theta: Array, omega: Array) -> tuple[Array, Array]:
-        if not (np.isfinite(theta).all() and np.isfinite(omega).all()):
-            raise ValueError("the state must be finite")
-        for _ in range(20):
-            missed = self.layout.missed(theta)
-            rows = self.layout.rows(theta)
-            back = np.linalg.pinv(rows, rcond=1e-9)
-            if np.abs(missed).max() <= CLOSE:
-                return theta, omega - back @ (rows @ omega)
-            theta = theta - back @ missed
-        raise ValueError("the state must stay close to its guides and pins")
+        shape = theta.shape
+        n = self.layout.size
+        met = self.core.project(theta.reshape(n, -1), omega.reshape(n, -1))
+        return met[0].reshape(shape), met[1].reshape(shape)
 
     def jacobian(
         self, y: Array, u: float, accelerations_by: Callable[[Array, float], Array]
@@ -154,5 +135,5 @@ class SceneMotion:
             rows = self.layout.rows(theta)
             away = np.linalg.pinv(rows, rcond=1e-9) @ rows
             onto = np.kron(np.eye(2), np.eye(n) - away)
-            whole = whole @ onto - RETURN * np.kron(np.eye(2), away)
+            whole = whole @ onto - self.core.return_rate * np.kron(np.eye(2), away)
         return whole
