@@ -10,6 +10,7 @@
 
 #include "arguments.hpp"
 #include "pipedyn/chain.hpp"
+#include "pipedyn/fitted_motion.hpp"
 #include "pipedyn/galerkin.hpp"
 #include "pipedyn/galerkin_motion.hpp"
 #include "pipedyn/levels.hpp"
@@ -20,8 +21,9 @@ namespace py = pybind11;
 using namespace py::literals;
 using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Operators,
     pipedyn::Pipe, pipedyn::Segments;
-using pipedyn::Batch, pipedyn::GalerkinMotion, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
-using pipedyn::Scene, pipedyn::Triplets;
+using pipedyn::Batch, pipedyn::FittedMotion, pipedyn::Fitting, pipedyn::Fittings,
+    pipedyn::GalerkinMotion, pipedyn::Numbers, pipedyn::Scene, pipedyn::Speeds, pipedyn::States,
+    pipedyn::Triplets;
 
 namespace {
 
@@ -30,6 +32,7 @@ using Unlocked = py::call_guard<py::gil_scoped_release>;
 /// Work of a state, in that of a chain's segment.
 py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const GalerkinMotion& motion) { return 4 * motion.dof() * motion.dof(); }
+py::ssize_t work_of(const FittedMotion&) { return 1000; }  // of the smallest
 
 template <class Model>
 Numbers rhs(const Model& model, const py::object&, const py::object& y, const py::object& u) {
@@ -384,13 +387,20 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def_readonly_static("band_width", &Chain::band_width);
   define_motion(chain);
 
-  py::class_<Galerkin>(m, "Galerkin")
-      .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size, pipedyn::Vector nodes,
-                       pipedyn::Vector weights) {
-             return Galerkin(pipe, Basis(legendre ? Family::legendre : Family::beam, size),
-                             std::move(nodes), std::move(weights));
+  py::class_<Fitting>(m, "Fitting")
+      .def(py::init([](double at, double mass, double stiffness) {
+             return Fitting{at, mass, stiffness};
            }),
-           "pipe"_a, "legendre"_a, "size"_a, "nodes"_a, "weights"_a)
+           "at"_a, "mass"_a, "stiffness"_a);
+
+  py::class_<Galerkin>(m, "Galerkin")
+      .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
+                       const pipedyn::Vector& joints, pipedyn::Vector nodes,
+                       pipedyn::Vector weights, Fittings fittings) {
+             return Galerkin(pipe, Basis(legendre ? Family::legendre : Family::beam, size, joints),
+                             std::move(nodes), std::move(weights), std::move(fittings));
+           }),
+           "pipe"_a, "legendre"_a, "size"_a, "joints"_a, "nodes"_a, "weights"_a, "fittings"_a)
       .def("operators", &Galerkin::operators, Unlocked())
       .def(
           "basis",
@@ -411,6 +421,20 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("nodes", &GalerkinMotion::nodes, "q"_a, Unlocked())
       .def("operators", &GalerkinMotion::operators, "q"_a, Unlocked());
   define_motion(galerkin_motion);
+
+  py::class_<FittedMotion> fitted_motion(m, "FittedMotion");
+  fitted_motion
+      .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
+                       const pipedyn::Vector& joints, const Fittings& fittings,
+                       pipedyn::Index least_nodes) {
+             return std::make_unique<FittedMotion>(
+                 pipe, Basis(legendre ? Family::legendre : Family::beam, size, joints), fittings,
+                 least_nodes);
+           }),
+           "pipe"_a, "legendre"_a, "size"_a, "joints"_a, "fittings"_a, "least_nodes"_a = 0)
+      .def("nodes", &FittedMotion::nodes, "q"_a, Unlocked())
+      .def("operators", &FittedMotion::operators, "q"_a, Unlocked());
+  define_motion(fitted_motion);
 
   define_scene(m);
 }

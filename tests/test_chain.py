@@ -12,7 +12,7 @@ from independent import lagrangian_operators
 from scipy.linalg import eigvalsh
 
 import pipedyn as pd
-from pipedyn.spectrum import BandPencil, DensePencil
+from pipedyn.pencil import BandPencil, DensePencil
 
 FIRST_BEAM_FREQUENCY = 1.8751040687119612**2
 """First root of cos(k) cosh(k) = -1, squared (physics.md, section 2: 1.8751040687)."""

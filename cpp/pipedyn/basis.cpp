@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/basis.hpp"
 
+#include <algorithm>
 #include <numbers>
 #include <stdexcept>
+#include <string>
 
 namespace pipedyn {
 
@@ -44,35 +46,96 @@ Matrix legendre(const Vector& s, Index count) {
   return values;
 }
 
+// Functions with the first normalised Legendre polynomials for curvature on all of [0, 1], or their
+// derivatives.
+Matrix legendre_functions(const Vector& s, Index count, int derivative) {
+  const Matrix polynomials = legendre(s, count + 2);
+  Vector norm(count);
+  for (Index i = 0; i < count; ++i) norm[i] = std::sqrt(2.0 * static_cast<double>(i) + 1.0);
+  if (derivative == 2) return polynomials.leftCols(count) * norm.asDiagonal();
+  const Matrix slopes = integrate_legendre(polynomials, s);  // of P_0 .. P_count
+  if (derivative == 1) return slopes.leftCols(count) * norm.asDiagonal();
+  Matrix out(s.size(), count);
+  out.col(0) = 0.5 * s.array().square();
+  for (Index i = 1; i < count; ++i) {
+    out.col(i) = norm[i] * (slopes.col(i + 1) - slopes.col(i - 1)) /
+                 (2.0 * (2.0 * static_cast<double>(i) + 1.0));
+  }
+  return out;
+}
+
 }  // namespace
 
-Basis::Basis(Family family, Index m) : family_(family), size_(m) {
+Basis::Basis(Family family, Index m, const Vector& joints)
+    : family_(family), size_(m), ends_(joints.size() + 2) {
   if (m < 1) throw std::invalid_argument("a basis must have at least one function");
   if (family == Family::beam) {
+    if (joints.size() > 0) throw std::invalid_argument("beam modes have no panels");
     roots_.resize(m);
     for (Index i = 0; i < m; ++i) roots_[i] = beam_root(i);
   }
+  ends_ << 0.0, joints, 1.0;
+  const Index panels = ends_.size() - 1;
+  const Vector lengths = ends_.tail(panels) - ends_.head(panels);
+  if (!(lengths.array() > 0.0).all()) {
+    throw std::invalid_argument("joints must ascend between 0 and 1");
+  }
+  if (m < panels) {
+    throw std::invalid_argument("a basis must have at least one function for each of " +
+                                std::to_string(panels) + " panels");
+  }
+  numbers_.resize(static_cast<std::size_t>(panels));
+  Vector share = lengths + Vector::Ones(panels);  // those without any come first
+  for (Index i = 0; i < m; ++i) {
+    Index panel = 0;
+    share.maxCoeff(&panel);
+    std::vector<Index>& numbers = numbers_[static_cast<std::size_t>(panel)];
+    numbers.push_back(i);
+    share[panel] = lengths[panel] / static_cast<double>(numbers.size());
+  }
+}
+
+Index Basis::most_on_a_panel() const {
+  std::size_t most = 0;
+  for (const std::vector<Index>& numbers : numbers_) most = std::max(most, numbers.size());
+  return static_cast<Index>(most);
+}
+
+Matrix Basis::evaluate_panels(const Vector& s, int derivative) const {
+  Matrix out(s.size(), size_);
+  for (std::size_t panel = 0; panel < numbers_.size(); ++panel) {
+    const std::vector<Index>& numbers = numbers_[panel];
+    const double low = ends_[static_cast<Index>(panel)],
+                 high = ends_[static_cast<Index>(panel) + 1];
+    const double length = high - low;
+    const Vector local = ((s.array() - low) / length).cwiseMax(0.0).cwiseMin(1.0);
+    Matrix values = std::pow(length, 1.5 - derivative) *
+                    legendre_functions(local, static_cast<Index>(numbers.size()), derivative);
+    if (derivative == 0) {  // of the slopes at a panel's end only the first is not 0
+      values.col(0).array() += std::sqrt(length) * (s.array() - high).cwiseMax(0.0);
+    }
+    if (derivative == 2) {
+      for (Index p = 0; p < s.size(); ++p) {
+        const bool inside = s[p] >= low && (s[p] < high || high == 1.0);
+        if (!inside) values.row(p).setZero();
+      }
+    }
+    for (std::size_t k = 0; k < numbers.size(); ++k) {
+      out.col(numbers[k]) = values.col(static_cast<Index>(k));
+    }
+  }
+  return out;
 }
 
 Matrix Basis::evaluate(const Vector& s, int derivative) const {
   if (derivative < 0 || derivative > 2) {
     throw std::invalid_argument("derivative must be 0, 1 or 2");
   }
-  Matrix out(s.size(), size_);
   if (family_ == Family::legendre) {
-    const Matrix polynomials = legendre(s, size_ + 2);
-    Vector norm(size_);
-    for (Index i = 0; i < size_; ++i) norm[i] = std::sqrt(2.0 * static_cast<double>(i) + 1.0);
-    if (derivative == 2) return polynomials.leftCols(size_) * norm.asDiagonal();
-    const Matrix slopes = integrate_legendre(polynomials, s);  // of P_0 .. P_m
-    if (derivative == 1) return slopes.leftCols(size_) * norm.asDiagonal();
-    out.col(0) = 0.5 * s.array().square();
-    for (Index i = 1; i < size_; ++i) {
-      out.col(i) = norm[i] * (slopes.col(i + 1) - slopes.col(i - 1)) /
-                   (2.0 * (2.0 * static_cast<double>(i) + 1.0));
-    }
-    return out;
+    return numbers_.size() > 1 ? evaluate_panels(s, derivative)
+                               : legendre_functions(s, size_, derivative);
   }
+  Matrix out(s.size(), size_);
   for (Index i = 0; i < size_; ++i) {
     const double kappa = roots_[i];
     const double decay = std::exp(-kappa);

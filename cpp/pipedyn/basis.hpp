@@ -4,6 +4,8 @@
 // which a reduced model projects.
 #pragma once
 
+#include <vector>
+
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {
@@ -14,29 +16,48 @@ enum class Family {
 };
 
 /// The first m functions of a family. Immutable.
+///
+/// A fitting inside the pipe makes the shear jump, which curvatures that are smooth all along
+/// follow only algebraically. So Legendre curvatures may live on panels that end there: on a panel
+/// of length h from a, w_i'' = sqrt((2 k + 1) / h) P_k(2 (s - a) / h - 1), elsewhere 0, and w_i',
+/// w_i are the integrals from the clamp, constant and linear beyond the panel. The unit stiffness
+/// stays. Function by function the panel with the greatest length per function gets the next one,
+/// first of all those without any (Adams's rule): panel of length h holds at least one and at most
+/// ceil(m h), and the first functions of a larger basis are those of a smaller one.
 class Basis {
  public:
-  /// Throws std::invalid_argument if m < 1.
-  Basis(Family family, Index m);
+  /// joints: inner ends of the panels, ascending; none for beam modes. Throws
+  /// std::invalid_argument unless 0 < joints < 1 ascend and m is at least the number of panels.
+  Basis(Family family, Index m, const Vector& joints = Vector());
 
   Family family() const { return family_; }
   Index size() const { return size_; }
+
+  /// Ends of the panels, from 0 to 1.
+  const Vector& ends() const { return ends_; }
+  /// Number of functions on the panel that has most.
+  Index most_on_a_panel() const;
 
   /// w_i, w_i' or w_i'' (derivative 0, 1, 2) at the points s, shape (len(s), m), O(len(s) m).
   /// Beam modes are written with exponentials that decay from either end, which holds at any
   /// number: with e = exp(-kappa), A = (sin kappa - cos kappa - e) / (1 - e^2 + 2 e sin kappa),
   ///   w = -cos(kappa s) + (1 - 2 A e) sin(kappa s) + A exp(-kappa (1 - s))
   ///       + (1 - A e) exp(-kappa s).
-  /// Throws std::invalid_argument for another derivative.
+  /// At a joint the curvature is that of the panel beyond. Throws std::invalid_argument for another
+  /// derivative.
   Matrix evaluate(const Vector& s, int derivative) const;
 
   /// Elastic stiffness of each function, integral of w_i''^2, shape (m,).
   Vector stiffness() const;
 
  private:
+  Matrix evaluate_panels(const Vector& s, int derivative) const;
+
   Family family_;
   Index size_;
   Vector roots_;  // beam only: kappa_i, roots of cos(kappa) cosh(kappa) = -1
+  Vector ends_;
+  std::vector<std::vector<Index>> numbers_;  // of the functions on each panel, by degree
 };
 
 }  // namespace pipedyn

@@ -6,11 +6,12 @@
 
 namespace pipedyn {
 
-Galerkin::Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights)
+Galerkin::Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights, Fittings fittings)
     : pipe_(pipe),
       basis_(std::move(basis)),
       nodes_(std::move(nodes)),
-      weights_(std::move(weights)) {
+      weights_(std::move(weights)),
+      fittings_(std::move(fittings)) {
   if (nodes_.size() != weights_.size()) {
     throw std::invalid_argument("quadrature must have as many weights as nodes");
   }
@@ -36,10 +37,27 @@ Operators Galerkin::operators() const {
   ops.damping.diagonal() = pipe_.damping * elastic;
   ops.flux = end_value.transpose() * end_slope - slope.transpose() * weights_.asDiagonal() * slope;
   if (pipe_.gamma != 0.0) {
-    const Vector tension = pipe_.gamma * weights_.array() * (1.0 - nodes_.array());
+    Eigen::ArrayXd beyond = 1.0 - nodes_.array();  // mass below each node
+    for (const Fitting& fitting : fittings_) {
+      beyond += fitting.mass * (nodes_.array() < fitting.at).cast<double>();
+    }
+    const Vector tension = pipe_.gamma * weights_.array() * beyond;
     ops.stiffness = slope.transpose() * tension.asDiagonal() * slope;
   }
   ops.stiffness.diagonal() += elastic;
+  if (!fittings_.empty()) {
+    const Index count = static_cast<Index>(fittings_.size());
+    Vector at(count), mass(count), stiffness(count);
+    for (Index f = 0; f < count; ++f) {
+      const Fitting& fitting = fittings_[static_cast<std::size_t>(f)];
+      at[f] = fitting.at;
+      mass[f] = fitting.mass;
+      stiffness[f] = fitting.stiffness;
+    }
+    const Matrix there = basis_.evaluate(at, 0);
+    ops.mass += there.transpose() * mass.asDiagonal() * there;
+    ops.stiffness += there.transpose() * stiffness.asDiagonal() * there;
+  }
   return ops;
 }
 

@@ -9,23 +9,29 @@
 //   G_ij = sqrt(beta) int (w_i w_j' - w_j w_i'),   F_ij = sqrt(beta) w_i(1) w_j(1),
 // and the centrifugal force with the end's follower force leaves
 //   flux_ij = w_i(1) w_j'(1) - int w_i' w_j'.
+//
+// A fitting at s_f with mass mu_f and stiffness k_f adds mu_f w_i w_j at s_f to the mass, k_f w_i
+// w_j there to the stiffness, and hangs on the tension above it:
+//   gamma int_0^1 (1 - s + sum of mu_f beyond s) w_i' w_j'.
 #pragma once
 
 #include "pipedyn/basis.hpp"
+#include "pipedyn/fitting.hpp"
 
 namespace pipedyn {
 
 /// Immutable; one model may serve many threads.
 class Galerkin {
  public:
-  /// nodes and weights: quadrature on [0, 1], exact for products of two functions or slopes.
-  /// Throws std::invalid_argument if nodes and weights differ in length.
-  Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights);
+  /// nodes and weights: quadrature on [0, 1], exact for products of two functions or slopes, and
+  /// with fittings also up to each of these. Throws std::invalid_argument if nodes and weights
+  /// differ in length.
+  Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights, Fittings fittings = {});
 
   Index dof() const { return basis_.size(); }
   const Basis& basis() const { return basis_; }
 
-  /// Operators about the straight pipe, O(nodes m^2).
+  /// Operators about the straight pipe, O((nodes + fittings) m^2).
   Operators operators() const;
 
  private:
@@ -33,6 +39,7 @@ class Galerkin {
   Basis basis_;
   Vector nodes_;
   Vector weights_;
+  Fittings fittings_;
 };
 
 }  // namespace pipedyn

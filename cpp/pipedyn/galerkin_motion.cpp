@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <limits>
 #include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -20,13 +19,6 @@ using Map = Eigen::Map<const Vector>;
 using Strided = Eigen::Map<const Vector, 0, Eigen::InnerStride<>>;
 
 const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
-
-void require_amplitudes(Index entries, Index m) {
-  if (entries != m) {
-    throw std::invalid_argument("q must have " + std::to_string(m) + " entries, got " +
-                                std::to_string(entries));
-  }
-}
 
 /// Calls evaluate(grid, block, out, scratch) for blocks of members that take the same grid, one
 /// alone or as many as the vectors hold, and writes row i of out, (results, members of the block),

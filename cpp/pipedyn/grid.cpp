@@ -21,13 +21,14 @@ constexpr Demand smooth{25.0, 2.5, 7}, with_drag{33.0, 3.5, 31};
 
 Index whole_points(Index count) { return whole(count, GridTables::multiple); }
 
-// Absolute Chebyshev coefficients of the slopes, (count, m); those of rounding's size are dropped.
-Matrix chebyshev(const Basis& basis) {
-  const Index count = 2 * basis.size() + 60;
+}  // namespace
+
+Matrix slope_series(const Basis& basis, double low, double high) {
+  const Index count = 2 * basis.most_on_a_panel() + 60;
   const Vector angle =
       (Vector::LinSpaced(count, 0.0, static_cast<double>(count - 1)).array() + 0.5) *
       (std::numbers::pi / static_cast<double>(count));
-  const Vector s = 0.5 * (1.0 + angle.array().cos());
+  const Vector s = low + (high - low) * (0.5 * (1.0 + angle.array().cos()));
   Matrix transform(count, count);
   for (Index k = 0; k < count; ++k) {
     transform.row(k) = (2.0 / static_cast<double>(count)) *
@@ -44,15 +45,56 @@ Matrix chebyshev(const Basis& basis) {
   return coefficient;
 }
 
-}  // namespace
+std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
+  const Demand& demand = drag ? with_drag : smooth;
+  const Vector order =
+      Vector::LinSpaced(series.rows(), 0.0, static_cast<double>(series.rows() - 1));
+  const Eigen::ArrayXd total = series.colwise().sum().transpose();
+  std::vector<NodeTest> tests;
+  for (double eta = std::min(0.05, 2.0 / static_cast<double>(series.cols())); eta < 3.0;
+       eta *= 1.5) {
+    const Vector size = (order * eta).array().cosh();
+    // Of functions that are 0 on the interval nothing grows.
+    const Eigen::ArrayXd growth =
+        (total > 0.0).select((size.transpose() * series).transpose().array() / total, 1.0);
+    const double budget = 2.0 * static_cast<double>(nodes) * eta - demand.log_tolerance -
+                          demand.growths * std::log(growth.maxCoeff());
+    if (!(budget > 0.0)) continue;
+    const Vector slant = (order * eta).array().sinh();
+    tests.push_back({budget, 2.0 * series.transpose() * slant});
+  }
+  return tests;
+}
+
+bool passes(const std::vector<NodeTest>& tests, const double* q, Index stride) {
+  for (const NodeTest& test : tests) {
+    double cost = 0.0;
+    for (Index i = 0; i < test.cost.size(); ++i) cost += std::abs(q[i * stride]) * test.cost[i];
+    if (cost <= test.budget) return true;
+  }
+  return false;
+}
+
+Index least_nodes(bool drag) { return (drag ? with_drag : smooth).least_nodes; }
+
+void require_amplitudes(Index entries, Index m) {
+  if (entries != m) {
+    throw std::invalid_argument("q must have " + std::to_string(m) + " entries, got " +
+                                std::to_string(entries));
+  }
+}
 
 Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family::beam) {
   const Index m = basis.size();
   to_basis = inverse = Matrix::Identity(m, m);
   if (identity) return;
-  const Quadrature rule(m + 3);
-  const Matrix value = basis.evaluate(rule.node, 0);
-  const Matrix mass = value.transpose() * rule.weight.asDiagonal() * value;
+  Matrix mass = Matrix::Zero(m, m);
+  const Quadrature rule(basis.most_on_a_panel() + 3);
+  for (Index panel = 0; panel + 1 < basis.ends().size(); ++panel) {
+    const double low = basis.ends()[panel], length = basis.ends()[panel + 1] - low;
+    const Matrix value = basis.evaluate(low + length * rule.node.array(), 0);
+    mass += value.transpose() * (length * rule.weight).asDiagonal() * value;
+  }
   const Eigen::LLT<Matrix> factors(mass);
   if (factors.info() != Eigen::Success) {
     throw std::invalid_argument("m must be smaller for a motion: the mass matrix of " +
@@ -87,11 +129,7 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, Index nodes)
   folded_weight_ << 2.0 * weight.head(middle), weight[middle], 2.0 * weight.head(middle);
   expansion_ = Matrix::Zero(nodes, stride);
   expansion_.leftCols(nodes) = rule_.expansion;
-  recurrence_.resize(nodes, 3);
-  for (Index k = 0; k < nodes; ++k) {
-    const double order = static_cast<double>(k), twice = 2.0 * order + 1.0;
-    recurrence_.row(k) << twice / (order + 1.0), order / (order + 1.0), 0.5 / twice;
-  }
+  recurrence_ = legendre_recurrence(nodes);
   tables_ = {.functions = m,
              .padded = orthonormal_.cols(),
              .nodes = nodes,
@@ -111,26 +149,13 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, Index nodes)
 
 Grids::Grids(Basis basis, bool drag, Index least_nodes)
     : basis_(std::move(basis)), orthonormal_(basis_) {
-  const Demand& demand = drag ? with_drag : smooth;
-  const Matrix coefficient = chebyshev(basis_);
-  const Vector order =
-      Vector::LinSpaced(coefficient.rows(), 0.0, static_cast<double>(coefficient.rows() - 1));
+  const Matrix series = slope_series(basis_);
   const Index m = basis_.size();
   const Index largest = std::min<Index>(16 * m + 96, std::max<Index>(4095, 4 * m));  // of 0.1 GB
   // Points, the nodes and the end, come in whole multiples.
-  for (Index points = whole_points(std::max({m, least_nodes, demand.least_nodes}) + 1);;
+  for (Index points = whole_points(std::max({m, least_nodes, pipedyn::least_nodes(drag)}) + 1);;
        points = whole_points(points + std::max<Index>(4, points / 6))) {
-    std::vector<Test> tests;
-    for (double eta = std::min(0.05, 2.0 / static_cast<double>(m)); eta < 3.0; eta *= 1.5) {
-      const Vector size = (order * eta).array().cosh();
-      const Eigen::ArrayXd growth = (size.transpose() * coefficient).transpose().array() /
-                                    coefficient.colwise().sum().transpose().array();
-      const double budget = 2.0 * static_cast<double>(points - 1) * eta - demand.log_tolerance -
-                            demand.growths * std::log(growth.maxCoeff());
-      if (!(budget > 0.0)) continue;
-      const Vector slant = (order * eta).array().sinh();
-      tests.push_back({budget, 2.0 * coefficient.transpose() * slant});
-    }
+    std::vector<NodeTest> tests = node_tests(series, points - 1, drag);
     const bool last = points - 1 >= std::max(largest, least_nodes);
     if (tests.empty() && !last) continue;
     Slot& slot = slots_.emplace_back();
@@ -141,13 +166,9 @@ Grids::Grids(Basis basis, bool drag, Index least_nodes)
 }
 
 Index Grids::choose(const double* q, Index stride) const {
-  const Index m = basis_.size(), last = count() - 1;
+  const Index last = count() - 1;
   for (Index number = 0; number < last; ++number) {
-    for (const Test& test : slots_[static_cast<std::size_t>(number)].tests) {
-      double cost = 0.0;
-      for (Index i = 0; i < m; ++i) cost += std::abs(q[i * stride]) * test.cost[i];
-      if (cost <= test.budget) return number;
-    }
+    if (passes(slots_[static_cast<std::size_t>(number)].tests, q, stride)) return number;
   }
   return last;
 }

@@ -29,6 +29,29 @@ inline Index whole(Index count, Index multiple) {
   return (count + multiple - 1) / multiple * multiple;
 }
 
+/// Absolute Chebyshev coefficients of the slopes on an interval, (count, m); those of rounding's
+/// size are 0.
+Matrix slope_series(const Basis& basis, double low = 0.0, double high = 1.0);
+
+/// Passed by amplitudes q with sum_i |q_i| cost_i <= budget.
+struct NodeTest {
+  double budget;
+  Vector cost;  // (m,)
+};
+
+/// Tests for so many nodes on the series' interval, of which amplitudes need pass one. drag:
+/// integrals end at inner points.
+std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag);
+
+/// Whether amplitudes q with the given stride pass one of the tests, O(m) a test.
+bool passes(const std::vector<NodeTest>& tests, const double* q, Index stride);
+
+/// Least number of nodes on an interval.
+Index least_nodes(bool drag);
+
+/// Throws std::invalid_argument unless a model with m functions is given so many amplitudes.
+void require_amplitudes(Index entries, Index m);
+
 /// Functions orthonormal with the straight pipe's mass: in them a mass matrix is solved without
 /// losing the digits that its condition number in the basis (1e6 for 8 Legendre functions) takes.
 struct Orthonormal {
@@ -77,13 +100,9 @@ class Grids {
   const Grid& operator[](Index number) const;
 
  private:
-  struct Test {
-    double budget;
-    Vector cost;  // (m,), of |q_i|
-  };
   struct Slot {
     Index nodes = 0;
-    std::vector<Test> tests;
+    std::vector<NodeTest> tests;
     std::once_flag built;
     std::unique_ptr<const Grid> grid;
   };

@@ -46,6 +46,15 @@ Matrix Quadrature::integral_to(const Vector& s) const {
   return integrals * expansion;
 }
 
+Matrix legendre_recurrence(Index count) {
+  Matrix recurrence(count, 3);
+  for (Index k = 0; k < count; ++k) {
+    const double order = static_cast<double>(k), twice = 2.0 * order + 1.0;
+    recurrence.row(k) << twice / (order + 1.0), order / (order + 1.0), 0.5 / twice;
+  }
+  return recurrence;
+}
+
 void legendre_integrals(double s, Index count, double* out) {
   const double x = 2.0 * s - 1.0;
   double before = 1.0, value = x;  // P_{k-1}, P_k

@@ -29,6 +29,10 @@ struct Quadrature {
   Matrix integral_to(const Vector& s) const;
 };
 
+/// Of P_{k+1} = r_0 x P_k - r_1 P_{k-1} and I_k = r_2 (P_{k+1} - P_{k-1}): r for k < count,
+/// (count, 3).
+Matrix legendre_recurrence(Index count);
+
 /// I_k(s) for k < count, written to out.
 void legendre_integrals(double s, Index count, double* out);
 

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Dynamics of a pipe conveying fluid: chain, reduced-order and continuous models on one footing."""
 
+from pipedyn import modular
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
+from pipedyn.fitting import Fitting
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
@@ -23,6 +25,7 @@ __all__ = [
     "Derivatives",
     "Ensemble",
     "Failure",
+    "Fitting",
     "Galerkin",
     "MemberFailure",
     "ModeShape",
@@ -45,6 +48,7 @@ __all__ = [
     "eigenvalues",
     "inlet_coefficient",
     "modes",
+    "modular",
     "root_loci",
     "simulate",
     "simulate_many",

@@ -259,13 +259,19 @@ class Chain(Model):
 
     @cached_property
     def elastic_scale(self) -> Array:
-        """Joint angle of one elastic coordinate, shape (n,): 1 / sqrt(k_j).
+        """Joint angle of one elastic coordinate, shape (n,): 1 / sqrt(k_j)."""
+        return _frozen(elastic_scale(self._springs))
 
-        A joint with no spring, or one far below the mean, takes a scale from the mean instead.
-        """
-        mean = float(self._springs.mean())
-        floor = 1e-3 * mean if mean > 1e-100 else float(self.dof)  # squares of the scale are taken
-        return _frozen(1.0 / np.sqrt(np.maximum(self._springs, floor)))
+    @property
+    def elastic_share(self) -> Array:
+        """Elastic stiffness of each elastic coordinate, shape (n,)."""
+        share: Array = self._springs * self.elastic_scale**2
+        return share
+
+    @property
+    def stations(self) -> Array:
+        """Arc lengths of the nodes: polylines peak there."""
+        return np.minimum(self._base + np.cumsum(self._lengths), 1.0)
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Linear operators about a configuration at rest, in the angles theta.
@@ -383,7 +389,7 @@ class Chain(Model):
         Raises:
             ValueError, TypeError: for what has another shape, or is not of finite real numbers.
         """
-        angles, rates = self._moving(q, qdot)
+        angles, rates = self._moving_columns(q, qdot)
         across = self._lengths @ (rates * np.cos(angles))
         return np.stack([across, -self._lengths @ (rates * np.sin(angles))], axis=-1)
 
@@ -424,6 +430,17 @@ class Chain(Model):
         part = np.clip((s - ends[j]) / self._lengths[j], 0.0, 1.0)
         result: NDArray[Any] = nodes[j] + (part * steps[j].T).T
         return result
+
+
+def elastic_scale(springs: Array) -> Array:
+    """Joint angle of one elastic coordinate, shape (n,): 1 / sqrt(k_j).
+
+    A joint with no spring, or one far below the mean, takes a scale from the mean instead.
+    """
+    mean = float(springs.mean())
+    floor = 1e-3 * mean if mean > 1e-100 else float(springs.size)  # squares of the scale are taken
+    scale: Array = 1.0 / np.sqrt(np.maximum(springs, floor))
+    return scale
 
 
 def _segment_count(n: int | None, **arrays: Any) -> int:

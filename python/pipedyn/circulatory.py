@@ -18,7 +18,8 @@ from scipy.optimize import brentq
 
 from pipedyn.crossing import Flags, Hunt, Passage
 from pipedyn.follow import Indices, Sample, Step
-from pipedyn.spectrum import Complex, lowest
+from pipedyn.pencil import Complex
+from pipedyn.spectrum import lowest
 
 
 class CirculatoryHunt(Hunt):
@@ -34,9 +35,9 @@ class CirculatoryHunt(Hunt):
         squares.values.imag[(pairs.values.real == 0.0) | (pairs.values.imag == 0.0)] = 0.0
         if u == 0.0:
             squares.values[np.abs(squares.values) < self.pencil.stuck] = 0.0
-        return Sample(
-            u, squares, np.where(np.isfinite(slopes), slopes, 0.0), np.zeros(squares.values.size)
-        )
+        slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+        none = np.zeros(squares.values.size)
+        return Sample(u, squares, slopes, none, none.astype(np.int8))
 
     @property
     def wanted(self) -> int:

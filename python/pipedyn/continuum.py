@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _check
+from pipedyn.fitting import Fitting, basis_joints, checked_fittings
 from pipedyn.galerkin import LARGEST_BASIS, Galerkin
 from pipedyn.model import Model, NotConverged, checked_pipe
 from pipedyn.pipe import Pipe
@@ -47,31 +48,44 @@ class Continuum:
 
     Args:
         pipe: the pipe.
+        fittings: point masses and springs.
 
     Raises:
-        TypeError: for what is no pipe.
+        TypeError: for what is no pipe or no sequence of fittings.
 
     Source: Gregory and Paidoussis (1966).
     """
 
-    def __init__(self, pipe: Pipe) -> None:
+    def __init__(self, pipe: Pipe, fittings: Sequence[Fitting] = ()) -> None:
         self._pipe = checked_pipe(pipe)
+        self._fittings = checked_fittings(fittings)
 
     @property
     def pipe(self) -> Pipe:
         """The pipe."""
         return self._pipe
 
+    @property
+    def fittings(self) -> tuple[Fitting, ...]:
+        """Point masses and springs."""
+        return self._fittings
+
+    def with_pipe(self, pipe: Pipe) -> Continuum:
+        """Another pipe with the same fittings."""
+        return Continuum(pipe, self._fittings)
+
     def __repr__(self) -> str:
-        return f"Continuum({self._pipe!r})"
+        more = f", fittings={list(self._fittings)!r}" if self._fittings else ""
+        return f"Continuum({self._pipe!r}{more})"
 
     def frozen(self, m: int) -> Galerkin:
         """The reduced model with m Legendre functions.
 
         Raises:
-            ValueError, TypeError: for m that is no whole number from 1 to 2000.
+            ValueError, TypeError: for m that is no whole number from 1, or one for each panel
+                between fittings, to 2000.
         """
-        return Galerkin(self._pipe, m, "legendre")
+        return Galerkin(self._pipe, m, "legendre", self._fittings)
 
     def settle(
         self,

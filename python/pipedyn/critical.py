@@ -11,7 +11,6 @@ from typing import Any
 
 from pipedyn import _check
 from pipedyn.blas import one_thread
-from pipedyn.chain import Chain
 from pipedyn.circulatory import CirculatoryHunt
 from pipedyn.continuum import AnyModel, Continuum, checked_model
 from pipedyn.crossing import Hunt, Passage, Sweep, Untracked
@@ -20,9 +19,10 @@ from pipedyn.faint import extrapolated, is_faint, strengthened
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import CONTINUUM_SPEED, LARGEST_SPEED
 from pipedyn.model import Model, PipedynError
+from pipedyn.pencil import SparsePencil
 from pipedyn.pipe import Pipe
 from pipedyn.sensitivity import Crossing, Kind, Sensitivity, crossings_of
-from pipedyn.spectrum import DENSE_CHAIN, BandPencil, rows_of
+from pipedyn.spectrum import is_long, rows_of
 
 LARGEST_SWEEP = 2000
 """Degrees of freedom up to which passages are searched."""
@@ -67,7 +67,7 @@ class CriticalSpeed:
     sensitivity: Sensitivity | None = field(repr=False)
     size: int
     pipe: Pipe = field(repr=False)
-    _approximates: bool = field(repr=False, default=True)
+    _exact: Continuum | None = field(repr=False, default=None)
     _continuous: float | None = field(repr=False, default=None)
     _max_speed: float = field(repr=False, default=100.0)
 
@@ -78,12 +78,12 @@ class CriticalSpeed:
         None for chains with springs or inertia of the user's own, infinite where the continuous
         pipe has no critical speed. The continuous pipe is solved at the first request.
         """
-        if not self._approximates:
+        if self._exact is None:
             return None
         if self._continuous is not None:
             return self._continuous
         try:
-            exact = critical_speed(Continuum(self.pipe), self._max_speed)
+            exact = critical_speed(self._exact, self._max_speed)
         except NoCrossing:
             return math.inf
         return abs(self.speed - exact.speed) + self.error + exact.error
@@ -148,7 +148,7 @@ def first_loss(
     """
     # A low critical speed needs no large basis and few modes of a long chain: the search grows
     # from rest where that tells.
-    grows = isinstance(model, Continuum) or (isinstance(model, Chain) and model.dof > DENSE_CHAIN)
+    grows = isinstance(model, Continuum) or is_long(model)
     ends = [end for end in (12.0, 30.0, 60.0) if grows and end < max_speed]
     for end in [*ends, max_speed]:
         found = _search(model, end, lambda passage: passage.change > 0)
@@ -180,7 +180,6 @@ class _Search:
         first = next((c for c in self.crossings if c.destabilising), None)
         if first is None:
             return None
-        own = isinstance(self.model, Chain) and not self.model.approximates_pipe
         return CriticalSpeed(
             speed=first.speed,
             frequency=first.frequency,
@@ -191,7 +190,7 @@ class _Search:
             sensitivity=first.sensitivity,
             size=self.size,
             pipe=self.model.pipe,
-            _approximates=not own,
+            _exact=_exact(self.model),
             _continuous=None if self.moved is None else first.error,
             _max_speed=max_speed,
         )
@@ -203,16 +202,19 @@ def _search(
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.flow == "aspirating" and pipe.alpha == 0.0:
         return _Search(model, (), 0)  # the flow acts on nothing
-    if not is_faint(pipe):
+    if not is_faint(pipe) or (isinstance(model, Model) and model.resisted):
         return _search_once(model, max_speed, until)
     solved = strengthened(model.pipe)
-    found = [_search_once(_with_pipe(model, pipe), max_speed, until) for pipe in solved]
+    found = [_search_once(model.with_pipe(pipe), max_speed, until) for pipe in solved]
     passages = extrapolated(model.pipe, solved, [search.crossings for search in found])
     return replace(found[0], model=model, crossings=passages)
 
 
-def _with_pipe(model: AnyModel, pipe: Pipe) -> AnyModel:
-    return Continuum(pipe) if isinstance(model, Continuum) else model.with_pipe(pipe)
+def _exact(model: AnyModel) -> Continuum | None:
+    """The continuous pipe that a model stands for, fittings included."""
+    if isinstance(model, Model) and not model.approximates_pipe:
+        return None
+    return Continuum(model.pipe, getattr(model, "fittings", ()))
 
 
 def _search_once(
@@ -224,6 +226,7 @@ def _search_once(
                 f"model must have at most {LARGEST_SWEEP} degrees of freedom for crossings, "
                 f"got {model.dof}"
             )
+        model.require_equilibrium(0.0, max_speed)
         return _Search(model, crossings_of(model, _sweep(model, max_speed, until)), model.dof)
     settled = model.settle(
         lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _trusted(rom))),
@@ -260,7 +263,7 @@ def _sweep(
     """
     pencil = sweeping_pencil(model)
     followed: int | None = None
-    if isinstance(pencil, BandPencil):
+    if isinstance(pencil, SparsePencil):
         followed = 12 + math.ceil(max_speed)
     while True:
         if followed is not None and (followed > pencil.dof // 4 or max_speed > pencil.dof / 4):

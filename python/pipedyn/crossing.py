@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 from pipedyn.follow import LONGEST_STEP, Crowd, Indices, Sample, Step, march, sample
 from pipedyn.galerkin import Galerkin
 from pipedyn.model import NotConverged
-from pipedyn.spectrum import Complex, Eigenpairs, Pencil
+from pipedyn.pencil import Complex, Eigenpairs, Pencil
 
 Flags = NDArray[np.bool_]
 
@@ -153,7 +153,7 @@ class Hunt:
         at = sample(self.pencil, u, self.count)
         if u == 0.0:
             at.values[np.abs(at.values) < self.pencil.stuck] = 0.0
-        if u == 0.0 and self.pencil.pipe.damping == 0.0:
+        if u == 0.0 and not self.pencil.is_damped:
             at.values.real[at.values.imag != 0.0] = 0.0
         return at
 
@@ -203,7 +203,20 @@ class Hunt:
         met = step.meets[roots] >= 0
         if self._scan(step, roots[~met]) is None:
             return False
-        return all(_meets_off_axis(step, int(i)) for i in roots[met])
+        return all(self._is_clear_meeting(step, int(i)) for i in roots[met])
+
+    def _is_clear_meeting(self, step: Step, i: int) -> bool:
+        """Whether the signs before and after a meeting on the real axis tell what passed zero."""
+        if _meets_off_axis(step, i):
+            return True
+        if not self.pencil.is_conservative:
+            return False
+        # An imaginary pair that turns into opposite real roots, or back: at zero.
+        k, j = int(step.meets[i]), int(step.onto[i])
+        a, b = step.left.values, step.right.values
+        across = (a[i].imag == 0.0) != (b[j].imag == 0.0)
+        opposite = abs((a[i] + a[k]).real) + abs((b[j] + b[int(step.onto[k])]).real)
+        return bool(across and opposite < 1e-6 * (1.0 + abs(a[i]) + abs(b[j])))
 
     def passages(self, step: Step) -> list[Passage]:
         """Passages within a step."""
@@ -299,6 +312,9 @@ class Hunt:
         # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
         misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
         band = 2.0 * misfit + 1e-4 * step.error[roots]
+        if self.pencil.is_conservative:  # the axis is left by meeting there, which `follow` sees
+            ends = np.stack([a, b, c1, end_slope])
+            band[(np.abs(ends) <= noise).all(axis=0)] = 0.0
 
         turns = c2**2 - 3.0 * c1 * c3
         far = c2 + np.where(c2 >= 0.0, 1.0, -1.0) * np.sqrt(np.maximum(turns, 0.0))
@@ -381,7 +397,7 @@ class Hunt:
         at = self.take(u)
         t = np.array([(u - step.left.u) / step.length])
         where = int(np.argmin(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0])))
-        return Sample(u, at.pairs.take([where]), at.slopes[[where]], at.noise[[where]])
+        return Sample(u, *(at.pairs.take([where]), at.slopes[[where]], at.noise[[where]]), at.signatures[[where]])
 
     def _bisect(self, step: Step, root: int) -> float:
         def real_part(u: float) -> float:

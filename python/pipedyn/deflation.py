@@ -22,15 +22,8 @@ from numpy.typing import NDArray
 from pipedyn._check import Array
 from pipedyn.chain import Chain
 from pipedyn.model import Model
-from pipedyn.spectrum import (
-    BandPencil,
-    Complex,
-    DensePencil,
-    Eigenpairs,
-    Pencil,
-    Vectors,
-    pencil_of,
-)
+from pipedyn.pencil import BandPencil, Complex, DensePencil, Eigenpairs, Pencil, Vectors
+from pipedyn.spectrum import pencil_of
 
 MOVED = 4.321
 """c; any number serves that is not small."""

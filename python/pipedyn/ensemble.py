@@ -144,7 +144,7 @@ def simulate_many(
             raise type(error)(f"{error} (member {i})") from error
         methods[id(model)] = task.method
         tasks.append(task)
-    if sum(task.times.size * task.model.dof for task in tasks) > LARGEST_SAMPLES:
+    if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
         raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
     return _solved(tasks, executor, shown)
 

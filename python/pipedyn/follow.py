@@ -24,7 +24,8 @@ from scipy.optimize import linear_sum_assignment
 
 from pipedyn._check import Array
 from pipedyn.model import NotConverged
-from pipedyn.spectrum import SHIFTS, Complex, Eigenpairs, Pencil, lowest
+from pipedyn.pencil import Complex, Eigenpairs, Pencil
+from pipedyn.spectrum import SHIFTS, lowest
 
 LONGEST_STEP = 0.5
 """Steps in u above this are split before anything is believed of them."""
@@ -70,12 +71,16 @@ class Sample:
         pairs: eigenvalues with both vectors.
         slopes: d lambda / du, shape (r,).
         noise: how far rounding may have moved each eigenvalue, shape (r,).
+        signatures: Krein signature of each eigenvalue of a conservative system on the imaginary
+            axis, -1 or 1, and 0 for all others, shape (r,): two alike pass through each other
+            there and stay on the axis.
     """
 
     u: float
     pairs: Eigenpairs
     slopes: Complex
     noise: Array
+    signatures: NDArray[np.int8]
 
     @property
     def values(self) -> Complex:
@@ -143,7 +148,17 @@ def sample(pencil: Pencil, u: float, count: int | None) -> Sample:
     pairs = lowest(pencil, u, count, left=True)
     slopes = pencil.slopes(u, pairs)
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-    return Sample(u, pairs, slopes, _noise(pencil.uncertainties(u, pairs), pairs.values))
+    noise = _noise(pencil.uncertainties(u, pairs), pairs.values)
+    return Sample(u, pairs, slopes, noise, _signatures(pencil, u, pairs, noise))
+
+
+def _signatures(pencil: Pencil, u: float, pairs: Eigenpairs, noise: Array) -> NDArray[np.int8]:
+    """Sign of x^H (2 omega M - i G) x, the energy of a mode on the axis by its frequency."""
+    if not pencil.is_conservative:
+        return np.zeros(pairs.values.size, dtype=np.int8)
+    on_axis = (np.abs(pairs.values.real) <= noise) & (pairs.values.imag != 0.0)
+    energy = pencil.derivative(u, pairs.values, pairs.right, pairs.right).imag
+    return np.where(on_axis, np.sign(energy), 0.0).astype(np.int8)
 
 
 def _noise(uncertain: Array, values: Complex) -> Array:
@@ -250,6 +265,9 @@ def _join(left: Sample, right: Sample, followed: Indices, crowd: Crowd) -> tuple
     doubt &= ~(stuck[followed, None] & stuck[None, roots])
     crowded = crowd.holds(left.values) & crowd.holds(right.values[onto])
     doubt &= ~(crowded[followed, None] & crowded[None, roots])
+    before, after = left.signatures, right.signatures[onto]
+    same = (before[followed, None] == before[None, roots]) & (before[followed, None] != 0)
+    doubt &= ~(same & (after[followed, None] == after[None, roots]) & (after[followed, None] != 0))
     for m, r in zip(*np.nonzero(doubt), strict=True):
         i, k = int(followed[m]), int(roots[r])
         if meets[i] < 0 and meets[k] < 0 and _meeting(step, i, k):

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,14 @@ from scipy.special import roots_legendre
 
 from pipedyn import _check, _core
 from pipedyn._check import Array
+from pipedyn.fitting import (
+    Fitting,
+    basis_joints,
+    checked_fittings,
+    core_fittings,
+    on_panels,
+    panel_ends,
+)
 from pipedyn.model import (
     Model,
     Operators,
@@ -52,40 +61,62 @@ class Galerkin(Model):
         basis: "beam" (the cantilever's own modes, unit mass; the critical speed's error falls like
             m^-4) or "legendre" (w_i'' a normalised Legendre polynomial, unit stiffness; the error
             falls exponentially, but the highest third of the eigenvalues is not the pipe's).
+        fittings: point masses and springs. Where one is, the shear jumps: Legendre polynomials then
+            live on the panels between, to which functions are dealt out in proportion to length,
+            at least one each, and converge exponentially as before. Beam modes stay what they are;
+            their error then falls algebraically, and slowly beside a stiff spring.
 
     Raises:
-        ValueError: for m out of range or an unknown basis.
-        TypeError: for what is no whole number, word or pipe.
+        ValueError: for m out of range or less than the number of panels, or an unknown basis.
+        TypeError: for what is no whole number, word, pipe or sequence of fittings.
 
     Source: Gregory and Paidoussis (1966) for the equation; Orsino and Pesce (2018) for reduced
     models of this pipe.
     """
 
-    def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
+    def __init__(
+        self, pipe: Pipe, m: int, basis: str = "beam", fittings: Sequence[Fitting] = ()
+    ) -> None:
         self._pipe = checked_pipe(pipe)
         self._size = _check.count("m", m, high=LARGEST_BASIS)
         self._basis = _check.choice("basis", basis, BASES)
+        self._fittings = checked_fittings(fittings)
+        if self._size < self.panels:
+            raise ValueError(
+                f"m must be at least {self.panels}, the number of panels between fittings, "
+                f"got {self._size}"
+            )
 
     @cached_property
     def core(self) -> _core.Galerkin:
         """The compiled model."""
-        # Legendre products are polynomials of degree 2 m + 2; beam mode m has about m / 2 waves and
-        # a layer of width 1 / (m pi) at either end.
-        count = self._size + 3 if self._basis == "legendre" else 2 * self._size + 30
-        nodes, weights = gauss_nodes(count)
+        # Legendre products are polynomials of twice a panel's functions and 2; beam mode m has
+        # about m / 2 waves and a layer of width 1 / (m pi) at either end.
+        count = self._most + 3 if self._basis == "legendre" else 2 * self._size + 30
+        nodes, weights = self._rule(count)
         return _core.Galerkin(
             pipe=core_pipe(self._pipe),
             legendre=self._basis == "legendre",
             size=self._size,
+            joints=self._joints,
             nodes=nodes,
             weights=weights,
+            fittings=core_fittings(self._fittings),
         )
 
     @cached_property
-    def motion(self) -> _core.GalerkinMotion:
+    def motion(self) -> _core.GalerkinMotion | _core.FittedMotion:
         """The compiled equations of motion."""
-        return _core.GalerkinMotion(
-            pipe=core_pipe(self._pipe), legendre=self._basis == "legendre", size=self._size
+        if not self._fittings:
+            return _core.GalerkinMotion(
+                pipe=core_pipe(self._pipe), legendre=self._basis == "legendre", size=self._size
+            )
+        return _core.FittedMotion(
+            pipe=core_pipe(self._pipe),
+            legendre=self._basis == "legendre",
+            size=self._size,
+            joints=self._joints,
+            fittings=core_fittings(self._fittings),
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -93,7 +124,8 @@ class Galerkin(Model):
         return {name: value for name, value in self.__dict__.items() if name not in compiled}
 
     def __repr__(self) -> str:
-        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
+        more = f", fittings={list(self._fittings)!r}" if self._fittings else ""
+        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r}{more})"
 
     @property
     def pipe(self) -> Pipe:
@@ -110,9 +142,39 @@ class Galerkin(Model):
         """Name of the basis."""
         return self._basis
 
+    @property
+    def fittings(self) -> tuple[Fitting, ...]:
+        """Point masses and springs."""
+        return self._fittings
+
+    @property
+    def panels(self) -> int:
+        """Number of panels on which curvatures are smooth: 1 without fittings inside the pipe."""
+        return self._joints.size + 1
+
     def with_pipe(self, pipe: Pipe) -> Galerkin:
-        """The same functions for another pipe."""
-        return Galerkin(pipe, self._size, self._basis)
+        """The same functions and fittings for another pipe."""
+        return Galerkin(pipe, self._size, self._basis, self._fittings)
+
+    @cached_property
+    def _joints(self) -> Array:
+        """Inner ends of the basis' panels; the beam modes have none."""
+        return basis_joints(self._fittings if self._basis == "legendre" else ())
+
+    @cached_property
+    def _ends(self) -> Array:
+        """Ends of the panels on which integrands are smooth, from 0 to 1."""
+        return panel_ends(self._fittings)
+
+    @property
+    def _most(self) -> int:
+        """Bound on the number of functions on one panel (see cpp/pipedyn/basis.hpp)."""
+        longest = float(np.diff([0.0, *self._joints, 1.0]).max())
+        return math.ceil(self._size * longest)
+
+    def _rule(self, count: int) -> tuple[Array, Array]:
+        """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
+        return on_panels(self._ends, *gauss_nodes(count))
 
     def functions(self, s: ArrayLike, derivative: int = 0) -> Array:
         """The functions w_i, their slopes or curvatures.
@@ -187,14 +249,15 @@ class Galerkin(Model):
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
         """Rate of the state, geometrically exact at any amplitude.
 
-        Flow, gravity, bending, Kelvin-Voigt damping and quadratic drag, each only where the pipe
-        has it. A batch is one call; its members go through the processor's vectors together.
-        Several threads may call one model at once.
+        Flow, gravity, bending, Kelvin-Voigt damping, quadratic drag and fittings, each only where
+        the pipe has it. A batch is one call; its members go through the processor's vectors
+        together, with fittings one after another. Several threads may call one model at once.
 
         The integrals along the pipe are taken with as many nodes as the configuration needs: what
         they miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for
         angles up to pi in any of the functions. Configurations wilder than that are given the
-        largest number of nodes, some 16 m + 96, beyond 250 functions fewer.
+        largest number of nodes, some 16 m + 96, beyond 250 functions fewer. With fittings all this
+        holds for each panel between them.
 
         Args:
             t: time; nothing depends on it.
@@ -245,21 +308,23 @@ class Galerkin(Model):
         """
         amplitudes = self._coordinates(q)
         at = arc_lengths(s)
-        nodes, weights = self._nodes_for(amplitudes[:, None])
+        nodes, weights = gauss_nodes(self._count_for(amplitudes[:, None]))
         # In pieces: a table of the functions at every node of every s may not fit into memory.
         pieces = math.ceil(at.size * nodes.size * self._size / 1e7)
-        line = np.empty((at.size, 2))
+        line = np.zeros((at.size, 2))
         for piece in np.array_split(np.arange(at.size), min(pieces, at.size)):
-            points = np.outer(at[piece], nodes)
-            angles = (self.core.basis(points.ravel(), 1) @ amplitudes).reshape(points.shape)
-            line[piece, 0] = at[piece] * (np.sin(angles) @ weights)
-            line[piece, 1] = at[piece] * (np.cos(angles) @ weights)
+            for low, high in pairwise(self._ends.tolist()):
+                length = np.clip(at[piece], low, high) - low
+                points = low + np.outer(length, nodes)
+                angles = (self.core.basis(points.ravel(), 1) @ amplitudes).reshape(points.shape)
+                line[piece, 0] += length * (np.sin(angles) @ weights)
+                line[piece, 1] += length * (np.cos(angles) @ weights)
         return line
 
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, shape (k, 2), for k configurations, q (m, k)."""
         amplitudes = self._columns("q", q)
-        nodes, weights = self._nodes_for(amplitudes)
+        nodes, weights = self._rule(self._count_for(amplitudes))
         angles = self.core.basis(nodes, 1) @ amplitudes
         return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)
 
@@ -276,23 +341,23 @@ class Galerkin(Model):
         Raises:
             ValueError, TypeError: for what has another shape, or is not of finite real numbers.
         """
-        amplitudes, rates = self._moving(q, qdot)
-        nodes, weights = self._nodes_for(amplitudes)
+        amplitudes, rates = self._moving_columns(q, qdot)
+        nodes, weights = self._rule(self._count_for(amplitudes))
         slopes = self.core.basis(nodes, 1)
         angles, turning = slopes @ amplitudes, slopes @ rates
         across = weights @ (turning * np.cos(angles))
         return np.stack([across, -weights @ (turning * np.sin(angles))], axis=-1)
 
-    def _nodes_for(self, amplitudes: Array) -> tuple[Array, Array]:
-        """Nodes and weights that integrate sine and cosine of the angle, for columns (m, k)."""
-        nodes, _ = gauss_nodes(2 * self._size + 60)
-        turns = np.abs(np.diff(self.core.basis(nodes, 1) @ amplitudes, axis=0)).sum(axis=0)
-        most = float(turns.max(initial=0.0))
+    def _count_for(self, amplitudes: Array) -> int:
+        """Nodes on each panel that integrate sine and cosine of the angle, for columns (m, k)."""
+        count = 2 * self._most + 60
+        turns = np.abs(np.diff(self.core.basis(self._rule(count)[0], 1) @ amplitudes, axis=0))
+        most = float(turns.sum(axis=0).max(initial=0.0))
         if most > MOST_TURNING:
             raise ValueError(
                 f"q must bend the pipe by at most {MOST_TURNING:g} rad in all, got {most:.3g} rad"
             )
-        return gauss_nodes(nodes.size + math.ceil(most))
+        return count + math.ceil(most)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """Amplitudes of a bent pipe, shape (m,): theta(s) fitted by least squares.
@@ -304,7 +369,7 @@ class Galerkin(Model):
             TypeError: if angle is no function.
             ValueError: if it gives another shape, or no finite numbers.
         """
-        nodes, weights = gauss_nodes(4 * self._size + 60)
+        nodes, weights = self._rule(4 * self._most + 60)
         root = np.sqrt(weights)
         table = root[:, None] * self.core.basis(nodes, 1)
         fitted = np.linalg.lstsq(table, root * self._angles(angle, nodes))[0]

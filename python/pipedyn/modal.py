@@ -13,21 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
-from pipedyn.chain import Chain
 from pipedyn.continuum import AnyModel, Continuum, Settled, checked_model, relative
 from pipedyn.crossing import modes_of_pairs
 from pipedyn.follow import Crowd, march, sample
 from pipedyn.model import Model, NotConverged
+from pipedyn.pencil import Complex, DensePencil, Eigenpairs, Pencil
 from pipedyn.progress import track
-from pipedyn.spectrum import (
-    Complex,
-    DensePencil,
-    Eigenpairs,
-    Pencil,
-    lowest,
-    pencil_of,
-    rows_of,
-)
+from pipedyn.spectrum import lowest, pencil_of, rows_of
 
 LARGEST_SPEED = 1e4
 """Flow speeds beyond are refused."""
@@ -162,6 +154,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         )
     if count is not None:
         _check_table(count, model)
+    model.require_equilibrium(u)
     return _modes(model, u, count)
 
 
@@ -189,10 +182,8 @@ def _modes(model: Model, u: float, count: int | None) -> Modes:
 
 def _peaks(model: Model, coordinates: Complex) -> Complex:
     """Displacement of largest magnitude of each mode, shape (count,)."""
-    s = np.linspace(0.0, 1.0, max(201, 8 * min(model.dof, 500) + 1))
-    if isinstance(model, Chain):
-        s = np.minimum(model.base + np.cumsum(model.lengths), 1.0)  # polylines peak at their nodes
-    displacement = model.deflection(np.nan_to_num(coordinates), s)  # a mode that failed is NaN
+    # A mode that failed is NaN.
+    displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
     where = np.argmax(np.abs(displacement), axis=0)
     peaks: Complex = displacement[where, np.arange(where.size)]
     return peaks
@@ -277,6 +268,7 @@ def root_loci(
     if count > model.dof:
         raise ValueError(f"count must be at most dof = {model.dof}, got {count}")
     _check_table(count, model)
+    model.require_equilibrium(float(at[0]), float(at[-1]))
     return _root_loci(model, at, count, shown)
 
 

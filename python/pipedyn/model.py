@@ -6,7 +6,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,10 @@ DENSE_LIMIT = 4000
 
 LARGEST_RESULT = 1_000_000_000
 """Numbers in one result: 8 GB, and twice that if they are complex."""
+
+
+BALANCED = 1e-7
+"""Force that may be left unbalanced at an equilibrium, beside 1 + |gamma| + a u^2."""
 
 
 LARGEST_ANGLE = 1e6
@@ -135,6 +139,19 @@ def checked_pipe(pipe: Any) -> Pipe:
     return pipe
 
 
+class Moving(Protocol):
+    """Equations of motion as integrators take them."""
+
+    def rhs_and_power(self, t: Any, y: Any, u: Any) -> Array:
+        """Rates of [p, p', work done], shape (2 moving + 1,) or (2 moving + 1, k)."""
+
+    def energy(self, y: Any) -> float | Array:
+        """Energy of states [q, q'], a number or shape (k,)."""
+
+    def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
+        """Power of flow, joints, drag and, where there are any, other parts."""
+
+
 class Model(ABC):
     """A pipe with a finite number of degrees of freedom. Immutable; models pickle.
 
@@ -151,6 +168,45 @@ class Model(ABC):
     @abstractmethod
     def dof(self) -> int:
         """Number of degrees of freedom."""
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates of a state; more than dof where constraints tie them."""
+        return self.dof
+
+    @property
+    def approximates_pipe(self) -> bool:
+        """Whether the model tends to the continuous pipe as it grows."""
+        return True
+
+    @property
+    def resisted(self) -> bool:
+        """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
+        return False
+
+    @property
+    def elastic_share(self) -> Array:
+        """Elastic stiffness by the elastic coordinates: 1 each, less where a joint has none."""
+        return np.ones(self.dof)
+
+    @property
+    def stations(self) -> Array:
+        """Arc lengths among which the largest displacement of a mode is found."""
+        return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))
+
+    def unbalanced(self, u: float) -> float:
+        """Largest force at rest where the model is linearised, beside 1 + |gamma| + a u^2."""
+        return 0.0
+
+    def require_equilibrium(self, *speeds: float) -> None:
+        """Raises ValueError if the model cannot rest, where it is linearised, at a flow speed."""
+        for u in speeds:
+            rest = self.unbalanced(u)
+            if rest > BALANCED:
+                raise ValueError(
+                    f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
+                    f"force of {rest:.1e}; choose about(equilibrium(..., u))"
+                )
 
     @abstractmethod
     def with_pipe(self, pipe: Pipe) -> Model:
@@ -188,8 +244,33 @@ class Model(ABC):
 
     @property
     @abstractmethod
-    def motion(self) -> _core.Chain | _core.GalerkinMotion:
-        """The compiled equations of motion; its `rhs_and_power` takes [q, q', work done]."""
+    def motion(self) -> Moving:
+        """The equations of motion; `rhs_and_power` takes [p, p', work done]."""
+
+    @property
+    def moving(self) -> int:
+        """Number of coordinates p that an integrator advances."""
+        return self.coordinates
+
+    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        """[p, p'] to integrate from, shape (2 moving,), of what `simulate` is given."""
+        state = np.zeros(2 * self.dof)
+        state[: self.dof] = _check.array("q0", q0, size=self.dof, low=-1e6, high=1e6)
+        if qdot0 is not None:
+            state[self.dof :] = _check.array("qdot0", qdot0, size=self.dof, low=-1e6, high=1e6)
+        return state
+
+    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        """Coordinates and rates, (S, coordinates) each, of what is integrated, (S, moving)."""
+        return p, pdot
+
+    def resting(self) -> Array:
+        """Where p is at rest, shape (moving,)."""
+        return np.zeros(self.moving)
+
+    def motion_jacobian(self, y: Array, u: float) -> Array:
+        """Derivative of the rates of [p, p'], shape (2 moving, 2 moving)."""
+        return self.jacobian(0.0, y, u)
 
     def energy(self, y: ArrayLike) -> float | Array:
         """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
@@ -220,8 +301,8 @@ class Model(ABC):
             ValueError: for another shape, NaN or infinity, or a speed below 0.
             TypeError: for what is no array of real numbers.
         """
-        flow, joints, drag = self.motion.power(y, u)
-        return Power(flow, joints, drag, 0.0 * drag)
+        flow, joints, drag, *others = self.motion.power(y, u)
+        return Power(flow, joints, drag, others[0] if others else 0.0 * drag)
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
@@ -286,15 +367,16 @@ class Model(ABC):
     def _coordinates(self, q: ArrayLike) -> Array:
         return _check.array("q", q, size=self.dof, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
 
-    def _columns(self, name: str, given: ArrayLike) -> NDArray[Any]:
-        """Coordinates of one or several small displacements, shape (dof, ...), real or complex."""
+    def _columns(self, name: str, given: ArrayLike, size: int | None = None) -> NDArray[Any]:
+        """Numbers of one or several columns, shape (size, ...), dof by default; real or complex."""
+        size = self.dof if size is None else size
         columns = _check.numbers(
             *(name, given, "an array of real or complex numbers"),
             kinds="iufc",
             longest=LARGEST_RESULT,
         )
-        if columns.ndim == 0 or columns.shape[0] != self.dof or columns.size == 0:
-            raise ValueError(f"{name} must have shape ({self.dof}, ...), got {columns.shape}")
+        if columns.ndim == 0 or columns.shape[0] != size or columns.size == 0:
+            raise ValueError(f"{name} must have shape ({size}, ...), got {columns.shape}")
         good = np.isfinite(columns)
         if not good.all():
             where = tuple(int(i) for i in np.unravel_index(np.argmin(good), good.shape))
@@ -304,12 +386,13 @@ class Model(ABC):
             )
         return columns
 
-    def _moving(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
-        """Coordinates and rates of k states, (dof, k) each."""
-        columns, rates = self._columns("q", q), self._columns("qdot", qdot)
+    def _moving_columns(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
+        """Coordinates and rates of k states, (coordinates, k) each."""
+        size = self.coordinates
+        columns, rates = self._columns("q", q, size), self._columns("qdot", qdot, size)
         for name, given in (("q", columns), ("qdot", rates)):
             if given.ndim != 2:
-                raise ValueError(f"{name} must have shape ({self.dof}, k), got {given.shape}")
+                raise ValueError(f"{name} must have shape ({size}, k), got {given.shape}")
             if given.dtype.kind == "c":
                 raise TypeError(f"{name} must be real, got complex numbers")
         if columns.shape != rates.shape:

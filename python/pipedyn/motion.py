@@ -193,7 +193,7 @@ def checked_model_in_motion(model: Any, name: str = "model") -> Model:
     """The argument, if it is a model that moves."""
     if isinstance(model, Continuum) or not isinstance(model, Model):
         raise TypeError(
-            f"{name} must be a Chain or a Galerkin model, got {_check.shown(model)}"
+            f"{name} must be a Chain, a Galerkin model or an Assembly, got {_check.shown(model)}"
             + ("; take Continuum.frozen(m)" if isinstance(model, Continuum) else "")
         )
     return model
@@ -216,7 +216,7 @@ def checked_task(
     model = checked_model_in_motion(model)
     u = _check.real("u", u, low=0.0, high=LARGEST_SPEED)
     duration = _check.real("duration", duration, low=1e-12, high=1e9)
-    most = LARGEST_SAMPLES // model.dof
+    most = LARGEST_SAMPLES // model.coordinates
     if times is None:
         if samples is None:
             samples = min(max(501, math.ceil(SAMPLES_A_TIME * duration) + 1), most)
@@ -225,12 +225,7 @@ def checked_task(
         at = _check.array("times", times, low=0.0, high=duration, longest=most)
         if np.any(np.diff(at) <= 0.0):
             raise ValueError("times must be strictly increasing")
-    start = np.zeros(2 * model.dof + 1)
-    coordinates = model.bent(q0) if callable(q0) else q0
-    start[: model.dof] = _check.array("q0", coordinates, size=model.dof, low=-1e6, high=1e6)
-    if qdot0 is not None:
-        rates = _check.array("qdot0", qdot0, size=model.dof, low=-1e6, high=1e6)
-        start[model.dof : -1] = rates
+    start = np.append(model.start(model.bent(q0) if callable(q0) else q0, qdot0), 0.0)
     rtol = _check.real("rtol", rtol, low=1e-13, high=0.1)
     if atol is None:
         atol = 0.01 * rtol
@@ -244,9 +239,10 @@ def checked_task(
 def _scale(task: Task) -> float:
     """Rate of the fastest that a motion does: of its modes, of the flow and of its own turning."""
     model = task.model
-    fastest = highest_frequency(model)
     turning = float(np.abs(task.start).max())
-    return fastest + model.pipe.damping * fastest**2 + float(np.max(task.u)) ** 2 + turning + 1.0
+    return (
+        highest_frequency(model) + fastest_decay(model) + float(np.max(task.u)) ** 2 + turning + 1.0
+    )
 
 
 class _Count:
@@ -323,7 +319,7 @@ def _jacobian(task: Task) -> Callable[[float, Array], Array]:
 
     def jacobian(t: float, y: Array) -> Array:
         whole = np.zeros((size, size))
-        whole[:-1, :-1] = task.model.jacobian(t, y[:-1], float(task.u))
+        whole[:-1, :-1] = task.model.motion_jacobian(y[:-1], float(task.u))
         return whole
 
     return jacobian
@@ -377,15 +373,20 @@ def _stepped(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Array
 
 def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
     """The motion of a task of one state from its samples (S, 2 dof + 1)."""
-    dof, model = task.model.dof, task.model
+    model, size = task.model, task.model.moving
+
+    def recorded(samples: Array) -> tuple[Array, Array, Array]:
+        q, qdot = model.recorded(samples[:, :size], samples[:, size : 2 * size])
+        return q, qdot, np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
+
     t = task.times[: len(rows)]
-    q, qdot, work = rows[:, :dof], rows[:, dof : 2 * dof], rows[:, 2 * dof]
-    states = np.ascontiguousarray(rows[:, :-1].T)
+    q, qdot, states = recorded(rows)
+    work = rows[:, 2 * size]
     energy = np.asarray(model.energy(states))
     at_rest = states.copy()
-    at_rest[dof:] = 0.0
+    at_rest[model.coordinates :] = 0.0
     kinetic = energy - np.asarray(model.energy(at_rest))
-    first = float(model.energy(task.start[:-1]))
+    first = float(np.asarray(model.energy(recorded(task.start[None])[2]))[0])
     scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
     miss = float(np.abs(energy - first - work).max(initial=0.0))
     return Motion(
@@ -414,24 +415,41 @@ def choose_method(model: Model, rtol: float) -> str:
         model: chain or reduced model.
         rtol: relative tolerance.
     """
-    delta = model.pipe.damping
-    if delta == 0.0 or model.dof > LARGEST_IMPLICIT:
+    if not (model.pipe.damping or model.resisted) or model.moving > LARGEST_IMPLICIT:
         return "dop853"
-    fastest = highest_frequency(model)
+    fastest, decay = highest_frequency(model), fastest_decay(model)
     worth_it = CHAIN_WORTH if isinstance(model, Chain) else REDUCED_WORTH
-    stiff = max(fastest, delta * fastest**2) > worth_it * -math.log10(rtol)
-    return "lsoda" if stiff and 0.5 * delta * fastest > 0.1 else "dop853"
+    stiff = max(fastest, decay) > worth_it * -math.log10(rtol)
+    return "lsoda" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
 
 
 def highest_frequency(model: Model) -> float:
     """Angular frequency of the fastest mode at rest, to some per cent, by power iteration."""
-    conservative = replace(model.pipe, damping=0.0, drag=0.0)
-    twin = model.with_pipe(conservative)
-    q = np.cos(math.pi * np.arange(model.dof)) * np.linspace(1.0, 1.5, model.dof)
-    square = 0.0
+    return math.sqrt(_strongest(model.with_pipe(replace(model.pipe, damping=0.0, drag=0.0)), 0))
+
+
+def fastest_decay(model: Model) -> float:
+    """Rate at which the quickest decay of velocities goes, at rest, likewise."""
+    if not model.resisted:
+        return model.pipe.damping * highest_frequency(model) ** 2
+    return _strongest(model.with_pipe(replace(model.pipe, drag=0.0)), model.moving)
+
+
+def _strongest(model: Model, first: int) -> float:
+    """Size of the accelerations that answer coordinates (first 0) or velocities, by iteration."""
+    size = model.moving
+    rest = np.concatenate([model.resting(), np.zeros(size + 1)])
+    still = model.motion.rhs_and_power(0.0, rest, 0.0)[size:-1]
+    moved = np.cos(math.pi * np.arange(size)) * np.linspace(1.0, 1.5, size)
+    strongest = 0.0
     for _ in range(40):
-        q *= 1e-6 / np.abs(q).max()
-        turned = twin.rhs(0.0, np.concatenate([q, np.zeros_like(q)]), 0.0)[model.dof :]
-        square = float(np.linalg.norm(turned) / np.linalg.norm(q))
-        q = turned
-    return math.sqrt(square)
+        largest = float(np.abs(moved).max())
+        if largest == 0.0:
+            break
+        moved *= 1e-6 / largest
+        state = rest.copy()
+        state[first : first + size] += moved
+        answer = model.motion.rhs_and_power(0.0, state, 0.0)[size:-1] - still
+        strongest = float(np.linalg.norm(answer) / np.linalg.norm(moved))
+        moved = answer
+    return strongest

@@ -126,7 +126,7 @@ def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
     if pipe.beta:
         beta = split(moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta)))
     gamma = split(moved(pencil.gravity(x)))
-    damping = split(moved(value * pencil.elastic * x))
+    damping = split(moved(value * pencil.by_damping(x)))
     alpha = (0.0, 0.0)
     if pipe.flow == "aspirating":
         alpha = split(moved(u**2 * pencil.flux(x)))

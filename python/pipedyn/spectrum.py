@@ -14,445 +14,49 @@ through running sums and K_s is a band matrix: O(n) a step.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
-
 import numpy as np
-import scipy.linalg
-from numpy.typing import NDArray
-from scipy.linalg import lapack
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
-from pipedyn._check import Array
 from pipedyn.chain import Chain
 from pipedyn.model import DENSE_LIMIT, Model
-
-Complex = NDArray[np.complex128]
-Vectors = NDArray[Any]
-
-TOLERANCE = 1e-10
-"""Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
-k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix; to it comes the rounding of M x,
-eps |lambda|^2, which is what limits high modes."""
+from pipedyn.modular import Assembly
+from pipedyn.pencil import (
+    BandPencil,
+    Crowded,
+    DensePencil,
+    Eigenpairs,
+    Pencil,
+    ScenePencil,
+    SparsePencil,
+    unit,
+)
 
 DENSE_CHAIN = 64
 """Chains up to this size are solved dense: measured, the two routes take equal time near there."""
-
-DENSE_RESCUE, PATIENCE = 1000, 30
-"""Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or crowd
-at -1 / delta), chains up to this size are solved dense; it ends after a few where it does."""
 
 SHIFTS = (0.97, 2.31, 0.41)
 """Tried in turn until every residual passes; an eigenvalue may lie on one of them by chance."""
 
 
-@dataclass(frozen=True)
-class Eigenpairs:
-    """Eigenvalues with vectors, sorted by |lambda|, of conjugates the upper first.
-
-    Attributes:
-        values: lambda, complex, shape (r,).
-        right: x in elastic coordinates, shape (dof, r).
-        left: y with y^H P = 0, shape (dof, r), or None where not asked for.
-        residuals: relative residuals, shape (r,); good where <= TOLERANCE.
-    """
-
-    values: Complex
-    right: Complex
-    left: Complex | None
-    residuals: Array
-
-    @property
-    def converged(self) -> NDArray[np.bool_]:
-        """Which pairs passed the check of their residual, shape (r,)."""
-        return self.residuals <= TOLERANCE + np.finfo(float).eps * np.abs(self.values) ** 2
-
-    def take(self, which: Any) -> Eigenpairs:
-        """Some of the pairs."""
-        left = None if self.left is None else self.left[:, which]
-        return Eigenpairs(self.values[which], self.right[:, which], left, self.residuals[which])
-
-
-class _Crowded(Exception):
-    """Eigenvalues too close together for a Krylov space."""
-
-
-class Pencil(ABC):
-    """P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A, in elastic coordinates.
-
-    V = s (gyroscopic + end_flux) and A = flux. Each product takes and gives (dof, r).
-    """
-
-    elastic: Array
-    """Diagonal of the elastic stiffness, shape (dof, 1): 1, less where a joint has no spring."""
-
-    def __init__(self, model: Model) -> None:
-        self.model = model
-        self.pipe = model.pipe
-        self.dof = model.dof
-        self.direction = -1.0 if self.pipe.flow == "aspirating" else 1.0
-        self.centrifugal = self.pipe.alpha if self.pipe.flow == "aspirating" else 1.0
-
-    @abstractmethod
-    def mass(self, x: Vectors) -> Vectors:
-        """M x."""
-
-    @abstractmethod
-    def velocity(self, x: Vectors) -> Vectors:
-        """V x."""
-
-    @abstractmethod
-    def damping(self, x: Vectors) -> Vectors:
-        """D x."""
-
-    @abstractmethod
-    def stiffness(self, x: Vectors) -> Vectors:
-        """K x."""
-
-    @abstractmethod
-    def gravity(self, x: Vectors) -> Vectors:
-        """dK/dgamma x."""
-
-    @abstractmethod
-    def flux(self, x: Vectors) -> Vectors:
-        """A x."""
-
-    @abstractmethod
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose."""
-
-    @abstractmethod
-    def inverse(self, u: float, shift: float, free: bool, count: int | None, left: bool) -> Any:
-        """mu, x and y (or None) of the inverse problem, all or the `count` largest |mu|.
-
-        `free` says that no term in the velocity is there; then mu = 1 / (lambda^2 - shift^2).
-        """
-
-    def damped(self, u: float, x: Vectors) -> Vectors:
-        """(u V + D) x."""
-        result = self.velocity(x) * u
-        return result + self.damping(x) if self.pipe.damping else result
-
-    def stiffened(self, u: float, x: Vectors) -> Vectors:
-        """(K + a u^2 A) x."""
-        result: Vectors = self.stiffness(x) + self.centrifugal * u**2 * self.flux(x)
-        return result
-
-    @property
-    def stuck(self) -> float:
-        """|lambda| below which a root counts as zero.
-
-        A double zero scatters by the root of rounding, the triple one of a free joint by its cube
-        root; damping slows all that is near zero.
-        """
-        least = 1e-4 if (self.elastic == 0.0).any() else 1e-6
-        return least / max(1.0, self.pipe.damping)
-
-    def velocity_free(self, u: float) -> bool:
-        """Whether P holds lambda only as lambda^2: no damping, and no flow or no fluid mass."""
-        return self.pipe.damping == 0.0 and (u == 0.0 or self.pipe.beta == 0.0)
-
-    def dense(self) -> DensePencil:
-        """The same problem in matrices."""
-        return DensePencil(self.model)
-
-    def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:
-        """Pairs of the model itself, where it is deflated; None where they have no slope."""
-        return pairs
-
-    def static(self) -> Pencil:
-        """The pencil whose stiffness is singular where a real root passes zero, and only there."""
-        return self
-
-    def genuine(self, values: Complex, free: bool) -> NDArray[np.bool_]:
-        """Which eigenvalues of the inverse problem are the model's: all, unless it is deflated."""
-        return np.ones(values.size, dtype=np.bool_)
-
-    def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
-        """Relative residual of each pair, shape (r,)."""
-        inertia, velocity = values**2 * self.mass(x), values * self.damped(u, x)
-        rest = np.linalg.norm(inertia + velocity + self.stiffened(u, x), axis=0)
-        elastic = 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2
-        size = np.linalg.norm(inertia, axis=0) + np.linalg.norm(velocity, axis=0)
-        result: Array = rest / (size + elastic * np.linalg.norm(x, axis=0))
-        return result
-
-    def derivative(self, u: float, values: Complex, x: Vectors, y: Vectors) -> Complex:
-        """y^H (dP/dlambda) x of each pair, shape (r,)."""
-        result: Complex = np.sum(
-            y.conj() * (2.0 * values * self.mass(x) + self.damped(u, x)), axis=0
-        )
-        return result
-
-    def uncertainties(self, u: float, pairs: Eigenpairs) -> Array:
-        """How far residual and rounding may have moved each eigenvalue, shape (r,)."""
-        assert pairs.left is not None
-        size = np.abs(pairs.values) ** 2 * np.linalg.norm(self.mass(pairs.right), axis=0)
-        size += np.abs(pairs.values) * np.linalg.norm(self.damped(u, pairs.right), axis=0)
-        size += 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2
-        derivative = np.abs(self.derivative(u, pairs.values, pairs.right, pairs.left))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Array = (pairs.residuals + np.finfo(float).eps) * size / derivative
-        return np.where(np.isfinite(result), result, np.inf)
-
-    def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
-        """D lambda / du of each pair, shape (r,)."""
-        assert pairs.left is not None
-        by_speed = pairs.values * self.velocity(pairs.right)
-        by_speed = by_speed + 2.0 * self.centrifugal * u * self.flux(pairs.right)
-        change = np.sum(pairs.left.conj() * by_speed, axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Complex = -change / self.derivative(u, pairs.values, pairs.right, pairs.left)
-        return result
-
-    def refine(
-        self, u: float, value: complex, x: Vectors | None = None, steps: int = 6
-    ) -> Eigenpairs:
-        """The pair nearest to a good guess, by two-sided Rayleigh quotient iteration."""
-        seed = np.linspace(1.0, 0.5, self.dof, dtype=np.complex128)
-        right = (seed if x is None else x.astype(np.complex128)).reshape(-1, 1)
-        left = seed.reshape(-1, 1)
-        best: Eigenpairs | None = None
-        for _ in range(steps):
-            solve = self.factor(value, u)
-            right, left = _unit(solve(right)), _unit(solve(left, adjoint=True))
-            if not (np.isfinite(right).all() and np.isfinite(left).all()):
-                break
-            values = np.array([value])
-            rest = values**2 * self.mass(right) + values * self.damped(u, right)
-            rest = rest + self.stiffened(u, right)
-            derivative = self.derivative(u, values, right, left)[0]
-            if derivative == 0.0:
-                break
-            correction = np.sum(left.conj() * rest) / derivative
-            value = complex(value - correction)
-            values = np.array([value])
-            pair = Eigenpairs(values, right, left, self.residuals(u, values, right))
-            if best is not None and pair.residuals[0] >= best.residuals[0]:
-                break
-            best = pair
-            if abs(correction) <= 4e-16 * abs(value):
-                break
-        if best is None:
-            values = np.array([value], dtype=np.complex128)
-            return Eigenpairs(values, right, left, np.array([np.inf]))
-        return best
-
-    def null_pair(self, u: float, right: Vectors, left: Vectors) -> Eigenpairs:
-        """Singular vectors of K(u) to its least singular value: its null vectors, if any."""
-        solve = self.factor(0.0, u)
-        for _ in range(3):
-            left = _unit(solve(right, adjoint=True))
-            right = _unit(solve(left))
-        values = np.zeros(1, dtype=np.complex128)
-        right, left = right.astype(np.complex128), left.astype(np.complex128)
-        return Eigenpairs(values, right, left, self.residuals(u, values, right))
-
-
-def _elastic(model: Model) -> Array:
-    if isinstance(model, Chain):
-        return (model.springs * model.elastic_scale**2).reshape(-1, 1)
-    return np.ones((model.dof, 1))
-
-
-def _unit(x: Vectors) -> Vectors:
-    with np.errstate(all="ignore"):
-        result: Vectors = x / np.linalg.norm(x, axis=0)
-    return result
-
-
-class DensePencil(Pencil):
-    """Matrices; O(dof^3)."""
-
-    def __init__(self, model: Model) -> None:
-        super().__init__(model)
-        ops = model.elastic_operators()
-        self.M, self.D, self.K = ops.mass, ops.damping, ops.stiffness
-        self.V = ops.direction * (ops.gyroscopic + ops.end_flux)
-        self.A = ops.flux
-        self.elastic = _elastic(model)
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self.M @ x
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self.V @ x
-
-    def damping(self, x: Vectors) -> Vectors:
-        return self.D @ x
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        return self.K @ x
-
-    def gravity(self, x: Vectors) -> Vectors:
-        heavier = self.model.with_pipe(replace(self.pipe, gamma=self.pipe.gamma + 1.0))
-        result: Vectors = heavier.elastic_operators().stiffness @ x - self.K @ x
-        return result
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self.A @ x
-
-    def matrices(self, u: float) -> tuple[Array, Array]:
-        """(C, K) at speed u, each of shape (dof, dof)."""
-        return u * self.V + self.D, self.K + self.centrifugal * u**2 * self.A
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        velocity, stiffness = self.matrices(u)
-        matrix = value**2 * self.M + value * velocity + stiffness
-        lu, pivots, _ = lapack.zgetrf(matrix.astype(np.complex128))
-        exact = np.flatnonzero(np.diag(lu) == 0.0)  # singular: LU of one that differs in rounding
-        lu[exact, exact] = np.finfo(float).eps
-
-        def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
-            solution: Vectors = lapack.zgetrs(lu, pivots, rows, trans=2 if adjoint else 0)[0]
-            return solution
-
-        return solve
-
-    def inverse(self, u: float, shift: float, free: bool, count: int | None, left: bool) -> Any:
-        n = self.dof
-        damped, stiffness = self.matrices(u)
-        shifted = shift**2 * self.M + shift * damped + stiffness
-        lu, pivots, singular = lapack.dgetrf(shifted)
-        if singular:
-            return None
-        if free:
-            step = -lapack.dgetrs(lu, pivots, self.M)[0]
-        else:
-            both = np.hstack([damped + 2.0 * shift * self.M, self.M])
-            step = np.zeros((2 * n, 2 * n))
-            step[:n] = -lapack.dgetrs(lu, pivots, both)[0]
-            step[n:, :n] = np.eye(n)
-        if not np.isfinite(step).all():
-            return None
-        if not left:
-            mu, vectors = np.linalg.eig(step)
-            return mu.astype(np.complex128), vectors[:n].astype(np.complex128), None
-        mu, lefts, vectors = scipy.linalg.eig(step, left=True, check_finite=False)
-        dual = lapack.dgetrs(lu, pivots, np.hstack([lefts[:n].real, lefts[:n].imag]), trans=1)[0]
-        return mu, vectors[:n].astype(np.complex128), dual[:, : mu.size] + 1j * dual[:, mu.size :]
-
-
-class BandPencil(Pencil):
-    """A long chain; every product and solve is O(n)."""
-
-    def __init__(self, model: Chain) -> None:
-        super().__init__(model)
-        self.core = model.core
-        self.scale = model.elastic_scale[:, None]
-        self.elastic = _elastic(model)
-
-    def _rows(self, product: Callable[[Array], Array], x: Vectors) -> Vectors:
-        """A product in the angles, taken to elastic coordinates; complex columns as real pairs."""
-        angles = np.ascontiguousarray(np.cumsum(self.scale * x, axis=0))
-        if np.iscomplexobj(angles):
-            rows: Vectors = product(angles.view(np.float64)).view(np.complex128)
-        else:
-            rows = product(angles)
-        result: Vectors = self.scale * np.cumsum(rows[::-1], axis=0)[::-1]
-        return result
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self._rows(self.core.mass_times, x)
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self.direction * self._rows(self.core.velocity_times, x)
-
-    def damping(self, x: Vectors) -> Vectors:
-        result: Vectors = self.pipe.damping * self.elastic * x
-        return result
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        result: Vectors = self.elastic * x
-        return result + self.pipe.gamma * self.gravity(x) if self.pipe.gamma else result
-
-    def gravity(self, x: Vectors) -> Vectors:
-        return self._rows(self.core.gravity_times, x)
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self._rows(self.core.flux_times, x)
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        width = self.core.band_width
-        band = self.core.band(complex(value), u)
-        real = np.imag(value) == 0.0
-        factorise, substitute = (
-            (lapack.dgbtrf, lapack.dgbtrs) if real else (lapack.zgbtrf, lapack.zgbtrs)
-        )
-        lu, pivots, singular = factorise(band.real if real else band, kl=width, ku=width)
-        if singular > 0:  # as in DensePencil
-            pivot = lu[2 * width]
-            pivot[pivot == 0.0] = np.finfo(float).eps
-
-        def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
-            if np.iscomplexobj(rows) and real:
-                return solve(rows.real, adjoint) + 1j * solve(rows.imag, adjoint)
-            extended = np.zeros((4 * self.dof, rows.shape[1]), dtype=lu.dtype, order="F")
-            if adjoint:
-                extended[0::4] = rows / self.scale
-                angles = substitute(lu, width, width, extended, pivots, trans=2, overwrite_b=True)[
-                    0
-                ]
-                dual: Vectors = np.diff(angles[2::4], axis=0, prepend=0.0) / self.scale
-                return dual
-            moments = rows / self.scale
-            extended[2::4] = moments
-            extended[2:-4:4] -= moments[1:]
-            solution = substitute(lu, width, width, extended, pivots, overwrite_b=True)[0]
-            joint_angles: Vectors = solution[0::4] / self.scale
-            return joint_angles
-
-        return solve
-
-    def inverse(self, u: float, shift: float, free: bool, count: int | None, left: bool) -> Any:
-        n = self.dof
-        solve = self.factor(shift, u)
-
-        def step(v: Array) -> Array:
-            x = v[:n].reshape(-1, 1)
-            if free:
-                return -solve(self.mass(x))[:, 0]
-            y = v[n:].reshape(-1, 1)
-            rows = self.mass(2.0 * shift * x + y) + self.damped(u, x)
-            return np.concatenate([-solve(rows)[:, 0], v[:n]])
-
-        size = n if free else 2 * n
-        assert count is not None
-        start = np.concatenate([np.linspace(1.0, 0.0, n, endpoint=False), np.zeros(size - n)])
-        operator = LinearOperator((size, size), matvec=step, dtype=np.float64)
-        ncv = min(size, max(2 * count + 1, 20))
-        options = {"v0": start, "tol": 0.0, "ncv": ncv}
-        if n <= DENSE_RESCUE:
-            options["maxiter"] = PATIENCE
-        try:
-            mu, vectors = eigs(operator, k=count, which="LM", **options)
-        except ArpackError as error:
-            if n <= DENSE_RESCUE:
-                raise _Crowded from error
-            mu = getattr(error, "eigenvalues", np.zeros(0))
-            if mu.size == 0:
-                return None
-            vectors = error.eigenvectors
-        if not np.isfinite(mu).all():
-            return None
-        return mu, vectors[:n], None
+def is_long(model: Model) -> bool:
+    """Whether the model is solved in O(dof)."""
+    return isinstance(model, Chain | Assembly) and model.dof > DENSE_CHAIN
 
 
 def pencil_of(model: Model, dense: bool | None = None) -> Pencil:
-    """The model's pencil: bands for a long chain, else dense matrices."""
+    """The model's pencil: sparse for a long chain or scene, else dense matrices."""
     if dense is None:
-        dense = not (isinstance(model, Chain) and model.dof > DENSE_CHAIN)
+        dense = not is_long(model)
     if dense:
         return DensePencil(model)
+    if isinstance(model, Assembly):
+        return ScenePencil(model)
     assert isinstance(model, Chain)
     return BandPencil(model)
 
 
 def rows_of(pencil: Pencil) -> int:
     """Rows of the largest matrix that a solve hands to LAPACK; a band has none to speak of."""
-    return 1 if isinstance(pencil, BandPencil) else 2 * pencil.dof
+    return 1 if isinstance(pencil, SparsePencil) else 2 * pencil.dof
 
 
 def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = False) -> Eigenpairs:
@@ -463,7 +67,7 @@ def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = Fals
     """
     total = 2 * pencil.dof
     count = total if count is None else min(count, total)
-    if isinstance(pencil, BandPencil) and count > pencil.dof // 2:
+    if isinstance(pencil, SparsePencil) and count > pencil.dof // 2:
         if pencil.dof > DENSE_LIMIT:
             raise ValueError(
                 f"count must be at most dof / 2 = {pencil.dof // 2} for a long chain, got {count}"
@@ -473,7 +77,7 @@ def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = Fals
     for shift in SHIFTS:
         try:
             pairs = _about(pencil, u, count, left, shift)
-        except _Crowded:
+        except Crowded:
             return lowest(pencil.dense(), u, count, left)
         if pairs is None:
             continue
@@ -505,7 +109,7 @@ def _about(pencil: Pencil, u: float, count: int, left: bool, shift: float) -> Ei
                 dual = None if dual is None else np.hstack([dual, dual])
             else:
                 values = shift + 1.0 / mu
-        if isinstance(pencil, BandPencil) and not free:  # conjugates agree only to rounding there
+        if isinstance(pencil, SparsePencil) and not free:  # conjugates agree only to rounding there
             real, upper = values.imag == 0.0, values.imag > 0.0
             values = np.concatenate([values[real], values[upper], values[upper].conj()])
             right = np.hstack([right[:, real], right[:, upper], right[:, upper].conj()])
@@ -525,10 +129,10 @@ def _about(pencil: Pencil, u: float, count: int, left: bool, shift: float) -> Ei
             break
         asked = min(2 * asked, pencil.dof)
     order = order[:count]
-    values, right = values[order], _unit(right[:, order])
+    values, right = values[order], unit(right[:, order])
     pairs = Eigenpairs(values, right, None, pencil.residuals(u, values, right))
     if dual is not None:
-        pairs = Eigenpairs(values, right, _unit(dual[:, order]), pairs.residuals)
+        pairs = Eigenpairs(values, right, unit(dual[:, order]), pairs.residuals)
     return _mended(pencil, u, pairs, left)
 
 

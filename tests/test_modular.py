@@ -1,0 +1,463 @@
+# SPDX-License-Identifier: MIT
+"""Scenes from parts: the recursions against one another, against `Chain`, and known answers."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.typing import NDArray
+
+import pipedyn as pd
+from pipedyn import modular as md
+
+CLAMPED_PINNED = 4.493409457909064
+"""First root of tan u = u: the clamped-pinned column (physics.md, section 4: 4.4934)."""
+
+EJECTING = pd.Pipe(0.3, 12.0, drag=0.7, damping=0.01)
+ASPIRATING = pd.Pipe(0.4, -3.0, "aspirating", 0.7, drag=1.5)
+
+UNEQUAL = {
+    "lengths": [0.2, 0.25, 0.15, 0.3],
+    "springs": [9.0, 4.0, 7.0, 3.0],
+    "centers": [0.4, 0.65, 0.55, 0.3],
+    "gyration_radii": [0.05, 0.08, 0.02, 0.1],
+    "drag_points": [0.3, 0.5, 0.9, 0.2],
+    "base": 0.1,
+}
+
+
+def own_parts(seed: int = 3) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=400), rng.normal(size=400)
+
+
+def slack(n: int, pipe: pd.Pipe = EJECTING, y: float = 0.9) -> md.Assembly:
+    """A chain whose free end is pinned nearer to the clamp than its length."""
+    return md.chain(pipe, n).plus(md.Pin(n, 0.0, y))
+
+
+SCENES: dict[str, Callable[[], md.Assembly]] = {
+    "plain": lambda: md.chain(EJECTING, 5),
+    "aspirating": lambda: md.chain(ASPIRATING, 6, "midpoint"),
+    "unequal": lambda: md.chain(EJECTING, **UNEQUAL),
+    "guided": lambda: md.chain(EJECTING, 5).plus(md.Guide(5)),
+    "guided twice": lambda: md.chain(ASPIRATING, 5).plus(md.Guide(3), md.Guide(5), md.Guide(3)),
+    "arch": lambda: slack(6),
+    "pin and guide": lambda: slack(6).plus(md.Guide(6)),
+    "fitted": lambda: md.chain(EJECTING, 5).plus(
+        md.PointMass(5, 0.3),
+        md.PointMass(2, 0.1),
+        md.TransverseSpring(3, 40.0),
+        md.Dashpot(4, 0.8),
+        md.TorsionalSpring(2, 3.0, damping=0.2, rest_angle=0.3),
+    ),
+    "held twice": lambda: md.chain(EJECTING, 4).plus(md.Joint(3), md.Clamp()),
+}
+
+
+def state_of(scene: md.Assembly, seed: int = 1, size: float = 0.5) -> NDArray[np.float64]:
+    """A state that meets the constraints of a scene, far from rest."""
+    rng = np.random.default_rng(seed)
+    start = scene.resting() + size * rng.normal(size=scene.moving)
+    theta, omega = scene.motion.projected(start, 3.0 * rng.normal(size=scene.moving))
+    return scene.state(theta, omega)
+
+
+# ------------------------------------------------------------------------------------- enforcement
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_recursion_gives_the_accelerations_of_the_one_shot_null_space(name: str) -> None:
+    scene = SCENES[name]()
+    n = scene.coordinates
+    for seed in range(3):
+        y = state_of(scene, seed)
+        u = 2.0 + seed
+        _, (rows, columns, values), wanted, _ = scene.core.constraints(y)
+        matrix = np.zeros((wanted.size, n))
+        np.add.at(matrix, (rows, columns), values)
+        mass = np.zeros((n, n))
+        rows, columns, values = scene.core.operators()["mass"]
+        np.add.at(mass, (rows, columns), values)
+        force = scene.core.forces(y, u)
+        basis = scipy.linalg.null_space(matrix, rcond=1e-9)
+        assert basis.shape[1] == scene.dof
+        whole = np.concatenate([basis.T @ mass, matrix])
+        expected = np.linalg.lstsq(whole, np.concatenate([basis.T @ force, wanted]))[0]
+        scale = np.abs(expected).max()
+        for accelerations in (
+            scene.rhs(0.0, y, u)[n:],
+            scene.accelerations(y, u, "orthonormal"),
+            scene.accelerations(y, u, "udwadia-kalaba"),
+        ):
+            np.testing.assert_allclose(accelerations, expected, atol=1e-10 * scale, rtol=0.0)
+
+
+def test_the_order_of_the_groups_does_not_matter() -> None:
+    scene = md.chain(ASPIRATING, 6).plus(md.Guide(6), md.PointMass(4, 0.2))
+    y = state_of(scene)
+    expected = scene.rhs(0.0, y, 3.0)
+    scale = np.abs(expected).max()
+    rng = np.random.default_rng(5)
+    for enforcement in ("orthonormal", "udwadia-kalaba"):
+        for _ in range(4):
+            order = rng.permutation(len(scene.constraints))
+            shuffled = md.Assembly(
+                scene.pipe, scene.modules, [scene.constraints[i] for i in order], enforcement
+            )
+            np.testing.assert_allclose(shuffled.rhs(0.0, y, 3.0), expected, atol=1e-11 * scale)
+            found = shuffled.accelerations(y, 3.0, "orthonormal")
+            np.testing.assert_allclose(found, expected[18:], atol=1e-11 * scale)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_projection_is_orthonormal_and_leaves_the_degrees_of_freedom(name: str) -> None:
+    scene = SCENES[name]()
+    basis = scene.projection()
+    assert basis.shape == (scene.coordinates, scene.dof)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(scene.dof), atol=1e-12)
+
+
+def test_redundant_constraints_change_nothing() -> None:
+    plain = md.chain(EJECTING, 6).plus(md.Guide(4))
+    again = plain.plus(md.Guide(4), md.Joint(2), md.Clamp(), md.Joint(6))
+    y = state_of(plain)
+    assert again.dof == plain.dof == 5
+    expected = plain.rhs(0.0, y, 2.0)
+    np.testing.assert_allclose(again.rhs(0.0, y, 2.0), expected, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(
+        pd.eigenvalues(again, 2.0, 4), pd.eigenvalues(plain, 2.0, 4), rtol=1e-11
+    )
+
+
+# -------------------------------------------------------------------------------- the plain chain
+
+
+@pytest.mark.parametrize(
+    ("pipe", "given"),
+    [
+        (EJECTING, {"n": 7}),
+        (ASPIRATING, {"n": 7, "springs": "midpoint"}),
+        (EJECTING, UNEQUAL),
+        (ASPIRATING, {"n": 1}),
+    ],
+)
+def test_the_plain_chain_moves_like_chain(pipe: pd.Pipe, given: dict) -> None:
+    chain, scene = pd.Chain(pipe, **given), md.chain(pipe, **given)
+    n = chain.dof
+    rng = np.random.default_rng(2)
+    for u in (0.0, 5.5):
+        theta, omega = rng.normal(size=n), 4.0 * rng.normal(size=n)
+        expected = chain.rhs(0.0, np.concatenate([theta, omega]), u)[n:]
+        y = scene.state(theta, omega)
+        found = np.cumsum(scene.rhs(0.0, y, u)[3 * n + 2 :: 3])
+        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
+        both = np.concatenate([theta, omega])
+        assert math.isclose(scene.energy(y), chain.energy(both), rel_tol=1e-12, abs_tol=1e-12)
+        for part in ("flow", "joints", "drag", "others", "total"):
+            mine, theirs = getattr(scene.power(y, u), part), getattr(chain.power(both, u), part)
+            assert math.isclose(mine, theirs, rel_tol=1e-11, abs_tol=1e-11)
+        s = np.linspace(0.0, 1.0, 23)
+        np.testing.assert_allclose(scene.shape(theta, s), chain.shape(theta, s), atol=1e-14)
+        np.testing.assert_allclose(scene.tip(y[: 3 * n]), chain.tip(theta), atol=1e-14)
+
+
+@pytest.mark.parametrize("angles", [None, "bent"])
+def test_the_plain_chain_has_the_operators_of_chain(angles: str | None) -> None:
+    chain, scene = pd.Chain(EJECTING, **UNEQUAL), md.chain(EJECTING, **UNEQUAL)
+    q = None if angles is None else np.array([0.3, -0.5, 0.8, 0.2])
+    mine, theirs = scene.operators(q), chain.operators(q)
+    names = ["mass", "gyroscopic", "end_flux", "damping"]
+    # Beside the derivatives of the forces in the angles, about a bent chain that is no equilibrium
+    # nothing else is left: no guide or pin bends the coordinates.
+    for name in [*names, "stiffness", "flux"]:
+        np.testing.assert_allclose(
+            getattr(mine, name), getattr(theirs, name), atol=1e-13, err_msg=name
+        )
+
+
+@pytest.mark.parametrize("n", [8, 130])
+@pytest.mark.parametrize("pipe", [EJECTING, pd.Pipe(0.2), pd.Pipe(0.5, damping=0.002)])
+def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pd.Pipe, n: int) -> None:
+    for u in (0.0, 6.0):
+        mine = pd.eigenvalues(md.chain(pipe, n), u, 8)
+        theirs = pd.eigenvalues(pd.Chain(pipe, n), u, 8)
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-8)
+
+
+@pytest.mark.parametrize("n", [6, 90])
+def test_the_plain_chain_has_the_passages_of_chain(n: int) -> None:
+    for pipe in (pd.Pipe(0.2), pd.Pipe(0.3, -12.0), pd.Pipe(0.3, flow="aspirating", damping=0.02)):
+        mine = pd.crossings(md.chain(pipe, n), 9.0)
+        theirs = pd.crossings(pd.Chain(pipe, n), 9.0)
+        assert [(c.kind, c.mode, c.unstable_after) for c in mine] == [
+            (c.kind, c.mode, c.unstable_after) for c in theirs
+        ]
+        np.testing.assert_allclose(
+            [c.speed for c in mine], [c.speed for c in theirs], rtol=1e-9, atol=1e-12
+        )
+        for a, b in zip(mine, theirs, strict=True):
+            for name in ("beta", "gamma", "damping", "alpha"):
+                mine_by, theirs_by = (getattr(c.sensitivity.speed, name) for c in (a, b))
+                assert math.isclose(mine_by, theirs_by, rel_tol=1e-6, abs_tol=1e-7), name
+
+
+def test_root_loci_of_a_scene_are_those_of_the_chain() -> None:
+    speeds = np.linspace(0.0, 8.0, 17)
+    mine = pd.root_loci(md.chain(pd.Pipe(0.2), 12), speeds, 3)
+    theirs = pd.root_loci(pd.Chain(pd.Pipe(0.2), 12), speeds, 3)
+    np.testing.assert_allclose(mine.eigenvalues, theirs.eigenvalues, rtol=1e-9, atol=1e-9)
+    modes = pd.modes(md.chain(pd.Pipe(0.2), 12), 5.0, 4)
+    plain = pd.modes(pd.Chain(pd.Pipe(0.2), 12), 5.0, 4)
+    s = np.linspace(0.0, 1.0, 13)
+    for a, b in zip(modes.shapes, plain.shapes, strict=True):
+        np.testing.assert_allclose(a(s), b(s), atol=1e-9)
+
+
+# ----------------------------------------------------------------------- derivatives and balances
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_jacobian_is_the_derivative_of_the_rates(name: str) -> None:
+    scene = SCENES[name]()
+    y, u = state_of(scene, 4), 3.0
+    jacobian = scene.jacobian(0.0, y, u)
+    step = 1e-5
+    # Where guides or pins are redundant a state beside them contradicts itself: moved are states
+    # along all coordinates otherwise.
+    moved = np.eye(y.size)
+    near = [
+        scene.rhs(0.0, y + h * step * moved, u)
+        if False
+        else np.stack([scene.rhs(0.0, y + h * step * e, u) for e in moved], axis=1)
+        for h in (-2, -1, 1, 2)
+    ]
+    differences = (near[0] - 8.0 * near[1] + 8.0 * near[2] - near[3]) / (12.0 * step)
+    np.testing.assert_allclose(jacobian, differences, atol=3e-7 * np.abs(differences).max())
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_energy_changes_by_the_power_of_the_parts(name: str) -> None:
+    scene = SCENES[name]()
+    y, u = state_of(scene, 6), 4.0
+    rate = scene.rhs(0.0, y, u)
+    h = 1e-5
+    points = np.stack([y + k * h * rate for k in (-2, -1, 1, 2)], axis=1)
+    e = scene.energy(points)
+    measured = (e[0] - 8.0 * e[1] + 8.0 * e[2] - e[3]) / (12.0 * h)
+    power = scene.power(y, u)
+    assert math.isclose(measured, power.total, rel_tol=1e-7, abs_tol=1e-6 * abs(power.flow))
+    assert power.others < 0.0 if name == "fitted" else power.others == 0.0
+
+
+@pytest.mark.parametrize("name", ["unequal", "guided", "fitted", "arch"])
+def test_small_motions_obey_the_operators(name: str) -> None:
+    """Eigenvalues of the nonlinear motion's own Jacobian, which knows no geometric stiffness."""
+    scene = SCENES[name]()
+    u = 2.5
+    q = scene.equilibrium(scene.bent(lambda s: 0.8 * np.sin(2.0 * math.pi * s)), u)
+    rested = scene.about(q)
+    found = np.sort_complex(pd.eigenvalues(rested, u))
+    start = np.concatenate([scene.angles(q), np.zeros(scene.moving)])
+    assert np.abs(scene.motion.rhs_and_power(0.0, np.append(start, 0.0), u)).max() < 1e-9
+    every = np.linalg.eigvals(scene.motion_jacobian(start, u))
+    far = np.abs(every[:, None] - found[None, :]).min(axis=0)
+    assert np.all(far < 1e-6 * (1.0 + np.abs(found)))
+    # What is left are the rates at which the projection takes a state back to its constraints.
+    assert found.size == 2 * scene.dof
+
+
+def test_the_arch_is_stable_and_keeps_its_shape_in_the_flow() -> None:
+    """A pinned inextensible arch: thrust is taken up by its length, Coriolis forces do no work."""
+    for n in (8, 16):
+        scene = slack(n, pd.Pipe(0.3))
+        q = scene.equilibrium(scene.bent(lambda s: np.sin(2.0 * math.pi * s)))
+        assert abs(q[3 * (n // 2) - 3]) > 0.05
+        for u in (3.0, 15.0):
+            np.testing.assert_allclose(scene.equilibrium(q, u), q, atol=1e-9)
+            values = pd.eigenvalues(scene.about(q), u)
+            assert np.abs(values.real).max() < 1e-7 * np.abs(values).max()
+        assert pd.crossings(scene.about(q), 20.0) == ()
+        with pytest.raises(pd.NoCrossing):
+            pd.critical_speed(scene.about(q), 20.0)
+    # The straight pipe is no configuration of this scene.
+    with pytest.raises(ValueError, match=r"the straight pipe misses Pin\(node=16"):
+        pd.eigenvalues(scene, 1.0)
+
+
+# ------------------------------------------------------------------------------------ known answers
+
+
+def test_a_guided_end_diverges_like_the_clamped_pinned_column() -> None:
+    errors = []
+    sizes = np.array([10, 20, 40, 80])
+    for n in sizes.tolist():
+        scene = md.chain(pd.Pipe(0.2), n).plus(md.Guide(n))
+        critical = pd.critical_speed(scene)
+        assert critical.kind == "divergence"
+        errors.append(critical.speed - CLAMPED_PINNED)
+    order = -np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]
+    assert 1.9 < order < 2.1
+    assert abs(errors[-1]) < 2e-3
+    extrapolated = (4.0 * errors[-1] - errors[-2]) / 3.0
+    assert abs(extrapolated) < 1e-5
+
+
+def test_a_double_pendulum_swings_at_the_textbook_frequencies() -> None:
+    """Two equal bobs on massless rods of length l: omega^2 = (2 -+ sqrt 2) g / l.
+
+    The segments of an assembly have mass; bobs a million times heavier hide it.
+    """
+    gamma, heavy = 1.0, 1e6
+    scene = md.Assembly(
+        pd.Pipe(0.0, gamma),
+        [md.Segment(0.5), md.Segment(0.5), md.PointMass(1, heavy), md.PointMass(2, heavy)],
+        [md.Clamp(), md.Joint(2)],
+    )
+    values = pd.eigenvalues(scene, 0.0)
+    squares = np.sort(np.unique(np.round(np.abs(values), 9))) ** 2
+    np.testing.assert_allclose(
+        squares, (2.0 + np.array([-1.0, 1.0]) * math.sqrt(2.0)) * 2.0, rtol=2e-6
+    )
+
+
+def test_two_uniform_rods_swing_at_the_textbook_frequencies() -> None:
+    """Two hinged uniform rods of length l: omega^2 = (3 -+ 6 / sqrt 7) g / l."""
+    scene = md.Assembly(
+        pd.Pipe(0.0, 4.0), [md.Segment(0.5), md.Segment(0.5)], [md.Clamp(), md.Joint(2)]
+    )
+    values = pd.eigenvalues(scene, 0.0)
+    squares = np.sort(np.abs(values[values.imag > 0.0])) ** 2
+    expected = (3.0 + np.array([-1.0, 1.0]) * 6.0 / math.sqrt(7.0)) * 8.0
+    np.testing.assert_allclose(squares, expected, rtol=1e-12)
+
+
+FITTED = {
+    "end mass": ((pd.Fitting(1.0, mass=0.2),), pd.Pipe(0.2, 10.0)),
+    "inner spring": ((pd.Fitting(0.6, stiffness=60.0),), pd.Pipe(0.3)),
+    "both": (
+        (pd.Fitting(0.4, stiffness=30.0), pd.Fitting(0.8, mass=0.1), pd.Fitting(1.0, mass=0.05)),
+        pd.Pipe(0.25, 5.0, damping=0.001),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_fittings_move_the_critical_speed_of_scene_and_continuum_alike(name: str) -> None:
+    fittings, pipe = FITTED[name]
+    exact = pd.critical_speed(pd.Continuum(pipe, fittings=fittings))
+    bare = pd.critical_speed(pd.Continuum(pipe))
+    assert abs(exact.speed - bare.speed) > 0.1
+    sizes = np.array([20, 40, 80])
+    found = [pd.critical_speed(md.chain(pipe, n, fittings=fittings)) for n in sizes.tolist()]
+    errors = np.array([critical.speed - exact.speed for critical in found])
+    order = -np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]
+    assert 1.8 < order < 2.2
+    assert abs(4.0 * errors[-1] - errors[-2]) / 3.0 < 2e-4 * exact.speed
+    assert all(critical.kind == exact.kind for critical in found)
+    assert found[-1].discretisation is None
+
+
+# -------------------------------------------------------------------------------------------- motion
+
+
+def test_constraints_do_not_drift_over_a_hundred_periods() -> None:
+    scene = md.chain(pd.Pipe(0.2, 5.0, drag=0.5), 5).plus(md.Guide(5))
+    lowest = np.abs(pd.eigenvalues(scene, 2.0, 2)).min()
+    duration = 100.0 * 2.0 * math.pi / lowest
+    start = scene.bent(lambda s: 0.5 * np.sin(2.0 * math.pi * s))
+    motion = pd.simulate(scene, 2.0, duration, start, samples=2001)
+    drift = [np.abs(scene.core.constraints(y)[0]).max() for y in motion.y.T]
+    assert max(drift) < 1e-12
+    held = motion.qdot[:, 3 * 5 - 3]
+    assert np.abs(held).max() < 1e-12
+    assert motion.audit < 1e-4
+    # What the integrator itself carries beside the constraint stays as small.
+    assert motion.q.shape == (2001, 15)
+
+
+def test_a_scene_flutters_as_the_chain_does() -> None:
+    pipe = pd.Pipe(0.2, drag=0.2)
+    mine = pd.simulate(md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
+    theirs = pd.simulate(pd.Chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
+    np.testing.assert_allclose(mine.tip, theirs.tip, atol=1e-7)
+    np.testing.assert_allclose(mine.energy, theirs.energy, atol=1e-6)
+    stiff = pd.simulate(md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9, method="lsoda")
+    np.testing.assert_allclose(stiff.tip, theirs.tip, atol=1e-6)
+
+
+def test_implicit_steps_take_the_scenes_own_jacobian() -> None:
+    for scene in (md.chain(EJECTING, 4).plus(md.Guide(4)), SCENES["fitted"]()):
+        start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
+        runs = [
+            pd.simulate(scene, 2.0, 2.0, start, rtol=1e-8, method=method, samples=51)
+            for method in ("dop853", "lsoda")
+        ]
+        np.testing.assert_allclose(runs[0].tip, runs[1].tip, atol=1e-5)
+
+
+def test_the_motion_jacobian_is_the_derivative_of_the_integrated_rates() -> None:
+    scene = SCENES["fitted"]()
+    n, u = scene.moving, 3.0
+    y = np.concatenate([own_parts()[0][:n], own_parts()[1][:n]])
+    h = 1e-5
+    columns = [
+        scene.motion.rhs_and_power(0.0, np.append(y + k * h * e, 0.0), u)[:-1]
+        for e in np.eye(2 * n)
+        for k in (-1, 1)
+    ]
+    differences = np.stack(
+        [(b - a) / (2.0 * h) for a, b in zip(columns[::2], columns[1::2], strict=True)], axis=1
+    )
+    jacobian = scene.motion_jacobian(y, u)
+    np.testing.assert_allclose(jacobian, differences, atol=1e-6 * np.abs(differences).max())
+
+
+def test_many_scenes_move_at_once() -> None:
+    scene = md.chain(EJECTING, 3).plus(md.Guide(3))
+    start = scene.bent(lambda s: 0.4 * np.sin(2.0 * math.pi * s))
+    speeds = [0.0, 1.0, 2.0]
+    many = pd.simulate_many(scene, speeds, 1.0, start, samples=11, rtol=1e-9)
+    for u, motion in zip(speeds, many.motions, strict=True):
+        one = pd.simulate(scene, u, 1.0, start, samples=11, rtol=1e-9)
+        np.testing.assert_allclose(motion.q, one.q, atol=1e-7)
+
+
+def test_both_enforcements_give_one_motion() -> None:
+    parts = md.chain(EJECTING, 3).plus(md.Guide(3), md.PointMass(2, 0.3))
+    start = parts.bent(lambda s: 0.4 * np.sin(2.0 * math.pi * s))
+    motions = [
+        pd.simulate(
+            md.Assembly(EJECTING, parts.modules, parts.constraints, enforcement),
+            *(2.0, 0.5, start),
+            samples=6,
+            rtol=1e-9,
+        )
+        for enforcement in ("orthonormal", "udwadia-kalaba")
+    ]
+    np.testing.assert_allclose(motions[0].q, motions[1].q, atol=1e-9)
+
+
+def test_initial_states_are_angles_or_coordinates_that_meet_the_constraints() -> None:
+    scene = md.chain(pd.Pipe(0.2), 4).plus(md.Guide(4))
+    angles = scene.closed([0.3, 0.1, -0.2, 0.0])
+    y = scene.state(angles)
+    by_angles = pd.simulate(scene, 1.0, 0.1, angles, samples=3)
+    by_coordinates = pd.simulate(scene, 1.0, 0.1, y[:12], samples=3)
+    np.testing.assert_allclose(by_angles.q, by_coordinates.q, atol=1e-13)
+    np.testing.assert_allclose(scene.angles(y), angles, atol=1e-15)
+    with pytest.raises(ValueError, match=r"q0 must meet Guide\(node=4\), got .*e-02 beside it"):
+        pd.simulate(scene, 1.0, 0.1, [0.3, 0.1, -0.2, 0.1])
+    torn = y[:12].copy()
+    torn[3] += 0.01
+    with pytest.raises(ValueError, match=r"q0 must meet the constraints, got .* beside Joint"):
+        pd.simulate(scene, 1.0, 0.1, torn)
+    with pytest.raises(ValueError, match=r"qdot0 must keep Guide\(node=4\)"):
+        pd.simulate(scene, 1.0, 0.1, angles, [1.0, 0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match=r"q0 must have shape \(4,\) or \(12,\), got \(5,\)"):
+        pd.simulate(scene, 1.0, 0.1, np.zeros(5))
