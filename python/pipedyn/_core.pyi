@@ -178,6 +178,40 @@ class GalerkinMotion:
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
 
+class FittedMotion:
+    def __init__(
+        self,
+        pipe: Pipe,
+        legendre: bool,
+        size: typing.SupportsInt | typing.SupportsIndex,
+        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        fittings: collections.abc.Sequence[Fitting],
+        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> None: ...
+    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def nodes(
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> int: ...
+    def operators(
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> Operators: ...
+    def power(
+        self, y: typing.Any, u: typing.Any
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+
 class Scene:
     def __init__(
         self,
