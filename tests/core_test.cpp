@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "pipedyn/chain.hpp"
+#include "pipedyn/fitted_motion.hpp"
 #include "pipedyn/galerkin.hpp"
 #include "pipedyn/galerkin_motion.hpp"
 #include "pipedyn/levels.hpp"
@@ -484,6 +485,38 @@ void check_bases() {
   }
 }
 
+void check_panels() {
+  scene = "Legendre functions on panels";
+  const Index m = 17;
+  const Vector joints = (Vector(3) << 0.02, 0.3, 0.9).finished();
+  const Basis basis(Family::legendre, m, joints);
+  check_close(basis.ends(), (Vector(5) << 0.0, joints, 1.0).finished(), 0.0, "ends");
+  check(basis.most_on_a_panel() == 5, "functions go round");
+  const Rule rule = gauss(m);
+  Matrix stiffness = Matrix::Zero(m, m);
+  Vector angle = Vector::Zero(m);
+  for (Index panel = 0; panel < 4; ++panel) {
+    const double low = basis.ends()[panel], length = basis.ends()[panel + 1] - low;
+    const Vector s = low + length * rule.nodes.array();
+    const Matrix curvature = basis.evaluate(s, 2);
+    stiffness += length * rule.product(curvature, curvature);
+    angle += length * curvature.transpose() * rule.weights;
+    const Vector end = Vector::Constant(1, low + length);
+    check_close(basis.evaluate(end, 1).transpose(), angle, 1e-13, "w' is the integral of w''");
+  }
+  check_close(stiffness, Matrix::Identity(m, m), 1e-13, "curvatures are orthonormal");
+  const Vector s = Vector::LinSpaced(20, 0.0, 1.0);
+  check_close(Basis(Family::legendre, 60, joints).evaluate(s, 0).leftCols(m), basis.evaluate(s, 0),
+              0.0, "a larger basis begins with a smaller one");
+  const auto with = [&](Family family, Index size, Vector ends) {
+    return [family, size, ends] { Basis(family, size, ends); };
+  };
+  check_refused(with(Family::beam, 9, joints), "beam modes on panels");
+  check_refused(with(Family::legendre, 3, joints), "a panel without a function");
+  check_refused(with(Family::legendre, 9, Vector::Constant(2, 0.5)), "a panel of no length");
+  check_refused(with(Family::legendre, 9, Vector::Constant(1, 1.0)), "a joint at the end");
+}
+
 void check_high_modes() {
   const Index m = 2000;
   const Rule rule = gauss(2 * m + 60);
@@ -542,9 +575,9 @@ void check_signed_weights() {
   check_close(weigh(rest), grid.rule().weight, 0.0, "no zero to cut at");
 }
 
-void check_reduced_motion_of(const Pipe& pipe, Family family, Index m, Dice& dice) {
-  const pipedyn::GalerkinMotion model(pipe, Basis(family, m));
-  const Index members = 11;
+template <class Model>
+void check_reduced_motion_of(const Model& model, const Pipe& pipe, Family family, Dice& dice) {
+  const Index m = model.dof(), members = 11;
   const Vector scale = Basis(family, m).stiffness().cwiseSqrt().cwiseInverse();
   Matrix y = dice.matrix(2 * m, members);
   y.topRows(m) = scale.asDiagonal() * y.topRows(m);
@@ -613,8 +646,10 @@ void check_reduced_motion() {
                   (family == Family::beam ? " beam modes" : " Legendre functions");
           Pipe pipe = dice.pipe(aspirating);
           pipe.drag = aspirating ? 0.7 : 0.0;
-          check_reduced_motion_of(pipe, family, m, dice);
-          check_reduced_motion_of(Pipe{.beta = 0.0, .aspirating = aspirating}, family, m, dice);
+          for (const Pipe& one : {pipe, Pipe{.beta = 0.0, .aspirating = aspirating}}) {
+            const pipedyn::GalerkinMotion model(one, Basis(family, m));
+            check_reduced_motion_of(model, one, family, dice);
+          }
         }
       }
     }
@@ -687,6 +722,18 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
   const double most = scene_held.forces(y, u).norm() + (mass * acceleration).norm();
   check(left.norm() < 1e-9 * most, "what M q'' lacks to f, constraints give");
   check(scene_held.lacking(q) == -1, "nothing lacks inertia");
+  Matrix met_theta = 0.3 * theta, met_omega = omega;
+  scene_held.project(met_theta, met_omega);
+  const Vector met = scene_held.from_angles(met_theta, met_omega);
+  check(std::abs(met[3 * n - 3]) < 1e-12, "projected angles meet the guide");
+  check(std::abs(met[6 * n - 3]) < 1e-11, "projected rates keep to it");
+  Vector angles(2 * n + 1), turned(2 * n + 1);
+  angles << met_theta, met_omega, 0.0;
+  scene_held.angle_rates({angles.data(), &u, 1, 0}, turned.data());
+  scene_held.rhs({met.data(), &u, 1, 0}, nullptr, rates.data());
+  sum = 0.0;
+  for (Index j = 0; j < n; ++j) turns[j] = sum += rates[3 * (n + j) + 2];
+  check_close(turned.segment(n, n), turns, 1e-9, "angles turn as the redundant coordinates do");
   const Vector way = dice.vector(6 * n, -1.0, 1.0);
   const auto by = scene_held.force_derivatives(y, u);
   const Vector change = dense(by.by_coordinates, 3 * n, 3 * n) * way.head(3 * n) +
@@ -728,6 +775,30 @@ void check_scenes() {
           "a joint at the clamp");
 }
 
+void check_fitted_motion() {
+  Dice dice;
+  const Vector joints = (Vector(2) << 0.3, 0.7).finished();
+  const pipedyn::Fittings fittings = {{0.7, 0.0, 30.0}, {0.3, 0.2, 0.0}, {1.0, 0.4, 2.0}};
+  for (const Family family : {Family::beam, Family::legendre}) {
+    for (const bool aspirating : {false, true}) {
+      scene = std::string("motion with fittings, ") +
+              (family == Family::beam ? "beam modes" : "Legendre functions");
+      Pipe pipe = dice.pipe(aspirating);
+      pipe.drag = aspirating ? 0.7 : 0.0;
+      const Basis basis(family, 8, family == Family::beam ? Vector() : joints);
+      check_reduced_motion_of(pipedyn::FittedMotion(pipe, basis, fittings), pipe, family, dice);
+      const Basis short_one(family, 3, family == Family::beam ? Vector() : joints);
+      check_reduced_motion_of(pipedyn::FittedMotion(pipe, short_one, fittings), pipe, family, dice);
+    }
+  }
+  for (const double at : {0.0, -0.1, 1.1}) {
+    const auto make = [at] {
+      pipedyn::FittedMotion(Pipe{}, Basis(Family::beam, 2), {{at, 1.0, 0.0}});
+    };
+    check_refused(make, "a fitting off the pipe");
+  }
+}
+
 }  // namespace
 
 int main() {
@@ -735,10 +806,12 @@ int main() {
   check_motion();
   check_refusals();
   check_bases();
+  check_panels();
   check_high_modes();
   check_quadrature();
   check_reduced_motion();
   check_scenes();
+  check_fitted_motion();
   std::printf("%d checks, %d failed\n", checks, failures);
   return failures == 0 ? 0 : 1;
 }
