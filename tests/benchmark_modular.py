@@ -22,12 +22,12 @@ failures = []
 PIPE = pd.Pipe(0.2, 5.0, drag=0.5)
 
 
-def clocked(call: Callable[[], Any], least: float = 0.2) -> tuple[float, Any]:
+def clocked(call: Callable[..., Any], *given: Any, least: float = 0.2) -> tuple[float, Any]:
     """Shortest time of a call among those that fit into so many seconds, s, and its answer."""
-    answer, best, begun = call(), np.inf, time.perf_counter()
+    answer, best, begun = call(*given), np.inf, time.perf_counter()
     while True:
         start = time.perf_counter()
-        answer = call()
+        answer = call(*given)
         best = min(best, time.perf_counter() - start)
         if time.perf_counter() - begun > least:
             return best, answer
@@ -47,15 +47,15 @@ def rates() -> None:
         rng = np.random.default_rng(n)
         theta, omega = np.cumsum(rng.normal(size=n)) / n, rng.normal(size=n)
         flat, y = np.concatenate([theta, omega]), scene.state(theta, omega)
-        plain, expected = clocked(lambda: chain.rhs(0.0, flat, 5.0))
-        cost, found = clocked(lambda: scene.rhs(0.0, y, 5.0))
+        plain, expected = clocked(chain.rhs, 0.0, flat, 5.0)
+        cost, found = clocked(scene.rhs, 0.0, y, 5.0)
         turned = np.cumsum(found[3 * n + 2 :: 3])
         error = np.abs(turned - expected[n:]).max() / np.abs(expected[n:]).max()
         met = guided.state(*guided.motion.projected(theta, 0.0 * omega))
-        held, _ = clocked(lambda: guided.rhs(0.0, met, 5.0))
+        held, _ = clocked(guided.rhs, 0.0, met, 5.0)
         dense = np.nan
         if n <= 50:
-            dense, other = clocked(lambda: scene.accelerations(y, 5.0, "udwadia-kalaba"))
+            dense, other = clocked(scene.accelerations, y, 5.0, "udwadia-kalaba")
             check(
                 "Udwadia-Kalaba", np.abs(other - found[3 * n :]).max() / np.abs(other).max(), 1e-7
             )
@@ -69,18 +69,18 @@ def linear() -> None:
     print(f"{'n':>6} {'':24} {'Chain':>9} {'scene':>9} {'error':>9}")
     for n in (100, 1000):
         chain, scene = pd.Chain(pd.Pipe(0.2), n), md.chain(pd.Pipe(0.2), n)
-        cost, mine = clocked(lambda: pd.eigenvalues(scene, 5.0, 8))
-        plain, theirs = clocked(lambda: pd.eigenvalues(chain, 5.0, 8))
+        cost, mine = clocked(pd.eigenvalues, scene, 5.0, 8)
+        plain, theirs = clocked(pd.eigenvalues, chain, 5.0, 8)
         error = np.abs(mine / theirs - 1.0).max()
         print(f"{n:6} {'8 eigenvalues':24} {plain:9.4f} {cost:9.4f} {error:9.1e}")
         check("eigenvalues", error, 1e-9)
-        cost, mine = clocked(lambda: pd.critical_speed(scene), 0.0)
-        plain, theirs = clocked(lambda: pd.critical_speed(chain), 0.0)
+        cost, mine = clocked(pd.critical_speed, scene, least=0.0)
+        plain, theirs = clocked(pd.critical_speed, chain, least=0.0)
         error = abs(mine.speed / theirs.speed - 1.0)
         print(f"{n:6} {'critical speed':24} {plain:9.4f} {cost:9.4f} {error:9.1e}")
         check("critical speed", error, 1e-9)
         guided = scene.plus(md.Guide(n))
-        cost, held = clocked(lambda: pd.critical_speed(guided), 0.0)
+        cost, held = clocked(pd.critical_speed, guided, least=0.0)
         error = abs(held.speed / 4.493409457909064 - 1.0)
         print(f"{n:6} {'the same, guided end':24} {'':9} {cost:9.4f} {error:9.1e}")
         check("guided end", error, 4.0 / n**2)
@@ -96,7 +96,7 @@ def motion() -> None:
     chain, scene = pd.Chain(pipe, 10), md.chain(pipe, 10)
     exact = run(chain, 1e-11)
     for name, model in (("Chain", chain), ("scene", scene)):
-        cost, found = clocked(lambda model=model: run(model), 0.0)
+        cost, found = clocked(run, model, least=0.0)
         error = np.abs(found.tip - exact.tip).max()
         print(f"{name:>6} {cost:9.3f} {error:9.1e}")
         check(f"motion of {name}", error, 1e-3)

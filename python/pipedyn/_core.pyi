@@ -213,6 +213,7 @@ class FittedMotion:
     ) -> numpy.typing.NDArray[numpy.float64]: ...
 
 class Scene:
+    return_rate: typing.ClassVar[float] = 10.0
     def __init__(
         self,
         pipe: Pipe,
@@ -257,6 +258,9 @@ class Scene:
             numpy.typing.NDArray[numpy.float64],
         ],
     ]: ...
+    def angle_rates(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def constraints(
         self, y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> tuple[
@@ -323,6 +327,14 @@ class Scene:
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def project(
+        self,
+        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        omega: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    ) -> tuple[
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
     ]: ...
     def rhs(
         self, t: typing.Any, y: typing.Any, u: typing.Any, force: typing.Any = None

@@ -52,8 +52,7 @@ class CriticalSpeed:
         mode: which branch, counted from rest by frequency, from 1; a convention where damping is so
             strong that the modes at rest do not oscillate.
         stable_at_rest: False if the pipe is buckled without flow.
-        sensitivity: derivatives of speed and frequency; None at u = 0 and at beta = 0 without
-            damping.
+        sensitivity: derivatives of speed and frequency, None as for `Crossing`.
         size: degrees of freedom of the model solved.
         pipe: the pipe.
     """

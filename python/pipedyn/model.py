@@ -185,6 +185,11 @@ class Model(ABC):
         return 0.0
 
     @property
+    def rests_straight(self) -> bool:
+        """Whether linear questions are asked about the straight pipe."""
+        return True
+
+    @property
     def resisted(self) -> bool:
         """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
         return False

@@ -24,7 +24,7 @@ class Derivatives:
     Attributes:
         beta: None at beta = 0, where the square root of beta has no derivative.
         gamma, damping, alpha: alpha 0 for an ejecting pipe.
-        springs: by each k_j, shape (n,), the others held; None for reduced models.
+        springs: by each k_j, shape (n,), the others held; None for reduced models and scenes.
     """
 
     beta: float | None
@@ -59,8 +59,9 @@ class Crossing:
         error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
         mode: which branch passes, counted from rest by frequency, from 1; of two that meet on the
             axis (beta = 0) the higher.
-        sensitivity: derivatives of speed and frequency; None at u = 0 and at beta = 0 without
-            damping.
+        sensitivity: derivatives of speed and frequency; None at u = 0, at beta = 0 without
+            damping, at the divergence of a chain with a free joint, and about a bent pipe, whose
+            shape moves too.
     """
 
     speed: float
@@ -106,7 +107,7 @@ def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
     du/dp = -Re lambda_p / Re lambda_u and domega/dp = Im(lambda_p + lambda_u du/dp).
     """
     pair, slope = passage.pair, passage.slope
-    if pair is None or slope is None or pair.left is None:
+    if pair is None or slope is None or pair.left is None or not model.rests_straight:
         return None
     pencil = pencil_of(model)
     pipe, u, value = model.pipe, passage.speed, passage.value

@@ -169,6 +169,11 @@ class Assembly(Model):
         return self._linear.added
 
     @property
+    def rests_straight(self) -> bool:
+        """Whether linear questions are asked about the straight pipe."""
+        return self._reference is not None and not self._reference.any()
+
+    @property
     def resisted(self) -> bool:
         """Whether dashpots, joints of their own damping or custom modules resist velocities."""
         return self._layout.resisted
