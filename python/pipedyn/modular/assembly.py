@@ -14,7 +14,6 @@ from scipy import sparse
 
 from pipedyn import _check, _core
 from pipedyn._check import Array
-from pipedyn.blas import one_thread
 from pipedyn.chain import LARGEST_CHAIN, elastic_scale
 from pipedyn.model import (
     LARGEST_ANGLE,
@@ -26,6 +25,7 @@ from pipedyn.model import (
     core_pipe,
 )
 from pipedyn.modular.custom import CustomForce, extra_forces
+from pipedyn.modular.derivatives import acceleration_jacobian, scene_matrices
 from pipedyn.modular.enforcement import (
     Group,
     by_orthonormal_basis,
@@ -33,7 +33,7 @@ from pipedyn.modular.enforcement import (
     projection,
 )
 from pipedyn.modular.layout import Closing, Layout
-from pipedyn.modular.linear import Linear, SceneMatrices, Tree, factored
+from pipedyn.modular.linear import Linear, Tree
 from pipedyn.modular.moving import SceneMotion
 from pipedyn.modular.parts import Constraint, Module, Part, Segment, TorsionalSpring, told
 from pipedyn.pipe import Pipe
@@ -353,42 +353,9 @@ class Assembly(Model):
         q = self._configuration(theta)
         return Linear(
             Tree(layout.lengths, theta),
-            self._matrices(q),
+            scene_matrices(self.core, self._pipe, layout, self._customs, q),
             elastic_scale(layout.springs),
             np.array([closing.coordinate for closing in layout.closings], dtype=np.intp),
-        )
-
-    def _matrices(self, q: Array) -> SceneMatrices:
-        size, numbers = self.coordinates, core_pipe(self._pipe)
-        core = self.core.operators()
-
-        def matrix(triplets: Any) -> Any:
-            rows, columns, values = triplets
-            return sparse.coo_array((values, (rows, columns)), shape=(size, size)).tocsr()
-
-        still = np.concatenate([q, np.zeros(size)])
-        force = np.array(self.core.forces(still, 0.0))
-        thrust = np.zeros(size)
-        if self._layout.has_flow:
-            theta_end = float(np.sum(q[2::3]))
-            thrust[-3:-1] = -math.sin(theta_end), -math.cos(theta_end)
-        stiffness, damping = matrix(core["stiffness"]), matrix(core["damping"])
-        springs = np.zeros(size)
-        springs[2::3] = self._layout.springs
-        stiffness = stiffness - sparse.diags_array(springs)
-        zero = np.zeros(size)
-        for custom in self._customs:
-            force[custom.index] += custom.force(q, zero)
-            rows, columns = (
-                part.ravel() for part in np.meshgrid(custom.index, custom.index, indexing="ij")
-            )
-            stiffness = stiffness - matrix((rows, columns, custom.by_q(q, zero).ravel()))
-            damping = damping - matrix((rows, columns, custom.by_qdot(q, zero).ravel()))
-        return SceneMatrices(
-            *(matrix(core["mass"]), matrix(core["gyroscopic"]), matrix(core["end_flux"])),
-            *(damping, stiffness, matrix(core["flux"])),
-            *(self._layout.springs, force, thrust),
-            *(numbers.direction, numbers.centrifugal),
         )
 
     def unbalanced(self, u: float) -> float:
@@ -443,9 +410,7 @@ class Assembly(Model):
     @staticmethod
     def _dense(linear: Linear, zeta: Array) -> Operators:
         mass, gyroscopic, end_flux, damping, stiffness, flux = (
-            np.linalg.multi_dot([zeta.T, product(np.eye(linear.dof)), zeta])
-            if linear.dof > 1
-            else zeta.T @ product(np.eye(1)) @ zeta
+            zeta.T @ product(zeta)
             for product in (
                 *(linear.mass, linear.gyroscopic, linear.end_flux),
                 *(linear.damping, linear.stiffness, linear.flux),
@@ -606,37 +571,7 @@ class Assembly(Model):
         return whole
 
     def _acceleration_jacobian(self, y: Array, u: float) -> Array:
-        """Derivative of q'' by the state, (3 n, 6 n), from M q'' + A^T mu = f and A q'' = b."""
-        size, core = self.coordinates, self.core
-
-        def matrix(triplets: Any, rows: int = size) -> Any:
-            row, column, values = triplets
-            return sparse.coo_array((values, (row, column)), shape=(rows, size)).tocsc()
-
-        _, triplets, wanted, _ = core.constraints(y)
-        kept = self._layout.kept_rows
-        ties = matrix(triplets, wanted.size).tocsr()[kept]
-        mass = matrix(core.operators()["mass"])
-        solve = _solver(mass, ties)
-        force = np.asarray(core.forces(y, u))
-        by_q, by_rate = (matrix(part) for part in core.force_derivatives(y, u))
-        for custom in self._customs:
-            q, rates, index = y[:size], y[size:], custom.index
-            force[index] += custom.force(q, rates)
-            rows, columns = (p.ravel() for p in np.meshgrid(index, index, indexing="ij"))
-            by_q = by_q + matrix((rows, columns, custom.by_q(q, rates).ravel()))
-            by_rate = by_rate + matrix((rows, columns, custom.by_qdot(q, rates).ravel()))
-        found = solve(np.concatenate([force, wanted[kept]])[:, None])[:, 0]
-        multipliers = np.zeros(wanted.size)
-        multipliers[kept] = found[size:]
-        by_q = by_q - matrix(core.curvature(y[:size], multipliers))
-        of_q, of_rate = (
-            matrix(part, wanted.size).tocsr()[kept]
-            for part in core.acceleration_derivatives(y, found[:size])
-        )
-        right = sparse.block_array([[by_q, by_rate], [-of_q, -of_rate]]).toarray()
-        result: Array = solve(right)[:size]
-        return result
+        return acceleration_jacobian(self.core, self._customs, self._layout.kept_rows, y, u)
 
     # ------------------------------------------------------------------------- what is integrated
 
@@ -798,23 +733,6 @@ class Assembly(Model):
                 f"{name} must keep {told(worst.part)}, got {max(drift):.1e} away from it"
             )
         return np.array(omega)
-
-
-def _solver(mass: Any, ties: Any) -> Callable[[Array], Array]:
-    """Solves [M A^T; A 0] [q''; mu] = rows, with rows and unknowns from the clamp to the tip."""
-    whole = sparse.block_array([[mass, ties.T], [ties, None]]).tocoo()
-    last = np.maximum.reduceat(ties.indices, ties.indptr[:-1]) // 3
-    order = np.argsort(np.concatenate([np.arange(mass.shape[0]) // 3, last]), kind="stable")
-    place = np.empty_like(order)
-    place[order] = np.arange(order.size)
-    solve = factored(order.size, place[whole.row], place[whole.col], whole.data)
-
-    def in_order(rows: Array) -> Array:
-        with one_thread(1):
-            solution: Array = solve(rows[order], False)[place]
-        return solution
-
-    return in_order
 
 
 def _parts(name: str, given: Any, kind: type[Any]) -> tuple[Any, ...]:
