@@ -17,6 +17,7 @@ __all__: list[str] = [
     "GalerkinMotion",
     "Operators",
     "Pipe",
+    "most_on_a_panel",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -124,7 +125,6 @@ class Fitting:
     ) -> None: ...
 
 class Galerkin:
-    few_on_a_panel: typing.ClassVar[int] = 4
     def __init__(
         self,
         pipe: Pipe,
@@ -211,6 +211,10 @@ class FittedMotion:
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
 
+def most_on_a_panel(
+    size: typing.SupportsInt | typing.SupportsIndex,
+    joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+) -> int: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
