@@ -89,7 +89,7 @@ Basis::Basis(Family family, Index m, const Vector& joints)
     const double length = lengths[panel];
     const double few = length < 0.03 ? std::floor(-6.0 / std::log10(length)) : 4.0;
     const auto has = static_cast<double>(numbers_[static_cast<std::size_t>(panel)].size());
-    return has > few ? length / (has - few) : 1.0 + (1.0 + length) / (has + 1.0);
+    return has > few ? length / (has - few) : length + 6.0 - has;  // 1 at most, 1 at least
   };
   Vector claims(panels);
   for (Index panel = 0; panel < panels; ++panel) claims[panel] = claim(panel);

@@ -19,9 +19,9 @@ RANGES: dict[str, dict[str, Any]] = {
 """What `_check.real` asks of a fitting's numbers."""
 
 SHORTEST_PANEL = 1e-4
-"""Length of the shortest panel of a basis. To leave out a joint at the distance d from another costs
-d^3, 1e-11 of a critical speed at this length; on panels below a third of it functions move so little
-mass that rounding makes their eigenvalues any."""
+"""Length of the shortest panel of a basis. To leave out a joint at the distance d from another
+costs d^3, 1e-11 of a critical speed at this length; on panels below a third of it functions move
+so little mass that rounding makes their eigenvalues any."""
 
 MOST_FITTINGS = 400
 
