@@ -431,8 +431,13 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
             return model.basis().evaluate(s, derivative);
           },
           "s"_a, "derivative"_a, Unlocked())
-      .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); })
-      .def_readonly_static("few_on_a_panel", &Basis::few_on_a_panel);
+      .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
+  m.def(
+      "most_on_a_panel",
+      [](pipedyn::Index size, const pipedyn::Vector& joints) {
+        return Basis(Family::legendre, size, joints).most_on_a_panel();
+      },
+      "size"_a, "joints"_a);
 
   py::class_<GalerkinMotion> galerkin_motion(m, "GalerkinMotion");
   galerkin_motion

@@ -86,9 +86,10 @@ Basis::Basis(Family family, Index m, const Vector& joints)
   }
   numbers_.resize(static_cast<std::size_t>(panels));
   const auto claim = [&](Index panel) {
-    const Index more = std::ssize(numbers_[static_cast<std::size_t>(panel)]) - few_on_a_panel;
-    return more > 0 ? lengths[panel] / static_cast<double>(more)
-                    : lengths[panel] + static_cast<double>(1 - more);
+    const double length = lengths[panel];
+    const double few = length < 0.03 ? std::floor(-6.0 / std::log10(length)) : 4.0;
+    const auto has = static_cast<double>(numbers_[static_cast<std::size_t>(panel)].size());
+    return has > few ? length / (has - few) : length + 6.0 - has;  // 1 at most, 1 at least
   };
   Vector claims(panels);
   for (Index panel = 0; panel < panels; ++panel) claims[panel] = claim(panel);

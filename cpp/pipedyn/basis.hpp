@@ -24,14 +24,12 @@ enum class Family {
 /// stays.
 ///
 /// The first functions of a larger basis are those of a smaller one: function by function the panel
-/// that has fewest gets the next, the longest of these, and once each has five the one with most
-/// length for each function beyond four (Adams's rule, with no panel above its share rounded up).
-/// Proportional to length are the functions that waves need, the others what a smooth shape needs
-/// on a panel however short.
+/// that has fewest gets the next, the longest of these, and one that has f(h) more the later the
+/// less length it has for each function beyond f (Adams's rule: none above its share rounded up).
+/// Waves need functions in proportion to length; a smooth shape needs f = 4 on any panel but the
+/// shortest, where h^f < 1e-6, the size of its Legendre coefficients there, comes first.
 class Basis {
  public:
-  static constexpr Index few_on_a_panel = 4;
-
   /// joints: inner ends of the panels, ascending; none for beam modes. Throws
   /// std::invalid_argument unless 0 < joints < 1 ascend and m is at least the number of panels.
   Basis(Family family, Index m, const Vector& joints = Vector());

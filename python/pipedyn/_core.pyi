@@ -18,6 +18,7 @@ __all__: list[str] = [
     "Operators",
     "Pipe",
     "Scene",
+    "most_on_a_panel",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -125,7 +126,6 @@ class Fitting:
     ) -> None: ...
 
 class Galerkin:
-    few_on_a_panel: typing.ClassVar[int] = 4
     def __init__(
         self,
         pipe: Pipe,
@@ -343,6 +343,10 @@ class Scene:
     @property
     def coordinates(self) -> int: ...
 
+def most_on_a_panel(
+    size: typing.SupportsInt | typing.SupportsIndex,
+    joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+) -> int: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

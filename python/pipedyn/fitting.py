@@ -18,9 +18,10 @@ RANGES: dict[str, dict[str, Any]] = {
 }
 """What `_check.real` asks of a fitting's numbers."""
 
-SHORTEST_PANEL = 1e-5
-"""Length of the shortest panel of a basis: what smooth functions miss of a jump of the shear at a
-distance d from a joint costs d^3 of its energy."""
+SHORTEST_PANEL = 1e-4
+"""Length of the shortest panel of a basis. To leave out a joint at the distance d from another
+costs d^3, 1e-11 of a critical speed at this length; on panels below a third of it functions move
+so little mass that rounding makes their eigenvalues any."""
 
 MOST_FITTINGS = 400
 

@@ -184,13 +184,10 @@ class Galerkin(Model):
         """Ends of the panels on which integrands are smooth, from 0 to 1."""
         return panel_ends(self._fittings)
 
-    @property
+    @cached_property
     def _most(self) -> int:
-        """Bound on the number of functions on one panel (see cpp/pipedyn/basis.hpp)."""
-        few = _core.Galerkin.few_on_a_panel
-        longest = float(np.diff([0.0, *self._joints, 1.0]).max())
-        shared = max(self._size - few * self.panels, 0)
-        return min(self._size, few + math.ceil(shared * longest))
+        """Number of functions on the panel that has most."""
+        return _core.most_on_a_panel(self._size, self._joints)
 
     def _rule(self, count: int) -> tuple[Array, Array]:
         """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
