@@ -262,18 +262,24 @@ def _sweep(
     """
     pencil = sweeping_pencil(model)
     followed: int | None = None
+    count: int | None = None
     if isinstance(pencil, SparsePencil):
         followed = 12 + math.ceil(max_speed)
+        # Those before the crowd at -1 / delta, which no Krylov space can pass, may be enough.
+        delta = model.pipe.damping
+        before = math.floor(math.sqrt(1.0 / delta) / math.pi) - 4 if delta else followed
+        if max_speed / math.pi + 2.0 <= before < followed:
+            followed, count = before, 2 * before + 2
     while True:
         if followed is not None and (followed > pencil.dof // 4 or max_speed > pencil.dof / 4):
             pencil, followed = pencil.dense(), None
         kind = CirculatoryHunt if pencil.velocity_free(1.0) else Hunt
         try:
             with one_thread(rows_of(pencil)):
-                return kind(pencil, max_speed, followed, trusted).run(until)
+                return kind(pencil, max_speed, followed, trusted, count).run(until)
         except Untracked:
             assert followed is not None
-            followed *= 2
+            followed, count = max(2 * followed, 12 + math.ceil(max_speed)), None
 
 
 def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:

@@ -79,6 +79,7 @@ class Hunt:
         max_speed: end of the search.
         followed: how many modes are computed and followed; all without.
         trusted: how many modes, counted from rest, are looked at; all without.
+        count: roots computed where not all; without, two for each mode followed and 16.
     """
 
     def __init__(
@@ -87,10 +88,11 @@ class Hunt:
         max_speed: float,
         followed: int | None = None,
         trusted: int | None = None,
+        count: int | None = None,
     ) -> None:
         self.pencil = pencil
         self.max_speed = max_speed
-        self.count = None if followed is None else 2 * followed + 16
+        self.count = None if followed is None else (count or 2 * followed + 16)
         self.followed = pencil.dof if followed is None else followed
         self.trusted = self.followed if trusted is None else trusted
         # Legendre's highest third is not the pipe's and heavily damped: matched, but not followed.
@@ -183,6 +185,7 @@ class Hunt:
         """Which roots are unstable: by the sign of Re lambda, or as before where it has none."""
         values = at.values[onto]
         known = (np.abs(values.real) > at.noise[onto]) & (np.abs(values) >= self.pencil.stuck)
+        known |= at.signatures[onto] != 0  # on the axis of a conservative system, where they stay
         states: Flags = np.where(known, values.real > 0.0, before)
         for i in np.flatnonzero(~known & (values.imag > 0.0)):  # a pair has one state
             pair = (values == values[i]) | (values == values[i].conj())
@@ -231,7 +234,8 @@ class Hunt:
             found.append(Passage(0.0, value, change, int(self.modes[root]), 0.0))
         scanned = self._scan(step, single)
         for root, t, rising in self._ends(step, single) if scanned is None else scanned:
-            found.append(self._polish(step, root, t, rising))
+            meeting = self._meeting_on_axis(step, root, rising)
+            found.append(meeting or self._polish(step, root, t, rising))
         after = self.states(step.right, step.onto, self.unstable)
         for i in roots[met]:
             k = int(step.meets[i])
@@ -391,6 +395,36 @@ class Hunt:
             pencil.original(u, pair),
             slope,
         )
+
+    def _meeting_on_axis(self, step: Step, root: int, rising: bool) -> Passage | None:
+        """Where two pairs of a conservative system meet and leave the axis, or come back to it.
+
+        There the square of their difference is real, smooth in u and passes zero.
+        """
+        off = (step.right.values[step.onto[root]] if rising else step.left.values[root]).imag
+        if not (self.pencil.is_conservative and off):
+            return None
+
+        def square(u: float) -> float:
+            at = self.take(u)
+            t = np.array([(u - step.left.u) / step.length])
+            near = np.argsort(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0]))
+            one, other = at.values[near[:2]]
+            return float(((one - other) ** 2).real)
+
+        low, high = step.left.u, step.right.u
+        if square(low) * square(high) > 0.0:
+            return None
+        tolerance = 4e-16 * (1.0 + high)
+        u = float(brentq(square, low, high, xtol=tolerance, rtol=8.9e-16))
+        near = self._nearest(u, step, root)
+        spread = 0.1 * step.length
+        slope = abs(square(u + spread) - square(u - spread)) / (2.0 * spread)
+        frequency = abs(float(near.values[0].imag))
+        error = 1e-14 * frequency**2 / slope if slope else step.length
+        change = 2 if rising else -2
+        mode = int(self.modes[root])
+        return Passage(u, complex(0.0, frequency), change, mode, error + tolerance)
 
     def _nearest(self, u: float, step: Step, root: int) -> Sample:
         """The root's own eigenvalue at a speed within the step."""

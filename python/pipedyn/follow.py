@@ -36,6 +36,9 @@ SHORTEST_STEP = 1e-6
 MOST_STEPS = 800
 """Steps tried, beyond four times those needed, before roots are given up as too close."""
 
+ON_AXIS = 1e-10
+"""Real parts of conservative systems below this share of |lambda| are rounding."""
+
 JUMP = 0.1
 """A root that moves by more than this share of 1 + |lambda| in a shortest step is another one."""
 
@@ -149,16 +152,16 @@ def sample(pencil: Pencil, u: float, count: int | None) -> Sample:
     slopes = pencil.slopes(u, pairs)
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
     noise = _noise(pencil.uncertainties(u, pairs), pairs.values)
-    return Sample(u, pairs, slopes, noise, _signatures(pencil, u, pairs, noise))
-
-
-def _signatures(pencil: Pencil, u: float, pairs: Eigenpairs, noise: Array) -> NDArray[np.int8]:
-    """Sign of x^H (2 omega M - i G) x, the energy of a mode on the axis by its frequency."""
-    if not pencil.is_conservative:
-        return np.zeros(pairs.values.size, dtype=np.int8)
-    on_axis = (np.abs(pairs.values.real) <= noise) & (pairs.values.imag != 0.0)
-    energy = pencil.derivative(u, pairs.values, pairs.right, pairs.right).imag
-    return np.where(on_axis, np.sign(energy), 0.0).astype(np.int8)
+    signatures = np.zeros(pairs.values.size, dtype=np.int8)
+    if pencil.is_conservative:
+        # Eigenvalues come in fours: what is on the axis is there exactly, and moves along it.
+        near = np.abs(pairs.values.real) <= noise + ON_AXIS * np.abs(pairs.values)
+        on_axis = near & (pairs.values.imag != 0.0)
+        pairs.values.real[on_axis], slopes.real[on_axis] = 0.0, 0.0
+        # The sign of x^H (2 omega M - i G) x, a mode's energy by its frequency.
+        energy = pencil.derivative(u, pairs.values, pairs.right, pairs.right).imag
+        signatures[on_axis] = np.sign(energy[on_axis])
+    return Sample(u, pairs, slopes, noise, signatures)
 
 
 def _noise(uncertain: Array, values: Complex) -> Array:

@@ -65,8 +65,8 @@ class Operators:
         mass: M, symmetric and positive definite.
         gyroscopic: Coriolis part, skew.
         end_flux: flux through the free end, symmetric.
-        damping: Kelvin-Voigt damping, symmetric.
-        stiffness: springs or bending, and gravity; symmetric.
+        damping: Kelvin-Voigt damping, symmetric; of a scene also what else resists velocities.
+        stiffness: springs or bending, and gravity; symmetric unless a custom module is not.
         flux: centrifugal force and the end's follower force.
         direction: s, 1 ejecting and -1 aspirating.
         centrifugal: a, 1 ejecting and alpha aspirating.
@@ -286,7 +286,7 @@ class Model(ABC):
         """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
 
         Args:
-            y: state [q, q'], shape (2 dof,) or (2 dof, k).
+            y: state [q, q'], shape (2 coordinates,) or (2 coordinates, k).
 
         Returns:
             A number, or for k states shape (k,).
@@ -301,7 +301,7 @@ class Model(ABC):
         """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
 
         Args:
-            y: state [q, q'], shape (2 dof,) or (2 dof, k).
+            y: state [q, q'], shape (2 coordinates,) or (2 coordinates, k).
             u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
 
         Returns:
@@ -335,11 +335,11 @@ class Model(ABC):
 
     @abstractmethod
     def tips(self, q: ArrayLike) -> Array:
-        """Positions (x, y) of the free end, shape (k, 2), for k configurations, q (dof, k)."""
+        """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k)."""
 
     @abstractmethod
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end, exact, shape (k, 2), for k states, (dof, k) each."""
+        """Velocities (x', y') of the free end, exact, (k, 2), for k states, (coordinates, k)."""
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:

@@ -40,6 +40,9 @@ CALLS, LEAST_STEP = 20_000, 2e-5
 """Right-hand sides after which a motion must have come further than this share of the time of its
 fastest mode with each."""
 
+JACOBIANS = 1000
+"""Jacobians after which the same is asked of an implicit integrator."""
+
 CHAIN_WORTH, REDUCED_WORTH = 440.0, 40.0
 """|lambda| of the fastest mode, for each digit asked for, from which implicit steps pay."""
 
@@ -59,7 +62,7 @@ class Motion:
 
     Attributes:
         t: times in T, shape (S,).
-        q, qdot: coordinates and their rates, shape (S, dof).
+        q, qdot: coordinates and their rates, shape (S, coordinates).
         tip: position (x, y) of the free end in L, shape (S, 2).
         energy: in EI / L, shape (S,).
         audit: largest |E(t) - E(0) - work of flow, joints and drag|, relative to the largest of |E|
@@ -83,7 +86,7 @@ class Motion:
 
     @property
     def y(self) -> Array:
-        """States [q, q'] at the times, shape (2 dof, S)."""
+        """States [q, q'] at the times, shape (2 coordinates, S)."""
         return np.concatenate([self.q, self.qdot], axis=1).T
 
     @property
@@ -112,7 +115,8 @@ class Task:
         model: the model.
         u: flow speed, or one of each state, shape (k,).
         times: of the samples, the first the start, shape (S,).
-        start: [q, q', 0], shape (2 dof + 1,) or (2 dof + 1, k).
+        start: [p, p', 0] of the coordinates p that are integrated, shape (2 moving + 1,) or
+            (2 moving + 1, k).
         rtol, atol: tolerances of each state's error in a step.
         method: of METHODS, not "auto".
     """
@@ -147,12 +151,13 @@ def simulate(
     """The motion from an initial state at a constant flow speed, exact in the amplitude.
 
     Args:
-        model: chain or reduced model.
+        model: chain, reduced model or assembly.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
         duration: in T, from 1e-12 to 1e9.
-        q0: initial coordinates, shape (dof,), or the angle theta(s) of the bent pipe, a function
-            of arc lengths (p,) to (p,), so that different models start alike.
-        qdot0: initial rates, shape (dof,); at rest where not given.
+        q0: initial coordinates, shape (dof,), of an assembly angles (n,) or redundant coordinates
+            (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths (p,) to (p,),
+            so that different models start alike.
+        qdot0: initial rates, of the shape of q0; at rest where not given.
         samples: number of evenly spaced samples, both ends included, at least 2; where not given,
             40 a unit of time, of which flutter's cycle takes about a half, but at least 501.
         times: samples at these times instead, increasing, in [0, duration].
@@ -171,7 +176,7 @@ def simulate(
             the motion up to there.
         ValueError, TypeError: for bad arguments.
 
-    Source: `Chain.rhs` and `Galerkin.rhs` for the equations; scipy for their integration.
+    Source: `rhs` of the models for the equations; scipy for their integration.
     """
     task = checked_task(
         *(model, u, duration, q0, qdot0),
@@ -253,7 +258,7 @@ class _Count:
     """
 
     def __init__(self, task: Task) -> None:
-        self.calls = 0
+        self.calls = self.jacobians = 0
         self.overflowed = False
         self.interruption: BaseException | None = None
         self.checked, self.reached = CALLS, -math.inf
@@ -291,6 +296,22 @@ class _Count:
     def many(self, t: float, y: Array) -> Array:
         return self.one(t, y.reshape(self.shape)).ravel()
 
+    def jacobian(self, t: float, y: Array) -> Array:
+        """Of [q, q', W]. W acts on nothing, and the Newton iteration does without its row."""
+        whole = np.zeros((y.size, y.size))
+        try:
+            self.jacobians += 1
+            if self.jacobians % JACOBIANS == 0:
+                self.check(t)
+            if self.interruption is None:
+                whole[:-1, :-1] = self.task.model.motion_jacobian(y[:-1], float(self.task.u))
+        except ValueError:
+            self.overflowed = True
+        except BaseException as interruption:  # as in `one`
+            wrapped = isinstance(interruption, SystemError) and interruption.__cause__
+            self.interruption = wrapped or interruption
+        return whole
+
 
 def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
     """States at the samples, (S, *start.shape), right-hand sides, and why it stopped early."""
@@ -300,7 +321,7 @@ def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
     rows: list[Array] = []
     why = None
     try:
-        for row in track(route(task, rhs), task.times.size, "motion", shown):
+        for row in track(route(task, count, rhs), task.times.size, "motion", shown):
             rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
     except Stopped as stopped:
         cause = count.interruption
@@ -313,21 +334,9 @@ def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
     return np.array(rows).reshape(-1, *task.start.shape), count.calls, why
 
 
-def _jacobian(task: Task) -> Callable[[float, Array], Array]:
-    """Of [q, q', W]. W acts on nothing, and the Newton iteration does without the power's row."""
-    size = task.start.size
-
-    def jacobian(t: float, y: Array) -> Array:
-        whole = np.zeros((size, size))
-        whole[:-1, :-1] = task.model.motion_jacobian(y[:-1], float(task.u))
-        return whole
-
-    return jacobian
-
-
-def _compiled(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Array]:
+def _compiled(task: Task, count: _Count, rhs: Callable[[float, Array], Array]) -> Iterator[Array]:
     explicit = task.method == "dop853"
-    solver = ode(rhs) if explicit else ode(rhs, _jacobian(task))
+    solver = ode(rhs) if explicit else ode(rhs, count.jacobian)
     options = {} if explicit else {"with_jacobian": True}
     solver.set_integrator(
         task.method, rtol=task.rtol, atol=task.atol, nsteps=1_000_000_000, **options
@@ -346,9 +355,9 @@ def _compiled(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Arra
         yield solver.y.copy()
 
 
-def _stepped(task: Task, rhs: Callable[[float, Array], Array]) -> Iterator[Array]:
+def _stepped(task: Task, count: _Count, rhs: Callable[[float, Array], Array]) -> Iterator[Array]:
     kind = getattr(scipy.integrate, task.method)
-    implicit = {} if task.method == "DOP853" else {"jac": _jacobian(task)}
+    implicit = {} if task.method == "DOP853" else {"jac": count.jacobian}
     waiting = iter(task.times)
     t = next(waiting)
     if t == 0.0:

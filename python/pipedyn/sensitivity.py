@@ -104,7 +104,9 @@ def crossings_of(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
 def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
     """From left and right eigenvectors, along P(i omega, u; p) x = 0 with Re lambda held at 0.
 
-    du/dp = -Re lambda_p / Re lambda_u and domega/dp = Im(lambda_p + lambda_u du/dp).
+    du/dp = -Re lambda_p / Re lambda_u and domega/dp = Im(lambda_p + lambda_u du/dp). At a
+    divergence all is real and y^H P_lambda x, by which both are divided, may be 0 (of a
+    conservative pipe zero is a double root): there du/dp = -y^H P_p x / y^H P_u x.
     """
     pair, slope = passage.pair, passage.slope
     if pair is None or slope is None or pair.left is None or not model.rests_straight:
@@ -112,7 +114,13 @@ def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
     pencil = pencil_of(model)
     pipe, u, value = model.pipe, passage.speed, passage.value
     x, y = pair.right, pair.left
-    down = complex(pencil.derivative(u, np.array([value]), x, y)[0])
+    if value:
+        down = complex(pencil.derivative(u, np.array([value]), x, y)[0])
+    else:
+        down = 1.0 + 0j
+        slope = -complex(np.sum(y.conj() * pencil.flux(x))) * 2.0 * pencil.centrifugal * u
+    if slope.real == 0.0:
+        return None
 
     def moved(rows: Any) -> complex:
         """D lambda / dp from (dP/dp) x."""

@@ -32,13 +32,16 @@ from pipedyn.modular.enforcement import (
     by_udwadia_kalaba,
     projection,
 )
-from pipedyn.modular.layout import Closing, Layout
+from pipedyn.modular.layout import KINDS, MODULES, Closing, Layout
 from pipedyn.modular.linear import Linear, Tree
 from pipedyn.modular.moving import SceneMotion
 from pipedyn.modular.parts import Constraint, Module, Part, Segment, TorsionalSpring, told
 from pipedyn.pipe import Pipe
 
 ENFORCEMENTS = ("orthonormal", "udwadia-kalaba")
+
+LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
+"""Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
 
 MET = 1e-9
 """How closely given states must meet the constraints, in L, rad, and these per T."""
@@ -118,10 +121,19 @@ class Assembly(Model):
         return {name: value for name, value in self.__dict__.items() if name not in compiled}
 
     def __repr__(self) -> str:
-        others = [p for p in self.modules if not isinstance(p, Segment | TorsionalSpring)]
-        ties = [c.part for c in self._layout.closings]
-        shown = [told(p) for p in (*others, *dict.fromkeys(ties))]
-        return f"Assembly({self._pipe!r}, n={self._layout.size}, {', '.join(shown)})"
+        layout = self._layout
+        plain = [p for p in self.modules if _is_plain_spring(p)]
+        parts = [f"n={layout.size}", f"{len(plain)} springs"]
+        if layout.base:
+            parts.append(f"base={layout.base:g}")
+        others = [p for p in self.modules if not (isinstance(p, Segment) or _is_plain_spring(p))]
+        ties = dict.fromkeys(closing.part for closing in layout.closings)
+        parts += [told(part) for part in (*others, *ties)]
+        if self._enforcement != ENFORCEMENTS[0]:
+            parts.append(repr(self._enforcement))
+        if self._reference is not None and self._reference.any():
+            parts.append(f"about {_check.shown(self._reference)}")
+        return f"Assembly({self._pipe!r}, {', '.join(parts)})"
 
     @property
     def pipe(self) -> Pipe:
@@ -193,6 +205,8 @@ class Assembly(Model):
     def plus(self, *parts: Part) -> Assembly:
         """Another scene, with further modules and constraints.
 
+        What `about` chose stays where the configuration meets the constraints, old and new.
+
         Raises:
             TypeError: for what is neither.
             ValueError: as for `Assembly`.
@@ -200,12 +214,17 @@ class Assembly(Model):
         for part in parts:
             if not isinstance(part, Module | Constraint):
                 raise TypeError(f"parts must be modules or constraints, got {_check.shown(part)}")
-        return Assembly(
+        more = Assembly(
             self._pipe,
             (*self.modules, *(part for part in parts if isinstance(part, Module))),
             (*self.constraints, *(part for part in parts if isinstance(part, Constraint))),
             self._enforcement,
         )
+        chosen = self._reference
+        if chosen is not None and chosen.any() and chosen.size == more.moving:
+            met = np.abs(more._layout.missed(chosen)).max(initial=0.0) <= MET
+            more._reference = chosen if met else more._reference
+        return more
 
     def with_pipe(self, pipe: Pipe) -> Assembly:
         """The same parts on another pipe."""
@@ -271,6 +290,8 @@ class Assembly(Model):
         rows = np.shape(y)[0] if np.ndim(y) else 0
         size = 2 * self.coordinates if rows == 2 * self.coordinates else self.coordinates
         given = self._columns("y", y, size)
+        if given.dtype.kind == "c":
+            raise TypeError("y must be real, got complex numbers")
         theta: Array = np.cumsum(given[2 : self.coordinates : 3], axis=0)
         return theta
 
@@ -396,6 +417,7 @@ class Assembly(Model):
 
         Args, Raises: as for `operators`.
         """
+        self._check_dense()
         linear = self._linear if q is None else self._linear_about(self._angles_of("q", q))
         return self._basis_of(linear)
 
@@ -511,6 +533,7 @@ class Assembly(Model):
         Raises:
             ValueError, TypeError: for what is no such configuration.
         """
+        self._check_size(LARGEST_RECURSION)
         if q is not None:
             theta = self._angles_of("q", q)
         else:
@@ -535,6 +558,7 @@ class Assembly(Model):
         """
         name = _check.choice("enforcement", enforcement, ENFORCEMENTS)
         u = _check.real("u", u, low=0.0, high=1e100)
+        self._check_size(LARGEST_RECURSION)
         size = self.coordinates
         state = _check.array("y", y, size=2 * size).copy()
         enforce = by_orthonormal_basis if name == "orthonormal" else by_udwadia_kalaba
@@ -554,11 +578,11 @@ class Assembly(Model):
             d(dy/dt)/dy, shape (6 n, 6 n). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
 
         Raises:
-            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 4000
-                degrees of freedom.
+            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 1300
+                segments.
             TypeError: for what is no array of real numbers.
         """
-        self._check_dense()
+        self._check_size(LARGEST_JACOBIAN)
         size = self.coordinates
         state = _check.doubles("y", y, "an array of real numbers")
         if state.shape != (2 * size,):
@@ -673,6 +697,10 @@ class Assembly(Model):
 
     # ----------------------------------------------------------------------------------- arguments
 
+    def _check_size(self, most: int) -> None:
+        if self.moving > most:
+            raise ValueError(f"dense results need at most {most} segments, got {self.moving}")
+
     @staticmethod
     def _rows(
         name: str, given: ArrayLike, sizes: tuple[int, ...], high: float = LARGEST_ANGLE
@@ -735,14 +763,24 @@ class Assembly(Model):
         return np.array(omega)
 
 
+def _is_plain_spring(part: Module) -> bool:
+    """Whether it is a joint's spring with the pipe's damping, straight at rest."""
+    return isinstance(part, TorsionalSpring) and part.damping is None and part.rest_angle == 0.0
+
+
 def _parts(name: str, given: Any, kind: type[Any]) -> tuple[Any, ...]:
-    if isinstance(given, str | bytes) or not isinstance(given, Iterable):
+    if isinstance(given, str | bytes) or not np.iterable(given):
         raise TypeError(f"{name} must be parts in a sequence, got {_check.shown(given)}")
     parts = tuple(given)
     for part in parts:
         if not isinstance(part, kind):
             raise TypeError(
                 f"{name} must hold {kind.__name__.lower()}s only, got {_check.shown(part)}"
+            )
+        if type(part) not in KINDS and type(part) not in MODULES:
+            raise TypeError(
+                f"{name} must hold this package's parts, got {_check.shown(part)}; what a module "
+                "of your own does is told by a Custom"
             )
     if len(parts) > 10 * LARGEST_CHAIN:
         raise ValueError(f"{name} must be at most {10 * LARGEST_CHAIN}, got {len(parts)}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,9 @@ STRIDE = 1e-3
 TRIED, AGREEMENT = 1e-5, 1e-4
 """Step of the differences that derivatives are tried against, and how closely they must agree."""
 
+TRIED_AT = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
+"""Displacements at which functions are tried, in L and rad: what a wall does shows there."""
+
 
 class CustomForce:
     """One module of the user's own in a scene.
@@ -31,9 +35,7 @@ class CustomForce:
 
     def __init__(self, module: Custom) -> None:
         self.module = module
-        pairs = [(3 * node - 3, 3 * node - 2) for node in module.nodes]
-        angles = [3 * joint - 1 for joint in module.joints]
-        self.index = np.array([*(i for pair in pairs for i in pair), *angles], dtype=np.intp)
+        self.index = module.index
 
     def energy(self, q: Array) -> float:
         """Potential energy at redundant coordinates, shape (3 n,)."""
@@ -127,41 +129,45 @@ class CustomForce:
             self._try(q)
 
     def _try(self, q: Array) -> None:
-        wobble = np.cos(1.0 + np.arange(q.size))
-        at, rates = q + 1e-3 * wobble, 0.1 * np.sin(1.0 + np.arange(q.size))
-        force, energy = self.force(at, rates), self.energy(at)
-        if not (np.isfinite(force).all() and np.isfinite(energy)):
-            raise ValueError(f"{self.module.name} must give finite forces and energies")
+        wobble, rates = np.cos(1.0 + np.arange(q.size)), 0.1 * np.sin(1.0 + np.arange(q.size))
+        for reach in TRIED_AT:
+            at = q + reach * wobble
+            energy, force = self.energy(at), self.force(at, rates)
+            if not (np.isfinite(force).all() and np.isfinite(energy)):
+                if reach == TRIED_AT[0]:
+                    raise ValueError(f"{self.module.name} must give finite forces and energies")
+                continue  # a place that it is not made for
+            if self.module.energy is not None:
+                measured = self._differences(lambda p: np.array(self.energy(p)), at)
+                rule = "energy of {} must have its gradient by complex step"
+                self._compare(rule, self._gradient(at[self.index]), measured, energy)
+            size = float(np.abs(force).max(initial=0.0))
+            for name, given, measured in (
+                ("force_by_q", self.by_q, self._differences(lambda p: self.force(p, rates), at)),
+                ("force_by_qdot", self.by_qdot, self._differences(partial(self.force, at), rates)),
+            ):
+                rule = name + " of {} must be the force's derivative"
+                self._compare(rule, given(at, rates), measured, size)
 
-        def moved(state: Array, i: int, h: float) -> Array:
-            other = state.copy()
-            other[self.index[i]] += h
-            return other
+    def _differences(self, function: Function, at: Array) -> Array:
+        columns = []
+        for i in self.index:
+            step = np.zeros(at.size)
+            step[i] = TRIED
+            columns.append((function(at + step) - function(at - step)) / (2.0 * TRIED))
+        return np.stack(columns, axis=-1)
 
-        def differences(by_rates: bool) -> Array:
-            columns = []
-            for i in range(self.index.size):
-                ends = [
-                    self.force(at, moved(rates, i, h))
-                    if by_rates
-                    else self.force(moved(at, i, h), rates)
-                    for h in (TRIED, -TRIED)
-                ]
-                columns.append((ends[0] - ends[1]) / (2.0 * TRIED))
-            return np.stack(columns, axis=-1)
-
-        for name, given, measured in (
-            ("force_by_q", self.by_q(at, rates), differences(False)),
-            ("force_by_qdot", self.by_qdot(at, rates), differences(True)),
-        ):
-            size = np.abs(force).max(initial=0.0) + np.abs(measured).max(initial=0.0)
-            if not np.abs(given - measured).max(initial=0.0) <= AGREEMENT * size + 1e-8:
-                raise ValueError(
-                    f"{name} of {self.module.name} must be the force's derivative, by differences "
-                    f"{np.array2string(measured, precision=4)}, got "
-                    f"{np.array2string(given, precision=4)} (functions that are not analytic, such "
-                    "as abs, have no complex step)"
-                )
+    def _compare(self, rule: str, given: Array, measured: Array, size: float) -> None:
+        if not np.isfinite(measured).all():
+            return
+        size = abs(size) + float(np.abs(measured).max(initial=0.0))
+        if not np.abs(given - measured).max(initial=0.0) <= AGREEMENT * size + 1e-8:
+            raise ValueError(
+                f"{rule.format(self.module.name)}, by differences "
+                f"{np.array2string(measured, precision=4)}, got "
+                f"{np.array2string(given, precision=4)} (functions that are not analytic, such as "
+                "abs, have no complex step)"
+            )
 
 
 def _fourth_order(function: Function, at: Array) -> Array:

@@ -38,6 +38,12 @@ from pipedyn.pipe import Pipe
 KINDS: dict[type[Constraint], int] = {Clamp: 0, Joint: 1, Guide: 2, Pin: 3}
 """Numbers of the constraints in the core."""
 
+MODULES = (
+    *(Segment, TorsionalSpring, TransverseSpring, Dashpot),
+    *(PointMass, InternalFlow, Drag, Custom),
+)
+"""Modules that there are."""
+
 SAME = 1e-12
 """Places of pins that differ by less are one; closer than this closing constraints are met."""
 
@@ -89,6 +95,8 @@ class Layout:
         self.springs = np.zeros(self.size)
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
+        for array in (self.lengths, self.ends, self.springs):
+            array.flags.writeable = False
         self.has_flow = bool(_of(modules, InternalFlow))
         self.resisted = (
             any(dashpot.coefficient > 0.0 for dashpot in _of(modules, Dashpot))
@@ -221,9 +229,24 @@ class Layout:
         return rows
 
     def closed(self, theta: Array, steps: int = 100) -> tuple[Array, float]:
-        """Angles close to those given that meet guides and pins, and how far they still miss."""
+        """Angles close to those given that meet guides and pins, and how far they still miss.
+
+        Where Newton's method gets stuck, between segments in line with a pin, it starts again from
+        between there and a configuration that is known.
+        """
         if not self.closings:
             return theta, 0.0
+        best, least = self._newton(theta, steps)
+        for share in (0.25, 0.5, 0.75, 1.0):
+            if least <= SAME:
+                break
+            other, miss = self._newton(theta + share * (self.rest - theta), steps)
+            if miss < least:
+                best, least = other, miss
+        return best, least
+
+    def _newton(self, theta: Array, steps: int) -> tuple[Array, float]:
+        """Newton's method by least turns, and how far its best angles miss."""
         best, least = theta, math.inf
         for _ in range(steps):
             missed = self.missed(theta)
@@ -238,6 +261,8 @@ class Layout:
 
     def _found_rest(self) -> Array:
         """Angles that meet all constraints: the straight pipe where it does."""
+        if not self.closings:
+            return np.zeros(self.size)
         s = 0.5 * (self.ends[:-1] + self.ends[1:])
         wave = [np.sin(math.pi * k * s) for k in (1, 2, 3)]
         starts: list[Callable[[], Array]] = [
@@ -250,7 +275,7 @@ class Layout:
         ]
         best, least = np.zeros(self.size), math.inf
         for start in starts:
-            theta, missed = self.closed(start(), 200)
+            theta, missed = self._newton(start(), 200)
             if missed < least:
                 best, least = theta, missed
             if least <= SAME:
@@ -329,11 +354,9 @@ class Layout:
         )
 
     @staticmethod
-    def _inertia(custom: Custom) -> tuple[Array, Array, Array]:
-        pairs = [(3 * node - 3, 3 * node - 2) for node in custom.nodes]
-        index = [*(i for pair in pairs for i in pair), *(3 * joint - 1 for joint in custom.joints)]
-        rows, columns = np.meshgrid(index, index, indexing="ij")
-        return rows.ravel(), columns.ravel(), np.asarray(custom.mass).ravel()
+    def _inertia(custom: Custom) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+        rows, columns = np.meshgrid(custom.index, custom.index, indexing="ij")
+        return rows.ravel(), columns.ravel(), np.asarray(custom.mass, dtype=np.float64).ravel()
 
 
 def _of(parts: Iterable[Part], kind: type[P]) -> list[P]:

@@ -264,12 +264,11 @@ class Linear:
         if np.imag(value) == 0.0:
             data = data.real
         solve_sparse = factored(size, row, column, data)
-        n, unknowns = self.tree.size, size
         phi, moment = self._places[:, 0], self._places[:, 3]
 
         def solve(rows: Rows, adjoint: bool = False) -> Rows:
             loads = self.basis.spread(rows) / self.scale
-            right = np.zeros((unknowns, loads.shape[1]), dtype=np.result_type(loads, data))
+            right = np.zeros((size, loads.shape[1]), dtype=np.result_type(loads, data))
             if adjoint:
                 right[phi] = loads
                 found = solve_sparse(right, True)[moment]
@@ -279,7 +278,6 @@ class Linear:
             right[moment[:-1]] -= loads[1:]
             return self.basis.gather(solve_sparse(right, False)[phi] / self.scale)
 
-        assert n == phi.size
         return solve
 
     def _assembled(self) -> tuple[Any, ...]:

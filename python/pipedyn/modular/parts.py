@@ -8,17 +8,18 @@ Only `Custom` modules, a user's own, compute in Python.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _check
 from pipedyn._check import Array
+from pipedyn.fitting import RANGES
 
-HIGHEST = 1e15
-"""Largest stiffness, coefficient or mass of a part."""
+STIFFEST = 1e15
+"""Largest stiffness of a joint."""
 
 MOST_NODES = 1_000_000
 
@@ -98,9 +99,9 @@ class TorsionalSpring(Module):
 
     def __post_init__(self) -> None:
         self._check_place("joint")
-        self._check(stiffness={"low": 0.0, "high": HIGHEST}, rest_angle={"low": -1e3, "high": 1e3})
+        self._check(stiffness={"low": 0.0, "high": STIFFEST}, rest_angle={"low": -1e3, "high": 1e3})
         if self.damping is not None:
-            self._check(damping={"low": 0.0, "high": HIGHEST})
+            self._check(damping=RANGES["stiffness"])
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ class TransverseSpring(Module):
 
     def __post_init__(self) -> None:
         self._check_place("node")
-        self._check(stiffness={"low": 0.0, "high": HIGHEST})
+        self._check(stiffness=RANGES["stiffness"])
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class Dashpot(Module):
 
     def __post_init__(self) -> None:
         self._check_place("node")
-        self._check(coefficient={"low": 0.0, "high": HIGHEST})
+        self._check(coefficient=RANGES["stiffness"])
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,7 @@ class PointMass(Module):
 
     def __post_init__(self) -> None:
         self._check_place("node")
-        self._check(mass={"low": 0.0, "high": HIGHEST})
+        self._check(mass=RANGES["mass"])
 
 
 @dataclass(frozen=True)
@@ -179,9 +180,10 @@ class Custom(Module):
 
     Its functions take the coordinates it touches, q = (x, y of each node, then phi of each joint),
     shape (k,), and their rates. Derivatives that are not given are taken by complex step, so the
-    functions must accept complex arrays and be built of analytic ones (no abs, sign, conj or
-    comparisons; those need derivatives of their own). At the first use in an `Assembly` they are
-    tried, and their derivatives compared with differences.
+    functions must accept complex arrays and be built of analytic ones (no abs, sign, conj, norm or
+    real part; those need derivatives of their own). When an `Assembly` is made they are tried,
+    and all derivatives compared with differences, at displacements up to a pipe's length. Scenes
+    pickle, for processes, if the functions do: those defined at the top of a module.
 
     Attributes:
         nodes: numbers of the nodes it touches, from 1; y is measured downward from the clamp.
@@ -201,14 +203,20 @@ class Custom(Module):
     force: Function | None = None
     force_by_q: Function | None = None
     force_by_qdot: Function | None = None
-    mass: ArrayLike | None = field(default=None, compare=False)
+    mass: ArrayLike | None = None
     name: str = "Custom"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise TypeError(
+                f"name of a Custom module must be a word, got {_check.shown(self.name)}"
+            )
         for places in ("nodes", "joints"):
             given = getattr(self, places)
-            if isinstance(given, str) or not np.iterable(given):
-                raise TypeError(f"{places} of {self.name} must be numbers, got {given!r}")
+            if not isinstance(given, tuple | list | range | np.ndarray) or np.ndim(given) != 1:
+                raise TypeError(
+                    f"{places} of {self.name} must be a tuple of numbers, got {_check.shown(given)}"
+                )
             checked = tuple(
                 _check.count(f"{places} of {self.name}", place, high=MOST_NODES) for place in given
             )
@@ -220,33 +228,42 @@ class Custom(Module):
         for function in ("energy", "force", "force_by_q", "force_by_qdot"):
             given = getattr(self, function)
             if given is not None and not callable(given):
-                raise TypeError(f"{function} of {self.name} must be a function, got {given!r}")
+                raise TypeError(
+                    f"{function} of {self.name} must be a function, got {_check.shown(given)}"
+                )
         if self.energy is None and self.force is None and self.mass is None:
             raise ValueError(f"{self.name} must have an energy, a force or a mass")
         if self.force is None and self.force_by_qdot is not None:
             raise ValueError(f"force_by_qdot of {self.name} must come with a force")
         if self.mass is not None:
-            object.__setattr__(self, "mass", self._checked_mass())
+            rows = self._checked_mass(self.mass).tolist()
+            object.__setattr__(self, "mass", tuple(map(tuple, rows)))
 
-    def _checked_mass(self) -> Array:
+    def _checked_mass(self, given: ArrayLike) -> Array:
         name, k = f"mass of {self.name}", self.size
-        raw = np.array(_check.numbers(name, self.mass, "an array of real numbers"), dtype=float)
+        raw = np.array(_check.numbers(name, given, "an array of real numbers"), dtype=float)
         if raw.shape != (k, k):
             raise ValueError(f"{name} must have shape ({k}, {k}), got {raw.shape}")
-        if not np.isfinite(raw).all():
-            raise ValueError(f"{name} must be finite")
-        size = float(np.abs(raw).max())
+        size, most = float(np.abs(raw).max()), RANGES["mass"]["high"]
+        if not size <= most:
+            raise ValueError(f"{name} must be finite and at most {most:g}, got {size:g}")
         if np.abs(raw - raw.T).max() > 1e-12 * size:
             raise ValueError(f"{name} must be symmetric")
         if np.linalg.eigvalsh(raw)[0] < -1e-12 * size:
             raise ValueError(f"{name} must be positive semidefinite")
-        raw.flags.writeable = False
         return raw
 
     @property
     def size(self) -> int:
         """Number k of coordinates it touches."""
         return 2 * len(self.nodes) + len(self.joints)
+
+    @property
+    def index(self) -> NDArray[np.intp]:
+        """Where these are among the redundant coordinates, shape (k,)."""
+        pairs = [(3 * node - 3, 3 * node - 2) for node in self.nodes]
+        angles = [3 * joint - 1 for joint in self.joints]
+        return np.array([*(i for pair in pairs for i in pair), *angles], dtype=np.intp)
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from pipedyn.modular.parts import (
 )
 from pipedyn.pipe import Pipe
 
-AT_NODE = 1e-9
-"""A fitting this close to a node is at it."""
+AT_NODE = 1e-6
+"""A fitting this close to a node, in L, is at it, and two this close are at one."""
 
 
 def chain(
@@ -54,8 +54,8 @@ def chain(
         drag_points: as fractions, shape (n,).
         base: length of the fixed part at the clamp, in L.
         fittings: point masses and transverse springs, the same that `Galerkin` and `Continuum`
-            take. Where no lengths are given, the segments are cut so that each fitting is at a
-            node.
+            take, at nodes. Where n is given without lengths, and springs by another rule than
+            "midpoint", the segments are cut so that each fitting is at a node.
         enforcement: as for `Assembly`.
 
     Raises:
@@ -63,7 +63,10 @@ def chain(
         TypeError: for what is no number, array, pipe or fitting.
     """
     fixed = checked_fittings(fittings)
-    inner = sorted({fitting.at for fitting in fixed if fitting.at < 1.0 - AT_NODE})
+    inner: list[float] = []
+    for at in sorted(fitting.at for fitting in fixed if fitting.at < 1.0 - AT_NODE):
+        if not inner or at > inner[-1] + AT_NODE:
+            inner.append(at)
     if lengths is None and inner and n is not None and not isinstance(springs, str):
         raise ValueError("lengths must be given with springs of your own and fittings inside")
     if lengths is None and inner and n is not None and springs != "midpoint":
@@ -94,7 +97,8 @@ def chain(
         node = int(np.argmin(np.abs(ends - fitting.at))) + 1
         if abs(ends[node - 1] - fitting.at) > AT_NODE:
             raise ValueError(
-                f"fittings must be at nodes, got {fitting}; the nearest is at {ends[node - 1]:g}"
+                f"fittings must be at nodes, got {fitting}; the nearest is at {ends[node - 1]:g}, "
+                "and only n segments by a rule other than 'midpoint' are cut to fit"
             )
         if fitting.mass:
             modules.append(PointMass(node, fitting.mass))

@@ -13,6 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.ensemble import Ensemble
+from pipedyn.modular import Assembly
 from pipedyn.motion import Motion
 from pipedyn.plot.look import check_type
 
@@ -25,6 +26,9 @@ INVISIBLE = 1e-4
 
 STILL = 1e-6
 """A tip that moves by less, in L, has no cycle to show."""
+
+HELD = 1e-9
+"""What moves by less, in L, is held, and how it moves is rounding."""
 
 WIGGLE = 0.1
 """What moves the tip by less, as a part of its late motion, is no cycle."""
@@ -67,8 +71,22 @@ def tip_of(motion: Motion, first: int = 0, stop: int | None = None) -> CubicHerm
     return CubicHermiteSpline(motion.t[part], motion.tip[part], velocity)
 
 
+def marker_of(motion: Motion, first: int = 0, stop: int | None = None) -> CubicHermiteSpline:
+    """Position (x, y) of the point whose passages tell cycles: the free end, unless it is held.
+
+    Then it is the node of the scene that moves farthest across.
+    """
+    scene = motion.model
+    if not isinstance(scene, Assembly) or np.ptp(motion.tip[:, 0]) > HELD:
+        return tip_of(motion, first, stop)
+    part = slice(first, stop)
+    x = 3 * int(np.argmax(np.ptp(motion.q[:, 0::3], axis=0)))
+    own = slice(x, x + 2)
+    return CubicHermiteSpline(motion.t[part], motion.q[part, own], motion.qdot[part, own])
+
+
 def coordinates_at(motion: Motion, times: Array) -> Array:
-    """Coordinates at times within the motion's, shape (len(times), dof)."""
+    """Coordinates at times within the motion's, shape (len(times), coordinates)."""
     first, stop = _around(motion, float(times.min()), float(times.max()))
     part = slice(first, stop)
     return np.asarray(CubicHermiteSpline(motion.t[part], motion.q[part], motion.qdot[part])(times))
@@ -107,6 +125,8 @@ def refuse_coarse(
         invisible: a miss of positions that does not matter.
         rates_shown: whether velocities are shown, too.
     """
+    if np.ptp(positions, axis=0).max() < HELD:
+        return
     kept = slice(0, None, 2) if t.size % 2 else slice(0, -1, 2)
     left = slice(1, 2 * t[kept].size - 1, 2)
     every_other = CubicHermiteSpline(t[kept], positions[kept], velocities[kept])
@@ -123,13 +143,13 @@ def refuse_coarse(
 
 
 def upward_passages(motion: Motion, start: float, end: float) -> Array:
-    """Times in a span when the free end passes the middle of its late motion to the right.
+    """Times in a span when the free end (or `marker_of`) passes its late middle to the right.
 
     Late is the last quarter of the span, the middle the median of its transverse displacement there
     and a passage counts if the tip moves by a tenth of its late range before the next that counts.
     """
     first, stop = _around(motion, start, end)
-    tip = tip_of(motion, first, stop)
+    tip = marker_of(motion, first, stop)
     x = CubicHermiteSpline(tip.x, tip(tip.x)[:, 0], tip(tip.x, 1)[:, 0])
     late = x(np.linspace(end - 0.25 * (end - start), end, POINTS))
     passages = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
@@ -157,10 +177,10 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
     begin, finish = float(motion.t[0]), float(motion.t[-1])
     late = motion.t >= finish - 0.25 * (finish - begin)
     passages = upward_passages(motion, begin, finish)
-    if np.ptp(motion.tip[late, 0]) < STILL or passages.size < 2:
+    tip = marker_of(motion)
+    if np.ptp(tip(motion.t[late])[:, 0]) < STILL or passages.size < 2:
         return None
     passages = passages[-MOST_PASSAGES - 1 :]
-    tip = tip_of(motion)
     swift = np.abs(tip(motion.t[late], 1)).max()
     there = np.column_stack([tip(passages)[:, 1], tip(passages, 1) / swift])
     alike = np.flatnonzero(np.abs(there[:-1] - there[-1]).max(axis=1) < ALIKE)

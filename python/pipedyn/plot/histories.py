@@ -69,7 +69,7 @@ def phase_portrait(
     if isinstance(coordinate, str):
         which = _check.choice("coordinate", coordinate, ("tip",))
     else:
-        least = min(motion.model.dof for motion in shown)
+        least = min(motion.model.coordinates for motion in shown)
         which = _check.count("coordinate", coordinate, low=0, high=least - 1)
     curves = [_signal(motions, i, motion, which, True) for i, motion in enumerate(shown)]
     ax = axes_or_new(ax, 4.8, 4.2)
