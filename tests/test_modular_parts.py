@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
 import pickle
 import re
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 
 import pipedyn as pd
 from pipedyn import modular as md
+from pipedyn import plot
 
 PIPE = pd.Pipe(0.3, 5.0, drag=0.4)
 
@@ -352,6 +355,44 @@ def test_without_internal_flow_the_speed_does_nothing() -> None:
     np.testing.assert_array_equal(still.rhs(0.0, y, 0.0), still.rhs(0.0, y, 9.0))
     assert still.power(y, 9.0).flow == 0.0
     assert pd.crossings(still, 10.0) == ()
+
+
+def test_motions_of_scenes_are_drawn_though_their_ends_are_held() -> None:
+    pipe = pd.Pipe(0.2, 2.0, drag=0.2)
+    guided = md.chain(pipe, 4).plus(md.Guide(4))
+    arch = md.chain(pipe, 4).plus(md.Pin(4, 0.0, 0.9))
+    for scene in (guided, arch):
+        start = scene.bent(lambda s: 0.4 * np.sin(2.0 * math.pi * s))
+        motion = pd.simulate(scene, 2.0, 2.0, start, samples=801)
+        axes = [
+            plot.time_history(motion),
+            plot.phase_portrait(motion, 3),
+            plot.phase_portrait(motion, 11),
+            plot.snapshots(motion, count=5),
+        ]
+        assert np.ptp(axes[0].lines[0].get_ydata()) < 1e-9
+        assert np.ptp(axes[1].lines[0].get_xdata()) > 1e-3
+        assert axes[3].dataLim.width > 0.02
+    with pytest.raises(ValueError, match="coordinate must be from 0 to 11, got 12"):
+        plot.phase_portrait(motion, 12)
+
+
+def test_a_stability_curve_of_scenes_is_one_of_models() -> None:
+    masses = np.array([0.05, 0.1, 0.2])
+    curve = pd.stability_curve(lambda m: md.chain(PIPE, 6).plus(md.PointMass(6, m)), masses)
+    direct = [pd.critical_speed(md.chain(PIPE, 6).plus(md.PointMass(6, m))).speed for m in masses]
+    np.testing.assert_allclose([c.speed for c in curve.critical], direct, rtol=1e-12)
+    assert not curve.failures
+
+
+def test_scenes_serve_processes() -> None:
+    scene = md.chain(PIPE, 3).plus(md.Guide(3), md.PointMass(2, 0.1))
+    start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        many = pd.simulate_many(scene, [1.0, 2.0], 0.2, start, samples=5, executor=pool)
+    alone = pd.simulate_many(scene, [1.0, 2.0], 0.2, start, samples=5)
+    for a, b in zip(many.motions, alone.motions, strict=True):
+        np.testing.assert_array_equal(a.q, b.q)
 
 
 # -------------------------------------------------------------------------------- what does not fit

@@ -267,8 +267,8 @@ def _sweep(
         followed = 12 + math.ceil(max_speed)
         # Those before the crowd at -1 / delta, which no Krylov space can pass, may be enough.
         delta = model.pipe.damping
-        before = math.floor(math.sqrt(1.0 / delta) / math.pi) - 4 if delta else followed
-        if max_speed / math.pi + 2.0 <= before < followed:
+        before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else followed
+        if max_speed / math.pi + 1.0 <= before < followed:
             followed, count = before, 2 * before + 2
     while True:
         if followed is not None and (followed > pencil.dof // 4 or max_speed > pencil.dof / 4):
