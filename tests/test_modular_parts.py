@@ -213,6 +213,19 @@ def test_functions_of_ones_own_are_tried(functions: dict, error: type, message: 
         md.chain(PIPE, 4).plus(md.Custom(nodes=(2,), name="magnet", **functions))
 
 
+def test_a_force_that_only_places_tell_resists_no_velocity() -> None:
+    plain = md.chain(pd.Pipe(0.0), 4)
+    by_force = plain.plus(
+        md.Custom(nodes=(3,), force=lambda q, v: np.array([-30.0 * q[0], 0.0 * q[1]]))
+    )
+    built_in = plain.plus(md.TransverseSpring(3, 30.0))
+    assert not by_force.resisted
+    assert by_force.plus(own_spring(2, 0.0, 0.7)).resisted
+    mine, theirs = (pd.crossings(scene, 8.0) for scene in (by_force, built_in))
+    assert [(c.kind, c.mode) for c in mine] == [(c.kind, c.mode) for c in theirs]
+    np.testing.assert_allclose([c.speed for c in mine], [c.speed for c in theirs], rtol=1e-10)
+
+
 @pytest.mark.parametrize("name", [3, None, "", " "])
 def test_a_module_of_ones_own_has_a_name(name: Any) -> None:
     with pytest.raises(TypeError, match="name of a Custom module must be a word"):

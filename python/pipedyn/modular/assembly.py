@@ -117,7 +117,7 @@ class Assembly(Model):
         return SceneMotion(self.core, self._layout, self._customs, accelerations)
 
     def __getstate__(self) -> dict[str, Any]:
-        compiled = ("core", "motion", "_linear")
+        compiled = ("core", "motion", "_linear", "resisted")
         return {name: value for name, value in self.__dict__.items() if name not in compiled}
 
     def __repr__(self) -> str:
@@ -185,10 +185,12 @@ class Assembly(Model):
         """Whether linear questions are asked about the straight pipe."""
         return self._reference is not None and not self._reference.any()
 
-    @property
+    @cached_property
     def resisted(self) -> bool:
         """Whether dashpots, joints of their own damping or custom modules resist velocities."""
-        return self._layout.resisted
+        q = self._configuration(self.resting())
+        own = (custom.by_qdot(q, np.zeros_like(q)) for custom in self._customs)
+        return self._layout.resisted or any(bool(block.any()) for block in own)
 
     @property
     def elastic_share(self) -> Array:

@@ -98,10 +98,8 @@ class Layout:
         for array in (self.lengths, self.ends, self.springs):
             array.flags.writeable = False
         self.has_flow = bool(_of(modules, InternalFlow))
-        self.resisted = (
-            any(dashpot.coefficient > 0.0 for dashpot in _of(modules, Dashpot))
-            or any(spring.damping for spring in _of(modules, TorsionalSpring))
-            or any(custom.force is not None for custom in self.customs)
+        self.resisted = any(dashpot.coefficient > 0.0 for dashpot in _of(modules, Dashpot)) or any(
+            spring.damping for spring in _of(modules, TorsionalSpring)
         )
         self.closings = self._found_closings()
         self.nodes = np.array([c.coordinate // 3 for c in self.closings], dtype=np.intp)
