@@ -221,7 +221,9 @@ def test_all_crossings_of_the_faintest_flow_have_a_limit():
     ],
     ids=["damped", "buckled"],
 )
-@pytest.mark.parametrize("make", [pd.Continuum, lambda pipe: pd.Chain(pipe, 200)], ids=["Continuum", "Chain"])
+@pytest.mark.parametrize(
+    "make", [pd.Continuum, lambda pipe: pd.Chain(pipe, 200)], ids=["Continuum", "Chain"]
+)
 def test_a_flow_that_acts_on_nothing_moves_nothing(pipe, make):
     assert pd.crossings(make(pipe), 500.0) == ()
     with pytest.raises(pd.NoCrossing, match="100"):
