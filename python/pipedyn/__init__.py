@@ -8,6 +8,7 @@ from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossing
 from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.fitting import Fitting
 from pipedyn.galerkin import Galerkin
+from pipedyn.hopf import Hopf, NoHopf, hopf
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.motion import Motion, MotionStopped, simulate
@@ -27,6 +28,7 @@ __all__ = [
     "Failure",
     "Fitting",
     "Galerkin",
+    "Hopf",
     "MemberFailure",
     "ModeShape",
     "Model",
@@ -34,6 +36,7 @@ __all__ = [
     "Motion",
     "MotionStopped",
     "NoCrossing",
+    "NoHopf",
     "NotConverged",
     "Operators",
     "Pipe",
@@ -46,6 +49,7 @@ __all__ = [
     "critical_speed",
     "crossings",
     "eigenvalues",
+    "hopf",
     "inlet_coefficient",
     "modes",
     "modular",

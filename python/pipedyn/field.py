@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: MIT
+"""A model's motion as a vector field: many states a call, and derivatives by state and speed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipedyn._check import Array
+from pipedyn.model import Model
+
+STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
+"""Central differences of sixth order, for 1, 2 and 3 steps to either side."""
+
+STEP = 2e-3
+"""Step of the coordinates; that of the rates is ten times as long, as rates are."""
+
+
+class Field:
+    """f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,).
+
+    Args:
+        model: chain, reduced model or scene.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.half = model.moving
+        self.size = 2 * model.moving
+        self.tied = model.moving != model.dof
+        """Whether constraints are met by a projection, and p' alone is not the rate of p."""
+        self.evaluations = 0
+
+    def __call__(self, y: Array, u: float) -> Array:
+        """Rates of the states in the columns, shape (2 moving, k)."""
+        self.evaluations += y.shape[1]
+        work = np.zeros((1, y.shape[1]))
+        rates: Array = self.model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
+        return rates
+
+    def jacobian(self, y: Array, u: float) -> Array:
+        """df/dy, shape (2 moving, 2 moving).
+
+        Analytic; of a scene with guides or pins by differences, as its analytic one leaves out the
+        curvature of the projection onto these.
+        """
+        if not self.tied:
+            self.evaluations += 1
+            return self.model.motion_jacobian(y, u)
+        steps = np.repeat([STEP, 10.0 * STEP], self.half)
+        moves = np.concatenate([k * np.diag(steps) for k in (1, 2, 3)], axis=1)
+        ahead, behind = (self(y[:, None] + sign * moves, u) for sign in (1.0, -1.0))
+        slopes = (ahead - behind).reshape(self.size, 3, self.size)
+        by_state: Array = np.einsum("ikj,k->ij", slopes, STENCIL) / steps
+        return by_state
+
+    def by_speed(self, y: Array, u: float) -> Array:
+        """df/du of the states in the columns: exact, as f is of second degree in u."""
+        h = 0.5 * u if u > 0.0 else 1.0
+        if u > 0.0:
+            return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
+        return (4.0 * self(y, h) - self(y, 2.0 * h) - 3.0 * self(y, 0.0)) / (2.0 * h)
+
+    def jacobian_by_speed(self, y: Array, u: float) -> Array:
+        """d^2 f / dy du at u > 0, shape (2 moving, 2 moving); exact but for rounding."""
+        h = 0.5 * u
+        return (self.jacobian(y, u + h) - self.jacobian(y, u - h)) / (2.0 * h)
+
+    def resting(self) -> Array:
+        """The state at rest where the model is linearised."""
+        return np.concatenate([self.model.resting(), np.zeros(self.half)])
+
+    def tip(self, y: Array) -> Array:
+        """Transverse position of the free end of the states in the columns, shape (k,)."""
+        q, _ = self.model.recorded(y[: self.half].T, y[self.half :].T)
+        across: Array = self.model.tips(q.T)[:, 0]
+        return across
