@@ -5,6 +5,7 @@ from pipedyn import modular
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
+from pipedyn.cycles import LimitCycle, NoCycle, limit_cycle
 from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.fitting import Fitting
 from pipedyn.galerkin import Galerkin
@@ -29,6 +30,7 @@ __all__ = [
     "Fitting",
     "Galerkin",
     "Hopf",
+    "LimitCycle",
     "MemberFailure",
     "ModeShape",
     "Model",
@@ -36,6 +38,7 @@ __all__ = [
     "Motion",
     "MotionStopped",
     "NoCrossing",
+    "NoCycle",
     "NoHopf",
     "NotConverged",
     "Operators",
@@ -51,6 +54,7 @@ __all__ = [
     "eigenvalues",
     "hopf",
     "inlet_coefficient",
+    "limit_cycle",
     "modes",
     "modular",
     "root_loci",

@@ -298,9 +298,7 @@ def _slope(motion: Field, rest: Array, u: float, form: NormalForm) -> complex:
     return slope
 
 
-def _odd(
-    jacobian: Callable[[Array], Array], rest: Array, along: Array, vector: Complex
-) -> Complex:
+def _odd(jacobian: Callable[[Array], Array], rest: Array, along: Array, vector: Complex) -> Complex:
     """B(along, vector) by one central difference of sixth order."""
     size = float(np.abs(along).max()) / 0.01
     total = np.zeros(rest.size, dtype=np.complex128)
