@@ -4,16 +4,16 @@
 One period is a trigonometric polynomial through N states at equal phases, which meets y' = f(y, u)
 there (Fourier collocation); Newton's method with the analytic Jacobian finds it together with its
 frequency. The velocities are eliminated, p' = omega dp/dphi, so that the unknowns are the N
-positions. A cycle of an odd system mostly is its own mirror image half a period later: then half of
-a period and odd harmonics describe it. N is doubled until amplitude and frequency stand still; where
-f is analytic they do so faster than any power of N, under drag, |v| v, like one.
+positions. A cycle of an odd system mostly is its own mirror image half a period later: then half
+of a period and odd harmonics describe it. N is doubled until amplitude and frequency stand still;
+where f is analytic they do so faster than any power of N, under drag, |v| v, like one.
 
 The modes of a chain that are far faster than its cycle hardly take part in it, so that a shooting
 method would spend its steps on nothing: here they cost nothing but the size of the matrix.
 
 Floquet multipliers come from the variational equation along the cycle, by a Magnus method of sixth
-order (Blanes, Casas and Ros 2000), whose exponentials do not mind fast modes. It shares nothing with
-the collocation but the cycle, so the trivial multiplier checks both.
+order (Blanes, Casas and Ros 2000), whose exponentials take fast modes in long steps. It shares
+nothing with the collocation but the cycle, so the trivial multiplier checks both.
 """
 
 from __future__ import annotations
@@ -35,11 +35,15 @@ from pipedyn._check import Array
 from pipedyn.blas import one_thread
 from pipedyn.critical import crossings
 from pipedyn.field import Field
-from pipedyn.hopf import LARGEST_HOPF, Hopf, hopf
+from pipedyn.hopf import Hopf, hopf
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, NotConverged, PipedynError
+from pipedyn.modular.moving import SceneMotion
 from pipedyn.motion import Motion, MotionStopped, checked_model_in_motion, simulate
 from pipedyn.pencil import Complex
+
+LARGEST_CYCLE = 100
+"""Degrees of freedom; a chain of so many takes a minute or two, nearly all for the multipliers."""
 
 LARGEST_SYSTEM = 6000
 """Unknowns of a Newton step: 0.3 GB."""
@@ -53,8 +57,15 @@ TRIVIAL = 1e-6
 MOST_STEPS = 4096
 """Steps of the variational equation in a half or whole period."""
 
+LONGEST_TURN = 12.0
+"""Radians that the fastest mode turns in one step at most: beyond some 30 the commutators grow."""
+
 PEAKS = 2048
 """Phases among which the free end's extremes are found, before a parabola goes through them."""
+
+CHUNK, SEARCH = 4.0, 300_000
+"""Time after which a simulated motion is looked at, and right-hand sides after which it is given up.
+"""
 
 TURNS = 6
 """Returns of the free end, at most, that a simulated motion's period may have."""
@@ -77,7 +88,8 @@ class LimitCycle:
         model: the model.
         error: of amplitude and frequency, relative, estimated by refinement: what the last
             doubling of the phases changed.
-        multiplier_error: distance of the trivial multiplier from 1.
+        multiplier_error: distance of the trivial multiplier from 1, or what halving the steps last
+            changed in any, relative to 1 + its modulus, where that is more.
         residual: largest |dy/dt - f(y)| half-way between the phases at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         symmetric: whether the second half of the period was taken as the mirror image of the first.
@@ -147,7 +159,7 @@ def limit_cycle(
     """A periodic motion at a constant flow speed, stable or unstable, with its Floquet multipliers.
 
     Args:
-        model: chain, reduced model or scene, up to 500 degrees of freedom.
+        model: chain, reduced model or scene, up to 100 degrees of freedom.
         u: flow speed > 0, in sqrt(EI / mu_f) / L.
         start: where to begin: a `Motion` that ends near the cycle, a `LimitCycle` of the same model
             or one with as many coordinates (at another speed, or of another pipe), or a state
@@ -169,9 +181,9 @@ def limit_cycle(
     Source: see the module's head.
     """
     model = checked_model_in_motion(model)
-    if model.dof > LARGEST_HOPF:
+    if model.dof > LARGEST_CYCLE:
         raise ValueError(
-            f"model must have at most {LARGEST_HOPF} degrees of freedom for limit_cycle, "
+            f"model must have at most {LARGEST_CYCLE} degrees of freedom for limit_cycle, "
             f"got {model.dof}"
         )
     u = _check.real("u", u, low=0.0, high=LARGEST_SPEED, open_low=True)
@@ -199,7 +211,7 @@ class Phases:
         self.count = count if half else count | 1
         self.half = half
         self.span = math.pi if half else 2.0 * math.pi
-        self.at = self.span / self.count * np.arange(self.count)
+        self.at: Array = self.span / self.count * np.arange(float(self.count))
         self.harmonics = np.arange(1, count, 2) if half else np.arange(self.count // 2 + 1)
 
     @cached_property
@@ -633,29 +645,30 @@ def _nudged(motion: Field, u: float) -> tuple[Array, Array]:
 def _simulated(motion: Field, u: float, q0: Array, qdot0: Array) -> Orbit:
     """From where a motion settles."""
     model = motion.model
-    reasons = []
+    reason = "the motion comes back to no state it had before"
     first = motion.resting()
     q_rest = model.recorded(first[None, : motion.half], first[None, motion.half :])[0][0]
-    for duration in (8.0, 16.0, 32.0, 64.0):
+    evaluations = 0
+    while evaluations < SEARCH:
         try:
-            going = simulate(model, u, duration, q0, qdot0, rtol=1e-6, samples=int(200 * duration))
+            going = simulate(model, u, CHUNK, q0, qdot0, rtol=1e-6, samples=1001)
         except MotionStopped as stopped:
             raise NoCycle(f"no limit cycle at u = {u:g} from there: {stopped}", u) from None
+        evaluations += going.evaluations
+        motion.evaluations += going.evaluations
         q0, qdot0 = going.q[-1], going.qdot[-1]
-        late = going.q[going.t > 0.5 * duration]
-        moves = float(np.ptp(late, axis=0).max())
-        if moves < 1e-4:
-            where = "rest" if np.abs(late[-1] - q_rest).max() < 1e-2 else "a bent pipe at rest"
+        moves = float(np.ptp(going.q[500:], axis=0).max())
+        if moves < 1e-4 and moves <= 1.01 * float(np.ptp(going.q[:500], axis=0).max()):
+            where = "rest" if np.abs(q0 - q_rest).max() < 1e-2 else "a bent pipe at rest"
             raise NoCycle(f"no limit cycle at u = {u:g} from there: the motion ends in {where}", u)
         guess = _from_motion(motion, u, going)
         if guess is None:
-            reasons.append("the motion comes back to no state it had before")
             continue
         try:
             return Equations(motion, guess.phases).solve(guess)
-        except Elsewhere as reason:
-            reasons.append(str(reason))
-    raise NoCycle(f"no limit cycle at u = {u:g} from there: {reasons[-1]}", u)
+        except Elsewhere as told:
+            reason = str(told)
+    raise NoCycle(f"no limit cycle at u = {u:g} from there: {reason}", u)
 
 
 def _from_motion(motion: Field, u: float, going: Motion) -> Orbit | None:
@@ -723,8 +736,8 @@ def _finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) 
         )
     if result.multiplier_error > max(TRIVIAL, rtol):
         raise NotConverged(
-            f"the cycle at u = {orbit.u:g} fails its check: the trivial multiplier is off by "
-            f"{result.multiplier_error:.1e}",
+            f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of which "
+            f"should be 1, are known to {result.multiplier_error:.1e} only",
             result,
         )
     return result
@@ -732,7 +745,7 @@ def _finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) 
 
 def _amplitude(motion: Field, orbit: Orbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
-    phase = 2.0 * math.pi / PEAKS * np.arange(PEAKS)
+    phase: Array = 2.0 * math.pi / PEAKS * np.arange(float(PEAKS))
     across = motion.tip(Equations(motion, orbit.phases).states(orbit, phase))
     greatest, where = _peak(across)
     least, _ = _peak(-across)
@@ -759,10 +772,10 @@ def _described(motion: Field, orbit: Orbit, error: float, samples: int, how: str
     t = np.linspace(0.0, period, samples)
     y = equations.states(orbit, first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    middle = orbit.phases.at + 0.5 * orbit.phases.span / orbit.phases.count
+    middle: Array = orbit.phases.at + 0.5 * orbit.phases.span / orbit.phases.count
     missed = np.abs(equations.residual(orbit, middle)[:, -motion.half :]).max()
     largest = np.abs(motion(equations.states(orbit), orbit.u)[motion.half :]).max()
-    multipliers = floquet(motion, orbit)
+    multipliers, unsettled = floquet(motion, orbit)
     trivial = int(np.argmin(np.abs(multipliers - 1.0)))
     others = np.abs(np.delete(multipliers, trivial))
     return LimitCycle(
@@ -777,7 +790,7 @@ def _described(motion: Field, orbit: Orbit, error: float, samples: int, how: str
         u=orbit.u,
         model=motion.model,
         error=error,
-        multiplier_error=float(np.abs(multipliers[trivial] - 1.0)),
+        multiplier_error=max(float(np.abs(multipliers[trivial] - 1.0)), unsettled),
         residual=float(missed / largest),
         symmetric=orbit.phases.half,
         phases=orbit.phases.count,
@@ -786,29 +799,39 @@ def _described(motion: Field, orbit: Orbit, error: float, samples: int, how: str
     )
 
 
-def floquet(motion: Field, orbit: Orbit, tolerance: float = 1e-8) -> Complex:
-    """Floquet multipliers, the largest modulus first, shape (2 dof,).
+def floquet(motion: Field, orbit: Orbit, tolerance: float = 1e-7) -> tuple[Complex, float]:
+    """Floquet multipliers, the largest modulus first, shape (2 dof,), and their error.
 
     Args:
         motion: the model's.
         orbit: the cycle.
-        tolerance: change at which the halving of steps ends.
+        tolerance: change, relative to 1 + |multiplier|, at which the halving of steps ends.
     """
     tangent = _tangent(motion, orbit)
-    steps, last = 32, None
+    y = Equations(motion, orbit.phases).states(orbit, np.zeros(1))[:, 0]
+    fastest = float(np.abs(np.linalg.eigvals(motion.jacobian(y, orbit.u))).max())
+    turns = fastest * orbit.phases.span / orbit.frequency
+    steps = 32 * 2 ** max(0, math.ceil(math.log2(turns / (32 * LONGEST_TURN))))
+    last = None
     while True:
         through = _monodromy(motion, orbit, steps)
         if tangent is not None:
             through = tangent.T @ through @ tangent
-        values = np.linalg.eigvals(through)
-        if orbit.phases.half:
-            values = values**2
-        values = values[np.lexsort((-values.imag, -np.abs(values)))].astype(np.complex128)
-        if last is not None:
-            change = max(float(np.abs(last - value).min()) for value in values)
+        if np.isfinite(through).all():
+            values = np.linalg.eigvals(through)
+            if orbit.phases.half:
+                values = values**2
+            values = values[np.lexsort((-values.imag, -np.abs(values)))].astype(np.complex128)
+            change = math.inf
+            if last is not None:
+                moved = np.abs(last[:, None] - values).min(axis=0)
+                change = float((moved / (1.0 + np.abs(values))).max())
             if change <= tolerance or steps >= MOST_STEPS:
-                return values
-        steps, last = 2 * steps, values
+                return values, change
+            last = values
+        elif steps >= MOST_STEPS:
+            return np.full(2 * motion.model.dof, np.nan + 0j), math.inf
+        steps *= 2
 
 
 def _tangent(motion: Field, orbit: Orbit) -> Array | None:
@@ -818,9 +841,11 @@ def _tangent(motion: Field, orbit: Orbit) -> Array | None:
     half, h = motion.half, 1e-5
     y = Equations(motion, orbit.phases).states(orbit, np.zeros(1))
     moves = h * np.eye(motion.size)
-    project = motion.model.motion.projected  # type: ignore[attr-defined]
+    scene = motion.model.motion
+    assert isinstance(scene, SceneMotion)
     ahead, behind = (
-        np.concatenate(project((y + s * moves)[:half], (y + s * moves)[half:])) for s in (1, -1)
+        np.concatenate(scene.projected((y + s * moves)[:half], (y + s * moves)[half:]))
+        for s in (1.0, -1.0)
     )
     vectors, _, _ = np.linalg.svd((ahead - behind) / (2.0 * h))
     return np.asarray(vectors[:, : 2 * motion.model.dof])
@@ -844,8 +869,9 @@ def _monodromy(motion: Field, orbit: Orbit, steps: int) -> Array:
         columns = range(begin, min(begin + 3 * 64, 3 * steps))
         rates = np.array([motion.jacobian(np.ascontiguousarray(y[:, j]), orbit.u) for j in columns])
         rates = (rates * np.outer(by, back)).reshape(-1, 3, motion.size, motion.size)
-        for factor in scipy.linalg.expm(_magnus(h, rates)):
-            through = factor @ through
+        with np.errstate(over="ignore", invalid="ignore"):  # steps too long: NaN tells
+            for factor in scipy.linalg.expm(_magnus(h, rates)):
+                through = factor @ through
     through = through * np.outer(back, by)
     return -through if orbit.phases.half else through
 

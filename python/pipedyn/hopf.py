@@ -16,10 +16,10 @@ two lines, by central differences whose steps are halved and extrapolated.
 Quadratic drag has no third derivative at rest. Its force N is of second degree along each ray,
 N(r y) = r^2 N(y), and odd: to first order in r, y = rest + r Re(q exp(i phi)), it enters as
 
-    r' = growth (u - u_c) r + Re(d) r^2,   d = (1 / pi) int <p, N(Re(q exp(i phi)))> exp(-i phi) dphi
+    r' = growth (u - u_c) r + Re(d) r^2,   d = mean over phi of 2 <p, N(Re(q e^(i phi)))> e^(-i phi)
 
-over one turn of phi, and amplitude / (u - u_c) -> -growth / Re(d). It is the left eigenvector that
-weighs the drag, not the velocity: drag bends the mode as well, which changes what the flow feeds.
+and amplitude / (u - u_c) -> -growth / Re(d). It is the left eigenvector that weighs the drag, not
+the velocity: drag bends the mode as well, which changes what the flow feeds.
 """
 
 from __future__ import annotations
@@ -286,12 +286,12 @@ def _tip_of(motion: Field, rest: Array, q: Complex) -> complex:
 
 
 def _slope(motion: Field, rest: Array, u: float, form: NormalForm) -> complex:
-    """d lambda / du of the pair, the rest moving with the speed where it does."""
+    """Derivative of lambda by u of the pair, the rest moving with the speed where it does."""
     by_speed = motion.jacobian_by_speed(rest, u)
     moved = motion.by_speed(rest[:, None], u)[:, 0]
-    slope = complex(form.left.conj() @ by_speed @ form.right)
+    slope = complex(form.left.conj() @ (by_speed @ form.right))
     if np.abs(moved).max() > 1e-10 * (1.0 + u):
-        shift = -np.linalg.solve(motion.jacobian(rest, u), moved)
+        shift = -np.asarray(np.linalg.solve(motion.jacobian(rest, u), moved), dtype=np.float64)
         slope += complex(
             form.left.conj() @ _odd(lambda y: motion.jacobian(y, u), rest, shift, form.right)
         )
