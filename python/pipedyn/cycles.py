@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, TypeAlias
@@ -57,6 +57,12 @@ TRIVIAL = 1e-6
 MOST_STEPS = 4096
 """Steps of the variational equation in a half or whole period."""
 
+LARGEST_RETRY = 500
+"""Unknowns up to which a branch that is lost with few phases is followed with more."""
+
+MOST_ONSETS = 4
+"""Onsets of flutter that are tried, the nearest first."""
+
 LONGEST_TURN = 12.0
 """Radians that the fastest mode turns in one step at most: beyond some 30 the commutators grow."""
 
@@ -64,8 +70,7 @@ PEAKS = 2048
 """Phases among which the free end's extremes are found, before a parabola goes through them."""
 
 CHUNK, SEARCH = 4.0, 300_000
-"""Time after which a simulated motion is looked at, and right-hand sides after which it is given up.
-"""
+"""Time after which a simulated motion is looked at; right-hand sides after which it is given up."""
 
 TURNS = 6
 """Returns of the free end, at most, that a simulated motion's period may have."""
@@ -253,12 +258,14 @@ class Orbit:
         z: positions p, or with constraints whole states, shape (phases, width).
         frequency: omega.
         u: flow speed.
+        coarser: the same cycle on half as many phases, where it was solved there.
     """
 
     phases: Phases
     z: Array
     frequency: float
     u: float
+    coarser: Orbit | None = None
 
     def states(self, phase: Array | None = None) -> Array:
         """[p, p'] at the phases, or at others, shape (2 moving, k)."""
@@ -461,13 +468,13 @@ def _unguided(motion: Field, u: float) -> tuple[Orbit, str]:
         unstable = _unstable(motion, u)
     except (NotConverged, ValueError):
         passages, unstable = [], True
-    born = []
-    for crossing in sorted(passages, key=lambda c: abs(c.speed - u))[:4]:
+    born: list[Hopf] = []
+    for crossing in sorted(passages, key=lambda c: abs(c.speed - u))[:MOST_ONSETS]:
         try:
-            born.append(hopf(model, crossing))
+            onset = hopf(model, crossing)
         except PipedynError:
             continue
-    for onset in born:
+        born.append(onset)
         if onset.amplitude_law * (u - onset.speed) > 0.0:
             try:
                 return _leapt(motion, onset, u), f"from the onset at u = {onset.speed:.6g}"
@@ -515,7 +522,16 @@ def _leapt(motion: Field, onset: Hopf, u: float) -> Orbit:
     if amplitude > 0.6:
         raise Elsewhere("the onset is too far")
     ring = _ring(motion, onset, amplitude, u)
-    return Equations(motion, ring.phases).solve(ring)
+    return _confirmed(motion, Equations(motion, ring.phases).solve(ring))
+
+
+def _confirmed(motion: Field, coarse: Orbit) -> Orbit:
+    """The same cycle on twice the phases: too few have solutions of their own."""
+    finer = coarse.on(2 * (coarse.phases.count // 2) * 2)
+    finer = Equations(motion, finer.phases).solve(finer)
+    if abs(finer.size / coarse.size - 1.0) > 0.1:
+        raise Elsewhere("what was found does not stand a doubling of the phases")
+    return replace(finer, coarser=coarse)
 
 
 def follow(motion: Field, onset: Hopf, u: float, steps: int = 60) -> Orbit:
@@ -530,27 +546,34 @@ def follow(motion: Field, onset: Hopf, u: float, steps: int = 60) -> Orbit:
     Raises:
         Elsewhere: if it does not come there.
     """
-    for last, here in pairwise(_branch(motion, onset, steps)):
-        if (last.u - u) * (here.u - u) <= 0.0 and here.u != last.u:
-            share = (u - last.u) / (here.u - last.u)
-            guess = Orbit(
-                here.phases,
-                last.z + share * (here.z - last.z),
-                last.frequency + share * (here.frequency - last.frequency),
-                u,
-            )
-            return Equations(motion, here.phases).solve(guess)
-        if not 0.2 * min(u, onset.speed) < here.u < 3.0 * max(u, onset.speed):
+    reason = Elsewhere(f"the cycle born at u = {onset.speed:.6g} does not come to u = {u:g}")
+    for count in (16, 48):
+        if count > 16 and count * motion.half > LARGEST_RETRY:
             break
-    raise Elsewhere(f"the cycle born at u = {onset.speed:.6g} does not come to u = {u:g}")
+        try:
+            for last, here in pairwise(_branch(motion, onset, steps, count)):
+                if (last.u - u) * (here.u - u) <= 0.0 and here.u != last.u:
+                    share = (u - last.u) / (here.u - last.u)
+                    guess = Orbit(
+                        here.phases,
+                        last.z + share * (here.z - last.z),
+                        last.frequency + share * (here.frequency - last.frequency),
+                        u,
+                    )
+                    return _confirmed(motion, Equations(motion, here.phases).solve(guess))
+                if not 0.2 * min(u, onset.speed) < here.u < 3.0 * max(u, onset.speed):
+                    break
+        except Elsewhere as told:
+            reason = told
+    raise reason
 
 
-def _branch(motion: Field, onset: Hopf, steps: int) -> Iterator[Orbit]:
+def _branch(motion: Field, onset: Hopf, steps: int, count: int) -> Iterator[Orbit]:
     """Cycles from the onset on, by pseudo-arclength continuation."""
     found: list[Orbit] = []
     for amplitude in (0.02, 0.05):
         share = amplitude ** (1.0 / onset.exponent) / onset.amplitude_law
-        ring = _ring(motion, onset, amplitude, onset.speed + share)
+        ring = _ring(motion, onset, amplitude, onset.speed + share, count)
         rest = motion.resting()[: ring.z.shape[1]]
         along = np.append((ring.z - rest).ravel(), [0.0, 0.0])
         value = float(along @ np.append(ring.z, [0.0, 0.0]))
@@ -595,7 +618,8 @@ def _from_cycle(motion: Field, u: float, start: LimitCycle) -> Orbit:
             f"start must be a cycle of {size} coordinates, got {start.model.coordinates}"
         )
     p = _integrated(motion, start.q, start.qdot)
-    guess = _resampled(motion, u, start.t, p, start.period, max(start.phases, 16), 1e-6)
+    count = max(16, start.phases // (2 if start.symmetric else 4))
+    guess = _resampled(motion, u, start.t, p, start.period, count, 1e-6)
     return _improved(motion, guess, u)
 
 
@@ -705,8 +729,9 @@ def _from_motion(motion: Field, u: float, going: Motion) -> Orbit | None:
 
 def _finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) -> LimitCycle:
     """The cycle, refined until its amplitude and frequency stand still."""
-    measured = _amplitude(motion, orbit)
-    error = math.inf
+    measured, error = _amplitude(motion, orbit), math.inf
+    if orbit.coarser is not None:
+        error = _apart(orbit.coarser, _amplitude(motion, orbit.coarser), orbit, measured)
     while error > 0.5 * rtol:
         count = 2 * (orbit.phases.count // 2) * 2
         if count > MOST_POINTS:
@@ -724,8 +749,7 @@ def _finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) 
                 ) from None
             raise NoCycle(f"no limit cycle at u = {orbit.u:g}: {reason}", orbit.u) from None
         sharper = _amplitude(motion, finer)
-        error = abs(sharper[0] / measured[0] - 1.0)
-        error = max(error, abs(finer.frequency / orbit.frequency - 1.0), 1e-14)
+        error = _apart(orbit, measured, finer, sharper)
         orbit, measured = finer, sharper
     result = _described(motion, orbit, error, samples, how)
     if error > rtol:
@@ -741,6 +765,12 @@ def _finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) 
             result,
         )
     return result
+
+
+def _apart(a: Orbit, peak: tuple[float, float], b: Orbit, other: tuple[float, float]) -> float:
+    """Relative difference of two cycles' amplitudes and frequencies."""
+    moved = abs(other[0] / peak[0] - 1.0)
+    return max(moved, abs(b.frequency / a.frequency - 1.0), 1e-14)
 
 
 def _amplitude(motion: Field, orbit: Orbit) -> tuple[float, float]:
