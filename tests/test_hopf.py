@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: MIT
 """The onset of flutter beyond linear theory: Lyapunov coefficients, laws, and refusals."""
 
+import sys
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pd
-from pipedyn import hopf as of_hopf
-from pipedyn.hopf import normal_form
+from pipedyn.hopf import NormalForm, normal_form
 
 PIPE = pd.Pipe(0.2)
 ASPIRATING = pd.Pipe(0.2, flow="aspirating", damping=0.01)
@@ -148,20 +149,20 @@ def test_growth_is_the_slope_of_the_real_part():
         (pd.Chain(ASPIRATING, 6), 1),
         (pd.Galerkin(ASPIRATING, 6, "legendre"), 1),
         (pd.Chain(pd.Pipe(0.7), 3), -1),
-        (pd.modular.chain(PIPE, n=4).plus(pd.modular.TransverseSpring(node=4, stiffness=3.0)), 1),
-        (pd.modular.chain(PIPE, n=5).plus(pd.modular.Guide(node=1)), 1),
+        (pd.modular.chain(PIPE, n=3).plus(pd.modular.TransverseSpring(node=3, stiffness=3.0)), 1),
+        (pd.modular.chain(PIPE, n=4).plus(pd.modular.Guide(node=1)), 1),
     ],
     ids=repr,
 )
 def test_the_law_is_that_of_the_cycles_just_past_onset(model, side):
     onset = pd.hopf(model)
     assert onset.criticality == ("supercritical" if side > 0 else "subcritical")
-    distances = side * min(1.0, onset.speed) * np.array([4e-4, 2e-4])
+    distances = side * min(1.0, onset.speed) * np.array([1e-4, 5e-5])
     cycles = [pd.limit_cycle(model, onset.speed + d, rtol=1e-8) for d in distances]
     ratios = np.array([c.amplitude**2 for c in cycles]) / distances
     turned = np.array([c.frequency - onset.frequency for c in cycles]) / distances
     # What is left goes with the distance: halved, it vanishes.
-    assert 2 * ratios[1] - ratios[0] == pytest.approx(onset.amplitude_law, rel=1e-4)
+    assert 2 * ratios[1] - ratios[0] == pytest.approx(onset.amplitude_law, rel=3e-4)
     assert ratios[1] == pytest.approx(onset.amplitude_law, rel=2e-2)
     assert 2 * turned[1] - turned[0] == pytest.approx(onset.frequency_law, rel=1e-3, abs=1e-3)
     assert all(c.stable == (side > 0) for c in cycles)
@@ -173,7 +174,7 @@ def test_the_law_is_that_of_the_cycles_just_past_onset(model, side):
         pd.Chain(pd.Pipe(0.2, drag=1.0), 6),
         pd.Galerkin(pd.Pipe(0.2, drag=0.5), 6, "legendre"),
         pd.Chain(pd.Pipe(0.2, flow="aspirating", damping=0.01, drag=2.0), 4),
-        pd.modular.chain(pd.Pipe(0.2, drag=1.0), n=4),
+        pd.modular.chain(pd.Pipe(0.2, drag=1.0), n=2),
     ],
     ids=repr,
 )
@@ -183,9 +184,9 @@ def test_with_drag_the_amplitude_itself_grows_with_the_speed(model):
     assert onset.lyapunov_error is None
     assert onset.exponent == 1.0
     assert onset.criticality == "supercritical"
-    assert onset.amplitude_error < 1e-4 * onset.amplitude_law
+    assert onset.amplitude_error < 2e-4 * onset.amplitude_law
     distances = min(1.0, onset.speed) * np.array([2e-3, 1e-3])
-    cycles = [pd.limit_cycle(model, onset.speed + d) for d in distances]
+    cycles = [pd.limit_cycle(model, onset.speed + d, rtol=1e-5) for d in distances]
     ratios = np.array([c.amplitude for c in cycles]) / distances
     turned = np.array([c.frequency - onset.frequency for c in cycles]) / distances
     assert 2 * ratios[1] - ratios[0] == pytest.approx(onset.amplitude_law, rel=1e-3)
@@ -237,13 +238,12 @@ def test_where_there_is_no_flutter_there_is_no_hopf_point():
 
 def test_a_coefficient_that_is_lost_in_its_error_is_not_given(monkeypatch):
     model = pd.Chain(PIPE, 4)
-    honest = of_hopf.normal_form
 
     def blurred(*args, **kwargs):
-        form = honest(*args, **kwargs)
-        return of_hopf.NormalForm(form.frequency, form.right, form.left, 1e-9 + 1j, 1e-8)
+        form = normal_form(*args, **kwargs)
+        return NormalForm(form.frequency, form.right, form.left, 1e-9 + 1j, 1e-8)
 
-    monkeypatch.setattr(of_hopf, "normal_form", blurred)
+    monkeypatch.setattr(sys.modules["pipedyn.hopf"], "normal_form", blurred)
     with pytest.raises(pd.NotConverged, match="0 within its error"):
         pd.hopf(model)
 

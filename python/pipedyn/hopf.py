@@ -52,8 +52,12 @@ LEVELS = 6
 FIRST_STEP = 0.2
 """The longest: the largest coordinate of the displaced mode."""
 
-PHASES = 4096
+PHASES = 8192
 """Over which drag is averaged; its integrand has kinks, so the mean converges slowly."""
+
+MET = 3e-5
+"""Cosine of the angle between left and right eigenvector below which two pairs have met; rounding
+leaves the root of its own size."""
 
 COARSEST = 1e-3
 """Relative error of a normal form beyond which it is no result."""
@@ -165,6 +169,7 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
         raise ValueError(
             f"model must have at most {LARGEST_HOPF} degrees of freedom for hopf, got {model.dof}"
         )
+    own = crossing is None
     if crossing is None:
         crossing = _first(model)
     elif not isinstance(crossing, Crossing):
@@ -182,13 +187,18 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
     rest = motion.resting()
     smooth = Field(model.with_pipe(replace(model.pipe, drag=0.0))) if model.pipe.drag else motion
     with one_thread(motion.size):
-        form = normal_form(
-            lambda y: smooth.jacobian(y, u),
-            rest,
-            crossing.frequency,
-            lambda q: _tip_of(motion, rest, q),
-            cubic=False,
-        )
+        try:
+            form = normal_form(
+                lambda y: smooth.jacobian(y, u),
+                rest,
+                crossing.frequency,
+                lambda q: _tip_of(motion, rest, q),
+                cubic=False,
+            )
+        except ValueError as error:
+            if own:  # two that meet move by the root of rounding
+                raise NoHopf(f"no simple pair lies on the axis at u = {u:g}") from error
+            raise
         slope = _slope(motion, rest, u, form)
         if abs(slope.real) < 1e-9 * (1.0 + abs(slope)):
             raise NoHopf(f"the pair touches the axis at u = {u:g} and does not pass through it")
@@ -387,9 +397,14 @@ def _vectors(a: Array, frequency: float) -> tuple[Complex, Complex]:
             f"crossing must be one of the model's: no eigenvalue lies at {frequency:g} i, "
             f"the nearest at {value:g}"
         )
-    if abs(complex(left.conj() @ right)) < 1e-6:
+    right, left = scaling * right, left / scaling
+    # Rates in units of the frequency, so that the angle does not depend on other modes' sizes.
+    unit = np.ones(size)
+    unit[size // 2 :] = frequency
+    lengths = np.linalg.norm(right / unit) * np.linalg.norm(left * unit)
+    if abs(complex(left.conj() @ right)) < MET * lengths:
         raise NoHopf("two pairs meet on the axis at the onset")
-    return scaling * right, left / scaling
+    return right, left
 
 
 def _cubic(
