@@ -19,7 +19,7 @@ nothing with the collocation but the cycle, so the trivial multiplier checks bot
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -54,8 +54,8 @@ MOST_POINTS = 1024
 TRIVIAL = 1e-6
 """How far the trivial multiplier may be from 1."""
 
-MOST_STEPS = 4096
-"""Steps of the variational equation in a half or whole period."""
+LOCAL, MOST_STEPS, MOST_HALVINGS = 1e-8, 10_000, 20
+"""Of the variational equation: error of one step, most steps of one length and halvings of one."""
 
 LARGEST_RETRY = 500
 """Unknowns up to which a branch that is lost with few phases is followed with more."""
@@ -93,8 +93,8 @@ class LimitCycle:
         model: the model.
         error: of amplitude and frequency, relative, estimated by refinement: what the last
             doubling of the phases changed.
-        multiplier_error: distance of the trivial multiplier from 1, or what halving the steps last
-            changed in any, relative to 1 + its modulus, where that is more.
+        multiplier_error: distance of the trivial multiplier from 1, or the summed error of the
+            variational equation's steps where that is more.
         residual: largest |dy/dt - f(y)| half-way between the phases at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         symmetric: whether the second half of the period was taken as the mirror image of the first.
@@ -338,7 +338,7 @@ class Equations:
         motion, phases, half = self.motion, self.phases, self.motion.half
         count, width, omega = phases.count, self.width, orbit.frequency
         y = self.states(orbit)
-        jacobians = [motion.jacobian(np.ascontiguousarray(y[:, j]), orbit.u) for j in range(count)]
+        jacobians = motion.jacobians(y, orbit.u)
         free = 1 if row is None else 2
         whole = np.zeros((self.unknowns + free, self.unknowns + free))
         blocks = np.zeros((count, width, count, width))
@@ -689,9 +689,15 @@ def _simulated(motion: Field, u: float, q0: Array, qdot0: Array) -> Orbit:
         if guess is None:
             continue
         try:
-            return Equations(motion, guess.phases).solve(guess)
+            found = Equations(motion, guess.phases).solve(guess)
         except Elsewhere as told:
             reason = str(told)
+            continue
+        # One far from the motion may be any, most likely one that repels.
+        away = float(np.sqrt(np.mean(np.sum((found.z - guess.z) ** 2, axis=1))))
+        if away < 0.05 * found.size:
+            return found
+        reason = "the motion does not settle"
     raise NoCycle(f"no limit cycle at u = {u:g} from there: {reason}", u)
 
 
@@ -730,8 +736,11 @@ def _from_motion(motion: Field, u: float, going: Motion) -> Orbit | None:
 def _finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) -> LimitCycle:
     """The cycle, refined until its amplitude and frequency stand still."""
     measured, error = _amplitude(motion, orbit), math.inf
+    # Under drag two answers may agree by chance: believed is no less than the fourth power of N.
+    last = math.inf if motion.model.pipe.drag else 0.0
     if orbit.coarser is not None:
-        error = _apart(orbit.coarser, _amplitude(motion, orbit.coarser), orbit, measured)
+        last = _apart(orbit.coarser, _amplitude(motion, orbit.coarser), orbit, measured)
+        error = last if not motion.model.pipe.drag else math.inf
     while error > 0.5 * rtol:
         count = 2 * (orbit.phases.count // 2) * 2
         if count > MOST_POINTS:
@@ -749,7 +758,8 @@ def _finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) 
                 ) from None
             raise NoCycle(f"no limit cycle at u = {orbit.u:g}: {reason}", orbit.u) from None
         sharper = _amplitude(motion, finer)
-        error = _apart(orbit, measured, finer, sharper)
+        moved = _apart(orbit, measured, finer, sharper)
+        error, last = max(moved, last / 16.0), moved
         orbit, measured = finer, sharper
     result = _described(motion, orbit, error, samples, how)
     if error > rtol:
@@ -829,39 +839,24 @@ def _described(motion: Field, orbit: Orbit, error: float, samples: int, how: str
     )
 
 
-def floquet(motion: Field, orbit: Orbit, tolerance: float = 1e-7) -> tuple[Complex, float]:
-    """Floquet multipliers, the largest modulus first, shape (2 dof,), and their error.
+def floquet(motion: Field, orbit: Orbit) -> tuple[Complex, float]:
+    """Floquet multipliers, the largest modulus first, shape (2 dof,), and the steps' summed error.
 
     Args:
         motion: the model's.
         orbit: the cycle.
-        tolerance: change, relative to 1 + |multiplier|, at which the halving of steps ends.
     """
     tangent = _tangent(motion, orbit)
-    y = Equations(motion, orbit.phases).states(orbit, np.zeros(1))[:, 0]
-    fastest = float(np.abs(np.linalg.eigvals(motion.jacobian(y, orbit.u))).max())
-    turns = fastest * orbit.phases.span / orbit.frequency
-    steps = 32 * 2 ** max(0, math.ceil(math.log2(turns / (32 * LONGEST_TURN))))
-    last = None
-    while True:
-        through = _monodromy(motion, orbit, steps)
-        if tangent is not None:
-            through = tangent.T @ through @ tangent
-        if np.isfinite(through).all():
-            values = np.linalg.eigvals(through)
-            if orbit.phases.half:
-                values = values**2
-            values = values[np.lexsort((-values.imag, -np.abs(values)))].astype(np.complex128)
-            change = math.inf
-            if last is not None:
-                moved = np.abs(last[:, None] - values).min(axis=0)
-                change = float((moved / (1.0 + np.abs(values))).max())
-            if change <= tolerance or steps >= MOST_STEPS:
-                return values, change
-            last = values
-        elif steps >= MOST_STEPS:
-            return np.full(2 * motion.model.dof, np.nan + 0j), math.inf
-        steps *= 2
+    through, error = _monodromy(motion, orbit)
+    if not np.isfinite(through).all():
+        return np.full(2 * motion.model.dof, np.nan + 0j), math.inf
+    if tangent is not None:
+        through = tangent.T @ through @ tangent
+    values = np.linalg.eigvals(through)
+    if orbit.phases.half:
+        values = values**2
+    order = np.lexsort((-values.imag, -np.abs(values)))
+    return values[order].astype(np.complex128), error
 
 
 def _tangent(motion: Field, orbit: Orbit) -> Array | None:
@@ -881,29 +876,91 @@ def _tangent(motion: Field, orbit: Orbit) -> Array | None:
     return np.asarray(vectors[:, : 2 * motion.model.dof])
 
 
-def _monodromy(motion: Field, orbit: Orbit, steps: int) -> Array:
-    """Fundamental matrix over the phases' span; with a mirror, followed by the reflection."""
+def _monodromy(motion: Field, orbit: Orbit) -> tuple[Array, float]:
+    """Fundamental matrix over the phases' span; with a mirror, followed by the reflection.
+
+    Each step is halved until the product of its halves does what it does itself, so that short
+    steps are taken only where drag's derivative has kinks.
+    """
     span, omega, half = orbit.phases.span, orbit.frequency, motion.half
-    h = span / omega / steps
-    ends = span / steps * np.arange(steps)
-    nodes = span / steps * (0.5 + math.sqrt(0.15) * np.array([-1.0, 0.0, 1.0]))
-    y = Equations(motion, orbit.phases).states(orbit, (ends[:, None] + nodes).ravel())
+    along = _jacobians_along(motion, orbit)
+    first = along(np.zeros(1))[0]
     # Rates in units in which the fastest mode turns at about the rate of its coordinates: without,
     # the squarings of the exponential would lose digits to the matrix's lopsidedness.
-    middle = motion.jacobian(np.ascontiguousarray(y[:, 0]), orbit.u)
-    ratio = math.sqrt(max(float(np.abs(middle[half:, :half]).max()), 1.0))
-    through = np.eye(motion.size)
+    ratio = math.sqrt(max(float(np.abs(first[half:, :half]).max()), 1.0))
     by, back = np.ones(motion.size), np.ones(motion.size)
     by[half:], back[half:] = 1.0 / ratio, ratio
-    for begin in range(0, 3 * steps, 3 * 64):
-        columns = range(begin, min(begin + 3 * 64, 3 * steps))
-        rates = np.array([motion.jacobian(np.ascontiguousarray(y[:, j]), orbit.u) for j in columns])
-        rates = (rates * np.outer(by, back)).reshape(-1, 3, motion.size, motion.size)
-        with np.errstate(over="ignore", invalid="ignore"):  # steps too long: NaN tells
-            for factor in scipy.linalg.expm(_magnus(h, rates)):
-                through = factor @ through
+    turns = float(np.abs(np.linalg.eigvals(first)).max()) * span / omega
+    steps = max(16, math.ceil(turns / LONGEST_TURN))
+
+    def factors(starts: Array, length: float) -> Array:
+        found = np.empty((starts.size, motion.size, motion.size))
+        nodes = length * (0.5 + math.sqrt(0.15) * np.array([-1.0, 0.0, 1.0]))
+        for i in range(0, starts.size, 64):
+            rates = along((starts[i : i + 64, None] + nodes).ravel()) * np.outer(by, back)
+            rates = rates.reshape(-1, 3, motion.size, motion.size)
+            with np.errstate(over="ignore", invalid="ignore"):  # steps too long: NaN tells
+                found[i : i + 64] = scipy.linalg.expm(_magnus(length / omega, rates))
+        return found
+
+    length = span / steps
+    starts = length * np.arange(float(steps))
+    whole = factors(starts, length)
+    done: list[tuple[float, Array]] = []
+    error = 0.0
+    for level in range(MOST_HALVINGS + 1):
+        length *= 0.5
+        starts = (starts[:, None] + length * np.arange(2.0)).ravel()
+        parts = factors(starts, length)
+        products = parts[1::2] @ parts[0::2]
+        told = np.abs(products - whole).max(axis=(1, 2)) / (1.0 + np.abs(whole).max(axis=(1, 2)))
+        good = told <= LOCAL
+        if level == MOST_HALVINGS or 2 * np.sum(~good) > MOST_STEPS:
+            good[:] = True
+        done += [(starts[2 * i], products[i]) for i in np.flatnonzero(good)]
+        error += 0.25 * float(told[good].sum())  # what halving leaves, at a kink; else far less
+        again = np.repeat(~good, 2)
+        starts, whole = starts[again], parts[again]
+        if starts.size == 0:
+            break
+    through = np.eye(motion.size)
+    for _, product in sorted(done, key=lambda pair: pair[0]):
+        through = product @ through
     through = through * np.outer(back, by)
-    return -through if orbit.phases.half else through
+    return -through if orbit.phases.half else through, error
+
+
+def _jacobians_along(motion: Field, orbit: Orbit) -> Callable[[Array], Array]:
+    """df/dy at phases, shape (k,) to (k, 2 moving, 2 moving).
+
+    Where f is smooth this is a trigonometric polynomial as the cycle is, of the period of the
+    phases' span even if the cycle's is twice that, and few Jacobians tell it all.
+    """
+    equations = Equations(motion, orbit.phases)
+
+    def exact(phase: Array) -> Array:
+        return motion.jacobians(equations.states(orbit, phase), orbit.u)
+
+    if motion.model.pipe.drag:
+        return exact
+    span, count = orbit.phases.span, 2 * orbit.phases.count
+    at: Array = span / count * np.arange(float(count))
+    samples = exact(at)
+    waves = np.fft.rfft(samples.reshape(count, -1), axis=0) / count
+    waves[1:] *= 2.0
+    if count % 2 == 0:
+        waves[-1] *= 0.5
+    numbers = 2.0 * math.pi / span * np.arange(len(waves))
+
+    def between(phase: Array) -> Array:
+        angle = np.outer(phase, numbers)
+        values = np.cos(angle) @ waves.real - np.sin(angle) @ waves.imag
+        return values.reshape(-1, motion.size, motion.size)
+
+    probe: Array = at[::7] + 0.43 * span / count
+    missed = np.abs(between(probe) - exact(probe)).max(axis=0)
+    size = np.abs(samples).max(axis=0)
+    return between if (missed <= 1e-9 * size + 1e-12 * size.max()).all() else exact
 
 
 def _magnus(h: float, a: Array) -> Array:
