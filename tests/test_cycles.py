@@ -56,11 +56,11 @@ def test_more_functions_do_not_change_the_cycle(known):
 
 def test_a_chains_cycle_tends_to_the_continuous_pipes_with_order_two():
     exact = pd.limit_cycle(pd.Galerkin(PIPE, 12, "legendre"), 6.0)
-    cycles = [pd.limit_cycle(pd.Chain(PIPE, n), 6.0) for n in (8, 16, 32)]
+    cycles = [pd.limit_cycle(pd.Chain(PIPE, n), 6.0) for n in (6, 12, 24)]
     for name in ("amplitude", "frequency"):
         errors = np.array([abs(getattr(c, name) - getattr(exact, name)) for c in cycles])
         assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(2.0, abs=0.2)
-        assert errors[-1] < 2e-2 * getattr(exact, name)
+        assert errors[-1] < 3e-2 * getattr(exact, name)
     assert all(c.stable for c in cycles)
 
 
@@ -187,14 +187,15 @@ def test_the_error_told_bounds_what_refinement_changes(model, u):
 def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
     monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 64)
     with pytest.raises(pd.NotConverged, match=r"is known to .* only") as caught:
-        pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 6.0)
+        pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 6.0, rtol=1e-9)
     kept = caught.value.result
     assert kept.amplitude > 0.1
-    assert kept.error > 1e-6
+    assert kept.error > 1e-9
 
 
 def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
     monkeypatch.setattr("pipedyn.cycles.MOST_HALVINGS", 1)
+    monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 128)
     with pytest.raises(pd.NotConverged, match="Floquet multipliers") as caught:
         pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 5.0)
     assert caught.value.result.multiplier_error > 1e-6

@@ -95,6 +95,12 @@ def test_two_pairs_at_one_place_are_refused():
         normal_form(lambda y: twice, np.zeros(4), 1.0, lambda q: q[0])
 
 
+def test_a_free_end_that_stands_still_measures_nothing():
+    turning = np.array([[0.0, -1.0], [1.0, 0.0]])
+    with pytest.raises(pd.NoHopf, match="stands still"):
+        normal_form(lambda y: turning, np.zeros(2), 1.0, lambda q: 0.0)
+
+
 # ------------------------------------------------------------------------------------- the pipe
 
 
@@ -234,6 +240,14 @@ def test_where_there_is_no_flutter_there_is_no_hopf_point():
         pd.hopf(pd.Chain(pd.Pipe(0.0, flow="aspirating", alpha=0.0), 4))
     with pytest.raises(pd.NoHopf, match=r"two pairs|touches"):
         pd.hopf(pd.Chain(pd.Pipe(0.0), 4))  # Beck's column: two frequencies meet
+
+
+def test_a_pair_that_only_touches_the_axis_is_no_hopf_point(monkeypatch):
+    monkeypatch.setattr(
+        "pipedyn.field.Field.jacobian_by_speed", lambda motion, y, u: np.zeros((8, 8))
+    )
+    with pytest.raises(pd.NoHopf, match="touches the axis"):
+        pd.hopf(pd.Chain(PIPE, 4))
 
 
 def test_a_coefficient_that_is_lost_in_its_error_is_not_given(monkeypatch):
