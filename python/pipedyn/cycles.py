@@ -43,8 +43,8 @@ from pipedyn.motion import Motion, MotionStopped, checked_model_in_motion, simul
 from pipedyn.pencil import Complex
 
 LARGEST_CYCLE = 100
-"""Degrees of freedom. A chain of 20 takes half a second, of 40 five, of 60 half a minute, nearly all
-for the multipliers, whose steps the fastest mode sets."""
+"""Degrees of freedom. A chain of 20 takes half a second, of 40 five, of 60 half a minute, nearly
+all for the multipliers, whose steps the fastest mode sets."""
 
 LARGEST_SYSTEM = 6000
 """Unknowns of a Newton step: 0.3 GB."""
