@@ -5,9 +5,11 @@ from pipedyn import modular
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
+from pipedyn.cycles import LimitCycle, NoCycle, limit_cycle
 from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.fitting import Fitting
 from pipedyn.galerkin import Galerkin
+from pipedyn.hopf import Hopf, NoHopf, hopf
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.motion import Motion, MotionStopped, simulate
@@ -27,6 +29,8 @@ __all__ = [
     "Failure",
     "Fitting",
     "Galerkin",
+    "Hopf",
+    "LimitCycle",
     "MemberFailure",
     "ModeShape",
     "Model",
@@ -34,6 +38,8 @@ __all__ = [
     "Motion",
     "MotionStopped",
     "NoCrossing",
+    "NoCycle",
+    "NoHopf",
     "NotConverged",
     "Operators",
     "Pipe",
@@ -46,7 +52,9 @@ __all__ = [
     "critical_speed",
     "crossings",
     "eigenvalues",
+    "hopf",
     "inlet_coefficient",
+    "limit_cycle",
     "modes",
     "modular",
     "root_loci",
