@@ -6,6 +6,13 @@ from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
+from pipedyn.equilibria import (
+    BranchPoint,
+    Equilibria,
+    EquilibriumBranch,
+    equilibria,
+    equilibrium_branch,
+)
 from pipedyn.fitting import Fitting
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
@@ -18,12 +25,15 @@ from pipedyn.stability import Failure, StabilityCurve, stability_curve
 __version__ = "0.1.0"
 
 __all__ = [
+    "BranchPoint",
     "Chain",
     "Continuum",
     "CriticalSpeed",
     "Crossing",
     "Derivatives",
     "Ensemble",
+    "Equilibria",
+    "EquilibriumBranch",
     "Failure",
     "Fitting",
     "Galerkin",
@@ -46,6 +56,8 @@ __all__ = [
     "critical_speed",
     "crossings",
     "eigenvalues",
+    "equilibria",
+    "equilibrium_branch",
     "inlet_coefficient",
     "modes",
     "modular",
