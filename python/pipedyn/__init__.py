@@ -5,13 +5,13 @@ from pipedyn import modular
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
-from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.diagram import (
     BifurcationDiagram,
     CycleBranch,
     CycleEvent,
     bifurcation_diagram,
 )
+from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.equilibria import (
     BranchPoint,
     Equilibria,

@@ -222,7 +222,8 @@ class Path:
 
         Args:
             a: where arc length counts from.
-            low, high: between which the number changes.
+            low: arc length before the change.
+            high: arc length beyond it.
             count: the number.
 
         Returns:
@@ -250,5 +251,4 @@ def _solved(matrix: Array, right: Array) -> Array:
     """Solution of linear equations, which numpy would not refuse for what is not finite."""
     if not np.isfinite(matrix).all():
         raise ValueError("its derivatives left finite numbers")
-    solution: Array = np.linalg.solve(matrix, right)
-    return solution
+    return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)

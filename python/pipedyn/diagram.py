@@ -215,7 +215,7 @@ def checked_speeds(speeds: Any) -> Array:
     return at
 
 
-# ---------------------------------------------------------------------------------------- equilibria
+# --------------------------------------------------------------------------------------- equilibria
 
 
 def equilibrium_branches(
@@ -264,10 +264,7 @@ def _moving(rest: Rest, q: Array) -> Array:
 def _lies_on(rest: Rest, branch: EquilibriumBranch, x: Array, u: float) -> bool:
     """Whether an equilibrium at a speed is one of a branch's."""
     near = 1e-5 * (1.0 + float(np.abs(x).max()))
-    for other in _passing(rest, branch, u):
-        if float(np.abs(other - x).max()) < near:
-            return True
-    return False
+    return any(float(np.abs(other - x).max()) < near for other in _passing(rest, branch, u))
 
 
 def _passing(rest: Rest, branch: EquilibriumBranch, u: float) -> Iterator[Array]:
@@ -305,7 +302,7 @@ def _mirrored(rest: Rest, branch: EquilibriumBranch) -> EquilibriumBranch | None
     return replace(branch, q=q, tips=rest.model.tips(q.T), points=tuple(points))
 
 
-# -------------------------------------------------------------------------------------------- cycles
+# ------------------------------------------------------------------------------------------- cycles
 
 
 def cycle_branch(

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import root
 
 from pipedyn import _check
 from pipedyn._check import Array
-from pipedyn.arclength import Lost, Path, Point, Problem, solve
+from pipedyn.arclength import Lost, Path, Point, solve
 from pipedyn.blas import one_thread
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, NotConverged, PipedynError, core_pipe
@@ -220,12 +221,12 @@ def equilibrium_branch(
 
 def checked_size(model: Any) -> Model:
     """The argument, if it is a model whose equilibria can be found."""
-    model = checked_model_in_motion(model)
-    if model.dof > LARGEST:
+    moving = checked_model_in_motion(model)
+    if moving.dof > LARGEST:
         raise ValueError(
-            f"model must have at most {LARGEST} degrees of freedom for equilibria, got {model.dof}"
+            f"model must have at most {LARGEST} degrees of freedom for equilibria, got {moving.dof}"
         )
-    return model
+    return moving
 
 
 def checked_range(speeds: Any) -> tuple[float, float]:
@@ -237,7 +238,7 @@ def checked_range(speeds: Any) -> tuple[float, float]:
     return low, high
 
 
-# ------------------------------------------------------------------------------------ forces at rest
+# ----------------------------------------------------------------------------------- forces at rest
 
 
 class Rest:
@@ -462,10 +463,8 @@ def _met(
             return
         if (point.p - target) * (found.p - target) <= 0.0 and point.p != found.p:
             share = (target - point.p) / (found.p - point.p)
-            try:
+            with suppress(Lost):
                 yield solve(path.problem, point.x + share * (found.x - point.x), target)[0]
-            except Lost:
-                pass
         away = found.x - x
         back = float(away @ direction) / math.sqrt(x.size)
         if abs(back) < 0.5 * LEAVING and float(np.linalg.norm(away)) < LEAVING * math.sqrt(x.size):
@@ -483,7 +482,9 @@ class _Found:
         self.xs: list[Array] = []
 
     def known(self, x: Array) -> bool:
-        return any(float(np.abs(x - other).max()) < DISTINCT * (1 + np.abs(x).max()) for other in self.xs)
+        return any(
+            float(np.abs(x - other).max()) < DISTINCT * (1 + np.abs(x).max()) for other in self.xs
+        )
 
     def add(self, x: Array) -> None:
         """A solution, if it is one and new, and its mirror image."""
@@ -518,7 +519,7 @@ class _Found:
         return sorted(self.xs, key=key)
 
 
-# ------------------------------------------------------------------------------------------ branches
+# ----------------------------------------------------------------------------------------- branches
 
 
 def _branch(

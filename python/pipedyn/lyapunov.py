@@ -17,7 +17,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.integrate import ode
 from scipy.linalg import block_diag
 
@@ -202,7 +201,10 @@ def largest_exponent(
         rates: f; with `pair` of two states at once, shape (n, 2).
         jacobian: df/dy, (n, n).
         start: y at time 0, shape (n,).
-        duration, transient, blocks, interval: as for `lyapunov_exponent`.
+        duration: as for `lyapunov_exponent`, and so are the next three.
+        transient: time left out before.
+        blocks: parts of the duration.
+        interval: longest time between two rescalings.
         pair: follow two neighbours, not the variational equation.
         rtol: relative tolerance; that of v, of unit length, is absolute as well.
         stiff: take an implicit method.
@@ -220,7 +222,7 @@ def largest_exponent(
     for i in track(range(grown.size), grown.size, "exponent", shown):
         grown[i] = going.advanced(step)
     grown = grown[before:]
-    t = step * np.arange(1, grown.size + 1)
+    t = step * np.arange(1.0, grown.size + 1.0)
     means = grown.reshape(blocks, each).mean(axis=1) / step
     value = float(means.mean())
     standard = float(means.std(ddof=1)) / math.sqrt(blocks)

@@ -8,13 +8,13 @@ is none, a cycle leaves a few values, a torus or chaos many.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn._check import Array
@@ -155,7 +155,7 @@ def _ended(
 def _told(
     members: list[tuple[float, int]],
     motions: Iterable[Motion],
-    errors: dict[int, Exception],
+    errors: Mapping[int, Exception],
     plan: Plan,
 ) -> Iterator[tuple[Ended, Exception | None]]:
     nothing = np.zeros(0)
@@ -196,7 +196,7 @@ def ending_of(x: Array, turnings: Array) -> tuple[Ending, int]:
     for period in range(1, min(LONGEST_PERIOD, highs.size // 3) + 1):
         if np.abs(highs[period:] - highs[:-period]).max() < near:
             return "periodic", period
-    falling = all(b < a for a, b in zip(quarters, quarters[1:], strict=False))
+    falling = all(b < a for a, b in pairwise(quarters))
     if falling and quarters[-1] < 0.8 * quarters[0]:
         return "settling", 0
     return "irregular", 0
