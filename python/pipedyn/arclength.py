@@ -233,13 +233,24 @@ class Path:
         width = 1e-10 * (1.0 + high)
         beyond = self.stepped(a, high)
         while high - low > width:
-            middle = 0.5 * (low + high)
-            point = self.stepped(a, middle)
+            middle, point = self._within(a, low, high)
+            if point is None:
+                break
             if count(point) == first:
                 low = middle
             else:
                 high, beyond = middle, point
         return beyond, high
+
+    def _within(self, a: Point, low: float, high: float) -> tuple[float, Point | None]:
+        """A point between two arc lengths; None if there is a branch point in its way."""
+        for share in (0.5, 0.37, 0.66):
+            middle = low + share * (high - low)
+            try:
+                return middle, self.stepped(a, middle)
+            except Lost:
+                continue
+        return low, None
 
     def landing(self, a: Point, ds: float, p: float) -> tuple[Point, float]:
         """The point, at most ds from a, at which the parameter has a value, and its arc length."""

@@ -23,7 +23,7 @@ from pipedyn._check import Array
 from pipedyn.arclength import Lost, Path, Point, solve
 from pipedyn.blas import one_thread
 from pipedyn.modal import LARGEST_SPEED
-from pipedyn.model import Model, NotConverged, PipedynError, core_pipe
+from pipedyn.model import Model, NotConverged, Operators, PipedynError, core_pipe
 from pipedyn.modular.assembly import Assembly
 from pipedyn.motion import Start, checked_model_in_motion
 
@@ -255,7 +255,8 @@ class Rest:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.size = model.moving
-        self.tied = isinstance(model, Assembly)
+        self.tied = isinstance(model, Assembly) and model.dof < model.moving
+        self._at: tuple[bytes, Operators] | None = None
         self.resting = np.array(model.resting(), dtype=np.float64)
 
     def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
@@ -271,13 +272,20 @@ class Rest:
         if self.tied:
             total: Array = rates + turning
             return total
-        forces: Array = self.model.operators(x).mass @ turning
+        forces: Array = self.operators(x).mass @ turning
         return forces
+
+    def operators(self, x: Array) -> Operators:
+        """About a configuration; the last is kept, since forces and their derivative both ask."""
+        key = x.tobytes()
+        if self._at is None or self._at[0] != key:
+            self._at = key, self.model.operators(x)
+        return self._at[1]
 
     def jacobian(self, x: Array, p: float) -> Array:
         """Derivative of `residual` by x, (moving, moving)."""
         if not self.tied:
-            ops = self.model.operators(x)
+            ops = self.operators(x)
             slope: Array = -ops.stiffness - ops.centrifugal * p**2 * ops.flux
             return slope
         whole = self.model.motion_jacobian(np.concatenate([x, np.zeros(self.size)]), abs(p))
@@ -291,7 +299,7 @@ class Rest:
 
     def basis(self, x: Array) -> Array | None:
         """Directions that guides and pins leave, (moving, dof); None where there are none."""
-        if isinstance(self.model, Assembly) and self.model.dof < self.size:
+        if self.tied and isinstance(self.model, Assembly):
             return self.model.basis(x)
         return None
 
@@ -305,11 +313,11 @@ class Rest:
         along = turning if basis is None else basis.T @ turning
         pipe = self.model.pipe
         size = 1.0 + abs(pipe.gamma) + core_pipe(pipe).centrifugal * u**2
-        return float(np.abs(self.model.operators(x).mass @ along).max()) / size + missed
+        return float(np.abs(self.operators(x).mass @ along).max()) / size + missed
 
     def eigenvalues(self, x: Array, u: float) -> NDArray[np.complex128]:
         """Of small motions about an equilibrium, shape (2 dof,)."""
-        mass, velocity, stiffness = self.model.operators(x).at(u)
+        mass, velocity, stiffness = self.operators(x).at(u)
         lower = np.linalg.cholesky(mass)
 
         def scaled(matrix: Array) -> Array:
@@ -331,8 +339,7 @@ class Rest:
     def unstable(self, x: Array, u: float) -> int:
         """Number of eigenvalues whose real part is positive beyond rounding."""
         found = self.eigenvalues(x, u)
-        noise = 1e-10 + min(4.0 * np.finfo(float).eps * float(np.abs(found).max()) ** 2, 1e-6)
-        return int(np.count_nonzero(found.real > noise))
+        return int(np.count_nonzero(found.real > rounding(found)))
 
     def recorded(self, xs: Array) -> Array:
         """Coordinates that users see, (k, coordinates), of (k, moving)."""
@@ -402,6 +409,12 @@ class Rest:
                     yield self.from_start("q0", self.model.bent(bend))
                 except PipedynError:  # guides and pins that such a bend cannot meet
                     continue
+
+
+def rounding(eigenvalues: NDArray[np.complex128]) -> float:
+    """Real part up to which an eigenvalue counts as neutral."""
+    largest = float(np.abs(eigenvalues).max())
+    return 1e-10 + min(4.0 * float(np.finfo(float).eps) * largest**2, 1e-6)
 
 
 class _Weighed:
@@ -526,7 +539,10 @@ def _branch(
     rest: Rest, x: Array, u: float, ends: tuple[float, float], step: float
 ) -> EquilibriumBranch:
     """The branch through an equilibrium, both ways."""
-    path = Path(rest, 0.1 * (ends[1] - ends[0]))
+    still = rest.rms(x - rest.resting) < 1e-9 and rest.rests(0.0) and rest.rests(1.0)
+    path = (_Still if still else Path)(rest, 0.1 * (ends[1] - ends[0]))
+    if still:
+        x = rest.resting
     try:
         down = path.heading(x, u, -1.0)
     except Lost as error:
@@ -558,6 +574,16 @@ def _branch(
         ends=whys,
         model=rest.model,
     )
+
+
+class _Still(Path):
+    """The path of a configuration that rests at any speed: nothing needs to be solved."""
+
+    def heading(self, x: Array, p: float, sign: float) -> Point:
+        return Point(x, p, np.append(np.zeros_like(x), sign * self.scale))
+
+    def stepped(self, start: Point, ds: float) -> Point:
+        return Point(start.x, start.p + ds * float(start.tangent[-1]), start.tangent)
 
 
 class _Half:
@@ -669,7 +695,8 @@ class _Half:
             found = rest.eigenvalues(point.x, abs(point.p))
             swinging = found[np.abs(found.imag) > 1e-6]
             if swinging.size:
-                frequency = float(abs(swinging[np.argmin(np.abs(swinging.real))].imag))
+                passing = np.argmin(np.abs(swinging.real - rounding(found)))
+                frequency = float(abs(swinging[passing].imag))
         speed = abs(point.p)
         if kind == "pitchfork":  # rounding in the count reaches further than in the roots of det K
             near = 1e-4 * (1.0 + speed)

@@ -91,7 +91,7 @@ def bifurcation_diagram(diagram: BifurcationDiagram, ax: Axes | None = None) -> 
         y = np.concatenate([values for _, values in turns] or [np.zeros(0)])
         (dots,) = ax.plot(
             *(x, y, "."),
-            markersize=1.6,
+            markersize=2.6,
             color="0.55",
             markeredgewidth=0.0,
             zorder=1.0,
@@ -109,7 +109,7 @@ def bifurcation_diagram(diagram: BifurcationDiagram, ax: Axes | None = None) -> 
         look = {**MARKS[kind], "linestyle": "none", "markersize": 5.0}
         look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
         ax.plot([u], [height], zorder=4.0, **look)
-        used[kind] = Line2D([], [], **look)
+        used[kind.replace("hopf", "Hopf")] = Line2D([], [], **look)
     ax.set_xlim(float(diagram.speeds[0]), float(diagram.speeds[-1]))
     ax.set_xlabel(SPEED_LABEL)
     ax.set_ylabel("free end $x$  $(L)$")
@@ -249,6 +249,7 @@ def multipliers(cycles: Orbit | CycleBranch, ax: Axes | None = None) -> Axes:
         markeredgewidth=1.4,
         zorder=2.5,
     )
+    ax.margins(0.08)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_xlabel(r"Re $\rho$")
     ax.set_ylabel(r"Im $\rho$")
