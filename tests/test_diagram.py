@@ -168,7 +168,7 @@ class Known:
         return self.u < 2.0
 
 
-def known(model, u, start):
+def known(model, u, *, start):
     if not 1.0 < u <= 4.0:
         raise pd.NotConverged(f"no cycle at u = {u:g}")
     return Known(u)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -63,8 +63,11 @@ class Cycle(Protocol):
         """Whether motions nearby approach it."""
 
 
-Finder = Callable[[Model, float, Any], Cycle]
-"""A cycle of a model at a speed, from one nearby or None; PipedynError where none is found."""
+class Finder(Protocol):
+    """How a cycle is found."""
+
+    def __call__(self, model: Model, u: float, *, start: Any) -> Cycle:
+        """A cycle of a model at a speed, from one nearby or None; PipedynError if there is none."""
 
 
 @dataclass(frozen=True)
@@ -327,7 +330,7 @@ def cycle_branch(
     previous = start
     for u in speeds:
         try:
-            cycle = find(model, u, previous)
+            cycle = find(model, u, start=previous)
         except PipedynError:
             if found:
                 found, ending = _to_the_end(model, found, u, find)
@@ -378,7 +381,7 @@ def _changes(
     for _ in range(HALVINGS):
         u = 0.5 * (low[0] + high[0])
         try:
-            middle = find(model, u, low[1])
+            middle = find(model, u, start=low[1])
         except PipedynError:
             break
         if _outside(middle) == _outside(low[1]):
@@ -412,7 +415,7 @@ def _to_the_end(
     for _ in range(HALVINGS):
         u = 0.5 * (last[0] + missing)
         try:
-            last = (u, find(model, u, last[1]))
+            last = (u, find(model, u, start=last[1]))
             found.append(last)
         except PipedynError:
             missing = u

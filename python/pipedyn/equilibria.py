@@ -187,7 +187,8 @@ def equilibrium_branch(
     """The branch of equilibria through a given one, followed in the flow speed past folds.
 
     Args:
-        model: chain, reduced model or scene, up to 500 degrees of freedom.
+        model: chain, reduced model or scene, up to 500 degrees of freedom; a point costs
+            eigenvalues of a dense matrix, O(dof^3).
         q0: near the equilibrium, coordinates or an angle theta(s), as for `simulate`; Newton's
             method goes on from there.
         u0: its flow speed, within `speeds`.
@@ -307,7 +308,7 @@ class Rest:
         """Largest force left, beside 1 + |gamma| + a u^2, and how far guides are missed."""
         rates, turning = self.accelerations(x, u)
         missed = float(np.abs(rates).max())
-        if not missed < 1e-8:  # `operators` takes no configuration that misses a guide
+        if not missed < 1e-9:  # `operators` takes no configuration that misses a guide
             return math.inf
         basis = self.basis(x)
         along = turning if basis is None else basis.T @ turning
