@@ -195,6 +195,43 @@ def test_branch_that_shrinks_to_nothing_ends_in_a_hopf_point():
     assert np.all(np.diff(branch.speeds) > 0.0)
 
 
+def test_steps_too_long_for_the_search_are_shortened():
+    def near(model, u, *, start):
+        if start is not None and abs(u - start.u) > 0.11:
+            raise pd.NotConverged("too far")
+        return known(model, u, start=start)
+
+    branch = cycle_branch(TWO, [1.2, 1.7], near)
+    assert (branch.speeds[0], branch.speeds[-1], branch.events) == (1.2, 1.7, ())
+    assert len(branch) > 5
+
+
+@dataclass(frozen=True)
+class Slowing:
+    """A cycle whose period grows without bound towards u = 1."""
+
+    u: float
+    amplitude = 0.5
+    stable = True
+    multipliers = np.array([1.0, 1e-9])
+
+    @property
+    def frequency(self):
+        return 3.0 * math.sqrt(self.u - 1.0)
+
+
+def test_branch_whose_period_grows_without_bound_says_so():
+    def find(model, u, *, start):
+        if u <= 1.0:
+            raise pd.NotConverged("no cycle")
+        return Slowing(u)
+
+    branch = cycle_branch(TWO, [2.0, 1.5, 0.5], find)
+    (event,) = branch.events
+    assert event.kind == "infinite period"
+    assert event.speed == pytest.approx(1.0, abs=1e-3)
+
+
 def test_there_is_no_branch_where_there_is_no_cycle():
     assert cycle_branch(TWO, [0.5, 2.0], known) is None
 

@@ -33,6 +33,10 @@ class Circle:
     model: pd.Model = TWO
 
     @property
+    def t(self):
+        return np.linspace(0.0, 0.2 * np.pi, 101)
+
+    @property
     def q(self):
         turn = np.linspace(0.0, 2.0 * np.pi, 101)
         return 0.1 * np.stack([np.sin(turn), np.sin(turn)], axis=1)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -34,13 +35,21 @@ Complex = NDArray[np.complex128]
 UNIT = 1e-6
 """By how much the modulus of a multiplier may exceed 1 on a stable cycle."""
 
-HALVINGS = 12
+HALVINGS = 10
 """Times that an interval of speeds is halved around an event."""
 
 NEAR_FOLD = 0.2
 """Distance of a multiplier from 1 below which a branch that ends there ends in a fold."""
 
 MOST_MOTIONS = 100_000
+
+
+EventKind = Literal[
+    "fold", "pitchfork", "period doubling", "torus", "hopf", "infinite period", "end"
+]
+
+SLOW = 0.5
+"""Share of a branch's highest frequency below which, still falling, it falls towards 0."""
 
 
 class Cycle(Protocol):
@@ -78,13 +87,14 @@ class CycleEvent:
         kind: "fold" (the branch ends: it turns back), "pitchfork" (a multiplier passes 1 and the
             branch goes on: the cycle loses or regains its symmetry), "period doubling" (a
             multiplier passes -1), "torus" (a pair passes the unit circle), "hopf" (the cycle
-            shrinks to nothing) or "end" (no cycle was found beyond, for no reason seen here).
+            shrinks to nothing), "infinite period" (the frequency falls towards 0, as where a cycle
+            meets an equilibrium) or "end" (no cycle was found beyond, for no reason seen here).
         speed: u.
         error: half the interval of speeds that is known to hold it.
         multiplier: the one that passes, or comes closest to 1 at an end.
     """
 
-    kind: Literal["fold", "pitchfork", "period doubling", "torus", "hopf", "end"]
+    kind: EventKind
     speed: float
     error: float
     multiplier: complex
@@ -327,19 +337,17 @@ def cycle_branch(
     """
     found: list[tuple[float, Cycle]] = []
     events: list[CycleEvent] = []
-    previous = start
-    for u in speeds:
-        try:
-            cycle = find(model, u, start=previous)
-        except PipedynError:
-            if found:
-                found, ending = _to_the_end(model, found, u, find)
-                events.append(ending)
+    for u in map(float, speeds):
+        if not found:
+            try:
+                found.append((u, find(model, u, start=start)))
+            except PipedynError:
+                return None
+            continue
+        missing = _advanced(model, found, events, u, find)
+        if missing is not None:
+            events.append(_ending(found, missing))
             break
-        if found:
-            events += _changes(model, found[-1], (u, cycle), find)
-        found.append((u, cycle))
-        previous = cycle
     if not found:
         return None
     found.sort(key=lambda one: one[0])
@@ -397,35 +405,65 @@ def _changes(
 
 def _passing_through(
     a: Cycle, b: Cycle, width: float, u: float
-) -> tuple[Literal["pitchfork", "period doubling", "torus"], float, float, complex]:
+) -> tuple[EventKind, float, float, complex]:
     both = np.concatenate([nontrivial(a.multipliers), nontrivial(b.multipliers)])
     nearest = complex(both[int(np.argmin(np.abs(np.abs(both) - 1.0)))])
-    kind: Literal["pitchfork", "period doubling", "torus"] = "torus"
+    kind: EventKind = "torus"
     if abs(nearest.imag) < 1e-3 * abs(nearest):
         kind = "pitchfork" if nearest.real > 0.0 else "period doubling"
     return kind, u, 0.5 * width, nearest
 
 
-def _to_the_end(
-    model: Model, found: list[tuple[float, Cycle]], beyond: float, find: Finder
-) -> tuple[list[tuple[float, Cycle]], CycleEvent]:
-    """The branch up to where it ends before a speed that has no cycle, and why it does."""
-    last, missing = found[-1], beyond
-    found = list(found)
-    for _ in range(HALVINGS):
-        u = 0.5 * (last[0] + missing)
+def _advanced(
+    model: Model,
+    found: list[tuple[float, Cycle]],
+    events: list[CycleEvent],
+    u: float,
+    find: Finder,
+) -> float | None:
+    """Takes a branch on to a speed, in smaller steps where one is too long.
+
+    A speed without a cycle is asked again from nearer by, until the step is a sixteenth; then the
+    end of the branch is halved down to.
+
+    Returns:
+        None, or a speed without a cycle close to where the branch ends.
+    """
+    whole = abs(u - found[-1][0])
+    step, missing = whole, None
+    while True:
+        last, previous = found[-1]
+        target = u if step >= abs(u - last) else last + math.copysign(step, u - last)
         try:
-            last = (u, find(model, u, start=last[1]))
-            found.append(last)
+            cycle = find(model, target, start=previous)
         except PipedynError:
-            missing = u
+            missing, step = target, 0.5 * abs(target - last)
+            if step < whole / 2**HALVINGS:
+                return missing
+            continue
+        events += _changes(model, found[-1], (target, cycle), find)
+        found.append((target, cycle))
+        if target == u:
+            return None
+        if missing is not None and step < whole / 16.0:
+            step = 0.5 * abs(missing - target)
+            if step < whole / 2**HALVINGS:
+                return missing
+
+
+def _ending(found: list[tuple[float, Cycle]], missing: float) -> CycleEvent:
+    """Why a branch ends before a speed that has no cycle."""
+    last = found[-1]
     sizes = np.array([cycle.amplitude for _, cycle in found])
     others = nontrivial(last[1].multipliers)
     nearest = complex(others[int(np.argmin(np.abs(others - 1.0)))])
-    kind: Literal["hopf", "fold", "end"] = "end"
+    pace = np.array([cycle.frequency for _, cycle in found])
+    kind: EventKind = "end"
     if sizes[-1] < 0.05 * sizes.max():
         kind = "hopf"
     elif abs(nearest - 1.0) < NEAR_FOLD:
         kind = "fold"
+    elif pace[-1] < SLOW * pace.max() and np.all(np.diff(pace[-3:]) < 0.0):
+        kind = "infinite period"
     speed, error = 0.5 * (last[0] + missing), 0.5 * abs(missing - last[0])
-    return found, CycleEvent(kind, speed, error, nearest)
+    return CycleEvent(kind, speed, error, nearest)

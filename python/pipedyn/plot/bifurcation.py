@@ -10,11 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.diagram import BifurcationDiagram, CycleBranch, nontrivial
 from pipedyn.model import Model
+from pipedyn.plot.between import finer
 from pipedyn.plot.look import (
     BLACK,
     BLUE,
@@ -36,6 +38,7 @@ MARKS: dict[str, dict[str, Any]] = {
     "hopf": {"marker": "o", "color": ORANGE},
     "period doubling": {"marker": "^", "color": PURPLE},
     "torus": {"marker": "P", "color": PURPLE},
+    "infinite period": {"marker": "X", "color": VERMILION},
 }
 """Look of each change of stability."""
 
@@ -45,6 +48,10 @@ MULTIPLIERS_SHOWN = 2000
 
 class Orbit(Protocol):
     """What pictures need of a limit cycle: one period of motion, and its multipliers."""
+
+    @property
+    def t(self) -> Array:
+        """Times over one period, shape (S,)."""
 
     @property
     def q(self) -> Array:
@@ -174,11 +181,13 @@ def orbit(cycles: Orbit | Sequence[Orbit], ax: Axes | None = None) -> Axes:
     shown = _checked_cycles(cycles)
     curves = []
     for i, cycle in enumerate(shown):
-        q, rates = np.asarray(cycle.q), np.asarray(cycle.qdot)
+        t, q, rates = np.asarray(cycle.t), np.asarray(cycle.q), np.asarray(cycle.qdot)
         if len(q) < 8:
             raise ValueError(f"cycles[{i}] must have at least 8 samples, got {len(q)}")
-        x = cycle.model.tips(q.T)[:, 0]
-        curves.append((x, cycle.model.tip_velocities(q.T, rates.T)[:, 0]))
+        velocity = cycle.model.tip_velocities(q.T, rates.T)[:, 0]
+        fine = finer(t)
+        x = CubicHermiteSpline(t, cycle.model.tips(q.T)[:, 0], velocity)(fine)
+        curves.append((x, CubicSpline(t, velocity)(fine)))
     ax = axes_or_new(ax, 4.8, 4.2)
     for cycle, look, (x, velocity) in zip(shown, cycled_styles(len(shown)), curves, strict=True):
         dashed = "-" if cycle.stable else (0, (4, 2))
@@ -262,6 +271,6 @@ def _checked_cycles(cycles: Any) -> list[Any]:
     if not several:
         raise ValueError("cycles must hold at least one, got none")
     for cycle in several:
-        if not all(hasattr(cycle, name) for name in ("q", "qdot", "multipliers", "stable")):
+        if not all(hasattr(cycle, name) for name in ("t", "q", "qdot", "multipliers", "stable")):
             raise TypeError(f"cycles must be limit cycles, got {_check.shown(cycle)}")
     return several
