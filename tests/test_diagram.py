@@ -182,6 +182,7 @@ def test_events_of_a_branch_of_cycles_are_recognised(speeds):
     for (_, speed, error), exact in zip(told, (2.0, 3.0, 4.0), strict=True):
         assert abs(speed - exact) <= error + 1e-5
         assert error < 1e-3
+        assert np.abs(branch.speeds - exact).min() < 1e-3  # cycles beside each are kept
     assert np.all(np.diff(branch.speeds) > 0.0)
     assert branch.multipliers.shape == (len(branch), 5)
     np.testing.assert_array_equal(branch.stable, branch.speeds < 2.0)

@@ -64,6 +64,19 @@ def test_exponent_of_a_cycle_is_zero_within_its_spread(method):
     assert not found.chaotic
 
 
+def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
+    # The cycle gives way to a torus near u = 8.35 and that to chaos: the largest multipliers and
+    # brute force say the same.
+    first, second = (
+        pd.lyapunov_exponent(CHAIN, 11.0, duration=40.0, transient=20.0, method=method)
+        for method in ("variational", "pair")
+    )
+    assert first.chaotic
+    assert second.chaotic
+    assert abs(first.value - second.value) < 4.0 * math.hypot(first.spread, second.spread)
+    assert 3.0 < first.value < 5.5
+
+
 def test_both_routes_agree_along_the_same_motion():
     pipe = pd.Pipe(0.2, -20.0)
     first, second = (

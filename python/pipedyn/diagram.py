@@ -381,10 +381,10 @@ def _outside(cycle: Cycle) -> int:
 
 def _changes(
     model: Model, a: tuple[float, Cycle], b: tuple[float, Cycle], find: Finder
-) -> list[CycleEvent]:
-    """Passages of multipliers through the unit circle between two cycles, halved down to."""
+) -> tuple[list[CycleEvent], list[tuple[float, Cycle]]]:
+    """Passages of multipliers through the unit circle between two cycles, and those beside them."""
     if _outside(a[1]) == _outside(b[1]):
-        return []
+        return [], []
     low, high = a, b
     for _ in range(HALVINGS):
         u = 0.5 * (low[0] + high[0])
@@ -399,8 +399,11 @@ def _changes(
     event = CycleEvent(
         *_passing_through(low[1], high[1], abs(high[0] - low[0]), 0.5 * (low[0] + high[0]))
     )
-    # What is left beyond is another event in the same interval.
-    return [event, *(_changes(model, high, b, find) if high[0] != b[0] else [])]
+    beside = [one for one in (low, high) if one[0] not in (a[0], b[0])]
+    if high[0] == b[0]:
+        return [event], beside
+    more, others = _changes(model, high, b, find)  # another event in the same interval
+    return [event, *more], [*beside, *others]
 
 
 def _passing_through(
@@ -441,8 +444,9 @@ def _advanced(
             if step < whole / 2**HALVINGS:
                 return missing
             continue
-        events += _changes(model, found[-1], (target, cycle), find)
-        found.append((target, cycle))
+        told, between = _changes(model, found[-1], (target, cycle), find)
+        events += told
+        found += [*between, (target, cycle)]
         if target == u:
             return None
         if missing is not None and step < whole / 16.0:

@@ -8,11 +8,11 @@ is none, a cycle leaves a few values, a torus or chaos many.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -24,6 +24,8 @@ from pipedyn.model import Model, PipedynError
 from pipedyn.motion import Motion
 from pipedyn.progress import track
 from pipedyn.stability import Failure
+
+Answer = TypeVar("Answer")
 
 Ending = Literal["rest", "periodic", "settling", "irregular", "failed"]
 
@@ -117,27 +119,55 @@ def endings(
         [members[i] for i in part]
         for part in np.array_split(np.arange(len(members)), math.ceil(len(members) / BATCH))
     ]
-    answers: Iterable[list[tuple[Ended, Exception | None]]]
-    if executor is None:
-        answers = (_ended(model, part, starts, plan) for part in parts)
-    else:
-        tasks = [executor.submit(_ended, model, part, starts, plan) for part in parts]
-        answers = (task.result() for task in tasks)
     ended: list[Ended] = []
+    states: list[Array] = []
     failures: list[Failure] = []
-    for _, answer in zip(track(parts, len(parts), "brute force", shown), answers, strict=True):
-        for one, error in answer:
+    answers = _each(executor, _ended, [(model, part, starts, plan) for part in parts])
+    for answer in track(answers, len(parts), "brute force", shown):
+        for one, state, error in answer:
             if error is not None:
-                index = int(np.searchsorted(speeds, one.speed))
-                failures.append(Failure(index, one.speed, error))
+                failures.append(_failure(speeds, one, error))
             ended.append(one)
+            states.append(state)
+    if plan.exponents:
+        asked = [i for i, one in enumerate(ended) if one.ending == "irregular"]
+        tasks = [(model, ended[i].speed, states[i], plan) for i in asked]
+        found = _each(executor, _exponent, tasks)
+        for i, exponent in zip(asked, track(found, len(tasks), "exponents", shown), strict=True):
+            if isinstance(exponent, Exception):
+                failures.append(_failure(speeds, ended[i], exponent))
+            else:
+                ended[i] = replace(ended[i], exponent=exponent)
     return tuple(ended), tuple(failures)
+
+
+def _each(
+    executor: Executor | None, work: Callable[..., Answer], tasks: list[tuple[Any, ...]]
+) -> Iterator[Answer]:
+    """Answers to tasks, in order."""
+    if executor is None:
+        yield from (work(*task) for task in tasks)
+        return
+    submitted = [executor.submit(work, *task) for task in tasks]
+    yield from (one.result() for one in submitted)
+
+
+def _failure(speeds: Array, one: Ended, error: Exception) -> Failure:
+    return Failure(int(np.searchsorted(speeds, one.speed)), one.speed, error)
+
+
+def _exponent(model: Model, u: float, state: Array, plan: Plan) -> LyapunovExponent | PipedynError:
+    """Of an irregular motion, from where it ended."""
+    try:
+        return exponent_from(model, u, state, 2.0 * plan.duration, 20.0)
+    except PipedynError as error:
+        return error
 
 
 def _ended(
     model: Model, members: list[tuple[float, int]], starts: list[Array], plan: Plan
-) -> list[tuple[Ended, Exception | None]]:
-    """One batch."""
+) -> list[tuple[Ended, Array, Exception | None]]:
+    """One batch: what each did, [p, p'] at its end and why it stopped early."""
     count = max(math.ceil(plan.duration * SAMPLES_A_TIME), 100) + 1
     ensemble = simulate_many(
         model,
@@ -148,34 +178,26 @@ def _ended(
         rtol=plan.rtol,
     )
     errors = {failure.index: failure.error for failure in ensemble.failures}
-    found = list(_told(members, ensemble.motions, errors, plan))
-    return found
+    return list(_told(members, ensemble.motions, errors))
 
 
 def _told(
     members: list[tuple[float, int]],
     motions: Iterable[Motion],
     errors: Mapping[int, Exception],
-    plan: Plan,
-) -> Iterator[tuple[Ended, Exception | None]]:
+) -> Iterator[tuple[Ended, Array, Exception | None]]:
     nothing = np.zeros(0)
     for i, ((u, k), motion) in enumerate(zip(members, motions, strict=True)):
         if i in errors:
-            yield Ended(u, k, "failed", 0, nothing), errors[i]
+            yield Ended(u, k, "failed", 0, nothing), nothing, errors[i]
             continue
         x, velocity = motion.tip[:, 0], motion.tip_velocity[:, 0]
         turnings = turning_points(motion.t, x, velocity)
         ending, period = ending_of(x, turnings)
         if ending == "rest":
             turnings = x[-1:].copy()
-        exponent, error = None, None
-        if ending == "irregular" and plan.exponents:
-            state = motion.model.start(motion.q[-1], motion.qdot[-1])
-            try:
-                exponent = exponent_from(motion.model, u, state, 2.0 * plan.duration, 20.0)
-            except PipedynError as failed:
-                error = failed
-        yield Ended(u, k, ending, period, turnings, exponent), error
+        state = motion.model.start(motion.q[-1], motion.qdot[-1])
+        yield Ended(u, k, ending, period, turnings), state, None
 
 
 def turning_points(t: Array, x: Array, velocity: Array) -> Array:

@@ -37,7 +37,7 @@ MARKS: dict[str, dict[str, Any]] = {
     "branch point": {"marker": "D", "color": GREEN},
     "hopf": {"marker": "o", "color": ORANGE},
     "period doubling": {"marker": "^", "color": PURPLE},
-    "torus": {"marker": "P", "color": PURPLE},
+    "torus": {"marker": "h", "color": PURPLE},
     "infinite period": {"marker": "X", "color": VERMILION},
 }
 """Look of each change of stability."""
