@@ -262,6 +262,12 @@ def test_bad_arguments_are_refused_by_name(change, kind, message):
         pd.bifurcation_diagram(given.pop("model"), given.pop("speeds"), **given)
 
 
+def test_too_long_a_record_is_refused():
+    chain = pd.Chain(pd.Pipe(0.2), 200)
+    with pytest.raises(ValueError, match="duration must ask for at most 100000000 numbers"):
+        pd.bifurcation_diagram(chain, [0.0, 1.0], brute_force=1, duration=1e4)
+
+
 def test_too_many_motions_are_refused():
     with pytest.raises(ValueError, match="at most 100000 motions"):
         pd.bifurcation_diagram(TWO, np.linspace(0.0, 1.0, 11), brute_force=10_000)

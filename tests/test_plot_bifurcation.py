@@ -82,6 +82,13 @@ def test_stable_branches_are_solid_and_unstable_ones_dashed():
     assert marks == {(b.folds[0].speed, b.folds[0].tip[0]) for b in DIAGRAM.equilibria[1:]}
 
 
+def test_a_coordinate_may_be_shown_in_place_of_the_free_end():
+    ax = drawn(plot.bifurcation_diagram(DIAGRAM, 1, ax=axes()))
+    shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "None"])
+    assert shown.max() == pytest.approx(DIAGRAM.equilibria[1].q[:, 1].max())
+    assert not [line for line in ax.lines if line.get_gid() == "motions"]
+
+
 def test_late_motions_are_dots():
     ax = plot.bifurcation_diagram(DIAGRAM, ax=axes())
     (dots,) = [line for line in ax.lines if line.get_gid() == "motions"]
@@ -127,6 +134,11 @@ def test_multipliers_of_a_branch_are_coloured_by_speed():
     ("call", "kind", "message"),
     [
         (lambda: plot.bifurcation_diagram(3), TypeError, "diagram must be of type"),
+        (
+            lambda: plot.bifurcation_diagram(DIAGRAM, 2),
+            ValueError,
+            "coordinate must be from 0 to 1",
+        ),
         (lambda: plot.bifurcation_diagram(DIAGRAM, ax=3), TypeError, "ax must be of type Axes"),
         (lambda: plot.orbit(3), TypeError, "cycles must be limit cycles, got 3"),
         (lambda: plot.orbit([]), ValueError, "cycles must hold at least one"),

@@ -26,8 +26,9 @@ from pipedyn.equilibria import (
 )
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, PipedynError
+from pipedyn.motion import LARGEST_SAMPLES
 from pipedyn.progress import track
-from pipedyn.sections import Ended, Plan, bends, endings
+from pipedyn.sections import SAMPLES_A_TIME, Ended, Plan, bends, endings
 from pipedyn.stability import Failure
 
 Complex = NDArray[np.complex128]
@@ -205,6 +206,11 @@ def bifurcation_diagram(
         _check.real("rtol", rtol, low=1e-12, high=1e-2),
         _check.flag("exponents", exponents),
     )
+    if count and plan.samples * model.coordinates > LARGEST_SAMPLES:
+        raise ValueError(
+            f"duration must ask for at most {LARGEST_SAMPLES} numbers a motion, at "
+            f"{SAMPLES_A_TIME} samples a unit of time, got {plan.samples * model.coordinates}"
+        )
     seed = _check.count("seed", seed, low=0)
     _check.executor("executor", executor)
     shown = _check.flag("progress", progress)

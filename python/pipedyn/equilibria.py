@@ -131,8 +131,8 @@ class EquilibriumBranch:
 
     @property
     def straight(self) -> bool:
-        """Whether it is that of the straight pipe."""
-        return not float(np.abs(self.tips[:, 0]).max()) > 0.0
+        """Whether its configuration, that of the straight pipe, is the same at every speed."""
+        return not float(np.ptp(self.q, axis=0).max()) > 0.0
 
 
 def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibria:

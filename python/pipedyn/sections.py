@@ -21,7 +21,7 @@ from pipedyn._check import Array
 from pipedyn.ensemble import BATCH, simulate_many
 from pipedyn.lyapunov import LyapunovExponent, exponent_from
 from pipedyn.model import Model, PipedynError
-from pipedyn.motion import Motion
+from pipedyn.motion import LARGEST_SAMPLES, Motion
 from pipedyn.progress import track
 from pipedyn.stability import Failure
 
@@ -80,6 +80,11 @@ class Plan:
     rtol: float
     exponents: bool
 
+    @property
+    def samples(self) -> int:
+        """Of each motion."""
+        return max(math.ceil(self.duration * SAMPLES_A_TIME), 100) + 1
+
 
 def bends(model: Model, count: int, seed: int) -> list[Array]:
     """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
@@ -115,9 +120,10 @@ def endings(
 ) -> tuple[tuple[Ended, ...], tuple[Failure, ...]]:
     """Where motions end, from each start at each speed, and the members that failed."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
+    most = min(BATCH, max(LARGEST_SAMPLES // (plan.samples * model.coordinates), 1))
     parts = [
         [members[i] for i in part]
-        for part in np.array_split(np.arange(len(members)), math.ceil(len(members) / BATCH))
+        for part in np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
     ]
     ended: list[Ended] = []
     states: list[Array] = []
@@ -168,13 +174,12 @@ def _ended(
     model: Model, members: list[tuple[float, int]], starts: list[Array], plan: Plan
 ) -> list[tuple[Ended, Array, Exception | None]]:
     """One batch: what each did, [p, p'] at its end and why it stopped early."""
-    count = max(math.ceil(plan.duration * SAMPLES_A_TIME), 100) + 1
     ensemble = simulate_many(
         model,
         [u for u, _ in members],
         plan.transient + plan.duration,
         [starts[k] for _, k in members],
-        times=plan.transient + np.linspace(0.0, plan.duration, count),
+        times=plan.transient + np.linspace(0.0, plan.duration, plan.samples),
         rtol=plan.rtol,
     )
     errors = {failure.index: failure.error for failure in ensemble.failures}

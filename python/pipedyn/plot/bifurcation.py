@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -74,7 +74,11 @@ class Orbit(Protocol):
         """The model."""
 
 
-def bifurcation_diagram(diagram: BifurcationDiagram, ax: Axes | None = None) -> Axes:
+def bifurcation_diagram(
+    diagram: BifurcationDiagram,
+    coordinate: Literal["tip"] | int = "tip",
+    ax: Axes | None = None,
+) -> Axes:
     """Transverse position of the free end over the flow speed.
 
     Equilibria are black and cycles blue, of these the highest and the lowest position about the
@@ -83,16 +87,24 @@ def bifurcation_diagram(diagram: BifurcationDiagram, ax: Axes | None = None) -> 
 
     Args:
         diagram: what to show.
+        coordinate: "tip", or the index of a coordinate of the equilibria, counted from 0, which
+            alone are then drawn: where the free end is held it tells nothing.
         ax: where to draw; a new figure's where not given.
 
     Raises:
-        TypeError: for what is no diagram, or no Axes.
+        ValueError: for an index that the model does not have.
+        TypeError: for what is no diagram, neither "tip" nor an index, or no Axes.
     """
     check_type("diagram", diagram, BifurcationDiagram)
+    index: int | None = None
+    if isinstance(coordinate, str):
+        _check.choice("coordinate", coordinate, ("tip",))
+    else:
+        index = _check.count("coordinate", coordinate, low=0, high=diagram.model.coordinates - 1)
     ax = axes_or_new(ax, 6.4, 4.2)
     used: dict[str, Line2D] = {}
 
-    if diagram.motions:
+    if diagram.motions and index is None:
         turns = [(one.speed, one.turnings) for one in diagram.motions if one.turnings.size]
         x = np.concatenate([np.full(values.size, u) for u, values in turns] or [np.zeros(0)])
         y = np.concatenate([values for _, values in turns] or [np.zeros(0)])
@@ -107,19 +119,21 @@ def bifurcation_diagram(diagram: BifurcationDiagram, ax: Axes | None = None) -> 
         )
         used["late motions turn here"] = Line2D([], [], **_dot(dots))
     for branch in diagram.equilibria:
-        _line(ax, branch.speeds, branch.tips[:, 0], branch.stable, BLACK, "equilibrium", used)
-    for cycles in diagram.cycles:
+        heights = branch.tips[:, 0] if index is None else branch.q[:, index]
+        _line(ax, branch.speeds, heights, branch.stable, BLACK, "equilibrium", used)
+    for cycles in diagram.cycles if index is None else ():
         for side in (1.0, -1.0):
             size = side * cycles.amplitudes
             _line(ax, cycles.speeds, size, cycles.stable, BLUE, "cycle", used)
-    for kind, u, height in _changes(diagram):
+    for kind, u, height in _changes(diagram, index):
         look = {**MARKS[kind], "linestyle": "none", "markersize": 5.0}
         look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
         ax.plot([u], [height], zorder=4.0, **look)
         used[kind.replace("hopf", "Hopf")] = Line2D([], [], **look)
     ax.set_xlim(float(diagram.speeds[0]), float(diagram.speeds[-1]))
     ax.set_xlabel(SPEED_LABEL)
-    ax.set_ylabel("free end $x$  $(L)$")
+    named = "free end $x$  $(L)$" if index is None else f"coordinate $q_{{{index}}}$, from 0"
+    ax.set_ylabel(named)
     ax.legend(used.values(), used.keys(), loc="best")
     return ax
 
@@ -155,12 +169,13 @@ def _pieces(stable: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
         yield slice(start, min(stop + 1, stable.size)), bool(stable[start])
 
 
-def _changes(diagram: BifurcationDiagram) -> Iterator[tuple[str, float, float]]:
+def _changes(diagram: BifurcationDiagram, index: int | None) -> Iterator[tuple[str, float, float]]:
     """Kind, speed and height of each change of stability that has a mark."""
     for branch in diagram.equilibria:
         for point in branch.points:
-            yield point.kind, point.speed, float(point.tip[0])
-    for cycles in diagram.cycles:
+            height = point.tip[0] if index is None else point.q[index]
+            yield point.kind, point.speed, float(height)
+    for cycles in diagram.cycles if index is None else ():
         for event in cycles.events:
             if event.kind in MARKS and event.kind != "hopf":
                 size = float(np.interp(event.speed, cycles.speeds, cycles.amplitudes))
