@@ -185,7 +185,7 @@ def test_the_error_told_bounds_what_refinement_changes(model, u):
 
 
 def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 64)
+    monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 256)
     with pytest.raises(pd.NotConverged, match=r"is known to .* only") as caught:
         pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 6.0, rtol=1e-9)
     kept = caught.value.result
@@ -194,8 +194,9 @@ def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
 
 
 def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.cycles.MOST_HALVINGS", 1)
-    monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 128)
+    monkeypatch.setattr("pipedyn.floquet.MOST_HALVINGS", 1)
+    monkeypatch.setattr("pipedyn.floquet.FEWEST_ACROSS_KINKS", 16)
+    monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 512)
     with pytest.raises(pd.NotConverged, match="Floquet multipliers") as caught:
         pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 5.0)
     assert caught.value.result.multiplier_error > 1e-6
@@ -226,7 +227,8 @@ def test_every_start_leads_to_the_same_cycle(known):
 
 
 def test_a_whole_period_tells_what_half_of_one_does(known, monkeypatch):
-    monkeypatch.setattr("pipedyn.cycles.is_odd", lambda motion, u: False)
+    for module in ("collocation", "cycles"):
+        monkeypatch.setattr(f"pipedyn.{module}.is_odd", lambda motion, u: False)
     whole = pd.limit_cycle(ROM, 6.0)
     assert known.symmetric
     assert not whole.symmetric

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""The bifurcation diagram: branches, late motions, branches of cycles with known events."""
+"""The bifurcation diagram: equilibria, late motions, bad arguments."""
 
 import math
 import pickle
 import re
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -13,12 +12,13 @@ import pytest
 import pipedyn as pd
 from pipedyn import diagram as module
 from pipedyn import sections
-from pipedyn.diagram import cycle_branch
 from pipedyn.sections import ending_of, turning_points
 
 TWO = pd.Chain(pd.Pipe(0.2, -20.0), 2)
 SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
-DIAGRAM = pd.bifurcation_diagram(TWO, SPEEDS, brute_force=4, transient=40.0, duration=10.0)
+DIAGRAM = pd.bifurcation_diagram(
+    TWO, SPEEDS, cycles=0, brute_force=4, transient=40.0, duration=10.0
+)
 
 
 def test_equilibria_of_all_speeds_are_on_the_branches_each_once():
@@ -56,6 +56,7 @@ def test_batches_on_an_executor_give_the_same_diagram(capsys):
     with ThreadPoolExecutor(2) as executor:
         again = pd.bifurcation_diagram(
             *(TWO, SPEEDS),
+            cycles=0,
             brute_force=4,
             transient=40.0,
             duration=10.0,
@@ -87,7 +88,9 @@ def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
 
     monkeypatch.setattr(module, "equilibria", none_at_rest)
     monkeypatch.setattr(sections, "simulate_many", one_stops)
-    found = pd.bifurcation_diagram(TWO, [0.5, 2.0, 5.0], brute_force=2, transient=5.0, duration=2.0)
+    found = pd.bifurcation_diagram(
+        TWO, [0.5, 2.0, 5.0], cycles=0, brute_force=2, transient=5.0, duration=2.0
+    )
     assert [(failure.index, failure.value) for failure in found.failures] == [(0, 0.5), (1, 2.0)]
     assert [one.ending == "failed" for one in found.motions] == [False] * 3 + [True] + [False] * 2
     assert len(found.equilibria) == 3
@@ -98,6 +101,7 @@ def test_irregular_motions_are_asked_for_their_exponent():
     found = pd.bifurcation_diagram(
         pd.Chain(pd.Pipe(0.2, 5.0), 2),
         [0.0, 0.1],
+        cycles=0,
         brute_force=2,
         transient=0.0,
         duration=10.0,
@@ -139,104 +143,6 @@ def test_kinds_of_late_motion_are_told_apart(signal, expected):
     assert ending_of(x, turnings) == expected
 
 
-# ------------------------------------------------------------------------------------------- cycles
-
-
-@dataclass(frozen=True)
-class Known:
-    """A cycle of amplitude sqrt(u - 1) up to a fold at u = 4, with known multipliers."""
-
-    u: float
-
-    @property
-    def amplitude(self):
-        return math.sqrt(self.u - 1.0)
-
-    @property
-    def frequency(self):
-        return 10.0 + self.u
-
-    @property
-    def multipliers(self):
-        doubling = -0.5 * self.u  # passes -1 at u = 2
-        pair = (self.u / 3.0) * np.exp(1j)  # passes the unit circle at u = 3
-        fold = 1.0 - 0.3 * math.sqrt(max(4.0 - self.u, 0.0))
-        return np.array([1.0 + 1e-9, doubling, pair, np.conj(pair), fold])
-
-    @property
-    def stable(self):
-        return self.u < 2.0
-
-
-def known(model, u, *, start):
-    if not 1.0 < u <= 4.0:
-        raise pd.NotConverged(f"no cycle at u = {u:g}")
-    return Known(u)
-
-
-@pytest.mark.parametrize("speeds", [np.linspace(1.2, 4.4, 9), np.linspace(1.2, 4.4, 33)])
-def test_events_of_a_branch_of_cycles_are_recognised(speeds):
-    branch = cycle_branch(TWO, speeds, known)
-    told = [(event.kind, event.speed, event.error) for event in branch.events]
-    assert [kind for kind, _, _ in told] == ["period doubling", "torus", "fold"]
-    for (_, speed, error), exact in zip(told, (2.0, 3.0, 4.0), strict=True):
-        assert abs(speed - exact) <= error + 1e-5
-        assert error < 1e-3
-        assert np.abs(branch.speeds - exact).min() < 1e-3  # cycles beside each are kept
-    assert np.all(np.diff(branch.speeds) > 0.0)
-    assert branch.multipliers.shape == (len(branch), 5)
-    np.testing.assert_array_equal(branch.stable, branch.speeds < 2.0)
-
-
-def test_branch_that_shrinks_to_nothing_ends_in_a_hopf_point():
-    branch = cycle_branch(TWO, np.linspace(1.9, 0.4, 6), known)
-    (event,) = branch.events
-    assert event.kind == "hopf"
-    assert event.speed == pytest.approx(1.0, abs=1e-3)
-    assert np.all(np.diff(branch.speeds) > 0.0)
-
-
-def test_steps_too_long_for_the_search_are_shortened():
-    def near(model, u, *, start):
-        if start is not None and abs(u - start.u) > 0.11:
-            raise pd.NotConverged("too far")
-        return known(model, u, start=start)
-
-    branch = cycle_branch(TWO, [1.2, 1.7], near)
-    assert (branch.speeds[0], branch.speeds[-1], branch.events) == (1.2, 1.7, ())
-    assert len(branch) > 5
-
-
-@dataclass(frozen=True)
-class Slowing:
-    """A cycle whose period grows without bound towards u = 1."""
-
-    u: float
-    amplitude = 0.5
-    stable = True
-    multipliers = np.array([1.0, 1e-9])
-
-    @property
-    def frequency(self):
-        return 3.0 * math.sqrt(self.u - 1.0)
-
-
-def test_branch_whose_period_grows_without_bound_says_so():
-    def find(model, u, *, start):
-        if u <= 1.0:
-            raise pd.NotConverged("no cycle")
-        return Slowing(u)
-
-    branch = cycle_branch(TWO, [2.0, 1.5, 0.5], find)
-    (event,) = branch.events
-    assert event.kind == "infinite period"
-    assert event.speed == pytest.approx(1.0, abs=1e-3)
-
-
-def test_there_is_no_branch_where_there_is_no_cycle():
-    assert cycle_branch(TWO, [0.5, 2.0], known) is None
-
-
 @pytest.mark.parametrize(
     ("change", "kind", "message"),
     [
@@ -245,6 +151,9 @@ def test_there_is_no_branch_where_there_is_no_cycle():
         ({"speeds": [1.0]}, ValueError, "speeds must be at least 2"),
         ({"speeds": [2.0, 1.0]}, ValueError, "strictly increasing"),
         ({"speeds": [-1.0, 1.0]}, ValueError, "speeds must"),
+        ({"cycles": 1.0}, TypeError, "cycles must be a whole number"),
+        ({"cycles": -1}, ValueError, "cycles must be from 0 to 10000"),
+        ({"model": pd.Chain(pd.Pipe(0.2), 101)}, ValueError, "cycles must be 0 for more than 100"),
         ({"brute_force": 1.0}, TypeError, "brute_force must be a whole number"),
         ({"brute_force": 10_001}, ValueError, "brute_force must be from 0 to 10000"),
         ({"transient": -1.0}, ValueError, "transient must"),
@@ -265,7 +174,7 @@ def test_bad_arguments_are_refused_by_name(change, kind, message):
 def test_too_long_a_record_is_refused():
     chain = pd.Chain(pd.Pipe(0.2), 200)
     with pytest.raises(ValueError, match="duration must ask for at most 100000000 numbers"):
-        pd.bifurcation_diagram(chain, [0.0, 1.0], brute_force=1, duration=1e4)
+        pd.bifurcation_diagram(chain, [0.0, 1.0], cycles=0, brute_force=1, duration=1e4)
 
 
 def test_too_many_motions_are_refused():

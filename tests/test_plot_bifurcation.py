@@ -10,10 +10,12 @@ from matplotlib.figure import Figure
 
 import pipedyn as pd
 from pipedyn import plot
-from pipedyn.diagram import CycleEvent
+from pipedyn.branches import CycleEvent
 
 TWO = pd.Chain(pd.Pipe(0.2, -20.0), 2)
-DIAGRAM = pd.bifurcation_diagram(TWO, [0.5, 3.5], brute_force=2, transient=20.0, duration=5.0)
+DIAGRAM = pd.bifurcation_diagram(
+    TWO, [0.5, 3.5], cycles=0, brute_force=2, transient=20.0, duration=5.0
+)
 SPEEDS = np.linspace(2.0, 3.0, 5)
 BRANCH = pd.CycleBranch(
     speeds=SPEEDS,
@@ -21,7 +23,7 @@ BRANCH = pd.CycleBranch(
     frequencies=5.0 + SPEEDS,
     stable=SPEEDS < 2.6,
     multipliers=np.array([[-0.4 * u, 1.0, 0.2 + 0.1j, 0.2 - 0.1j] for u in SPEEDS]),
-    events=(CycleEvent("period doubling", 2.5, 0.0, -1.0 + 0j),),
+    events=(CycleEvent("period doubling", 2.5, 0.0, -1.0 + 0j, 0.25),),
     cycles=(),
 )
 

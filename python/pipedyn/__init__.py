@@ -2,11 +2,13 @@
 """Dynamics of a pipe conveying fluid: chain, reduced-order and continuous models on one footing."""
 
 from pipedyn import modular
+from pipedyn.branches import CycleBranch, CycleEvent
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
+from pipedyn.criticality import CriticalityCurve, criticality_curve
 from pipedyn.cycles import LimitCycle, NoCycle, limit_cycle
-from pipedyn.diagram import BifurcationDiagram, CycleBranch, CycleEvent, bifurcation_diagram
+from pipedyn.diagram import BifurcationDiagram, bifurcation_diagram
 from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.equilibria import (
     BranchPoint,
@@ -35,6 +37,7 @@ __all__ = [
     "Chain",
     "Continuum",
     "CriticalSpeed",
+    "CriticalityCurve",
     "Crossing",
     "CycleBranch",
     "CycleEvent",
@@ -69,6 +72,7 @@ __all__ = [
     "StabilityCurve",
     "bifurcation_diagram",
     "critical_speed",
+    "criticality_curve",
     "crossings",
     "eigenvalues",
     "equilibria",

@@ -1,44 +1,35 @@
 # SPDX-License-Identifier: MIT
 """Limit cycles, stable or not, as periodic boundary-value problems.
 
-One period is a trigonometric polynomial through N states at equal phases, which meets y' = f(y, u)
-there (Fourier collocation); Newton's method with the analytic Jacobian finds it together with its
-frequency. The velocities are eliminated, p' = omega dp/dphi, so that the unknowns are the N
-positions. A cycle of an odd system mostly is its own mirror image half a period later: then half
-of a period and odd harmonics describe it. N is doubled until amplitude and frequency stand still;
-where f is analytic they do so faster than any power of N, under drag, |v| v, like one.
+One period is solved for at N equal phases at once (`collocation`). N is doubled until amplitude and
+frequency stand still; where f is analytic they do so faster than any power of N, under drag, |v| v,
+like one.
 
 The modes of a chain that are far faster than its cycle hardly take part in it, so that a shooting
 method would spend its steps on nothing: here they cost nothing but the size of the matrix.
-
-Floquet multipliers come from the variational equation along the cycle, by a Magnus method of sixth
-order (Blanes, Casas and Ros 2000), whose exponentials take fast modes in long steps. It shares
-nothing with the collocation but the cycle, so the trivial multiplier checks both.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from itertools import pairwise
+from itertools import islice
 from typing import Any, TypeAlias
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
+from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, Phases, arc, is_odd
 from pipedyn.critical import crossings
 from pipedyn.field import Field
+from pipedyn.floquet import floquet
 from pipedyn.hopf import Hopf, hopf
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, NotConverged, PipedynError
-from pipedyn.modular.moving import SceneMotion
 from pipedyn.motion import Motion, MotionStopped, checked_model_in_motion, simulate
 from pipedyn.pencil import Complex
 
@@ -46,26 +37,14 @@ LARGEST_CYCLE = 100
 """Degrees of freedom. A chain of 20 takes half a second, of 40 five, of 60 half a minute, nearly
 all for the multipliers, whose steps the fastest mode sets."""
 
-LARGEST_SYSTEM = 6000
-"""Unknowns of a Newton step: 0.3 GB."""
-
 MOST_POINTS = 1024
 """Phases in a half or whole period."""
 
 TRIVIAL = 1e-6
 """How far the trivial multiplier may be from 1."""
 
-LOCAL, MOST_STEPS, MOST_HALVINGS = 1e-8, 10_000, 20
-"""Of the variational equation: error of one step, most steps of one length and halvings of one."""
-
-LARGEST_RETRY = 500
-"""Unknowns up to which a branch that is lost with few phases is followed with more."""
-
 MOST_ONSETS = 4
 """Onsets of flutter that are tried, the nearest first."""
-
-LONGEST_TURN = 6.0
-"""Radians that the fastest mode turns in one step at most: beyond some 30 the commutators grow."""
 
 PEAKS = 2048
 """Phases among which the free end's extremes are found, before a parabola goes through them."""
@@ -198,230 +177,7 @@ def limit_cycle(
     motion = Field(model)
     with one_thread(motion.size):
         orbit, how = _found(motion, u, start)
-        return _finished(motion, orbit, rtol, samples, how)
-
-
-# ------------------------------------------------------------------------ phases and the equations
-
-
-class Phases:
-    """Equal phases and the trigonometric polynomials through values at them.
-
-    Args:
-        count: number of phases.
-        half: whether they span half a period, of which the other half is the mirror image; then
-            the count is even, else odd.
-    """
-
-    def __init__(self, count: int, half: bool) -> None:
-        self.count = count if half else count | 1
-        self.half = half
-        self.span = math.pi if half else 2.0 * math.pi
-        self.at: Array = self.span / self.count * np.arange(float(self.count))
-        self.harmonics = np.arange(1, count, 2) if half else np.arange(self.count // 2 + 1)
-
-    @cached_property
-    def _coefficients(self) -> Array:
-        """Coefficients of cosines and sines from values, shape (2 harmonics, count)."""
-        table = self._table(self.at, 0).T * (2.0 / self.count)
-        if not self.half:
-            table[0] *= 0.5
-        return table
-
-    def _table(self, phase: Array, order: int) -> Array:
-        """Cosines and sines, or their derivatives, shape (k, 2 harmonics)."""
-        angle = np.outer(phase, self.harmonics) + 0.5 * math.pi * order
-        power = self.harmonics.astype(np.float64) ** order
-        return np.concatenate([power * np.cos(angle), power * np.sin(angle)], axis=1)
-
-    def between(self, phase: Array, order: int = 0) -> Array:
-        """Values, or derivatives by the phase, from values at the phases, shape (k, count)."""
-        table: Array = self._table(phase, order) @ self._coefficients
-        return table
-
-    @cached_property
-    def first(self) -> Array:
-        """Derivative by the phase, shape (count, count)."""
-        return self.between(self.at, 1)
-
-    @cached_property
-    def second(self) -> Array:
-        """Second derivative by the phase, shape (count, count)."""
-        return self.between(self.at, 2)
-
-
-@dataclass(frozen=True)
-class Orbit:
-    """A periodic motion by its values at the phases.
-
-    Attributes:
-        phases: where.
-        z: positions p, or with constraints whole states, shape (phases, width).
-        frequency: omega.
-        u: flow speed.
-        coarser: the same cycle on half as many phases, where it was solved there.
-    """
-
-    phases: Phases
-    z: Array
-    frequency: float
-    u: float
-    coarser: Orbit | None = None
-
-    def states(self, phase: Array | None = None) -> Array:
-        """[p, p'] at the phases, or at others, shape (2 moving, k)."""
-        values = self.z if phase is None else self.phases.between(phase) @ self.z
-        return np.ascontiguousarray(values.T)
-
-    def on(self, count: int) -> Orbit:
-        """The same with another number of phases."""
-        phases = Phases(count, self.phases.half)
-        return Orbit(phases, self.phases.between(phases.at) @ self.z, self.frequency, self.u)
-
-    @property
-    def size(self) -> float:
-        """Root mean square of what moves."""
-        centre = 0.0 if self.phases.half else self.z.mean(axis=0)
-        return float(np.sqrt(np.mean(np.sum((self.z - centre) ** 2, axis=1))))
-
-
-class Elsewhere(Exception):
-    """Newton's method that did not end on a cycle: the reason."""
-
-
-class Equations:
-    """The collocation equations of one model on given phases.
-
-    With constraints by projection (`Field.tied`) the rate of p is not p' off the constraints, so
-    that whole states are the unknowns; else the positions alone.
-
-    Args:
-        motion: the model's.
-        phases: where the equations are met.
-    """
-
-    def __init__(self, motion: Field, phases: Phases) -> None:
-        self.motion, self.phases = motion, phases
-        self.width = motion.size if motion.tied else motion.half
-        self.unknowns = phases.count * self.width
-        if self.unknowns > LARGEST_SYSTEM:
-            raise Elsewhere(f"more than {LARGEST_SYSTEM} unknowns are needed")
-
-    def states(self, orbit: Orbit, phase: Array | None = None) -> Array:
-        """[p, p'], shape (2 moving, k)."""
-        values = orbit.states(phase)
-        if self.motion.tied:
-            return values
-        at = orbit.phases.at if phase is None else phase
-        rates = orbit.frequency * (orbit.phases.between(at, 1) @ orbit.z)
-        return np.concatenate([values, rates.T])
-
-    def residual(self, orbit: Orbit, phase: Array | None = None) -> Array:
-        """What of dy/dt - f(y) the unknowns decide, shape (k, width)."""
-        at = orbit.phases.at if phase is None else phase
-        rates = self.motion(self.states(orbit, at), orbit.u)
-        if self.motion.tied:
-            return orbit.frequency * (orbit.phases.between(at, 1) @ orbit.z) - rates.T
-        second = orbit.phases.between(at, 2)
-        return orbit.frequency**2 * (second @ orbit.z) - rates[self.motion.half :].T
-
-    def step(
-        self, orbit: Orbit, turning: Array, row: Array | None, missed: float
-    ) -> tuple[Array, float, float]:
-        """Newton's step (dz, domega, du).
-
-        Args:
-            orbit: where it starts.
-            turning: a direction across which the step goes, which fixes the phase; z's shape.
-            row: a linear condition on (z, omega, u) that takes the place of a fixed speed.
-            missed: by how much the condition is to change.
-        """
-        motion, phases, half = self.motion, self.phases, self.motion.half
-        count, width, omega = phases.count, self.width, orbit.frequency
-        y = self.states(orbit)
-        jacobians = motion.jacobians(y, orbit.u)
-        free = 1 if row is None else 2
-        whole = np.zeros((self.unknowns + free, self.unknowns + free))
-        blocks = np.zeros((count, width, count, width))
-        own = np.arange(width)
-        if motion.tied:
-            blocks[:, own, :, own] += omega * phases.first
-            for j, jacobian in enumerate(jacobians):
-                blocks[j, :, j, :] -= jacobian
-            by_frequency = phases.first @ orbit.z
-        else:
-            blocks[:, own, :, own] += omega**2 * phases.second
-            for j, jacobian in enumerate(jacobians):
-                by_rate = omega * jacobian[half:, half:]
-                blocks[j] -= by_rate[:, None, :] * phases.first[j][None, :, None]
-                blocks[j, :, j, :] -= jacobian[half:, :half]
-            rates = phases.first @ orbit.z
-            by_frequency = 2.0 * omega * (phases.second @ orbit.z)
-            for j, jacobian in enumerate(jacobians):
-                by_frequency[j] -= jacobian[half:, half:] @ rates[j]
-        n = self.unknowns
-        whole[:n, :n] = blocks.reshape(n, n)
-        whole[:n, n] = by_frequency.ravel()
-        whole[n, :n] = turning.ravel()
-        right = np.zeros(n + free)
-        right[:n] = -self.residual(orbit).ravel()
-        if row is not None:
-            by_speed = motion.by_speed(y, orbit.u)[-width:]
-            whole[:n, n + 1] = -by_speed.T.ravel()
-            whole[n + 1] = row
-            right[n + 1] = missed
-        try:
-            found = scipy.linalg.solve(whole, right, overwrite_a=True, check_finite=False)
-        except (np.linalg.LinAlgError, ValueError, scipy.linalg.LinAlgWarning) as error:
-            raise Elsewhere("Newton's method met a singular matrix") from error
-        if not np.isfinite(found).all():
-            raise Elsewhere("Newton's method left finite numbers")
-        return found[:n].reshape(count, width), float(found[n]), float(found[n + 1 :].sum())
-
-    def solve(
-        self, orbit: Orbit, tolerance: float = 1e-9, row: Array | None = None, value: float = 0.0
-    ) -> Orbit:
-        """The cycle near an orbit, by Newton's method.
-
-        Args:
-            orbit: where to begin.
-            tolerance: the last step, relative; one that shrinks no more may end at 1e3 times that.
-            row: coefficients of (z, omega, u) in a condition; the speed is fixed without.
-            value: what the condition's sum is to be.
-
-        Raises:
-            Elsewhere: if it is lost.
-        """
-        size, omega = orbit.size, orbit.frequency
-        turning = self.phases.first @ orbit.z
-        turning = turning / np.linalg.norm(turning)
-        last = math.inf
-        for _ in range(25):
-            missed = 0.0
-            if row is not None:
-                missed = value - float(row @ np.append(orbit.z, [orbit.frequency, orbit.u]))
-            with np.errstate(over="raise", invalid="raise"):
-                try:
-                    dz, domega, du = self.step(orbit, turning, row, missed)
-                except (FloatingPointError, ValueError) as error:
-                    raise Elsewhere("Newton's method left finite numbers") from error
-            moved = float(np.sqrt(np.mean(np.sum(dz**2, axis=1)))) / orbit.size
-            moved = max(moved, abs(domega) / orbit.frequency, abs(du) / orbit.u)
-            share = min(1.0, 0.5 / moved) if moved > 0.0 else 1.0
-            orbit = Orbit(
-                *(self.phases, orbit.z + share * dz, orbit.frequency + share * domega),
-                orbit.u + share * du,
-            )
-            if not 0.1 * omega < orbit.frequency < 10.0 * omega or orbit.u <= 0.0:
-                raise Elsewhere("Newton's method left the neighbourhood of its start")
-            if orbit.size < 0.03 * size:
-                raise Elsewhere("it shrank to rest")
-            if orbit.size > 30.0 * size:
-                raise Elsewhere("Newton's method left the neighbourhood of its start")
-            if moved <= tolerance or (last < 1e3 * tolerance and moved >= 0.5 * last):
-                return orbit
-            last = moved
-        raise Elsewhere("Newton's method did not converge")
+        return finished(motion, orbit, rtol, samples, how)
 
 
 # ----------------------------------------------------------------------------- where it begins
@@ -447,17 +203,6 @@ def _found(motion: Field, u: float, start: Any) -> tuple[Orbit, str]:
     size = motion.model.coordinates
     y = _check.array("start", start, size=2 * size, low=-1e6, high=1e6)
     return _simulated(motion, u, y[:size], y[size:]), "simulation"
-
-
-def is_odd(motion: Field, u: float) -> bool:
-    """Whether the mirror image of every motion is one."""
-    if motion.resting().any():
-        return False
-    k = np.arange(1.0, motion.size + 1.0)
-    y = 0.3 * np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
-    rates = motion(np.concatenate([y, -y], axis=1), u)
-    ahead, behind = rates[:, :3], rates[:, 3:]
-    return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
 
 
 def _unguided(motion: Field, u: float) -> tuple[Orbit, str]:
@@ -506,23 +251,14 @@ def _unstable(motion: Field, u: float) -> bool:
     return bool(values.real.max() > 1e-9 * (1.0 + float(np.abs(values).max())))
 
 
-def _ring(motion: Field, onset: Hopf, amplitude: float, u: float, count: int = 16) -> Orbit:
-    """The critical mode with an amplitude of the free end."""
-    half = is_odd(motion, u)
-    phases = Phases(count if half else 2 * count + 1, half)
-    width = motion.size if motion.tied else motion.half
-    turn = np.exp(1j * phases.at)[:, None]
-    z = motion.resting()[:width] + amplitude * (onset.mode[:width] * turn).real
-    omega = onset.frequency + onset.frequency_law * (u - onset.speed)
-    return Orbit(phases, z, omega if omega > 0.3 * onset.frequency else onset.frequency, u)
-
-
 def _leapt(motion: Field, onset: Hopf, u: float) -> Orbit:
     """From the law at the onset to the speed at once."""
     amplitude = onset.amplitude(u)
     if amplitude > 0.6:
         raise Elsewhere("the onset is too far")
-    ring = _ring(motion, onset, amplitude, u)
+    omega = onset.frequency + onset.frequency_law * (u - onset.speed)
+    omega = omega if omega > 0.3 * onset.frequency else onset.frequency
+    ring = birth_of(motion, onset).ring(motion, amplitude, u, omega)
     return _confirmed(motion, Equations(motion, ring.phases).solve(ring))
 
 
@@ -547,73 +283,21 @@ def follow(motion: Field, onset: Hopf, u: float, steps: int = 60) -> Orbit:
     Raises:
         Elsewhere: if it does not come there.
     """
-    reason = Elsewhere(f"the cycle born at u = {onset.speed:.6g} does not come to u = {u:g}")
-    for count in (16, 48):
-        if count > 16 and count * motion.half > LARGEST_RETRY:
-            break
-        try:
-            for last, here in pairwise(_branch(motion, onset, steps, count)):
-                if (last.u - u) * (here.u - u) <= 0.0 and here.u != last.u:
-                    share = (u - last.u) / (here.u - last.u)
-                    guess = Orbit(
-                        here.phases,
-                        last.z + share * (here.z - last.z),
-                        last.frequency + share * (here.frequency - last.frequency),
-                        u,
-                    )
-                    return _confirmed(motion, Equations(motion, here.phases).solve(guess))
-                if not 0.2 * min(u, onset.speed) < here.u < 3.0 * max(u, onset.speed):
-                    break
-        except Elsewhere as told:
-            reason = told
-    raise reason
-
-
-def _branch(motion: Field, onset: Hopf, steps: int, count: int) -> Iterator[Orbit]:
-    """Cycles from the onset on, by pseudo-arclength continuation."""
-    found: list[Orbit] = []
-    for amplitude in (0.02, 0.05):
-        share = amplitude ** (1.0 / onset.exponent) / onset.amplitude_law
-        ring = _ring(motion, onset, amplitude, onset.speed + share, count)
-        rest = motion.resting()[: ring.z.shape[1]]
-        along = np.append((ring.z - rest).ravel(), [0.0, 0.0])
-        value = float(along @ np.append(ring.z, [0.0, 0.0]))
-        found.append(Equations(motion, ring.phases).solve(ring, row=along, value=value))
-        yield found[-1]
-    # Distances in the free end's amplitude, and in speed and frequency relative to the onset's.
-    unit = found[-1].size / 0.05
-    weights = np.append(
-        np.full(ring.z.size, 1.0 / (ring.phases.count * unit**2)),
-        [onset.frequency**-2, onset.speed**-2],
-    )
-    length = 0.05
     begun = motion.evaluations
-    for _ in range(steps):
+    for step in islice(arc(motion, birth_of(motion, onset)), steps):
+        a, b = step.begin.u, step.end.u
+        if (a - u) * (b - u) <= 0.0 and a != b:
+            return _confirmed(motion, step.landing(u))
+        if not 0.2 * min(u, onset.speed) < b < 3.0 * max(u, onset.speed):
+            break
         if motion.evaluations > begun + SEARCH:
-            raise Elsewhere(f"the cycle born at u = {onset.speed:.6g} was not followed to the end")
-        last, here = found[-2], found[-1]
-        ahead, now = (np.append(o.z, [o.frequency, o.u]) for o in (last, here))
-        secant = now - ahead
-        secant = secant / math.sqrt(float(weights @ secant**2))
-        while True:
-            there = now + length * secant
-            z, omega, speed = there[:-2].reshape(here.z.shape), float(there[-2]), float(there[-1])
-            guess = Orbit(here.phases, z, omega, speed)
-            row = weights * secant
-            try:
-                if guess.u <= 0.0 or guess.frequency <= 0.0:
-                    raise Elsewhere("the branch left positive speeds")
-                solved = Equations(motion, guess.phases).solve(
-                    guess, 1e-7, row=row, value=float(row @ there)
-                )
-                break
-            except Elsewhere:
-                length *= 0.4
-                if length < 1e-4:
-                    raise
-        found.append(solved)
-        yield solved
-        length = min(1.3 * length, 0.15)
+            break
+    raise Elsewhere(f"the cycle born at u = {onset.speed:.6g} does not come to u = {u:g}")
+
+
+def birth_of(motion: Field, onset: Hopf) -> Birth:
+    """Where the cycles of a flutter of the pipe at rest come from."""
+    return Birth(motion.resting(), onset.mode, onset.speed, onset.frequency)
 
 
 def _from_cycle(motion: Field, u: float, start: LimitCycle) -> Orbit:
@@ -738,13 +422,13 @@ def _from_motion(motion: Field, u: float, going: Motion) -> Orbit | None:
 # --------------------------------------------------------------------------------- what it is
 
 
-def _finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) -> LimitCycle:
+def finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) -> LimitCycle:
     """The cycle, refined until its amplitude and frequency stand still and its check holds."""
     # Under drag two answers may agree by chance: believed is no more than the fourth power of N.
     kinks = motion.model.pipe.drag > 0.0
-    measured, error, last = _amplitude(motion, orbit), math.inf, math.inf if kinks else 0.0
+    measured, error, last = amplitude_of(motion, orbit), math.inf, math.inf if kinks else 0.0
     if orbit.coarser is not None:
-        last = _apart(orbit.coarser, _amplitude(motion, orbit.coarser), orbit, measured)
+        last = _apart(orbit.coarser, amplitude_of(motion, orbit.coarser), orbit, measured)
         error = math.inf if kinks else last
     reason, target = Elsewhere(f"that takes more than {MOST_POINTS} phases"), 0.5 * rtol
     while True:
@@ -757,13 +441,13 @@ def _finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) 
             except Elsewhere as told:
                 reason = told
                 break
-            sharper = _amplitude(motion, finer)
+            sharper = amplitude_of(motion, finer)
             moved = _apart(orbit, measured, finer, sharper)
             error, last = max(moved, last / 16.0), moved
             orbit, measured = finer, sharper
         if math.isinf(error):
             raise NoCycle(f"no limit cycle at u = {orbit.u:g}: {reason}", orbit.u)
-        result = _described(motion, orbit, error, samples, how)
+        result = described(motion, orbit, error, samples, how)
         if error > rtol:
             raise NotConverged(
                 f"the cycle at u = {orbit.u:g} is known to {error:.1e} only: {reason}", result
@@ -785,7 +469,7 @@ def _apart(a: Orbit, peak: tuple[float, float], b: Orbit, other: tuple[float, fl
     return max(moved, abs(b.frequency / a.frequency - 1.0), 1e-14)
 
 
-def _amplitude(motion: Field, orbit: Orbit) -> tuple[float, float]:
+def amplitude_of(motion: Field, orbit: Orbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
     phase: Array = 2.0 * math.pi / PEAKS * np.arange(float(PEAKS))
     across = motion.tip(Equations(motion, orbit.phases).states(orbit, phase))
@@ -807,9 +491,10 @@ def _peak(values: Array) -> tuple[float, float]:
     return float(heights.max()), i + float(inner[int(np.argmax(heights))])
 
 
-def _described(motion: Field, orbit: Orbit, error: float, samples: int, how: str) -> LimitCycle:
+def described(motion: Field, orbit: Orbit, error: float, samples: int, how: str) -> LimitCycle:
+    """What an orbit is, with its multipliers, as found; the error is not checked here."""
     equations = Equations(motion, orbit.phases)
-    amplitude, first = _amplitude(motion, orbit)
+    amplitude, first = amplitude_of(motion, orbit)
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = equations.states(orbit, first + orbit.frequency * t)
@@ -839,148 +524,3 @@ def _described(motion: Field, orbit: Orbit, error: float, samples: int, how: str
         evaluations=motion.evaluations,
         method=f"Fourier collocation, {how}",
     )
-
-
-def floquet(motion: Field, orbit: Orbit) -> tuple[Complex, float]:
-    """Floquet multipliers, the largest modulus first, shape (2 dof,), and the steps' summed error.
-
-    Args:
-        motion: the model's.
-        orbit: the cycle.
-    """
-    tangent = _tangent(motion, orbit)
-    through, error = _monodromy(motion, orbit)
-    if not np.isfinite(through).all():
-        return np.full(2 * motion.model.dof, np.nan + 0j), math.inf
-    if tangent is not None:
-        through = tangent.T @ through @ tangent
-    values = np.linalg.eigvals(through)
-    if orbit.phases.half:
-        values = values**2
-    order = np.lexsort((-values.imag, -np.abs(values)))
-    return values[order].astype(np.complex128), error
-
-
-def _tangent(motion: Field, orbit: Orbit) -> Array | None:
-    """An orthonormal basis of the perturbations that meet the constraints, where there are any."""
-    if not motion.tied:
-        return None
-    half, h = motion.half, 1e-5
-    y = Equations(motion, orbit.phases).states(orbit, np.zeros(1))
-    moves = h * np.eye(motion.size)
-    scene = motion.model.motion
-    assert isinstance(scene, SceneMotion)
-    ahead, behind = (
-        np.concatenate(scene.projected((y + s * moves)[:half], (y + s * moves)[half:]))
-        for s in (1.0, -1.0)
-    )
-    vectors, _, _ = np.linalg.svd((ahead - behind) / (2.0 * h))
-    return np.asarray(vectors[:, : 2 * motion.model.dof])
-
-
-def _monodromy(motion: Field, orbit: Orbit) -> tuple[Array, float]:
-    """Fundamental matrix over the phases' span; with a mirror, followed by the reflection.
-
-    Each step is halved until the product of its halves does what it does itself, so that short
-    steps are taken only where drag's derivative has kinks.
-    """
-    span, omega, half = orbit.phases.span, orbit.frequency, motion.half
-    along = _jacobians_along(motion, orbit)
-    first = along(np.zeros(1))[0]
-    # Rates in units in which the fastest mode turns at about the rate of its coordinates: without,
-    # the squarings of the exponential would lose digits to the matrix's lopsidedness.
-    ratio = math.sqrt(max(float(np.abs(first[half:, :half]).max()), 1.0))
-    by, back = np.ones(motion.size), np.ones(motion.size)
-    by[half:], back[half:] = 1.0 / ratio, ratio
-    turns = float(np.abs(np.linalg.eigvals(first)).max()) * span / omega
-    steps = max(16, math.ceil(turns / LONGEST_TURN))
-
-    def factors(starts: Array, length: float) -> Array:
-        found = np.empty((starts.size, motion.size, motion.size))
-        nodes = length * (0.5 + math.sqrt(0.15) * np.array([-1.0, 0.0, 1.0]))
-        for i in range(0, starts.size, 64):
-            rates = along((starts[i : i + 64, None] + nodes).ravel()) * np.outer(by, back)
-            rates = rates.reshape(-1, 3, motion.size, motion.size)
-            with np.errstate(over="ignore", invalid="ignore"):  # steps too long: NaN tells
-                found[i : i + 64] = scipy.linalg.expm(_magnus(length / omega, rates))
-        return found
-
-    length = span / steps
-    starts = length * np.arange(float(steps))
-    whole = factors(starts, length)
-    done: list[tuple[float, Array]] = []
-    error = 0.0
-    for level in range(MOST_HALVINGS + 1):
-        length *= 0.5
-        starts = (starts[:, None] + length * np.arange(2.0)).ravel()
-        parts = factors(starts, length)
-        products = parts[1::2] @ parts[0::2]
-        told = np.abs(products - whole).max(axis=(1, 2)) / (1.0 + np.abs(whole).max(axis=(1, 2)))
-        good = told <= LOCAL
-        if level == MOST_HALVINGS or 2 * np.sum(~good) > MOST_STEPS:
-            good[:] = True
-        done += [(starts[2 * i], products[i]) for i in np.flatnonzero(good)]
-        error += float(told[good].sum())
-        again = np.repeat(~good, 2)
-        starts, whole = starts[again], parts[again]
-        if starts.size == 0:
-            break
-    through = np.eye(motion.size)
-    for _, product in sorted(done, key=lambda pair: pair[0]):
-        through = product @ through
-    through = through * np.outer(back, by)
-    # What halving leaves: less than a quarter at a kink, a 64th where f is smooth.
-    error /= 4.0 if motion.model.pipe.drag else 32.0
-    return -through if orbit.phases.half else through, error
-
-
-def _jacobians_along(motion: Field, orbit: Orbit) -> Callable[[Array], Array]:
-    """df/dy at phases, shape (k,) to (k, 2 moving, 2 moving).
-
-    Where f is smooth this is a trigonometric polynomial as the cycle is, of the period of the
-    phases' span even if the cycle's is twice that, and few Jacobians tell it all.
-    """
-    equations = Equations(motion, orbit.phases)
-
-    def exact(phase: Array) -> Array:
-        return motion.jacobians(equations.states(orbit, phase), orbit.u)
-
-    if motion.model.pipe.drag:
-        return exact
-    span, count = orbit.phases.span, 2 * orbit.phases.count
-    at: Array = span / count * np.arange(float(count))
-    samples = exact(at)
-    waves = np.fft.rfft(samples.reshape(count, -1), axis=0) / count
-    waves[1:] *= 2.0
-    if count % 2 == 0:
-        waves[-1] *= 0.5
-    size = np.abs(samples).max(axis=0)
-    weight = (np.abs(waves) / (size + 1e-6 * size.max()).ravel()).max(axis=1)
-    waves = waves[: int(np.flatnonzero(weight > 1e-12).max(initial=0)) + 1]
-    numbers = 2.0 * math.pi / span * np.arange(len(waves))
-
-    def between(phase: Array) -> Array:
-        angle = np.outer(phase, numbers)
-        values = np.cos(angle) @ waves.real - np.sin(angle) @ waves.imag
-        return values.reshape(-1, motion.size, motion.size)
-
-    probe: Array = at[::7] + 0.43 * span / count
-    missed = np.abs(between(probe) - exact(probe)).max(axis=0)
-    return between if (missed <= 1e-9 * size + 1e-12 * size.max()).all() else exact
-
-
-def _magnus(h: float, a: Array) -> Array:
-    """Exponents of the steps, (k, N, N), from the matrices at three Gauss points, (k, 3, N, N)."""
-    one = h * a[:, 1]
-    two = math.sqrt(15.0) / 3.0 * h * (a[:, 2] - a[:, 0])
-    three = 10.0 / 3.0 * h * (a[:, 2] - 2.0 * a[:, 1] + a[:, 0])
-
-    def across(x: Array, y: Array) -> Array:
-        return x @ y - y @ x
-
-    first = across(one, two)
-    second = -across(one, 2.0 * three + first) / 60.0
-    exponents: Array = (
-        one + three / 12.0 + across(-20.0 * one - three + first, two + second) / 240.0
-    )
-    return exponents

@@ -192,7 +192,7 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
                 lambda y: smooth.jacobian(y, u),
                 rest,
                 crossing.frequency,
-                lambda q: _tip_of(motion, rest, q),
+                lambda q: tip_of(motion, rest, q),
                 cubic=False,
             )
         except ValueError as error:
@@ -208,7 +208,7 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
                 lambda y: smooth.jacobian(y, u),
                 rest,
                 crossing.frequency,
-                lambda q: _tip_of(motion, rest, q),
+                lambda q: tip_of(motion, rest, q),
             )
             return _of_cubic(model, crossing, form, slope)
     return _of_drag(model, crossing, form, slope, *drag)
@@ -284,7 +284,7 @@ def _of_drag(
     )
 
 
-def _tip_of(motion: Field, rest: Array, q: Complex) -> complex:
+def tip_of(motion: Field, rest: Array, q: Complex) -> complex:
     """Transverse displacement of the free end, to first order."""
     size = float(np.abs(q[: motion.half]).max())
     parts = []
@@ -347,7 +347,7 @@ def normal_form(
         NotConverged: if the differences do not settle.
     """
     a = jacobian(rest)
-    right, left = _vectors(a, frequency)
+    right, left = vectors(a, frequency)
     share = scale(right)
     if abs(share) <= 1e-9 * float(np.abs(right).max()) / (1.0 + frequency):
         raise NoHopf("the free end stands still in the mode that flutters")
@@ -378,7 +378,7 @@ def normal_form(
     return NormalForm(frequency, right, left, value, error)
 
 
-def _vectors(a: Array, frequency: float) -> tuple[Complex, Complex]:
+def vectors(a: Array, frequency: float) -> tuple[Complex, Complex]:
     """Right and left eigenvector of i omega by inverse iteration."""
     size = a.shape[0]
     # Rates are about omega times coordinates: balanced, the shift is felt by both alike.

@@ -128,7 +128,7 @@ def endings(
     ended: list[Ended] = []
     states: list[Array] = []
     failures: list[Failure] = []
-    answers = _each(executor, _ended, [(model, part, starts, plan) for part in parts])
+    answers = each(executor, _ended, [(model, part, starts, plan) for part in parts])
     for answer in track(answers, len(parts), "brute force", shown):
         for one, state, error in answer:
             if error is not None:
@@ -138,7 +138,7 @@ def endings(
     if plan.exponents:
         asked = [i for i, one in enumerate(ended) if one.ending == "irregular"]
         tasks = [(model, ended[i].speed, states[i], plan) for i in asked]
-        found = _each(executor, _exponent, tasks)
+        found = each(executor, _exponent, tasks)
         for i, exponent in zip(asked, track(found, len(tasks), "exponents", shown), strict=True):
             if isinstance(exponent, Exception):
                 failures.append(_failure(speeds, ended[i], exponent))
@@ -147,7 +147,7 @@ def endings(
     return tuple(ended), tuple(failures)
 
 
-def _each(
+def each(
     executor: Executor | None, work: Callable[..., Answer], tasks: list[tuple[Any, ...]]
 ) -> Iterator[Answer]:
     """Answers to tasks, in order."""

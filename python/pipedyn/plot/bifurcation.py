@@ -14,7 +14,8 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from pipedyn import _check
 from pipedyn._check import Array
-from pipedyn.diagram import BifurcationDiagram, CycleBranch, nontrivial
+from pipedyn.branches import CycleBranch, nontrivial
+from pipedyn.diagram import BifurcationDiagram
 from pipedyn.model import Model
 from pipedyn.plot.between import finer
 from pipedyn.plot.look import (
@@ -178,8 +179,8 @@ def _changes(diagram: BifurcationDiagram, index: int | None) -> Iterator[tuple[s
     for cycles in diagram.cycles if index is None else ():
         for event in cycles.events:
             if event.kind in MARKS and event.kind != "hopf":
-                size = float(np.interp(event.speed, cycles.speeds, cycles.amplitudes))
-                yield from ((event.kind, event.speed, height) for height in (size, -size))
+                for height in (event.amplitude, -event.amplitude):
+                    yield event.kind, event.speed, height
 
 
 def orbit(cycles: Orbit | Sequence[Orbit], ax: Axes | None = None) -> Axes:
