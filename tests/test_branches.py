@@ -130,6 +130,17 @@ def test_with_drag_amplitudes_follow_their_law():
     )
 
 
+def test_a_speed_right_beside_the_onset_has_its_cycle():
+    for model in (THREE, pd.Chain(pd.Pipe(0.2, flow="aspirating", damping=0.01, drag=1.0), 3)):
+        onset = pd.hopf(model)
+        u = onset.speed * (1.0 + np.array([-1e-2, 2e-5, 1e-3]))
+        (branch,) = pd.bifurcation_diagram(model, u).cycles
+        for speed in u[1:]:
+            (cycle,) = branch.at(speed)
+            assert cycle.amplitude == pytest.approx(onset.amplitude(speed), rel=2e-2)
+            assert cycle.stable
+
+
 def test_cycles_of_bent_pipes_double_their_period():
     found = pd.bifurcation_diagram(pd.Chain(pd.Pipe(0.2, -20.0), 2), [1.5, 1.75], cycles=12)
     points = [p.speed for b in found.equilibria for p in b.points if p.kind == "hopf"]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
-from pipedyn.collocation import Birth, Elsewhere, Orbit, Step, arc
+from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, Step, arc
 from pipedyn.critical import crossings
 from pipedyn.cycles import LimitCycle, NoCycle, described, finished
 from pipedyn.equilibria import EquilibriumBranch, Rest
@@ -229,6 +229,7 @@ class _Followed:
         try:
             for number, step in enumerate(arc(self.motion, self.birth)):
                 if last is None:
+                    self._smallest(step)
                     last = self.described(step.begin)
                     self.keep(last)
                 if float(np.sum(_moves(step.begin) * _moves(step.end))) < 0.0:
@@ -256,6 +257,24 @@ class _Followed:
             self._ends("end", last.u, last)
             told = NotConverged(f"the cycles were not followed beyond u = {last.u:g}: {reason}")
             self.failed.append((last.u, told))
+
+    def _smallest(self, step: Step) -> None:
+        """Cycles at speeds asked for between the onset and the first step."""
+        born, first = self.birth.speed, step.begin
+        low, high = sorted((born, first.u))
+        power = 1.0 if self.motion.model.pipe.drag else 0.5
+        rest = self.birth.rest[: first.z.shape[1]]
+        asked = self.speeds[(self.speeds > low) & (self.speeds < high)]
+        for u in sorted(map(float, asked), key=lambda u: abs(u - born)):
+            size = ((u - born) / (first.u - born)) ** power
+            guess = replace(first, z=rest + size * (first.z - rest), u=u)
+            try:
+                orbit = Equations(self.motion, guess.phases).solve(guess)
+                self.keep(finished(self.motion, orbit, self.rtol, SAMPLES, self.how))
+            except Elsewhere as reason:
+                self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
+            except PipedynError as error:
+                self.failed.append((u, error))
 
     def _slowing(self) -> bool:
         """Whether the period seems to grow without bound."""

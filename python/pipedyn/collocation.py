@@ -383,13 +383,19 @@ def arc(motion: Field, birth: Birth) -> Iterator[Step]:
 
     Args:
         motion: the model's.
-        birth: where it begins; the first step leads from amplitude 0.01 to 0.02.
+        birth: where it begins; the first step doubles an amplitude of 0.01 or, where the speed is
+            by then more than 1e-3 from the onset, less.
 
     Raises:
         Elsewhere: where it cannot be followed.
     """
-    small, here = (_small(motion, birth, amplitude) for amplitude in (0.01, 0.02))
-    unit = here.size / 0.02
+    amplitude = 0.01
+    small = _small(motion, birth, amplitude)
+    while abs(small.u - birth.speed) > 1e-3 * birth.speed and amplitude > 1e-4:
+        amplitude *= 0.3
+        small = _small(motion, birth, amplitude)
+    here = _small(motion, birth, 2.0 * amplitude)
+    unit = 0.5 * here.size / amplitude
     length = FIRST
     smooth = SMOOTH_ACROSS_KINKS if motion.model.pipe.drag else SMOOTH
     last, first = small, True
