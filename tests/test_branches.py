@@ -236,5 +236,11 @@ def test_a_branch_ends_where_its_steps_run_out():
     assert branch.speeds.max() < 5.0
 
 
+@pytest.mark.parametrize("u", [None, "6", np.nan, -1.0, [5.0]])
+def test_a_branch_is_asked_for_a_speed(three, u):
+    with pytest.raises((ValueError, TypeError), match=r"\bu must"):
+        three.cycles[0].at(u)
+
+
 def test_no_cycles_are_sought_where_none_are_asked_for():
     assert pd.bifurcation_diagram(THREE, [4.0, 5.0], cycles=0).cycles == ()

@@ -61,3 +61,23 @@ def test_bad_arguments_are_refused_by_name(given, kind, message):
     arguments = {"make_model": three, "values": [0.2], **given}
     with pytest.raises(kind, match=message):
         pd.criticality_curve(**arguments)
+
+
+@pytest.mark.parametrize(("n", "last"), [(3, 0.5), (4, 0.6), (5, 0.75), (6, 0.8)])
+def test_chains_snap_beyond_a_share_of_fluid_that_grows_with_the_segments(n, last):
+    curve = pd.criticality_curve(lambda b: pd.Chain(pd.Pipe(b), n), [0.2, last, last + 0.1, 0.95])
+    assert curve.subcritical.tolist() == [False, False, True, True]
+
+
+def test_two_segments_snap_where_the_fluid_is_light_only():
+    curve = pd.criticality_curve(lambda b: pd.Chain(pd.Pipe(b), 2), [0.05, 0.2, 0.5, 0.9])
+    assert curve.subcritical.tolist() == [True, False, False, False]
+
+
+@pytest.mark.parametrize("gamma", [0.0, 10.0, 100.0])
+def test_the_continuous_pipe_snaps_nowhere(gamma):
+    curve = pd.criticality_curve(
+        lambda b: pd.Galerkin(pd.Pipe(b, gamma=gamma), 12, "legendre"), [0.05, 0.3, 0.5, 0.7, 0.95]
+    )
+    assert curve.failures == ()
+    assert not curve.subcritical.any()

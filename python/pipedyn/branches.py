@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
+from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
 from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, Step, arc
@@ -102,6 +103,7 @@ class CycleBranch:
 
     def at(self, u: float) -> tuple[LimitCycle, ...]:
         """The cycles at one of the speeds asked for, in order along the branch."""
+        u = _check.real("u", u, low=0.0)
         return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
 
     def retraces(self, other: CycleBranch) -> bool:
