@@ -2,31 +2,56 @@
 """Dynamics of a pipe conveying fluid: chain, reduced-order and continuous models on one footing."""
 
 from pipedyn import modular
+from pipedyn.branches import CycleBranch, CycleEvent
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
+from pipedyn.criticality import CriticalityCurve, criticality_curve
+from pipedyn.cycles import LimitCycle, NoCycle, limit_cycle
+from pipedyn.diagram import BifurcationDiagram, bifurcation_diagram
 from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
+from pipedyn.equilibria import (
+    BranchPoint,
+    Equilibria,
+    EquilibriumBranch,
+    equilibria,
+    equilibrium_branch,
+)
 from pipedyn.fitting import Fitting
 from pipedyn.galerkin import Galerkin
+from pipedyn.hopf import Hopf, NoHopf, hopf
+from pipedyn.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.motion import Motion, MotionStopped, simulate
 from pipedyn.pipe import Pipe, Scales, inlet_coefficient
+from pipedyn.sections import Ended
 from pipedyn.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.stability import Failure, StabilityCurve, stability_curve
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "BifurcationDiagram",
+    "BranchPoint",
     "Chain",
     "Continuum",
     "CriticalSpeed",
+    "CriticalityCurve",
     "Crossing",
+    "CycleBranch",
+    "CycleEvent",
     "Derivatives",
+    "Ended",
     "Ensemble",
+    "Equilibria",
+    "EquilibriumBranch",
     "Failure",
     "Fitting",
     "Galerkin",
+    "Hopf",
+    "LimitCycle",
+    "LyapunovExponent",
     "MemberFailure",
     "ModeShape",
     "Model",
@@ -34,6 +59,8 @@ __all__ = [
     "Motion",
     "MotionStopped",
     "NoCrossing",
+    "NoCycle",
+    "NoHopf",
     "NotConverged",
     "Operators",
     "Pipe",
@@ -43,10 +70,17 @@ __all__ = [
     "Scales",
     "Sensitivity",
     "StabilityCurve",
+    "bifurcation_diagram",
     "critical_speed",
+    "criticality_curve",
     "crossings",
     "eigenvalues",
+    "equilibria",
+    "equilibrium_branch",
+    "hopf",
     "inlet_coefficient",
+    "limit_cycle",
+    "lyapunov_exponent",
     "modes",
     "modular",
     "root_loci",

@@ -8,6 +8,7 @@ is made a second time by line style, marker or outline, so that pictures survive
 
 from matplotlib.figure import Figure
 
+from pipedyn.plot.bifurcation import bifurcation_diagram, multipliers, orbit
 from pipedyn.plot.boundary import boundaries, stability_map
 from pipedyn.plot.histories import phase_portrait, time_history
 from pipedyn.plot.linear import (
@@ -60,13 +61,16 @@ __all__ = [
     "VERMILION",
     "Figure",
     "animate",
+    "bifurcation_diagram",
     "boundaries",
     "colour_bar",
     "convergence",
     "dot_stride",
     "frequencies",
     "mode_shapes",
+    "multipliers",
     "notice",
+    "orbit",
     "panels",
     "phase_portrait",
     "root_loci",

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""On which side of the onset cycles are born, against any parameter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn import _check
+from pipedyn._check import Array
+from pipedyn.hopf import Hopf, hopf
+from pipedyn.model import Model
+from pipedyn.progress import track
+from pipedyn.sections import each
+from pipedyn.stability import Failure
+
+
+@dataclass(frozen=True)
+class CriticalityCurve:
+    """Onsets of flutter against a parameter.
+
+    Attributes:
+        values: the parameter, shape (S,).
+        onsets: Hopf at each value, None where the point failed.
+        failures: the points that failed, with what they raised: `NoHopf` where stability is lost
+            otherwise, `NoCrossing` where it is not lost.
+    """
+
+    values: Array
+    onsets: tuple[Hopf | None, ...] = field(repr=False)
+    failures: tuple[Failure, ...]
+
+    @property
+    def speeds(self) -> Array:
+        """Flow speeds of the onsets, shape (S,), NaN where there is none."""
+        return np.array([math.nan if one is None else one.speed for one in self.onsets])
+
+    @property
+    def laws(self) -> Array:
+        """Amplitude laws, negative where the onset is subcritical, shape (S,), NaN for none."""
+        return np.array([math.nan if one is None else one.amplitude_law for one in self.onsets])
+
+    @property
+    def subcritical(self) -> NDArray[np.bool_]:
+        """Where cycles repel and the pipe snaps, shape (S,)."""
+        return np.array(
+            [one is not None and one.criticality == "subcritical" for one in self.onsets]
+        )
+
+
+def criticality_curve(
+    make_model: Callable[[float], Model],
+    values: ArrayLike,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> CriticalityCurve:
+    """Whether flutter sets in gently or snaps, at the critical speed, against any parameter.
+
+    Args:
+        make_model: the model at a value of the parameter; called in this process, so a lambda will
+            do. Of a map over two parameters it is a row.
+        values: the parameter, shape (S,).
+        executor: a `concurrent.futures.Executor` that takes the points.
+        progress: show progress on stderr.
+
+    Returns:
+        CriticalityCurve; a point that fails is recorded in `failures` and the others are kept.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    if not callable(make_model):
+        raise TypeError(
+            f"make_model must be a function of the parameter, got {_check.shown(make_model)}"
+        )
+    at = _check.array("values", values, longest=100_000)
+    _check.executor("executor", executor)
+    shown = _check.flag("progress", progress)
+    failures: list[Failure] = []
+    onsets: list[Hopf | None] = [None] * at.size
+    points: list[int] = []
+    tasks: list[tuple[Model]] = []
+    for i, value in enumerate(at):
+        try:
+            tasks.append((make_model(float(value)),))
+            points.append(i)
+        except Exception as error:
+            failures.append(Failure(i, float(value), error))
+    answers = each(executor, _onset, tasks)
+    for i, found in zip(points, track(answers, len(tasks), "criticality", shown), strict=True):
+        if isinstance(found, Hopf):
+            onsets[i] = found
+        else:
+            failures.append(Failure(i, float(at[i]), found))
+    failures.sort(key=lambda failure: failure.index)
+    return CriticalityCurve(at, tuple(onsets), tuple(failures))
+
+
+def _onset(model: Model) -> Hopf | Exception:
+    try:
+        return hopf(model)
+    except Exception as error:
+        return error

@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: MIT
+"""The bifurcation diagram: equilibria and cycles over the flow speed, and where motions end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipedyn import _check
+from pipedyn._check import Array
+from pipedyn.arclength import Lost, solve
+from pipedyn.blas import one_thread
+from pipedyn.branches import CycleBranch, births, cycle_branch
+from pipedyn.collocation import Birth
+from pipedyn.cycles import LARGEST_CYCLE
+from pipedyn.equilibria import (
+    EquilibriumBranch,
+    Rest,
+    checked_size,
+    equilibria,
+    equilibrium_branch,
+)
+from pipedyn.modal import LARGEST_SPEED
+from pipedyn.model import Model, PipedynError
+from pipedyn.motion import LARGEST_SAMPLES
+from pipedyn.progress import track
+from pipedyn.sections import SAMPLES_A_TIME, Ended, Plan, bends, each, endings
+from pipedyn.stability import Failure
+
+MOST_MOTIONS = 100_000
+"""Of one call."""
+
+BEYOND = 1.5
+"""Share of the highest speed up to which onsets are followed: their cycles may come back."""
+
+
+@dataclass(frozen=True)
+class BifurcationDiagram:
+    """What a pipe does over the flow speed.
+
+    Attributes:
+        speeds: u asked for, shape (S,).
+        equilibria: branches over the range of these, the straight pipe's first, mirror images
+            included.
+        cycles: branches of cycles, one for each onset of flutter whose cycles come to these speeds;
+            of two that are mirror images one.
+        motions: where motions from a batch of starts end; empty where they were not asked for.
+        failures: points that failed, with what they raised; `index` is that of the speed.
+        model: the model.
+    """
+
+    speeds: Array
+    equilibria: tuple[EquilibriumBranch, ...]
+    cycles: tuple[CycleBranch, ...]
+    motions: tuple[Ended, ...] = field(repr=False)
+    failures: tuple[Failure, ...]
+    model: Model
+
+    def at(self, u: float) -> tuple[Ended, ...]:
+        """Where motions end at the speed nearest to u."""
+        if not self.motions:
+            return ()
+        nearest = min(self.motions, key=lambda one: abs(one.speed - u)).speed
+        return tuple(one for one in self.motions if one.speed == nearest)
+
+
+def bifurcation_diagram(
+    model: Model,
+    speeds: ArrayLike,
+    *,
+    cycles: int = 100,
+    brute_force: int = 0,
+    transient: float = 100.0,
+    duration: float = 40.0,
+    exponents: bool = False,
+    rtol: float = 1e-6,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> BifurcationDiagram:
+    """Equilibria and cycles over a range of flow speeds and, on request, where motions end.
+
+    Equilibria are followed by arc length, so that their folds lie wherever they are, and so are the
+    cycles from each onset of flutter of the straight pipe and of bent ones; motions are integrated
+    at the speeds given. Cycles that no onset leads to are found by `limit_cycle` or by motions.
+
+    Args:
+        model: chain, reduced model or scene, up to 500 degrees of freedom.
+        speeds: flow speeds, increasing, at least 2, shape (S,).
+        cycles: number of steps along each branch of cycles at most; 0 for no cycles. Models of more
+            than 100 degrees of freedom have to be asked for none.
+        brute_force: number of initial states for each speed; 0 for none.
+        transient: time in T after which motions count as arrived.
+        duration: time over which they are then recorded.
+        exponents: whether the largest Lyapunov exponent of irregular motions is computed.
+        rtol: relative tolerance of the motions, and of cycles at the speeds given.
+        seed: of the initial states; the first is always a slight bend.
+        executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
+            motions.
+        progress: show progress on stderr.
+
+    Returns:
+        BifurcationDiagram; what fails is recorded in `failures` and the rest is kept.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    model = checked_size(model)
+    at = checked_speeds(speeds)
+    steps = _check.count("cycles", cycles, low=0, high=10_000)
+    if steps and model.dof > LARGEST_CYCLE:
+        raise ValueError(
+            f"cycles must be 0 for more than {LARGEST_CYCLE} degrees of freedom, got {steps}"
+        )
+    count = _check.count("brute_force", brute_force, low=0, high=10_000)
+    if count * at.size > MOST_MOTIONS:
+        raise ValueError(
+            f"brute_force must ask for at most {MOST_MOTIONS} motions, got {count * at.size}"
+        )
+    plan = Plan(
+        _check.real("transient", transient, low=0.0, high=1e6),
+        _check.real("duration", duration, low=1.0, high=1e4),
+        _check.real("rtol", rtol, low=1e-12, high=1e-2),
+        _check.flag("exponents", exponents),
+    )
+    if count and plan.samples * model.coordinates > LARGEST_SAMPLES:
+        raise ValueError(
+            f"duration must ask for at most {LARGEST_SAMPLES} numbers a motion, at "
+            f"{SAMPLES_A_TIME} samples a unit of time, got {plan.samples * model.coordinates}"
+        )
+    seed = _check.count("seed", seed, low=0)
+    _check.executor("executor", executor)
+    shown = _check.flag("progress", progress)
+
+    failures: list[Failure] = []
+    branches = equilibrium_branches(model, at, failures, shown)
+    found: tuple[CycleBranch, ...] = ()
+    if steps:
+        found = cycle_branches(model, at, branches, plan.rtol, steps, failures, executor, shown)
+    motions: tuple[Ended, ...] = ()
+    if count:
+        starts = bends(model, count, seed)
+        motions, failed = endings(model, at, starts, plan, executor, shown)
+        failures += failed
+    failures.sort(key=lambda failure: failure.index)
+    return BifurcationDiagram(at, branches, found, motions, tuple(failures), model)
+
+
+def checked_speeds(speeds: Any) -> Array:
+    """The argument, if it is a row of increasing flow speeds."""
+    at = _check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
+    if at.size < 2 or np.any(np.diff(at) <= 0.0):
+        raise ValueError("speeds must be at least 2 and strictly increasing")
+    return at
+
+
+# --------------------------------------------------------------------------------------- equilibria
+
+
+def equilibrium_branches(
+    model: Model, speeds: Array, failures: list[Failure], shown: bool = False
+) -> tuple[EquilibriumBranch, ...]:
+    """Branches through the equilibria at the first, the middle and the last speed, each once.
+
+    Args:
+        model: the model.
+        speeds: increasing flow speeds.
+        failures: takes what could not be followed.
+        shown: show progress.
+    """
+    rest = Rest(model)
+    ends = float(speeds[0]), float(speeds[-1])
+    branches: list[EquilibriumBranch] = []
+    seeds = sorted({0, speeds.size // 2, speeds.size - 1})
+    for i in track(seeds, len(seeds), "equilibria", shown):
+        u = float(speeds[i])
+        try:
+            found = equilibria(model, u)
+        except PipedynError as error:
+            failures.append(Failure(i, u, error))
+            continue
+        for x in _moving(rest, found.q):
+            with one_thread(model.dof):
+                if any(_lies_on(rest, branch, x, u) for branch in branches):
+                    continue
+            try:
+                branch = equilibrium_branch(model, x, u, ends)
+            except PipedynError as error:
+                failures.append(Failure(i, u, error))
+                continue
+            branches.append(branch)
+            image = _mirrored(rest, branch)
+            if image is not None:
+                branches.append(image)
+    return tuple(branches)
+
+
+def _moving(rest: Rest, q: Array) -> Array:
+    """What integrators advance, (k, moving), of coordinates that users see, (k, coordinates)."""
+    return np.array([rest.from_start("q", row) for row in q])
+
+
+def _lies_on(rest: Rest, branch: EquilibriumBranch, x: Array, u: float) -> bool:
+    """Whether an equilibrium at a speed is one of a branch's."""
+    near = 1e-5 * (1.0 + float(np.abs(x).max()))
+    return any(float(np.abs(other - x).max()) < near for other in _passing(rest, branch, u))
+
+
+def _passing(rest: Rest, branch: EquilibriumBranch, u: float) -> Iterator[Array]:
+    """Equilibria of a branch at a speed."""
+    xs = _moving(rest, branch.q)
+    for (a, u_a), (b, u_b) in pairwise(zip(xs, branch.speeds, strict=True)):
+        if min(u_a, u_b) <= u <= max(u_a, u_b):
+            share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
+            try:
+                yield solve(rest, a + share * (b - a), u)[0]
+            except Lost:
+                continue
+
+
+def _mirrored(rest: Rest, branch: EquilibriumBranch) -> EquilibriumBranch | None:
+    """The mirror image, None where it is the branch itself or no branch of equilibria."""
+    xs = _moving(rest, branch.q)
+    middle = len(xs) // 2
+    x, u = -xs[middle], float(branch.speeds[middle])
+    try:
+        if rest.unbalanced(x, u) > 1e-8 or _lies_on(rest, branch, x, u):
+            return None
+    except ValueError:
+        return None
+    q = rest.recorded(-xs)
+
+    def image(given: Array) -> tuple[Array, Array]:
+        turned = rest.recorded(-_moving(rest, given[None]))
+        return turned[0], rest.model.tips(turned.T)[0]
+
+    points = []
+    for point in branch.points:
+        turned, tip = image(point.q)
+        points.append(replace(point, q=turned, tip=tip))
+    return replace(branch, q=q, tips=rest.model.tips(q.T), points=tuple(points))
+
+
+# ------------------------------------------------------------------------------------------- cycles
+
+
+def cycle_branches(
+    model: Model,
+    speeds: Array,
+    branches: tuple[EquilibriumBranch, ...],
+    rtol: float,
+    steps: int,
+    failures: list[Failure],
+    executor: Executor | None = None,
+    shown: bool = False,
+) -> tuple[CycleBranch, ...]:
+    """Cycles from each onset of flutter, each once.
+
+    Args:
+        model: the model.
+        speeds: increasing flow speeds.
+        branches: of its equilibria.
+        rtol: of cycles at the speeds.
+        steps: along each branch at most.
+        failures: takes what could not be followed.
+        executor: takes the branches.
+        shown: show progress.
+    """
+
+    def fail(u: float, error: Exception) -> None:
+        failures.append(Failure(int(np.argmin(np.abs(speeds - u))), u, error))
+
+    begun: list[Birth] = []
+    with one_thread(model.dof):
+        for birth in births(model, branches, BEYOND * float(speeds[-1])):
+            if isinstance(birth, Birth):
+                begun.append(birth)
+            else:
+                fail(*birth)
+    ends = float(speeds[0]), float(speeds[-1])
+    onsets = tuple(birth.speed for birth in begun)
+    tasks = [(model, birth, speeds, ends, rtol, steps, onsets) for birth in begun]
+    answers = each(executor, cycle_branch, tasks)
+    found: list[CycleBranch] = []
+    for branch, failed in track(answers, len(begun), "cycles", shown):
+        for u, error in failed:
+            fail(u, error)
+        if branch is not None and not any(branch.retraces(other) for other in found):
+            found.append(branch)
+    return tuple(found)

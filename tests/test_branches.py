@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: MIT
+"""Branches of cycles in the bifurcation diagram: what they meet, where they turn and change."""
+
+import math
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+import pytest
+
+import pipedyn as pd
+from pipedyn import branches as module
+from pipedyn.branches import nontrivial, outside, passage
+
+THREE = pd.Chain(pd.Pipe(0.2), 3)
+SUBCRITICAL = pd.Chain(pd.Pipe(0.7), 3)
+ROM = pd.Galerkin(pd.Pipe(0.2), 6)
+
+
+@pytest.fixture(scope="module")
+def three():
+    return pd.bifurcation_diagram(THREE, np.array([4.0, 5.0, 7.0, 8.5]))
+
+
+@pytest.fixture(scope="module")
+def subcritical():
+    return pd.bifurcation_diagram(SUBCRITICAL, [6.15, 6.1996, 6.1998, 6.202, 6.25], cycles=12)
+
+
+def events(branch):
+    return [event.kind for event in branch.events]
+
+
+# --------------------------------------------------------------------------------- what they meet
+
+
+@pytest.mark.parametrize("model", [THREE, ROM], ids=repr)
+def test_cycles_over_the_onset_are_those_of_limit_cycle(model):
+    onset = pd.hopf(model)
+    speeds = onset.speed + np.array([-0.5, 0.2, 0.8])
+    found = pd.bifurcation_diagram(model, speeds)
+    (branch,) = found.cycles
+    assert found.failures == ()
+    assert branch.onset == pytest.approx(onset.speed, rel=1e-9)
+    assert branch.at(speeds[0]) == ()
+    for u in speeds[1:]:
+        (cycle,) = branch.at(u)
+        alone = pd.limit_cycle(model, u)
+        assert cycle.amplitude == pytest.approx(alone.amplitude, rel=2e-6)
+        assert cycle.frequency == pytest.approx(alone.frequency, rel=2e-6)
+        assert cycle.stable == alone.stable
+        assert cycle.symmetric
+        assert cycle.multiplier_error < 1e-6
+    assert branch.stable.all()
+    law = branch.amplitudes[0] ** 2 / (branch.speeds[0] - onset.speed)
+    assert law == pytest.approx(onset.amplitude_law, rel=1e-2)
+    assert events(branch) == ["hopf"]
+
+
+def test_cycles_between_the_speeds_asked_for_are_good_to_1e_5():
+    branch = pd.bifurcation_diagram(THREE, [4.4, 5.2]).cycles[0]
+    for cycle in branch.cycles[2:-1:2]:
+        assert pd.limit_cycle(THREE, cycle.u).amplitude == pytest.approx(cycle.amplitude, rel=1e-5)
+
+
+def test_the_torus_of_three_segments_is_listed(three):
+    (branch,) = three.cycles
+    torus = next(event for event in branch.events if event.kind == "torus")
+    assert torus.speed == pytest.approx(8.352, abs=1e-3)
+    assert torus.error < 1e-3
+    assert abs(torus.multiplier) == pytest.approx(1.0, abs=1e-3)
+    assert abs(torus.multiplier.imag) > 0.1
+    before = branch.speeds < torus.speed
+    assert branch.stable[before].all()
+    # Either side, alone.
+    assert pd.limit_cycle(THREE, 8.34).stable
+    past = pd.limit_cycle(THREE, 8.37, pd.limit_cycle(THREE, 8.34))
+    assert not past.stable
+    assert outside(past.multipliers) == 2
+
+
+def test_an_unstable_cycle_lies_on_the_stable_side_of_a_subcritical_onset(subcritical):
+    (branch,) = subcritical.cycles
+    onset = pd.hopf(SUBCRITICAL)
+    assert onset.criticality == "subcritical"
+    small, large = branch.at(6.202)
+    assert small.u < onset.speed
+    assert not small.stable
+    assert large.stable
+    assert small.amplitude < large.amplitude
+    assert pd.eigenvalues(SUBCRITICAL, 6.202).real.max() < 0.0
+    assert pd.limit_cycle(SUBCRITICAL, 6.202).amplitude == pytest.approx(small.amplitude, rel=1e-6)
+
+
+def test_a_fold_of_cycles_is_where_the_two_meet(subcritical):
+    (branch,) = subcritical.cycles
+    fold = branch.events[1]
+    assert events(branch)[:2] == ["hopf", "fold"]
+    assert fold.multiplier == pytest.approx(1.0, abs=1e-3)
+    assert branch.speeds.min() == pytest.approx(fold.speed, abs=1e-9)
+    top = int(branch.speeds.argmin())
+    assert not branch.stable[1:top].any()
+    assert branch.stable[top + 1 : top + 3].all()
+    # Near it the square of the distance in amplitude is as the distance in speed.
+    near = [branch.at(u) for u in (6.1996, 6.1998)]
+    halves = np.array([0.5 * (b.amplitude - a.amplitude) for a, b in near])
+    distances = np.array([6.1996, 6.1998]) - fold.speed
+    assert halves**2 / distances == pytest.approx(halves[0] ** 2 / distances[0], rel=0.1)
+
+
+def test_a_cycle_that_is_born_and_dies_is_one_branch():
+    model = pd.Galerkin(pd.Pipe(0.295), 12, "legendre")
+    found = pd.bifurcation_diagram(model, [7.2, 7.6, 8.0])
+    passages = [c.speed for c in pd.crossings(model, 8.0)]
+    (branch,) = found.cycles
+    assert events(branch) == ["hopf", "hopf"]
+    assert [event.speed for event in branch.events] == pytest.approx(passages, rel=1e-9)
+    assert (branch.amplitudes < 0.1).all()
+
+
+def test_with_drag_amplitudes_follow_their_law():
+    model = pd.Chain(pd.Pipe(0.2, drag=1.0), 3)
+    onset = pd.hopf(model)
+    (branch,) = pd.bifurcation_diagram(model, [4.4, 4.6]).cycles
+    assert branch.stable.all()
+    law = branch.amplitudes[0] / (branch.speeds[0] - onset.speed)
+    assert law == pytest.approx(onset.amplitude_law, rel=5e-2)
+    assert branch.at(4.6)[0].amplitude == pytest.approx(
+        pd.limit_cycle(model, 4.6).amplitude, rel=2e-6
+    )
+
+
+def test_a_speed_right_beside_the_onset_has_its_cycle():
+    for model in (THREE, pd.Chain(pd.Pipe(0.2, flow="aspirating", damping=0.01, drag=1.0), 3)):
+        onset = pd.hopf(model)
+        u = onset.speed * (1.0 + np.array([-1e-2, 2e-5, 1e-3]))
+        (branch,) = pd.bifurcation_diagram(model, u).cycles
+        for speed in u[1:]:
+            (cycle,) = branch.at(speed)
+            assert cycle.amplitude == pytest.approx(onset.amplitude(speed), rel=2e-2)
+            assert cycle.stable
+
+
+def test_cycles_of_bent_pipes_double_their_period():
+    found = pd.bifurcation_diagram(pd.Chain(pd.Pipe(0.2, -20.0), 2), [1.5, 1.75], cycles=12)
+    points = [p.speed for b in found.equilibria for p in b.points if p.kind == "hopf"]
+    bent = [branch for branch in found.cycles if not branch.cycles[0].symmetric]
+    (branch,) = bent  # of two mirror images one
+    assert points.count(pytest.approx(branch.onset, rel=1e-9)) == 2
+    doubling = next(event for event in branch.events if event.kind == "period doubling")
+    assert doubling.multiplier == pytest.approx(-1.0, abs=1e-3)
+    cycle = branch.cycles[0]
+    assert cycle.tip[:, 0].min() * cycle.tip[:, 0].max() > 0.0  # on one side
+    # Symmetric cycles cannot: their multipliers are squares of a real map's.
+    assert "period doubling" not in events(next(b for b in found.cycles if b is not branch))
+
+
+# --------------------------------------------------------------------------- recognising changes
+
+
+class Told:
+    def __init__(self, u, multipliers):
+        self.u, self.amplitude = u, 0.1
+        self.multipliers = np.array(multipliers, dtype=complex)
+
+
+@pytest.mark.parametrize(
+    ("passing", "kind"),
+    [
+        (([-0.999], [-1.001]), "period doubling"),
+        (([0.999], [1.001]), "pitchfork"),
+        (
+            (
+                [0.999 * np.exp(2j), 0.999 * np.exp(-2j)],
+                [1.001 * np.exp(2j), 1.001 * np.exp(-2j)],
+            ),
+            "torus",
+        ),
+    ],
+)
+def test_a_passage_is_named_by_where_the_multiplier_passes(passing, kind):
+    a, b = (Told(u, [1.0, 0.2, *values]) for u, values in zip((2.0, 2.5), passing, strict=True))
+    event = passage(a, b)
+    assert (event.kind, event.speed, event.error) == (kind, 2.25, 0.25)
+    assert outside(a.multipliers) == 0
+    assert outside(b.multipliers) == len(passing[1])
+    assert nontrivial(a.multipliers).size == a.multipliers.size - 1
+
+
+# ------------------------------------------------------------------------------------- machinery
+
+
+def test_branches_on_an_executor_are_the_same(three, capsys):
+    speeds = [4.0, 5.0]
+    alone = pd.bifurcation_diagram(THREE, speeds)
+    with ProcessPoolExecutor(1) as executor:
+        again = pd.bifurcation_diagram(THREE, speeds, executor=executor, progress=True)
+    assert "cycles" in capsys.readouterr().err
+    np.testing.assert_array_equal(again.cycles[0].speeds, alone.cycles[0].speeds)
+    np.testing.assert_array_equal(again.cycles[0].amplitudes, alone.cycles[0].amplitudes)
+    copy = pickle.loads(pickle.dumps(alone))
+    np.testing.assert_array_equal(copy.cycles[0].multipliers, alone.cycles[0].multipliers)
+
+
+def test_a_speed_that_fails_is_marked_and_the_others_kept(monkeypatch):
+    real = module.finished
+
+    def fails_once(motion, orbit, *rest):
+        if math.isclose(orbit.u, 4.8):
+            raise pd.NotConverged("not there")
+        return real(motion, orbit, *rest)
+
+    monkeypatch.setattr(module, "finished", fails_once)
+    found = pd.bifurcation_diagram(THREE, [4.0, 4.7, 4.8, 4.9])
+    assert [(f.index, f.value) for f in found.failures] == [(2, pytest.approx(4.8))]
+    (branch,) = found.cycles
+    assert branch.at(4.8) == ()
+    assert len(branch.at(4.7)) == len(branch.at(4.9)) == 1
+
+
+def test_an_onset_that_fails_is_marked_and_the_equilibria_kept(monkeypatch):
+    def fails(*given):
+        raise pd.NoHopf("two pairs meet")
+
+    monkeypatch.setattr(module, "born", fails)
+    found = pd.bifurcation_diagram(THREE, [4.0, 5.0])
+    assert found.cycles == ()
+    assert len(found.equilibria) == 1
+    failed = [f.value for f in found.failures]
+    assert failed == pytest.approx([c.speed for c in pd.crossings(THREE, 7.5)])
+
+
+def test_a_branch_ends_where_its_steps_run_out():
+    (branch,) = pd.bifurcation_diagram(THREE, [4.0, 9.0], cycles=3).cycles
+    assert events(branch) == ["hopf", "end"]
+    assert branch.speeds.max() < 5.0
+
+
+@pytest.mark.parametrize("u", [None, "6", np.nan, -1.0, [5.0]])
+def test_a_branch_is_asked_for_a_speed(three, u):
+    with pytest.raises((ValueError, TypeError), match=r"\bu must"):
+        three.cycles[0].at(u)
+
+
+def test_no_cycles_are_sought_where_none_are_asked_for():
+    assert pd.bifurcation_diagram(THREE, [4.0, 5.0], cycles=0).cycles == ()

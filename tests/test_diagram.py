@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: MIT
+"""The bifurcation diagram: equilibria, late motions, bad arguments."""
+
+import math
+import pickle
+import re
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import pipedyn as pd
+from pipedyn import diagram as module
+from pipedyn import sections
+from pipedyn.sections import ending_of, turning_points
+
+TWO = pd.Chain(pd.Pipe(0.2, -20.0), 2)
+SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
+DIAGRAM = pd.bifurcation_diagram(
+    TWO, SPEEDS, cycles=0, brute_force=4, transient=40.0, duration=10.0
+)
+
+
+def test_equilibria_of_all_speeds_are_on_the_branches_each_once():
+    straight, *bent = DIAGRAM.equilibria
+    assert straight.straight
+    assert [branch.straight for branch in bent] == [False, False]
+    np.testing.assert_allclose(bent[0].tips[:, 0], -bent[1].tips[:, 0], atol=1e-9)
+    np.testing.assert_allclose(bent[0].tips[:, 1], bent[1].tips[:, 1], atol=1e-9)
+    folds = [branch.folds[0].speed for branch in bent]
+    assert folds[0] == pytest.approx(folds[1])
+    assert bent[0].folds[0].tip[0] == pytest.approx(-bent[1].folds[0].tip[0])
+    assert DIAGRAM.failures == ()
+
+
+def test_motions_end_on_stable_equilibria_where_there_are_some():
+    for u in (0.5, 1.0, 2.0, 3.0):
+        found = pd.equilibria(TWO, u)
+        stable = found.tips[found.stable, 0]
+        ended = DIAGRAM.at(u)
+        assert [one.start for one in ended] == [0, 1, 2, 3]
+        for one in ended:
+            assert one.ending in ("rest", "settling")
+            assert np.abs(stable - one.turnings[-1]).min() < 1e-2
+
+
+def test_motions_end_on_a_cycle_beyond_the_fold():
+    for one in DIAGRAM.at(5.0):
+        assert (one.ending, one.period) == ("periodic", 3)  # two loops beside each swing
+    motion = pd.simulate(TWO, 5.0, 60.0, lambda s: 0.3 * s, samples=30_001, rtol=1e-9)
+    largest = np.abs(motion.tip[-5000:, 0]).max()
+    assert DIAGRAM.at(5.0)[0].turnings.max() == pytest.approx(largest, abs=1e-4)
+
+
+def test_batches_on_an_executor_give_the_same_diagram(capsys):
+    with ThreadPoolExecutor(2) as executor:
+        again = pd.bifurcation_diagram(
+            *(TWO, SPEEDS),
+            cycles=0,
+            brute_force=4,
+            transient=40.0,
+            duration=10.0,
+            executor=executor,
+            progress=True,
+        )
+    for a, b in zip(DIAGRAM.motions, again.motions, strict=True):
+        np.testing.assert_array_equal(a.turnings, b.turnings)
+    assert "brute force" in capsys.readouterr().err
+
+
+def test_diagram_pickles():
+    copy = pickle.loads(pickle.dumps(DIAGRAM))
+    np.testing.assert_array_equal(copy.equilibria[1].q, DIAGRAM.equilibria[1].q)
+
+
+def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
+    real_equilibria, real_many = module.equilibria, sections.simulate_many
+
+    def none_at_rest(model, u):
+        if u == 0.5:
+            raise pd.NotConverged("none here")
+        return real_equilibria(model, u)
+
+    def one_stops(*args, **options):
+        done = real_many(*args, **options)
+        error = pd.MotionStopped("it stopped", done.motions[3])
+        return pd.Ensemble(done.motions, (pd.MemberFailure(3, error),))
+
+    monkeypatch.setattr(module, "equilibria", none_at_rest)
+    monkeypatch.setattr(sections, "simulate_many", one_stops)
+    found = pd.bifurcation_diagram(
+        TWO, [0.5, 2.0, 5.0], cycles=0, brute_force=2, transient=5.0, duration=2.0
+    )
+    assert [(failure.index, failure.value) for failure in found.failures] == [(0, 0.5), (1, 2.0)]
+    assert [one.ending == "failed" for one in found.motions] == [False] * 3 + [True] + [False] * 2
+    assert len(found.equilibria) == 3
+
+
+def test_irregular_motions_are_asked_for_their_exponent():
+    # Conservative at rest: two frequencies without a common period.
+    found = pd.bifurcation_diagram(
+        pd.Chain(pd.Pipe(0.2, 5.0), 2),
+        [0.0, 0.1],
+        cycles=0,
+        brute_force=2,
+        transient=0.0,
+        duration=10.0,
+        exponents=True,
+    )
+    told = [one for one in found.at(0.0) if one.ending == "irregular"]
+    assert told
+    for one in told:
+        assert abs(one.exponent.value) < 0.5
+
+
+def test_starts_of_guided_scenes_meet_the_guide():
+    scene = pd.modular.chain(pd.Pipe(0.2, damping=0.05), n=3).plus(pd.modular.Guide(node=3))
+    for q in sections.bends(scene, 5, 1):
+        assert abs(scene.tips(q[:, None])[0, 0]) < 1e-9
+
+
+def test_turning_points_of_a_sine():
+    t = np.linspace(0.0, 6.0, 601)
+    found = turning_points(t, 0.3 * np.sin(7.0 * t), 2.1 * np.cos(7.0 * t))
+    np.testing.assert_allclose(np.abs(found), 0.3, atol=1e-6)
+    assert len(found) == 13
+
+
+@pytest.mark.parametrize(
+    ("signal", "expected"),
+    [
+        (lambda t: 0.2 + 1e-7 * np.sin(9.0 * t), ("rest", 0)),
+        (lambda t: 0.2 * np.sin(9.0 * t), ("periodic", 1)),
+        (lambda t: 0.2 * np.sin(9.0 * t) + 0.1 * np.sin(4.5 * t + 0.3), ("periodic", 2)),
+        (lambda t: 0.2 * np.exp(-0.1 * t) * np.sin(9.0 * t), ("settling", 0)),
+        (lambda t: 0.2 * np.sin(9.0 * t) + 0.15 * np.sin(math.e * t), ("irregular", 0)),
+    ],
+)
+def test_kinds_of_late_motion_are_told_apart(signal, expected):
+    t = np.linspace(0.0, 20.0, 8001)
+    x = signal(t)
+    turnings = turning_points(t, x, np.gradient(x, t, edge_order=2))
+    assert ending_of(x, turnings) == expected
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "message"),
+    [
+        ({"model": 3}, TypeError, "model must be a Chain"),
+        ({"speeds": 2.0}, ValueError, "speeds must be one-dimensional"),
+        ({"speeds": [1.0]}, ValueError, "speeds must be at least 2"),
+        ({"speeds": [2.0, 1.0]}, ValueError, "strictly increasing"),
+        ({"speeds": [-1.0, 1.0]}, ValueError, "speeds must"),
+        ({"cycles": 1.0}, TypeError, "cycles must be a whole number"),
+        ({"cycles": -1}, ValueError, "cycles must be from 0 to 10000"),
+        ({"model": pd.Chain(pd.Pipe(0.2), 101)}, ValueError, "cycles must be 0 for more than 100"),
+        ({"brute_force": 1.0}, TypeError, "brute_force must be a whole number"),
+        ({"brute_force": 10_001}, ValueError, "brute_force must be from 0 to 10000"),
+        ({"transient": -1.0}, ValueError, "transient must"),
+        ({"duration": 0.0}, ValueError, "duration must"),
+        ({"exponents": 1}, TypeError, "exponents must be True or False"),
+        ({"rtol": 1.0}, ValueError, "rtol must"),
+        ({"seed": -1}, ValueError, "seed must"),
+        ({"executor": 3}, TypeError, "executor must be"),
+        ({"progress": None}, TypeError, "progress must be True or False"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(change, kind, message):
+    given = {"model": TWO, "speeds": [0.0, 1.0], **change}
+    with pytest.raises(kind, match=re.escape(message)):
+        pd.bifurcation_diagram(given.pop("model"), given.pop("speeds"), **given)
+
+
+def test_too_long_a_record_is_refused():
+    chain = pd.Chain(pd.Pipe(0.2), 200)
+    with pytest.raises(ValueError, match="duration must ask for at most 100000000 numbers"):
+        pd.bifurcation_diagram(chain, [0.0, 1.0], cycles=0, brute_force=1, duration=1e4)
+
+
+def test_too_many_motions_are_refused():
+    with pytest.raises(ValueError, match="at most 100000 motions"):
+        pd.bifurcation_diagram(TWO, np.linspace(0.0, 1.0, 11), brute_force=10_000)

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: MIT
+"""The onset of flutter beyond linear theory: Lyapunov coefficients, laws, and refusals."""
+
+import sys
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import pipedyn as pd
+from pipedyn.hopf import NormalForm, normal_form
+
+PIPE = pd.Pipe(0.2)
+ASPIRATING = pd.Pipe(0.2, flow="aspirating", damping=0.01)
+
+
+# ----------------------------------------------------------------------- systems with a known l_1
+
+
+def quadratic(omega, a, b):
+    """x' = -omega y + f, y' = omega x + g with quadratic and cubic terms, and its l_1.
+
+    Guckenheimer and Holmes (1983), eq. (3.4.11): 16 times what they call a.
+    """
+    (fxx, fxy, fyy), (gxx, gxy, gyy) = a
+    (fxxx, fxyy), (gxxy, gyyy) = b
+
+    def jacobian(z):
+        x, y = z
+        return np.array(
+            [
+                [
+                    fxx * x + fxy * y + 0.5 * fxxx * x**2 + 0.5 * fxyy * y**2,
+                    -omega + fxy * x + fyy * y + fxyy * x * y,
+                ],
+                [
+                    omega + gxx * x + gxy * y + gxxy * x * y,
+                    gxy * x + gyy * y + 0.5 * gxxy * x**2 + 0.5 * gyyy * y**2,
+                ],
+            ]
+        )
+
+    cubic = (fxxx + fxyy + gxxy + gyyy) / 16.0
+    squares = fxy * (fxx + fyy) - gxy * (gxx + gyy) - fxx * gxx + fyy * gyy
+    return jacobian, cubic + squares / (16.0 * omega)
+
+
+@pytest.mark.parametrize("omega", [0.7, 3.0])
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        (((0, 0, 0), (0, 0, 0)), ((-6.0, -2.0), (-2.0, -6.0))),  # the normal form itself
+        (((1.0, 0.4, -0.3), (0.2, -0.7, 0.5)), ((0, 0), (0, 0))),
+        (((0.3, 1.1, 0.9), (-0.6, 0.8, 0.1)), ((0.5, -0.2), (0.7, 1.3))),
+    ],
+)
+def test_the_projection_formula_meets_the_planar_one(omega, a, b):
+    jacobian, expected = quadratic(omega, a, b)
+    form = normal_form(jacobian, np.zeros(2), omega, lambda q: q[0])
+    # r' = a r^3 with x = r cos = 2 |z| cos: Re c_1 = 4 a.
+    assert form.cubic.real == pytest.approx(4.0 * expected, rel=1e-9)
+    assert form.lyapunov == pytest.approx(4.0 * expected / omega, rel=1e-9)
+    assert form.error < 1e-8 * abs(form.cubic)
+
+
+def test_quadratic_terms_act_through_modes_that_are_slaves():
+    # z' = i omega z - w z, w' = -k w + |z|^2: w = |z|^2 / k at rest, so c_1 = -1 / k.
+    omega, k = 2.0, 5.0
+    shift = np.array([0.3, -0.2, 0.7])  # the rest need not be 0
+
+    def jacobian(y):
+        x, v, w = y - shift
+        return np.array([[-w, -omega, -x], [omega, -w, -v], [2 * x, 2 * v, -k]])
+
+    form = normal_form(jacobian, shift, omega, lambda q: 0.5 * q[0])
+    # Scaled to q = (2, ...): x = 2 Re(z q) is four times what it would be; c_1 goes with |q|^2.
+    half = normal_form(jacobian, shift, omega, lambda q: q[0])
+    assert form.cubic == pytest.approx(4.0 * half.cubic, rel=1e-9)
+    # x + i v = 2 z here: w' = -k w + 4 |z|^2.
+    assert half.cubic == pytest.approx(-4.0 / k, rel=1e-9)
+
+
+def test_a_force_without_a_third_derivative_is_not_taken_for_a_smooth_one():
+    def jacobian(y):
+        return np.array([[0.0, 1.0], [-4.0, -2.0 * abs(y[1])]])
+
+    with pytest.raises(pd.NotConverged, match="do not settle"):
+        normal_form(jacobian, np.zeros(2), 2.0, lambda q: q[0])
+
+
+def test_two_pairs_at_one_place_are_refused():
+    block = np.array([[0.0, -1.0], [1.0, 0.0]])
+    twice = np.block([[block, np.eye(2)], [np.zeros((2, 2)), block]])
+    with pytest.raises(pd.NoHopf, match="two pairs"):
+        normal_form(lambda y: twice, np.zeros(4), 1.0, lambda q: q[0])
+
+
+def test_a_free_end_that_stands_still_measures_nothing():
+    turning = np.array([[0.0, -1.0], [1.0, 0.0]])
+    with pytest.raises(pd.NoHopf, match="stands still"):
+        normal_form(lambda y: turning, np.zeros(2), 1.0, lambda q: 0.0)
+
+
+# ------------------------------------------------------------------------------------- the pipe
+
+
+def test_the_continuous_pipe_has_the_known_coefficient():
+    # physics.md: -3.20501 and 0.20520 (l_1 to some 3e-5, as differences and chains show).
+    found = pd.hopf(pd.Galerkin(PIPE, 12, "legendre"))
+    assert found.speed == pytest.approx(5.591404378, abs=1e-8)
+    assert found.frequency == pytest.approx(13.71469980, abs=1e-7)
+    assert found.lyapunov == pytest.approx(-3.20501, rel=5e-5)
+    assert found.amplitude_law == pytest.approx(0.20520, rel=6e-5)
+    assert found.lyapunov_error < 1e-5
+    assert (found.criticality, found.exponent) == ("supercritical", 0.5)
+    assert found.amplitude_law == pytest.approx(
+        -4.0 * found.growth / (found.frequency * found.lyapunov), rel=1e-12
+    )
+    assert found.amplitude(6.0) == pytest.approx(0.2895, abs=1e-3)
+    with pytest.raises(ValueError, match="u must be above the onset"):
+        found.amplitude(5.0)
+
+
+def test_every_model_tends_to_one_coefficient():
+    exact = pd.hopf(pd.Galerkin(PIPE, 12, "legendre")).lyapunov
+    beams = [abs(pd.hopf(pd.Galerkin(PIPE, m)).lyapunov - exact) for m in (4, 8, 16)]
+    assert beams[0] > 5 * beams[1] > 25 * beams[2]
+    assert beams[2] < 1e-4
+    chains = np.array([pd.hopf(pd.Chain(PIPE, n)).lyapunov - exact for n in (10, 20, 40)])
+    assert np.log2(chains[:-1] / chains[1:]) == pytest.approx(2.0, abs=0.15)
+    scene = pd.hopf(pd.modular.chain(PIPE, n=10))
+    assert scene.lyapunov - exact == pytest.approx(chains[0], rel=1e-5)
+
+
+def test_growth_is_the_slope_of_the_real_part():
+    for model in (pd.Chain(ASPIRATING, 6), pd.Galerkin(pd.Pipe(0.3, gamma=5.0, damping=1e-3), 6)):
+        found = pd.hopf(model)
+        h = 1e-3 * found.speed
+
+        def real_part(u, model=model, near=found.frequency):
+            values = pd.eigenvalues(model, u)
+            return values[np.argmin(np.abs(values - 1j * near))].real
+
+        slope = (real_part(found.speed + h) - real_part(found.speed - h)) / (2 * h)
+        assert found.growth == pytest.approx(slope, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("model", "side"),
+    [
+        (pd.Galerkin(PIPE, 8, "legendre"), 1),
+        (pd.Galerkin(PIPE, 5), 1),
+        (pd.Chain(PIPE, 8), 1),
+        (pd.Chain(pd.Pipe(0.3, gamma=10.0, damping=2e-3), 5), 1),
+        (pd.Chain(ASPIRATING, 6), 1),
+        (pd.Galerkin(ASPIRATING, 6, "legendre"), 1),
+        (pd.Chain(pd.Pipe(0.7), 3), -1),
+        (pd.modular.chain(PIPE, n=3).plus(pd.modular.TransverseSpring(node=3, stiffness=3.0)), 1),
+        (pd.modular.chain(PIPE, n=4).plus(pd.modular.Guide(node=1)), 1),
+    ],
+    ids=repr,
+)
+def test_the_law_is_that_of_the_cycles_just_past_onset(model, side):
+    onset = pd.hopf(model)
+    assert onset.criticality == ("supercritical" if side > 0 else "subcritical")
+    distances = side * min(1.0, onset.speed) * np.array([1e-4, 5e-5])
+    cycles = [pd.limit_cycle(model, onset.speed + d, rtol=1e-8) for d in distances]
+    ratios = np.array([c.amplitude**2 for c in cycles]) / distances
+    turned = np.array([c.frequency - onset.frequency for c in cycles]) / distances
+    # What is left goes with the distance: halved, it vanishes.
+    assert 2 * ratios[1] - ratios[0] == pytest.approx(onset.amplitude_law, rel=3e-4)
+    assert ratios[1] == pytest.approx(onset.amplitude_law, rel=2e-2)
+    assert 2 * turned[1] - turned[0] == pytest.approx(onset.frequency_law, rel=1e-3, abs=1e-3)
+    assert all(c.stable == (side > 0) for c in cycles)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        pd.Chain(pd.Pipe(0.2, drag=1.0), 6),
+        pd.Galerkin(pd.Pipe(0.2, drag=0.5), 6, "legendre"),
+        pd.Chain(pd.Pipe(0.2, flow="aspirating", damping=0.01, drag=2.0), 4),
+        pd.modular.chain(pd.Pipe(0.2, drag=1.0), n=2),
+    ],
+    ids=repr,
+)
+def test_with_drag_the_amplitude_itself_grows_with_the_speed(model):
+    onset = pd.hopf(model)
+    assert onset.lyapunov is None
+    assert onset.lyapunov_error is None
+    assert onset.exponent == 1.0
+    assert onset.criticality == "supercritical"
+    assert onset.amplitude_error < 2e-4 * onset.amplitude_law
+    distances = min(1.0, onset.speed) * np.array([2e-3, 1e-3])
+    cycles = [pd.limit_cycle(model, onset.speed + d, rtol=1e-5) for d in distances]
+    ratios = np.array([c.amplitude for c in cycles]) / distances
+    turned = np.array([c.frequency - onset.frequency for c in cycles]) / distances
+    assert 2 * ratios[1] - ratios[0] == pytest.approx(onset.amplitude_law, rel=1e-3)
+    assert 2 * turned[1] - turned[0] == pytest.approx(onset.frequency_law, rel=5e-3)
+
+
+def test_every_flutter_of_a_pipe_that_turns_stable_again_has_its_law():
+    model = pd.Galerkin(pd.Pipe(0.295), 12, "legendre")
+    passages = pd.crossings(model, 9.0)
+    found = [pd.hopf(model, c) for c in passages]
+    assert [round(h.speed, 3) for h in found] == [7.261, 7.852, 8.189]
+    assert [h.growth > 0 for h in found] == [True, False, True]
+    # Between the first and the second the cycle is born and dies: it lives where rest is unstable.
+    assert [h.amplitude_law > 0 for h in found] == [True, False, True]
+    for onset, d in zip(found[:2], (1e-3, -1e-3), strict=True):
+        cycle = pd.limit_cycle(model, onset.speed + d)
+        assert cycle.amplitude == pytest.approx(onset.amplitude(onset.speed + d), rel=0.05)
+
+
+def test_a_subcritical_onset_tells_the_size_of_a_kick_that_rest_survives():
+    model = pd.Chain(pd.Pipe(0.8), 4)
+    onset = pd.hopf(model)
+    u = onset.speed - 2e-2
+    assert onset.criticality == "subcritical"
+    assert onset.lyapunov > 0.0 > onset.amplitude_law
+    y = 2.0 * (0.5 * onset.amplitude(u) * onset.mode).real  # at maximum of the free end
+
+    def later(share):
+        run = solve_ivp(lambda t, y: model.rhs(t, y, u), (0.0, 12.0), share * y, rtol=1e-8)
+        return np.abs(model.tips(run.y[:4, -200:])[:, 0]).max()
+
+    assert later(0.7) < 0.7 * onset.amplitude(u)
+    assert later(1.3) > 1.3 * onset.amplitude(u)
+
+
+# ----------------------------------------------------------------------------------- refusals
+
+
+def test_where_there_is_no_flutter_there_is_no_hopf_point():
+    with pytest.raises(pd.NoHopf, match="divergence at u = "):
+        pd.hopf(pd.modular.chain(PIPE, n=6).plus(pd.modular.Guide(node=6)))
+    with pytest.raises(pd.NoHopf, match="unstable from u = 0 on"):
+        pd.hopf(pd.Chain(pd.Pipe(0.2, flow="aspirating"), 4))
+    with pytest.raises(pd.NoCrossing):
+        pd.hopf(pd.Chain(pd.Pipe(0.0, flow="aspirating", alpha=0.0), 4))
+    with pytest.raises(pd.NoHopf, match=r"two pairs|touches"):
+        pd.hopf(pd.Chain(pd.Pipe(0.0), 4))  # Beck's column: two frequencies meet
+
+
+def test_a_pair_that_only_touches_the_axis_is_no_hopf_point(monkeypatch):
+    monkeypatch.setattr(
+        "pipedyn.field.Field.jacobian_by_speed", lambda motion, y, u: np.zeros((8, 8))
+    )
+    with pytest.raises(pd.NoHopf, match="touches the axis"):
+        pd.hopf(pd.Chain(PIPE, 4))
+
+
+def test_a_coefficient_that_is_lost_in_its_error_is_not_given(monkeypatch):
+    model = pd.Chain(PIPE, 4)
+
+    def blurred(*args, **kwargs):
+        form = normal_form(*args, **kwargs)
+        return NormalForm(form.frequency, form.right, form.left, 1e-9 + 1j, 1e-8)
+
+    monkeypatch.setattr(sys.modules["pipedyn.hopf"], "normal_form", blurred)
+    with pytest.raises(pd.NotConverged, match="0 within its error"):
+        pd.hopf(model)
+
+
+def test_a_crossing_that_is_not_the_models_own_is_refused():
+    model = pd.Chain(PIPE, 4)
+    divergence = pd.crossings(pd.Chain(pd.Pipe(0.2, gamma=-10.0), 4), 4.0)[0]
+    other = pd.crossings(pd.Chain(PIPE, 5), 6.0)[0]
+    with pytest.raises(ValueError, match="crossing must be a flutter, got a divergence"):
+        pd.hopf(model, divergence)
+    with pytest.raises(ValueError, match="crossing must be one of the model's"):
+        pd.hopf(model, other)
+    with pytest.raises(TypeError, match="crossing must be a Crossing"):
+        pd.hopf(model, 5.6)
+    with pytest.raises(TypeError, match="model must be"):
+        pd.hopf(pd.Continuum(PIPE))
+    with pytest.raises(ValueError, match="model must have at most"):
+        pd.hopf(pd.Chain(PIPE, 501))

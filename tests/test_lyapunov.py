@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: MIT
+"""Largest Lyapunov exponents: known systems, rest, cycles; two routes to the same number."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import pipedyn as pd
+from pipedyn.lyapunov import largest_exponent
+
+CHAIN = pd.Chain(pd.Pipe(0.2), 3)
+
+
+def lorenz(y):
+    a, b, c = y
+    return np.array([10.0 * (b - a), a * (28.0 - c) - b, a * b - 8.0 / 3.0 * c])
+
+
+def lorenz_jacobian(y):
+    a, b, c = y
+    return np.array([[-10.0, 10.0, 0.0], [28.0 - c, -1.0, -a], [b, a, -8.0 / 3.0]])
+
+
+@pytest.mark.parametrize("pair", [False, True])
+def test_lorenz_attractor_is_chaotic_with_the_known_exponent(pair):
+    start = np.array([1.0, 1.0, 20.0])
+    found = largest_exponent(lorenz, lorenz_jacobian, start, 300.0, 20.0, 10, 1.0, pair=pair)
+    # 0.9056: Sprott (2003), Chaos and Time-Series Analysis, table of exponents.
+    assert abs(found.value - 0.9056) < 4.0 * found.spread
+    assert found.spread < 0.05
+    assert found.chaotic
+
+
+def test_linear_system_has_its_largest_eigenvalue():
+    matrix = np.array([[-0.3, 1.0, 0.0], [0.0, -0.7, 2.0], [0.0, 0.0, -1.5]])
+    found = largest_exponent(
+        lambda y: matrix @ y, lambda y: matrix, np.ones(3), 40.0, 60.0, 5, 1.0, rtol=1e-10
+    )
+    assert found.value == pytest.approx(-0.3, abs=1e-8)
+    assert found.spread < 1e-8
+
+
+@pytest.mark.parametrize("method", ["variational", "pair"])
+def test_exponent_at_rest_is_the_largest_real_part(method):
+    pipe = pd.Pipe(0.2, -10.0, damping=0.02)  # buckled, and more than one mode decays slowly
+    chain = pd.Chain(pipe, 3)
+    rest = pd.equilibria(chain, 1.0)
+    k = int(np.argmax(rest.tips[:, 0]))
+    found = pd.lyapunov_exponent(
+        chain, 1.0, rest.q[k] + 0.05, duration=60.0, transient=40.0, method=method
+    )
+    assert abs(found.value - rest.growth[k]) < 2.0 * found.spread + 1e-3
+    assert found.value < 0.0
+    assert not found.chaotic
+
+
+@pytest.mark.parametrize("method", ["variational", "pair"])
+def test_exponent_of_a_cycle_is_zero_within_its_spread(method):
+    found = pd.lyapunov_exponent(CHAIN, 5.5, duration=60.0, transient=30.0, method=method)
+    assert abs(found.value) < 2.0 * found.spread
+    assert abs(found.value) < 0.05
+    assert not found.chaotic
+
+
+def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
+    # The cycle gives way to a torus near u = 8.35 and that to chaos: the largest multipliers and
+    # brute force say the same.
+    first, second = (
+        pd.lyapunov_exponent(CHAIN, 11.0, duration=40.0, transient=20.0, method=method)
+        for method in ("variational", "pair")
+    )
+    assert first.chaotic
+    assert second.chaotic
+    assert abs(first.value - second.value) < 4.0 * math.hypot(first.spread, second.spread)
+    assert 3.0 < first.value < 5.5
+
+
+def test_both_routes_agree_along_the_same_motion():
+    pipe = pd.Pipe(0.2, -20.0)
+    first, second = (
+        pd.lyapunov_exponent(
+            pd.Chain(pipe, 2), 4.0, duration=20.0, transient=10.0, method=method, rtol=1e-10
+        )
+        for method in ("variational", "pair")
+    )
+    np.testing.assert_allclose(first.blocks, second.blocks, atol=1e-4)
+
+
+def test_stiff_pipe_is_followed_by_an_implicit_method():
+    model = pd.Galerkin(pd.Pipe(0.2, damping=0.05), 8, "legendre")
+    found = pd.lyapunov_exponent(model, 2.0, duration=10.0, transient=10.0, rtol=1e-6)
+    assert found.value == pytest.approx(pd.eigenvalues(model, 2.0).real.max(), abs=0.3)
+
+
+def test_motion_goes_on_from_where_another_ended():
+    motion = pd.simulate(CHAIN, 5.5, 30.0, lambda s: 0.1 * s)
+    found = pd.lyapunov_exponent(CHAIN, 5.5, motion, duration=20.0, transient=5.0)
+    assert abs(found.value) < 0.2
+    assert found.history.shape == found.t.shape
+    assert found.history[-1] == pytest.approx(found.value, abs=1e-12)
+    assert found.t[-1] == pytest.approx(20.0)
+    assert found.end.shape == (6,)
+
+
+def test_scene_agrees_with_its_chain():
+    pipe = pd.Pipe(0.2)
+    scene, chain = pd.modular.chain(pipe, n=2), pd.Chain(pipe, 2)
+    a, b = (
+        pd.lyapunov_exponent(model, 5.0, duration=10.0, transient=5.0, method="pair")
+        for model in (scene, chain)
+    )
+    np.testing.assert_allclose(a.blocks, b.blocks, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("call", "kind", "message"),
+    [
+        (lambda: pd.lyapunov_exponent(None, 1.0), TypeError, "model must be a Chain"),
+        (lambda: pd.lyapunov_exponent(CHAIN, -1.0), ValueError, "u must lie in"),
+        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, [1.0]), ValueError, "start must have 3"),
+        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, "x"), TypeError, "start must be"),
+        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, duration=0.0), ValueError, "duration must"),
+        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, transient=-1.0), ValueError, "transient must"),
+        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, blocks=2), ValueError, "blocks must"),
+        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, interval=math.nan), ValueError, "interval must"),
+        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, method="guess"), ValueError, "method must"),
+        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, rtol=0.5), ValueError, "rtol must"),
+        (
+            lambda: pd.lyapunov_exponent(CHAIN, 1.0, duration=1e6, interval=1e-6),
+            ValueError,
+            "interval must cut",
+        ),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(call, kind, message):
+    with pytest.raises(kind, match=re.escape(message)):
+        call()
+
+
+def test_motion_of_another_model_is_refused():
+    motion = pd.simulate(pd.Chain(pd.Pipe(0.2), 2), 1.0, 1.0, [0.1, 0.1])
+    with pytest.raises(ValueError, match="start must be a motion of the model, with 3"):
+        pd.lyapunov_exponent(CHAIN, 1.0, motion)
+
+
+def test_motion_that_leaves_numbers_says_so():
+    with pytest.raises(pd.NotConverged, match="the motion stopped"):
+        largest_exponent(
+            lambda y: y**2, lambda y: np.diag(2.0 * y), np.array([1.0]), 4.0, 0.0, 4, 1.0
+        )

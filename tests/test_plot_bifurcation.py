@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: MIT
+"""Pictures beyond onset show what is stable, what is not, and where it changes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import pipedyn as pd
+from pipedyn import plot
+from pipedyn.branches import CycleEvent
+
+TWO = pd.Chain(pd.Pipe(0.2, -20.0), 2)
+DIAGRAM = pd.bifurcation_diagram(
+    TWO, [0.5, 3.5], cycles=0, brute_force=2, transient=20.0, duration=5.0
+)
+SPEEDS = np.linspace(2.0, 3.0, 5)
+BRANCH = pd.CycleBranch(
+    speeds=SPEEDS,
+    amplitudes=0.1 * SPEEDS,
+    frequencies=5.0 + SPEEDS,
+    stable=SPEEDS < 2.6,
+    multipliers=np.array([[-0.4 * u, 1.0, 0.2 + 0.1j, 0.2 - 0.1j] for u in SPEEDS]),
+    events=(CycleEvent("period doubling", 2.5, 0.0, -1.0 + 0j, 0.25),),
+    cycles=(),
+)
+
+
+@dataclass(frozen=True)
+class Circle:
+    stable: bool = True
+    u: float = 5.0
+    model: pd.Model = TWO
+
+    @property
+    def t(self):
+        return np.linspace(0.0, 0.2 * np.pi, 101)
+
+    @property
+    def q(self):
+        turn = np.linspace(0.0, 2.0 * np.pi, 101)
+        return 0.1 * np.stack([np.sin(turn), np.sin(turn)], axis=1)
+
+    @property
+    def qdot(self):
+        turn = np.linspace(0.0, 2.0 * np.pi, 101)
+        return np.stack([np.cos(turn), np.cos(turn)], axis=1)
+
+    @property
+    def multipliers(self):
+        return np.array([1.0, 0.5j, -0.5j, -1.4])
+
+
+def axes():
+    figure = Figure(layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure.subplots()
+
+
+def drawn(ax):
+    ax.figure.canvas.draw()
+    return ax
+
+
+def test_stable_branches_are_solid_and_unstable_ones_dashed():
+    ax = drawn(plot.bifurcation_diagram(DIAGRAM, ax=axes()))
+    fold = DIAGRAM.equilibria[1].folds[0].speed
+    lines = [line for line in ax.lines if line.get_color() == plot.BLACK]
+    solid = [line for line in lines if line.get_linestyle() == "-"]
+    dashed = [line for line in lines if line.get_linestyle() == "--"]
+    assert len(solid) + len(dashed) == len(lines)
+    # Two mirror images are stable up to their fold; the straight pipe never is.
+    assert len(solid) == 2
+    for line in solid:
+        assert line.get_xdata().max() == pytest.approx(fold, abs=0.02)
+        assert np.abs(line.get_ydata()).min() > 0.5
+    told = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert {"equilibrium, stable", "equilibrium, unstable", "fold", "pitchfork", "Hopf"} <= set(
+        told
+    )
+    marks = {tuple(line.get_xydata()[0]) for line in ax.lines if line.get_marker() == "<"}
+    assert marks == {(b.folds[0].speed, b.folds[0].tip[0]) for b in DIAGRAM.equilibria[1:]}
+
+
+def test_a_coordinate_may_be_shown_in_place_of_the_free_end():
+    ax = drawn(plot.bifurcation_diagram(DIAGRAM, 1, ax=axes()))
+    shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "None"])
+    assert shown.max() == pytest.approx(DIAGRAM.equilibria[1].q[:, 1].max())
+    assert not [line for line in ax.lines if line.get_gid() == "motions"]
+
+
+def test_late_motions_are_dots():
+    ax = plot.bifurcation_diagram(DIAGRAM, ax=axes())
+    (dots,) = [line for line in ax.lines if line.get_gid() == "motions"]
+    assert len(dots.get_xdata()) == sum(one.turnings.size for one in DIAGRAM.motions)
+    assert set(dots.get_xdata()) <= {0.5, 3.5}
+
+
+def test_cycles_are_drawn_on_both_sides_with_their_events():
+    from dataclasses import replace
+
+    ax = drawn(plot.bifurcation_diagram(replace(DIAGRAM, cycles=(BRANCH,)), ax=axes()))
+    lines = [line for line in ax.lines if line.get_color() == plot.BLUE]
+    assert sorted(line.get_linestyle() for line in lines) == ["-", "-", "--", "--"]
+    doubling = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "^"]
+    np.testing.assert_allclose(sorted(y for _, y in doubling), [-0.25, 0.25])
+
+
+def test_orbit_is_the_free_end_against_its_velocity():
+    ax = drawn(plot.orbit([Circle(), Circle(stable=False)], ax=axes()))
+    first, second = ax.lines
+    x, velocity = first.get_xydata().T
+    assert np.abs(x).max() == pytest.approx(np.sin(0.1), abs=1e-6)
+    assert np.abs(velocity).max() == pytest.approx(1.0, abs=1e-6)
+    assert (first.get_linestyle(), second.get_linestyle()) == ("-", "--")
+    assert first.get_label() == "$u = 5$, stable"
+
+
+def test_multipliers_outside_the_unit_circle_are_crosses():
+    ax = drawn(plot.multipliers(Circle(), ax=axes()))
+    inside, outside = ax.collections
+    np.testing.assert_allclose(sorted(inside.get_offsets()[:, 1]), [-0.5, 0.5])
+    np.testing.assert_allclose(outside.get_offsets(), [[-1.4, 0.0]])
+    assert ax.get_aspect() == 1.0
+
+
+def test_multipliers_of_a_branch_are_coloured_by_speed():
+    ax = drawn(plot.multipliers(BRANCH, ax=axes()))
+    assert sum(len(one.get_offsets()) for one in ax.collections) == 15
+    assert len(ax.figure.axes) == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "kind", "message"),
+    [
+        (lambda: plot.bifurcation_diagram(3), TypeError, "diagram must be of type"),
+        (
+            lambda: plot.bifurcation_diagram(DIAGRAM, 2),
+            ValueError,
+            "coordinate must be from 0 to 1",
+        ),
+        (lambda: plot.bifurcation_diagram(DIAGRAM, ax=3), TypeError, "ax must be of type Axes"),
+        (lambda: plot.orbit(3), TypeError, "cycles must be limit cycles, got 3"),
+        (lambda: plot.orbit([]), ValueError, "cycles must hold at least one"),
+        (lambda: plot.multipliers(None), TypeError, "cycles must be limit cycles, got None"),
+        (lambda: plot.multipliers(Circle(), ax=3), TypeError, "ax must be of type Axes"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(call, kind, message):
+    with pytest.raises(kind, match=message):
+        call()
