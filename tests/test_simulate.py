@@ -146,6 +146,18 @@ def test_a_motion_that_cannot_go_on_carries_what_there_is():
     assert motion.q[0] == pytest.approx(FEEDING.bent(bow))
 
 
+def test_a_motion_that_stops_before_its_first_sample_says_so_and_spoils_no_others():
+    late = {"times": [50.0, 100.0]}
+    with pytest.raises(pd.MotionStopped, match="stopped before its first sample") as caught:
+        pd.simulate(FEEDING, 5.0, 100.0, bow, **late)
+    assert caught.value.motion.q.shape == (0, 5)
+    assert caught.value.motion.tip.shape == (0, 2)
+    calm = pd.Chain(pd.Pipe(0.5, damping=0.1), 2)
+    both = pd.simulate_many([calm, FEEDING], [0.5, 5.0], 100.0, bow, **late)
+    assert both.motions[0].t.size == 2
+    assert [failure.index for failure in both.failures] == [1]
+
+
 def test_a_motion_that_leaves_finite_numbers_later_keeps_its_beginning(monkeypatch):
     core = CHAIN.core
 

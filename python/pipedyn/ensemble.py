@@ -179,7 +179,7 @@ def _solved(tasks: list[Task], executor: Executor | None, shown: bool) -> Ensemb
         for i, (motion, why) in zip(block, found, strict=True):
             motions[i] = motion
             if why is not None:
-                message = f"member {i} stopped at t = {motion.t[-1]:g}: {why}"
+                message = f"member {i} stopped {motion.reached}: {why}"
                 failures.append(MemberFailure(i, MotionStopped(message, motion)))
     return Ensemble(tuple(motions), tuple(sorted(failures, key=lambda failure: failure.index)))
 

@@ -85,6 +85,11 @@ class Motion:
     model: Model
 
     @property
+    def reached(self) -> str:
+        """How far it came, in words."""
+        return f"at t = {self.t[-1]:g}" if self.t.size else "before its first sample"
+
+    @property
     def y(self) -> Array:
         """States [q, q'] at the times, shape (2 coordinates, S)."""
         return np.concatenate([self.q, self.qdot], axis=1).T
@@ -190,7 +195,7 @@ def simulate(
     rows, evaluations, why = integrate(task, shown)
     motion = motion_of(task, rows, evaluations)
     if why is not None:
-        raise MotionStopped(f"the motion stopped at t = {motion.t[-1]:g}: {why}", motion)
+        raise MotionStopped(f"the motion stopped {motion.reached}: {why}", motion)
     return motion
 
 
@@ -388,6 +393,12 @@ def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
         q, qdot = model.recorded(samples[:, :size], samples[:, size : 2 * size])
         return q, qdot, np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
 
+    if not len(rows):  # it stopped before the first sample
+        nothing, none = np.zeros((0, model.coordinates)), np.zeros(0)
+        return Motion(
+            *(none, nothing, nothing, np.zeros((0, 2)), none, 0.0, float(task.u)),
+            *(task.method, evaluations, model),
+        )
     t = task.times[: len(rows)]
     q, qdot, states = recorded(rows)
     work = rows[:, 2 * size]
