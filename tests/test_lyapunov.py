@@ -150,3 +150,10 @@ def test_motion_that_leaves_numbers_says_so():
         largest_exponent(
             lambda y: y**2, lambda y: np.diag(2.0 * y), np.array([1.0]), 4.0, 0.0, 4, 1.0
         )
+
+
+@pytest.mark.parametrize(("n", "u"), [(2, 5.0), (3, 6.0)])
+def test_a_stable_cycle_is_not_chaotic(n, u):
+    found = pd.lyapunov_exponent(pd.Chain(pd.Pipe(0.2), n), u, duration=60.0, transient=30.0)
+    assert abs(found.value) < 3.0 * found.spread
+    assert not found.chaotic

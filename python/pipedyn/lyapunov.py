@@ -45,8 +45,9 @@ class LyapunovExponent:
     Attributes:
         value: in 1 / T; 0 on a limit cycle, the largest real part of an eigenvalue where the motion
             comes to rest, above 0 where it is chaotic.
-        spread: standard error of the value, from the means over blocks and from what lies between
-            the means of the two halves. A value within a few of these around 0 is 0.
+        spread: standard error of the value, from the means over blocks, from what lies between the
+            means of the two halves and from how far the difference's length breathes. A value
+            within a few of these around 0 is 0.
         blocks: mean over each block, shape (blocks,).
         t: ends of the intervals from the end of the transient on, shape (S,).
         history: the value as it stood at these times, shape (S,).
@@ -228,9 +229,11 @@ def largest_exponent(
     standard = float(means.std(ddof=1)) / math.sqrt(blocks)
     half = blocks // 2
     drift = 0.5 * abs(float(means[:half].mean() - means[-half:].mean()))
+    # The difference's length breathes with the motion: where it ends in its breath is chance.
+    breath = float(np.ptp(np.cumsum(grown) - value * t)) / duration
     return LyapunovExponent(
         value=value,
-        spread=max(standard, drift),
+        spread=max(standard, drift, breath),
         blocks=means,
         t=t,
         history=np.cumsum(grown) / t,
