@@ -423,13 +423,17 @@ class Chain(Model):
         return self._along((self._lengths * self._displaced(q, at.size).T).T, at)
 
     def _along(self, steps: NDArray[Any], s: Array) -> NDArray[Any]:
-        """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base."""
-        ends = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])
-        nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
-        j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, self.dof - 1)
-        part = np.clip((s - ends[j]) / self._lengths[j], 0.0, 1.0)
-        result: NDArray[Any] = nodes[j] + (part * steps[j].T).T
-        return result
+        return along(steps, self._base, self._lengths, s)
+
+
+def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
+    """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base."""
+    ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
+    nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
+    j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
+    part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)
+    result: NDArray[Any] = nodes[j] + (part * steps[j].T).T
+    return result
 
 
 def elastic_scale(springs: Array) -> Array:

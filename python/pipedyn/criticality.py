@@ -11,13 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.hopf import Hopf, hopf
 from pipedyn.model import Model
-from pipedyn.progress import track
-from pipedyn.sections import each
-from pipedyn.stability import Failure
+from pipedyn.stability import Failure, swept
 
 
 @dataclass(frozen=True)
@@ -74,35 +71,5 @@ def criticality_curve(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    if not callable(make_model):
-        raise TypeError(
-            f"make_model must be a function of the parameter, got {_check.shown(make_model)}"
-        )
-    at = _check.array("values", values, longest=100_000)
-    _check.executor("executor", executor)
-    shown = _check.flag("progress", progress)
-    failures: list[Failure] = []
-    onsets: list[Hopf | None] = [None] * at.size
-    points: list[int] = []
-    tasks: list[tuple[Model]] = []
-    for i, value in enumerate(at):
-        try:
-            tasks.append((make_model(float(value)),))
-            points.append(i)
-        except Exception as error:
-            failures.append(Failure(i, float(value), error))
-    answers = each(executor, _onset, tasks)
-    for i, found in zip(points, track(answers, len(tasks), "criticality", shown), strict=True):
-        if isinstance(found, Hopf):
-            onsets[i] = found
-        else:
-            failures.append(Failure(i, float(at[i]), found))
-    failures.sort(key=lambda failure: failure.index)
-    return CriticalityCurve(at, tuple(onsets), tuple(failures))
-
-
-def _onset(model: Model) -> Hopf | Exception:
-    try:
-        return hopf(model)
-    except Exception as error:
-        return error
+    at, onsets, failures = swept(make_model, values, hopf, executor, progress, "criticality")
+    return CriticalityCurve(at, tuple(onsets), failures)

@@ -272,6 +272,15 @@ class _Count:
         self.u = task.u
         self.shape = task.start.shape
 
+    def remember(self, error: BaseException) -> None:
+        """What an integrator must not see: a state that is not finite, or an interruption."""
+        if isinstance(error, ValueError):
+            self.overflowed = True
+            return
+        # The user's, most likely; one that comes while the core computes is wrapped.
+        wrapped = isinstance(error, SystemError) and error.__cause__
+        self.interruption = wrapped or error
+
     def one(self, t: float, y: Array) -> Array:
         try:
             self.calls += 1
@@ -279,12 +288,8 @@ class _Count:
                 self.check(t)
             if self.interruption is None:
                 return self.f(t, y, self.u)
-        except ValueError:
-            self.overflowed = True
-        except BaseException as interruption:  # the user's, most likely
-            # One that comes while the core computes is wrapped in a SystemError.
-            wrapped = isinstance(interruption, SystemError) and interruption.__cause__
-            self.interruption = wrapped or interruption
+        except BaseException as error:
+            self.remember(error)
         return np.full(self.shape, np.nan)
 
     @cached_property
@@ -310,11 +315,8 @@ class _Count:
                 self.check(t)
             if self.interruption is None:
                 whole[:-1, :-1] = self.task.model.motion_jacobian(y[:-1], float(self.task.u))
-        except ValueError:
-            self.overflowed = True
-        except BaseException as interruption:  # as in `one`
-            wrapped = isinstance(interruption, SystemError) and interruption.__cause__
-            self.interruption = wrapped or interruption
+        except BaseException as error:
+            self.remember(error)
         return whole
 
 

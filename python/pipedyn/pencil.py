@@ -20,6 +20,7 @@ from scipy.linalg import lapack
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from pipedyn._check import Array
+from pipedyn.band import band_solver
 from pipedyn.chain import Chain
 from pipedyn.model import Model
 from pipedyn.modular import Assembly
@@ -428,33 +429,20 @@ class BandPencil(SparsePencil):
         return self._rows(self.core.flux_times, x)
 
     def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        width = self.core.band_width
-        band = self.core.band(complex(value), u)
-        real = np.imag(value) == 0.0
-        factorise, substitute = (
-            (lapack.dgbtrf, lapack.dgbtrs) if real else (lapack.zgbtrf, lapack.zgbtrs)
-        )
-        lu, pivots, singular = factorise(band.real if real else band, kl=width, ku=width)
-        if singular > 0:  # as in DensePencil
-            pivot = lu[2 * width]
-            pivot[pivot == 0.0] = np.finfo(float).eps
+        width, band = self.core.band_width, self.core.band(complex(value), u)
+        solve_band = band_solver(band.real if np.imag(value) == 0.0 else band, width, width)
 
         def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
-            if np.iscomplexobj(rows) and real:
-                return solve(rows.real, adjoint) + 1j * solve(rows.imag, adjoint)
-            extended = np.zeros((4 * self.dof, rows.shape[1]), dtype=lu.dtype, order="F")
+            loads = rows / self.scale
+            extended = np.zeros((4 * self.dof, rows.shape[1]), dtype=loads.dtype, order="F")
             if adjoint:
-                extended[0::4] = rows / self.scale
-                angles = substitute(lu, width, width, extended, pivots, trans=2, overwrite_b=True)[
-                    0
-                ]
+                extended[0::4] = loads
+                angles = solve_band(extended, True)
                 dual: Vectors = np.diff(angles[2::4], axis=0, prepend=0.0) / self.scale
                 return dual
-            moments = rows / self.scale
-            extended[2::4] = moments
-            extended[2:-4:4] -= moments[1:]
-            solution = substitute(lu, width, width, extended, pivots, overwrite_b=True)[0]
-            joint_angles: Vectors = solution[0::4] / self.scale
+            extended[2::4] = loads
+            extended[2:-4:4] -= loads[1:]
+            joint_angles: Vectors = solve_band(extended, False)[0::4] / self.scale
             return joint_angles
 
         return solve

@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +21,8 @@ from pipedyn.progress import track
 from pipedyn.sensitivity import Crossing
 
 Point = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
+
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -89,19 +93,49 @@ def stability_curve(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
+    if max_speed is not None:
+        max_speed = checked_end(max_speed)
+    at, answers, failures = swept(
+        make_model, values, partial(_point, max_speed=max_speed), executor, progress
+    )
+    none: Point = (None, ())
+    critical, found = zip(*(none if one is None else one for one in answers), strict=True)
+    return StabilityCurve(at, critical, found, failures)
+
+
+def swept(
+    make_model: Callable[[float], AnyModel],
+    values: ArrayLike,
+    solve: Callable[[Any], Answer],
+    executor: Executor | None,
+    progress: bool,
+    label: str = "stability curve",
+) -> tuple[Array, list[Answer | None], tuple[Failure, ...]]:
+    """A question asked of a model at each value of a parameter, what fails kept apart.
+
+    Args:
+        make_model: as for `stability_curve`, and so are values, executor and progress.
+        values: the parameter, shape (S,).
+        solve: the question; it pickles if an executor of processes takes it.
+        executor: takes the points.
+        progress: show progress on stderr.
+        label: of the progress bar.
+
+    Returns:
+        The values, shape (S,); the answers, None where the point failed; the failures, in order.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
     if not callable(make_model):
         raise TypeError(
             f"make_model must be a function of the parameter, got {_check.shown(make_model)}"
         )
     at = _check.array("values", values, longest=100_000)
-    if max_speed is not None:
-        max_speed = checked_end(max_speed)
     _check.executor("executor", executor)
     shown = _check.flag("progress", progress)
-
     failures: list[Failure] = []
-    critical: list[CriticalSpeed | None] = [None] * at.size
-    found: list[tuple[Crossing, ...]] = [()] * at.size
+    answers: list[Answer | None] = [None] * at.size
     points: list[tuple[int, AnyModel]] = []
     for i, value in enumerate(at):
         try:
@@ -110,33 +144,31 @@ def stability_curve(
             points.append((i, model))
         except Exception as error:
             failures.append(Failure(i, float(value), error))
-
-    for i, outcome in track(
-        _outcomes(points, max_speed, executor), len(points), "stability curve", shown
-    ):
+    for i, outcome in track(_outcomes(points, solve, executor), len(points), label, shown):
         if isinstance(outcome, Exception):
             failures.append(Failure(i, float(at[i]), outcome))
         else:
-            critical[i], found[i] = outcome
-    failures.sort(key=lambda failure: failure.index)
-    return StabilityCurve(at, tuple(critical), tuple(found), tuple(failures))
+            answers[i] = outcome
+    return at, answers, tuple(sorted(failures, key=lambda failure: failure.index))
 
 
 def _outcomes(
-    points: list[tuple[int, AnyModel]], max_speed: float | None, executor: Executor | None
-) -> Iterable[tuple[int, Point | Exception]]:
+    points: list[tuple[int, AnyModel]],
+    solve: Callable[[Any], Answer],
+    executor: Executor | None,
+) -> Iterable[tuple[int, Answer | Exception]]:
     if executor is None:
         for i, model in points:
-            yield i, _outcome(lambda model=model: _point(model, max_speed))  # type: ignore[misc]
+            yield i, _outcome(partial(solve, model))
         return
     tasks = []
     for i, model in points:
-        tasks.append((i, executor.submit(_point, model, max_speed)))
+        tasks.append((i, executor.submit(solve, model)))
     for i, task in tasks:
         yield i, _outcome(task.result)
 
 
-def _outcome(get: Callable[[], Point]) -> Point | Exception:
+def _outcome(get: Callable[[], Answer]) -> Answer | Exception:
     try:
         return get()
     except Exception as error:

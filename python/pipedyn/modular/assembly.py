@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
 
 from pipedyn import _check, _core
 from pipedyn._check import Array
-from pipedyn.chain import LARGEST_CHAIN, elastic_scale
+from pipedyn.chain import LARGEST_CHAIN, along, elastic_scale
 from pipedyn.model import (
     LARGEST_ANGLE,
     Model,
@@ -25,7 +24,7 @@ from pipedyn.model import (
     core_pipe,
 )
 from pipedyn.modular.custom import CustomForce, extra_forces
-from pipedyn.modular.derivatives import acceleration_jacobian, scene_matrices
+from pipedyn.modular.derivatives import acceleration_jacobian, matrix, scene_matrices
 from pipedyn.modular.enforcement import (
     Group,
     by_orthonormal_basis,
@@ -510,16 +509,14 @@ class Assembly(Model):
         extra: Array,
     ) -> Array:
         size = self.coordinates
-        rows, columns, values = self.core.operators()["mass"]
-        mass = sparse.coo_array((values, (rows, columns)), shape=(size, size)).toarray()
+        mass = matrix(self.core.operators()["mass"], size, size).toarray()
         return enforce(mass, np.asarray(self.core.forces(y, u)) + extra, self._groups(y))
 
     def _groups(self, y: Array) -> list[Group]:
         """A_r and b_r of each constraint at a state."""
-        _, (rows, columns, values), wanted, group = self.core.constraints(y)
-        shape = (wanted.size, self.coordinates)
-        matrix = sparse.coo_array((values, (rows, columns)), shape=shape).toarray()
-        return [(matrix[group == r], wanted[group == r]) for r in np.unique(group)]
+        _, triplets, wanted, group = self.core.constraints(y)
+        rows = matrix(triplets, wanted.size, self.coordinates).toarray()
+        return [(rows[group == r], wanted[group == r]) for r in np.unique(group)]
 
     def projection(self, q: ArrayLike | None = None) -> Array:
         """C_R of the recursion at a configuration: what the constraints leave, group by group.
@@ -536,10 +533,7 @@ class Assembly(Model):
             ValueError, TypeError: for what is no such configuration.
         """
         self._check_size(LARGEST_RECURSION)
-        if q is not None:
-            theta = self._angles_of("q", q)
-        else:
-            theta = self._layout.rest if self._reference is None else self._reference
+        theta = self.resting() if q is None else self._angles_of("q", q)
         still = self.core.from_angles(theta, np.zeros_like(theta))
         return projection(self._groups(still), self.coordinates)[0]
 
@@ -689,13 +683,7 @@ class Assembly(Model):
         return moved.reshape(at.size, *given.shape[1:])
 
     def _along(self, steps: NDArray[Any], s: Array) -> NDArray[Any]:
-        """Sum of the segments' steps (n, r) up to s, linear within a segment, 0 in the base."""
-        layout = self._layout
-        nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
-        j = np.clip(np.searchsorted(layout.ends, s, side="right") - 1, 0, layout.size - 1)
-        part = np.clip((s - layout.ends[j]) / layout.lengths[j], 0.0, 1.0)
-        result: NDArray[Any] = nodes[j] + part[:, None] * steps[j]
-        return result
+        return along(steps, self._layout.base, self._layout.lengths, s)
 
     # ----------------------------------------------------------------------------------- arguments
 

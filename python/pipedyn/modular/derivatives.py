@@ -29,8 +29,7 @@ def matrix(triplets: Any, rows: int, columns: int) -> Any:
 
 def _spread(custom: CustomForce, block: Array, size: int) -> Any:
     """A custom module's (k, k) among all coordinates."""
-    rows, columns = np.meshgrid(custom.index, custom.index, indexing="ij")
-    return matrix((rows.ravel(), columns.ravel(), block.ravel()), size, size)
+    return matrix((*custom.module.places, block.ravel()), size, size)
 
 
 def scene_matrices(

@@ -315,7 +315,11 @@ class Layout:
             pipe.damping * spring.stiffness if spring.damping is None else spring.damping
             for spring in springs
         ]
-        inertia = [self._inertia(custom) for custom in self.customs if custom.mass is not None]
+        inertia = [
+            (*custom.places, np.ravel(np.asarray(custom.mass, dtype=np.float64)))
+            for custom in self.customs
+            if custom.mass is not None
+        ]
         rows, columns, values = (
             np.concatenate([part[i] for part in inertia]) if inertia else np.zeros(0)
             for i in range(3)
@@ -350,11 +354,6 @@ class Layout:
             inertia_columns=columns.astype(np.int64),
             inertia=values,
         )
-
-    @staticmethod
-    def _inertia(custom: Custom) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        rows, columns = np.meshgrid(custom.index, custom.index, indexing="ij")
-        return rows.ravel(), columns.ravel(), np.asarray(custom.mass, dtype=np.float64).ravel()
 
 
 def _of(parts: Iterable[Part], kind: type[P]) -> list[P]:

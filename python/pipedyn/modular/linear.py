@@ -26,12 +26,10 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import lapack
 from scipy.sparse.linalg import splu
 
 from pipedyn._check import Array
-
-Rows = NDArray[Any]
+from pipedyn.band import Rows, band_solver
 
 Entries = list[tuple[NDArray[np.intp], NDArray[np.intp], Array]]
 """Rows, columns and values of a sparse matrix, in parts; what meets adds up."""
@@ -231,8 +229,13 @@ class Linear:
     def stiffness(self, zeta: Rows) -> Rows:
         """K zeta, torsional springs, other modules and forces at rest."""
         springs = self.basis.gather(self.elastic * self.basis.spread(zeta))
-        others = self._product(self.parts.stiffness, zeta)
-        result: Rows = springs + others + self._bending(self.stiffening, zeta)
+        result: Rows = springs + self._others(zeta)
+        return result
+
+    def _others(self, zeta: Rows) -> Rows:
+        """What K zeta has beside the torsional springs."""
+        modules = self._product(self.parts.stiffness, zeta)
+        result: Rows = modules + self._bending(self.stiffening, zeta)
         return result
 
     @cached_property
@@ -242,8 +245,7 @@ class Linear:
         norm = 0.0
         for _ in range(12):
             zeta /= np.linalg.norm(zeta)
-            springs = self.basis.gather(self.elastic * self.basis.spread(zeta))
-            zeta = self.stiffness(zeta) - springs
+            zeta = self._others(zeta)
             norm = float(np.linalg.norm(zeta))
             if norm == 0.0:
                 break
@@ -362,35 +364,19 @@ class Linear:
 def factored(
     size: int, row: NDArray[np.intp], column: NDArray[np.intp], data: NDArray[Any]
 ) -> Callable[[Rows, bool], Rows]:
-    """solve(rows, adjoint) with a sparse matrix by columns, real or complex."""
+    """solve(rows, adjoint) with a sparse matrix by columns; the rows may be overwritten."""
     below, above = int((row - column).max()), int((column - row).max())
-    real = not np.iscomplexobj(data)
     if below + above <= WIDEST_BAND:
         band = np.zeros((2 * below + above + 1, size), dtype=data.dtype, order="F")
         band[below + above + row - column, column] = data
-        factorise, substitute = (
-            (lapack.dgbtrf, lapack.dgbtrs) if real else (lapack.zgbtrf, lapack.zgbtrs)
-        )
-        lu, pivots, singular = factorise(band, kl=below, ku=above, overwrite_ab=True)
-        if singular > 0:  # exactly singular: LU of one that differs in rounding
-            pivot = lu[below + above]
-            pivot[pivot == 0.0] = np.finfo(float).eps
-
-        def by_band(rows: Rows, adjoint: bool) -> Rows:
-            if real and np.iscomplexobj(rows):
-                return by_band(rows.real, adjoint) + 1j * by_band(rows.imag, adjoint)
-            right = np.asarray(rows, dtype=lu.dtype, order="F")
-            solution: Rows = substitute(
-                *(lu, below, above, right, pivots), trans=2 if adjoint else 0
-            )[0]
-            return solution
-
-        return by_band
+        return band_solver(band, below, above)
     matrix = sparse.csc_array((data, (row, column)), shape=(size, size))
     try:
         factors = splu(matrix)
     except RuntimeError:  # exactly singular
         factors = splu(matrix + np.finfo(float).eps * sparse.eye_array(size, format="csc"))
+
+    real = not np.iscomplexobj(data)
 
     def by_sparse(rows: Rows, adjoint: bool) -> Rows:
         if real and np.iscomplexobj(rows):
