@@ -12,25 +12,32 @@ method would spend its steps on nothing: here they cost nothing but the size of 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
-from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, Phases, arc, is_odd
+from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, Phases, Step, arc, is_odd
 from pipedyn.critical import crossings
 from pipedyn.field import Field
 from pipedyn.floquet import floquet
-from pipedyn.hopf import Hopf, hopf
+from pipedyn.hopf import Hopf, hopf, with_drag
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, NotConverged, PipedynError
-from pipedyn.motion import Motion, MotionStopped, checked_model_in_motion, simulate
+from pipedyn.motion import (
+    Motion,
+    MotionStopped,
+    Start,
+    checked_model_in_motion,
+    simulate,
+    state_of,
+)
 from pipedyn.pencil import Complex
 
 LARGEST_CYCLE = 100
@@ -129,8 +136,11 @@ class NoCycle(PipedynError):
         self.u = u
 
 
-CycleStart: TypeAlias = "Motion | LimitCycle | ArrayLike | None"
+CycleStart: TypeAlias = "LimitCycle | Hopf | Motion | Start | None"
 """Where the search for a cycle begins."""
+
+KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a state [q, q']"
+"""What a start may be."""
 
 
 def limit_cycle(
@@ -146,11 +156,13 @@ def limit_cycle(
     Args:
         model: chain, reduced model or scene, up to 100 degrees of freedom.
         u: flow speed > 0, in sqrt(EI / mu_f) / L.
-        start: where to begin: a `Motion` that ends near the cycle, a `LimitCycle` of the same model
-            or one with as many coordinates (at another speed, or of another pipe), or a state
-            [q, q'], shape (2 coordinates,), from which a simulation sets out. Where not given, the
-            cycles born at the model's flutter onsets are followed to u, the nearest onset first;
-            where that leads nowhere and rest is unstable, a simulation from near rest.
+        start: where to begin: a `LimitCycle` of the same model or one with as many coordinates (at
+            another speed, or of another pipe); a `Hopf` of the model, whose cycle is followed to u;
+            a `Motion` that ends near the cycle; or what a simulation sets out from, as for
+            `lyapunov_exponent`: an angle theta(s) or coordinates (at rest), or a state [q, q'],
+            shape (2 coordinates,). Where not given, the cycles born at the model's flutter onsets
+            are followed to u, the nearest onset first; where that leads nowhere and rest is
+            unstable, a simulation from near rest.
         rtol: relative tolerance of amplitude and frequency, in [1e-10, 1e-2].
         samples: number of states that are given, from the start of the period to its end.
 
@@ -159,7 +171,8 @@ def limit_cycle(
 
     Raises:
         NoCycle: if rest is stable and no cycle comes from an onset, or the search ends elsewhere:
-            at rest, in motion without a period, or with no motion at all; the message says which.
+            at rest, in motion without a period, or with no motion at all; the message says which,
+            and at which speed the cycle of an onset turns back.
         NotConverged: if a cycle was found, but not to the tolerance; `result` holds it.
         ValueError, TypeError: for bad arguments.
 
@@ -189,6 +202,8 @@ def _found(motion: Field, u: float, start: Any) -> tuple[Orbit, str]:
         return _unguided(motion, u)
     if isinstance(start, LimitCycle):
         return _from_cycle(motion, u, start), "from a cycle"
+    if isinstance(start, Hopf):
+        return _from_onset(motion, u, start)
     if isinstance(start, Motion):
         same = start.model.coordinates == motion.model.coordinates
         if not same:
@@ -200,14 +215,14 @@ def _found(motion: Field, u: float, start: Any) -> tuple[Orbit, str]:
         if guess is None:
             raise NoCycle("the motion to start from comes back to no state it had before", u)
         return _improved(motion, guess, u), "from a motion"
-    size = motion.model.coordinates
-    y = _check.array("start", start, size=2 * size, low=-1e6, high=1e6)
-    return _simulated(motion, u, y[:size], y[size:]), "simulation"
+    y = state_of(motion.model, "start", start, KINDS)
+    q, qdot = motion.model.recorded(y[None, : motion.half], y[None, motion.half :])
+    return _simulated(motion, u, q[0], qdot[0]), "simulation"
 
 
 def _unguided(motion: Field, u: float) -> tuple[Orbit, str]:
     """From the onsets of flutter, the nearest first, then by simulation."""
-    model, told = motion.model, []
+    model, told = motion.model, list[str]()
     try:
         model.require_equilibrium(u)
         passages = [c for c in crossings(model, 1.5 * u) if c.kind == "flutter" and c.speed > 0.0]
@@ -221,14 +236,11 @@ def _unguided(motion: Field, u: float) -> tuple[Orbit, str]:
         except PipedynError:
             continue
         born.append(onset)
-        if onset.amplitude_law * (u - onset.speed) > 0.0:
-            try:
+        if _may_reach(onset, u):
+            with suppress(Elsewhere):
                 return _leapt(motion, onset, u), f"from the onset at u = {onset.speed:.6g}"
-            except Elsewhere as reason:
-                told.append(str(reason))
     for onset in born:
-        beyond = onset.amplitude_law * (u - onset.speed) > 0.0
-        if beyond or onset.criticality == "subcritical":
+        if _may_reach(onset, u) or onset.criticality == "subcritical":
             try:
                 return follow(motion, onset, u), f"followed from the onset at u = {onset.speed:.6g}"
             except Elsewhere as reason:
@@ -238,12 +250,36 @@ def _unguided(motion: Field, u: float) -> tuple[Orbit, str]:
         return _simulated(motion, u, q0, qdot0), "simulation"
     first = min((c.speed for c in passages if c.destabilising), default=math.nan)
     where = f": flutter sets in at u = {first:.6g}" if first > u else ""
-    why = f" ({'; '.join(dict.fromkeys(told))})" if told else ""
+    why = f" ({'; '.join(told)})" if told else ""
     raise NoCycle(
         f"the pipe rests stably at u = {u:g}{where}, and no cycle comes from an onset{why}; "
         "one far from rest may be found with start=",
         u,
     )
+
+
+def _may_reach(onset: Hopf, u: float) -> bool:
+    """Whether the cycles next to an onset begin on the side of a speed, or turn."""
+    return onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
+
+
+def _from_onset(motion: Field, u: float, onset: Hopf) -> tuple[Orbit, str]:
+    """The cycle of the user's onset."""
+    mode, rest = onset.mode, motion.resting()
+    own = onset.model.moving == motion.half and onset.model.coordinates == motion.model.coordinates
+    if own:
+        linear = with_drag(motion.model, 0.0).jacobian(rest, onset.speed)
+        missed = linear @ mode - 1j * onset.frequency * mode
+        own = float(np.abs(missed).max()) < 1e-5 * onset.frequency * float(np.abs(mode).max())
+    if not own:
+        raise ValueError(f"start must be an onset of the model, got one of {onset.model!r}")
+    how = f"from the onset at u = {onset.speed:.6g}"
+    with suppress(Elsewhere):
+        return _leapt(motion, onset, u), how
+    try:
+        return follow(motion, onset, u), f"followed {how}"
+    except Elsewhere as reason:
+        raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
 
 def _unstable(motion: Field, u: float) -> bool:
@@ -253,10 +289,12 @@ def _unstable(motion: Field, u: float) -> bool:
 
 def _leapt(motion: Field, onset: Hopf, u: float) -> Orbit:
     """From the law at the onset to the speed at once."""
-    amplitude = onset.amplitude(u)
+    try:
+        amplitude, omega = onset.amplitude(u), onset.pace(u)
+    except ValueError:
+        raise Elsewhere("the amplitude equation has no cycle there") from None
     if amplitude > 0.6:
         raise Elsewhere("the onset is too far")
-    omega = onset.frequency + onset.frequency_law * (u - onset.speed)
     omega = omega if omega > 0.3 * onset.frequency else onset.frequency
     ring = birth_of(motion, onset).ring(motion, amplitude, u, omega)
     return _confirmed(motion, Equations(motion, ring.phases).solve(ring))
@@ -283,16 +321,38 @@ def follow(motion: Field, onset: Hopf, u: float, steps: int = 60) -> Orbit:
     Raises:
         Elsewhere: if it does not come there.
     """
-    begun = motion.evaluations
-    for step in islice(arc(motion, birth_of(motion, onset)), steps):
+    end, passed, lost = motion.evaluations + SEARCH, list[Step](), ""
+    going = islice(arc(motion, birth_of(motion, onset)), steps)
+    while motion.evaluations <= end:
+        try:
+            step = next(going)
+        except (Elsewhere, StopIteration) as reason:
+            lost = str(reason)
+            break
         a, b = step.begin.u, step.end.u
         if (a - u) * (b - u) <= 0.0 and a != b:
             return _confirmed(motion, step.landing(u))
+        passed.append(step)
         if not 0.2 * min(u, onset.speed) < b < 3.0 * max(u, onset.speed):
             break
-        if motion.evaluations > begun + SEARCH:
-            break
-    raise Elsewhere(f"the cycle born at u = {onset.speed:.6g} does not come to u = {u:g}")
+    raise Elsewhere(
+        f"the cycle born at u = {onset.speed:.6g} {_shortfall(onset, u, passed)}"
+        + (f": {lost}" if lost and not passed else "")
+    )
+
+
+def _shortfall(onset: Hopf, u: float, passed: list[Step]) -> str:
+    """How near to a speed a branch of cycles came."""
+    from pipedyn.branches import turning  # which builds on this module
+
+    below = u < onset.speed
+    nearest = min(range(len(passed)), key=lambda i: abs(passed[i].end.u - u), default=0)
+    for step in passed[nearest : nearest + 2]:
+        with suppress(Elsewhere):
+            turn = turning(step)
+            if turn is not None and (turn[1].u < onset.speed) == below:
+                return f"reaches {'down' if below else 'up'} to u = {turn[1].u:.6g} only"
+    return f"does not come to u = {u:g}"
 
 
 def birth_of(motion: Field, onset: Hopf) -> Birth:
