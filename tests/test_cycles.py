@@ -270,7 +270,68 @@ def test_a_cycle_that_no_onset_leads_to_is_found_by_simulation():
     assert 1e-3 < cycle.amplitude < 0.3
 
 
+def test_a_search_may_start_from_an_onset():
+    model = pd.Galerkin(pd.Pipe(0.295), 8, "legendre")
+    first, second, third = (pd.hopf(model, c) for c in pd.crossings(model, 9.0))
+    u = second.speed - 0.1
+    one, other = (pd.limit_cycle(model, u, onset) for onset in (first, second))  # born and dies
+    assert "from the onset at u = 7.8" in other.method
+    assert other.amplitude == pytest.approx(one.amplitude, rel=1e-5)
+    assert pd.limit_cycle(model, 8.3, third).amplitude == pytest.approx(
+        pd.limit_cycle(model, 8.3).amplitude, rel=1e-5
+    )
+    with pytest.raises(pd.NoCycle, match=r"born at u = 7\.26.* does not come to u = 7"):
+        pd.limit_cycle(model, 7.0, first)
+    with pytest.raises(ValueError, match="start must be an onset of the model, got one of Gal"):
+        pd.limit_cycle(pd.Galerkin(pd.Pipe(0.3), 8, "legendre"), 8.3, third)
+    with pytest.raises(ValueError, match="start must be an onset of the model"):
+        pd.limit_cycle(pd.Chain(PIPE, 3), 8.3, third)
+
+
+def test_a_search_may_start_from_a_bent_pipe():
+    model = pd.Chain(PIPE, 3)
+    expected = pd.limit_cycle(model, 5.0)
+    q = model.bent(bow)
+    for start in (bow, q, np.concatenate([q, 0.1 * q])):
+        found = pd.limit_cycle(model, 5.0, start)
+        assert "simulation" in found.method
+        assert found.amplitude == pytest.approx(expected.amplitude, rel=1e-5)
+    scene = pd.modular.chain(PIPE, n=3)
+    assert pd.limit_cycle(scene, 5.0, q).amplitude == pytest.approx(expected.amplitude, rel=1e-5)
+
+
+def test_below_the_fold_of_cycles_the_search_says_where_it_lies():
+    model = pd.Chain(pd.Pipe(0.05), 2)
+    onset = pd.hopf(model)
+    assert onset.criticality == "subcritical"
+    with pytest.raises(pd.NoCycle, match=r"born at u = 3\.13387 reaches down to u = 3\.12922 only"):
+        pd.limit_cycle(model, 3.12)
+    with pytest.raises(pd.NoCycle, match=r"reaches down to u = 3\.12922 only"):
+        pd.limit_cycle(model, 3.12, onset)
+    # It lies there: two cycles beside it, none beyond.
+    assert pd.limit_cycle(model, 3.1293, onset).amplitude < 0.2
+    with pytest.raises(pd.NoCycle):
+        pd.limit_cycle(model, 3.1292, onset)
+
+
+def test_a_cycle_below_an_onset_that_faint_drag_makes_gentle_is_found():
+    for drag in (1e-6, 1e-2):
+        model = pd.Chain(pd.Pipe(0.05, drag=drag), 2)
+        onset = pd.hopf(model)
+        assert onset.criticality == "supercritical"
+        cycle = pd.limit_cycle(model, onset.speed - 1e-3)
+        assert not cycle.stable
+        assert cycle.amplitude == pytest.approx(onset.amplitude(cycle.u), rel=0.05)
+
+
 # ------------------------------------------------------------------------------------ refusals
+
+
+def test_what_is_no_start_is_told_what_starts_there_are():
+    with pytest.raises(TypeError, match="start must be a LimitCycle, a Hopf, a Motion, an angle"):
+        pd.limit_cycle(ROM, 6.0, "hopf")
+    with pytest.raises(ValueError, match="start must have 8 entries, or for a state twice as many"):
+        pd.limit_cycle(ROM, 6.0, np.zeros(5))
 
 
 def test_where_there_is_no_cycle_an_exception_says_why(known):

