@@ -123,7 +123,9 @@ class Hopf:
         lyapunov_error: absolute, of the differences.
         amplitude_law: limit of amplitude^2 / (u - u_c), with drag of amplitude / (u - u_c);
             negative where the cycle lives below u_c.
-        amplitude_error: of amplitude_law, absolute.
+            Where the leading coefficient passes 0 along a parameter (a Bautin point) it grows
+            without bound, and holds at ever smaller amplitudes only.
+        amplitude_error: of amplitude_law, absolute, from that of the differences.
         frequency_law: limit of (omega - omega_c) / (u - u_c) along the cycles.
         exponent: the cycle grows like |u - u_c| to this power, 1/2, with drag 1.
         criticality: "supercritical" if the cycle attracts all that the critical mode does, and so
