@@ -76,7 +76,7 @@ def test_two_segments_snap_where_the_fluid_is_light_only():
 
 
 @pytest.mark.parametrize("gamma", [0.0, 10.0, 100.0])
-def test_the_continuous_pipe_snaps_nowhere(gamma):
+def test_the_continuous_pipe_snaps_nowhere_unless_it_hangs_heavily(gamma):
     curve = pd.criticality_curve(
         lambda b: pd.Galerkin(pd.Pipe(b, gamma=gamma), 12, "legendre"), [0.05, 0.3, 0.5, 0.7, 0.95]
     )
@@ -128,3 +128,16 @@ def test_with_drag_a_curve_tells_where_the_pipe_snaps_past_its_onset(drag):
 def test_two_segments_snap_at_heavy_fluid_too_just_before_they_diverge():
     curve = pd.criticality_curve(lambda b: pd.Chain(pd.Pipe(b, gamma=20.0), 2), [0.05, 0.4, 0.8])
     assert curve.subcritical.tolist() == [True, False, True]
+
+
+def test_a_heavily_hanging_continuous_pipe_snaps_where_the_fluid_is_light():
+    def make(beta, m=12):
+        return pd.Galerkin(pd.Pipe(beta, gamma=300.0), m, "legendre")
+
+    curve = pd.criticality_curve(make, [0.003, 0.01, 0.02])
+    assert curve.subcritical.tolist() == [False, True, False]
+    onset = pd.hopf(make(0.01, 16))
+    assert onset.lyapunov == pytest.approx(curve.onsets[1].lyapunov, rel=1e-3)
+    cycle = pd.limit_cycle(onset.model, onset.speed - 1e-4)
+    assert not cycle.stable
+    assert cycle.amplitude == pytest.approx(onset.amplitude(cycle.u), rel=1e-2)

@@ -282,6 +282,8 @@ def test_a_search_may_start_from_an_onset():
     )
     with pytest.raises(pd.NoCycle, match=r"born at u = 7\.26.* does not come to u = 7"):
         pd.limit_cycle(model, 7.0, first)
+    with pytest.raises(pd.NoCycle, match="does not come to"):
+        pd.limit_cycle(model, third.speed, third)  # where it has no size
     with pytest.raises(ValueError, match="start must be an onset of the model, got one of Gal"):
         pd.limit_cycle(pd.Galerkin(pd.Pipe(0.3), 8, "legendre"), 8.3, third)
     with pytest.raises(ValueError, match="start must be an onset of the model"):
@@ -332,6 +334,8 @@ def test_what_is_no_start_is_told_what_starts_there_are():
         pd.limit_cycle(ROM, 6.0, "hopf")
     with pytest.raises(ValueError, match="start must have 8 entries, or for a state twice as many"):
         pd.limit_cycle(ROM, 6.0, np.zeros(5))
+    with pytest.raises(TypeError, match=r"q0 must be an angle theta\(s\) or coordinates, got Hopf"):
+        pd.simulate(ROM, 6.0, 1.0, pd.hopf(ROM))
 
 
 def test_where_there_is_no_cycle_an_exception_says_why(known):

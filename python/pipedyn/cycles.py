@@ -288,13 +288,13 @@ def _unstable(motion: Field, u: float) -> bool:
 
 
 def _leapt(motion: Field, onset: Hopf, u: float) -> Orbit:
-    """From the law at the onset to the speed at once."""
+    """From the amplitude equation at the onset to the speed at once."""
     try:
         amplitude, omega = onset.amplitude(u), onset.pace(u)
     except ValueError:
         raise Elsewhere("the amplitude equation has no cycle there") from None
-    if amplitude > 0.6:
-        raise Elsewhere("the onset is too far")
+    if not 0.0 < amplitude <= 0.6:
+        raise Elsewhere("the onset is too near or too far")
     omega = omega if omega > 0.3 * onset.frequency else onset.frequency
     ring = birth_of(motion, onset).ring(motion, amplitude, u, omega)
     return _confirmed(motion, Equations(motion, ring.phases).solve(ring))
@@ -335,14 +335,14 @@ def follow(motion: Field, onset: Hopf, u: float, steps: int = 60) -> Orbit:
         passed.append(step)
         if not 0.2 * min(u, onset.speed) < b < 3.0 * max(u, onset.speed):
             break
-    raise Elsewhere(
-        f"the cycle born at u = {onset.speed:.6g} {_shortfall(onset, u, passed)}"
-        + (f": {lost}" if lost and not passed else "")
-    )
+    told = _turned_short(onset, u, passed)
+    if told is None:
+        told = f"does not come to u = {u:g}" + (f": {lost}" if lost else "")
+    raise Elsewhere(f"the cycle born at u = {onset.speed:.6g} {told}")
 
 
-def _shortfall(onset: Hopf, u: float, passed: list[Step]) -> str:
-    """How near to a speed a branch of cycles came."""
+def _turned_short(onset: Hopf, u: float, passed: list[Step]) -> str | None:
+    """Where a branch of cycles turned before it came to a speed, in words."""
     from pipedyn.branches import turning  # which builds on this module
 
     below = u < onset.speed
@@ -352,7 +352,7 @@ def _shortfall(onset: Hopf, u: float, passed: list[Step]) -> str:
             turn = turning(step)
             if turn is not None and (turn[1].u < onset.speed) == below:
                 return f"reaches {'down' if below else 'up'} to u = {turn[1].u:.6g} only"
-    return f"does not come to u = {u:g}"
+    return None
 
 
 def birth_of(motion: Field, onset: Hopf) -> Birth:

@@ -122,9 +122,9 @@ class Hopf:
             drag that of the pipe without its drag.
         lyapunov_error: absolute, of the differences.
         amplitude_law: limit of amplitude^2 / (u - u_c), with drag of amplitude / (u - u_c);
-            negative where the cycle lives below u_c.
-            Where the leading coefficient passes 0 along a parameter (a Bautin point) it grows
-            without bound, and holds at ever smaller amplitudes only.
+            negative where the cycle lives below u_c. Where the leading coefficient passes 0 along a
+            parameter (a Bautin point) it grows without bound, and holds at ever smaller amplitudes
+            only.
         amplitude_error: of amplitude_law, absolute, from that of the differences.
         frequency_law: limit of (omega - omega_c) / (u - u_c) along the cycles.
         exponent: the cycle grows like |u - u_c| to this power, 1/2, with drag 1.
@@ -322,8 +322,8 @@ def _described(
         leading, error, name = cubic, 0.25 * form.error, "the first Lyapunov coefficient"
     if abs(leading.real) <= error:
         raise NotConverged(
-            f"{name} at u = {crossing.speed:g} is 0 within its error of {error:.1e}: terms of "
-            "higher degree decide, which are not computed",
+            f"{name} at u = {crossing.speed:g} is 0 within its error of {error:.1e}, as at a "
+            "Bautin point: terms of higher degree decide, which are not computed",
             form,
         )
     law = -slope.real / leading.real
