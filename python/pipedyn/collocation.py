@@ -100,14 +100,12 @@ class Orbit:
         z: positions p, or with constraints whole states, shape (phases, width).
         frequency: omega.
         u: flow speed.
-        coarser: the same cycle on half as many phases, where it was solved there.
     """
 
     phases: Phases
     z: Array
     frequency: float
     u: float
-    coarser: Orbit | None = None
 
     def states(self, phase: Array | None = None) -> Array:
         """[p, p'] at the phases, or at others, shape (2 moving, k)."""

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: MIT
+"""One cycle followed to a flow speed, past folds, by arc length on panels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from pipedyn._check import Array
+from pipedyn.collocation import Birth, Elsewhere, arc
+from pipedyn.course import EDGES, Course, course_of, drawn, on_edges
+from pipedyn.field import Field
+from pipedyn.panels import Condition, head, plus, solved
+
+FIRST, LONGEST, SHORTEST = 0.05, 0.3, 1e-4
+"""Steps: in L of the free end, and in the logarithms of speed and frequency."""
+
+STRAIGHT = 0.8
+"""Cosine of the angle between steps below which one is made shorter."""
+
+ROUGH, TOLERANCE = 1e-3, 1e-5
+"""Roughness of the panels on the way, and Newton's last step."""
+
+PROBE: Array = np.linspace(0.0, 2.0 * math.pi, 65)
+"""Phases among which the free end's extremes are looked for."""
+
+MOST_STEPS = 80
+"""Cycles that are computed on the way."""
+
+
+def pursued(motion: Field, birth: Birth, u: float, most: int) -> Course:
+    """The cycle at a speed to which those born at an onset lead.
+
+    Args:
+        motion: the model's.
+        birth: the onset.
+        u: the speed.
+        most: evaluations of right-hand sides and Jacobians after which it is given up.
+
+    Raises:
+        Elsewhere: if they do not lead there, or not so soon.
+    """
+    born = next(arc(motion, birth))
+    last, here = _alike(motion, *(course_of(motion, o, ROUGH) for o in (born.begin, born.end)))
+    unit = here.size / float(np.ptp(motion.tip(here.states(PROBE))))
+    length, begun, stopped = FIRST, motion.evaluations, "it takes too many steps"
+    for _ in range(MOST_STEPS):
+        if (last.u - u) * (here.u - u) <= 0.0 and last.u != here.u:
+            return solved(motion, _towards(last, here, u), TOLERANCE)
+        if motion.evaluations > begun + most:
+            break
+        if not 0.2 * min(u, birth.speed) < here.u < 3.0 * max(u, birth.speed):
+            stopped = f"it goes off to u = {here.u:.6g}"
+            break
+        try:
+            found, length = _stepped(motion, last, here, unit, length)
+        except Elsewhere as reason:
+            stopped = f"it is lost at u = {here.u:.6g}, where {reason}"
+            break
+        last, here = _alike(motion, here, found)
+    raise Elsewhere(
+        f"the cycle born at u = {birth.speed:.6g} does not come to u = {u:g}: {stopped}"
+    )
+
+
+def _alike(motion: Field, last: Course, here: Course) -> tuple[Course, Course]:
+    """Two courses on panels that suit the second."""
+    rough = here.roughness()
+    short = np.count_nonzero(rough <= 1e-3 * ROUGH) > EDGES.size
+    if last.edges.size == here.edges.size and rough.max() <= ROUGH and not short:
+        return last, here
+    here = drawn(motion, here.states, here.frequency, here.u, here.half, ROUGH)
+    return on_edges(motion, last.states, here.edges, last.frequency, last.u), here
+
+
+def _towards(last: Course, here: Course, u: float) -> Course:
+    """What a line through two courses tells at a speed."""
+    guess = plus(here, *_change(last, here), (u - here.u) / (here.u - last.u))
+    return replace(guess, u=u)
+
+
+def _change(last: Course, here: Course) -> tuple[Array, Array, float, float]:
+    return (
+        *(here.starts - last.starts, here.pushes - last.pushes),
+        *(here.frequency - last.frequency, here.u - last.u),
+    )
+
+
+def _stepped(
+    motion: Field, last: Course, here: Course, unit: float, length: float
+) -> tuple[Course, float]:
+    """The next cycle, and the length to try next."""
+    half = motion.half
+    weights = np.full(motion.size + 2, unit**-2)
+    weights[half:-2] /= here.frequency**2
+    weights[-2:] = here.frequency**-2, here.u**-2
+    along = head(here) - head(last)
+    covered = math.sqrt(float(weights @ along**2))
+    row = weights * along / covered
+    while True:
+        try:
+            guess = plus(here, *_change(last, here), length / covered)
+            if guess.u <= 0.0 or guess.frequency <= 0.0:
+                raise Elsewhere("it leaves positive speeds")
+            condition = Condition(row, float(row @ head(here)) + length)
+            found = solved(motion, guess, TOLERANCE, condition)
+            moved = head(found) - head(here)
+            if length > STRAIGHT * math.sqrt(float(weights @ moved**2)) or length <= SHORTEST:
+                return found, min(1.5 * length, LONGEST)
+            raise Elsewhere("it turns too sharply")
+        except Elsewhere:
+            if length <= SHORTEST:
+                raise
+            length = max(0.4 * length, SHORTEST)
