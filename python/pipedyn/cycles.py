@@ -330,8 +330,9 @@ def _nudged(motion: Field, u: float) -> tuple[Array, Array]:
     """A state near rest, in the direction that grows fastest."""
     rest = motion.resting()
     values, vectors = np.linalg.eig(motion.jacobian(rest, u))
-    grown = vectors[:, int(np.argmax(values.real))].real
-    grown = grown / float(np.abs(grown[: motion.half]).max())
+    mode = vectors[:, int(np.argmax(values.real))]
+    across = mode[: motion.half]
+    grown = (mode / across[int(np.argmax(np.abs(across)))]).real
     y = rest + 0.1 * grown
     q, qdot = motion.model.recorded(y[None, : motion.half], y[None, motion.half :])
     return q[0], qdot[0]
@@ -488,7 +489,8 @@ def _peak(values: Array) -> tuple[float, float]:
 
 def described(motion: Field, orbit: Orbit, error: float, samples: int, how: str) -> LimitCycle:
     """What an orbit is, with its multipliers, as found; the error is not checked here."""
-    return _described(motion, course_of(motion, orbit, 1e-7), error, samples, how)
+    rough = 1e-6 * (ROUGH_ACROSS_KINKS if motion.model.pipe.drag else 1e-1 * ROUGH)
+    return _described(motion, course_of(motion, orbit, rough), error, samples, how)
 
 
 def _described(motion: Field, course: Course, error: float, samples: int, how: str) -> LimitCycle:

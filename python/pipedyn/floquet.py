@@ -47,7 +47,9 @@ def floquet(motion: Field, course: Course) -> tuple[Complex, float]:
         course = halved(motion, course)
         coarser, values = values, _multipliers(motion, course)
         # What halving leaves: less than a quarter at a kink, a 32nd where f is smooth.
-        error = _apart(coarser, values) / (4.0 if motion.model.pipe.drag else 32.0)
+        last, error = error, _apart(coarser, values) / (4.0 if motion.model.pipe.drag else 32.0)
+        if error > 0.5 * last:  # two that meet at 1, as where a cycle is born, know half the digits
+            break
     # Rounded, as the moduli of a pair differ by rounding.
     sizes = np.log(np.maximum(np.abs(values), 1e-300)).round(11)
     order = np.lexsort((-values.imag, -sizes))

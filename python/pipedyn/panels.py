@@ -23,8 +23,8 @@ from pipedyn.field import Field
 MOST_ENTRIES = 500_000
 """Numbers in the stages' matrices that are made at a time: what a cache holds."""
 
-MOST_STEPS = 15
-"""Of Newton's method."""
+MOST_STEPS, MOST_SLOW = 15, 3
+"""Of Newton's method, and such in a row as are not half as long as the one before."""
 
 
 # ------------------------------------------------------------------------------------- one panel
@@ -188,14 +188,15 @@ def _units(motion: Field, course: Course) -> Array:
 
 @dataclass(frozen=True)
 class Condition:
-    """What a cycle is to meet in place of a given speed: row . (y(0), omega, u) = value."""
+    """What takes the place of a given speed: rows @ (y(0), omega, u) = values.
 
-    row: Array
-    value: float
+    Attributes:
+        rows: the first fixes the phase, shape (2, 2 moving + 2).
+        values: shape (2,).
+    """
 
-    def missed(self, course: Course) -> float:
-        """What is left."""
-        return self.value - float(self.row @ head(course))
+    rows: Array
+    values: Array
 
 
 def head(course: Course) -> Array:
@@ -217,7 +218,7 @@ def solved(
     Raises:
         Elsewhere: if it is lost.
     """
-    units, last = _units(motion, course), math.inf
+    units, last, slow = _units(motion, course), math.inf, 0
     begun, size = course.frequency, course.size
     for _ in range(MOST_STEPS):
         with np.errstate(over="raise", invalid="raise"):
@@ -232,6 +233,9 @@ def solved(
             raise Elsewhere("Newton's method left the neighbourhood of its start")
         if moved <= tolerance or (last < 1e3 * tolerance and moved >= 0.5 * last):
             return course
+        slow = slow + 1 if moved > 0.5 * last else 0
+        if slow == MOST_SLOW:
+            break
         last = moved
     raise Elsewhere("Newton's method did not converge")
 
@@ -250,14 +254,14 @@ def _newton(
     whole[:n, :n] = link.first[0] + mirror * link.last[0]
     whole[:n, n:] = -link.right[0, :, 1:]
     known[:n] = link.right[0, :, 0]
-    # The phase: y(0) moves across the motion.
-    whole[n, :n] = motion(course.starts[:1].T, course.u)[:, 0] / units
-    whole[n] /= np.linalg.norm(whole[n])
     if condition is None:
+        # The speed stays, and y(0) moves across the motion.
+        whole[n, :n] = motion(course.starts[:1].T, course.u)[:, 0] / units
+        whole[n] /= np.linalg.norm(whole[n])
         whole[n + 1, n + 1] = 1.0
     else:
-        whole[n + 1] = condition.row * np.append(units, [1.0, 1.0])
-        known[n + 1] = condition.missed(course)
+        whole[n:] = condition.rows * np.append(units, [1.0, 1.0])
+        known[n:] = condition.values - condition.rows @ head(course)
     found = np.linalg.solve(whole, known)
     factors = np.array([1.0, found[n], found[n + 1]])
     starts = _restored(np.stack([found[:n], mirror * found[:n]]), passed, factors)[:-1] * units

@@ -44,7 +44,8 @@ def pursued(motion: Field, birth: Birth, u: float, most: int) -> Course:
     """
     born = next(arc(motion, birth))
     last, here = _alike(motion, *(course_of(motion, o, ROUGH) for o in (born.begin, born.end)))
-    unit = here.size / float(np.ptp(motion.tip(here.states(PROBE))))
+    swing = 0.5 * float(np.ptp(motion.tip(here.states(PROBE))))
+    unit, least = here.size / swing, 0.25 * here.size
     length, begun, stopped = FIRST, motion.evaluations, "it takes too many steps"
     for _ in range(MOST_STEPS):
         if (last.u - u) * (here.u - u) <= 0.0 and last.u != here.u:
@@ -59,10 +60,23 @@ def pursued(motion: Field, birth: Birth, u: float, most: int) -> Course:
         except Elsewhere as reason:
             stopped = f"it is lost at u = {here.u:.6g}, where {reason}"
             break
+        if found.size < least or _turned_over(here, found):
+            stopped = f"it shrinks to rest at u = {found.u:.6g}"
+            break
         last, here = _alike(motion, here, found)
     raise Elsewhere(
         f"the cycle born at u = {birth.speed:.6g} does not come to u = {u:g}: {stopped}"
     )
+
+
+def _turned_over(here: Course, found: Course) -> bool:
+    """Whether a cycle passed through rest, beyond which it is the same half a period later."""
+    half = here.starts.shape[1] // 2
+    a, b = (
+        c.starts[:, :half] - (0.0 if c.half else c.starts[:, :half].mean(axis=0))
+        for c in (here, found)
+    )
+    return float((a * b).sum()) < 0.0
 
 
 def _alike(motion: Field, last: Course, here: Course) -> tuple[Course, Course]:
@@ -98,14 +112,18 @@ def _stepped(
     weights[-2:] = here.frequency**-2, here.u**-2
     along = head(here) - head(last)
     covered = math.sqrt(float(weights @ along**2))
-    row = weights * along / covered
+    # Not along the motion, which would be the same cycle from another phase on.
+    turning = weights * np.append(motion(here.starts[:1].T, here.u)[:, 0], [0.0, 0.0])
+    rows = np.stack([turning / np.linalg.norm(turning), weights * along / covered])
+    begin = rows @ head(here)
     while True:
         try:
             guess = plus(here, *_change(last, here), length / covered)
             if guess.u <= 0.0 or guess.frequency <= 0.0:
                 raise Elsewhere("it leaves positive speeds")
-            condition = Condition(row, float(row @ head(here)) + length)
-            found = solved(motion, guess, TOLERANCE, condition)
+            found = solved(
+                motion, guess, TOLERANCE, Condition(rows, begin + np.array([0.0, length]))
+            )
             moved = head(found) - head(here)
             if length > STRAIGHT * math.sqrt(float(weights @ moved**2)) or length <= SHORTEST:
                 return found, min(1.5 * length, LONGEST)
