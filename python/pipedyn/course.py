@@ -183,22 +183,22 @@ def drawn(
         rough = course.roughness() > tolerance
         if not rough.any():
             break
-        course = on_edges(motion, states, _halved(course.edges, rough), frequency, u)
+        course = on_edges(motion, states, _divided(course.edges, 1 + rough), frequency, u)
     return course
 
 
-def halved(
-    motion: Field, course: Course, cut: NDArray[np.bool_] | None = None, turning: bool = False
+def divided(
+    motion: Field, course: Course, parts: NDArray[np.int_], turning: bool = False
 ) -> Course:
-    """The same course with panels halved.
+    """The same course on shorter panels.
 
     Args:
         motion: the model's.
         course: what is drawn.
-        cut: which are, shape (M,); all where not given.
+        parts: into how many each panel is divided, shape (M,).
         turning: whether panels are to end also where drag points turn back on the course as it is.
     """
-    edges = _halved(course.edges, np.ones(len(course.starts), bool) if cut is None else cut)
+    edges = _divided(course.edges, parts)
     if turning:
         edges = _joined(edges, _turning_points(motion, course))
     return on_edges(motion, course.states, edges, course.frequency, course.u)
@@ -215,9 +215,10 @@ def on_edges(
     return Course(edges, states(edges[:-1]).T.copy(), pushes, frequency, u)
 
 
-def _halved(edges: Array, cut: NDArray[np.bool_]) -> Array:
-    middle = 0.5 * (edges[:-1] + edges[1:])[cut]
-    return np.sort(np.concatenate([edges, middle]))
+def _divided(edges: Array, parts: NDArray[np.int_]) -> Array:
+    which = np.repeat(np.arange(parts.size), parts)
+    share = (np.arange(which.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[which]
+    return np.append(edges[which] + share * np.diff(edges)[which], edges[-1])
 
 
 def _joined(edges: Array, turns: Array) -> Array:

@@ -12,7 +12,7 @@ method would spend its steps on nothing: here they cost nothing but the size of 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -23,10 +23,11 @@ from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
 from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, is_odd
-from pipedyn.course import MOST, Course, course_of, drawn, halved
+from pipedyn.course import MOST, Course, course_of, divided, drawn
 from pipedyn.critical import crossings
 from pipedyn.field import Field
 from pipedyn.floquet import floquet
+from pipedyn.galerkin import Galerkin
 from pipedyn.hopf import Hopf, hopf
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, NotConverged, PipedynError
@@ -44,6 +45,13 @@ ROUGH, ROUGH_ACROSS_KINKS = 1e-3, 1e-1
 
 FIRST_ROUGH, FIRST_STEP = 1e-3, 1e-5
 """Roughness of panels and last step of Newton's method where a cycle is looked for."""
+
+LIGHT = 0.2
+"""Damping beside sqrt(beta) u with which an aspirating pipe's onset is at about 0.6 u: one third of
+what the flow gives its first mode, 2 sqrt(beta) u, against delta omega^2 / 2."""
+
+SETTLED = 0.01
+"""How far beside its size a cycle may be from a simulated motion that is on its way to it."""
 
 CHECKS = 3
 """Times that the panels are refined for the sake of the multipliers, and once at least."""
@@ -158,7 +166,9 @@ def limit_cycle(
             or one with as many coordinates (at another speed, or of another pipe), or a state
             [q, q'], shape (2 coordinates,), from which a simulation sets out. Where not given, the
             cycles born at the model's flutter onsets are followed to u, the nearest onset first;
-            where that leads nowhere and rest is unstable, a simulation from near rest.
+            where that leads nowhere and rest is unstable, a simulation from near rest; and of pipes
+            with drag that are unstable without an onset, the cycle of a damped pipe, whose damping
+            is taken away.
         rtol: relative tolerance of amplitude and frequency, in [1e-10, 1e-2].
         samples: number of states that are given, from the start of the period to its end.
 
@@ -243,8 +253,20 @@ def _unguided(motion: Field, u: float) -> tuple[Course, str]:
             except Elsewhere as reason:
                 told.append(str(reason))
     if unstable:
-        q0, qdot0 = _nudged(motion, u)
-        return _simulated(motion, u, q0, qdot0), "simulation"
+        bounded = not passages and model.pipe.drag > 0.0 and model.pipe.damping == 0.0
+        try:
+            limit = SEARCH
+            if bounded:  # all modes grow, about as fast: a chain's motions are cheap and take long
+                limit = SEARCH // 5 if isinstance(model, Galerkin) else 2 * SEARCH
+            return _simulated(motion, u, *_nudged(motion, u), limit), "simulation"
+        except NoCycle as reason:
+            told.insert(0, str(reason))
+        if bounded:
+            try:
+                return _undamped(motion, u), "followed from a damped pipe's"
+            except Elsewhere as reason:
+                told.append(str(reason))
+        raise NoCycle("; ".join(dict.fromkeys(told)), u)
     first = min((c.speed for c in passages if c.destabilising), default=math.nan)
     where = f": flutter sets in at u = {first:.6g}" if first > u else ""
     why = f" ({'; '.join(dict.fromkeys(told))})" if told else ""
@@ -253,6 +275,38 @@ def _unguided(motion: Field, u: float) -> tuple[Course, str]:
         "one far from rest may be found with start=",
         u,
     )
+
+
+def _undamped(motion: Field, u: float) -> Course:
+    """From the cycle of the same pipe with damping, which is taken away.
+
+    An aspirating pipe without damping has no onset: it is unstable from u = 0 on.
+    """
+    pipe = motion.model.pipe
+    damping = LIGHT * math.sqrt(pipe.beta) * u
+
+    def damped(share: float) -> Field:
+        return Field(motion.model.with_pipe(replace(pipe, damping=share * damping)))
+
+    share, step = 1.0, 0.25
+    here = damped(share)
+    try:
+        passages = [c for c in crossings(here.model, u) if c.destabilising and c.kind == "flutter"]
+        onset = hopf(here.model, max(passages, key=lambda c: c.speed))
+    except (PipedynError, ValueError) as reason:
+        raise Elsewhere(f"with damping of {damping:.2g} no onset is found") from reason
+    course = pursued(here, birth_of(here, onset), u, SEARCH)
+    while share > 0.0:
+        here = damped(max(share - step, 0.0))
+        try:
+            course = solved(here, course, FIRST_STEP)
+            share, step = max(share - step, 0.0), 1.5 * step
+        except Elsewhere:
+            step *= 0.5
+            if step < 0.01:
+                raise
+    motion.evaluations += here.evaluations
+    return course
 
 
 def _unstable(motion: Field, u: float) -> bool:
@@ -338,14 +392,14 @@ def _nudged(motion: Field, u: float) -> tuple[Array, Array]:
     return q[0], qdot[0]
 
 
-def _simulated(motion: Field, u: float, q0: Array, qdot0: Array) -> Course:
+def _simulated(motion: Field, u: float, q0: Array, qdot0: Array, limit: int = SEARCH) -> Course:
     """From where a motion settles."""
     model = motion.model
     reason = "the motion comes back to no state it had before"
     first = motion.resting()
     q_rest = model.recorded(first[None, : motion.half], first[None, motion.half :])[0][0]
-    evaluations = 0
-    while evaluations < SEARCH:
+    evaluations, passed = 0, None
+    while evaluations < limit:
         try:
             going = simulate(model, u, CHUNK, q0, qdot0, rtol=1e-6, samples=1001)
         except MotionStopped as stopped:
@@ -365,11 +419,18 @@ def _simulated(motion: Field, u: float, q0: Array, qdot0: Array) -> Course:
         except Elsewhere as told:
             reason = str(told)
             continue
-        # One far from the motion may be any, most likely one that repels.
+        # One far from the motion may be any, and one that repels a motion only passes by.
         away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
-        if away < 0.05 * found.size:
-            return found
         reason = "the motion does not settle"
+        if away < SETTLED * found.size:
+            if passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6:
+                continue
+            multipliers, _ = floquet(motion, found)
+            if np.count_nonzero(np.abs(multipliers) > 1.0 + 1e-3) == 0:
+                return found
+            passed = found
+    if passed is not None:
+        return passed
     raise NoCycle(f"no limit cycle at u = {u:g} from there: {reason}", u)
 
 
@@ -450,7 +511,7 @@ def _refined(
         if len(course.starts) + coarse.sum() > MOST:
             return course, error, f"that takes more than {MOST} panels"
         try:
-            finer = solved(motion, halved(motion, course, coarse, turning=True), tolerance)
+            finer = solved(motion, divided(motion, course, 1 + coarse, turning=True), tolerance)
         except Elsewhere as told:
             return course, error, str(told)
         sharper = amplitude_of(motion, finer)

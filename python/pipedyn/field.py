@@ -33,6 +33,8 @@ class Field:
         """Whether constraints are met by a projection, and p' alone is not the rate of p."""
         scene = model.motion if isinstance(model.motion, SceneMotion) else None
         self.by_differences = self.tied or (scene is not None and scene.accelerations is None)
+        self.hidden_kinks = model.pipe.drag > 0.0 and not isinstance(model, Chain)
+        """Whether f's second derivative jumps where `drag_velocities` does not tell."""
         self.evaluations = 0
 
     def __call__(self, y: Array, u: float) -> Array:

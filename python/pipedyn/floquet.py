@@ -16,20 +16,23 @@ import scipy.linalg
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn._check import Array
-from pipedyn.course import MOST, Course, halved
+from pipedyn.course import Course, divided
 from pipedyn.field import Field
 from pipedyn.modular.moving import SceneMotion
 from pipedyn.panels import through
 from pipedyn.pencil import Complex
 
-SETTLED, MOST_HALVINGS = 1e-7, 4
-"""Error of a multiplier, relative if above 1, and halvings of the panels to come there."""
+SETTLED, MOST_HALVINGS, MOST = 1e-7, 4, 4000
+"""Error of a multiplier, relative if above 1; halvings of the panels, and panels, to come there."""
 
 TURN = 4.0
 """|lambda| h of a panel at most, for modes that live on: its error is 3e-8, of a half 5e-13."""
 
 LIVES = 25.0
 """Decrements by which a mode has decayed so that it has no part in what a cycle leaves."""
+
+LEFT, LEFT_ACROSS_KINKS = 1e-3, 0.25
+"""Share of the error that halving leaves at most: 2^-15 where f is smooth, 2^-3 across kinks."""
 
 
 def floquet(motion: Field, course: Course) -> tuple[Complex, float]:
@@ -39,15 +42,15 @@ def floquet(motion: Field, course: Course) -> tuple[Complex, float]:
         motion: the model's.
         course: the cycle.
     """
+    left = LEFT_ACROSS_KINKS if motion.hidden_kinks else LEFT
     course = _short(motion, course)
     values, error = _multipliers(motion, course), math.inf
     for _ in range(MOST_HALVINGS):
         if error <= SETTLED or 2 * len(course.starts) > MOST:
             break
-        course = halved(motion, course)
+        course = divided(motion, course, np.full(len(course.starts), 2))
         coarser, values = values, _multipliers(motion, course)
-        # What halving leaves: less than a quarter at a kink, a 32nd where f is smooth.
-        last, error = error, _apart(coarser, values) / (4.0 if motion.model.pipe.drag else 32.0)
+        last, error = error, left * _apart(coarser, values)
         if error > 0.5 * last:  # two that meet at 1, as where a cycle is born, know half the digits
             break
     # Rounded, as the moduli of a pair differ by rounding.
@@ -68,16 +71,12 @@ def _multipliers(motion: Field, course: Course) -> Complex:
 
 def _short(motion: Field, course: Course) -> Course:
     """The same on panels that are short for every mode that lives on."""
-    for _ in range(12):
-        rates = np.linalg.eigvals(
-            motion.jacobians(course.starts[:: len(course.starts) // 4].T, course.u)
-        )
-        lives = rates.real > -LIVES * course.frequency / course.span
-        long = course.steps * np.abs(rates[lives]).max(initial=0.0) > TURN
-        if not long.any() or len(course.starts) + long.sum() > MOST:
-            return course
-        course = halved(motion, course, long)
-    return course
+    some = np.ascontiguousarray(course.starts[:: len(course.starts) // 4].T)
+    rates = np.linalg.eigvals(motion.jacobians(some, course.u))
+    lives = rates.real > -LIVES * course.frequency / course.span
+    turns = course.steps * np.abs(rates[lives]).max(initial=0.0)
+    parts = np.ceil(np.maximum(turns / TURN, 1.0)).astype(int)
+    return divided(motion, course, parts) if 2 * parts.sum() <= MOST else course
 
 
 def _apart(a: Complex, b: Complex) -> float:

@@ -234,7 +234,7 @@ def solved(
         if moved <= tolerance or (last < 1e3 * tolerance and moved >= 0.5 * last):
             return course
         slow = slow + 1 if moved > 0.5 * last else 0
-        if slow == MOST_SLOW:
+        if condition is not None and slow == MOST_SLOW:  # a shorter step is cheaper
             break
         last = moved
     raise Elsewhere("Newton's method did not converge")

@@ -26,7 +26,10 @@ ROUGH, TOLERANCE = 1e-3, 1e-5
 PROBE: Array = np.linspace(0.0, 2.0 * math.pi, 65)
 """Phases among which the free end's extremes are looked for."""
 
-MOST_STEPS = 80
+HALVINGS = 8
+"""Of the last step."""
+
+MOST_STEPS = 60
 """Cycles that are computed on the way."""
 
 
@@ -49,10 +52,10 @@ def pursued(motion: Field, birth: Birth, u: float, most: int) -> Course:
     length, begun, stopped = FIRST, motion.evaluations, "it takes too many steps"
     for _ in range(MOST_STEPS):
         if (last.u - u) * (here.u - u) <= 0.0 and last.u != here.u:
-            return solved(motion, _towards(last, here, u), TOLERANCE)
+            return _landed(motion, last, here, unit, u)
         if motion.evaluations > begun + most:
             break
-        if not 0.2 * min(u, birth.speed) < here.u < 3.0 * max(u, birth.speed):
+        if not 0.5 * min(u, birth.speed) < here.u < 1.5 * max(u, birth.speed):
             stopped = f"it goes off to u = {here.u:.6g}"
             break
         try:
@@ -102,30 +105,66 @@ def _change(last: Course, here: Course) -> tuple[Array, Array, float, float]:
     )
 
 
+def _landed(motion: Field, last: Course, here: Course, unit: float, u: float) -> Course:
+    """The cycle at a speed between those of two, which come nearer where the branch is steep."""
+    for _ in range(HALVINGS):
+        try:
+            found = solved(motion, _towards(last, here, u), TOLERANCE)
+            if 0.5 < found.size / here.size < 2.0:
+                return found
+        except Elsewhere:
+            pass
+        line = _Line(motion, last, here, unit)
+        middle = line.at(motion, here, -0.5 * line.covered)
+        if (middle.u - u) * (here.u - u) <= 0.0:
+            last = middle
+        else:
+            here = middle
+    raise Elsewhere(f"Newton's method does not settle at u = {u:g}")
+
+
+class _Line:
+    """The line through two courses, and the condition that a third be so far along it."""
+
+    def __init__(self, motion: Field, last: Course, here: Course, unit: float) -> None:
+        self.weights = np.full(motion.size + 2, unit**-2)
+        self.weights[motion.half : -2] /= here.frequency**2
+        self.weights[-2:] = here.frequency**-2, here.u**-2
+        self.change = _change(last, here)
+        along = head(here) - head(last)
+        self.covered = self.length(along)
+        # Not along the motion, which would be the same cycle from another phase on.
+        turning = self.weights * np.append(motion(here.starts[:1].T, here.u)[:, 0], [0.0, 0.0])
+        turning = turning / np.linalg.norm(turning)
+        self.rows = np.stack([turning, self.weights * along / self.covered])
+        self.begin = self.rows @ head(here)
+
+    def length(self, change: Array) -> float:
+        """Of a change of (y(0), omega, u)."""
+        return math.sqrt(float(self.weights @ change**2))
+
+    def at(self, motion: Field, here: Course, length: float) -> Course:
+        """The cycle at a length from the second course.
+
+        Raises:
+            Elsewhere: if Newton's method does not settle.
+        """
+        guess = plus(here, *self.change, length / self.covered)
+        if guess.u <= 0.0 or guess.frequency <= 0.0:
+            raise Elsewhere("it leaves positive speeds")
+        condition = Condition(self.rows, self.begin + np.array([0.0, length]))
+        return solved(motion, guess, TOLERANCE, condition)
+
+
 def _stepped(
     motion: Field, last: Course, here: Course, unit: float, length: float
 ) -> tuple[Course, float]:
     """The next cycle, and the length to try next."""
-    half = motion.half
-    weights = np.full(motion.size + 2, unit**-2)
-    weights[half:-2] /= here.frequency**2
-    weights[-2:] = here.frequency**-2, here.u**-2
-    along = head(here) - head(last)
-    covered = math.sqrt(float(weights @ along**2))
-    # Not along the motion, which would be the same cycle from another phase on.
-    turning = weights * np.append(motion(here.starts[:1].T, here.u)[:, 0], [0.0, 0.0])
-    rows = np.stack([turning / np.linalg.norm(turning), weights * along / covered])
-    begin = rows @ head(here)
+    line = _Line(motion, last, here, unit)
     while True:
         try:
-            guess = plus(here, *_change(last, here), length / covered)
-            if guess.u <= 0.0 or guess.frequency <= 0.0:
-                raise Elsewhere("it leaves positive speeds")
-            found = solved(
-                motion, guess, TOLERANCE, Condition(rows, begin + np.array([0.0, length]))
-            )
-            moved = head(found) - head(here)
-            if length > STRAIGHT * math.sqrt(float(weights @ moved**2)) or length <= SHORTEST:
+            found = line.at(motion, here, length)
+            if length > STRAIGHT * line.length(head(found) - head(here)):
                 return found, min(1.5 * length, LONGEST)
             raise Elsewhere("it turns too sharply")
         except Elsewhere:
