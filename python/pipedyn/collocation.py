@@ -6,6 +6,7 @@ Newton's method with the analytic Jacobian finds it together with its frequency.
 eliminated, p' = omega dp/dphi, so that the unknowns are the N positions. A cycle of an odd system
 mostly is its own mirror image half a period later: then half of a period and odd harmonics
 describe it. An arc of cycles goes on by pseudo-arclength, on more phases where they are needed.
+The matrices are dense, for cycles of few harmonics: `panels` refines them.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Limit cycles, stable or not, as periodic boundary-value problems.
 
-One period is solved for at N equal phases at once (`collocation`). N is doubled until amplitude and
-frequency stand still; where f is analytic they do so faster than any power of N, under drag, |v| v,
-like one.
-
-The modes of a chain that are far faster than its cycle hardly take part in it, so that a shooting
-method would spend its steps on nothing: here they cost nothing but the size of the matrix.
+What is found on few panels (`course`, `panels`), from an onset (`pursuit`), a motion or another
+cycle, is refined there until amplitude and frequency stand still. Panels are short where the motion
+asks for it, and Radau's method takes modes that decay far faster than the cycle turns in its steps.
 """
 
 from __future__ import annotations
@@ -37,8 +34,8 @@ from pipedyn.pencil import Complex
 from pipedyn.pursuit import pursued
 
 LARGEST_CYCLE = 100
-"""Degrees of freedom. A chain of 20 takes half a second, of 40 five, of 60 half a minute, nearly
-all for the multipliers, whose steps the fastest mode sets."""
+"""Degrees of freedom. An undamped chain of 20 takes 0.8 s, of 40 ten, of 60 a minute, nearly all
+for the multipliers, whose panels the fastest mode that lives on sets."""
 
 ROUGH, ROUGH_ACROSS_KINKS = 1e-3, 1e-1
 """Roughness of panels beside rtol, where f is smooth and under drag."""
@@ -88,10 +85,10 @@ class LimitCycle:
         u: flow speed.
         model: the model.
         error: of amplitude and frequency, relative, estimated by refinement: what the last
-            doubling of the phases changed.
-        multiplier_error: distance of the trivial multiplier from 1, or the summed error of the
-            variational equation's steps where that is more.
-        residual: largest |dy/dt - f(y)| half-way between the phases at which the equations were
+            halving of panels changed.
+        multiplier_error: distance of the trivial multiplier from 1, or what halving the panels
+            tells of the worst, relative if above 1, where that is more.
+        residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         symmetric: whether the second half of the period was taken as the mirror image of the first.
         phases: number of states solved for.
@@ -253,20 +250,7 @@ def _unguided(motion: Field, u: float) -> tuple[Course, str]:
             except Elsewhere as reason:
                 told.append(str(reason))
     if unstable:
-        bounded = not passages and model.pipe.drag > 0.0 and model.pipe.damping == 0.0
-        try:
-            limit = SEARCH
-            if bounded:  # all modes grow, about as fast: a chain's motions are cheap and take long
-                limit = SEARCH // 5 if isinstance(model, Galerkin) else 2 * SEARCH
-            return _simulated(motion, u, *_nudged(motion, u), limit), "simulation"
-        except NoCycle as reason:
-            told.insert(0, str(reason))
-        if bounded:
-            try:
-                return _undamped(motion, u), "followed from a damped pipe's"
-            except Elsewhere as reason:
-                told.append(str(reason))
-        raise NoCycle("; ".join(dict.fromkeys(told)), u)
+        return _far(motion, u, told, not passages)
     first = min((c.speed for c in passages if c.destabilising), default=math.nan)
     where = f": flutter sets in at u = {first:.6g}" if first > u else ""
     why = f" ({'; '.join(dict.fromkeys(told))})" if told else ""
@@ -275,6 +259,32 @@ def _unguided(motion: Field, u: float) -> tuple[Course, str]:
         "one far from rest may be found with start=",
         u,
     )
+
+
+def _far(motion: Field, u: float, told: list[str], alone: bool) -> tuple[Course, str]:
+    """Where no onset leads: by simulation or, under drag alone, from a damped pipe's cycle.
+
+    All modes of a pipe under drag alone grow, about as fast: a chain's motions are cheap and come
+    to a cycle that attracts, if late; a reduced model's are dear.
+    """
+    pipe = motion.model.pipe
+    bounded = alone and pipe.drag > 0.0 and pipe.damping == 0.0
+    if bounded and isinstance(motion.model, Galerkin):
+        try:
+            return _undamped(motion, u), "followed from a damped pipe's"
+        except Elsewhere as reason:
+            told.append(str(reason))
+    try:
+        limit = 2 * SEARCH if bounded else SEARCH
+        return _simulated(motion, u, *_nudged(motion, u), limit), "simulation"
+    except NoCycle as reason:
+        told.insert(0, str(reason))
+    if bounded and not isinstance(motion.model, Galerkin):
+        try:
+            return _undamped(motion, u), "followed from a damped pipe's"
+        except Elsewhere as reason:
+            told.append(str(reason))
+    raise NoCycle("; ".join(dict.fromkeys(told)), u)
 
 
 def _undamped(motion: Field, u: float) -> Course:
