@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+import scipy.integrate
 
 import pipedyn as pd
 
@@ -185,8 +186,8 @@ def test_the_error_told_bounds_what_refinement_changes(model, u):
 
 
 def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 256)
-    with pytest.raises(pd.NotConverged, match=r"is known to .* only") as caught:
+    monkeypatch.setattr("pipedyn.cycles.MOST", 20)
+    with pytest.raises(pd.NotConverged, match=r"is known to .* only: that takes more") as caught:
         pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 6.0, rtol=1e-9)
     kept = caught.value.result
     assert kept.amplitude > 0.1
@@ -194,11 +195,11 @@ def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
 
 
 def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
+    monkeypatch.setattr("pipedyn.floquet.TURN", 40.0)
     monkeypatch.setattr("pipedyn.floquet.MOST_HALVINGS", 1)
-    monkeypatch.setattr("pipedyn.floquet.FEWEST_ACROSS_KINKS", 16)
-    monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 512)
+    monkeypatch.setattr("pipedyn.cycles.CHECKS", 1)
     with pytest.raises(pd.NotConverged, match="Floquet multipliers") as caught:
-        pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 5.0)
+        pd.limit_cycle(pd.Chain(PIPE, 16), 6.0)
     assert caught.value.result.multiplier_error > 1e-6
 
 
@@ -324,6 +325,84 @@ def test_a_cycle_below_an_onset_that_faint_drag_makes_gentle_is_found():
         cycle = pd.limit_cycle(model, onset.speed - 1e-3)
         assert not cycle.stable
         assert cycle.amplitude == pytest.approx(onset.amplitude(cycle.u), rel=0.05)
+
+
+def test_an_aspirating_pipe_without_damping_has_the_cycle_that_damped_ones_tend_to():
+    def chain(damping):
+        return pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=1.0, damping=damping), 6)
+
+    near, nearer = (pd.limit_cycle(chain(damping), 0.1) for damping in (2e-3, 1e-3))
+    cycle = pd.limit_cycle(chain(0.0), 0.1, nearer)
+    assert cycle.frequency == pytest.approx(3.516, rel=0.05)  # about the beam's first mode
+    ratio = (near.amplitude - cycle.amplitude) / (nearer.amplitude - cycle.amplitude)
+    assert ratio == pytest.approx(2.0, rel=0.05)
+    assert not cycle.stable  # higher modes grow too
+
+
+@pytest.mark.parametrize("n", [3, 20])
+def test_drag_alone_bounds_the_motion_of_an_aspirating_chain(n):
+    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=1.0), n), 0.1)
+    assert cycle.multiplier_error < 1e-6
+    assert 1e-3 < cycle.amplitude < 0.3
+
+
+def test_a_cycle_beside_bent_equilibria_is_found():
+    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.5, gamma=-30.0), 2), 4.5)
+    assert cycle.stable
+    assert cycle.amplitude > 0.5
+
+
+# -------------------------------------------------------------------------- far from the onset
+
+
+@pytest.mark.parametrize(
+    ("model", "u"),
+    [
+        (pd.Chain(ASPIRATING, 20), 0.08),
+        (pd.Galerkin(ASPIRATING, 8, "legendre"), 0.3),
+        (pd.Chain(pd.Pipe(0.2, drag=2.0), 20), 8.0),
+        (pd.Chain(pd.Pipe(0.8, drag=2.0, damping=0.01), 3), 8.12),
+        (pd.Chain(pd.Pipe(0.2, damping=0.01), 3), 14.29),
+    ],
+    ids=["stiff", "stiff, far", "kinks", "many kinks", "large multipliers"],
+)
+def test_large_and_stiff_cycles_are_known_to_the_tolerance(model, u):
+    cycle = pd.limit_cycle(model, u, samples=4097)
+    assert cycle.error < 1e-6
+    assert cycle.multiplier_error < 1e-6
+    power = model.power(cycle.y[:, :-1], u)
+    assert abs(np.mean(power.total)) < 2e-6 * np.abs(power.flow).mean()
+
+
+def test_a_stiff_cycle_closes_under_another_method():
+    model, u = pd.Chain(ASPIRATING, 6), 0.12
+    cycle = pd.limit_cycle(model, u)
+
+    def rates(t, y):
+        return model.rhs(t, y, u)
+
+    def jacobian(t, y):
+        return model.jacobian(t, y, u)
+
+    after = scipy.integrate.solve_ivp(
+        rates, (0.0, cycle.period), cycle.y[:, 0], "Radau", jac=jacobian, rtol=1e-9, atol=1e-11
+    ).y[:, -1]
+    assert after == pytest.approx(cycle.y[:, 0], abs=1e-7)
+
+
+def test_the_trivial_multiplier_survives_one_of_ten_million():
+    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.2, damping=0.01), 3), 14.29)
+    assert abs(cycle.multipliers[0]) > 1e6
+    assert np.abs(cycle.multipliers - 1.0).min() < 1e-9
+
+
+def test_multipliers_multiply_to_what_the_divergence_tells():
+    # Liouville: the determinant is exp of the integral of the Jacobian's trace.
+    model, u = pd.Chain(pd.Pipe(0.3, damping=1e-3), 3), 6.5
+    cycle = pd.limit_cycle(model, u)
+    traces = [np.trace(model.jacobian(0.0, y, u)) for y in cycle.y[:, :-1].T]
+    told = np.log(np.abs(cycle.multipliers)).sum()
+    assert told == pytest.approx(cycle.period * np.mean(traces), rel=1e-6)
 
 
 # ------------------------------------------------------------------------------------ refusals
