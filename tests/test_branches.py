@@ -10,7 +10,7 @@ import pytest
 
 import pipedyn as pd
 from pipedyn import branches as module
-from pipedyn.branches import nontrivial, outside, passage
+from pipedyn.changes import nontrivial, outside, passage
 
 THREE = pd.Chain(pd.Pipe(0.2), 3)
 SUBCRITICAL = pd.Chain(pd.Pipe(0.7), 3)
@@ -158,33 +158,24 @@ def test_cycles_of_bent_pipes_double_their_period():
 # --------------------------------------------------------------------------- recognising changes
 
 
-class Told:
-    def __init__(self, u, multipliers):
-        self.u, self.amplitude = u, 0.1
-        self.multipliers = np.array(multipliers, dtype=complex)
-
-
 @pytest.mark.parametrize(
-    ("passing", "kind"),
+    ("root", "mirrored", "kind"),
     [
-        (([-0.999], [-1.001]), "period doubling"),
-        (([0.999], [1.001]), "pitchfork"),
-        (
-            (
-                [0.999 * np.exp(2j), 0.999 * np.exp(-2j)],
-                [1.001 * np.exp(2j), 1.001 * np.exp(-2j)],
-            ),
-            "torus",
-        ),
+        (-1.001, False, "period doubling"),
+        (-1.001, True, "pitchfork"),
+        (1.001, False, "fold"),
+        (1.001, True, "fold"),
+        (1.001 * np.exp(2j), False, "torus"),
+        (0.999 * np.exp(2j), True, "torus"),
     ],
 )
-def test_a_passage_is_named_by_where_the_multiplier_passes(passing, kind):
-    a, b = (Told(u, [1.0, 0.2, *values]) for u, values in zip((2.0, 2.5), passing, strict=True))
-    event = passage(a, b)
-    assert (event.kind, event.speed, event.error) == (kind, 2.25, 0.25)
-    assert outside(a.multipliers) == 0
-    assert outside(b.multipliers) == len(passing[1])
-    assert nontrivial(a.multipliers).size == a.multipliers.size - 1
+def test_a_passage_is_named_by_where_the_multiplier_passes(root, mirrored, kind):
+    others = [root, np.conj(root)] if np.iscomplex(root) else [root]
+    named, multiplier = passage([1.0, 0.2, -0.3, 40.0, *others], mirrored)
+    assert named == kind
+    assert abs(multiplier) == pytest.approx(abs(root) ** (2 if mirrored else 1))
+    assert nontrivial([0.3, 1.0 + 1e-9, root]).size == 2
+    assert outside([1.0, 1.5, root]) == 1 + (abs(root) > 1.0)
 
 
 # ------------------------------------------------------------------------------------- machinery

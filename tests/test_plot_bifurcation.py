@@ -20,6 +20,7 @@ SPEEDS = np.linspace(2.0, 3.0, 5)
 BRANCH = pd.CycleBranch(
     speeds=SPEEDS,
     amplitudes=0.1 * SPEEDS,
+    highest=0.1 * SPEEDS,
     frequencies=5.0 + SPEEDS,
     stable=SPEEDS < 2.6,
     multipliers=np.array([[-0.4 * u, 1.0, 0.2 + 0.1j, 0.2 - 0.1j] for u in SPEEDS]),

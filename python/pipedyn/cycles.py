@@ -22,8 +22,9 @@ from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn import _check
 from pipedyn._check import Array
+from pipedyn.arcs import Birth, arc, from_birth
 from pipedyn.blas import one_thread
-from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, Phases, arc, is_odd
+from pipedyn.collocation import Elsewhere, Equations, Orbit, Phases, is_odd
 from pipedyn.critical import crossings
 from pipedyn.field import Field
 from pipedyn.floquet import floquet
@@ -176,14 +177,14 @@ def limit_cycle(
     samples = _check.count("samples", samples, low=9, high=100_000)
     motion = Field(model)
     with one_thread(motion.size):
-        orbit, how = _found(motion, u, start)
+        orbit, how = orbit_from(motion, u, start)
         return finished(motion, orbit, rtol, samples, how)
 
 
 # ----------------------------------------------------------------------------- where it begins
 
 
-def _found(motion: Field, u: float, start: Any) -> tuple[Orbit, str]:
+def orbit_from(motion: Field, u: float, start: Any) -> tuple[Orbit, str]:
     """A cycle on few phases, and how it was found."""
     if start is None:
         return _unguided(motion, u)
@@ -284,7 +285,7 @@ def follow(motion: Field, onset: Hopf, u: float, steps: int = 60) -> Orbit:
         Elsewhere: if it does not come there.
     """
     begun = motion.evaluations
-    for step in islice(arc(motion, birth_of(motion, onset)), steps):
+    for step in islice(arc(motion, from_birth(motion, birth_of(motion, onset))), steps):
         a, b = step.begin.u, step.end.u
         if (a - u) * (b - u) <= 0.0 and a != b:
             return _confirmed(motion, step.landing(u))

@@ -37,17 +37,31 @@ def floquet(motion: Field, orbit: Orbit) -> tuple[Complex, float]:
         motion: the model's.
         orbit: the cycle.
     """
+    values, error = returns(motion, orbit)
+    if orbit.phases.half:
+        values = values**2
+    order = np.lexsort((-values.imag, -np.abs(values)))
+    return values[order], error
+
+
+def returns(motion: Field, orbit: Orbit) -> tuple[Complex, float]:
+    """Eigenvalues over the phases' span, with a mirror of half a period followed by the reflection.
+
+    These are the multipliers, or with a mirror their roots: the trivial one is 1 either way, and a
+    perturbation that breaks the mirror symmetry and neither grows nor decays has -1.
+
+    Args:
+        motion: the model's.
+        orbit: the cycle.
+    """
     tangent = _tangent(motion, orbit)
     through, error = _monodromy(motion, orbit)
     if not np.isfinite(through).all():
         return np.full(2 * motion.model.dof, np.nan + 0j), math.inf
     if tangent is not None:
         through = tangent.T @ through @ tangent
-    values = np.linalg.eigvals(through)
-    if orbit.phases.half:
-        values = values**2
-    order = np.lexsort((-values.imag, -np.abs(values)))
-    return values[order].astype(np.complex128), error
+    values: Complex = np.linalg.eigvals(through).astype(np.complex128)
+    return values, error
 
 
 def _tangent(motion: Field, orbit: Orbit) -> Array | None:

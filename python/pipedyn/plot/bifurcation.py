@@ -14,7 +14,8 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from pipedyn import _check
 from pipedyn._check import Array
-from pipedyn.branches import CycleBranch, nontrivial
+from pipedyn.branches import CycleBranch
+from pipedyn.changes import nontrivial
 from pipedyn.diagram import BifurcationDiagram
 from pipedyn.model import Model
 from pipedyn.plot.between import finer
