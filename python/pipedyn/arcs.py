@@ -292,8 +292,11 @@ def arc(motion: Field, start: Start) -> Iterator[Step]:
             count = 2 * (here.phases.count // 2) * 2
             if (count + 1) * here.z.shape[1] > MOST_UNKNOWNS:
                 raise Elsewhere(f"more than {here.phases.count} phases are needed")
-            dz = unpacked(towards, here).on(count).z
-            here, towards = here.on(count), np.append(dz, towards[-2:])
+            finer, dz = here.on(count), unpacked(towards, here).on(count).z
+            equations = Equations(motion, finer.phases)
+            here = equations.solve(finer, 1e-8)
+            row = metric(motion, here, unit) * np.append(dz, towards[-2:])
+            towards = equations.tangent(here, row)
             continue
         yield step
         here, towards = step.end, step.onward

@@ -59,9 +59,9 @@ TOLD = 1e-3
 SAMPLES = 65
 """States kept of each cycle."""
 
-BEYOND, MOST_BEYOND, PHASES_BEYOND = 1.25, 40, 128
+BEYOND, MOST_BEYOND, UNKNOWNS_BEYOND = 1.25, 40, 600
 """Factor by which a branch may leave both the speeds and its birth, since it may come back, steps
-out there in a row, and phases of half a period."""
+out there in a row, and unknowns beyond which a cycle of more than 128 phases is too dear there."""
 
 GENERATIONS = 2
 """Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
@@ -84,7 +84,7 @@ class CycleBranch:
             (S, n).
         events: in order along the branch.
         cycles: the cycles themselves; those at the speeds asked for meet the tolerance of
-            `limit_cycle`, those between some 1e-5.
+            `limit_cycle` or are listed as failures, those between some 1e-5.
         mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
         origin: where it is born: "hopf" (at an equilibrium), "pitchfork" or "period doubling" (of a
             branch of cycles), or "motion": a motion ended on it, from where it was followed both
@@ -246,18 +246,20 @@ def traced(
                 event = CycleEvent("hopf", u, 1e-6, 1.0 + 0j, 0.0)
         except Elsewhere as reason:
             return [], ((u, NoCycle(f"no cycle beside u = {u:g}: {reason}", u)),)
-        found = _traced(motion, starts, event, asked, failed, GENERATIONS)
+        found: list[Traced] = []
+        _trace(motion, starts, event, asked, found, failed, GENERATIONS)
         return found, tuple(failed)
 
 
-def _traced(
+def _trace(
     motion: Field,
     starts: list[Start],
     begin: CycleEvent | None,
     asked: Asked,
+    found: list[Traced],
     failed: list[Failed],
     generations: int,
-) -> list[Traced]:
+) -> None:
     """A branch one way from an event or both ways from a cycle, and those that leave it."""
     ways: list[_Followed] = []
     for start in starts:
@@ -266,10 +268,11 @@ def _traced(
         if ways[-1].closed:
             ways = ways[-1:]
             break
-    found = [_joined(ways)]
+    found.append(_joined(ways))
     for event, orbit, stable in [fork for way in ways for fork in way.forks]:
         followed = generations == GENERATIONS or (stable and generations > 0)
-        if not followed or any(_same(event, other.end) for other in found):
+        ends = (end for other in found for end in (other.begin, other.end))
+        if not followed or any(_same(event, end) for end in ends):
             continue
         kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
         try:
@@ -278,8 +281,7 @@ def _traced(
             told = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
             failed.append((event.speed, NoCycle(told, event.speed)))
             continue
-        found += _traced(motion, leaving, event, asked, failed, generations - 1)
-    return found
+        _trace(motion, leaving, event, asked, found, failed, generations - 1)
 
 
 def _joined(ways: list[_Followed]) -> Traced:
@@ -375,8 +377,7 @@ class _Followed:
                     return
                 if number + 1 >= self.asked.most or beyond == MOST_BEYOND:
                     raise Elsewhere("its steps ran out")
-                per_half = here.phases.count if here.phases.half else here.phases.count // 2
-                if last is None and per_half > PHASES_BEYOND:
+                if last is None and here.z.size > UNKNOWNS_BEYOND and here.phases.count > 128:
                     raise Elsewhere(f"beyond the speeds it takes {here.phases.count} phases")
         except Elsewhere as reason:
             if self._slowing():
@@ -417,13 +418,18 @@ class _Followed:
         return None
 
     def _finished(self, u: float, orbit: Callable[[], Orbit]) -> LimitCycle | None:
-        """The cycle at a speed asked for to the tolerance; None where that fails."""
+        """The cycle at a speed asked for; None where there is none.
+
+        What fails to meet the tolerance is told, and kept for what it is.
+        """
         try:
             return finished(self.motion, orbit(), self.asked.rtol, SAMPLES, self.how)
         except Elsewhere as reason:
             self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
         except PipedynError as error:
             self.failed.append((u, error))
+            if isinstance(error, NotConverged) and isinstance(error.result, LimitCycle):
+                return error.result
         return None
 
     def _slowing(self) -> bool:
@@ -466,10 +472,15 @@ class _Followed:
                 self._dies(step, before, after)
                 return True
             # The speed is as the square of what vanishes.
-            near = step.at(0.9 * step.length * before / (before + after))
-            left = float(np.linalg.norm(_content(near, near.z, kind))) / before
-            moved = (step.begin.u - near.u) * left**2 / (1.0 - left**2)
-            self._ends(kind, replace(near, u=near.u - moved), abs(moved) + 1e-9)
+            way = step.length * before / (before + after)
+            beside = [step.at(0.6 * way), step.at(0.85 * way)]
+            left = [float(np.sum(_content(near, near.z, kind) ** 2)) for near in beside]
+            near, size = beside[1], left[1]
+            at = [
+                near.u + size * (near.u - u) / (other - size)
+                for u, other in ((step.begin.u, before**2), (beside[0].u, left[0]))
+            ]
+            self._ends(kind, replace(near, u=at[1]), abs(at[1] - at[0]) + 1e-9)
             return True
         return False
 

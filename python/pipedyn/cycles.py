@@ -297,8 +297,8 @@ def follow(motion: Field, onset: Hopf, u: float, steps: int = 60) -> Orbit:
 
 
 def birth_of(motion: Field, onset: Hopf) -> Birth:
-    """Where the cycles of a flutter of the pipe at rest come from."""
-    return Birth(motion.resting(), onset.mode, onset.speed, onset.frequency)
+    """Where the cycles of a flutter come from."""
+    return Birth(onset.rest, onset.mode, onset.speed, onset.frequency)
 
 
 def _from_cycle(motion: Field, u: float, start: LimitCycle) -> Orbit:

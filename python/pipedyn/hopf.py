@@ -37,6 +37,7 @@ from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
 from pipedyn.critical import critical_speed
+from pipedyn.equilibria import BranchPoint, Rest
 from pipedyn.field import STENCIL, Field
 from pipedyn.model import Model, NotConverged, PipedynError
 from pipedyn.motion import checked_model_in_motion
@@ -108,10 +109,11 @@ class Hopf:
         frequency_law: limit of (omega - omega_c) / (u - u_c) along the cycles.
         exponent: the cycle grows like |u - u_c| to this power, 1/2, with drag 1.
         criticality: "supercritical" if the cycle attracts all that the critical mode does, and so
-            lives where the straight pipe has become unstable; "subcritical" if it repels.
+            lives where the equilibrium has become unstable; "subcritical" if it repels.
         crossing: the passage of the pair.
         model: the model.
         mode: q, complex, of the integrated state [p, p'], shape (2 moving,).
+        rest: the equilibrium, an integrated state, shape (2 moving,).
     """
 
     speed: float
@@ -124,9 +126,10 @@ class Hopf:
     frequency_law: float
     exponent: float
     criticality: Literal["supercritical", "subcritical"]
-    crossing: Crossing = field(repr=False)
+    crossing: Crossing | BranchPoint = field(repr=False)
     model: Model = field(repr=False)
     mode: Complex = field(repr=False, compare=False)
+    rest: Array = field(repr=False, compare=False)
 
     def amplitude(self, u: float) -> float:
         """Amplitude of the free end that the law predicts at a speed.
@@ -142,13 +145,14 @@ class Hopf:
         return float(share**self.exponent)
 
 
-def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
+def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
     """The limit cycle born at a flutter onset: its law, and on which side of the onset it lives.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
-        crossing: a passage of a pair, of `crossings(model, ...)`; the critical speed where not
-            given.
+        crossing: a passage of a pair, of `crossings(model, ...)`, or a point of kind "hopf" on a
+            branch of bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where
+            not given.
 
     Returns:
         Hopf.
@@ -172,9 +176,11 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
     own = crossing is None
     if crossing is None:
         crossing = _first(model)
-    elif not isinstance(crossing, Crossing):
-        raise TypeError(f"crossing must be a Crossing, got {_check.shown(crossing)}")
-    elif crossing.kind != "flutter":
+    elif not isinstance(crossing, Crossing | BranchPoint):
+        raise TypeError(
+            f"crossing must be a Crossing or a BranchPoint, got {_check.shown(crossing)}"
+        )
+    elif crossing.kind not in ("flutter", "hopf"):
         raise ValueError(f"crossing must be a flutter, got a {crossing.kind}")
     u = crossing.speed
     if u == 0.0:
@@ -182,9 +188,14 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
             "the pipe is unstable from u = 0 on: all its modes lie on the axis there, and no cycle "
             "belongs to one of them"
         )
-    model.require_equilibrium(u)
     motion = Field(model)
-    rest = motion.resting()
+    if isinstance(crossing, BranchPoint):
+        rest = np.concatenate(
+            [Rest(model).from_start("crossing", crossing.q), np.zeros(motion.half)]
+        )
+    else:
+        model.require_equilibrium(u)
+        rest = motion.resting()
     smooth = Field(model.with_pipe(replace(model.pipe, drag=0.0))) if model.pipe.drag else motion
     with one_thread(motion.size):
         try:
@@ -210,8 +221,8 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
                 crossing.frequency,
                 lambda q: tip_of(motion, rest, q),
             )
-            return _of_cubic(model, crossing, form, slope)
-    return _of_drag(model, crossing, form, slope, *drag)
+            return _of_cubic(model, crossing, rest, form, slope)
+    return _of_drag(model, crossing, rest, form, slope, *drag)
 
 
 def _first(model: Model) -> Crossing:
@@ -233,7 +244,13 @@ def _first(model: Model) -> Crossing:
     )
 
 
-def _of_cubic(model: Model, crossing: Crossing, form: NormalForm, slope: complex) -> Hopf:
+def _of_cubic(
+    model: Model,
+    crossing: Crossing | BranchPoint,
+    rest: Array,
+    form: NormalForm,
+    slope: complex,
+) -> Hopf:
     omega, cubic = form.frequency, form.cubic
     if abs(cubic.real) <= form.error:
         raise NotConverged(
@@ -256,11 +273,18 @@ def _of_cubic(model: Model, crossing: Crossing, form: NormalForm, slope: complex
         crossing=crossing,
         model=model,
         mode=form.right,
+        rest=rest,
     )
 
 
 def _of_drag(
-    model: Model, crossing: Crossing, form: NormalForm, slope: complex, drag: complex, error: float
+    model: Model,
+    crossing: Crossing | BranchPoint,
+    rest: Array,
+    form: NormalForm,
+    slope: complex,
+    drag: complex,
+    error: float,
 ) -> Hopf:
     if abs(drag.real) <= error:
         raise NotConverged(
@@ -281,6 +305,7 @@ def _of_drag(
         crossing=crossing,
         model=model,
         mode=form.right,
+        rest=rest,
     )
 
 
