@@ -27,8 +27,9 @@ MOST_UNKNOWNS = 1600
 SMOOTH, SMOOTH_ACROSS_KINKS = 1e-6, 3e-5
 """Share of the last harmonics beyond which an arc takes more phases; with drag it falls slowly."""
 
-FIRST, LONGEST, SHORTEST = 0.03, 0.15, 1e-4
-"""Steps of an arc: in L of the free end, and relative in speed and frequency."""
+SMALL, FIRST, LONGEST, SHORTEST = 0.01, 0.03, 0.15, 1e-4
+"""Lengths in L of the free end, and relative in speed and frequency: of an arc's first cycle from
+what it leaves, of its first step after that, its longest and its shortest."""
 
 STRAIGHT = 0.8
 """Cosine of the angle that the tangent turns, below which a step is made shorter."""
@@ -83,12 +84,12 @@ class Start:
 
 
 def from_birth(motion: Field, birth: Birth) -> Start:
-    """At an amplitude of 0.01 or, where the speed is by then more than 1e-3 off, less.
+    """At a small amplitude or, where the speed is by then more than 1e-3 off, less.
 
     Raises:
         Elsewhere: if there is no small cycle.
     """
-    amplitude = 0.01
+    amplitude = SMALL
     small = _small(motion, birth, amplitude)
     while abs(small.u - birth.speed) > 1e-3 * birth.speed and amplitude > 1e-4:
         amplitude *= 0.3
@@ -121,7 +122,7 @@ def from_change(motion: Field, orbit: Orbit, kind: Breaking) -> Start:
     towards = np.append(mode, [0.0, 0.0])
     weights = metric(motion, base, unit_of(motion, base))
     row = weights * towards / math.sqrt(weights @ towards**2)
-    size = FIRST / float(row @ towards)
+    size = SMALL / float(row @ towards)
     while True:
         guess = unpacked(packed(base) + size * towards, base)
         try:

@@ -585,7 +585,8 @@ class _Followed:
         """
         begin = outside(a.multipliers)
         passing = begin - (outside(b.multipliers) < begin)
-        orbit, sides = step.end, [excess(cycle.multipliers, passing) for cycle in (a, b)]
+        orbit, stayed = step.end, -1
+        sides = [excess(cycle.multipliers, passing) for cycle in (a, b)]
         for turn in range(40):
             if high - low <= NARROW * step.length:
                 break
@@ -594,10 +595,15 @@ class _Followed:
             found = step.at(middle)
             cycle = self.described(found)
             value = excess(cycle.multipliers, passing)
-            if outside(cycle.multipliers) == begin:
-                low, a, sides = middle, cycle, [value, 0.5 * sides[1]]
+            before = outside(cycle.multipliers) == begin
+            if before:
+                low, a = middle, cycle
             else:
-                high, b, orbit, sides = middle, cycle, found, [0.5 * sides[0], value]
+                high, b, orbit = middle, cycle, found
+            stays = 1 if before else 0
+            sides[1 - stays] = value
+            sides[stays] *= 0.5 if stays == stayed else 1.0
+            stayed = stays
         return high, a, b, orbit
 
     def _landed(
