@@ -4,13 +4,15 @@
 import math
 import pickle
 from concurrent.futures import ProcessPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import pipedyn as pd
 from pipedyn import branches as module
-from pipedyn.branches import nontrivial, outside, passage
+from pipedyn.arcs import turns
+from pipedyn.changes import nontrivial, outside, passage
 
 THREE = pd.Chain(pd.Pipe(0.2), 3)
 SUBCRITICAL = pd.Chain(pd.Pipe(0.7), 3)
@@ -64,14 +66,15 @@ def test_cycles_between_the_speeds_asked_for_are_good_to_1e_5():
 
 
 def test_the_torus_of_three_segments_is_listed(three):
-    (branch,) = three.cycles
+    branch = three.cycles[0]
     torus = next(event for event in branch.events if event.kind == "torus")
     assert torus.speed == pytest.approx(8.352, abs=1e-3)
     assert torus.error < 1e-3
     assert abs(torus.multiplier) == pytest.approx(1.0, abs=1e-3)
     assert abs(torus.multiplier.imag) > 0.1
-    before = branch.speeds < torus.speed
-    assert branch.stable[before].all()
+    first = int(np.flatnonzero(~branch.stable)[0])
+    assert branch.speeds[first] == pytest.approx(torus.speed, abs=1e-3)
+    assert (np.diff(branch.speeds[:first]) > 0.0).all()
     # Either side, alone.
     assert pd.limit_cycle(THREE, 8.34).stable
     past = pd.limit_cycle(THREE, 8.37, pd.limit_cycle(THREE, 8.34))
@@ -142,49 +145,180 @@ def test_a_speed_right_beside_the_onset_has_its_cycle():
 
 
 def test_cycles_of_bent_pipes_double_their_period():
-    found = pd.bifurcation_diagram(pd.Chain(pd.Pipe(0.2, -20.0), 2), [1.5, 1.75], cycles=12)
+    found = pd.bifurcation_diagram(pd.Chain(pd.Pipe(0.2, -20.0), 2), [1.6, 1.65], cycles=12)
     points = [p.speed for b in found.equilibria for p in b.points if p.kind == "hopf"]
-    bent = [branch for branch in found.cycles if not branch.cycles[0].symmetric]
+    bent = [b for b in found.cycles if b.origin == "hopf" and not b.cycles[0].symmetric]
     (branch,) = bent  # of two mirror images one
+    assert branch.mirrored
     assert points.count(pytest.approx(branch.onset, rel=1e-9)) == 2
     doubling = next(event for event in branch.events if event.kind == "period doubling")
     assert doubling.multiplier == pytest.approx(-1.0, abs=1e-3)
     cycle = branch.cycles[0]
     assert cycle.tip[:, 0].min() * cycle.tip[:, 0].max() > 0.0  # on one side
     # Symmetric cycles cannot: their multipliers are squares of a real map's.
-    assert "period doubling" not in events(next(b for b in found.cycles if b is not branch))
+    symmetric = next(b for b in found.cycles if b.cycles[0].symmetric)
+    assert "period doubling" not in events(symmetric)
+    assert not symmetric.mirrored
+
+
+# ---------------------------------------------------------------------- beyond the speeds, and back
+
+
+@pytest.fixture(scope="module")
+def returning():
+    return pd.bifurcation_diagram(SUBCRITICAL, [6.25, 6.3, 6.33])
+
+
+def test_a_branch_that_leaves_the_speeds_and_comes_back_is_followed():
+    (branch,) = pd.bifurcation_diagram(SUBCRITICAL, [6.25, 6.3]).cycles
+    assert branch.onset < 6.25
+    cycles = branch.at(6.3)
+    assert len(cycles) == 3
+    alone = pd.limit_cycle(SUBCRITICAL, 6.3)
+    assert alone.stable
+    (same,) = [cycle for cycle in cycles if cycle.stable]
+    assert same.amplitude == pytest.approx(alone.amplitude, rel=2e-6)
+    assert same.amplitude == pytest.approx(0.5388, abs=1e-4)
+
+
+def test_where_a_symmetric_branch_turns_is_a_fold_and_no_pitchfork(returning):
+    branch = returning.cycles[0]
+    (fold,) = [event for event in branch.events if event.kind == "fold"]
+    assert fold.speed == pytest.approx(6.3161, abs=1e-4)
+    assert fold.multiplier == pytest.approx(1.0, abs=1e-2)
+    assert "pitchfork" not in events(branch)
+    below = branch.at(6.3)
+    assert sorted(cycle.amplitude < fold.amplitude for cycle in below) == [False, False, True]
+    assert len(branch.at(6.33)) == 1
+
+
+class Bends:
+    """A step whose speed is a cubic of its length."""
+
+    def __init__(self, *coefficients):
+        self.u = np.polynomial.Polynomial(coefficients)
+        self.length = 2.0
+        self.begin, self.end = (SimpleNamespace(u=float(self.u(s))) for s in (0.0, 2.0))
+        self.slopes = (self.slope(0.0), self.slope(2.0))
+
+    def slope(self, s):
+        return float(self.u.deriv()(s))
+
+
+@pytest.mark.parametrize(
+    ("step", "expected"),
+    [
+        (Bends(1.0, 1.0), []),
+        (Bends(0.0, 1.0, 1.0), []),
+        (Bends(0.0, 1.0, -0.5), [1.0]),
+        (Bends(0.0, -1.0, 1.0), [0.5]),
+        (Bends(0.0, 0.75, -1.0, 1.0 / 3.0), [0.5, 1.5]),
+        (Bends(0.0, -0.36, 1.0, -1.0 / 3.0), [0.2, 1.8]),
+        (Bends(0.0, 1.2, -1.0, 1.0 / 3.0), []),
+    ],
+)
+def test_a_step_may_hold_no_fold_or_one_or_two(step, expected):
+    assert turns(step) == pytest.approx(expected, abs=1e-4)
+
+
+# ------------------------------------------------------------------------ cycles that leave cycles
+
+
+LEANING = pd.Chain(pd.Pipe(0.5, -20.0), 2)
+
+
+@pytest.fixture(scope="module")
+def leaving():
+    return pd.bifurcation_diagram(
+        LEANING, [1.7, 1.72, 1.73], brute_force=2, transient=150.0, duration=30.0
+    )
+
+
+def test_mirror_images_leave_a_cycle_at_a_pitchfork_and_motions_end_on_one(leaving):
+    parent, child = leaving.cycles[:2]
+    fork = next(event for event in parent.events if event.kind == "pitchfork")
+    assert (parent.origin, child.origin) == ("hopf", "pitchfork")
+    assert child.onset == fork.speed
+    assert fork.multiplier == pytest.approx(1.0, abs=1e-3)
+    assert fork.error < 1e-5
+    assert child.mirrored
+    # Stability passes over, and the square of what breaks the symmetry grows like u - onset.
+    assert parent.at(1.7)[0].stable
+    assert not parent.at(1.72)[0].stable
+    (leant,) = child.at(1.72)
+    assert leant.stable
+    assert not leant.symmetric
+    uneven = (child.highest - child.amplitudes)[:3] ** 2 / (child.speeds[:3] - fork.speed)
+    assert uneven == pytest.approx(uneven[0], rel=0.1)
+    ended = [one for one in leaving.at(1.72) if one.ending == "periodic"]
+    assert ended
+    for one in ended:
+        assert 0.5 * np.ptp(one.turnings) == pytest.approx(leant.amplitude, rel=1e-3)
+        assert abs(one.turnings.max() + one.turnings.min()) > 0.01
+
+
+def test_a_cycle_of_twice_the_period_leaves_at_a_doubling_and_motions_end_on_it(leaving):
+    _, child, doubled = leaving.cycles[:3]
+    event = next(event for event in child.events if event.kind == "period doubling")
+    assert doubled.origin == "period doubling"
+    assert doubled.onset == event.speed
+    assert event.multiplier == pytest.approx(-1.0, abs=1e-3)
+    once, twice = child.at(1.73)[0], doubled.at(1.73)[0]
+    assert not once.stable
+    assert twice.stable
+    assert twice.period / once.period == pytest.approx(2.0, rel=0.05)
+    assert doubled.cycles[0].period / once.period == pytest.approx(2.0, rel=0.05)
+    ended = [one for one in leaving.at(1.73) if one.ending == "periodic"]
+    assert ended
+    for one in ended:
+        assert one.period == 2
+        assert 0.5 * np.ptp(one.turnings) == pytest.approx(twice.amplitude, rel=1e-3)
+
+
+def test_a_cycle_that_no_onset_leads_to_is_followed_from_a_motion():
+    model = pd.Chain(pd.Pipe(0.5, -30.0), 2)
+    found = pd.bifurcation_diagram(
+        model, [4.4, 4.5, 4.6], brute_force=1, transient=60.0, duration=20.0
+    )
+    (branch,) = found.cycles
+    assert branch.origin == "motion"
+    assert math.isnan(branch.onset)
+    assert branch.stable.all()
+    for u in found.speeds:
+        (one,) = found.at(u)
+        (cycle,) = branch.at(u)
+        assert 0.5 * np.ptp(one.turnings) == pytest.approx(cycle.amplitude, rel=1e-3)
+
+
+def test_where_no_onset_leads_to_cycles_a_motion_looks_for_one_and_what_it_finds_not_is_told():
+    model = pd.Chain(pd.Pipe(0.3, drag=1.0, flow="aspirating"), 3)
+    found = pd.bifurcation_diagram(model, [0.1, 0.56])
+    assert found.cycles == ()
+    assert [(f.index, f.value) for f in found.failures] == [(0, 0.1), (1, 0.56)]
+    assert all(isinstance(f.error, pd.NoCycle) for f in found.failures)
 
 
 # --------------------------------------------------------------------------- recognising changes
 
 
-class Told:
-    def __init__(self, u, multipliers):
-        self.u, self.amplitude = u, 0.1
-        self.multipliers = np.array(multipliers, dtype=complex)
-
-
 @pytest.mark.parametrize(
-    ("passing", "kind"),
+    ("root", "mirrored", "kind"),
     [
-        (([-0.999], [-1.001]), "period doubling"),
-        (([0.999], [1.001]), "pitchfork"),
-        (
-            (
-                [0.999 * np.exp(2j), 0.999 * np.exp(-2j)],
-                [1.001 * np.exp(2j), 1.001 * np.exp(-2j)],
-            ),
-            "torus",
-        ),
+        (-1.001, False, "period doubling"),
+        (-1.001, True, "pitchfork"),
+        (1.001, False, "fold"),
+        (1.001, True, "fold"),
+        (1.001 * np.exp(2j), False, "torus"),
+        (0.999 * np.exp(2j), True, "torus"),
     ],
 )
-def test_a_passage_is_named_by_where_the_multiplier_passes(passing, kind):
-    a, b = (Told(u, [1.0, 0.2, *values]) for u, values in zip((2.0, 2.5), passing, strict=True))
-    event = passage(a, b)
-    assert (event.kind, event.speed, event.error) == (kind, 2.25, 0.25)
-    assert outside(a.multipliers) == 0
-    assert outside(b.multipliers) == len(passing[1])
-    assert nontrivial(a.multipliers).size == a.multipliers.size - 1
+def test_a_passage_is_named_by_where_the_multiplier_passes(root, mirrored, kind):
+    others = [root, np.conj(root)] if np.iscomplex(root) else [root]
+    named, multiplier = passage([1.0, 0.2, -0.3, 40.0, *others], mirrored)
+    assert named == kind
+    assert abs(multiplier) == pytest.approx(abs(root) ** (2 if mirrored else 1))
+    assert nontrivial([0.3, 1.0 + 1e-9, root]).size == 2
+    assert outside([1.0, 1.5, root]) == 1 + (abs(root) > 1.0)
 
 
 # ------------------------------------------------------------------------------------- machinery
@@ -224,16 +358,22 @@ def test_an_onset_that_fails_is_marked_and_the_equilibria_kept(monkeypatch):
 
     monkeypatch.setattr(module, "born", fails)
     found = pd.bifurcation_diagram(THREE, [4.0, 5.0])
-    assert found.cycles == ()
+    (branch,) = found.cycles
+    assert branch.origin == "motion"
+    assert branch.at(5.0)[0].amplitude == pytest.approx(pd.limit_cycle(THREE, 5.0).amplitude)
     assert len(found.equilibria) == 1
     failed = [f.value for f in found.failures]
     assert failed == pytest.approx([c.speed for c in pd.crossings(THREE, 7.5)])
 
 
 def test_a_branch_ends_where_its_steps_run_out():
-    (branch,) = pd.bifurcation_diagram(THREE, [4.0, 9.0], cycles=3).cycles
+    found = pd.bifurcation_diagram(THREE, [4.0, 4.7, 5.5], cycles=3)
+    branch = found.cycles[0]
     assert events(branch) == ["hopf", "end"]
-    assert branch.speeds.max() < 5.0
+    assert branch.speeds.max() < 4.7
+    told = found.failures[0]
+    assert (told.index, told.value) == (-1, pytest.approx(branch.events[-1].speed))
+    assert "steps ran out" in str(told.error)
 
 
 @pytest.mark.parametrize("u", [None, "6", np.nan, -1.0, [5.0]])

@@ -228,7 +228,7 @@ def test_every_start_leads_to_the_same_cycle(known):
 
 
 def test_a_whole_period_tells_what_half_of_one_does(known, monkeypatch):
-    for module in ("collocation", "cycles"):
+    for module in ("arcs", "collocation", "cycles"):
         monkeypatch.setattr(f"pipedyn.{module}.is_odd", lambda motion, u: False)
     whole = pd.limit_cycle(ROM, 6.0)
     assert known.symmetric

@@ -170,6 +170,25 @@ def test_hopf_point_of_a_bent_branch_has_a_pair_on_the_axis():
     assert abs(nearest - 1j * hopf.frequency) < 1e-7
 
 
+def test_cycles_about_a_bent_pipe_follow_the_law_of_its_hopf_point():
+    start = pd.equilibria(TWO, 0.0)
+    branch = pd.equilibrium_branch(TWO, start.q[1], 0.0, (0.0, 6.0))
+    (point,) = [point for point in branch.points if point.kind == "hopf"]
+    onset = pd.hopf(TWO, point)
+    assert onset.criticality == "subcritical"
+    assert (onset.growth < 0.0) == (onset.amplitude_law > 0.0)
+    found = pd.bifurcation_diagram(TWO, [1.6, point.speed + 2e-3], cycles=5)
+    cycles = next(b for b in found.cycles if b.onset == pytest.approx(point.speed, rel=1e-9))
+    law = cycles.amplitudes[:3] ** 2 / (cycles.speeds[:3] - cycles.onset)
+    assert law == pytest.approx(onset.amplitude_law, rel=3e-3)
+
+
+def test_a_start_far_from_any_equilibrium_leads_to_none():
+    with pytest.raises(pd.NotConverged, match=re.escape("rad away, more than 0.5")):
+        pd.equilibrium_branch(CHAIN, [1.5, 1.5], 1.0, (0.0, 2.0))
+    assert pd.equilibrium_branch(CHAIN, [0.3, 0.3], 1.0, (0.0, 2.0)).straight
+
+
 def test_growth_is_that_of_the_full_linearisation():
     model = pd.Galerkin(pd.Pipe(0.3, -30.0, damping=0.01), 5)
     found = pd.equilibria(model, 1.5)

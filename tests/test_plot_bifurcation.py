@@ -20,6 +20,7 @@ SPEEDS = np.linspace(2.0, 3.0, 5)
 BRANCH = pd.CycleBranch(
     speeds=SPEEDS,
     amplitudes=0.1 * SPEEDS,
+    highest=0.1 * SPEEDS,
     frequencies=5.0 + SPEEDS,
     stable=SPEEDS < 2.6,
     multipliers=np.array([[-0.4 * u, 1.0, 0.2 + 0.1j, 0.2 - 0.1j] for u in SPEEDS]),
@@ -106,6 +107,18 @@ def test_cycles_are_drawn_on_both_sides_with_their_events():
     assert sorted(line.get_linestyle() for line in lines) == ["-", "-", "--", "--"]
     doubling = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "^"]
     np.testing.assert_allclose(sorted(y for _, y in doubling), [-0.25, 0.25])
+
+
+def test_cycles_that_lean_are_drawn_with_their_mirror_images():
+    from dataclasses import replace
+
+    leaning = replace(BRANCH, highest=0.15 * SPEEDS, mirrored=True)
+    ax = drawn(plot.bifurcation_diagram(replace(DIAGRAM, cycles=(leaning,)), ax=axes()))
+    lines = [line for line in ax.lines if line.get_color() == plot.BLUE]
+    heights = {round(float(line.get_ydata()[0] / line.get_xdata()[0]), 6) for line in lines}
+    assert heights == {0.15, -0.05, -0.15, 0.05}
+    marks = [line.get_ydata()[0] for line in ax.lines if line.get_marker() == "^"]
+    np.testing.assert_allclose(sorted(marks), [-0.375, -0.125, 0.125, 0.375])
 
 
 def test_orbit_is_the_free_end_against_its_velocity():

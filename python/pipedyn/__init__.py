@@ -2,8 +2,9 @@
 """Dynamics of a pipe conveying fluid: chain, reduced-order and continuous models on one footing."""
 
 from pipedyn import modular
-from pipedyn.branches import CycleBranch, CycleEvent
+from pipedyn.branches import CycleBranch
 from pipedyn.chain import Chain
+from pipedyn.changes import CycleEvent
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.criticality import CriticalityCurve, criticality_curve

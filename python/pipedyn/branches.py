@@ -1,75 +1,76 @@
 # SPDX-License-Identifier: MIT
 """Branches of cycles over the flow speed: from where they are born, past folds, with what changes.
 
-A branch is followed by arc length (`collocation.arc`), with Floquet multipliers at every point.
-Where their number outside the unit circle changes, or the branch turns, the step is halved down to
-the change.
+A branch is followed by arc length (`arcs.arc`), within the speeds with Floquet multipliers at every
+point. Folds are where the arc's tangent turns back; where the number of multipliers outside the
+unit circle changes, the step is halved down to the change, and the multiplier that passes names it.
+Cycles that leave a branch at pitchforks and period doublings are followed in turn.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
+from numpy.typing import NDArray
 
 from pipedyn import _check
 from pipedyn._check import Array
+from pipedyn.arcs import (
+    Birth,
+    Breaking,
+    Start,
+    Step,
+    arc,
+    broken,
+    from_birth,
+    from_change,
+    from_orbit,
+    turns,
+)
 from pipedyn.blas import one_thread
-from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, Step, arc
+from pipedyn.changes import SAME, CycleEvent, EventKind, excess, nontrivial, outside, passage
+from pipedyn.collocation import Elsewhere, Equations, Orbit, is_odd
+from pipedyn.course import course_of
 from pipedyn.critical import crossings
-from pipedyn.cycles import LimitCycle, NoCycle, described, finished
+from pipedyn.cycles import LimitCycle, NoCycle, amplitude_of, described, finished
 from pipedyn.equilibria import EquilibriumBranch, Rest
 from pipedyn.field import Field
+from pipedyn.floquet import returns, shortened
 from pipedyn.hopf import tip_of, vectors
 from pipedyn.model import Model, NotConverged, PipedynError
 from pipedyn.pencil import Complex
 
-UNIT = 1e-6
-"""By how much the modulus of a multiplier may exceed 1 on a stable cycle."""
+NARROW = 1e-4
+"""Share of a step to which an event is known."""
 
-HALVINGS = 12
-"""Times that a step is halved around an event."""
+ROUGH = 1e-5
+"""Roughness of the panels on which it is told which multiplier passes."""
+
+BESIDE = 0.02
+"""Share of a step around a fold in which its multiplier is not told from the trivial one."""
 
 SLOW = 0.5
 """Share of a branch's highest frequency below which, still falling, it falls towards 0."""
 
 TOLD = 1e-3
-"""Error of the multipliers beyond which a cycle on a branch is left out."""
+"""Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends."""
 
 SAMPLES = 65
 """States kept of each cycle."""
 
-EventKind = Literal[
-    "fold", "pitchfork", "period doubling", "torus", "hopf", "infinite period", "end"
-]
+BEYOND, MOST_BEYOND, UNKNOWNS_BEYOND = 1.25, 40, 600
+"""Factor by which a branch may leave both the speeds and its birth, since it may come back, steps
+out there in a row, and unknowns beyond which a cycle of more than 128 phases is too dear there."""
 
+GENERATIONS = 2
+"""Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
 
-@dataclass(frozen=True)
-class CycleEvent:
-    """Where the stability of a branch of cycles changes, or the branch turns or ends.
-
-    Attributes:
-        kind: "fold" (the branch turns back), "pitchfork" (a multiplier passes 1 and the branch
-            goes on: the cycle loses or regains its symmetry), "period doubling" (a multiplier
-            passes -1), "torus" (a pair passes the unit circle), "hopf" (the cycle shrinks to
-            nothing), "infinite period" (the frequency falls towards 0, as where a cycle meets an
-            equilibrium) or "end" (it was not followed further).
-        speed: u.
-        error: half the interval of speeds that is known to hold it.
-        multiplier: the one that passes, 1 where the branch begins or ends.
-        amplitude: of the cycle.
-    """
-
-    kind: EventKind
-    speed: float
-    error: float
-    multiplier: complex
-    amplitude: float
+Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
 
 @dataclass(frozen=True)
@@ -79,23 +80,32 @@ class CycleBranch:
     Attributes:
         speeds: u, shape (S,).
         amplitudes: half the peak-to-peak transverse motion of the free end in L, shape (S,).
+        highest: largest transverse position of the free end in L, shape (S,); the smallest lies two
+            amplitudes below.
         frequencies: angular, in 1 / T, shape (S,).
         stable: shape (S,).
         multipliers: Floquet multipliers, the largest first, the trivial one among them, shape
             (S, n).
         events: in order along the branch.
         cycles: the cycles themselves; those at the speeds asked for meet the tolerance of
-            `limit_cycle`, those between some 1e-5.
-        onset: flow speed at which it is born.
+            `limit_cycle` or are listed as failures, those between some 1e-5.
+        mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
+        origin: where it is born: "hopf" (at an equilibrium), "pitchfork" or "period doubling" (of a
+            branch of cycles), or "motion": a motion ended on it, from where it was followed both
+            ways, and it is listed from its end on the side of lower speeds.
+        onset: flow speed at which it is born, NaN if that is unknown.
     """
 
     speeds: Array
     amplitudes: Array
+    highest: Array = field(repr=False)
     frequencies: Array
     stable: NDArray[np.bool_] = field(repr=False)
     multipliers: Complex = field(repr=False)
     events: tuple[CycleEvent, ...]
     cycles: tuple[LimitCycle, ...] = field(repr=False)
+    mirrored: bool = False
+    origin: Origin = "hopf"
     onset: float = math.nan
 
     def __len__(self) -> int:
@@ -106,16 +116,58 @@ class CycleBranch:
         u = _check.real("u", u, low=0.0)
         return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
 
-    def retraces(self, other: CycleBranch) -> bool:
-        """Whether it leads from where the other ends to where that begins."""
-        return all(
-            b.events[-1:] and b.events[-1].kind == "hopf" and b.events[-1].speed == onset != b.onset
-            for b, onset in ((self, other.onset), (other, self.onset))
-        )
+    def passes(self, u: float) -> bool:
+        """Whether it has cycles on both sides of a speed, or at it."""
+        return bool(self.speeds.min() <= u <= self.speeds.max())
 
 
 Failed = tuple[float, Exception]
 """A flow speed and what was raised there."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of every branch.
+
+    Attributes:
+        speeds: flow speeds at which cycles are solved for, increasing.
+        rtol: relative tolerance of the cycles there.
+        most: steps along one branch at most.
+        onsets: speeds of all onsets of flutter, at one of which a branch may end.
+    """
+
+    speeds: Array
+    rtol: float
+    most: int
+    onsets: tuple[float, ...] = ()
+
+    def holds(self, u: float) -> bool:
+        """Whether a speed lies within those asked for."""
+        low, high = float(self.speeds[0]), float(self.speeds[-1])
+        near = 1e-9 * (1.0 + high)
+        return low - near <= u <= high + near
+
+
+@dataclass(frozen=True)
+class Traced:
+    """A branch that was followed.
+
+    Attributes:
+        branch: what lies within the speeds asked for, if anything does.
+        begin, end: events at which it begins and ends, wherever; None where it goes on.
+    """
+
+    branch: CycleBranch | None
+    begin: CycleEvent | None
+    end: CycleEvent | None
+
+    def retraces(self, other: Traced) -> bool:
+        """Whether it leads from where the other ends to where that begins."""
+        return _same(self.end, other.begin) and _same(self.begin, other.end)
+
+
+def _same(a: CycleEvent | None, b: CycleEvent | None) -> bool:
+    return a is not None and b is not None and a.same(b)
 
 
 def births(
@@ -172,116 +224,222 @@ def born(motion: Field, rest: Array, u: float, frequency: float) -> Birth:
     return Birth(rest, mode, u, frequency)
 
 
-def cycle_branch(
-    model: Model,
-    birth: Birth,
-    speeds: Array,
-    ends: tuple[float, float],
-    rtol: float,
-    most: int,
-    onsets: tuple[float, ...] = (),
-) -> tuple[CycleBranch | None, tuple[Failed, ...]]:
-    """Cycles from an onset on.
+def traced(
+    model: Model, begin: Birth | Orbit, asked: Asked
+) -> tuple[list[Traced], tuple[Failed, ...]]:
+    """The branch of cycles from an onset, or both ways through a cycle, and those that leave it.
 
     Args:
         model: chain, reduced model or scene, up to 100 degrees of freedom.
-        birth: the onset.
-        speeds: flow speeds at which cycles are solved for, increasing.
-        ends: lowest and highest speed; the branch ends where it leaves both these and the side of
-            the onset.
-        rtol: relative tolerance of the cycles at `speeds`.
-        most: points along the arc at most.
-        onsets: speeds of all onsets, at one of which it may end.
+        begin: the onset or the cycle.
+        asked: what is asked of every branch.
 
     Returns:
-        CycleBranch, None if there is no cycle within the ends, and the speeds that failed.
+        The branches and the speeds that failed.
     """
     motion = Field(model)
     failed: list[Failed] = []
     with one_thread(motion.size):
-        branch = _Followed(motion, birth, speeds, ends, rtol, failed, onsets)
-        branch.run(most)
-        return branch.result(), tuple(failed)
+        event: CycleEvent | None = None
+        u = begin.u if isinstance(begin, Orbit) else begin.speed
+        try:
+            if isinstance(begin, Orbit):
+                starts = [from_orbit(motion, begin, sign) for sign in (-1.0, 1.0)]
+            else:
+                starts = [from_birth(motion, begin)]
+                event = CycleEvent("hopf", u, 1e-6, 1.0 + 0j, 0.0)
+        except Elsewhere as reason:
+            return [], ((u, NoCycle(f"no cycle beside u = {u:g}: {reason}", u)),)
+        found: list[Traced] = []
+        _trace(motion, starts, event, asked, found, failed, GENERATIONS)
+        return found, tuple(failed)
+
+
+def _trace(
+    motion: Field,
+    starts: list[Start],
+    begin: CycleEvent | None,
+    asked: Asked,
+    found: list[Traced],
+    failed: list[Failed],
+    generations: int,
+) -> None:
+    """A branch one way from an event or both ways from a cycle, and those that leave it."""
+    ways: list[_Followed] = []
+    for start in starts:
+        ways.append(_Followed(motion, start, begin, asked, failed))
+        ways[-1].run()
+        if ways[-1].closed:
+            ways = ways[-1:]
+            break
+    found.append(_joined(ways))
+    for event, orbit, stable in [fork for way in ways for fork in way.forks]:
+        followed = generations == GENERATIONS or (stable and generations > 0)
+        ends = (end for other in found for end in (other.begin, other.end))
+        if not followed or any(_same(event, end) for end in ends):
+            continue
+        kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
+        try:
+            leaving = [from_change(motion, orbit, kind)]
+        except Elsewhere as reason:
+            told = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
+            failed.append((event.speed, NoCycle(told, event.speed)))
+            continue
+        _trace(motion, leaving, event, asked, found, failed, generations - 1)
+
+
+def _joined(ways: list[_Followed]) -> Traced:
+    """What was followed one way, or both ways from the same cycle."""
+    way = ways[-1]
+    cycles, events, begin = way.cycles, way.events, way.begin
+    if len(ways) == 2:
+        cycles = ways[0].cycles[:0:-1] + cycles
+        events = ways[0].events[::-1] + events
+        begin = ways[0].end
+    cycles = [cycle for cycle in cycles if way.asked.holds(cycle.u)]
+    if not cycles:
+        return Traced(None, begin, way.end)
+    branch = CycleBranch(
+        speeds=np.array([cycle.u for cycle in cycles]),
+        amplitudes=np.array([cycle.amplitude for cycle in cycles]),
+        highest=np.array([float(cycle.tip[0, 0]) for cycle in cycles]),
+        frequencies=np.array([cycle.frequency for cycle in cycles]),
+        stable=np.array([cycle.stable for cycle in cycles]),
+        multipliers=np.array([cycle.multipliers for cycle in cycles]),
+        events=tuple(event for event in events if way.asked.holds(event.speed)),
+        cycles=tuple(cycles),
+        mirrored=not cycles[0].symmetric and is_odd(way.motion, cycles[0].u),
+        origin=way.origin,
+        onset=way.onset,
+    )
+    return Traced(branch, begin, way.end)
 
 
 class _Followed:
-    """A branch in the making."""
+    """A branch in the making, one way.
+
+    Args:
+        motion: the model's.
+        start: where it sets out.
+        begin: the event at which it is born, if that is known.
+        asked: what is asked of it.
+        failed: takes what fails.
+    """
 
     def __init__(
         self,
         motion: Field,
-        birth: Birth,
-        speeds: Array,
-        ends: tuple[float, float],
-        rtol: float,
+        start: Start,
+        begin: CycleEvent | None,
+        asked: Asked,
         failed: list[Failed],
-        onsets: tuple[float, ...],
     ) -> None:
-        self.motion, self.birth, self.rtol, self.failed = motion, birth, rtol, failed
-        self.ends, self.speeds = ends, speeds
-        self.onsets = [u for u in onsets if u != birth.speed]
-        self.how = f"followed from the onset at u = {birth.speed:.6g}"
+        self.motion, self.start, self.begin, self.asked = motion, start, begin, asked
+        self.failed = failed
+        self.origin: Origin = "motion"
+        self.onset = math.nan
+        told = f"a motion at u = {start.orbit.u:.6g}"
+        if begin is not None:
+            self.origin, self.onset = _origin(begin), begin.speed
+            told = "onset" if begin.kind == "hopf" else begin.kind
+            told = f"the {told} at u = {begin.speed:.6g}"
+        self.how = f"followed from {told}"
+        self.events = [] if begin is None else [begin]
         self.cycles: list[LimitCycle] = []
-        self.events = [CycleEvent("hopf", birth.speed, 1e-6, 1.0 + 0j, 0.0)]
+        self.forks: list[tuple[CycleEvent, Orbit, bool]] = []
+        self.pace: list[float] = []
+        self.end: CycleEvent | None = None
+        self.closed = False
+        lowest = min(float(asked.speeds[asked.speeds > 0.0][0]), start.orbit.u)
+        highest = max(float(asked.speeds[-1]), start.orbit.u)
+        self.far = lowest / BEYOND, highest * BEYOND
 
-    def run(self, most: int) -> None:
-        """Follows the branch until it ends, leaves the speeds or has as many points."""
-        low, high = min(self.ends[0], self.birth.speed), max(self.ends[1], self.birth.speed)
-        last: LimitCycle | None = None
+    def run(self) -> None:
+        """Follows the branch until it ends, is far from the speeds or its steps run out.
+
+        Beyond the speeds asked for nothing is told of it, so that multipliers are spared.
+        """
+        here, last, beyond = self.start.orbit, None, 0
         try:
-            for number, step in enumerate(arc(self.motion, self.birth)):
-                if last is None:
-                    self._smallest(step)
-                    last = self.described(step.begin)
-                    self.keep(last)
-                if float(np.sum(_moves(step.begin) * _moves(step.end))) < 0.0:
-                    u = _vanishing(step, self.motion.model.pipe.drag > 0.0)
-                    near = min(self.onsets, key=lambda onset: abs(onset - u), default=u)
-                    self._ends("hopf", near if abs(near - u) < 0.01 * u else u, last)
+            for number, step in enumerate(arc(self.motion, self.start)):
+                if number == 0:
+                    last = self._first()
+                if self._vanishes(step):
                     return
-                last = self.noted(step, last)
-                if self._slowing() and last.multiplier_error > TOLD:
-                    self._ends("infinite period", last.u, last)
+                here = step.end
+                self.pace.append(here.frequency)
+                if self._asked_for(step):
+                    last, beyond = self.noted(step, last), 0
+                    if last.multiplier_error > TOLD:
+                        raise Elsewhere(
+                            f"its multipliers are known to {last.multiplier_error:.1e} only"
+                        )
+                else:
+                    last, beyond = None, beyond + 1
+                far = not self.far[0] < here.u < self.far[1]
+                if far or self.closed or self.end is not None:
                     return
-                if not low <= step.end.u <= high:
-                    return
-                if number >= most:
-                    self._ends("end", last.u, last)
-                    return
+                if number + 1 >= self.asked.most or beyond == MOST_BEYOND:
+                    raise Elsewhere("its steps ran out")
+                if last is None and here.z.size > UNKNOWNS_BEYOND and here.phases.count > 128:
+                    raise Elsewhere(f"beyond the speeds it takes {here.phases.count} phases")
         except Elsewhere as reason:
-            if last is None:
-                u = self.birth.speed
-                self.failed.append((u, NoCycle(f"no cycle beside u = {u:g}: {reason}", u)))
-                return
             if self._slowing():
-                self._ends("infinite period", last.u, last)
-                return
-            self._ends("end", last.u, last)
-            told = NotConverged(f"the cycles were not followed beyond u = {last.u:g}: {reason}")
-            self.failed.append((last.u, told))
+                self._ends("infinite period", here, 0.0)
+            else:
+                self._stopped(here, str(reason))
 
-    def _smallest(self, step: Step) -> None:
-        """Cycles at speeds asked for between the onset and the first step."""
-        born, first = self.birth.speed, step.begin
-        low, high = sorted((born, first.u))
-        power = 1.0 if self.motion.model.pipe.drag else 0.5
-        rest = self.birth.rest[: first.z.shape[1]]
-        asked = self.speeds[(self.speeds > low) & (self.speeds < high)]
-        for u in sorted(map(float, asked), key=lambda u: abs(u - born)):
-            size = ((u - born) / (first.u - born)) ** power
-            guess = replace(first, z=rest + size * (first.z - rest), u=u)
-            try:
-                orbit = Equations(self.motion, guess.phases).solve(guess)
-                self.keep(finished(self.motion, orbit, self.rtol, SAMPLES, self.how))
-            except Elsewhere as reason:
-                self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
-            except PipedynError as error:
-                self.failed.append((u, error))
+    def _asked_for(self, step: Step) -> bool:
+        """Whether a step comes to speeds asked for."""
+        low, high = sorted((step.begin.u, step.end.u))
+        return bool(low <= self.asked.speeds[-1] and high >= self.asked.speeds[0])
+
+    def _first(self) -> LimitCycle | None:
+        """Cycles at speeds asked for up to the first of the arc; that itself if it is one."""
+        base, first = self.start.base, self.start.orbit
+        if base is None:
+            cycle = self._finished(first.u, lambda: first)
+            if cycle is not None:
+                self.keep(cycle)
+            return cycle
+        low, high = sorted((base.u, first.u))
+        power = 1.0 if self.origin == "hopf" and self.motion.model.pipe.drag else 0.5
+        asked = self.asked.speeds
+        between = asked[(asked > low) & (asked < high)]
+        for u in sorted(map(float, between), key=lambda u: abs(u - base.u)):
+            size = ((u - base.u) / (first.u - base.u)) ** power
+            guess = replace(first, z=base.z + size * (first.z - base.z), u=u)
+
+            def beside(guess: Orbit = guess, size: float = size) -> Orbit:
+                found = Equations(self.motion, guess.phases).solve(guess)
+                if float(np.sum((found.z - base.z) * (guess.z - base.z))) <= 0.0:
+                    raise Elsewhere("Newton's method fell back to what the branch leaves")
+                return found
+
+            cycle = self._finished(u, beside)
+            if cycle is not None:
+                self.keep(cycle)
+        return None
+
+    def _finished(self, u: float, orbit: Callable[[], Orbit]) -> LimitCycle | None:
+        """The cycle at a speed asked for; None where there is none.
+
+        What fails to meet the tolerance is told, and kept for what it is.
+        """
+        try:
+            return finished(self.motion, orbit(), self.asked.rtol, SAMPLES, self.how)
+        except Elsewhere as reason:
+            self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
+        except PipedynError as error:
+            self.failed.append((u, error))
+            if isinstance(error, NotConverged) and isinstance(error.result, LimitCycle):
+                return error.result
+        return None
 
     def _slowing(self) -> bool:
         """Whether the period seems to grow without bound."""
-        pace = np.array([cycle.frequency for cycle in self.cycles])
-        return pace.size > 3 and bool(pace[-1] < SLOW * pace.max() and pace[-1] < pace[-3])
+        pace = self.pace
+        return len(pace) > 3 and pace[-1] < SLOW * max(pace) and pace[-1] < pace[-3]
 
     def described(self, orbit: Orbit) -> LimitCycle:
         """The cycle of an orbit, with its multipliers."""
@@ -289,173 +447,215 @@ class _Followed:
 
     def keep(self, cycle: LimitCycle) -> None:
         """Takes a cycle whose multipliers can be believed."""
-        if cycle.multiplier_error < TOLD:
+        if cycle.multiplier_error <= TOLD:
             self.cycles.append(cycle)
-        elif not self._slowing():
-            told = (
-                f"the multipliers at u = {cycle.u:g} are known to {cycle.multiplier_error:.1e} only"
-            )
-            self.failed.append((cycle.u, NotConverged(told, cycle)))
 
-    def _ends(self, kind: EventKind, u: float, last: LimitCycle) -> None:
-        error, size = abs(last.u - u), last.amplitude
-        if kind == "hopf":
-            error, size = (1e-6 if u in self.onsets else error), 0.0
-        self.events.append(CycleEvent(kind, u, error, 1.0 + 0j, size))
+    def _ends(self, kind: EventKind, orbit: Orbit, error: float) -> None:
+        """Tells where the branch ends."""
+        size = 0.0 if kind == "hopf" else amplitude_of(self.motion, orbit)[0]
+        self.end = CycleEvent(kind, orbit.u, error, 1.0 + 0j, size)
+        self.events.append(self.end)
 
-    def noted(self, step: Step, last: LimitCycle) -> LimitCycle:
-        """Keeps what lies on a step, and what changes there; the cycle at its end."""
-        fold = turning(step)
+    def _stopped(self, orbit: Orbit, why: str) -> None:
+        """Tells that the branch was not followed further."""
+        size = amplitude_of(self.motion, orbit)[0]
+        self.events.append(CycleEvent("end", orbit.u, 0.0, 1.0 + 0j, size))
+        told = f"the cycles {self.how} were not followed beyond u = {orbit.u:g}: {why}"
+        self.failed.append((orbit.u, NotConverged(told)))
+
+    # ----------------------------------------------------------------------- how it may end
+
+    def _vanishes(self, step: Step) -> bool:
+        """Whether the branch goes over into what it leaves within a step, at rest or unbroken."""
+        for kind in self._breakings(step.begin):
+            here, there = (_content(orbit, orbit.z, kind) for orbit in (step.begin, step.end))
+            if float(np.sum(here * there)) >= 0.0:
+                continue
+            before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
+            if kind == "hopf":
+                self._dies(step, before, after)
+                return True
+            # The speed is as the square of what vanishes.
+            way = step.length * before / (before + after)
+            beside = [step.at(0.6 * way), step.at(0.85 * way)]
+            left = [float(np.sum(_content(near, near.z, kind) ** 2)) for near in beside]
+            near, size = beside[1], left[1]
+            at = [
+                near.u + size * (near.u - u) / (other - size)
+                for u, other in ((step.begin.u, before**2), (beside[0].u, left[0]))
+            ]
+            self._ends(kind, replace(near, u=at[1]), abs(at[1] - at[0]) + 1e-9)
+            return True
+        return False
+
+    def _breakings(self, orbit: Orbit) -> Iterator[EventKind]:
+        """At which events an orbit may meet what it breaks from."""
+        yield "hopf"
+        if not orbit.phases.half:
+            yield "period doubling"
+            if is_odd(self.motion, orbit.u):
+                yield "pitchfork"
+
+    def _dies(self, step: Step, before: float, after: float) -> None:
+        """Tells at which onset a cycle shrinks to nothing."""
+        u = step.begin.u + before / (before + after) * (step.end.u - step.begin.u)
+        others = [onset for onset in self.asked.onsets if onset != self.onset]
+        near = min(others, key=lambda onset: abs(onset - u), default=math.inf)
+        known = abs(near - u) < 0.01 * u
+        error = 1e-6 if known else abs(step.begin.u - u)
+        self._ends("hopf", replace(step.begin, u=near if known else u), error)
+
+    # ---------------------------------------------------------------------- what lies on it
+
+    def noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
+        """Keeps what lies on a step, and what changes there; the cycle at its end.
+
+        Args:
+            step: the step.
+            last: the cycle at its beginning, if that is known and kept.
+        """
+        if last is None:
+            last = self.described(step.begin)
+            self.keep(last)
         end = self.described(step.end)
         if max(end.multiplier_error, last.multiplier_error) > TOLD:
             self.keep(end)
             return end
         marked: list[tuple[float, LimitCycle, CycleEvent | None]] = [(step.length, end, None)]
-        change = outside(end.multipliers) - outside(last.multipliers)
-        if fold is None:
-            parts = [step]
-            marked += self._changes(step, 0.0, step.length, last, end)
-        else:
-            length, top, error = fold
+        lengths, orbits, low, before = [], [], 0.0, last
+        for length in turns(step):
+            top = step.at(length)
             cycle = self.described(top)
-            event = CycleEvent("fold", top.u, error, _nearest(cycle.multipliers), cycle.amplitude)
-            marked.append((length, cycle, event))
-            parts = [step.part(step.begin, top), step.part(top, step.end)]
-            if abs(change) != 1:  # more than the fold's own
-                for a, b in ((0.0, 0.95 * length), (1.05 * length, step.length)):
-                    if b > a:
-                        sides = [self.described(step.at(s)) for s in (a, b)]
-                        marked += self._changes(step, a, b, *sides)
-        for part in parts:
-            marked += self._landed(step, part)
+            lengths.append(length)
+            orbits.append(top)
+            marked.append((length, cycle, self._fold(step, length, cycle)))
+            beside = BESIDE * step.length
+            if length - beside > low:
+                after = self.described(step.at(length - beside))
+                marked += self._changes(step, low, length - beside, before, after)
+            low = min(length + beside, step.length)
+            before = self.described(step.at(low))
+        if low < step.length:
+            marked += self._changes(step, low, step.length, before, end)
+        for a, b in pairwise([step.begin, *orbits, step.end]):
+            marked += self._landed(step, step.part(a, b))
         for _, cycle, told in sorted(marked, key=lambda one: one[0]):
             self.keep(cycle)
-            if told is not None and not self._known(told):
+            if told is not None:
                 self.events.append(told)
         return end
 
-    def _known(self, event: CycleEvent) -> bool:
-        """Whether a multiplier's passage through 1 is that of the fold just told."""
-        last = self.events[-1]
-        near = 1e-4 * (1.0 + event.speed)
-        return (event.kind, last.kind) == ("pitchfork", "fold") and (
-            abs(last.speed - event.speed) < near
-        )
+    def _fold(self, step: Step, length: float, cycle: LimitCycle) -> CycleEvent:
+        """Where the branch turns."""
+        beside = step.at(length + 1e-3 * step.length)
+        others = nontrivial(cycle.multipliers)
+        nearest = complex(others[int(np.argmin(np.abs(others - 1.0)))])
+        error = max(abs(beside.u - cycle.u), 1e-9)
+        return CycleEvent("fold", cycle.u, error, nearest, cycle.amplitude)
 
     def _changes(
         self, step: Step, low: float, high: float, a: LimitCycle, b: LimitCycle
     ) -> Iterator[tuple[float, LimitCycle, CycleEvent | None]]:
-        """Passages of multipliers through the unit circle between two lengths."""
+        """Passages of multipliers through the unit circle between two lengths.
+
+        One through 1 is that of a fold, which the tangent tells.
+        """
         end = outside(b.multipliers)
         for _ in range(6):
             begin = outside(a.multipliers)
             if begin == end:
                 return
-            top, beyond = high, b
-            for _ in range(HALVINGS):
-                middle = 0.5 * (low + top)
-                cycle = self.described(step.at(middle))
-                if outside(cycle.multipliers) == begin:
-                    low, a = middle, cycle
-                else:
-                    top, beyond = middle, cycle
-            yield 0.5 * (low + top), beyond, passage(a, beyond)
-            low, a = top, beyond
+            low, before, a, orbit = self._narrowed(step, low, high, a, b)
+            course = shortened(self.motion, course_of(self.motion, orbit, ROUGH))
+            kind, multiplier = passage(returns(self.motion, course), course.half)
+            if kind == "fold":
+                continue
+            speed, error = 0.5 * (before.u + a.u), 0.5 * abs(before.u - a.u)
+            size = 0.5 * (before.amplitude + a.amplitude)
+            event = CycleEvent(kind, speed, error, multiplier, size)
+            if kind != "torus" and self.asked.holds(speed):
+                self.forks.append((event, orbit, before.stable or a.stable))
+            yield low, a, event
+
+    def _narrowed(
+        self, step: Step, low: float, high: float, a: LimitCycle, b: LimitCycle
+    ) -> tuple[float, LimitCycle, LimitCycle, Orbit]:
+        """Where the number of multipliers outside the circle first differs from that at `low`.
+
+        The modulus that passes 1 is a smooth function of the length, unless others pass as well:
+        false position, with the end that stays put weighed down, or else halving.
+
+        Returns:
+            The length beyond the passage, the cycles on both sides and the orbit beyond.
+        """
+        begin = outside(a.multipliers)
+        passing = begin - (outside(b.multipliers) < begin)
+        orbit, stayed = step.end, -1
+        sides = [excess(cycle.multipliers, passing) for cycle in (a, b)]
+        for turn in range(40):
+            if high - low <= NARROW * step.length:
+                break
+            share = 0.5 if turn % 4 == 3 else sides[0] / (sides[0] - sides[1])
+            middle = low + min(max(share, 0.02), 0.98) * (high - low)
+            found = step.at(middle)
+            cycle = self.described(found)
+            value = excess(cycle.multipliers, passing)
+            before = outside(cycle.multipliers) == begin
+            if before:
+                low, a = middle, cycle
+            else:
+                high, b, orbit = middle, cycle, found
+            stays = 1 if before else 0
+            sides[1 - stays] = value
+            sides[stays] *= 0.5 if stays == stayed else 1.0
+            stayed = stays
+        return high, a, b, orbit
 
     def _landed(
         self, step: Step, part: Step
     ) -> Iterator[tuple[float, LimitCycle, CycleEvent | None]]:
         """The cycles at the speeds asked for."""
         low, high = sorted((part.begin.u, part.end.u))
-        for u in self.speeds[(self.speeds > low) & (self.speeds <= high)]:
-            try:
-                orbit = part.landing(float(u))
-                cycle = finished(self.motion, orbit, self.rtol, SAMPLES, self.how)
-            except Elsewhere as reason:
-                self.failed.append((float(u), NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
+        speeds = self.asked.speeds
+        passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.u)
+        for u in map(float, speeds[passed]):
+            places: list[Orbit] = []
+
+            def landing(u: float = u, places: list[Orbit] = places) -> Orbit:
+                places.append(part.landing(u))
+                return places[0]
+
+            cycle = self._finished(u, landing)
+            if cycle is None:
                 continue
-            except PipedynError as error:
-                self.failed.append((float(u), error))
-                continue
-            yield step.reach(orbit), cycle, None
+            yield step.reach(places[0]), cycle, None
+            self.closed = self.closed or self._is_first(cycle)
 
-    def result(self) -> CycleBranch | None:
-        """What lies within the speeds asked for."""
-        low, high = self.ends
-        near = 1e-9 * (1.0 + high)
-        cycles = [c for c in self.cycles if low - near <= c.u <= high + near]
-        if not cycles:
-            return None
-        return CycleBranch(
-            speeds=np.array([cycle.u for cycle in cycles]),
-            amplitudes=np.array([cycle.amplitude for cycle in cycles]),
-            frequencies=np.array([cycle.frequency for cycle in cycles]),
-            stable=np.array([cycle.stable for cycle in cycles]),
-            multipliers=np.array([cycle.multipliers for cycle in cycles]),
-            events=tuple(e for e in self.events if low - near <= e.speed <= high + near),
-            cycles=tuple(cycles),
-            onset=self.birth.speed,
-        )
+    def _is_first(self, cycle: LimitCycle) -> bool:
+        """Whether a cycle is that from which the branch set out: it is closed."""
+        first = self.start.orbit
+        if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
+            return False
+        return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
 
 
-def _moves(orbit: Orbit) -> Array:
-    """What moves of an orbit."""
-    if orbit.phases.half:
-        return orbit.z
-    moving: Array = orbit.z - orbit.z.mean(axis=0)
-    return moving
+def _origin(begin: CycleEvent) -> Origin:
+    origins: dict[str, Origin] = {
+        "hopf": "hopf",
+        "pitchfork": "pitchfork",
+        "period doubling": "period doubling",
+    }
+    return origins[begin.kind]
 
 
-def _vanishing(step: Step, kinks: bool) -> float:
-    """Speed at which a cycle has no size, somewhere within a step."""
-    sizes = [float(np.linalg.norm(_moves(orbit))) for orbit in (step.begin, step.end)]
-    a, b = sizes[0] ** (2 - kinks), sizes[1] ** (2 - kinks)
-    share = a / (a + b) if kinks else math.sqrt(a) / (math.sqrt(a) + math.sqrt(b))
-    return step.begin.u + share * (step.end.u - step.begin.u)
+def _content(orbit: Orbit, z: Array, kind: EventKind) -> Array:
+    """What of an orbit vanishes where it meets what it breaks from."""
+    if kind == "hopf":
+        return z if orbit.phases.half else z - z.mean(axis=0)
+    return broken(orbit, z, "pitchfork" if kind == "pitchfork" else "period doubling")
 
 
-def turning(step: Step) -> tuple[float, Orbit, float] | None:
-    """Length, cycle and error of the speed where it turns within a step; None where it does not."""
-    near = 0.02 * step.length
-    first = step.at(near).u - step.begin.u
-    last = step.end.u - step.at(step.length - near).u
-    if first * last >= 0.0:
-        return None
-    sign = math.copysign(1.0, first)
-    found = minimize_scalar(
-        lambda s: -sign * step.at(float(s)).u,
-        bounds=(0.0, step.length),
-        method="bounded",
-        options={"xatol": 1e-4 * step.length},
-    )
-    length = float(found.x)
-    top = step.at(length)
-    beside = step.at(min(length + 1e-3 * step.length, step.length))
-    return length, top, max(abs(beside.u - top.u), 1e-9)
-
-
-def nontrivial(multipliers: ArrayLike) -> Complex:
-    """All multipliers but the one nearest to 1."""
-    given = np.asarray(multipliers, dtype=np.complex128)
-    return np.delete(given, int(np.argmin(np.abs(given - 1.0))))
-
-
-def outside(multipliers: ArrayLike) -> int:
-    """Number of multipliers outside the unit circle, but for the trivial one."""
-    return int(np.count_nonzero(np.abs(nontrivial(multipliers)) > 1.0 + UNIT))
-
-
-def _nearest(multipliers: ArrayLike) -> complex:
-    others = nontrivial(multipliers)
-    return complex(others[int(np.argmin(np.abs(others - 1.0)))])
-
-
-def passage(a: LimitCycle, b: LimitCycle) -> CycleEvent:
-    """What happens between two neighbours of which one has more multipliers outside."""
-    both = np.concatenate([nontrivial(a.multipliers), nontrivial(b.multipliers)])
-    nearest = complex(both[int(np.argmin(np.abs(np.abs(both) - 1.0)))])
-    kind: EventKind = "torus"
-    if abs(nearest.imag) < 1e-3 * abs(nearest):
-        kind = "pitchfork" if nearest.real > 0.0 else "period doubling"
-    speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
-    return CycleEvent(kind, speed, error, nearest, 0.5 * (a.amplitude + b.amplitude))
+def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:
+    """Whether a cycle has a frequency and an amplitude."""
+    apart = max(abs(cycle.frequency / frequency - 1.0), abs(cycle.amplitude / amplitude - 1.0))
+    return apart < SAME

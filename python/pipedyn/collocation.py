@@ -5,38 +5,28 @@ One period goes through N states at equal phases and meets y' = f(y, u) there (F
 Newton's method with the analytic Jacobian finds it together with its frequency. The velocities are
 eliminated, p' = omega dp/dphi, so that the unknowns are the N positions. A cycle of an odd system
 mostly is its own mirror image half a period later: then half of a period and odd harmonics
-describe it. An arc of cycles goes on by pseudo-arclength, on more phases where they are needed.
-The matrices are dense, for cycles of few harmonics: `panels` refines them.
+describe it. The matrices are dense, for cycles of few harmonics: `panels` refines them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from pipedyn._check import Array
 from pipedyn.field import Field
-from pipedyn.pencil import Complex
 
 LARGEST_SYSTEM = 6000
 """Unknowns of a Newton step: 0.3 GB."""
 
-MOST_UNKNOWNS = 1600
-"""Up to which an arc goes on with more phases."""
-
-SMOOTH, SMOOTH_ACROSS_KINKS = 1e-6, 3e-5
-"""Share of the last harmonics beyond which an arc takes more phases; with drag it falls slowly."""
-
-FIRST, LONGEST, SHORTEST = 0.03, 0.15, 1e-4
-"""Steps of an arc: in L of the free end, and relative in speed and frequency."""
-
-STRAIGHT = 0.8
-"""Cosine of the angle between steps below which one is made shorter."""
+CHORD = 1e-3
+"""Relative step of Newton's method below which the next takes the same derivatives."""
 
 
 class Phases:
@@ -65,9 +55,11 @@ class Phases:
 
     def _table(self, phase: Array, order: int) -> Array:
         """Cosines and sines, or their derivatives, shape (k, 2 harmonics)."""
-        angle = np.outer(phase, self.harmonics) + 0.5 * math.pi * order
-        power = self.harmonics.astype(np.float64) ** order
-        return np.concatenate([power * np.cos(angle), power * np.sin(angle)], axis=1)
+        turn = np.exp(1j * phase)[:, None]
+        waves = np.repeat(turn**2 if self.half else turn, self.harmonics.size, axis=1)
+        waves[:, :1] = turn ** self.harmonics[0]
+        waves = np.cumprod(waves, axis=1) * (1j * self.harmonics) ** order
+        return np.concatenate([waves.real, waves.imag], axis=1)
 
     def weights(self, z: Array) -> Array:
         """Size of each harmonic of values at the phases, shape (harmonics,)."""
@@ -76,20 +68,40 @@ class Phases:
         total: Array = np.linalg.norm(sizes, axis=1)
         return total if self.half else total[1:]
 
-    def between(self, phase: Array, order: int = 0) -> Array:
-        """Values, or derivatives by the phase, from values at the phases, shape (k, count)."""
-        table: Array = self._table(phase, order) @ self._coefficients
-        return table
+    def odd(self, z: Array) -> Array:
+        """What odd harmonics make of values at the phases: it changes its sign half a turn on."""
+        own = np.tile(self.harmonics % 2 == 1, 2)
+        part: Array = self._table(self.at, 0)[:, own] @ (self._coefficients[own] @ z)
+        return part
+
+    def between(self, z: Array, phase: Array | None, order: int = 0) -> Array:
+        """Values at phases, or derivatives by the phase, from values at the own ones.
+
+        Args:
+            z: values at the own phases, shape (count, width).
+            phase: where, shape (k,); the own ones where not given.
+            order: of the derivative, 0, 1 or 2.
+
+        Returns:
+            Shape (k, width).
+        """
+        if phase is None:
+            values: Array = z if order == 0 else (self.first, self.second)[order - 1] @ z
+            return values
+        values = self._table(phase, order) @ (self._coefficients @ z)
+        return values
 
     @cached_property
     def first(self) -> Array:
         """Derivative by the phase, shape (count, count)."""
-        return self.between(self.at, 1)
+        matrix: Array = self._table(self.at, 1) @ self._coefficients
+        return matrix
 
     @cached_property
     def second(self) -> Array:
         """Second derivative by the phase, shape (count, count)."""
-        return self.between(self.at, 2)
+        matrix: Array = self._table(self.at, 2) @ self._coefficients
+        return matrix
 
 
 @dataclass(frozen=True)
@@ -110,13 +122,12 @@ class Orbit:
 
     def states(self, phase: Array | None = None) -> Array:
         """[p, p'] at the phases, or at others, shape (2 moving, k)."""
-        values = self.z if phase is None else self.phases.between(phase) @ self.z
-        return np.ascontiguousarray(values.T)
+        return np.ascontiguousarray(self.phases.between(self.z, phase).T)
 
     def on(self, count: int) -> Orbit:
         """The same with another number of phases."""
         phases = Phases(count, self.phases.half)
-        return Orbit(phases, self.phases.between(phases.at) @ self.z, self.frequency, self.u)
+        return Orbit(phases, self.phases.between(self.z, phases.at), self.frequency, self.u)
 
     @property
     def size(self) -> float:
@@ -158,30 +169,19 @@ class Equations:
         values = orbit.states(phase)
         if self.motion.tied:
             return values
-        at = orbit.phases.at if phase is None else phase
-        rates = orbit.frequency * (orbit.phases.between(at, 1) @ orbit.z)
+        rates = orbit.frequency * orbit.phases.between(orbit.z, phase, 1)
         return np.concatenate([values, rates.T])
 
     def residual(self, orbit: Orbit, phase: Array | None = None) -> Array:
         """What of dy/dt - f(y) the unknowns decide, shape (k, width)."""
-        at = orbit.phases.at if phase is None else phase
-        rates = self.motion(self.states(orbit, at), orbit.u)
+        rates = self.motion(self.states(orbit, phase), orbit.u)
+        turned = [orbit.phases.between(orbit.z, phase, order) for order in (1, 2)]
         if self.motion.tied:
-            return orbit.frequency * (orbit.phases.between(at, 1) @ orbit.z) - rates.T
-        second = orbit.phases.between(at, 2)
-        return orbit.frequency**2 * (second @ orbit.z) - rates[self.motion.half :].T
+            return orbit.frequency * turned[0] - rates.T
+        return orbit.frequency**2 * turned[1] - rates[self.motion.half :].T
 
-    def step(
-        self, orbit: Orbit, turning: Array, row: Array | None, missed: float
-    ) -> tuple[Array, float, float]:
-        """Newton's step (dz, domega, du).
-
-        Args:
-            orbit: where it starts.
-            turning: a direction across which the step goes, which fixes the phase; z's shape.
-            row: a linear condition on (z, omega, u) that takes the place of a fixed speed.
-            missed: by how much the condition is to change.
-        """
+    def _matrix(self, orbit: Orbit, turning: Array, row: Array | None) -> Array:
+        """Derivatives by (z, omega), with a row by (z, omega, u), of all equations."""
         motion, phases, half = self.motion, self.phases, self.motion.half
         count, width, omega = phases.count, self.width, orbit.frequency
         y = self.states(orbit)
@@ -209,20 +209,47 @@ class Equations:
         whole[:n, :n] = blocks.reshape(n, n)
         whole[:n, n] = by_frequency.ravel()
         whole[n, :n] = turning.ravel()
-        right = np.zeros(n + free)
-        right[:n] = -self.residual(orbit).ravel()
         if row is not None:
             by_speed = motion.by_speed(y, orbit.u)[-width:]
             whole[:n, n + 1] = -by_speed.T.ravel()
             whole[n + 1] = row
-            right[n + 1] = missed
-        try:
-            found = scipy.linalg.solve(whole, right, overwrite_a=True, check_finite=False)
-        except (np.linalg.LinAlgError, ValueError, scipy.linalg.LinAlgWarning) as error:
-            raise Elsewhere("Newton's method met a singular matrix") from error
-        if not np.isfinite(found).all():
-            raise Elsewhere("Newton's method left finite numbers")
-        return found[:n].reshape(count, width), float(found[n]), float(found[n + 1 :].sum())
+        return whole
+
+    def _turning(self, orbit: Orbit) -> Array:
+        """The direction in which the phase of an orbit moves, of unit length."""
+        rates = self.phases.first @ orbit.z
+        turning: Array = rates / np.linalg.norm(rates)
+        return turning
+
+    def tangent(self, orbit: Orbit, row: Array) -> Array:
+        """Derivative of (z, omega, u) along the cycles' arc by a linear function of them.
+
+        Args:
+            orbit: a cycle.
+            row: coefficients of the function.
+
+        Raises:
+            Elsewhere: if the equations do not tell it.
+        """
+        right = np.zeros(self.unknowns + 2)
+        right[-1] = 1.0
+        factors = _factored(self._matrix(orbit, self._turning(orbit), row))
+        tangent: Array = scipy.linalg.lu_solve(factors, right)
+        return tangent
+
+    def neutral(self, orbit: Orbit) -> Array:
+        """The change of z at one speed that changes the residual least, of unit length, z's shape.
+
+        Raises:
+            Elsewhere: if the equations do not tell it.
+        """
+        factors = _factored(self._matrix(orbit, self._turning(orbit), None))
+        change = np.cos(np.arange(self.unknowns + 1) ** 2)  # in no direction of the system's own
+        for _ in range(4):
+            change = scipy.linalg.lu_solve(factors, change, trans=1)
+            change = scipy.linalg.lu_solve(factors, change / np.linalg.norm(change))
+        dz: Array = change[: self.unknowns].reshape(self.phases.count, self.width)
+        return dz / np.linalg.norm(dz)
 
     def solve(
         self, orbit: Orbit, tolerance: float = 1e-9, row: Array | None = None, value: float = 0.0
@@ -238,19 +265,25 @@ class Equations:
         Raises:
             Elsewhere: if it is lost.
         """
-        size, omega = orbit.size, orbit.frequency
-        turning = self.phases.first @ orbit.z
-        turning = turning / np.linalg.norm(turning)
-        last = math.inf
+        size, omega, n = orbit.size, orbit.frequency, self.unknowns
+        turning = self._turning(orbit)  # steps go across it, which fixes the phase
+        right = np.zeros(n + (1 if row is None else 2))
+        last, factors = math.inf, None
         for _ in range(25):
-            missed = 0.0
-            if row is not None:
-                missed = value - float(row @ np.append(orbit.z, [orbit.frequency, orbit.u]))
             with np.errstate(over="raise", invalid="raise"):
                 try:
-                    dz, domega, du = self.step(orbit, turning, row, missed)
+                    if factors is None:
+                        factors = _factored(self._matrix(orbit, turning, row))
+                    right[:n] = -self.residual(orbit).ravel()
+                    if row is not None:
+                        right[-1] = value - float(
+                            row @ np.append(orbit.z, [orbit.frequency, orbit.u])
+                        )
+                    change = scipy.linalg.lu_solve(factors, right)
                 except (FloatingPointError, ValueError) as error:
                     raise Elsewhere("Newton's method left finite numbers") from error
+            dz, domega = change[:n].reshape(orbit.z.shape), float(change[n])
+            du = 0.0 if row is None else float(change[-1])
             moved = float(np.sqrt(np.mean(np.sum(dz**2, axis=1)))) / orbit.size
             moved = max(moved, abs(domega) / orbit.frequency, abs(du) / orbit.u)
             share = min(1.0, 0.5 / moved) if moved > 0.0 else 1.0
@@ -266,8 +299,23 @@ class Equations:
                 raise Elsewhere("Newton's method left the neighbourhood of its start")
             if moved <= tolerance or (last < 1e3 * tolerance and moved >= 0.5 * last):
                 return orbit
+            if moved > CHORD or moved > 0.1 * last:
+                factors = None
             last = moved
         raise Elsewhere("Newton's method did not converge")
+
+
+Factors: TypeAlias = "tuple[Array, NDArray[np.int32]]"
+
+
+def _factored(whole: Array) -> Factors:
+    """LU factors of a matrix."""
+    if not np.isfinite(whole).all():
+        raise Elsewhere("Newton's method left finite numbers")
+    factors: Factors = scipy.linalg.lu_factor(whole, overwrite_a=True, check_finite=False)
+    if not factors[0].diagonal().all():
+        raise Elsewhere("Newton's method met a singular matrix")
+    return factors
 
 
 def is_odd(motion: Field, u: float) -> bool:
@@ -279,168 +327,3 @@ def is_odd(motion: Field, u: float) -> bool:
     rates = motion(np.concatenate([y, -y], axis=1), u)
     ahead, behind = rates[:, :3], rates[:, 3:]
     return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
-
-
-# ------------------------------------------------------------------------------- arcs of cycles
-
-
-@dataclass(frozen=True)
-class Birth:
-    """A pair on the axis, from which small cycles come.
-
-    Attributes:
-        rest: the equilibrium, shape (2 moving,).
-        mode: complex, of unit displacement of the free end, shape (2 moving,).
-        speed, frequency: of the pair.
-    """
-
-    rest: Array = field(repr=False)
-    mode: Complex = field(repr=False)
-    speed: float
-    frequency: float
-
-    def ring(
-        self, motion: Field, amplitude: float, u: float, frequency: float, count: int = 16
-    ) -> Orbit:
-        """The mode with an amplitude of the free end, on `count` phases in half a period."""
-        half = not self.rest.any() and is_odd(motion, u)
-        phases = Phases(count if half else 2 * count + 1, half)
-        width = motion.size if motion.tied else motion.half
-        turn = np.exp(1j * phases.at)[:, None]
-        z = self.rest[:width] + amplitude * (self.mode[:width] * turn).real
-        return Orbit(phases, z, frequency, u)
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step of an arc, any point of which can be solved for.
-
-    Attributes:
-        begin, end: cycles on the same phases.
-        along: direction in (z, omega, u), of unit length.
-        row: the same with the weights of each entry.
-        length: of the step.
-    """
-
-    motion: Field = field(repr=False)
-    begin: Orbit
-    end: Orbit
-    along: Array = field(repr=False)
-    row: Array = field(repr=False)
-    length: float
-
-    def at(self, s: float) -> Orbit:
-        """The cycle at a length from the step's beginning.
-
-        Raises:
-            Elsewhere: if Newton's method does not settle.
-        """
-        share = s / self.length
-        first, last = packed(self.begin), packed(self.end)
-        value = float(self.row @ first) + s
-        guess = unpacked(first + share * (last - first), self.begin)
-        equations = Equations(self.motion, self.begin.phases)
-        return equations.solve(guess, row=self.row, value=value)
-
-    def landing(self, u: float) -> Orbit:
-        """The cycle at a speed between those of the ends.
-
-        Raises:
-            Elsewhere: if Newton's method does not settle.
-        """
-        first, last = packed(self.begin), packed(self.end)
-        share = (u - self.begin.u) / (self.end.u - self.begin.u)
-        guess = replace(unpacked(first + share * (last - first), self.begin), u=u)
-        found = Equations(self.motion, guess.phases).solve(guess)
-        if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
-            raise Elsewhere("Newton's method left the neighbourhood of its start")
-        return found
-
-    def reach(self, orbit: Orbit) -> float:
-        """Length from the step's beginning at which an orbit lies."""
-        return float(self.row @ (packed(orbit) - packed(self.begin)))
-
-    def part(self, begin: Orbit, end: Orbit) -> Step:
-        """What lies between two of its points."""
-        length = self.reach(end) - self.reach(begin)
-        return replace(self, begin=begin, end=end, length=length)
-
-
-def packed(orbit: Orbit) -> Array:
-    """(z, omega, u), shape (unknowns + 2,)."""
-    return np.append(orbit.z, [orbit.frequency, orbit.u])
-
-
-def unpacked(values: Array, like: Orbit) -> Orbit:
-    """The orbit of (z, omega, u)."""
-    z = values[:-2].reshape(like.z.shape)
-    return Orbit(like.phases, z, float(values[-2]), float(values[-1]))
-
-
-def arc(motion: Field, birth: Birth) -> Iterator[Step]:
-    """Steps along the cycles that are born at an onset, past folds, without end.
-
-    Args:
-        motion: the model's.
-        birth: where it begins; the first step doubles an amplitude of 0.01 or, where the speed is
-            by then more than 1e-3 from the onset, less.
-
-    Raises:
-        Elsewhere: where it cannot be followed.
-    """
-    amplitude = 0.01
-    small = _small(motion, birth, amplitude)
-    while abs(small.u - birth.speed) > 1e-3 * birth.speed and amplitude > 1e-4:
-        amplitude *= 0.3
-        small = _small(motion, birth, amplitude)
-    here = _small(motion, birth, 2.0 * amplitude)
-    unit = 0.5 * here.size / amplitude
-    length = FIRST
-    smooth = SMOOTH_ACROSS_KINKS if motion.model.pipe.drag else SMOOTH
-    last, first = small, True
-    while True:
-        weights = np.append(
-            np.full(here.z.size, 1.0 / (here.phases.count * unit**2)),
-            [birth.frequency**-2, birth.speed**-2],
-        )
-        along = packed(here) - packed(last)
-        covered = math.sqrt(float(weights @ along**2))
-        along = along / covered
-        row = weights * along
-        if first:
-            yield Step(motion, last, here, along, row, covered)
-            first = False
-        while True:
-            guess = unpacked(packed(here) + length * along, here)
-            try:
-                if guess.u <= 0.0 or guess.frequency <= 0.0:
-                    raise Elsewhere("the branch left positive speeds")
-                value = float(row @ packed(here)) + length
-                found = Equations(motion, guess.phases).solve(guess, 1e-8, row=row, value=value)
-                moved = packed(found) - packed(here)
-                bent = length / math.sqrt(float(weights @ moved**2)) < STRAIGHT
-                if bent and length > SHORTEST:
-                    raise Elsewhere("the step turned too far")
-                break
-            except Elsewhere:
-                length *= 0.4
-                if length < SHORTEST:
-                    raise
-        if found.last_share > smooth:
-            count = 2 * (here.phases.count // 2) * 2
-            if (count + 1) * here.z.shape[1] > MOST_UNKNOWNS:
-                raise Elsewhere(f"more than {here.phases.count} phases are needed")
-            last, here = last.on(count), here.on(count)
-            here = Equations(motion, here.phases).solve(here, 1e-8)
-            continue
-        yield Step(motion, here, found, along, row, length)
-        last, here = here, found
-        length = min(1.3 * length, LONGEST)
-
-
-def _small(motion: Field, birth: Birth, amplitude: float) -> Orbit:
-    """The cycle of a small amplitude, at whatever speed."""
-    ring = birth.ring(motion, amplitude, birth.speed, birth.frequency)
-    rest = birth.rest[: ring.z.shape[1]]
-    row = np.append((ring.z - rest).ravel(), [0.0, 0.0])
-    return Equations(motion, ring.phases).solve(ring, row=row, value=float(row @ packed(ring)))

@@ -12,7 +12,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from pipedyn._check import Array
-from pipedyn.collocation import Equations, Orbit
+from pipedyn.collocation import Elsewhere, Equations, Orbit, Phases
 from pipedyn.field import Field
 
 STAGES = 8
@@ -23,6 +23,9 @@ EDGES: Array = np.linspace(0.0, 1.0, 9)
 
 MOST, HALVINGS = 2000, 12
 """Panels of a span, and halvings of one by which others' values are drawn."""
+
+FEWEST_PHASES, MOST_UNKNOWNS = 16, 3000
+"""Equal phases in half a period to begin with, and values at them at most."""
 
 APART = 1e-4
 """Share of the span within which two ends of panels are one."""
@@ -158,6 +161,26 @@ def course_of(motion: Field, orbit: Orbit, tolerance: float) -> Course:
         return equations.states(orbit, phase)
 
     return drawn(motion, states, orbit.frequency, orbit.u, orbit.phases.half, tolerance)
+
+
+def orbit_of(motion: Field, course: Course) -> Orbit:
+    """The same cycle by its values at equal phases, as few as it takes.
+
+    Raises:
+        Elsewhere: if it takes more than there may be.
+    """
+    count = FEWEST_PHASES
+    while True:
+        phases = Phases(count if course.half else 2 * count + 1, course.half)
+        y = course.states(phases.at)
+        z = y.T if motion.tied else y[: motion.half].T
+        orbit = Orbit(phases, np.ascontiguousarray(z), course.frequency, course.u)
+        try:
+            return Equations(motion, phases).solve(orbit)
+        except Elsewhere:
+            count *= 2
+            if count * z.shape[1] > MOST_UNKNOWNS:
+                raise
 
 
 def drawn(

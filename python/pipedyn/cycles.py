@@ -18,8 +18,9 @@ from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn import _check
 from pipedyn._check import Array
+from pipedyn.arcs import Birth
 from pipedyn.blas import one_thread
-from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, is_odd
+from pipedyn.collocation import Elsewhere, Equations, Orbit, is_odd
 from pipedyn.course import MOST, Course, course_of, divided, drawn
 from pipedyn.critical import crossings
 from pipedyn.field import Field
@@ -203,14 +204,14 @@ def limit_cycle(
     samples = _check.count("samples", samples, low=9, high=100_000)
     motion = Field(model)
     with one_thread(motion.size):
-        orbit, how = _found(motion, u, start)
-        return finished(motion, orbit, rtol, samples, how)
+        course, how = cycle_from(motion, u, start)
+        return finished(motion, course, rtol, samples, how)
 
 
 # ----------------------------------------------------------------------------- where it begins
 
 
-def _found(motion: Field, u: float, start: Any) -> tuple[Course, str]:
+def cycle_from(motion: Field, u: float, start: Any) -> tuple[Course, str]:
     """A cycle on few panels, and how it was found."""
     if start is None:
         return _unguided(motion, u)
@@ -279,7 +280,7 @@ def _may_reach(onset: Hopf, u: float) -> bool:
 
 def _from_onset(motion: Field, u: float, onset: Hopf) -> tuple[Course, str]:
     """The cycle of the user's onset."""
-    mode, rest = onset.mode, motion.resting()
+    mode, rest = onset.mode, onset.rest
     own = onset.model.moving == motion.half and onset.model.coordinates == motion.model.coordinates
     if own:
         linear = with_drag(motion.model, 0.0).jacobian(rest, onset.speed)
@@ -377,8 +378,8 @@ def _leapt(motion: Field, onset: Hopf, u: float) -> Course:
 
 
 def birth_of(motion: Field, onset: Hopf) -> Birth:
-    """Where the cycles of a flutter of the pipe at rest come from."""
-    return Birth(motion.resting(), onset.mode, onset.speed, onset.frequency)
+    """Where the cycles of a flutter come from."""
+    return Birth(onset.rest, onset.mode, onset.speed, onset.frequency)
 
 
 def _from_cycle(motion: Field, u: float, start: LimitCycle) -> Course:
@@ -573,8 +574,9 @@ def _apart(a: Course, peak: tuple[float, float], b: Course, other: tuple[float, 
     return max(moved, abs(b.frequency / a.frequency - 1.0), 1e-14)
 
 
-def amplitude_of(motion: Field, course: Course) -> tuple[float, float]:
+def amplitude_of(motion: Field, found: Orbit | Course) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
+    course = course_of(motion, found, FIRST_ROUGH) if isinstance(found, Orbit) else found
     phase: Array = 2.0 * math.pi / PEAKS * np.arange(float(PEAKS))
     across = motion.tip(course.states(phase))
     greatest, where = _peak(across)

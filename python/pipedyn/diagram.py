@@ -15,10 +15,20 @@ from numpy.typing import ArrayLike
 from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.arclength import Lost, solve
+from pipedyn.arcs import Birth
 from pipedyn.blas import one_thread
-from pipedyn.branches import CycleBranch, births, cycle_branch
-from pipedyn.collocation import Birth
-from pipedyn.cycles import LARGEST_CYCLE
+from pipedyn.branches import (
+    Asked,
+    CycleBranch,
+    Failed,
+    Traced,
+    births,
+    same_cycle,
+    traced,
+)
+from pipedyn.collocation import Elsewhere
+from pipedyn.course import orbit_of
+from pipedyn.cycles import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
 from pipedyn.equilibria import (
     EquilibriumBranch,
     Rest,
@@ -26,18 +36,25 @@ from pipedyn.equilibria import (
     equilibria,
     equilibrium_branch,
 )
+from pipedyn.field import Field
 from pipedyn.modal import LARGEST_SPEED
-from pipedyn.model import Model, PipedynError
+from pipedyn.model import Model, NotConverged, PipedynError
 from pipedyn.motion import LARGEST_SAMPLES
 from pipedyn.progress import track
-from pipedyn.sections import SAMPLES_A_TIME, Ended, Plan, bends, each, endings
+from pipedyn.sections import AGAIN, SAMPLES_A_TIME, Ended, Plan, bends, each, endings
 from pipedyn.stability import Failure
 
 MOST_MOTIONS = 100_000
 """Of one call."""
 
+MOST_LED = 12
+"""Cycles, at most, that motions end on and that are followed from there."""
+
 BEYOND = 1.5
 """Share of the highest speed up to which onsets are followed: their cycles may come back."""
+
+ELSEWHERE = -1
+"""Index of a failure that is at none of the speeds asked for."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +65,11 @@ class BifurcationDiagram:
         speeds: u asked for, shape (S,).
         equilibria: branches over the range of these, the straight pipe's first, mirror images
             included.
-        cycles: branches of cycles, one for each onset of flutter whose cycles come to these speeds;
-            of two that are mirror images one.
+        cycles: branches of cycles within these speeds, those from onsets of flutter first, each
+            followed by those that leave it; of two that are mirror images one.
         motions: where motions from a batch of starts end; empty where they were not asked for.
-        failures: points that failed, with what they raised; `index` is that of the speed.
+        failures: points that failed, with what they raised, by speed; `value` is the flow speed and
+            `index` its place among `speeds`, -1 where a branch failed at none of these.
         model: the model.
     """
 
@@ -87,8 +105,14 @@ def bifurcation_diagram(
     """Equilibria and cycles over a range of flow speeds and, on request, where motions end.
 
     Equilibria are followed by arc length, so that their folds lie wherever they are, and so are the
-    cycles from each onset of flutter of the straight pipe and of bent ones; motions are integrated
-    at the speeds given. Cycles that no onset leads to are found by `limit_cycle` or by motions.
+    cycles from each onset of flutter of the straight pipe and of bent ones, from onsets up to
+    1.5 times the highest speed given, and a quarter beyond both the speeds and the onset, since
+    they may come back. Cycles that leave cycles at
+    pitchforks and period doublings within the speeds are followed as well, two generations of them;
+    what leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
+    on a cycle that no onset leads to, that is followed both ways; without `brute_force` motions
+    look for one at the first, the middle and the last speed, if no cycle and no stable equilibrium
+    is known there.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -140,16 +164,24 @@ def bifurcation_diagram(
 
     failures: list[Failure] = []
     branches = equilibrium_branches(model, at, failures, shown)
-    found: tuple[CycleBranch, ...] = ()
+    found = _Cycles(model, Asked(at, plan.rtol, steps), failures)
     if steps:
-        found = cycle_branches(model, at, branches, plan.rtol, steps, failures, executor, shown)
+        found.born(branches, executor, shown)
     motions: tuple[Ended, ...] = ()
     if count:
         starts = bends(model, count, seed)
         motions, failed = endings(model, at, starts, plan, executor, shown)
         failures += failed
-    failures.sort(key=lambda failure: failure.index)
-    return BifurcationDiagram(at, branches, found, motions, tuple(failures), model)
+    if steps:
+        found.from_motions(motions)
+        found.where_none(branches)
+    failures.sort(key=lambda failure: failure.value)
+    return BifurcationDiagram(at, branches, tuple(found.branches), motions, tuple(failures), model)
+
+
+def seeds(speeds: Array) -> list[int]:
+    """Where to look for what lies on no branch: the first, the middle and the last speed."""
+    return sorted({0, speeds.size // 2, speeds.size - 1})
 
 
 def checked_speeds(speeds: Any) -> Array:
@@ -177,8 +209,8 @@ def equilibrium_branches(
     rest = Rest(model)
     ends = float(speeds[0]), float(speeds[-1])
     branches: list[EquilibriumBranch] = []
-    seeds = sorted({0, speeds.size // 2, speeds.size - 1})
-    for i in track(seeds, len(seeds), "equilibria", shown):
+    places = seeds(speeds)
+    for i in track(places, len(places), "equilibria", shown):
         u = float(speeds[i])
         try:
             found = equilibria(model, u)
@@ -250,47 +282,109 @@ def _mirrored(rest: Rest, branch: EquilibriumBranch) -> EquilibriumBranch | None
 # ------------------------------------------------------------------------------------------- cycles
 
 
-def cycle_branches(
-    model: Model,
-    speeds: Array,
-    branches: tuple[EquilibriumBranch, ...],
-    rtol: float,
-    steps: int,
-    failures: list[Failure],
-    executor: Executor | None = None,
-    shown: bool = False,
-) -> tuple[CycleBranch, ...]:
-    """Cycles from each onset of flutter, each once.
+class _Cycles:
+    """Branches of cycles in the making, each once.
 
     Args:
         model: the model.
-        speeds: increasing flow speeds.
-        branches: of its equilibria.
-        rtol: of cycles at the speeds.
-        steps: along each branch at most.
+        asked: what is asked of every branch.
         failures: takes what could not be followed.
-        executor: takes the branches.
-        shown: show progress.
     """
 
-    def fail(u: float, error: Exception) -> None:
-        failures.append(Failure(int(np.argmin(np.abs(speeds - u))), u, error))
+    def __init__(self, model: Model, asked: Asked, failures: list[Failure]) -> None:
+        self.model, self.asked, self.failures = model, asked, failures
+        self.found: list[Traced] = []
 
-    begun: list[Birth] = []
-    with one_thread(model.dof):
-        for birth in births(model, branches, BEYOND * float(speeds[-1])):
-            if isinstance(birth, Birth):
-                begun.append(birth)
-            else:
-                fail(*birth)
-    ends = float(speeds[0]), float(speeds[-1])
-    onsets = tuple(birth.speed for birth in begun)
-    tasks = [(model, birth, speeds, ends, rtol, steps, onsets) for birth in begun]
-    answers = each(executor, cycle_branch, tasks)
-    found: list[CycleBranch] = []
-    for branch, failed in track(answers, len(begun), "cycles", shown):
+    @property
+    def branches(self) -> list[CycleBranch]:
+        return [one.branch for one in self.found if one.branch is not None]
+
+    def fail(self, u: float, error: Exception) -> None:
+        at = np.flatnonzero(self.asked.speeds == u)
+        self.failures.append(Failure(int(at[0]) if at.size else ELSEWHERE, u, error))
+
+    def add(self, answer: tuple[list[Traced], tuple[Failed, ...]]) -> None:
+        """Takes the branches of one beginning."""
+        branches, failed = answer
         for u, error in failed:
-            fail(u, error)
-        if branch is not None and not any(branch.retraces(other) for other in found):
-            found.append(branch)
-    return tuple(found)
+            self.fail(u, error)
+        for one in branches:
+            if not any(one.retraces(other) for other in self.found):
+                self.found.append(one)
+
+    def born(
+        self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
+    ) -> None:
+        """From the onsets of flutter."""
+        begun: list[Birth] = []
+        with one_thread(self.model.dof):
+            for birth in births(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
+                if isinstance(birth, Birth):
+                    begun.append(birth)
+                else:
+                    self.fail(*birth)
+        self.asked = replace(self.asked, onsets=tuple(birth.speed for birth in begun))
+        answers = each(executor, traced, [(self.model, birth, self.asked) for birth in begun])
+        for answer in track(answers, len(begun), "cycles", shown):
+            self.add(answer)
+
+    def through(self, u: float, state: Array) -> None:
+        """Through the cycle at one of the speeds that a motion from a state ends on."""
+        motion = Field(self.model)
+        try:
+            with one_thread(motion.size):
+                course, _ = cycle_from(motion, u, state)
+                amplitude, _ = amplitude_of(motion, course)
+                orbit = orbit_of(motion, course)
+        except Elsewhere as reason:
+            self.fail(u, NoCycle(f"the cycle at u = {u:g} was not followed: {reason}", u))
+            return
+        except PipedynError as error:
+            self.fail(u, error)
+            return
+        known = (cycle for branch in self.branches for cycle in branch.at(u))
+        if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
+            self.add(traced(self.model, orbit, self.asked))
+
+    def from_motions(self, motions: tuple[Ended, ...]) -> None:
+        """Through cycles on which motions end and that lie on no branch."""
+        left = MOST_LED
+        for one in motions:
+            if one.ending != "periodic" or one.speed == 0.0:
+                continue
+            half = 0.5 * float(np.ptp(one.turnings))
+            known = [c for branch in self.branches for c in branch.at(one.speed)]
+            if any(abs(c.amplitude / half - 1.0) < AGAIN for c in known):
+                continue
+            if left == 0:
+                told = f"motions end on more than {MOST_LED} cycles that lie on no branch"
+                self.fail(one.speed, NotConverged(told))
+                return
+            left -= 1
+            self.through(one.speed, _state(self.model, one.end))
+
+    def where_none(self, equilibria: tuple[EquilibriumBranch, ...]) -> None:
+        """Through cycles at speeds at which no cycle and no stable equilibrium is known."""
+        for i in seeds(self.asked.speeds):
+            u = float(self.asked.speeds[i])
+            if any(branch.passes(u) for branch in self.branches) or u == 0.0:
+                continue
+            if any(_rests(branch, u) for branch in equilibria):
+                continue
+            (bend,) = bends(self.model, 1, 0)
+            self.through(u, _state(self.model, self.model.start(bend, None)))
+
+
+def _rests(branch: EquilibriumBranch, u: float) -> bool:
+    """Whether a branch has stable equilibria beside a speed."""
+    a, b = branch.speeds[:-1], branch.speeds[1:]
+    beside = (np.minimum(a, b) <= u) & (u <= np.maximum(a, b))
+    return bool((branch.stable[:-1] & branch.stable[1:] & beside).any())
+
+
+def _state(model: Model, y: ArrayLike) -> Array:
+    """[q, q'] of what integrators advance."""
+    whole = np.asarray(y, dtype=np.float64)[None]
+    half = model.moving
+    q, qdot = model.recorded(whole[:, :half], whole[:, half : 2 * half])
+    return np.concatenate([q[0], qdot[0]])

@@ -35,6 +35,9 @@ LARGEST = 500
 DISTINCT = 1e-6
 """Coordinates by which two equilibria differ at least."""
 
+NEAR = 0.5
+"""Root mean square of the coordinates, in rad, within which a start leads to an equilibrium."""
+
 BALANCED = 1e-8
 """Force that may be left at an equilibrium, beside 1 + |gamma| + a u^2."""
 
@@ -190,7 +193,8 @@ def equilibrium_branch(
         model: chain, reduced model or scene, up to 500 degrees of freedom; a point costs
             eigenvalues of a dense matrix, O(dof^3).
         q0: near the equilibrium, coordinates or an angle theta(s), as for `simulate`; Newton's
-            method goes on from there.
+            method goes on from there, to at most half a radian away, as the root mean square over
+            the coordinates.
         u0: its flow speed, within `speeds`.
         speeds: (lowest, highest) flow speed of the branch.
         step: longest step along the branch, in [1e-4, 1]: in rad, as the root mean square over
@@ -217,6 +221,12 @@ def equilibrium_branch(
                 raise Lost("forces are left")
         except Lost as error:
             raise NotConverged(f"no equilibrium was found near q0 at u = {u0:g}") from error
+        away = rest.rms(x - start)
+        if away > NEAR:
+            raise NotConverged(
+                f"no equilibrium was found near q0 at u = {u0:g}: that to which Newton's method "
+                f"leads lies {away:.3g} rad away, more than {NEAR:g}"
+            )
         return _branch(rest, x, u0, (low, high), step)
 
 

@@ -43,7 +43,7 @@ def floquet(motion: Field, course: Course) -> tuple[Complex, float]:
         course: the cycle.
     """
     left = LEFT_ACROSS_KINKS if motion.hidden_kinks else LEFT
-    course = _short(motion, course)
+    course = shortened(motion, course)
     values, error = _multipliers(motion, course), math.inf
     for _ in range(MOST_HALVINGS):
         if error <= SETTLED or 2 * len(course.starts) > MOST:
@@ -60,16 +60,31 @@ def floquet(motion: Field, course: Course) -> tuple[Complex, float]:
 
 
 def _multipliers(motion: Field, course: Course) -> Complex:
+    values = returns(motion, course)
+    return values**2 if course.half else values
+
+
+def returns(motion: Field, course: Course) -> Complex:
+    """Eigenvalues over the span, with a mirror of half a period followed by the reflection.
+
+    These are the multipliers, or with a mirror their roots: the trivial one is 1 either way, and a
+    perturbation that breaks the mirror symmetry and neither grows nor decays has -1.
+
+    Args:
+        motion: the model's.
+        course: the cycle, on panels that are short for what lives on.
+    """
     left, right = through(motion, course)
     tangent = _tangent(motion, course)
     if tangent is None:
         values = scipy.linalg.eigvals(left, -right)
     else:
         values = np.linalg.eigvals(-tangent.T @ np.linalg.solve(right, left @ tangent))
-    return np.asarray(values**2 if course.half else values, dtype=np.complex128)
+    found: Complex = course.mirror * np.asarray(values, dtype=np.complex128)
+    return found
 
 
-def _short(motion: Field, course: Course) -> Course:
+def shortened(motion: Field, course: Course) -> Course:
     """The same on panels that are short for every mode that lives on."""
     some = np.ascontiguousarray(course.starts[:: len(course.starts) // 4].T)
     rates = np.linalg.eigvals(motion.jacobians(some, course.u))

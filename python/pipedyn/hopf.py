@@ -46,6 +46,7 @@ from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
 from pipedyn.critical import critical_speed
+from pipedyn.equilibria import BranchPoint, Rest
 from pipedyn.field import STENCIL, Field
 from pipedyn.galerkin import Galerkin
 from pipedyn.model import Model, NotConverged, PipedynError
@@ -135,6 +136,7 @@ class Hopf:
         crossing: the passage of the pair.
         model: the model.
         mode: q, complex, of the integrated state [p, p'], shape (2 moving,).
+        rest: the equilibrium, an integrated state, shape (2 moving,).
     """
 
     speed: float
@@ -150,14 +152,19 @@ class Hopf:
     frequency_law: float
     exponent: float
     criticality: Literal["supercritical", "subcritical"]
-    crossing: Crossing = field(repr=False)
+    crossing: Crossing | BranchPoint = field(repr=False)
     model: Model = field(repr=False)
     mode: Complex = field(repr=False, compare=False)
+    rest: Array = field(repr=False, compare=False)
 
     @property
     def unstable_beside(self) -> int:
         """Number of eigenvalues with positive real part at the onset, beside the pair."""
-        return min(self.crossing.unstable_before, self.crossing.unstable_after)
+        if isinstance(self.crossing, Crossing):
+            return min(self.crossing.unstable_before, self.crossing.unstable_after)
+        values = np.linalg.eigvals(Field(self.model).jacobian(self.rest, self.speed))
+        pair = np.minimum(*(np.abs(values - sign * 1j * self.frequency) for sign in (1.0, -1.0)))
+        return int(np.count_nonzero(values[np.argsort(pair)[2:]].real > 0.0))
 
     @property
     def balance(self) -> float:
@@ -220,13 +227,14 @@ class Hopf:
         return self.frequency + self.detuning * (float(u) - self.speed) + turned
 
 
-def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
+def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
     """The limit cycle born at a flutter onset: its law, and on which side of the onset it lives.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
-        crossing: a passage of a pair, of `crossings(model, ...)`; the critical speed where not
-            given.
+        crossing: a passage of a pair, of `crossings(model, ...)`, or a point of kind "hopf" on a
+            branch of bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where
+            not given.
 
     Returns:
         Hopf.
@@ -250,9 +258,11 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
     own = crossing is None
     if crossing is None:
         crossing = _first(model)
-    elif not isinstance(crossing, Crossing):
-        raise TypeError(f"crossing must be a Crossing, got {_check.shown(crossing)}")
-    elif crossing.kind != "flutter":
+    elif not isinstance(crossing, Crossing | BranchPoint):
+        raise TypeError(
+            f"crossing must be a Crossing or a BranchPoint, got {_check.shown(crossing)}"
+        )
+    elif crossing.kind not in ("flutter", "hopf"):
         raise ValueError(f"crossing must be a flutter, got a {crossing.kind}")
     u = crossing.speed
     if u == 0.0:
@@ -260,9 +270,13 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
             "the pipe is unstable from u = 0 on: all its modes lie on the axis there, and no cycle "
             "belongs to one of them"
         )
-    model.require_equilibrium(u)
     motion = Field(model)
-    rest = motion.resting()
+    if isinstance(crossing, BranchPoint):
+        start = Rest(model).from_start("crossing", crossing.q)
+        rest = np.concatenate([start, np.zeros(motion.half)])
+    else:
+        model.require_equilibrium(u)
+        rest = motion.resting()
     drag = model.pipe.drag
     smooth = with_drag(model, 0.0) if drag else motion
     with one_thread(motion.size):
@@ -286,7 +300,7 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
             mean, spread = averaged(with_drag(model, 1.0), smooth, rest, u, form)
     if abs(mean) <= 1e-12 * form.frequency:  # no drag where the mode moves
         mean = 0j
-    return _described(model, crossing, form, slope, drag * mean, drag * spread)
+    return _described(model, crossing, rest, form, slope, drag * mean, drag * spread)
 
 
 def with_drag(model: Model, drag: float) -> Field:
@@ -314,7 +328,13 @@ def _first(model: Model) -> Crossing:
 
 
 def _described(
-    model: Model, crossing: Crossing, form: NormalForm, slope: complex, drag: complex, error: float
+    model: Model,
+    crossing: Crossing | BranchPoint,
+    rest: Array,
+    form: NormalForm,
+    slope: complex,
+    drag: complex,
+    error: float,
 ) -> Hopf:
     omega, cubic = form.frequency, 0.25 * form.cubic
     leading, name = drag, "the mean of drag"
@@ -344,6 +364,7 @@ def _described(
         crossing=crossing,
         model=model,
         mode=form.right,
+        rest=rest,
     )
 
 

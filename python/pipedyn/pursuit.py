@@ -10,7 +10,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from pipedyn._check import Array
-from pipedyn.collocation import Birth, Elsewhere, arc
+from pipedyn.arcs import Birth, arc, from_birth
+from pipedyn.collocation import Elsewhere
 from pipedyn.course import EDGES, Course, course_of, drawn, on_edges
 from pipedyn.field import Field
 from pipedyn.panels import Condition, head, plus, solved
@@ -46,7 +47,7 @@ def pursued(motion: Field, birth: Birth, u: float, most: int) -> Course:
     Raises:
         Elsewhere: if they do not lead there, or not so soon.
     """
-    born = next(arc(motion, birth))
+    born = next(arc(motion, from_birth(motion, birth)))
     last, here = _alike(motion, *(course_of(motion, o, ROUGH) for o in (born.begin, born.end)))
     swing = 0.5 * float(np.ptp(motion.tip(here.states(PROBE))))
     unit, least = here.size / swing, 0.25 * here.size

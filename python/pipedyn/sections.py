@@ -54,6 +54,7 @@ class Ended:
         period: maxima of the tip's transverse position in a period, 0 but for "periodic".
         turnings: transverse position of the tip where its velocity changes sign, in order, shape
             (K,); at rest the position itself.
+        end: [p, p'] at the end, shape (2 moving,), empty where it failed.
         exponent: the largest Lyapunov exponent, where it was asked for and the motion is irregular.
     """
 
@@ -62,6 +63,7 @@ class Ended:
     ending: Ending
     period: int
     turnings: Array = field(repr=False)
+    end: Array = field(repr=False)
     exponent: LyapunovExponent | None = None
 
 
@@ -126,18 +128,16 @@ def endings(
         for part in np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
     ]
     ended: list[Ended] = []
-    states: list[Array] = []
     failures: list[Failure] = []
     answers = each(executor, _ended, [(model, part, starts, plan) for part in parts])
     for answer in track(answers, len(parts), "brute force", shown):
-        for one, state, error in answer:
+        for one, error in answer:
             if error is not None:
                 failures.append(_failure(speeds, one, error))
             ended.append(one)
-            states.append(state)
     if plan.exponents:
         asked = [i for i, one in enumerate(ended) if one.ending == "irregular"]
-        tasks = [(model, ended[i].speed, states[i], plan) for i in asked]
+        tasks = [(model, ended[i].speed, ended[i].end, plan) for i in asked]
         found = each(executor, _exponent, tasks)
         for i, exponent in zip(asked, track(found, len(tasks), "exponents", shown), strict=True):
             if isinstance(exponent, Exception):
@@ -172,8 +172,8 @@ def _exponent(model: Model, u: float, state: Array, plan: Plan) -> LyapunovExpon
 
 def _ended(
     model: Model, members: list[tuple[float, int]], starts: list[Array], plan: Plan
-) -> list[tuple[Ended, Array, Exception | None]]:
-    """One batch: what each did, [p, p'] at its end and why it stopped early."""
+) -> list[tuple[Ended, Exception | None]]:
+    """One batch: what each did and why it stopped early."""
     ensemble = simulate_many(
         model,
         [u for u, _ in members],
@@ -190,11 +190,11 @@ def _told(
     members: list[tuple[float, int]],
     motions: Iterable[Motion],
     errors: Mapping[int, Exception],
-) -> Iterator[tuple[Ended, Array, Exception | None]]:
+) -> Iterator[tuple[Ended, Exception | None]]:
     nothing = np.zeros(0)
     for i, ((u, k), motion) in enumerate(zip(members, motions, strict=True)):
         if i in errors:
-            yield Ended(u, k, "failed", 0, nothing), nothing, errors[i]
+            yield Ended(u, k, "failed", 0, nothing, nothing), errors[i]
             continue
         x, velocity = motion.tip[:, 0], motion.tip_velocity[:, 0]
         turnings = turning_points(motion.t, x, velocity)
@@ -202,7 +202,7 @@ def _told(
         if ending == "rest":
             turnings = x[-1:].copy()
         state = motion.model.start(motion.q[-1], motion.qdot[-1])
-        yield Ended(u, k, ending, period, turnings), state, None
+        yield Ended(u, k, ending, period, turnings, np.asarray(state)), None
 
 
 def turning_points(t: Array, x: Array, velocity: Array) -> Array:

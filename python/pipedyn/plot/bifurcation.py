@@ -14,7 +14,8 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from pipedyn import _check
 from pipedyn._check import Array
-from pipedyn.branches import CycleBranch, nontrivial
+from pipedyn.branches import CycleBranch
+from pipedyn.changes import nontrivial
 from pipedyn.diagram import BifurcationDiagram
 from pipedyn.model import Model
 from pipedyn.plot.between import finer
@@ -82,8 +83,8 @@ def bifurcation_diagram(
 ) -> Axes:
     """Transverse position of the free end over the flow speed.
 
-    Equilibria are black and cycles blue, of these the highest and the lowest position about the
-    straight pipe; what is stable is a solid line, what is not dashed. Grey dots are the turning
+    Equilibria are black and cycles blue, of these the highest and the lowest position, with those
+    of mirror images; what is stable is a solid line, what is not dashed. Grey dots are the turning
     points of motions from many starts, each mark a change of stability.
 
     Args:
@@ -123,9 +124,8 @@ def bifurcation_diagram(
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
         _line(ax, branch.speeds, heights, branch.stable, BLACK, "equilibrium", used)
     for cycles in diagram.cycles if index is None else ():
-        for side in (1.0, -1.0):
-            size = side * cycles.amplitudes
-            _line(ax, cycles.speeds, size, cycles.stable, BLUE, "cycle", used)
+        for heights in _extremes(cycles):
+            _line(ax, cycles.speeds, heights, cycles.stable, BLUE, "cycle", used)
     for kind, u, height in _changes(diagram, index):
         look = {**MARKS[kind], "linestyle": "none", "markersize": 5.0}
         look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
@@ -137,6 +137,12 @@ def bifurcation_diagram(
     ax.set_ylabel(named)
     ax.legend(used.values(), used.keys(), loc="best")
     return ax
+
+
+def _extremes(cycles: CycleBranch) -> list[Array]:
+    """Highest and lowest positions along a branch, and those of its mirror image."""
+    own = [cycles.highest, cycles.highest - 2.0 * cycles.amplitudes]
+    return [*own, *(-heights for heights in own)] if cycles.mirrored else own
 
 
 def _dot(dots: Line2D) -> dict[str, Any]:
@@ -179,8 +185,10 @@ def _changes(diagram: BifurcationDiagram, index: int | None) -> Iterator[tuple[s
     for cycles in diagram.cycles if index is None else ():
         for event in cycles.events:
             if event.kind in MARKS and event.kind != "hopf":
-                for height in (event.amplitude, -event.amplitude):
-                    yield event.kind, event.speed, height
+                apart = np.abs(cycles.speeds - event.speed)
+                nearest = int(np.argmin(apart + np.abs(cycles.amplitudes - event.amplitude)))
+                for heights in _extremes(cycles):
+                    yield event.kind, event.speed, float(heights[nearest])
 
 
 def orbit(cycles: Orbit | Sequence[Orbit], ax: Axes | None = None) -> Axes:
