@@ -21,7 +21,7 @@ from pipedyn.collocation import Elsewhere, Equations, Orbit, Phases, is_odd
 from pipedyn.field import Field
 from pipedyn.pencil import Complex
 
-MOST_UNKNOWNS = 1600
+MOST_UNKNOWNS = 1000
 """Up to which an arc goes on with more phases."""
 
 SMOOTH, SMOOTH_ACROSS_KINKS = 1e-6, 3e-5

@@ -61,6 +61,9 @@ SETTLED = 0.01
 CHECKS = 3
 """Times that the panels are refined for the sake of the multipliers, and once at least."""
 
+BELIEVED = 1e-4
+"""Error of the multipliers of a cycle on a branch beyond which it is solved for more sharply."""
+
 TRIVIAL = 1e-6
 """How far the trivial multiplier may be from 1."""
 
@@ -600,7 +603,14 @@ def _peak(values: Array) -> tuple[float, float]:
 def described(motion: Field, orbit: Orbit, error: float, samples: int, how: str) -> LimitCycle:
     """What an orbit is, with its multipliers, as found; the error is not checked here."""
     rough = 1e-6 * (ROUGH_ACROSS_KINKS if motion.model.pipe.drag else 1e-1 * ROUGH)
-    return _described(motion, course_of(motion, orbit, rough), error, samples, how)
+    course = course_of(motion, orbit, rough)
+    result = _described(motion, course, error, samples, how)
+    if result.multiplier_error <= BELIEVED:
+        return result
+    with suppress(Elsewhere):  # a cycle whose neighbours part fast has to be known better
+        better = _described(motion, solved(motion, course, 1e-9), error, samples, how)
+        return min(result, better, key=lambda cycle: cycle.multiplier_error)
+    return result
 
 
 def _described(motion: Field, course: Course, error: float, samples: int, how: str) -> LimitCycle:
