@@ -403,18 +403,19 @@ class _Followed:
                 self.keep(cycle)
             return cycle
         low, high = sorted((base.u, first.u))
-        power = 1.0 if self.origin == "hopf" and self.motion.model.pipe.drag else 0.5
+        powers = (1.0, 0.5) if self.origin == "hopf" and self.motion.model.pipe.drag else (0.5,)
         asked = self.asked.speeds
         between = asked[(asked > low) & (asked < high)]
         for u in sorted(map(float, between), key=lambda u: abs(u - base.u)):
-            size = ((u - base.u) / (first.u - base.u)) ** power
-            guess = replace(first, z=base.z + size * (first.z - base.z), u=u)
 
-            def beside(guess: Orbit = guess, size: float = size) -> Orbit:
-                found = Equations(self.motion, guess.phases).solve(guess)
-                if float(np.sum((found.z - base.z) * (guess.z - base.z))) <= 0.0:
-                    raise Elsewhere("Newton's method fell back to what the branch leaves")
-                return found
+            def beside(u: float = u) -> Orbit:
+                share = (u - base.u) / (first.u - base.u)
+                guesses = [base.z + share**power * (first.z - base.z) for power in powers]
+                for z in guesses:
+                    found = _settled(self.motion, replace(first, z=z, u=u))
+                    if found is not None and float(np.sum((found.z - base.z) * (z - base.z))) > 0.0:
+                        return found
+                raise Elsewhere("Newton's method fell back to what the branch leaves")
 
             cycle = self._finished(u, beside)
             if cycle is not None:
@@ -646,6 +647,14 @@ def _origin(begin: CycleEvent) -> Origin:
         "period doubling": "period doubling",
     }
     return origins[begin.kind]
+
+
+def _settled(motion: Field, guess: Orbit) -> Orbit | None:
+    """The cycle near a guess, None where Newton's method does not settle."""
+    try:
+        return Equations(motion, guess.phases).solve(guess)
+    except Elsewhere:
+        return None
 
 
 def _content(orbit: Orbit, z: Array, kind: EventKind) -> Array:

@@ -18,6 +18,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from pipedyn._check import Array
 from pipedyn.field import Field
@@ -312,10 +313,10 @@ def _factored(whole: Array) -> Factors:
     """LU factors of a matrix."""
     if not np.isfinite(whole).all():
         raise Elsewhere("Newton's method left finite numbers")
-    factors: Factors = scipy.linalg.lu_factor(whole, overwrite_a=True, check_finite=False)
-    if not factors[0].diagonal().all():
+    lu, pivots, singular = lapack.dgetrf(whole, overwrite_a=True)
+    if singular:
         raise Elsewhere("Newton's method met a singular matrix")
-    return factors
+    return lu, pivots
 
 
 def is_odd(motion: Field, u: float) -> bool:
