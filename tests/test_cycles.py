@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+import scipy.integrate
 
 import pipedyn as pd
 
@@ -185,8 +186,8 @@ def test_the_error_told_bounds_what_refinement_changes(model, u):
 
 
 def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 256)
-    with pytest.raises(pd.NotConverged, match=r"is known to .* only") as caught:
+    monkeypatch.setattr("pipedyn.cycles.MOST", 20)
+    with pytest.raises(pd.NotConverged, match=r"is known to .* only: that takes more") as caught:
         pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 6.0, rtol=1e-9)
     kept = caught.value.result
     assert kept.amplitude > 0.1
@@ -194,11 +195,11 @@ def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
 
 
 def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
+    monkeypatch.setattr("pipedyn.floquet.TURN", 40.0)
     monkeypatch.setattr("pipedyn.floquet.MOST_HALVINGS", 1)
-    monkeypatch.setattr("pipedyn.floquet.FEWEST_ACROSS_KINKS", 16)
-    monkeypatch.setattr("pipedyn.cycles.MOST_POINTS", 512)
+    monkeypatch.setattr("pipedyn.cycles.CHECKS", 1)
     with pytest.raises(pd.NotConverged, match="Floquet multipliers") as caught:
-        pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 5.0)
+        pd.limit_cycle(pd.Chain(PIPE, 16), 6.0)
     assert caught.value.result.multiplier_error > 1e-6
 
 
@@ -270,7 +271,150 @@ def test_a_cycle_that_no_onset_leads_to_is_found_by_simulation():
     assert 1e-3 < cycle.amplitude < 0.3
 
 
+def test_a_search_may_start_from_an_onset():
+    model = pd.Galerkin(pd.Pipe(0.295), 8, "legendre")
+    first, second, third = (pd.hopf(model, c) for c in pd.crossings(model, 9.0))
+    u = second.speed - 0.1
+    one, other = (pd.limit_cycle(model, u, onset) for onset in (first, second))  # born and dies
+    assert "from the onset at u = 7.8" in other.method
+    assert other.amplitude == pytest.approx(one.amplitude, rel=1e-5)
+    assert pd.limit_cycle(model, 8.3, third).amplitude == pytest.approx(
+        pd.limit_cycle(model, 8.3).amplitude, rel=1e-5
+    )
+    with pytest.raises(pd.NoCycle, match=r"born at u = 7\.26.* does not come to u = 7"):
+        pd.limit_cycle(model, 7.0, first)
+    with pytest.raises(pd.NoCycle, match="does not come to"):
+        pd.limit_cycle(model, third.speed, third)  # where it has no size
+    with pytest.raises(ValueError, match="start must be an onset of the model, got one of Gal"):
+        pd.limit_cycle(pd.Galerkin(pd.Pipe(0.3), 8, "legendre"), 8.3, third)
+    with pytest.raises(ValueError, match="start must be an onset of the model"):
+        pd.limit_cycle(pd.Chain(PIPE, 3), 8.3, third)
+
+
+def test_a_search_may_start_from_a_bent_pipe():
+    model = pd.Chain(PIPE, 3)
+    expected = pd.limit_cycle(model, 5.0)
+    q = model.bent(bow)
+    for start in (bow, q, np.concatenate([q, 0.1 * q])):
+        found = pd.limit_cycle(model, 5.0, start)
+        assert "simulation" in found.method
+        assert found.amplitude == pytest.approx(expected.amplitude, rel=1e-5)
+    scene = pd.modular.chain(PIPE, n=3)
+    assert pd.limit_cycle(scene, 5.0, q).amplitude == pytest.approx(expected.amplitude, rel=1e-5)
+
+
+def test_below_the_fold_of_cycles_the_search_says_where_it_lies():
+    model = pd.Chain(pd.Pipe(0.05), 2)
+    onset = pd.hopf(model)
+    assert onset.criticality == "subcritical"
+    with pytest.raises(pd.NoCycle, match=r"born at u = 3\.13387 reaches down to u = 3\.12922 only"):
+        pd.limit_cycle(model, 3.12)
+    with pytest.raises(pd.NoCycle, match=r"reaches down to u = 3\.12922 only"):
+        pd.limit_cycle(model, 3.12, onset)
+    # It lies there: two cycles beside it, none beyond.
+    assert pd.limit_cycle(model, 3.1293, onset).amplitude < 0.2
+    with pytest.raises(pd.NoCycle):
+        pd.limit_cycle(model, 3.1292, onset)
+
+
+def test_a_cycle_below_an_onset_that_faint_drag_makes_gentle_is_found():
+    for drag in (1e-6, 1e-2):
+        model = pd.Chain(pd.Pipe(0.05, drag=drag), 2)
+        onset = pd.hopf(model)
+        assert onset.criticality == "supercritical"
+        cycle = pd.limit_cycle(model, onset.speed - 1e-3)
+        assert not cycle.stable
+        assert cycle.amplitude == pytest.approx(onset.amplitude(cycle.u), rel=0.05)
+
+
+def test_an_aspirating_pipe_without_damping_has_the_cycle_that_damped_ones_tend_to():
+    def chain(damping):
+        return pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=1.0, damping=damping), 6)
+
+    near, nearer = (pd.limit_cycle(chain(damping), 0.1) for damping in (2e-3, 1e-3))
+    cycle = pd.limit_cycle(chain(0.0), 0.1, nearer)
+    assert cycle.frequency == pytest.approx(3.516, rel=0.05)  # about the beam's first mode
+    ratio = (near.amplitude - cycle.amplitude) / (nearer.amplitude - cycle.amplitude)
+    assert ratio == pytest.approx(2.0, rel=0.05)
+    assert not cycle.stable  # higher modes grow too
+
+
+@pytest.mark.parametrize("n", [3, 20])
+def test_drag_alone_bounds_the_motion_of_an_aspirating_chain(n):
+    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=1.0), n), 0.1)
+    assert cycle.multiplier_error < 1e-6
+    assert 1e-3 < cycle.amplitude < 0.3
+
+
+def test_a_cycle_beside_bent_equilibria_is_found():
+    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.5, gamma=-30.0), 2), 4.5)
+    assert cycle.stable
+    assert cycle.amplitude > 0.5
+
+
+# -------------------------------------------------------------------------- far from the onset
+
+
+@pytest.mark.parametrize(
+    ("model", "u"),
+    [
+        (pd.Chain(ASPIRATING, 20), 0.08),
+        (pd.Galerkin(ASPIRATING, 8, "legendre"), 0.3),
+        (pd.Chain(pd.Pipe(0.2, drag=2.0), 20), 8.0),
+        (pd.Chain(pd.Pipe(0.8, drag=2.0, damping=0.01), 3), 8.12),
+        (pd.Chain(pd.Pipe(0.2, damping=0.01), 3), 14.29),
+    ],
+    ids=["stiff", "stiff, far", "kinks", "many kinks", "large multipliers"],
+)
+def test_large_and_stiff_cycles_are_known_to_the_tolerance(model, u):
+    cycle = pd.limit_cycle(model, u, samples=4097)
+    assert cycle.error < 1e-6
+    assert cycle.multiplier_error < 1e-6
+    power = model.power(cycle.y[:, :-1], u)
+    assert abs(np.mean(power.total)) < 2e-6 * np.abs(power.flow).mean()
+
+
+def test_a_stiff_cycle_closes_under_another_method():
+    model, u = pd.Chain(ASPIRATING, 6), 0.12
+    cycle = pd.limit_cycle(model, u)
+
+    def rates(t, y):
+        return model.rhs(t, y, u)
+
+    def jacobian(t, y):
+        return model.jacobian(t, y, u)
+
+    after = scipy.integrate.solve_ivp(
+        rates, (0.0, cycle.period), cycle.y[:, 0], "Radau", jac=jacobian, rtol=1e-9, atol=1e-11
+    ).y[:, -1]
+    assert after == pytest.approx(cycle.y[:, 0], abs=1e-7)
+
+
+def test_the_trivial_multiplier_survives_one_of_ten_million():
+    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.2, damping=0.01), 3), 14.29)
+    assert abs(cycle.multipliers[0]) > 1e6
+    assert np.abs(cycle.multipliers - 1.0).min() < 1e-9
+
+
+def test_multipliers_multiply_to_what_the_divergence_tells():
+    # Liouville: the determinant is exp of the integral of the Jacobian's trace.
+    model, u = pd.Chain(pd.Pipe(0.3, damping=1e-3), 3), 6.5
+    cycle = pd.limit_cycle(model, u)
+    traces = [np.trace(model.jacobian(0.0, y, u)) for y in cycle.y[:, :-1].T]
+    told = np.log(np.abs(cycle.multipliers)).sum()
+    assert told == pytest.approx(cycle.period * np.mean(traces), rel=1e-6)
+
+
 # ------------------------------------------------------------------------------------ refusals
+
+
+def test_what_is_no_start_is_told_what_starts_there_are():
+    with pytest.raises(TypeError, match="start must be a LimitCycle, a Hopf, a Motion, an angle"):
+        pd.limit_cycle(ROM, 6.0, "hopf")
+    with pytest.raises(ValueError, match="start must have 8 entries, or for a state twice as many"):
+        pd.limit_cycle(ROM, 6.0, np.zeros(5))
+    with pytest.raises(TypeError, match=r"q0 must be an angle theta\(s\) or coordinates, got Hopf"):
+        pd.simulate(ROM, 6.0, 1.0, pd.hopf(ROM))
 
 
 def test_where_there_is_no_cycle_an_exception_says_why(known):

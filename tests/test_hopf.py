@@ -2,6 +2,7 @@
 """The onset of flutter beyond linear theory: Lyapunov coefficients, laws, and refusals."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,10 @@ from pipedyn.hopf import NormalForm, normal_form
 
 PIPE = pd.Pipe(0.2)
 ASPIRATING = pd.Pipe(0.2, flow="aspirating", damping=0.01)
+
+
+def largest(q):
+    return np.abs(q).max()
 
 
 # ----------------------------------------------------------------------- systems with a known l_1
@@ -56,7 +61,7 @@ def quadratic(omega, a, b):
 )
 def test_the_projection_formula_meets_the_planar_one(omega, a, b):
     jacobian, expected = quadratic(omega, a, b)
-    form = normal_form(jacobian, np.zeros(2), omega, lambda q: q[0])
+    form = normal_form(jacobian, np.zeros(2), omega, lambda q: q[0], largest)
     # r' = a r^3 with x = r cos = 2 |z| cos: Re c_1 = 4 a.
     assert form.cubic.real == pytest.approx(4.0 * expected, rel=1e-9)
     assert form.lyapunov == pytest.approx(4.0 * expected / omega, rel=1e-9)
@@ -72,9 +77,9 @@ def test_quadratic_terms_act_through_modes_that_are_slaves():
         x, v, w = y - shift
         return np.array([[-w, -omega, -x], [omega, -w, -v], [2 * x, 2 * v, -k]])
 
-    form = normal_form(jacobian, shift, omega, lambda q: 0.5 * q[0])
+    form = normal_form(jacobian, shift, omega, lambda q: 0.5 * q[0], largest)
     # Scaled to q = (2, ...): x = 2 Re(z q) is four times what it would be; c_1 goes with |q|^2.
-    half = normal_form(jacobian, shift, omega, lambda q: q[0])
+    half = normal_form(jacobian, shift, omega, lambda q: q[0], largest)
     assert form.cubic == pytest.approx(4.0 * half.cubic, rel=1e-9)
     # x + i v = 2 z here: w' = -k w + 4 |z|^2.
     assert half.cubic == pytest.approx(-4.0 / k, rel=1e-9)
@@ -85,20 +90,20 @@ def test_a_force_without_a_third_derivative_is_not_taken_for_a_smooth_one():
         return np.array([[0.0, 1.0], [-4.0, -2.0 * abs(y[1])]])
 
     with pytest.raises(pd.NotConverged, match="do not settle"):
-        normal_form(jacobian, np.zeros(2), 2.0, lambda q: q[0])
+        normal_form(jacobian, np.zeros(2), 2.0, lambda q: q[0], largest)
 
 
 def test_two_pairs_at_one_place_are_refused():
     block = np.array([[0.0, -1.0], [1.0, 0.0]])
     twice = np.block([[block, np.eye(2)], [np.zeros((2, 2)), block]])
     with pytest.raises(pd.NoHopf, match="two pairs"):
-        normal_form(lambda y: twice, np.zeros(4), 1.0, lambda q: q[0])
+        normal_form(lambda y: twice, np.zeros(4), 1.0, lambda q: q[0], largest)
 
 
 def test_a_free_end_that_stands_still_measures_nothing():
     turning = np.array([[0.0, -1.0], [1.0, 0.0]])
     with pytest.raises(pd.NoHopf, match="stands still"):
-        normal_form(lambda y: turning, np.zeros(2), 1.0, lambda q: 0.0)
+        normal_form(lambda y: turning, np.zeros(2), 1.0, lambda q: 0.0, largest)
 
 
 # ------------------------------------------------------------------------------------- the pipe
@@ -186,8 +191,6 @@ def test_the_law_is_that_of_the_cycles_just_past_onset(model, side):
 )
 def test_with_drag_the_amplitude_itself_grows_with_the_speed(model):
     onset = pd.hopf(model)
-    assert onset.lyapunov is None
-    assert onset.lyapunov_error is None
     assert onset.exponent == 1.0
     assert onset.criticality == "supercritical"
     assert onset.amplitude_error < 2e-4 * onset.amplitude_law
@@ -197,6 +200,146 @@ def test_with_drag_the_amplitude_itself_grows_with_the_speed(model):
     turned = np.array([c.frequency - onset.frequency for c in cycles]) / distances
     assert 2 * ratios[1] - ratios[0] == pytest.approx(onset.amplitude_law, rel=1e-3)
     assert 2 * turned[1] - turned[0] == pytest.approx(onset.frequency_law, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("n", "beta", "drag", "distance"),
+    [
+        (3, 0.2, 1e-6, 1e-4),  # both take amplitude away
+        (3, 0.2, 1e-2, 1e-4),
+        (3, 0.2, 1.0, 1e-2),
+        (3, 0.7, 1e-6, -1e-4),  # both feed it
+        (3, 0.7, 1e-2, -1e-4),
+        (3, 0.7, 1.0, -1e-4),
+        (4, 0.8, 1e-3, -1e-4),
+        (2, 0.05, 1e-6, -1e-4),  # drag takes away, the cubic terms feed
+        (2, 0.05, 1e-2, -1e-5),
+        (2, 0.05, 0.1, 1e-5),
+    ],
+)
+def test_drag_and_cubic_terms_together_give_the_amplitude(n, beta, drag, distance):
+    model = pd.Chain(pd.Pipe(beta, drag=drag), n)
+    onset = pd.hopf(model)
+    u = onset.speed + distance
+    cycle = pd.limit_cycle(model, u, rtol=1e-5)
+    assert onset.amplitude(u) < 0.02
+    assert onset.amplitude(u) == pytest.approx(cycle.amplitude, rel=6e-3)
+    assert onset.pace(u) - onset.frequency == pytest.approx(
+        cycle.frequency - onset.frequency, rel=2e-2
+    )
+
+
+def test_faint_drag_decides_at_amplitudes_as_faint_only():
+    plain = pd.hopf(pd.Chain(PIPE, 3))
+    assert plain.balance == 0.0
+    for drag in (1e-12, 1e-6, 1e-3):
+        faint = pd.hopf(pd.Chain(pd.Pipe(0.2, drag=drag), 3))
+        assert faint.lyapunov == pytest.approx(plain.lyapunov, rel=1e-9)
+        assert faint.balance == pytest.approx(0.2631 * drag, rel=1e-3)
+    # Far below the balance the law with drag holds, far above it the one without.
+    near, far = faint.speed + 1e-9, faint.speed + 1e-2
+    assert faint.amplitude(near) == pytest.approx(faint.amplitude_law * 1e-9, rel=1e-2)
+    assert faint.amplitude(far) == pytest.approx(plain.amplitude(far), rel=1e-2)
+
+
+def test_drag_may_drive_flutter():
+    # As damping does in follower-force systems: it bends the mode, and the flow feeds it more.
+    drive, resist = (pd.hopf(pd.Chain(pd.Pipe(beta, drag=1e-2), 3)) for beta in (0.7, 0.2))
+    assert resist.quadratic.real < 0.0 < drive.quadratic.real
+    assert (resist.criticality, drive.criticality) == ("supercritical", "subcritical")
+    # Less of a kick is survived with drag than without.
+    u = drive.speed - 1e-4
+    plain = pd.limit_cycle(pd.Chain(pd.Pipe(0.7), 3), u)
+    dragged = pd.limit_cycle(drive.model, u)
+    assert not dragged.stable
+    assert dragged.amplitude < 0.9 * plain.amplitude
+
+
+def test_drag_holds_a_snapping_pipe_up_to_a_fold():
+    model = pd.Chain(pd.Pipe(0.05, drag=0.1), 2)
+    onset = pd.hopf(model)
+    beyond = onset.fold - onset.speed
+    assert onset.criticality == "supercritical"
+    assert onset.cubic.real > 0.0
+    assert beyond == pytest.approx(1.23e-4, rel=1e-2)
+    assert onset.amplitude(onset.fold) == pytest.approx(0.5 * onset.balance)
+    held = pd.limit_cycle(model, onset.speed + 0.9 * beyond)
+    gone = pd.limit_cycle(model, onset.speed + 1.1 * beyond)
+    assert held.stable
+    assert held.amplitude < 0.5 * onset.balance
+    assert gone.amplitude > 10.0 * held.amplitude
+    with pytest.raises(ValueError, match=r"u must be below the fold at 3\.1339978"):
+        onset.amplitude(onset.speed + 1.1 * beyond)
+    # Without drag it snaps at once.
+    assert pd.hopf(pd.Chain(pd.Pipe(0.05), 2)).fold is None
+
+
+@pytest.mark.parametrize("growth", [2.0, -2.0])
+@pytest.mark.parametrize("quadratic", [0.0, 1e-3, 0.3, -0.3])
+@pytest.mark.parametrize("cubic", [0.7, -0.7])
+def test_amplitudes_solve_the_amplitude_equation(growth, quadratic, cubic):
+    onset = replace(
+        pd.hopf(pd.Chain(PIPE, 2)), growth=growth, quadratic=complex(quadratic), cubic=cubic + 1j
+    )
+    found = 0
+    for u in onset.speed + np.array([-1.0, -1e-2, -1e-5, 1e-5, 1e-2, 1.0]):
+        try:
+            size = onset.amplitude(u)
+        except ValueError:
+            continue
+        found += 1
+        terms = np.array([growth * (u - onset.speed), quadratic * size, cubic * size**2])
+        assert size > 0.0
+        assert abs(terms.sum()) <= 1e-12 * np.abs(terms).max()
+    assert found >= 3
+    assert onset.amplitude(onset.speed) == 0.0
+    if onset.fold is not None:
+        h = 1e-5 * abs(onset.fold - onset.speed)
+        side = np.sign(onset.fold - onset.speed)
+        assert onset.amplitude(onset.fold - side * h) == pytest.approx(
+            0.5 * onset.balance, rel=1e-2
+        )
+        with pytest.raises(ValueError, match="the fold at"):
+            onset.amplitude(onset.fold + side * h)
+
+
+def test_the_law_of_higher_modes_does_not_depend_on_the_functions():
+    # Beam functions count their higher modes' angles in tens of their coordinates.
+    pipe = pd.Pipe(0.41, gamma=31.0, flow="aspirating", alpha=0.79, damping=1e-2)
+    exact = pd.Galerkin(pipe, 14, "legendre")
+    for model, tolerance in (
+        (pd.Galerkin(pipe, 14), 2e-2),
+        (pd.Galerkin(pipe, 12, "legendre"), 1e-6),
+    ):
+        # At the first, of a speed near 0, hardly anything but linear terms is felt.
+        passages = zip(pd.crossings(exact, 6.0)[1:], pd.crossings(model, 6.0)[1:], strict=True)
+        for a, b in passages:
+            one, other = pd.hopf(exact, a), pd.hopf(model, b)
+            assert one.lyapunov_error < 1e-6 * abs(one.lyapunov)
+            assert other.lyapunov == pytest.approx(one.lyapunov, rel=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("model", "last"),
+    [
+        (pd.Chain(pd.Pipe(0.8, flow="aspirating", alpha=0.5, damping=0.02), 3), 10.0),
+        (pd.Galerkin(pd.Pipe(0.4, flow="aspirating", damping=0.02), 4, "legendre"), 15.0),
+        (pd.modular.chain(pd.Pipe(0.3, flow="aspirating", damping=0.02), n=3), 10.0),
+    ],
+    ids=repr,
+)
+def test_cycles_follow_the_law_at_onsets_beside_other_unstable_modes(model, last):
+    passages = [c for c in pd.crossings(model, last) if c.kind == "flutter" and c.speed > 0.0]
+    onsets = [pd.hopf(model, c) for c in passages]
+    assert [h.growth > 0.0 for h in onsets] == [c.destabilising for c in passages]
+    assert any(h.unstable_beside for h in onsets)
+    for onset in onsets:
+        speeds = onset.speed + np.array([4e-4, 1e-4]) / onset.amplitude_law
+        cycles = [pd.limit_cycle(model, u, onset, rtol=1e-5) for u in speeds]
+        ratios = [c.amplitude / onset.amplitude(u) for c, u in zip(cycles, speeds, strict=True)]
+        assert (4.0 * ratios[1] - ratios[0]) / 3.0 == pytest.approx(1.0, abs=2e-3)
+        assert ratios[1] == pytest.approx(1.0, abs=2e-2)
+        assert not (onset.unstable_beside and any(c.stable for c in cycles))
 
 
 def test_every_flutter_of_a_pipe_that_turns_stable_again_has_its_law():
@@ -240,6 +383,11 @@ def test_where_there_is_no_flutter_there_is_no_hopf_point():
         pd.hopf(pd.Chain(pd.Pipe(0.0, flow="aspirating", alpha=0.0), 4))
     with pytest.raises(pd.NoHopf, match=r"two pairs|touches"):
         pd.hopf(pd.Chain(pd.Pipe(0.0), 4))  # Beck's column: two frequencies meet
+    with pytest.raises(pd.NoCrossing):
+        pd.hopf(pd.Chain(PIPE, 1))
+    with pytest.raises(pd.NotConverged, match="terms of higher degree decide"):
+        # One segment without gravity is a linear oscillator, whatever its angle.
+        pd.hopf(pd.Chain(ASPIRATING, 1))
 
 
 def test_a_pair_that_only_touches_the_axis_is_no_hopf_point(monkeypatch):

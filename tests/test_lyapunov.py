@@ -104,6 +104,27 @@ def test_motion_goes_on_from_where_another_ended():
     assert found.end.shape == (6,)
 
 
+def test_exponent_may_be_taken_along_a_cycle():
+    # Two cycles at one speed: on the unstable one the exponent is that of its multiplier.
+    model = pd.Chain(pd.Pipe(0.7), 3)
+    onset = pd.hopf(model)
+    u = onset.speed - 2e-3
+    repelling = pd.limit_cycle(model, u, onset, rtol=1e-8)
+    growth = math.log(abs(repelling.multipliers[0])) / repelling.period
+    found = pd.lyapunov_exponent(model, u, repelling, duration=40.0, transient=80.0)
+    assert found.value == pytest.approx(growth, rel=0.1)
+    stable = pd.limit_cycle(CHAIN, 5.5)
+    along = pd.lyapunov_exponent(CHAIN, 5.5, stable, duration=20.0, transient=0.5)
+    assert abs(along.value) < 3.0 * along.spread
+
+
+def test_exponent_goes_on_from_the_state_at_its_end():
+    first = pd.lyapunov_exponent(CHAIN, 5.5, duration=10.0, transient=10.0)
+    again = pd.lyapunov_exponent(CHAIN, 5.5, first.end, duration=10.0, transient=0.0)
+    motion = pd.simulate(CHAIN, 5.5, 10.0, first.end[:3], first.end[3:], rtol=1e-9)
+    np.testing.assert_allclose(again.end, motion.y[:, -1], atol=1e-6)
+
+
 def test_scene_agrees_with_its_chain():
     pipe = pd.Pipe(0.2)
     scene, chain = pd.modular.chain(pipe, n=2), pd.Chain(pipe, 2)
@@ -120,7 +141,12 @@ def test_scene_agrees_with_its_chain():
         (lambda: pd.lyapunov_exponent(None, 1.0), TypeError, "model must be a Chain"),
         (lambda: pd.lyapunov_exponent(CHAIN, -1.0), ValueError, "u must lie in"),
         (lambda: pd.lyapunov_exponent(CHAIN, 1.0, [1.0]), ValueError, "start must have 3"),
-        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, "x"), TypeError, "start must be"),
+        (
+            lambda: pd.lyapunov_exponent(CHAIN, 1.0, "x"),
+            TypeError,
+            "start must be a LimitCycle, a Mo",
+        ),
+        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, pd.hopf(CHAIN)), TypeError, "start must be a L"),
         (lambda: pd.lyapunov_exponent(CHAIN, 1.0, duration=0.0), ValueError, "duration must"),
         (lambda: pd.lyapunov_exponent(CHAIN, 1.0, transient=-1.0), ValueError, "transient must"),
         (lambda: pd.lyapunov_exponent(CHAIN, 1.0, blocks=2), ValueError, "blocks must"),

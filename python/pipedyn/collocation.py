@@ -6,6 +6,7 @@ Newton's method with the analytic Jacobian finds it together with its frequency.
 eliminated, p' = omega dp/dphi, so that the unknowns are the N positions. A cycle of an odd system
 mostly is its own mirror image half a period later: then half of a period and odd harmonics
 describe it. An arc of cycles goes on by pseudo-arclength, on more phases where they are needed.
+The matrices are dense, for cycles of few harmonics: `panels` refines them.
 """
 
 from __future__ import annotations
@@ -100,14 +101,12 @@ class Orbit:
         z: positions p, or with constraints whole states, shape (phases, width).
         frequency: omega.
         u: flow speed.
-        coarser: the same cycle on half as many phases, where it was solved there.
     """
 
     phases: Phases
     z: Array
     frequency: float
     u: float
-    coarser: Orbit | None = None
 
     def states(self, phase: Array | None = None) -> Array:
         """[p, p'] at the phases, or at others, shape (2 moving, k)."""

@@ -44,10 +44,32 @@ class CriticalityCurve:
 
     @property
     def subcritical(self) -> NDArray[np.bool_]:
-        """Where cycles repel and the pipe snaps, shape (S,)."""
+        """Where the cycle born repels and the pipe snaps, shape (S,)."""
         return np.array(
             [one is not None and one.criticality == "subcritical" for one in self.onsets]
         )
+
+    @property
+    def folds(self) -> Array:
+        """Speeds of `Hopf.fold`, shape (S,), NaN for none.
+
+        With drag a pipe whose onset is supercritical snaps there, if not at the onset: under faint
+        drag that is hardly any later.
+        """
+        found = [None if one is None else one.fold for one in self.onsets]
+        return np.array([math.nan if fold is None else fold for fold in found])
+
+    @property
+    def changes(self) -> Array:
+        """Neighbouring values between which onsets change side, shape (C, 2).
+
+        Either the leading coefficient passes 0 there (a Bautin point), which `laws` that grow
+        without bound show, or the onset passes to another mode.
+        """
+        known = np.array([one is not None for one in self.onsets])
+        side = self.subcritical
+        at = np.flatnonzero(known[:-1] & known[1:] & (side[:-1] != side[1:]))
+        return np.stack([self.values[at], self.values[at + 1]], axis=1)
 
 
 def criticality_curve(

@@ -1,44 +1,64 @@
 # SPDX-License-Identifier: MIT
 """Limit cycles, stable or not, as periodic boundary-value problems.
 
-One period is solved for at N equal phases at once (`collocation`). N is doubled until amplitude and
-frequency stand still; where f is analytic they do so faster than any power of N, under drag, |v| v,
-like one.
-
-The modes of a chain that are far faster than its cycle hardly take part in it, so that a shooting
-method would spend its steps on nothing: here they cost nothing but the size of the matrix.
+What is found on few panels (`course`, `panels`), from an onset (`pursuit`), a motion or another
+cycle, is refined there until amplitude and frequency stand still. Panels are short where the motion
+asks for it, and Radau's method takes modes that decay far faster than the cycle turns in its steps.
 """
 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
-from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, Phases, arc, is_odd
+from pipedyn.collocation import Birth, Elsewhere, Equations, Orbit, is_odd
+from pipedyn.course import MOST, Course, course_of, divided, drawn
 from pipedyn.critical import crossings
 from pipedyn.field import Field
 from pipedyn.floquet import floquet
-from pipedyn.hopf import Hopf, hopf
+from pipedyn.galerkin import Galerkin
+from pipedyn.hopf import Hopf, hopf, with_drag
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, NotConverged, PipedynError
-from pipedyn.motion import Motion, MotionStopped, checked_model_in_motion, simulate
+from pipedyn.motion import (
+    Motion,
+    MotionStopped,
+    Start,
+    checked_model_in_motion,
+    simulate,
+    state_of,
+)
+from pipedyn.panels import residual, solved
 from pipedyn.pencil import Complex
+from pipedyn.pursuit import pursued
 
 LARGEST_CYCLE = 100
-"""Degrees of freedom. A chain of 20 takes half a second, of 40 five, of 60 half a minute, nearly
-all for the multipliers, whose steps the fastest mode sets."""
+"""Degrees of freedom. An undamped chain of 20 takes 0.8 s, of 40 ten, of 60 a minute, nearly all
+for the multipliers, whose panels the fastest mode that lives on sets."""
 
-MOST_POINTS = 1024
-"""Phases in a half or whole period."""
+ROUGH, ROUGH_ACROSS_KINKS = 1e-3, 1e-1
+"""Roughness of panels beside rtol, where f is smooth and under drag."""
+
+FIRST_ROUGH, FIRST_STEP = 1e-3, 1e-5
+"""Roughness of panels and last step of Newton's method where a cycle is looked for."""
+
+LIGHT = 0.2
+"""Damping beside sqrt(beta) u with which an aspirating pipe's onset is at about 0.6 u: one third of
+what the flow gives its first mode, 2 sqrt(beta) u, against delta omega^2 / 2."""
+
+SETTLED = 0.01
+"""How far beside its size a cycle may be from a simulated motion that is on its way to it."""
+
+CHECKS = 3
+"""Times that the panels are refined for the sake of the multipliers, and once at least."""
 
 TRIVIAL = 1e-6
 """How far the trivial multiplier may be from 1."""
@@ -72,10 +92,10 @@ class LimitCycle:
         u: flow speed.
         model: the model.
         error: of amplitude and frequency, relative, estimated by refinement: what the last
-            doubling of the phases changed.
-        multiplier_error: distance of the trivial multiplier from 1, or the summed error of the
-            variational equation's steps where that is more.
-        residual: largest |dy/dt - f(y)| half-way between the phases at which the equations were
+            halving of panels changed.
+        multiplier_error: distance of the trivial multiplier from 1, or what halving the panels
+            tells of the worst, relative if above 1, where that is more.
+        residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         symmetric: whether the second half of the period was taken as the mirror image of the first.
         phases: number of states solved for.
@@ -129,8 +149,11 @@ class NoCycle(PipedynError):
         self.u = u
 
 
-CycleStart: TypeAlias = "Motion | LimitCycle | ArrayLike | None"
+CycleStart: TypeAlias = "LimitCycle | Hopf | Motion | Start | None"
 """Where the search for a cycle begins."""
+
+KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a state [q, q']"
+"""What a start may be."""
 
 
 def limit_cycle(
@@ -146,11 +169,14 @@ def limit_cycle(
     Args:
         model: chain, reduced model or scene, up to 100 degrees of freedom.
         u: flow speed > 0, in sqrt(EI / mu_f) / L.
-        start: where to begin: a `Motion` that ends near the cycle, a `LimitCycle` of the same model
-            or one with as many coordinates (at another speed, or of another pipe), or a state
-            [q, q'], shape (2 coordinates,), from which a simulation sets out. Where not given, the
-            cycles born at the model's flutter onsets are followed to u, the nearest onset first;
-            where that leads nowhere and rest is unstable, a simulation from near rest.
+        start: where to begin: a `LimitCycle` of the same model or one with as many coordinates (at
+            another speed, or of another pipe); a `Hopf` of the model, whose cycle is followed to u;
+            a `Motion` that ends near the cycle; or what a simulation sets out from, as for
+            `lyapunov_exponent`: an angle theta(s) or coordinates (at rest), or a state [q, q'],
+            shape (2 coordinates,). Where not given, the cycles born at the model's flutter onsets
+            are followed to u, the nearest onset first; where that leads nowhere and rest is
+            unstable, a simulation from near rest; and of pipes with drag that are unstable without
+            an onset, the cycle of a damped pipe, whose damping is taken away.
         rtol: relative tolerance of amplitude and frequency, in [1e-10, 1e-2].
         samples: number of states that are given, from the start of the period to its end.
 
@@ -159,7 +185,8 @@ def limit_cycle(
 
     Raises:
         NoCycle: if rest is stable and no cycle comes from an onset, or the search ends elsewhere:
-            at rest, in motion without a period, or with no motion at all; the message says which.
+            at rest, in motion without a period, or with no motion at all; the message says which,
+            and at which speed the cycle of an onset turns back.
         NotConverged: if a cycle was found, but not to the tolerance; `result` holds it.
         ValueError, TypeError: for bad arguments.
 
@@ -183,12 +210,14 @@ def limit_cycle(
 # ----------------------------------------------------------------------------- where it begins
 
 
-def _found(motion: Field, u: float, start: Any) -> tuple[Orbit, str]:
-    """A cycle on few phases, and how it was found."""
+def _found(motion: Field, u: float, start: Any) -> tuple[Course, str]:
+    """A cycle on few panels, and how it was found."""
     if start is None:
         return _unguided(motion, u)
     if isinstance(start, LimitCycle):
         return _from_cycle(motion, u, start), "from a cycle"
+    if isinstance(start, Hopf):
+        return _from_onset(motion, u, start)
     if isinstance(start, Motion):
         same = start.model.coordinates == motion.model.coordinates
         if not same:
@@ -200,14 +229,14 @@ def _found(motion: Field, u: float, start: Any) -> tuple[Orbit, str]:
         if guess is None:
             raise NoCycle("the motion to start from comes back to no state it had before", u)
         return _improved(motion, guess, u), "from a motion"
-    size = motion.model.coordinates
-    y = _check.array("start", start, size=2 * size, low=-1e6, high=1e6)
-    return _simulated(motion, u, y[:size], y[size:]), "simulation"
+    y = state_of(motion.model, "start", start, KINDS)
+    q, qdot = motion.model.recorded(y[None, : motion.half], y[None, motion.half :])
+    return _simulated(motion, u, q[0], qdot[0]), "simulation"
 
 
-def _unguided(motion: Field, u: float) -> tuple[Orbit, str]:
+def _unguided(motion: Field, u: float) -> tuple[Course, str]:
     """From the onsets of flutter, the nearest first, then by simulation."""
-    model, told = motion.model, []
+    model, told = motion.model, list[str]()
     try:
         model.require_equilibrium(u)
         passages = [c for c in crossings(model, 1.5 * u) if c.kind == "flutter" and c.speed > 0.0]
@@ -221,24 +250,21 @@ def _unguided(motion: Field, u: float) -> tuple[Orbit, str]:
         except PipedynError:
             continue
         born.append(onset)
-        if onset.amplitude_law * (u - onset.speed) > 0.0:
-            try:
+        if _may_reach(onset, u):
+            with suppress(Elsewhere):
                 return _leapt(motion, onset, u), f"from the onset at u = {onset.speed:.6g}"
-            except Elsewhere as reason:
-                told.append(str(reason))
     for onset in born:
-        beyond = onset.amplitude_law * (u - onset.speed) > 0.0
-        if beyond or onset.criticality == "subcritical":
+        if _may_reach(onset, u) or onset.criticality == "subcritical":
             try:
-                return follow(motion, onset, u), f"followed from the onset at u = {onset.speed:.6g}"
+                found = pursued(motion, birth_of(motion, onset), u, SEARCH)
+                return found, f"followed from the onset at u = {onset.speed:.6g}"
             except Elsewhere as reason:
                 told.append(str(reason))
     if unstable:
-        q0, qdot0 = _nudged(motion, u)
-        return _simulated(motion, u, q0, qdot0), "simulation"
+        return _far(motion, u, told, not passages)
     first = min((c.speed for c in passages if c.destabilising), default=math.nan)
     where = f": flutter sets in at u = {first:.6g}" if first > u else ""
-    why = f" ({'; '.join(dict.fromkeys(told))})" if told else ""
+    why = f" ({'; '.join(told)})" if told else ""
     raise NoCycle(
         f"the pipe rests stably at u = {u:g}{where}, and no cycle comes from an onset{why}; "
         "one far from rest may be found with start=",
@@ -246,53 +272,108 @@ def _unguided(motion: Field, u: float) -> tuple[Orbit, str]:
     )
 
 
+def _may_reach(onset: Hopf, u: float) -> bool:
+    """Whether the cycles next to an onset begin on the side of a speed, or turn."""
+    return onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
+
+
+def _from_onset(motion: Field, u: float, onset: Hopf) -> tuple[Course, str]:
+    """The cycle of the user's onset."""
+    mode, rest = onset.mode, motion.resting()
+    own = onset.model.moving == motion.half and onset.model.coordinates == motion.model.coordinates
+    if own:
+        linear = with_drag(motion.model, 0.0).jacobian(rest, onset.speed)
+        missed = linear @ mode - 1j * onset.frequency * mode
+        own = float(np.abs(missed).max()) < 1e-5 * onset.frequency * float(np.abs(mode).max())
+    if not own:
+        raise ValueError(f"start must be an onset of the model, got one of {onset.model!r}")
+    how = f"from the onset at u = {onset.speed:.6g}"
+    with suppress(Elsewhere):
+        return _leapt(motion, onset, u), how
+    try:
+        return pursued(motion, birth_of(motion, onset), u, SEARCH), f"followed {how}"
+    except Elsewhere as reason:
+        raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
+
+
+def _far(motion: Field, u: float, told: list[str], alone: bool) -> tuple[Course, str]:
+    """Where no onset leads: by simulation or, under drag alone, from a damped pipe's cycle.
+
+    All modes of a pipe under drag alone grow, about as fast: a chain's motions are cheap and come
+    to a cycle that attracts, if late; a reduced model's are dear.
+    """
+    pipe = motion.model.pipe
+    bounded = alone and pipe.drag > 0.0 and pipe.damping == 0.0
+    if bounded and isinstance(motion.model, Galerkin):
+        try:
+            return _undamped(motion, u), "followed from a damped pipe's"
+        except Elsewhere as reason:
+            told.append(str(reason))
+    try:
+        limit = 2 * SEARCH if bounded else SEARCH
+        return _simulated(motion, u, *_nudged(motion, u), limit), "simulation"
+    except NoCycle as reason:
+        told.insert(0, str(reason))
+    if bounded and not isinstance(motion.model, Galerkin):
+        try:
+            return _undamped(motion, u), "followed from a damped pipe's"
+        except Elsewhere as reason:
+            told.append(str(reason))
+    raise NoCycle("; ".join(dict.fromkeys(told)), u)
+
+
+def _undamped(motion: Field, u: float) -> Course:
+    """From the cycle of the same pipe with damping, which is taken away.
+
+    An aspirating pipe without damping has no onset: it is unstable from u = 0 on.
+    """
+    pipe = motion.model.pipe
+    damping = LIGHT * math.sqrt(pipe.beta) * u
+
+    def damped(share: float) -> Field:
+        return Field(motion.model.with_pipe(replace(pipe, damping=share * damping)))
+
+    share, step = 1.0, 0.25
+    here = damped(share)
+    try:
+        passages = [c for c in crossings(here.model, u) if c.destabilising and c.kind == "flutter"]
+        onset = hopf(here.model, max(passages, key=lambda c: c.speed))
+    except (PipedynError, ValueError) as reason:
+        raise Elsewhere(f"with damping of {damping:.2g} no onset is found") from reason
+    course = pursued(here, birth_of(here, onset), u, SEARCH)
+    while share > 0.0:
+        here = damped(max(share - step, 0.0))
+        try:
+            course = solved(here, course, FIRST_STEP)
+            share, step = max(share - step, 0.0), 1.5 * step
+        except Elsewhere:
+            step *= 0.5
+            if step < 0.01:
+                raise
+    motion.evaluations += here.evaluations
+    return course
+
+
 def _unstable(motion: Field, u: float) -> bool:
     values = np.linalg.eigvals(motion.jacobian(motion.resting(), u))
     return bool(values.real.max() > 1e-9 * (1.0 + float(np.abs(values).max())))
 
 
-def _leapt(motion: Field, onset: Hopf, u: float) -> Orbit:
-    """From the law at the onset to the speed at once."""
-    amplitude = onset.amplitude(u)
-    if amplitude > 0.6:
-        raise Elsewhere("the onset is too far")
-    omega = onset.frequency + onset.frequency_law * (u - onset.speed)
+def _leapt(motion: Field, onset: Hopf, u: float) -> Course:
+    """From the amplitude equation at the onset to the speed at once."""
+    try:
+        amplitude, omega = onset.amplitude(u), onset.pace(u)
+    except ValueError:
+        raise Elsewhere("the amplitude equation has no cycle there") from None
+    if not 0.0 < amplitude <= 0.6:
+        raise Elsewhere("the onset is too near or too far")
     omega = omega if omega > 0.3 * onset.frequency else onset.frequency
     ring = birth_of(motion, onset).ring(motion, amplitude, u, omega)
-    return _confirmed(motion, Equations(motion, ring.phases).solve(ring))
-
-
-def _confirmed(motion: Field, coarse: Orbit) -> Orbit:
-    """The same cycle on twice the phases: too few have solutions of their own."""
-    finer = coarse.on(2 * (coarse.phases.count // 2) * 2)
-    finer = Equations(motion, finer.phases).solve(finer)
-    if abs(finer.size / coarse.size - 1.0) > 0.1:
-        raise Elsewhere("what was found does not stand a doubling of the phases")
-    return replace(finer, coarser=coarse)
-
-
-def follow(motion: Field, onset: Hopf, u: float, steps: int = 60) -> Orbit:
-    """The cycle that is born at an onset, followed past folds until it reaches a speed.
-
-    Args:
-        motion: the model's.
-        onset: where it begins.
-        u: where to end.
-        steps: how many cycles are computed on the way at most.
-
-    Raises:
-        Elsewhere: if it does not come there.
-    """
-    begun = motion.evaluations
-    for step in islice(arc(motion, birth_of(motion, onset)), steps):
-        a, b = step.begin.u, step.end.u
-        if (a - u) * (b - u) <= 0.0 and a != b:
-            return _confirmed(motion, step.landing(u))
-        if not 0.2 * min(u, onset.speed) < b < 3.0 * max(u, onset.speed):
-            break
-        if motion.evaluations > begun + SEARCH:
-            break
-    raise Elsewhere(f"the cycle born at u = {onset.speed:.6g} does not come to u = {u:g}")
+    coarse = course_of(motion, Equations(motion, ring.phases).solve(ring), FIRST_ROUGH)
+    finer = solved(motion, coarse, FIRST_STEP)
+    if abs(finer.size / coarse.size - 1.0) > 0.1:  # too few phases have solutions of their own
+        raise Elsewhere("what was found does not stand a refinement")
+    return finer
 
 
 def birth_of(motion: Field, onset: Hopf) -> Birth:
@@ -300,16 +381,14 @@ def birth_of(motion: Field, onset: Hopf) -> Birth:
     return Birth(motion.resting(), onset.mode, onset.speed, onset.frequency)
 
 
-def _from_cycle(motion: Field, u: float, start: LimitCycle) -> Orbit:
+def _from_cycle(motion: Field, u: float, start: LimitCycle) -> Course:
     size = motion.model.coordinates
     if start.model.coordinates != size or start.model.moving != motion.half:
         raise ValueError(
             f"start must be a cycle of {size} coordinates, got {start.model.coordinates}"
         )
     p = _integrated(motion, start.q, start.qdot)
-    count = max(16, start.phases // (2 if start.symmetric else 4))
-    guess = _resampled(motion, u, start.t, p, start.period, count, 1e-6)
-    return _improved(motion, guess, u)
+    return _improved(motion, _resampled(motion, u, start.t, p, start.period, 1e-6), u)
 
 
 def _integrated(motion: Field, q: Array, qdot: Array) -> Array:
@@ -320,26 +399,30 @@ def _integrated(motion: Field, q: Array, qdot: Array) -> Array:
 
 
 def _resampled(
-    motion: Field, u: float, t: Array, p: Array, period: float, count: int, likeness: float
-) -> Orbit:
-    """An orbit through samples that span at least one period from t[0] on."""
-    half = motion.half
-    spline = CubicHermiteSpline(t, p[:, :half], p[:, half:])
-    rates = CubicHermiteSpline(t, p[:, half:], motion(np.ascontiguousarray(p.T), u)[half:].T)
+    motion: Field, u: float, t: Array, p: Array, period: float, likeness: float
+) -> Course:
+    """A course through samples that span at least one period from t[0] on."""
+    rates = motion(np.ascontiguousarray(p.T), u)
+    # Constraints by projection: p' is not the rate of p there.
+    slopes = np.concatenate([p[:, motion.half :], rates[motion.half :].T], axis=1)
+    spline = CubicHermiteSpline(t, p, slopes)
     odd = False
     if is_odd(motion, u):
         probe = t[0] + period * np.arange(32) / 64.0
         here, later = spline(probe), spline(probe + 0.5 * period)
-        odd = float(np.abs(here + later).max()) <= likeness * float(np.abs(here).max())
-    phases = Phases(count + count % 2 if odd else 2 * count + 1, odd)
-    at = t[0] + period * phases.at / (2.0 * math.pi)
-    z = spline(at) if not motion.tied else np.concatenate([spline(at), rates(at)], axis=1)
-    return Orbit(phases, np.asarray(z), 2.0 * math.pi / period, u)
+        far = np.abs(here + later).max(axis=0) > likeness * np.abs(here).max(axis=0)
+        odd = not far[: motion.half].any()
+    omega = 2.0 * math.pi / period
+
+    def states(phase: Array) -> Array:
+        return np.ascontiguousarray(spline(t[0] + phase / omega).T)
+
+    return drawn(motion, states, omega, u, odd, FIRST_ROUGH)
 
 
-def _improved(motion: Field, guess: Orbit, u: float) -> Orbit:
+def _improved(motion: Field, guess: Course, u: float) -> Course:
     try:
-        return Equations(motion, guess.phases).solve(guess)
+        return solved(motion, guess, FIRST_STEP)
     except Elsewhere as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
@@ -348,21 +431,22 @@ def _nudged(motion: Field, u: float) -> tuple[Array, Array]:
     """A state near rest, in the direction that grows fastest."""
     rest = motion.resting()
     values, vectors = np.linalg.eig(motion.jacobian(rest, u))
-    grown = vectors[:, int(np.argmax(values.real))].real
-    grown = grown / float(np.abs(grown[: motion.half]).max())
+    mode = vectors[:, int(np.argmax(values.real))]
+    across = mode[: motion.half]
+    grown = (mode / across[int(np.argmax(np.abs(across)))]).real
     y = rest + 0.1 * grown
     q, qdot = motion.model.recorded(y[None, : motion.half], y[None, motion.half :])
     return q[0], qdot[0]
 
 
-def _simulated(motion: Field, u: float, q0: Array, qdot0: Array) -> Orbit:
+def _simulated(motion: Field, u: float, q0: Array, qdot0: Array, limit: int = SEARCH) -> Course:
     """From where a motion settles."""
     model = motion.model
     reason = "the motion comes back to no state it had before"
     first = motion.resting()
     q_rest = model.recorded(first[None, : motion.half], first[None, motion.half :])[0][0]
-    evaluations = 0
-    while evaluations < SEARCH:
+    evaluations, passed = 0, None
+    while evaluations < limit:
         try:
             going = simulate(model, u, CHUNK, q0, qdot0, rtol=1e-6, samples=1001)
         except MotionStopped as stopped:
@@ -378,19 +462,26 @@ def _simulated(motion: Field, u: float, q0: Array, qdot0: Array) -> Orbit:
         if guess is None:
             continue
         try:
-            found = Equations(motion, guess.phases).solve(guess)
+            found = solved(motion, guess, FIRST_STEP)
         except Elsewhere as told:
             reason = str(told)
             continue
-        # One far from the motion may be any, most likely one that repels.
-        away = float(np.sqrt(np.mean(np.sum((found.z - guess.z) ** 2, axis=1))))
-        if away < 0.05 * found.size:
-            return found
+        # One far from the motion may be any, and one that repels a motion only passes by.
+        away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
         reason = "the motion does not settle"
+        if away < SETTLED * found.size:
+            if passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6:
+                continue
+            multipliers, _ = floquet(motion, found)
+            if np.count_nonzero(np.abs(multipliers) > 1.0 + 1e-3) == 0:
+                return found
+            passed = found
+    if passed is not None:
+        return passed
     raise NoCycle(f"no limit cycle at u = {u:g} from there: {reason}", u)
 
 
-def _from_motion(motion: Field, u: float, going: Motion) -> Orbit | None:
+def _from_motion(motion: Field, u: float, going: Motion) -> Course | None:
     """The last period of a motion; None if it does not come back to within a tenth of its size."""
     p = _integrated(motion, going.q, going.qdot)
     t, tip = going.t, going.tip[:, 0]
@@ -416,63 +507,76 @@ def _from_motion(motion: Field, u: float, going: Motion) -> Orbit | None:
     period = float(times[-1] - times[-2 - turns])
     begin = int(np.searchsorted(t, times[-2 - turns], side="right")) - 1
     at = np.concatenate([[times[-2 - turns]], t[begin + 1 :]])
-    return _resampled(motion, u, at, spline(at), period, 32 * (turns + 1), 0.02)
+    return _resampled(motion, u, at, spline(at), period, 0.02)
 
 
 # --------------------------------------------------------------------------------- what it is
 
 
-def finished(motion: Field, orbit: Orbit, rtol: float, samples: int, how: str) -> LimitCycle:
+def finished(
+    motion: Field, found: Orbit | Course, rtol: float, samples: int, how: str
+) -> LimitCycle:
     """The cycle, refined until its amplitude and frequency stand still and its check holds."""
-    # Under drag two answers may agree by chance: believed is no more than the fourth power of N.
-    kinks = motion.model.pipe.drag > 0.0
-    measured, error, last = amplitude_of(motion, orbit), math.inf, math.inf if kinks else 0.0
-    if orbit.coarser is not None:
-        last = _apart(orbit.coarser, amplitude_of(motion, orbit.coarser), orbit, measured)
-        error = math.inf if kinks else last
-    reason, target = Elsewhere(f"that takes more than {MOST_POINTS} phases"), 0.5 * rtol
-    while True:
-        while error > target:
-            try:
-                finer = orbit.on(2 * (orbit.phases.count // 2) * 2)
-                if finer.phases.count > MOST_POINTS + 1:
-                    break
-                finer = Equations(motion, finer.phases).solve(finer, min(1e-9, 1e-2 * rtol))
-            except Elsewhere as told:
-                reason = told
-                break
-            sharper = amplitude_of(motion, finer)
-            moved = _apart(orbit, measured, finer, sharper)
-            error, last = max(moved, last / 16.0), moved
-            orbit, measured = finer, sharper
-        if math.isinf(error):
-            raise NoCycle(f"no limit cycle at u = {orbit.u:g}: {reason}", orbit.u)
-        result = described(motion, orbit, error, samples, how)
+    course = course_of(motion, found, FIRST_ROUGH) if isinstance(found, Orbit) else found
+    rough = rtol * (ROUGH_ACROSS_KINKS if motion.model.pipe.drag else ROUGH)
+    tolerance = min(1e-7, 1e-2 * rtol)
+    for check in range(CHECKS):
+        course, error, reason = _refined(motion, course, rough, rtol, tolerance)
+        result = _described(motion, course, error, samples, how)
         if error > rtol:
             raise NotConverged(
-                f"the cycle at u = {orbit.u:g} is known to {error:.1e} only: {reason}", result
+                f"the cycle at u = {found.u:g} is known to {error:.1e} only: {reason}", result
             )
         if result.multiplier_error <= max(TRIVIAL, rtol):
-            return result
-        if error > target or target < 1e-3 * rtol:
+            break
+        if check + 1 == CHECKS:
             raise NotConverged(
-                f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of "
+                f"the cycle at u = {found.u:g} fails its check: its Floquet multipliers, one of "
                 f"which should be 1, are known to {result.multiplier_error:.1e} only",
                 result,
             )
-        target *= 0.1  # the multipliers ask for more
+        rough *= 0.01  # the multipliers ask for more
+    return result
 
 
-def _apart(a: Orbit, peak: tuple[float, float], b: Orbit, other: tuple[float, float]) -> float:
+def _refined(
+    motion: Field, course: Course, rough: float, rtol: float, tolerance: float
+) -> tuple[Course, float, str]:
+    """The course on finer panels, what their last refinement changed, and why it went no further.
+
+    Refined are the panels that are rough, and all of them where none is.
+    """
+    # Under drag two answers may agree by chance: believed is no more than the fourth power of h.
+    measured, error = amplitude_of(motion, course), math.inf
+    last = math.inf if motion.model.pipe.drag else 0.0
+    while True:
+        coarse = course.roughness() > rough
+        if error <= 0.5 * rtol and not coarse.any():
+            return course, error, ""
+        if not coarse.any():
+            coarse[:] = True
+        if len(course.starts) + coarse.sum() > MOST:
+            return course, error, f"that takes more than {MOST} panels"
+        try:
+            finer = solved(motion, divided(motion, course, 1 + coarse, turning=True), tolerance)
+        except Elsewhere as told:
+            return course, error, str(told)
+        sharper = amplitude_of(motion, finer)
+        moved = _apart(course, measured, finer, sharper)
+        error, last = max(moved, last / 16.0), moved
+        course, measured = finer, sharper
+
+
+def _apart(a: Course, peak: tuple[float, float], b: Course, other: tuple[float, float]) -> float:
     """Relative difference of two cycles' amplitudes and frequencies."""
     moved = abs(other[0] / peak[0] - 1.0)
     return max(moved, abs(b.frequency / a.frequency - 1.0), 1e-14)
 
 
-def amplitude_of(motion: Field, orbit: Orbit) -> tuple[float, float]:
+def amplitude_of(motion: Field, course: Course) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
     phase: Array = 2.0 * math.pi / PEAKS * np.arange(float(PEAKS))
-    across = motion.tip(Equations(motion, orbit.phases).states(orbit, phase))
+    across = motion.tip(course.states(phase))
     greatest, where = _peak(across)
     least, _ = _peak(-across)
     return 0.5 * (greatest + least), 2.0 * math.pi / PEAKS * where
@@ -493,34 +597,35 @@ def _peak(values: Array) -> tuple[float, float]:
 
 def described(motion: Field, orbit: Orbit, error: float, samples: int, how: str) -> LimitCycle:
     """What an orbit is, with its multipliers, as found; the error is not checked here."""
-    equations = Equations(motion, orbit.phases)
-    amplitude, first = amplitude_of(motion, orbit)
-    period = 2.0 * math.pi / orbit.frequency
+    rough = 1e-6 * (ROUGH_ACROSS_KINKS if motion.model.pipe.drag else 1e-1 * ROUGH)
+    return _described(motion, course_of(motion, orbit, rough), error, samples, how)
+
+
+def _described(motion: Field, course: Course, error: float, samples: int, how: str) -> LimitCycle:
+    amplitude, first = amplitude_of(motion, course)
+    period = 2.0 * math.pi / course.frequency
     t = np.linspace(0.0, period, samples)
-    y = equations.states(orbit, first + orbit.frequency * t)
+    y = course.states(first + course.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    middle: Array = orbit.phases.at + 0.5 * orbit.phases.span / orbit.phases.count
-    missed = np.abs(equations.residual(orbit, middle)[:, -motion.half :]).max()
-    largest = np.abs(motion(equations.states(orbit), orbit.u)[motion.half :]).max()
-    multipliers, unsettled = floquet(motion, orbit)
+    multipliers, unsettled = floquet(motion, course)
     trivial = int(np.argmin(np.abs(multipliers - 1.0)))
     others = np.abs(np.delete(multipliers, trivial))
     return LimitCycle(
         amplitude=amplitude,
-        frequency=orbit.frequency,
+        frequency=course.frequency,
         period=period,
         multipliers=multipliers,
         stable=bool(others.max(initial=0.0) < 1.0),
         t=t,
         q=np.ascontiguousarray(q),
         qdot=np.ascontiguousarray(qdot),
-        u=orbit.u,
+        u=course.u,
         model=motion.model,
         error=error,
         multiplier_error=max(float(np.abs(multipliers[trivial] - 1.0)), unsettled),
-        residual=float(missed / largest),
-        symmetric=orbit.phases.half,
-        phases=orbit.phases.count,
+        residual=residual(motion, course),
+        symmetric=course.half,
+        phases=course.pushes.shape[0] * course.pushes.shape[1],
         evaluations=motion.evaluations,
-        method=f"Fourier collocation, {how}",
+        method=f"collocation, {how}",
     )

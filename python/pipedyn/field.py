@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipedyn._check import Array
+from pipedyn.chain import Chain
 from pipedyn.model import Model
 from pipedyn.modular.moving import SceneMotion
 
@@ -32,6 +33,8 @@ class Field:
         """Whether constraints are met by a projection, and p' alone is not the rate of p."""
         scene = model.motion if isinstance(model.motion, SceneMotion) else None
         self.by_differences = self.tied or (scene is not None and scene.accelerations is None)
+        self.hidden_kinks = model.pipe.drag > 0.0 and not isinstance(model, Chain)
+        """Whether f's second derivative jumps where `drag_velocities` does not tell."""
         self.evaluations = 0
 
     def __call__(self, y: Array, u: float) -> Array:
@@ -87,6 +90,24 @@ class Field:
     def resting(self) -> Array:
         """The state at rest where the model is linearised."""
         return np.concatenate([self.model.resting(), np.zeros(self.half)])
+
+    def drag_velocities(self, y: Array) -> Array:
+        """Normal velocities at whose zeros f's second derivative jumps, shape (points, k).
+
+        Of the drag points of a chain; none elsewhere, as of other models these are many and weak
+        or not known.
+        """
+        chain = self.model
+        if not isinstance(chain, Chain) or chain.pipe.drag == 0.0:
+            return np.empty((0, y.shape[1]))
+        angles, rates = y[: self.half], y[self.half :]
+        lengths, reach = chain.lengths[:, None] * rates, chain.drag_points * chain.lengths
+        across, down = (
+            np.cumsum(lengths * turned, axis=0) - lengths * turned
+            for turned in (np.cos(angles), np.sin(angles))
+        )
+        found: Array = across * np.cos(angles) + down * np.sin(angles) + reach[:, None] * rates
+        return found
 
     def tip(self, y: Array) -> Array:
         """Transverse position of the free end of the states in the columns, shape (k,)."""

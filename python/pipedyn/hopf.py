@@ -14,12 +14,21 @@ l_1). B and C act along two real directions only, so they follow from the analyt
 two lines, by central differences whose steps are halved and extrapolated.
 
 Quadratic drag has no third derivative at rest. Its force N is of second degree along each ray,
-N(r y) = r^2 N(y), and odd: to first order in r, y = rest + r Re(q exp(i phi)), it enters as
+N(r y) = r^2 N(y), and odd: to first order in r, y = rest + r Re(q exp(i phi)), it adds
 
-    r' = growth (u - u_c) r + Re(d) r^2,   d = mean over phi of 2 <p, N(Re(q e^(i phi)))> e^(-i phi)
+    d = mean over phi of 2 <p, N(Re(q e^(i phi)))> e^(-i phi).
 
-and amplitude / (u - u_c) -> -growth / Re(d). It is the left eigenvector that weighs the drag, not
-the velocity: drag bends the mode as well, which changes what the flow feeds.
+So the free end moves like Re Z with the amplitude equation
+
+    Z' = (i omega_c + lambda_u (u - u_c)) Z + d |Z| Z + c_1 / 4 |Z|^2 Z + ...,
+
+c_1 being that of the other forces. With drag amplitude / (u - u_c) -> -growth / Re(d): strictly the
+drag alone decides the onset, but only below the amplitude 4 |Re d / Re c_1|, at which the two terms
+balance. Terms that are left out are of the size d^2 |Z|^2 Z and d (u - u_c) |Z| Z: the equation is
+that of faint drag, and of any drag where the amplitude is small.
+
+It is the left eigenvector that weighs the drag, not the velocity: drag bends the mode as well,
+which changes what the flow feeds, so that it may even drive the flutter, Re(d) > 0.
 """
 
 from __future__ import annotations
@@ -38,6 +47,7 @@ from pipedyn._check import Array
 from pipedyn.blas import one_thread
 from pipedyn.critical import critical_speed
 from pipedyn.field import STENCIL, Field
+from pipedyn.galerkin import Galerkin
 from pipedyn.model import Model, NotConverged, PipedynError
 from pipedyn.motion import checked_model_in_motion
 from pipedyn.pencil import Complex
@@ -50,7 +60,10 @@ LEVELS = 6
 """Steps of the differences, each half of the one before."""
 
 FIRST_STEP = 0.2
-"""The longest: the largest coordinate of the displaced mode."""
+"""The longest: the largest angle of the displaced mode, rad."""
+
+PLACES = 401
+"""Along the pipe among which the largest angle of a mode of functions is found."""
 
 PHASES = 8192
 """Over which drag is averaged; its integrand has kinks, so the mean converges slowly."""
@@ -75,7 +88,7 @@ class NormalForm:
         frequency: omega.
         right: q, complex, shape (N,), scaled as asked for.
         left: p, complex, shape (N,), with <p, q> = sum conj(p) q = 1.
-        cubic: c_1; NaN where the cubic terms were not asked for.
+        cubic: c_1.
         error: of c_1, absolute, estimated from the last two extrapolations.
     """
 
@@ -95,20 +108,30 @@ class NormalForm:
 class Hopf:
     """A flutter onset, and the limit cycle born there.
 
+    The amplitude A of the free end obeys A' = growth (u - u_c) A + Re(quadratic) A^2 + Re(cubic)
+    A^3, and the phase phi' = omega_c + detuning (u - u_c) + Im(quadratic) A + Im(cubic) A^2.
+
     Attributes:
         speed: u_c.
         frequency: omega_c, in 1 / T.
         growth: d Re(lambda) / du.
-        lyapunov: first Lyapunov coefficient, of q scaled to unit displacement of the free end;
-            None with drag, under which it does not exist.
-        lyapunov_error: absolute, of the differences; None with drag.
+        detuning: d Im(lambda) / du.
+        quadratic: of the drag, complex, in 1 / (L T); 0 without.
+        cubic: of all other forces, complex, in 1 / (L^2 T).
+        lyapunov: first Lyapunov coefficient, of q scaled to unit displacement of the free end; with
+            drag that of the pipe without its drag.
+        lyapunov_error: absolute, of the differences.
         amplitude_law: limit of amplitude^2 / (u - u_c), with drag of amplitude / (u - u_c);
-            negative where the cycle lives below u_c.
-        amplitude_error: of amplitude_law, absolute.
+            negative where the cycle lives below u_c. Where the leading coefficient passes 0 along a
+            parameter (a Bautin point) it grows without bound, and holds at ever smaller amplitudes
+            only.
+        amplitude_error: of amplitude_law, absolute, from that of the differences.
         frequency_law: limit of (omega - omega_c) / (u - u_c) along the cycles.
         exponent: the cycle grows like |u - u_c| to this power, 1/2, with drag 1.
         criticality: "supercritical" if the cycle attracts all that the critical mode does, and so
-            lives where the straight pipe has become unstable; "subcritical" if it repels.
+            lives where that mode grows; "subcritical" if it repels. With drag this is said of
+            amplitudes far below `balance`; of what follows tells `fold`. Where other modes grow at
+            the onset, `unstable_beside`, no cycle born there is stable.
         crossing: the passage of the pair.
         model: the model.
         mode: q, complex, of the integrated state [p, p'], shape (2 moving,).
@@ -117,8 +140,11 @@ class Hopf:
     speed: float
     frequency: float
     growth: float
-    lyapunov: float | None
-    lyapunov_error: float | None
+    detuning: float
+    quadratic: complex
+    cubic: complex
+    lyapunov: float
+    lyapunov_error: float
     amplitude_law: float
     amplitude_error: float
     frequency_law: float
@@ -128,18 +154,70 @@ class Hopf:
     model: Model = field(repr=False)
     mode: Complex = field(repr=False, compare=False)
 
+    @property
+    def unstable_beside(self) -> int:
+        """Number of eigenvalues with positive real part at the onset, beside the pair."""
+        return min(self.crossing.unstable_before, self.crossing.unstable_after)
+
+    @property
+    def balance(self) -> float:
+        """Amplitude at which drag and the cubic terms are equal, far below which drag decides.
+
+        In L, 0 without drag.
+        """
+        quadratic, cubic = abs(self.quadratic.real), abs(self.cubic.real)
+        return quadratic / cubic if cubic > 0.0 else math.inf
+
+    @property
+    def fold(self) -> float | None:
+        """Speed at which the amplitude equation's cycles turn back; None where they do not.
+
+        They do where drag and cubic terms pull to different sides, at half the amplitude of
+        `balance`. Of two segments (beta 0.05 and 0.02) its distance from the onset is right to 1 %
+        at an amplitude of 0.02 and to 12 % at 0.05; from 0.085 on the cycles do not turn there.
+        """
+        quadratic, cubic = self.quadratic.real, self.cubic.real
+        if quadratic * cubic >= 0.0:
+            return None
+        return self.speed + 0.25 * quadratic**2 / (cubic * self.growth)
+
     def amplitude(self, u: float) -> float:
-        """Amplitude of the free end that the law predicts at a speed.
+        """Amplitude of the free end by the amplitude equation at a speed; of two, the smaller.
+
+        With three segments at beta 0.2 and drag up to 1 it is right to 4 % at amplitudes up to 0.1;
+        with four at beta 0.8, near l_1 = 19, to 3 % up to 0.03.
 
         Raises:
-            ValueError: if the cycle lives on the other side of the onset.
+            ValueError: if it has no cycle there.
         """
         u = _check.real("u", u, low=0.0)
-        share = self.amplitude_law * (u - self.speed)
-        if share < 0.0:
-            side = "above" if self.amplitude_law > 0.0 else "below"
-            raise ValueError(f"u must be {side} the onset at {self.speed:g}, got {u:g}")
-        return float(share**self.exponent)
+        leading = self.quadratic.real or self.cubic.real
+        sign = -math.copysign(1.0, leading)  # as if the leading term took amplitude away
+        fed = sign * self.growth * (u - self.speed)
+        quadratic, cubic = sign * self.quadratic.real, sign * self.cubic.real
+        inside = quadratic**2 - 4.0 * cubic * fed
+        if fed == 0.0:
+            return 0.0
+        if inside >= 0.0 and fed > 0.0:
+            return 2.0 * fed / (math.sqrt(inside) - quadratic)
+        if fed < 0.0 < cubic:
+            return (math.sqrt(inside) - quadratic) / (2.0 * cubic)
+        above = sign * self.growth > 0.0
+        if self.fold is None:
+            where = f"{'above' if above else 'below'} the onset at {self.speed:.9g}"
+        else:
+            where = f"{'below' if above else 'above'} the fold at {self.fold:.9g}"
+        raise ValueError(f"u must be {where}, got {u:.9g}")
+
+    def pace(self, u: float) -> float:
+        """Angular frequency of the cycle of `amplitude` at a speed, in 1 / T.
+
+        Raises:
+            ValueError: if there is none.
+        """
+        size = self.amplitude(u)
+        turned = self.quadratic.imag * size + self.cubic.imag * size**2
+        return self.frequency + self.detuning * (float(u) - self.speed) + turned
 
 
 def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
@@ -185,7 +263,8 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
     model.require_equilibrium(u)
     motion = Field(model)
     rest = motion.resting()
-    smooth = Field(model.with_pipe(replace(model.pipe, drag=0.0))) if model.pipe.drag else motion
+    drag = model.pipe.drag
+    smooth = with_drag(model, 0.0) if drag else motion
     with one_thread(motion.size):
         try:
             form = normal_form(
@@ -193,7 +272,7 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
                 rest,
                 crossing.frequency,
                 lambda q: tip_of(motion, rest, q),
-                cubic=False,
+                lambda q: angle_of(model, q),
             )
         except ValueError as error:
             if own:  # two that meet move by the root of rounding
@@ -202,16 +281,17 @@ def hopf(model: Model, crossing: Crossing | None = None) -> Hopf:
         slope = _slope(motion, rest, u, form)
         if abs(slope.real) < 1e-9 * (1.0 + abs(slope)):
             raise NoHopf(f"the pair touches the axis at u = {u:g} and does not pass through it")
-        drag = (0j, 0.0) if motion is smooth else averaged(motion, smooth, rest, u, form)
-        if abs(drag[0]) <= 1e-12 * form.frequency:  # no drag where the mode moves
-            form = normal_form(
-                lambda y: smooth.jacobian(y, u),
-                rest,
-                crossing.frequency,
-                lambda q: tip_of(motion, rest, q),
-            )
-            return _of_cubic(model, crossing, form, slope)
-    return _of_drag(model, crossing, form, slope, *drag)
+        mean, spread = 0j, 0.0
+        if drag:  # its force is as large as its number: that of a faint one would drown
+            mean, spread = averaged(with_drag(model, 1.0), smooth, rest, u, form)
+    if abs(mean) <= 1e-12 * form.frequency:  # no drag where the mode moves
+        mean = 0j
+    return _described(model, crossing, form, slope, drag * mean, drag * spread)
+
+
+def with_drag(model: Model, drag: float) -> Field:
+    """The motion of a model with another drag."""
+    return Field(model.with_pipe(replace(model.pipe, drag=drag)))
 
 
 def _first(model: Model) -> Crossing:
@@ -233,51 +313,34 @@ def _first(model: Model) -> Crossing:
     )
 
 
-def _of_cubic(model: Model, crossing: Crossing, form: NormalForm, slope: complex) -> Hopf:
-    omega, cubic = form.frequency, form.cubic
-    if abs(cubic.real) <= form.error:
+def _described(
+    model: Model, crossing: Crossing, form: NormalForm, slope: complex, drag: complex, error: float
+) -> Hopf:
+    omega, cubic = form.frequency, 0.25 * form.cubic
+    leading, name = drag, "the mean of drag"
+    if not drag:
+        leading, error, name = cubic, 0.25 * form.error, "the first Lyapunov coefficient"
+    if abs(leading.real) <= error:
         raise NotConverged(
-            f"the first Lyapunov coefficient at u = {crossing.speed:g} is 0 within its error of "
-            f"{form.error / omega:.1e}",
+            f"{name} at u = {crossing.speed:g} is 0 within its error of {error:.1e}, as at a "
+            "Bautin point: terms of higher degree decide, which are not computed",
             form,
         )
-    law = -4.0 * slope.real / cubic.real
+    law = -slope.real / leading.real
     return Hopf(
         speed=crossing.speed,
         frequency=omega,
         growth=slope.real,
+        detuning=slope.imag,
+        quadratic=drag,
+        cubic=cubic,
         lyapunov=form.lyapunov,
         lyapunov_error=form.error / omega,
         amplitude_law=law,
-        amplitude_error=abs(law * form.error / cubic.real),
-        frequency_law=slope.imag + 0.25 * law * cubic.imag,
-        exponent=0.5,
-        criticality="supercritical" if cubic.real < 0.0 else "subcritical",
-        crossing=crossing,
-        model=model,
-        mode=form.right,
-    )
-
-
-def _of_drag(
-    model: Model, crossing: Crossing, form: NormalForm, slope: complex, drag: complex, error: float
-) -> Hopf:
-    if abs(drag.real) <= error:
-        raise NotConverged(
-            f"the mean of drag at u = {crossing.speed:g} is 0 within its error of {error:.1e}", form
-        )
-    law = -slope.real / drag.real
-    return Hopf(
-        speed=crossing.speed,
-        frequency=form.frequency,
-        growth=slope.real,
-        lyapunov=None,
-        lyapunov_error=None,
-        amplitude_law=law,
-        amplitude_error=abs(law * error / drag.real),
-        frequency_law=slope.imag + law * drag.imag,
-        exponent=1.0,
-        criticality="supercritical" if drag.real < 0.0 else "subcritical",
+        amplitude_error=abs(law * error / leading.real),
+        frequency_law=slope.imag + law * leading.imag,
+        exponent=1.0 if drag else 0.5,
+        criticality="supercritical" if leading.real < 0.0 else "subcritical",
         crossing=crossing,
         model=model,
         mode=form.right,
@@ -286,13 +349,22 @@ def _of_drag(
 
 def tip_of(motion: Field, rest: Array, q: Complex) -> complex:
     """Transverse displacement of the free end, to first order."""
-    size = float(np.abs(q[: motion.half]).max())
+    size = angle_of(motion.model, q)
     parts = []
     for part in (q.real, q.imag):
         steps = np.outer(part, 0.01 / size * np.arange(1.0, 4.0))
         ahead, behind = (motion.tip(rest[:, None] + sign * steps) for sign in (1.0, -1.0))
         parts.append(float(STENCIL @ (ahead - behind)) / (0.01 / size))
     return complex(*parts)
+
+
+def angle_of(model: Model, q: Complex) -> float:
+    """Largest angle of the pipe displaced by a mode, to first order; coordinates of chains are."""
+    p = q[: model.moving]
+    if not isinstance(model, Galerkin):
+        return float(np.abs(p).max())
+    across = model.deflection(p, np.linspace(0.0, 1.0, PLACES))
+    return float(np.abs(np.diff(across)).max()) * (PLACES - 1)
 
 
 def _slope(motion: Field, rest: Array, u: float, form: NormalForm) -> complex:
@@ -326,8 +398,7 @@ def normal_form(
     rest: Array,
     frequency: float,
     scale: Callable[[Complex], complex],
-    *,
-    cubic: bool = True,
+    reach: Callable[[Complex], float],
 ) -> NormalForm:
     """Cubic normal form at a Hopf point of y' = f(y), of any smooth system.
 
@@ -336,7 +407,7 @@ def normal_form(
         rest: the equilibrium, shape (N,).
         frequency: omega of the pair on the axis, to some 1e-6.
         scale: a linear function of q, which is divided by its value.
-        cubic: whether c_1 is wanted, or the vectors only.
+        reach: the size of q by which the steps of differences are measured.
 
     Returns:
         NormalForm.
@@ -353,10 +424,7 @@ def normal_form(
         raise NoHopf("the free end stands still in the mode that flutters")
     right = right / share
     left = left / np.conj(left.conj() @ right)
-    if not cubic:
-        return NormalForm(frequency, right, left, complex(math.nan, math.nan), math.nan)
-    half = rest.size // 2
-    first = FIRST_STEP / float(np.abs(right[: max(half, 1)]).max())
+    first = FIRST_STEP / reach(right)
     values = []
     directions = (right.real, right.imag)
     for level in range(LEVELS):
@@ -464,7 +532,7 @@ def averaged(
     phase = np.linspace(0.0, 2.0 * np.pi, PHASES, endpoint=False)
     turn = np.exp(1j * phase)
     line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
-    first = FIRST_STEP / float(np.abs(form.right[: motion.half]).max())
+    first = FIRST_STEP / angle_of(motion.model, form.right)
 
     def mean(r: float, stride: int) -> complex:
         y = np.ascontiguousarray(rest[:, None] + r * line[:, ::stride])

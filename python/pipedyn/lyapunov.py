@@ -14,7 +14,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.integrate import ode
@@ -22,13 +22,26 @@ from scipy.linalg import block_diag
 
 from pipedyn import _check
 from pipedyn._check import Array
+from pipedyn.cycles import LimitCycle
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, NotConverged
-from pipedyn.motion import Motion, Start, checked_model_in_motion, choose_method
+from pipedyn.motion import (
+    Motion,
+    Start,
+    checked_model_in_motion,
+    choose_method,
+    state_of,
+)
 from pipedyn.progress import track
 
 Rates = Callable[[Array], Array]
 """Right-hand side y' of a state, shape (n,)."""
+
+ExponentStart: TypeAlias = LimitCycle | Motion | Start | None
+"""Where a motion begins."""
+
+KINDS = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
+"""What a start may be."""
 
 METHODS = ("variational", "pair")
 
@@ -72,7 +85,7 @@ class LyapunovExponent:
 def lyapunov_exponent(
     model: Model,
     u: float,
-    start: Start | Motion | None = None,
+    start: ExponentStart = None,
     *,
     duration: float = 200.0,
     transient: float = 100.0,
@@ -88,8 +101,9 @@ def lyapunov_exponent(
         model: chain, reduced model or scene. Where guides and pins are, directions that these
             forbid count as decaying at rate 10.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        start: coordinates, shape (dof,), or the angle theta(s) of the bent pipe, at rest; or a
-            Motion, whose end is taken. Where not given, the pipe bent a little.
+        start: a `LimitCycle`, on which it begins; a `Motion`, at whose end; the angle theta(s) of
+            the bent pipe or coordinates, at rest; or a state [q, q'], shape (2 coordinates,). Where
+            not given, the pipe bent a little.
         duration: over which growth is measured, in T, after the transient.
         transient: time left out before, in which the motion finds its attractor and the difference
             its direction.
@@ -163,19 +177,15 @@ def exponent_from(
 
 def _started(model: Model, start: Any) -> Array:
     """[p, p'] of the argument start."""
-    if isinstance(start, Motion):
+    if isinstance(start, Motion | LimitCycle):
+        kind, at = ("motion", -1) if isinstance(start, Motion) else ("cycle", 0)
         if start.model is not model and start.q.shape[1] != model.coordinates:
             raise ValueError(
-                f"start must be a motion of the model, with {model.coordinates} coordinates, got "
+                f"start must be a {kind} of the model, with {model.coordinates} coordinates, got "
                 f"{start.q.shape[1]}"
             )
-        return np.array(model.start(start.q[-1], start.qdot[-1]))
-    if start is None:
-        start = _bend
-    try:
-        return np.array(model.start(model.bent(start) if callable(start) else start, None))
-    except (ValueError, TypeError) as error:
-        raise type(error)(str(error).replace("q0", "start", 1)) from error
+        return np.array(model.start(start.q[at], start.qdot[at]))
+    return state_of(model, "start", _bend if start is None else start, KINDS)
 
 
 def _bend(s: Array) -> Array:

@@ -35,7 +35,7 @@ METHODS = ("auto", *COMPILED, "DOP853", "Radau", "BDF", "LSODA")
 """Small letters: compiled; the others: `scipy.integrate.solve_ivp`'s, in Python."""
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
-"""Initial coordinates, or the angle theta(s) of the bent pipe."""
+"""The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
 
 CALLS, LEAST_STEP = 20_000, 2e-5
 """Right-hand sides after which a motion must have come further than this share of the time of its
@@ -162,7 +162,8 @@ def simulate(
         duration: in T, from 1e-12 to 1e9.
         q0: initial coordinates, shape (dof,), of an assembly angles (n,) or redundant coordinates
             (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths (p,) to (p,),
-            so that different models start alike.
+            so that different models start alike. A motion goes on with `motion.q[-1]` and
+            `motion.qdot[-1]`, a cycle with `cycle.q[0]` and `cycle.qdot[0]`.
         qdot0: initial rates, of the shape of q0; at rest where not given.
         samples: number of evenly spaced samples, both ends included, at least 2; where not given,
             40 a unit of time, of which flutter's cycle takes about a half, but at least 501.
@@ -236,6 +237,8 @@ def checked_task(
         at = _check.array("times", times, low=0.0, high=duration, longest=most)
         if np.any(np.diff(at) <= 0.0):
             raise ValueError("times must be strictly increasing")
+    if not callable(q0):
+        _check.numbers("q0", q0, "an angle theta(s) or coordinates")
     start = np.append(model.start(model.bent(q0) if callable(q0) else q0, qdot0), 0.0)
     rtol = _check.real("rtol", rtol, low=1e-13, high=0.1)
     if atol is None:
@@ -245,6 +248,30 @@ def checked_task(
     if method == "auto":
         method = choose_method(model, rtol)
     return Task(model, u, at, start, rtol, atol, method)
+
+
+def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
+    """[p, p'], shape (2 moving,), of a start that may be a state.
+
+    Args:
+        model: the model.
+        name: of the argument.
+        start: an angle theta(s) or coordinates, at rest, or a state [q, q'].
+        kinds: what the argument may be, for the message.
+    """
+    if callable(start):
+        return np.array(model.start(model.bent(start), None))
+    _check.numbers(name, start, kinds)
+    given = _check.array(name, start, low=-1e6, high=1e6)
+    sizes = sorted({model.moving, model.coordinates})
+    if given.size in sizes:
+        return np.array(model.start(given, None))
+    if given.size in [2 * size for size in sizes]:
+        return np.array(model.start(*np.split(given, 2)))
+    many = " or ".join(map(str, sizes))
+    raise ValueError(
+        f"{name} must have {many} entries, or for a state twice as many, got {given.size}"
+    )
 
 
 def _scale(task: Task) -> float:
