@@ -84,7 +84,7 @@ class Dice {
   Pipe pipe(bool aspirating) {
     return Pipe{.beta = between(0.01, 0.99),
                 .gamma = between(-20.0, 20.0),
-                .alpha = between(0.0, 2.0),
+                .centrifugal = between(0.0, 2.0),
                 .drag = 0.0,
                 .damping = between(0.0, 0.1),
                 .aspirating = aspirating};

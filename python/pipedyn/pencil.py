@@ -82,7 +82,7 @@ class Pencil(ABC):
         self.dof = model.dof
         self.is_damped = model.pipe.damping != 0.0 or model.resisted
         self.direction = -1.0 if self.pipe.flow == "aspirating" else 1.0
-        self.centrifugal = self.pipe.alpha if self.pipe.flow == "aspirating" else 1.0
+        self.centrifugal = self.pipe.centrifugal
 
     @abstractmethod
     def mass(self, x: Vectors) -> Vectors:
