@@ -625,7 +625,7 @@ void check_reduced_motion_of(const Model& model, const Pipe& pipe, Family family
   }
   model.jacobian(Vector::Zero(2 * m).eval().data(), 3.0, jacobian.data());
   const Operators ops = model.operators(Vector::Zero(m));
-  const Matrix stiffness = ops.stiffness + 9.0 * pipe.centrifugal() * ops.flux;
+  const Matrix stiffness = ops.stiffness + 9.0 * pipe.centrifugal * ops.flux;
   check_close(-ops.mass * jacobian.bottomLeftCorner(m, m), stiffness, 1e-9, "linear stiffness");
   const Matrix velocity = 3.0 * pipe.direction() * (ops.gyroscopic + ops.end_flux) + ops.damping;
   check_close(-ops.mass * jacobian.bottomRightCorner(m, m), velocity, 1e-9, "linear damping");
