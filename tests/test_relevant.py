@@ -106,6 +106,18 @@ def test_gravity_is_as_large_as_the_published_critical_speeds_say():
     assert found["gravity"].size == pytest.approx(1.0 - 5.591404 / 6.3398, abs=2e-5)
 
 
+def test_small_effects_are_as_large_as_the_sensitivity_of_the_onset_says():
+    """To the first order in gamma and delta, whose derivatives come from the pencil."""
+    pipe = pd.Pipe(0.3, gamma=1e-3, damping=1e-5)
+    found = pd.relevant(pipe, 5.0)
+    critical = pd.critical_speed(pd.Continuum(pipe))
+    for name, number in (("gravity", "gamma"), ("damping", "damping")):
+        slope = getattr(critical.sensitivity.speed, number)
+        expected = abs(slope) * getattr(pipe, number) / critical.speed
+        assert found[name].size == pytest.approx(expected, rel=1e-2)
+    assert found.negligible == ("damping", "gravity")
+
+
 def test_only_damping_keeps_an_aspirating_pipe_from_instability_at_the_smallest_flow():
     found = pd.relevant(pd.Pipe(0.2, flow="aspirating", alpha=0.5, damping=1e-3), 1.0)
     damping = found["damping"]
