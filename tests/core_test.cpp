@@ -195,7 +195,7 @@ void check_band(const Pipe& pipe, const Chain& chain, const Segments& segments,
     }
   }
   const Matrix damping = pipe.direction() * u * (dense.gyroscopic + dense.end_flux) + dense.damping;
-  const Matrix stiffness = dense.stiffness + pipe.centrifugal() * u * u * dense.flux;
+  const Matrix stiffness = dense.stiffness + pipe.centrifugal * u * u * dense.flux;
   const ComplexMatrix pencil = lambda * lambda * dense.mass + lambda * damping + stiffness;
   const ComplexMatrix moments = dice.matrix(n, 2);
   const ComplexMatrix angles = pencil.partialPivLu().solve(moments);
@@ -302,7 +302,7 @@ Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vec
     }
     lever(k, k) = xi[k] * l[k];
     force[k] += coriolis * l[k] * l[k] * rate[k];
-    force[k] += pipe.centrifugal() * u * u * l[k] * std::sin(angle[n - 1] - angle[k]);
+    force[k] += pipe.centrifugal * u * u * l[k] * std::sin(angle[n - 1] - angle[k]);
     force[k] += pipe.gamma * l[k] * (beyond + arm) * std::sin(angle[k]);
     const double turn = angle[k] - (k > 0 ? angle[k - 1] : 0.0);
     const double turning = rate[k] - (k > 0 ? rate[k - 1] : 0.0);
