@@ -371,12 +371,12 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   pipedyn::motion_kernel();  // a wrong PIPEDYN_VECTOR_LEVEL shows at import
 
   py::class_<Pipe>(m, "Pipe")
-      .def(py::init(
-               [](double beta, double gamma, double alpha, double drag, double damping,
-                  bool aspirating) { return Pipe{beta, gamma, alpha, drag, damping, aspirating}; }),
-           "beta"_a, "gamma"_a, "alpha"_a, "drag"_a, "damping"_a, "aspirating"_a)
-      .def_property_readonly("direction", &Pipe::direction)
-      .def_property_readonly("centrifugal", &Pipe::centrifugal);
+      .def(py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
+                       bool aspirating) {
+             return Pipe{beta, gamma, centrifugal, drag, damping, aspirating};
+           }),
+           "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a)
+      .def_property_readonly("direction", &Pipe::direction);
 
   py::class_<Operators>(m, "Operators")
       .def_readonly("mass", &Operators::mass)

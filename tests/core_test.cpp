@@ -84,7 +84,7 @@ class Dice {
   Pipe pipe(bool aspirating) {
     return Pipe{.beta = between(0.01, 0.99),
                 .gamma = between(-20.0, 20.0),
-                .alpha = between(0.0, 2.0),
+                .centrifugal = between(0.0, 2.0),
                 .drag = 0.0,
                 .damping = between(0.0, 0.1),
                 .aspirating = aspirating};
@@ -195,7 +195,7 @@ void check_band(const Pipe& pipe, const Chain& chain, const Segments& segments,
     }
   }
   const Matrix damping = pipe.direction() * u * (dense.gyroscopic + dense.end_flux) + dense.damping;
-  const Matrix stiffness = dense.stiffness + pipe.centrifugal() * u * u * dense.flux;
+  const Matrix stiffness = dense.stiffness + pipe.centrifugal * u * u * dense.flux;
   const ComplexMatrix pencil = lambda * lambda * dense.mass + lambda * damping + stiffness;
   const ComplexMatrix moments = dice.matrix(n, 2);
   const ComplexMatrix angles = pencil.partialPivLu().solve(moments);
@@ -302,7 +302,7 @@ Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vec
     }
     lever(k, k) = xi[k] * l[k];
     force[k] += coriolis * l[k] * l[k] * rate[k];
-    force[k] += pipe.centrifugal() * u * u * l[k] * std::sin(angle[n - 1] - angle[k]);
+    force[k] += pipe.centrifugal * u * u * l[k] * std::sin(angle[n - 1] - angle[k]);
     force[k] += pipe.gamma * l[k] * (beyond + arm) * std::sin(angle[k]);
     const double turn = angle[k] - (k > 0 ? angle[k - 1] : 0.0);
     const double turning = rate[k] - (k > 0 ? rate[k - 1] : 0.0);
@@ -625,7 +625,7 @@ void check_reduced_motion_of(const Model& model, const Pipe& pipe, Family family
   }
   model.jacobian(Vector::Zero(2 * m).eval().data(), 3.0, jacobian.data());
   const Operators ops = model.operators(Vector::Zero(m));
-  const Matrix stiffness = ops.stiffness + 9.0 * pipe.centrifugal() * ops.flux;
+  const Matrix stiffness = ops.stiffness + 9.0 * pipe.centrifugal * ops.flux;
   check_close(-ops.mass * jacobian.bottomLeftCorner(m, m), stiffness, 1e-9, "linear stiffness");
   const Matrix velocity = 3.0 * pipe.direction() * (ops.gyroscopic + ops.end_flux) + ops.damping;
   check_close(-ops.mass * jacobian.bottomRightCorner(m, m), velocity, 1e-9, "linear damping");

@@ -14,13 +14,40 @@ print(",".join({"matplotlib", "tqdm", "IPython"} & set(sys.modules)))
 """
 
 
-def test_importing_the_package_brings_neither_pictures_nor_progress_bars():
+FEATURES = """
+import sys
+import pipedyn as pd
+effects = {"gamma": 3.0, "drag": 1.0, "damping": 0.01}
+pipes = [pd.Pipe(0.2), *(pd.Pipe(0.2, **{name: value}) for name, value in effects.items())]
+pipes.append(pd.Pipe(0.2, flow="aspirating", alpha=0.5, **effects))
+for pipe in pipes:
+    for model in (pd.Chain(pipe, 3), pd.Galerkin(pipe, 3), pd.Galerkin(pipe, 3, "legendre")):
+        pd.simulate(model, 1.0, 0.1, [0.1, 0.0, 0.0])
+        model.operators()
+        pd.eigenvalues(model, 1.0)
+        pd.critical_speed(model)
+pd.relevant(pipe, 1.0, "frequencies", count=2)
+print(",".join(sorted({"matplotlib", "tqdm", "IPython", "mpmath", "sympy"} & set(sys.modules))))
+"""
+
+
+def printed_by(program):
+    """What a fresh interpreter prints, warnings being errors."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", PROGRAM], capture_output=True, text=True, check=False
+        [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == ""
     assert done.stderr == ""
+    return done.stdout.strip()
+
+
+def test_importing_the_package_brings_neither_pictures_nor_progress_bars():
+    assert printed_by(PROGRAM) == ""
+
+
+def test_no_effect_needs_an_optional_package():
+    """Each is used, and none of the optional packages nor matplotlib is imported on the way."""
+    assert printed_by(FEATURES) == ""
 
 
 def test_every_name_of_the_package_is_there_and_documented():

@@ -34,7 +34,12 @@ class Made:
             "drag_point": rng.uniform(0.0, 1.0, n),
         }
         pipe = _core.Pipe(
-            beta=0.3, gamma=4.0, alpha=alpha, drag=1.5, damping=0.01, aspirating=aspirating
+            beta=0.3,
+            gamma=4.0,
+            centrifugal=alpha if aspirating else 1.0,
+            drag=1.5,
+            damping=0.01,
+            aspirating=aspirating,
         )
         self.chain = _core.Chain(
             pipe, length=self.length, spring=self.spring, base=self.base, **segments

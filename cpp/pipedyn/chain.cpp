@@ -190,7 +190,7 @@ Chain::ComplexMatrix Chain::band(std::complex<double> lambda, double u) const {
   const Complex inertia = lambda * lambda;
   const Complex coriolis = pipe_.sqrt_beta() * pipe_.direction() * u * lambda;
   const Complex elastic = 1.0 + pipe_.damping * lambda;
-  const double thrust = pipe_.centrifugal() * u * u;
+  const double thrust = pipe_.centrifugal * u * u;
   ComplexMatrix band = ComplexMatrix::Zero(3 * band_width + 1, 4 * n);
   const auto at = [&band](Index row, Index column) -> Complex& {
     return band(2 * band_width + row - column, column);
@@ -232,7 +232,7 @@ MotionModel Chain::motion() const {
           .gravity = pipe_.gamma,
           .damping = pipe_.damping,
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
-          .centrifugal = pipe_.centrifugal(),
+          .centrifugal = pipe_.centrifugal,
           .drag = pipe_.drag != 0.0};
 }
 

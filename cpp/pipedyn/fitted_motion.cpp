@@ -85,7 +85,7 @@ void set_loads(const PanelGrid& grid, const Pipe& pipe, double u, const Vector& 
     load_x[end] += stiffness[panel] * acceleration(end, 2);
   }
   const Index last = grid.points() - 1;
-  const double thrust = pipe.centrifugal() * u * u;
+  const double thrust = pipe.centrifugal * u * u;
   load_x[last] += thrust * s[last];
   load_y[last] += thrust * c[last];
 }
@@ -313,7 +313,7 @@ void FittedMotion::power(const Batch& batch, const PowerParts& out) const {
     const auto end = frame.velocity.row(last);
     const double along = frame.sine[last] * end[0] + frame.cosine[last] * end[1];
     out.flow[k] = -pipe_.direction() * pipe_.sqrt_beta() * u * end.squaredNorm() -
-                  pipe_.centrifugal() * u * u * along;
+                  pipe_.centrifugal * u * u * along;
     out.joints[k] = -pipe_.damping * elastic_.dot(rate.cwiseAbs2());
     out.drag[k] = 0.0;
     if (pipe_.drag != 0.0) {
@@ -331,7 +331,7 @@ void FittedMotion::jacobian(const double* y, double u, double* out) const {
   const Matrix& slope = grid.slope();
   const auto w = grid.weight().array();
   const double coriolis = 2.0 * pipe_.direction() * pipe_.sqrt_beta() * u;
-  const double thrust = pipe_.centrifugal() * u * u;
+  const double thrust = pipe_.centrifugal * u * u;
   const bool drags = pipe_.drag != 0.0;
 
   Vector acceleration;

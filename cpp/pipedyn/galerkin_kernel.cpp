@@ -251,7 +251,8 @@ struct Block {
   const Count half = points / 2, middle = half - 1;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
-  // then y; acceleration at q'' = 0; velocity. Energy and power take the velocity alone.
+  // then y; acceleration at q'' = 0; velocity, where it drags. Energy and power take the velocity
+  // alone.
   const Count bias = 2 * padded;
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
   double *sums, *moments;                 // rows of columns: see GridTables
@@ -359,22 +360,25 @@ struct Block {
     set(sums + (half + p) * row, column, Real(here - mirrored));
   }
 
-  /// Velocity's integrand n theta', and where `accelerating` -t theta'^2 in the two columns before.
-  template <bool accelerating>
-  void fold_motion(Count row, Count first) {
+  /// Into the two columns from first: the integrand n theta' of the velocity.
+  void fold_velocity(Count row, Count first) {
     for (Count p = 0; p < half; ++p) {
       const Count other = nodes - 1 - p;
       const Real w = at<Real>(omega, p), w_other = p < middle ? at<Real>(omega, other) : Real{};
-      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
-      const Real c_other = at<Real>(cosine, other), s_other = at<Real>(sine, other);
-      Count column = first;
-      if constexpr (accelerating) {
-        const Real square = w * w, square_other = w_other * w_other;
-        fold(row, column++, p, -s * square, -s_other * square_other);
-        fold(row, column++, p, -c * square, -c_other * square_other);
-      }
-      fold(row, column++, p, c * w, c_other * w_other);
-      fold(row, column, p, -s * w, -s_other * w_other);
+      fold(row, first, p, at<Real>(cosine, p) * w, at<Real>(cosine, other) * w_other);
+      fold(row, first + 1, p, -at<Real>(sine, p) * w, -at<Real>(sine, other) * w_other);
+    }
+  }
+
+  /// The same of the acceleration at q'' = 0, -t theta'^2.
+  void fold_acceleration(Count row, Count first) {
+    for (Count p = 0; p < half; ++p) {
+      const Count other = nodes - 1 - p;
+      const Real w = at<Real>(omega, p), w_other = p < middle ? at<Real>(omega, other) : Real{};
+      const Real square = w * w, square_other = w_other * w_other;
+      fold(row, first, p, -at<Real>(sine, p) * square, -at<Real>(sine, other) * square_other);
+      fold(row, first + 1, p, -at<Real>(cosine, p) * square,
+           -at<Real>(cosine, other) * square_other);
     }
   }
 
@@ -572,10 +576,12 @@ struct Block {
   }
 
   void accelerations(const Batch& batch, double* out) {
-    const Count row = row_length(bias + 4);
+    const bool drags = effects.drag != 0.0;
+    const Count row = row_length(drags ? bias + 4 : bias + 2);
     angles(batch.y);
     fold_slopes(row);
-    fold_motion<true>(row, bias);
+    fold_acceleration(row, bias);
+    if (drags) fold_velocity(row, bias + 2);
     integrate_folded(grid, row, sums, moments);
     forces(batch.y, load<Real>(batch.u), row);
     gram(row);
@@ -588,7 +594,7 @@ struct Block {
     const Count row = row_length(2);
     angles(batch.y);
     for (Count i = 0; i < points * row; ++i) sums[i] = 0.0;
-    fold_motion<false>(row, 0);
+    fold_velocity(row, 0);
     integrate_folded(grid, row, sums, moments);
     return row;
   }

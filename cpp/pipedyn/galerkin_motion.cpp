@@ -143,7 +143,7 @@ GalerkinMotion::GalerkinMotion(const Pipe& pipe, Basis basis, Index least_nodes)
 
 MotionEffects GalerkinMotion::effects() const {
   return {.coriolis = 2.0 * pipe_.direction() * pipe_.sqrt_beta(),
-          .centrifugal = pipe_.centrifugal(),
+          .centrifugal = pipe_.centrifugal,
           .gamma = pipe_.gamma,
           .drag = pipe_.drag,
           .damping = pipe_.damping};

@@ -80,7 +80,7 @@ Enforcement Scene::assemble(const Pipe& pipe, const Modules& given) {
     flow.segments = n;
     flow.last_length = length[n - 1];
     flow.sqrt_beta = pipe.sqrt_beta();
-    flow.centrifugal = pipe.centrifugal();
+    flow.centrifugal = pipe.centrifugal;
   }
   inertias.emplace_back().matrix = given.inertia;
 

@@ -57,11 +57,15 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Powe
       model, sweep,
       [&](Count j, const Real&, const Real& across, const Real& w) {
         const Link& link = model.links[j];
-        const Real turning = w - rate_before;
-        const Real v = across + link.drag_arm * w;
-        joints -= model.damping * link.spring * (turning * turning);
-        drag -= link.drag * (absolute(v) * (v * v));
-        rate_before = w;
+        if (model.damping != 0.0) {
+          const Real turning = w - rate_before;
+          joints -= model.damping * link.spring * (turning * turning);
+          rate_before = w;
+        }
+        if (model.drag) {
+          const Real v = across + link.drag_arm * w;
+          drag -= link.drag * (absolute(v) * (v * v));
+        }
       },
       vt, vn);
   const Real u = members.speed();

@@ -12,18 +12,16 @@ using Vector = Eigen::VectorXd;
 
 /// The nondimensional numbers a pipe is; length, mass per length and bending stiffness are 1.
 struct Pipe {
-  double beta = 0.0;        // fluid's share of the mass, 0 <= beta < 1
-  double gamma = 0.0;       // gravity, negative with the free end above the clamp
-  double alpha = 1.0;       // inlet coefficient, used by the aspirating pipe only
-  double drag = 0.0;        // kappa, quadratic drag
-  double damping = 0.0;     // delta, Kelvin-Voigt damping
-  bool aspirating = false;  // flow enters at the free end
+  double beta = 0.0;         // fluid's share of the mass, 0 <= beta < 1
+  double gamma = 0.0;        // gravity, negative with the free end above the clamp
+  double centrifugal = 1.0;  // a: factor of u^2 in the centrifugal term
+  double drag = 0.0;         // kappa, quadratic drag
+  double damping = 0.0;      // delta, Kelvin-Voigt damping
+  bool aspirating = false;   // flow enters at the free end
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// s: U = s u is the flow speed counted towards the free end.
   double direction() const { return aspirating ? -1.0 : 1.0; }
-  /// a: factor of u^2 in the centrifugal term.
-  double centrifugal() const { return aspirating ? alpha : 1.0; }
 };
 
 /// Linear operators about the straight pipe at rest, each (dof, dof):

@@ -26,6 +26,7 @@ from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_l
 from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.motion import Motion, MotionStopped, simulate
 from pipedyn.pipe import Pipe, Scales, inlet_coefficient
+from pipedyn.relevant import Effect, Relevance, relevant
 from pipedyn.sections import Ended
 from pipedyn.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.stability import Failure, StabilityCurve, stability_curve
@@ -43,6 +44,7 @@ __all__ = [
     "CycleBranch",
     "CycleEvent",
     "Derivatives",
+    "Effect",
     "Ended",
     "Ensemble",
     "Equilibria",
@@ -67,6 +69,7 @@ __all__ = [
     "Pipe",
     "PipedynError",
     "Power",
+    "Relevance",
     "RootLoci",
     "Scales",
     "Sensitivity",
@@ -84,6 +87,7 @@ __all__ = [
     "lyapunov_exponent",
     "modes",
     "modular",
+    "relevant",
     "root_loci",
     "simulate",
     "simulate_many",

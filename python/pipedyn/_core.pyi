@@ -30,13 +30,11 @@ class Pipe:
         self,
         beta: typing.SupportsFloat | typing.SupportsIndex,
         gamma: typing.SupportsFloat | typing.SupportsIndex,
-        alpha: typing.SupportsFloat | typing.SupportsIndex,
+        centrifugal: typing.SupportsFloat | typing.SupportsIndex,
         drag: typing.SupportsFloat | typing.SupportsIndex,
         damping: typing.SupportsFloat | typing.SupportsIndex,
         aspirating: bool,
     ) -> None: ...
-    @property
-    def centrifugal(self) -> float: ...
     @property
     def direction(self) -> float: ...
 

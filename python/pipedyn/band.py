@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from pipedyn.effort import factorised
+
 Rows = NDArray[Any]
 
 
@@ -24,6 +26,7 @@ def band_solver(band: Rows, below: int, above: int) -> Callable[[Rows, bool], Ro
         below: number of diagonals below the main one.
         above: number above.
     """
+    factorised()
     real = not np.iscomplexobj(band)
     factorise, substitute = (
         (lapack.dgbtrf, lapack.dgbtrs) if real else (lapack.zgbtrf, lapack.zgbtrs)

@@ -199,7 +199,7 @@ def _search(
     model: AnyModel, max_speed: float, until: Callable[[Passage], bool] | None = None
 ) -> _Search:
     pipe = model.pipe
-    if pipe.beta == 0.0 and pipe.flow == "aspirating" and pipe.alpha == 0.0:
+    if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
         return _Search(model, (), 0)  # the flow acts on nothing
     if not is_faint(pipe) or (isinstance(model, Model) and model.resisted):
         return _search_once(model, max_speed, until)

@@ -23,7 +23,7 @@ from pipedyn._check import Array
 from pipedyn.arclength import Lost, Path, Point, solve
 from pipedyn.blas import one_thread
 from pipedyn.modal import LARGEST_SPEED
-from pipedyn.model import Model, NotConverged, Operators, PipedynError, core_pipe
+from pipedyn.model import Model, NotConverged, Operators, PipedynError
 from pipedyn.modular.assembly import Assembly
 from pipedyn.motion import Start, checked_model_in_motion
 
@@ -323,7 +323,7 @@ class Rest:
         basis = self.basis(x)
         along = turning if basis is None else basis.T @ turning
         pipe = self.model.pipe
-        size = 1.0 + abs(pipe.gamma) + core_pipe(pipe).centrifugal * u**2
+        size = 1.0 + abs(pipe.gamma) + pipe.centrifugal * u**2
         return float(np.abs(self.operators(x).mass @ along).max()) / size + missed
 
     def eigenvalues(self, x: Array, u: float) -> NDArray[np.complex128]:

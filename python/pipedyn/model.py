@@ -112,11 +112,10 @@ class Power:
 
 def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
     """The core's matrices with the pipe's two flow factors."""
-    numbers = core_pipe(pipe)
     return Operators(
         *(core.mass, core.gyroscopic, core.end_flux),
         *(core.damping, core.stiffness, core.flux),
-        *(numbers.direction, numbers.centrifugal),
+        *(core_pipe(pipe).direction, pipe.centrifugal),
     )
 
 
@@ -125,7 +124,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
     return _core.Pipe(
         beta=pipe.beta,
         gamma=pipe.gamma,
-        alpha=pipe.alpha,
+        centrifugal=pipe.centrifugal,
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",

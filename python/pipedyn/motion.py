@@ -23,6 +23,7 @@ from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
+from pipedyn.effort import evaluated
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, PipedynError
 from pipedyn.progress import track
@@ -365,6 +366,8 @@ def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
             raise cause from None
         else:
             why = "the state left finite numbers" if count.overflowed else str(stopped)
+    states = task.start[0].size
+    evaluated(states * (count.calls + count.jacobians))
     return np.array(rows).reshape(-1, *task.start.shape), count.calls, why
 
 

@@ -22,6 +22,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 from pipedyn._check import Array
 from pipedyn.band import band_solver
 from pipedyn.chain import Chain
+from pipedyn.effort import factorised
 from pipedyn.model import Model
 from pipedyn.modular import Assembly
 
@@ -81,7 +82,7 @@ class Pencil(ABC):
         self.dof = model.dof
         self.is_damped = model.pipe.damping != 0.0 or model.resisted
         self.direction = -1.0 if self.pipe.flow == "aspirating" else 1.0
-        self.centrifugal = self.pipe.alpha if self.pipe.flow == "aspirating" else 1.0
+        self.centrifugal = self.pipe.centrifugal
 
     @abstractmethod
     def mass(self, x: Vectors) -> Vectors:
@@ -316,6 +317,7 @@ class DensePencil(Pencil):
         velocity, stiffness = self.matrices(u)
         matrix = value**2 * self.M + value * velocity + stiffness
         lu, pivots, _ = lapack.zgetrf(matrix.astype(np.complex128))
+        factorised()
         exact = np.flatnonzero(np.diag(lu) == 0.0)  # singular: LU of one that differs in rounding
         lu[exact, exact] = np.finfo(float).eps
 
@@ -330,6 +332,7 @@ class DensePencil(Pencil):
         damped, stiffness = self.matrices(u)
         shifted = shift**2 * self.M + shift * damped + stiffness
         lu, pivots, singular = lapack.dgetrf(shifted)
+        factorised()
         if singular:
             return None
         if free:
@@ -341,6 +344,7 @@ class DensePencil(Pencil):
             step[n:, :n] = np.eye(n)
         if not np.isfinite(step).all():
             return None
+        factorised()  # the eigenvalue problem
         if not left:
             mu, vectors = np.linalg.eig(step)
             return mu.astype(np.complex128), vectors[:n].astype(np.complex128), None

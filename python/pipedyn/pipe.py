@@ -185,6 +185,11 @@ class Pipe:
             scales=Scales(*scales),
         )
 
+    @property
+    def centrifugal(self) -> float:
+        """a, the factor of u^2 in the centrifugal term: 1 ejecting, alpha aspirating."""
+        return self.alpha if self.flow == "aspirating" else 1.0
+
     def __repr__(self) -> str:
         parts = [f"beta={self.beta:.12g}"]
         for item in fields(self)[1:-1]:

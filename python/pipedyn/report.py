@@ -16,7 +16,7 @@ from pipedyn.modal import RootLoci
 from pipedyn.paper import CHAIN_LADDER, REDUCED_LADDER, Case, Findings, Row, map_top
 from pipedyn.pipe import Pipe
 from pipedyn.stability import StabilityCurve
-from pipedyn.trade import trend
+from pipedyn.trend import trend
 
 
 def draw(case: Case, findings: Findings) -> dict[str, plot.Figure]:

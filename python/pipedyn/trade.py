@@ -1,97 +1,301 @@
 # SPDX-License-Identifier: MIT
-"""How the error of a model falls as it grows."""
+"""Error against cost, measured: chains and reduced models of growing size against one reference."""
 
 from __future__ import annotations
 
+import csv
+import html
+import io
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Literal
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from pipedyn._check import Array
-from pipedyn.critical import CriticalSpeed
+from pipedyn import _check
+from pipedyn.effort import counted
+from pipedyn.families import Family, checked_families
+from pipedyn.model import checked_pipe
+from pipedyn.pipe import Pipe
+from pipedyn.progress import track
+from pipedyn.quantity import Answer, Quantity, Reference, checked_quantity
+from pipedyn.trend import Trend, law_of
+
+SHARPER = 10.0
+"""By how much a reference must be sharper than an error that is held against it."""
+
+STALLED = 0.8
+"""Least share by which the error of some larger model must be smaller: else it falls no more."""
+
+LONGEST = 20.0
+"""Seconds after which a measurement is not repeated."""
+
+DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "beam", "legendre")
+"""Families that are measured where none are named."""
 
 
 @dataclass(frozen=True)
-class Trend:
-    """How the error of a family's critical speed falls as its models grow.
+class TradeRow:
+    """One model, or pair of models, measured.
 
     Attributes:
-        law: "power" (error ~ size^-rate), "exponential" (error ~ rate^-size), "flat" (it ends at
-            `limit`), or "unknown" (no law fits, or too few sizes).
-        rate: order, or factor by which the error falls with each degree of freedom; NaN for the
-            other laws.
-        limit: for "flat" the signed relative error at infinite size, extrapolated; else NaN.
-        spread: by how much the limit moves without the smallest of the sizes; else NaN.
-        sizes: the sizes used, shape (k,).
+        family: its name.
+        size: segments or functions; of a pair those of the smaller.
+        dof: degrees of freedom; of a pair the sum.
+        error: of the answer, relative, as measured against the reference; NaN where it failed.
+        resolved: whether the reference is sharp enough to tell it, by a factor of ten.
+        seconds: least time of an answer from models freshly made.
+        spread: the longest of the repeated times beside the least, less 1.
+        right_hand_sides, factorisations: counts of one answer.
+        failure: what was raised, None where all went well.
     """
 
-    law: Literal["power", "exponential", "flat", "unknown"]
-    rate: float
-    limit: float
+    family: str
+    size: int
+    dof: int
+    error: float
+    resolved: bool
+    seconds: float
     spread: float
-    sizes: Array
+    right_hand_sides: int
+    factorisations: int
+    failure: Exception | None = field(default=None, repr=False)
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """What tables show of it."""
+        bound = "" if self.resolved or math.isnan(self.error) else "<"
+        return (
+            self.family,
+            str(self.size),
+            str(self.dof),
+            "failed" if self.failure is not None else f"{bound}{self.error:.2e}",
+            f"{self.seconds:.2e}",
+            f"{100.0 * self.spread:.0f} %",
+            str(self.right_hand_sides),
+            str(self.factorisations),
+        )
 
 
-def relative_errors(
-    found: Iterable[CriticalSpeed], exact: CriticalSpeed
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Sizes, signed errors of the speed relative to the exact, and whether alike in kind."""
-    results = sorted(found, key=lambda result: result.size)
-    sizes = np.array([result.size for result in results], dtype=np.float64)
-    speeds = np.array([result.speed for result in results])
-    alike = np.array([result.kind == exact.kind for result in results], dtype=np.bool_)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return sizes, (speeds - exact.speed) / exact.speed, alike
+HEADINGS = ("family", "size", "dof", "error", "seconds", "spread", "rhs", "factorisations")
 
 
-def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
-    """Order of convergence, or what is left at infinite size; rounding is not fitted.
+@dataclass(frozen=True)
+class Trade:
+    """Error against cost of models of one pipe for one quantity.
+
+    Attributes:
+        pipe: the pipe.
+        quantity: what was asked, with its conditions.
+        reference: which model gave the reference, and a bound on its error, relative.
+        rows: one for each model, family after family, by size.
+    """
+
+    pipe: Pipe
+    quantity: Quantity
+    reference: Reference
+    rows: tuple[TradeRow, ...] = field(repr=False)
+
+    def of(self, family: str) -> tuple[TradeRow, ...]:
+        """The rows of one family."""
+        return tuple(row for row in self.rows if row.family == family)
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Names of the families measured."""
+        return tuple(dict.fromkeys(row.family for row in self.rows))
+
+    @property
+    def failures(self) -> tuple[TradeRow, ...]:
+        """The rows that failed."""
+        return tuple(row for row in self.rows if row.failure is not None)
+
+    def pareto(self, cost: str = "seconds") -> tuple[TradeRow, ...]:
+        """The rows that no other beats in both error and cost, the cheapest first.
+
+        Args:
+            cost: "seconds", "dof", "right_hand_sides" or "factorisations".
+        """
+        cost = _check.choice("cost", cost, COSTS)
+        good = [row for row in self.rows if math.isfinite(row.error)]
+        front: list[TradeRow] = []
+        for row in sorted(good, key=lambda row: (getattr(row, cost), row.error)):
+            if not front or row.error < front[-1].error:
+                front.append(row)
+        return tuple(front)
+
+    def orders(self) -> dict[str, Trend]:
+        """The law of each family's errors, fitted down to where they stop to fall."""
+        return {family: self._order(family) for family in self.families}
+
+    def _order(self, family: str) -> Trend:
+        rows = [row for row in self.of(family) if row.resolved and row.error > 0.0]
+        errors = np.array([row.error for row in rows])
+        sizes = np.array([float(row.size) for row in rows])
+        for i in range(2, len(rows)):  # rounding, or the integrator's tolerance
+            if errors[i:].min() > STALLED * errors[i - 1]:
+                return law_of(sizes[: i - 1], errors[: i - 1])
+        return law_of(sizes, errors)
+
+    def __str__(self) -> str:
+        table = [HEADINGS, *(row.cells for row in self.rows)]
+        widths = [max(len(cells[i]) for cells in table) for i in range(len(HEADINGS))]
+        lines = [self._title()]
+        for cells in table:
+            first = cells[0].ljust(widths[0])
+            others = (cell.rjust(width) for cell, width in zip(cells[1:], widths[1:], strict=True))
+            lines.append("  ".join([first, *others]))
+        return "\n".join(lines)
+
+    def _title(self) -> str:
+        return (
+            f"{self.quantity} of {self.pipe}\n"
+            f"reference: {self.reference.source}, error below {self.reference.error:.1e}"
+        )
+
+    def _repr_html_(self) -> str:
+        def line(cells: Iterable[str], tag: str) -> str:
+            return "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells)
+
+        title = html.escape(self._title()).replace("\n", "<br>")
+        body = "".join(f"<tr>{line(row.cells, 'td')}</tr>" for row in self.rows)
+        return (
+            f"<table><caption>{title}</caption><thead><tr>{line(HEADINGS, 'th')}</tr></thead>"
+            f"<tbody>{body}</tbody></table>"
+        )
+
+    def to_csv(self, path: str | PathLike[str] | None = None) -> str:
+        """The rows as comma-separated values.
+
+        Args:
+            path: a file to write them to.
+
+        Returns:
+            The text.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        names = ("family", "size", "dof", "error", "resolved", *COSTS[:1], "spread", *COSTS[2:])
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([*names, "failure"])
+        for row in self.rows:
+            told = "" if row.failure is None else str(row.failure)
+            writer.writerow([*(getattr(row, name) for name in names), told])
+        if path is not None:
+            with open(path, "w", encoding="utf-8", newline="") as file:
+                file.write(text.getvalue())
+        return text.getvalue()
+
+
+COSTS = ("seconds", "dof", "right_hand_sides", "factorisations")
+
+
+def trade(
+    pipe: Pipe,
+    quantity: str,
+    *,
+    families: Any = None,
+    sizes: Mapping[str, ArrayLike] | ArrayLike | None = None,
+    repeats: int = 3,
+    progress: bool = False,
+    **conditions: Any,
+) -> Trade:
+    """Error against cost for chains and reduced models of growing size.
 
     Args:
-        found: critical speeds of models of one family.
-        exact: that of the continuous pipe.
+        pipe: the pipe.
+        quantity: what is asked of it, and its conditions as further arguments:
+            "critical_speed" (max_speed=100: the lowest passage that destabilises),
+            "frequencies" (u=0, count=4: eigenvalues of the lowest modes),
+            "root_loci" (speeds, count=4: branches of eigenvalues),
+            "motion" (u, duration, start=theta(s), samples=201, rtol=1e-8: the free end's path),
+            "limit_cycle" (u, rtol=1e-8: amplitude and frequency).
+        families: what is measured: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
+            "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
+            and 2 n ("consistent pair", ...), or "chain", "reduced" or "pair" for all of a kind.
+        sizes: segments or functions, increasing; for all families or by their names.
+        repeats: how often each answer is timed; the least counts.
+        progress: show progress on stderr.
+        **conditions: of the quantity.
+
+    Returns:
+        Trade; a model that fails, or is too small for the quantity, is a row that says so.
+
+    Raises:
+        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer.
+        ValueError, TypeError: for bad arguments.
     """
-    sizes, errors, alike = relative_errors(found, exact)
-    good = alike & np.isfinite(errors)
-    good[good] &= np.abs(errors[good]) > 30.0 * own_error(found, exact)
-    sizes, errors = sizes[good], errors[good]
-    if sizes.size < 4:
-        return Trend("unknown", math.nan, math.nan, math.nan, sizes)
-    # An error that lasts: c_0 of c_0 + c_1 / n + c_2 / n^2 + ..., if it stands still.
-    count = min(5, sizes.size)
-    limits = [_at_infinity(sizes[-k:], errors[-k:]) for k in (count, count - 1)]
-    spread = abs(limits[0] - limits[1])
-    if abs(limits[0]) > max(0.3 * abs(errors[-1]), 5.0 * spread):
-        return Trend("flat", math.nan, limits[0], spread, sizes[-5:])
-    last = sizes >= min(sizes[-1] / 2.0, sizes[-4])
-    sizes, logs = sizes[last], np.log(np.abs(errors[last]))
-    power, power_misfit = _line(np.log(sizes), logs)
-    exponential, misfit = _line(sizes, logs)
-    if min(power_misfit, misfit) > 0.1 * float(np.ptp(logs)):
-        return Trend("unknown", math.nan, math.nan, math.nan, sizes)
-    if misfit < power_misfit and exponential < -math.log(2.0):
-        return Trend("exponential", math.exp(-exponential), math.nan, math.nan, sizes)
-    return Trend("power", -power, math.nan, math.nan, sizes)
+    pipe = checked_pipe(pipe)
+    asked = checked_quantity(quantity, conditions).prepared(pipe)
+    chosen = checked_families("families", families, DEFAULT)
+    every = [(family, size) for family in chosen for size in _sizes(sizes, family, asked.least)]
+    repeats = _check.count("repeats", repeats, high=1000)
+    shown = _check.flag("progress", progress)
+    reference = asked.reference(pipe, 1e-12)
+    rows = [
+        measured(pipe, asked, family, size, reference, repeats)
+        for family, size in track(every, len(every), "models", shown)
+    ]
+    return Trade(pipe, asked, reference, tuple(rows))
 
 
-def own_error(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
-    """Relative error that the speeds compared have of their own."""
-    own = max((result.error for result in found), default=0.0)
-    eps = float(np.finfo(float).eps)
-    return (exact.error + own) / exact.speed + eps if exact.speed > 0.0 else eps
+def _sizes(given: Any, family: Family, least: int) -> tuple[int, ...]:
+    if isinstance(given, Mapping):
+        checked_families("sizes", tuple(given), ())
+        given = given.get(family.name)
+    if given is None:
+        return tuple(size for size in family.sizes if size >= least)
+    raw = _check.numbers("sizes", given, "whole numbers", kinds="iu", longest=1000)
+    if raw.ndim != 1 or raw.size == 0 or np.any(np.diff(raw) <= 0) or raw[0] < 1:
+        raise ValueError(f"sizes must be whole numbers from 1 on, increasing, got {given!r}")
+    return tuple(int(size) for size in raw)
 
 
-def _at_infinity(sizes: Array, errors: Array) -> float:
-    """c_0 of errors c_0 + c_1 / n + c_2 / n^2 + ..., as many terms as sizes."""
-    powers = (1.0 / sizes)[:, None] ** np.arange(sizes.size)
-    return float(np.linalg.solve(powers, errors)[0])
+def measured(
+    pipe: Pipe,
+    quantity: Quantity,
+    family: Family,
+    size: int,
+    reference: Reference,
+    repeats: int,
+) -> TradeRow:
+    """One model's error and cost."""
+    times: list[float] = []
+    dof = 0
+    try:
+        while len(times) < repeats and sum(times) < LONGEST:
+            models = family.models(pipe, size)
+            dof = sum(model.dof for model in models)
+            if models[0].dof < quantity.least:
+                raise ValueError(f"size must be at least {quantity.least} for it, got {size}")
+            with counted() as effort:
+                start = time.perf_counter()
+                answers = [quantity.answer(model) for model in models]
+                answer = _one(quantity, answers, family)
+                times.append(time.perf_counter() - start)
+    except Exception as failure:
+        return TradeRow(family.name, size, dof, math.nan, False, math.nan, math.nan, 0, 0, failure)
+    error = quantity.distance(answer, reference.answer)
+    return TradeRow(
+        family=family.name,
+        size=size,
+        dof=dof,
+        error=max(error, reference.error) if error < SHARPER * reference.error else error,
+        resolved=error >= SHARPER * reference.error,
+        seconds=min(times),
+        spread=max(times) / min(times) - 1.0,
+        right_hand_sides=effort.right_hand_sides,
+        factorisations=effort.factorisations,
+    )
 
 
-def _line(x: Array, y: Array) -> tuple[float, float]:
-    """Slope and root mean square misfit of a straight line."""
-    slope, start = np.polyfit(x, y, 1)
-    return float(slope), float(np.sqrt(np.mean((start + slope * x - y) ** 2)))
+def _one(quantity: Quantity, answers: list[Answer], family: Family) -> Answer:
+    if not family.paired:
+        return answers[0]
+    return quantity.extrapolated(answers[0], answers[1], 0.5 * family.order)

@@ -21,7 +21,6 @@ from pipedyn.model import (
     Operators,
     arc_lengths,
     checked_pipe,
-    core_pipe,
 )
 from pipedyn.modular.custom import CustomForce, extra_forces
 from pipedyn.modular.derivatives import acceleration_jacobian, matrix, scene_matrices
@@ -337,7 +336,7 @@ class Assembly(Model):
         if given.size == self.coordinates:
             given = np.cumsum(given[2::3])
         theta = self.closed(given)
-        size = 1.0 + abs(self._pipe.gamma) + core_pipe(self._pipe).centrifugal * u**2
+        size = 1.0 + abs(self._pipe.gamma) + self._pipe.centrifugal * u**2
         last = math.inf
         for _ in range(100):
             linear = self._linear_about(theta)

@@ -36,7 +36,7 @@ def scene_matrices(
     core: _core.Scene, pipe: Pipe, layout: Layout, customs: Sequence[CustomForce], q: Array
 ) -> SceneMatrices:
     """What all modules are to small motions about redundant coordinates q at rest."""
-    size, numbers, operators = core.coordinates, core_pipe(pipe), core.operators()
+    size, operators = core.coordinates, core.operators()
     names = ("mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux")
     made = {name: matrix(operators[name], size, size) for name in names}
     zero = np.zeros(size)
@@ -57,8 +57,8 @@ def scene_matrices(
         springs=layout.springs,
         force=force,
         thrust=thrust,
-        direction=numbers.direction,
-        centrifugal=numbers.centrifugal,
+        direction=core_pipe(pipe).direction,
+        centrifugal=pipe.centrifugal,
     )
 
 

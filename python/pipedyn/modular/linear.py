@@ -30,6 +30,7 @@ from scipy.sparse.linalg import splu
 
 from pipedyn._check import Array
 from pipedyn.band import Rows, band_solver
+from pipedyn.effort import factorised
 
 Entries = list[tuple[NDArray[np.intp], NDArray[np.intp], Array]]
 """Rows, columns and values of a sparse matrix, in parts; what meets adds up."""
@@ -371,6 +372,7 @@ def factored(
         band[below + above + row - column, column] = data
         return band_solver(band, below, above)
     matrix = sparse.csc_array((data, (row, column)), shape=(size, size))
+    factorised()
     try:
         factors = splu(matrix)
     except RuntimeError:  # exactly singular

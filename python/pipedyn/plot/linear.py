@@ -37,7 +37,7 @@ from pipedyn.plot.look import (
     check_type,
     notice,
 )
-from pipedyn.trade import Trend, own_error, relative_errors, trend
+from pipedyn.trend import Trend, own_error, relative_errors, trend
 
 NEUTRAL = 1e-9
 """Real parts up to this are rounding of undamped motion."""

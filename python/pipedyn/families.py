@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: MIT
+"""Families of models of one pipe, each growing with a size, and how their errors fall."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from pipedyn import _check
+from pipedyn.chain import Chain
+from pipedyn.galerkin import Galerkin
+from pipedyn.model import Model
+from pipedyn.pipe import Pipe
+
+
+@dataclass(frozen=True)
+class Family:
+    """Models of one kind and growing size.
+
+    Attributes:
+        name: a spring rule, a basis, or a spring rule and "pair".
+        make: the model of a pipe and a size.
+        order: of the error, n^-order; infinite where it falls exponentially, 0 where it stays.
+        sizes: that a measurement of the whole family takes.
+        paired: whether the answer is extrapolated from the models of one and of twice the size.
+    """
+
+    name: str
+    make: Callable[[Pipe, int], Model]
+    order: float
+    sizes: tuple[int, ...]
+    paired: bool = False
+
+    def models(self, pipe: Pipe, size: int) -> tuple[Model, ...]:
+        """One model, or two, the second of twice the size."""
+        members = (size, 2 * size) if self.paired else (size,)
+        return tuple(self.make(pipe, member) for member in members)
+
+
+def _chain(rule: str, pipe: Pipe, n: int) -> Model:
+    return Chain(pipe, n, springs=rule)
+
+
+def _reduced(basis: str, pipe: Pipe, m: int) -> Model:
+    return Galerkin(pipe, m, basis)
+
+
+RULES = {"consistent": 2.0, "midpoint": 2.0, "rayleigh": 0.0, "uniform": 1.0, "frequency": 1.0}
+"""Spring rules and the order of their errors; the paper's tends to another limit."""
+
+DOUBLED = (2, 4, 8, 16, 32, 64)
+
+FAMILIES: dict[str, Family] = {
+    family.name: family
+    for family in (
+        *(Family(rule, partial(_chain, rule), RULES[rule], DOUBLED) for rule in RULES),
+        *(
+            Family(f"{rule} pair", partial(_chain, rule), 2.0 * order, DOUBLED[:-1], paired=True)
+            for rule, order in RULES.items()
+            if order
+        ),
+        Family("beam", partial(_reduced, "beam"), 4.0, (2, 3, 4, 6, 8, 12, 16, 24)),
+        Family("legendre", partial(_reduced, "legendre"), float("inf"), (2, 4, 6, 8, 10, 12, 16)),
+    )
+}
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "chain": tuple(RULES),
+    "pair": tuple(name for name in FAMILIES if name.endswith("pair")),
+    "reduced": ("beam", "legendre"),
+}
+"""Words for several families."""
+
+
+def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[Family, ...]:
+    """Families by their names or the words for several, each once.
+
+    Args:
+        name: of the argument.
+        given: a word, words or None.
+        default: where None is given.
+
+    Raises:
+        ValueError, TypeError: for what is no such word.
+    """
+    words = default if given is None else [given] if isinstance(given, str) else given
+    if isinstance(words, dict) or not hasattr(words, "__iter__"):
+        raise TypeError(f"{name} must be words, got {_check.shown(given)}")
+    found: dict[str, Family] = {}
+    for word in words:
+        one = _check.choice(name, word, (*GROUPS, *FAMILIES))
+        found |= {member: FAMILIES[member] for member in GROUPS.get(one, (one,))}
+    if not found:
+        raise ValueError(f"{name} must name at least one family, got {_check.shown(given)}")
+    return tuple(found.values())
