@@ -33,7 +33,7 @@ from pipedyn.arcs import (
     turns,
 )
 from pipedyn.blas import one_thread
-from pipedyn.changes import SAME, CycleEvent, EventKind, excess, nontrivial, outside, passage
+from pipedyn.changes import SAME, CycleEvent, EventKind, excess, outside, passage
 from pipedyn.collocation import Elsewhere, Equations, Orbit, is_odd
 from pipedyn.course import course_of
 from pipedyn.critical import crossings
@@ -549,10 +549,8 @@ class _Followed:
     def _fold(self, step: Step, length: float, cycle: LimitCycle) -> CycleEvent:
         """Where the branch turns."""
         beside = step.at(length + 1e-3 * step.length)
-        others = nontrivial(cycle.multipliers)
-        nearest = complex(others[int(np.argmin(np.abs(others - 1.0)))])
         error = max(abs(beside.u - cycle.u), 1e-9)
-        return CycleEvent("fold", cycle.u, error, nearest, cycle.amplitude)
+        return CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
 
     def _changes(
         self, step: Step, low: float, high: float, a: LimitCycle, b: LimitCycle

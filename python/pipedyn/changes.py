@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -37,7 +38,8 @@ class CycleEvent:
             meets an equilibrium) or "end" (it was not followed further).
         speed: u.
         error: half the interval of speeds that is known to hold it.
-        multiplier: the one that passes, 1 where the branch begins or ends.
+        multiplier: the one that passes, where it does, on the unit circle: 1 at a fold and a
+            pitchfork, as where the branch begins or ends, -1 at a doubling.
         amplitude: of the cycle.
     """
 
@@ -89,4 +91,6 @@ def passage(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex]:
     if abs(nearest.imag) < REAL * abs(nearest):
         flipped: EventKind = "pitchfork" if mirrored else "period doubling"
         kind = "fold" if nearest.real > 0.0 else flipped
+        nearest = complex(math.copysign(1.0, nearest.real))
+    nearest /= abs(nearest)
     return kind, nearest**2 if mirrored else nearest

@@ -34,7 +34,8 @@ from pipedyn.motion import (
     MotionStopped,
     Start,
     checked_model_in_motion,
-    simulate,
+    checked_task,
+    moved,
     state_of,
 )
 from pipedyn.panels import residual, solved
@@ -73,8 +74,15 @@ MOST_ONSETS = 4
 PEAKS = 2048
 """Phases among which the free end's extremes are found, before a parabola goes through them."""
 
+FEW, PATIENT = 6, 6
+"""Degrees of freedom up to which motions are cheap, and by how much they are then given more time:
+beside a fold of cycles a motion takes long to settle."""
+
 CHUNK, SEARCH = 4.0, 300_000
 """Time after which a simulated motion is looked at; right-hand sides after which a search ends."""
+
+PURSUIT = 100_000
+"""The same of a search along a branch, where each comes with a Jacobian."""
 
 TURNS = 6
 """Returns of the free end, at most, that a simulated motion's period may have."""
@@ -180,7 +188,8 @@ def limit_cycle(
             shape (2 coordinates,). Where not given, the cycles born at the model's flutter onsets
             are followed to u, the nearest onset first; where that leads nowhere and rest is
             unstable, a simulation from near rest; and of pipes with drag that are unstable without
-            an onset, the cycle of a damped pipe, whose damping is taken away.
+            an onset, the cycle of a damped pipe, whose damping is taken away. What is found so may
+            be unstable, as `stable` says: then a `Motion` or a state leads to what motions end on.
         rtol: relative tolerance of amplitude and frequency, in [1e-10, 1e-2].
         samples: number of states that are given, from the start of the period to its end.
 
@@ -260,7 +269,7 @@ def _unguided(motion: Field, u: float) -> tuple[Course, str]:
     for onset in born:
         if _may_reach(onset, u) or onset.criticality == "subcritical":
             try:
-                found = pursued(motion, birth_of(motion, onset), u, SEARCH)
+                found = pursued(motion, birth_of(motion, onset), u, PURSUIT)
                 return found, f"followed from the onset at u = {onset.speed:.6g}"
             except Elsewhere as reason:
                 told.append(str(reason))
@@ -295,7 +304,7 @@ def _from_onset(motion: Field, u: float, onset: Hopf) -> tuple[Course, str]:
     with suppress(Elsewhere):
         return _leapt(motion, onset, u), how
     try:
-        return pursued(motion, birth_of(motion, onset), u, SEARCH), f"followed {how}"
+        return pursued(motion, birth_of(motion, onset), u, PURSUIT), f"followed {how}"
     except Elsewhere as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
@@ -344,7 +353,7 @@ def _undamped(motion: Field, u: float) -> Course:
         onset = hopf(here.model, max(passages, key=lambda c: c.speed))
     except (PipedynError, ValueError) as reason:
         raise Elsewhere(f"with damping of {damping:.2g} no onset is found") from reason
-    course = pursued(here, birth_of(here, onset), u, SEARCH)
+    course = pursued(here, birth_of(here, onset), u, PURSUIT)
     while share > 0.0:
         here = damped(max(share - step, 0.0))
         try:
@@ -390,6 +399,11 @@ def _from_cycle(motion: Field, u: float, start: LimitCycle) -> Course:
     if start.model.coordinates != size or start.model.moving != motion.half:
         raise ValueError(
             f"start must be a cycle of {size} coordinates, got {start.model.coordinates}"
+        )
+    if type(start.model) is not type(motion.model):
+        raise ValueError(
+            f"start must be a cycle of a {type(motion.model).__name__}, whose coordinates it has, "
+            f"got one of a {type(start.model).__name__}"
         )
     p = _integrated(motion, start.q, start.qdot)
     return _improved(motion, _resampled(motion, u, start.t, p, start.period, 1e-6), u)
@@ -449,12 +463,17 @@ def _simulated(motion: Field, u: float, q0: Array, qdot0: Array, limit: int = SE
     reason = "the motion comes back to no state it had before"
     first = motion.resting()
     q_rest = model.recorded(first[None, : motion.half], first[None, motion.half :])[0][0]
-    evaluations, passed = 0, None
+    evaluations, time, passed = 0, 0.0, None
+    limit *= PATIENT if model.dof <= FEW else 1
     while evaluations < limit:
         try:
-            going = simulate(model, u, CHUNK, q0, qdot0, rtol=1e-6, samples=1001)
+            task = checked_task(model, u, CHUNK, q0, qdot0, rtol=1e-6, samples=1001)
+            going = moved(task, most=limit)
         except MotionStopped as stopped:
-            raise NoCycle(f"no limit cycle at u = {u:g} from there: {stopped}", u) from None
+            raise NoCycle(
+                f"no limit cycle at u = {u:g} from there: after a time of {time:g}, {stopped}", u
+            ) from None
+        time += CHUNK
         evaluations += going.evaluations
         motion.evaluations += going.evaluations
         q0, qdot0 = going.q[-1], going.qdot[-1]

@@ -376,10 +376,16 @@ class _Cycles:
 
 
 def _rests(branch: EquilibriumBranch, u: float) -> bool:
-    """Whether a branch has stable equilibria beside a speed."""
-    a, b = branch.speeds[:-1], branch.speeds[1:]
-    beside = (np.minimum(a, b) <= u) & (u <= np.maximum(a, b))
-    return bool((branch.stable[:-1] & branch.stable[1:] & beside).any())
+    """Whether a branch has stable equilibria at a speed."""
+    for (a, b), (good, after) in zip(pairwise(branch.speeds), pairwise(branch.stable), strict=True):
+        if not min(a, b) <= u <= max(a, b) or not (good or after):
+            continue
+        stable_end, other = (a, b) if good else (b, a)
+        changes = [p.speed for p in branch.points if min(a, b) <= p.speed <= max(a, b)]
+        end = min(changes, key=lambda p: abs(p - stable_end), default=other)
+        if (good and after) or min(stable_end, end) <= u < max(stable_end, end):
+            return True
+    return False
 
 
 def _state(model: Model, y: ArrayLike) -> Array:

@@ -193,8 +193,21 @@ def simulate(
         atol=atol,
         method=method,
     )
-    shown = _check.flag("progress", progress)
-    rows, evaluations, why = integrate(task, shown)
+    return moved(task, _check.flag("progress", progress))
+
+
+def moved(task: Task, shown: bool = False, most: float = math.inf) -> Motion:
+    """The motion of a task of one state.
+
+    Args:
+        task: the task.
+        shown: show progress on stderr.
+        most: right-hand sides at most.
+
+    Raises:
+        MotionStopped: as `simulate`, or where that takes more.
+    """
+    rows, evaluations, why = integrate(task, shown, most)
     motion = motion_of(task, rows, evaluations)
     if why is not None:
         raise MotionStopped(f"the motion stopped {motion.reached}: {why}", motion)
@@ -219,10 +232,10 @@ def checked_task(
     qdot0: Any,
     *,
     samples: Any,
-    times: Any,
     rtol: Any,
-    atol: Any,
-    method: Any,
+    times: Any = None,
+    atol: Any = None,
+    method: Any = "auto",
 ) -> Task:
     """The arguments of `simulate`, checked, with the method chosen."""
     model = checked_model_in_motion(model)
@@ -290,8 +303,9 @@ class _Count:
     give up. A state that is not finite is remembered, an interruption raised after.
     """
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task, most: float) -> None:
         self.calls = self.jacobians = 0
+        self.most = most
         self.overflowed = False
         self.interruption: BaseException | None = None
         self.checked, self.reached = CALLS, -math.inf
@@ -314,6 +328,8 @@ class _Count:
             self.calls += 1
             if self.calls == self.checked:
                 self.check(t)
+            if self.calls > self.most:
+                self.interruption = Stopped(f"that takes more than {self.most:g} right-hand sides")
             if self.interruption is None:
                 return self.f(t, y, self.u)
         except BaseException as error:
@@ -348,9 +364,11 @@ class _Count:
         return whole
 
 
-def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
+def integrate(
+    task: Task, shown: bool = False, most: float = math.inf
+) -> tuple[Array, int, str | None]:
     """States at the samples, (S, *start.shape), right-hand sides, and why it stopped early."""
-    count = _Count(task)
+    count = _Count(task, most)
     rhs = count.one if task.start.ndim == 1 else count.many
     route = _compiled if task.method in COMPILED else _stepped
     rows: list[Array] = []

@@ -80,9 +80,16 @@ def pursued(motion: Field, birth: Birth, u: float, most: int) -> Course:
 
 def _turn(motion: Field, passed: list[Course], unit: float, u: float) -> float | None:
     """The speed nearest to another at which cycles on the way turned back; None if none did."""
-    k = min(range(len(passed)), key=lambda i: abs(passed[i].u - u))
-    if k in (0, len(passed) - 1):
+    speeds = [course.u for course in passed]
+    turns = [
+        i
+        for i in range(1, len(speeds) - 1)
+        if (speeds[i] - speeds[i - 1]) * (speeds[i + 1] - speeds[i]) < 0.0
+        and (u - speeds[i]) * (speeds[i] - speeds[i - 1]) > 0.0
+    ]
+    if not turns:
         return None
+    k = min(turns, key=lambda i: abs(speeds[i] - u))
     last, here = _alike(motion, passed[k - 1], passed[k])
     line, sign = _Line(motion, last, here, unit), math.copysign(1.0, u - here.u)
     try:

@@ -41,6 +41,7 @@ MARKS: dict[str, dict[str, Any]] = {
     "period doubling": {"marker": "^", "color": PURPLE},
     "torus": {"marker": "h", "color": PURPLE},
     "infinite period": {"marker": "X", "color": VERMILION},
+    "end": {"marker": "|", "color": BLUE},
 }
 """Look of each change of stability."""
 
@@ -122,15 +123,22 @@ def bifurcation_diagram(
         used["late motions turn here"] = Line2D([], [], **_dot(dots))
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
-        _line(ax, branch.speeds, heights, branch.stable, BLACK, "equilibrium", used)
+        good = _between(branch.speeds, branch.stable, [point.speed for point in branch.points])
+        _line(ax, branch.speeds, heights, good, BLACK, "equilibrium", used)
     for cycles in diagram.cycles if index is None else ():
+        good = _between(cycles.speeds, cycles.stable, [event.speed for event in cycles.events])
         for heights in _extremes(cycles):
-            _line(ax, cycles.speeds, heights, cycles.stable, BLUE, "cycle", used)
+            _line(ax, cycles.speeds, heights, good, BLUE, "cycle", used)
     for kind, u, height in _changes(diagram, index):
         look = {**MARKS[kind], "linestyle": "none", "markersize": 5.0}
         look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
         ax.plot([u], [height], zorder=4.0, **look)
         used[kind.replace("hopf", "Hopf")] = Line2D([], [], **look)
+    failed = sorted({failure.value for failure in diagram.failures})
+    if failed:
+        look = {"marker": "x", "linestyle": "none", "color": VERMILION, "markersize": 4.0}
+        ax.plot(failed, [0.02] * len(failed), transform=ax.get_xaxis_transform(), **look)
+        used["failed"] = Line2D([], [], **look)
     ax.set_xlim(float(diagram.speeds[0]), float(diagram.speeds[-1]))
     ax.set_xlabel(SPEED_LABEL)
     named = "free end $x$  $(L)$" if index is None else f"coordinate $q_{{{index}}}$, from 0"
@@ -153,13 +161,13 @@ def _line(
     ax: Axes,
     speeds: Array,
     heights: Array,
-    stable: NDArray[np.bool_],
+    between: NDArray[np.bool_],
     colour: str,
     name: str,
     used: dict[str, Line2D],
 ) -> None:
     """A branch, in pieces that are stable or are not."""
-    for part, good in _pieces(stable):
+    for part, good in _pieces(between):
         look: dict[str, Any] = {"color": colour, "linestyle": "-" if good else (0, (4, 2))}
         look["linewidth"] = 1.4 if good else 1.0
         ax.plot(speeds[part], heights[part], zorder=2.0 + good, **look)
@@ -167,13 +175,21 @@ def _line(
         used.setdefault(label, Line2D([], [], **look))
 
 
-def _pieces(stable: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
-    """Runs of neighbours alike, each joined to the next."""
-    ends = np.flatnonzero(np.diff(stable.astype(np.int8)))
+def _between(
+    speeds: Array, stable: NDArray[np.bool_], changes: Sequence[float]
+) -> NDArray[np.bool_]:
+    """Whether a branch is stable between neighbouring points, of which some are its changes."""
+    changed = np.isin(speeds.round(6), np.round(changes, 6))
+    return np.where(changed[:-1], stable[1:], stable[:-1]) if speeds.size > 1 else stable
+
+
+def _pieces(between: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
+    """Points of runs that are alike."""
+    ends = np.flatnonzero(np.diff(between.astype(np.int8)))
     starts = [0, *(int(end) + 1 for end in ends)]
-    stops = [*starts[1:], stable.size]
+    stops = [*starts[1:], between.size]
     for start, stop in zip(starts, stops, strict=True):
-        yield slice(start, min(stop + 1, stable.size)), bool(stable[start])
+        yield slice(start, stop + 1), bool(between[start])
 
 
 def _changes(diagram: BifurcationDiagram, index: int | None) -> Iterator[tuple[str, float, float]]:
