@@ -279,14 +279,15 @@ def exact_rates(chain, y, u, digits=60):
         mass, force = mpmath.matrix(n), mpmath.matrix(n, 1)
         for k in range(n):
             for i in range(n):
-                coupling = length[min(k, i)] * moment[max(k, i)]
+                coupling, between = length[min(k, i)] * moment[max(k, i)], q[k] - q[i]
                 if k == i:
                     square = (chi[k] * length[k]) ** 2 + eta[k] ** 2
                     coupling = length[k] ** 2 * beyond[k] + length[k] * square
-                mass[k, i] = coupling * mpmath.cos(q[k] - q[i])
-                force[k] += coupling * mpmath.sin(q[k] - q[i]) * v[i] ** 2
+                mass[k, i] = coupling * mpmath.cos(between)
+                force[k] += coupling * mpmath.sin(between) * v[i] ** 2
                 if i > k:
-                    force[k] += 2 * coriolis * length[k] * length[i] * mpmath.cos(q[k] - q[i]) * v[i]
+                    momentum = length[k] * length[i] * mpmath.cos(between) * v[i]
+                    force[k] += 2 * coriolis * momentum
             force[k] += coriolis * length[k] ** 2 * v[k] + elastic[k] - elastic[k + 1]
             force[k] += thrust * length[k] * mpmath.sin(q[-1] - q[k])
             force[k] += number(pipe.gamma) * moment[k] * mpmath.sin(q[k])
@@ -324,10 +325,8 @@ def pipe_rates(model, y, u, nodes=400):
     from_clamp = upward / (2.0 * (2.0 * degrees + 1.0)) @ series
     slope, bend = model.functions(s, 1), model.functions(s, 2)
     angle, turning = slope @ y[:m], slope @ y[m:]
-    tangent, normal = (
-        np.array([np.sin(angle), np.cos(angle)]),
-        np.array([np.cos(angle), -np.sin(angle)]),
-    )
+    tangent = np.array([np.sin(angle), np.cos(angle)])
+    normal = np.array([np.cos(angle), -np.sin(angle)])
     moved = from_clamp @ (normal[:, :, None] * slope)
     swung = from_clamp @ (tangent * turning**2)[:, :, None]
     aspirating = pipe.flow == "aspirating"
@@ -338,7 +337,8 @@ def pipe_rates(model, y, u, nodes=400):
     force = np.einsum("s,ds,dsm->m", weights, body, moved)
     force -= (weights * (bend @ (y[:m] + pipe.damping * y[m:]))) @ bend
     end = model.functions([1.0], 1)[0] @ y[:m]
-    force -= thrust * np.array([np.sin(end), np.cos(end)]) @ (weights @ (normal[:, :, None] * slope))
+    swept = weights @ (normal[:, :, None] * slope)
+    force -= thrust * np.array([np.sin(end), np.cos(end)]) @ swept
     mass = np.einsum("s,dsi,dsj->ij", weights, moved, moved)
     return np.concatenate([y[m:], np.linalg.solve(mass, force)])
 
@@ -384,6 +384,26 @@ def legendre_highest(m, digits=60, rounds=40):
                 y[i] -= sum(lower[k, i] * y[k] for k in range(i + 1, min(m, i + 5)))
             square, x = mpmath.fdot(x, y), y
         return float(mpmath.sqrt(square))
+
+
+def beck_speed(digits=30):
+    """Critical speed of the pipe without fluid mass, a column under a follower force.
+
+    Where its frequency equation, with P = u^2, has a double root: P^2 + 2 w^2 (1 + cosh a cos b)
+    + P w sinh a sin b = 0, a^2 and b^2 being -+P / 2 + sqrt(P^2 / 4 + w^2) (Beck 1952).
+    """
+    with mpmath.workdps(digits):
+
+        def misfit(load, w):
+            root = mpmath.sqrt(load**2 / 4 + w**2)
+            a, b = mpmath.sqrt(root - load / 2), mpmath.sqrt(root + load / 2)
+            coupled = 2 * w**2 * (1 + mpmath.cosh(a) * mpmath.cos(b))
+            return load**2 + coupled + load * w * mpmath.sinh(a) * mpmath.sin(b)
+
+        load, _ = mpmath.findroot(
+            lambda p, w: (misfit(p, w), mpmath.diff(lambda x: misfit(p, x), w)), (20, 11)
+        )
+        return float(mpmath.sqrt(load))
 
 
 def series_crossing(pipe, u, omega, digits=60):
