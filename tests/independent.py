@@ -255,6 +255,182 @@ def distances(found, reference):
     return nearest / np.maximum(np.abs(found), 1.0)
 
 
+def exact_rates(chain, y, u, digits=60):
+    """dy/dt of a chain by the equations of motion in the angles, in mpmath."""
+    with mpmath.workdps(digits):
+        number, pipe, n = mpmath.mpf, chain.pipe, chain.dof
+        q, v = ([mpmath.mpmathify(x) for x in part] for part in (y[:n], y[n:]))
+        length, spring, chi, eta, xi = (
+            [number(x) for x in numbers]
+            for numbers in (
+                *(chain.lengths, chain.springs, chain.centers),
+                *(chain.gyration_radii, chain.drag_points),
+            )
+        )
+        aspirating = pipe.flow == "aspirating"
+        coriolis = mpmath.sqrt(number(pipe.beta)) * (-u if aspirating else u)
+        thrust = number(pipe.alpha if aspirating else 1.0) * number(u) ** 2
+        beyond = [mpmath.fsum(length[k + 1 :]) for k in range(n)]
+        moment = [length[k] * (beyond[k] + chi[k] * length[k]) for k in range(n)]
+        elastic = [*(mpmath.mpf(0) for _ in range(n)), mpmath.mpf(0)]
+        for k in range(n):
+            turn, rate = (x[k] - (x[k - 1] if k else 0) for x in (q, v))
+            elastic[k] = spring[k] * (turn + number(pipe.damping) * rate)
+        mass, force = mpmath.matrix(n), mpmath.matrix(n, 1)
+        for k in range(n):
+            for i in range(n):
+                coupling, between = length[min(k, i)] * moment[max(k, i)], q[k] - q[i]
+                if k == i:
+                    square = (chi[k] * length[k]) ** 2 + eta[k] ** 2
+                    coupling = length[k] ** 2 * beyond[k] + length[k] * square
+                mass[k, i] = coupling * mpmath.cos(between)
+                force[k] += coupling * mpmath.sin(between) * v[i] ** 2
+                if i > k:
+                    momentum = length[k] * length[i] * mpmath.cos(between) * v[i]
+                    force[k] += 2 * coriolis * momentum
+            force[k] += coriolis * length[k] ** 2 * v[k] + elastic[k] - elastic[k + 1]
+            force[k] += thrust * length[k] * mpmath.sin(q[-1] - q[k])
+            force[k] += number(pipe.gamma) * moment[k] * mpmath.sin(q[k])
+        for j in range(n):
+            lever = [length[i] * mpmath.cos(q[i] - q[j]) for i in range(j)] + [xi[j] * length[j]]
+            across = mpmath.fdot(lever, v[: j + 1])
+            for i in range(j + 1):
+                force[i] += lever[i] * number(pipe.drag) * length[j] * abs(across) * across
+        return [*v, *mpmath.lu_solve(mass, -force)]
+
+
+def exact_jacobian(chain, y, u, digits=80):
+    """Derivative of the above by differences in as many digits."""
+    with mpmath.workdps(digits):
+        step, y = mpmath.mpf(10) ** (-digits // 3), [mpmath.mpf(x) for x in y]
+        here, columns = exact_rates(chain, y, u, digits), []
+        for k in range(len(y)):
+            there = exact_rates(chain, [x + step * (i == k) for i, x in enumerate(y)], u, digits)
+            columns.append([float((b - a) / step) for a, b in zip(here, there, strict=True)])
+        return np.transpose(columns)
+
+
+def pipe_rates(model, y, u, nodes=400):
+    """dy/dt of a reduced model by virtual work, integrals by one fine Gauss rule.
+
+    What is integrated from the clamp to s is the integral of its Legendre series.
+    """
+    pipe, m = model.pipe, model.dof
+    x, weights = np.polynomial.legendre.leggauss(nodes)
+    s, weights = 0.5 * (1.0 + x), 0.5 * weights
+    table = np.polynomial.legendre.legvander(x, nodes)
+    degrees = np.arange(nodes)
+    series = (2.0 * degrees[:, None] + 1.0) * table[:, :-1].T * weights
+    upward = table[:, 1:] - np.concatenate([-np.ones((nodes, 1)), table[:, :-2]], axis=1)
+    from_clamp = upward / (2.0 * (2.0 * degrees + 1.0)) @ series
+    slope, bend = model.functions(s, 1), model.functions(s, 2)
+    angle, turning = slope @ y[:m], slope @ y[m:]
+    tangent = np.array([np.sin(angle), np.cos(angle)])
+    normal = np.array([np.cos(angle), -np.sin(angle)])
+    moved = from_clamp @ (normal[:, :, None] * slope)
+    swung = from_clamp @ (tangent * turning**2)[:, :, None]
+    aspirating = pipe.flow == "aspirating"
+    flow, thrust = (-u, pipe.alpha * u**2) if aspirating else (u, u**2)
+    across = np.sum(normal * np.einsum("dsm,m->ds", moved, y[m:]), axis=0)
+    load = -(2.0 * np.sqrt(pipe.beta) * flow * turning + pipe.drag * np.abs(across) * across)
+    body = load * normal + swung[:, :, 0] + np.array([[0.0], [pipe.gamma]])
+    force = np.einsum("s,ds,dsm->m", weights, body, moved)
+    force -= (weights * (bend @ (y[:m] + pipe.damping * y[m:]))) @ bend
+    end = model.functions([1.0], 1)[0] @ y[:m]
+    swept = weights @ (normal[:, :, None] * slope)
+    force -= thrust * np.array([np.sin(end), np.cos(end)]) @ swept
+    mass = np.einsum("s,dsi,dsj->ij", weights, moved, moved)
+    return np.concatenate([y[m:], np.linalg.solve(mass, force)])
+
+
+def legendre_highest(m, digits=60, rounds=40):
+    """Highest frequency of m Legendre functions, gamma = u = 0, by inverse iteration in mpmath.
+
+    The elastic stiffness is the identity; an integral of P_i is (P_(i+1) - P_(i-1)) / (2 i + 1),
+    so the mass matrix has nine diagonals.
+    """
+
+    def integral(polynomial):
+        result = {}
+        for i, c in polynomial.items():
+            part = c / (2 * (2 * i + 1))
+            result[i + 1] = result.get(i + 1, 0) + part
+            low, sign = (i - 1, -1) if i else (0, 1)
+            result[low] = result.get(low, 0) + sign * part
+        return result
+
+    with mpmath.workdps(digits):
+        functions = [integral(integral({i: mpmath.sqrt(2 * i + 1)})) for i in range(m)]
+        near = [range(max(0, i - 4), i) for i in range(m)]
+        lower, pivots = {}, []
+        for i, one in enumerate(functions):
+            for j in [*near[i], i]:
+                other = functions[j]
+                entry = sum(c * other[k] / (2 * k + 1) for k, c in one.items() if k in other)
+                taken = [k for k in near[i] if k < j and (j, k) in lower]
+                entry -= sum(lower[i, k] * lower[j, k] * pivots[k] for k in taken)
+                if j < i:
+                    lower[i, j] = entry / pivots[j]
+            pivots.append(entry)
+        x = [mpmath.mpf((-1) ** i * (i + 1)) for i in range(m)]
+        for _ in range(rounds):
+            size = mpmath.sqrt(mpmath.fdot(x, x))
+            x = [a / size for a in x]
+            y = list(x)
+            for i in range(m):
+                y[i] -= sum(lower[i, k] * y[k] for k in near[i])
+            y = [a / p for a, p in zip(y, pivots, strict=True)]
+            for i in reversed(range(m)):
+                y[i] -= sum(lower[k, i] * y[k] for k in range(i + 1, min(m, i + 5)))
+            square, x = mpmath.fdot(x, y), y
+        return float(mpmath.sqrt(square))
+
+
+def beck_speed(digits=30):
+    """Critical speed of the pipe without fluid mass, a column under a follower force.
+
+    Where its frequency equation, with P = u^2, has a double root: P^2 + 2 w^2 (1 + cosh a cos b)
+    + P w sinh a sin b = 0, a^2 and b^2 being -+P / 2 + sqrt(P^2 / 4 + w^2) (Beck 1952).
+    """
+    with mpmath.workdps(digits):
+
+        def misfit(load, w):
+            root = mpmath.sqrt(load**2 / 4 + w**2)
+            a, b = mpmath.sqrt(root - load / 2), mpmath.sqrt(root + load / 2)
+            coupled = 2 * w**2 * (1 + mpmath.cosh(a) * mpmath.cos(b))
+            return load**2 + coupled + load * w * mpmath.sinh(a) * mpmath.sin(b)
+
+        load, _ = mpmath.findroot(
+            lambda p, w: (misfit(p, w), mpmath.diff(lambda x: misfit(p, x), w)), (20, 11)
+        )
+        return float(mpmath.sqrt(load))
+
+
+def series_crossing(pipe, u, omega, digits=60):
+    """(u, omega) where an eigenvalue of the continuous pipe lies on the axis, by the series below.
+
+    omega 0 asks for a divergence.
+    """
+    tolerance = mpmath.mpf(10) ** (-digits // 2)
+    with mpmath.workdps(digits):
+        if omega == 0.0:
+            speed = mpmath.findroot(
+                lambda x: series_misfit(pipe, 0, x, digits).real,
+                (mpmath.mpf(u) * (1 - 1e-9), mpmath.mpf(u) * (1 + 1e-9)),
+                *("secant", tolerance),
+                verify=False,
+            )
+            return float(speed), 0.0
+
+        def parts(speed, frequency):
+            misfit = series_misfit(pipe, 1j * frequency, speed, digits)
+            return misfit.real, misfit.imag
+
+        guess = mpmath.mpf(u), mpmath.mpf(omega)
+        speed, frequency = mpmath.findroot(parts, guess, tol=tolerance, verify=False)
+        return float(speed), float(frequency)
+
+
 def chain_newton_step(chain, value, u, digits=30):
     """Newton's correction of an eigenvalue of a chain, by shooting from its free end in mpmath.
 
@@ -309,3 +485,42 @@ def clamp_misfit(chain, value, u):
         columns.append((angle, node))
     (a, b), (c, d) = columns
     return a * d - b * c
+
+
+def series_misfit(pipe, value, u, digits):
+    """Zero where lambda is an eigenvalue of the continuous pipe, at any gravity, in mpmath.
+
+    The equation's coefficients are linear in x = 1 - s, so that its solutions are power series in
+    x, w = sum a_k x^k, which converge everywhere; free at x = 0 (a_2 = a_3 = 0), clamped at x = 1.
+    Their terms cancel: digits must exceed what they lose.
+    """
+    with mpmath.workdps(digits):
+        aspirating = pipe.flow == "aspirating"
+        value, u, gamma = mpmath.mpmathify(value), mpmath.mpf(u), mpmath.mpf(pipe.gamma)
+        thrust = mpmath.mpf(pipe.alpha if aspirating else 1.0) * u**2
+        coriolis = 2 * mpmath.sqrt(mpmath.mpf(pipe.beta)) * (-u if aspirating else u) * value
+        elastic, square = 1 + mpmath.mpf(pipe.damping) * value, value**2
+        ends = []
+        for start in ([1, 0, 0, 0], [0, 1, 0, 0]):
+            a, b, c, d = (mpmath.mpc(x) for x in start)
+            deflection, slope, k, quiet = a + b, b, 0, 0
+            while quiet < 8:
+                following = (gamma * (k + 1) + coriolis) * (k + 1) * b
+                following -= thrust * (k + 2) * (k + 1) * c + square * a
+                following /= elastic * ((k + 1) * (k + 2) * (k + 3) * (k + 4))
+                a, b, c, d = b, c, d, following
+                deflection, slope = deflection + d, slope + (k + 4) * d
+                small = abs(d) * (k + 4) <= mpmath.eps * abs(slope)
+                quiet, k = quiet + 1 if small else 0, k + 1
+            ends.append((deflection, slope))
+        (p, q), (r, t) = ends
+        return p * t - q * r
+
+
+def series_newton_step(pipe, value, u, digits=60):
+    """Newton's correction of an eigenvalue of the continuous pipe by the series above."""
+    with mpmath.workdps(digits):
+        value, step = mpmath.mpmathify(complex(value)), mpmath.mpf(10) ** -(digits // 3)
+        here = series_misfit(pipe, value, u, digits)
+        there = series_misfit(pipe, value * (1 + step), u, digits)
+        return complex(-here * value * step / (there - here))

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,8 +96,8 @@ class Modes:
         residuals: relative residual of each pair, shape (count,).
         converged: whether each passed the check of its residual, shape (count,).
         size: degrees of freedom of the model solved.
-        discretisation: for `Continuum`, the largest relative change of an eigenvalue from the
-            basis before the last; None for other models.
+        discretisation: for `Continuum`, the largest change of an eigenvalue from the basis before
+            the last, relative to it or to 1, whichever is more; None for other models.
     """
 
     speed: float
@@ -107,6 +107,25 @@ class Modes:
     converged: NDArray[np.bool_] = field(repr=False)
     size: int
     discretisation: float | None = None
+
+    @cached_property
+    def errors(self) -> Array:
+        """How far each eigenvalue may be from the exact one, absolute, shape (count,).
+
+        To first order: residual and rounding times the eigenvalue's condition, which takes left
+        vectors, computed at the first request; for `Continuum` with `discretisation`.
+        """
+        model = self.shapes[0].model
+        pencil = pencil_of(model)
+        with one_thread(rows_of(pencil)):
+            pairs = lowest(pencil, self.speed, self.eigenvalues.size, left=True)
+        same = [int(np.abs(pairs.values - value).argmin()) for value in self.eigenvalues]
+        # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
+        found = replace(pairs.take(same), residuals=self.residuals)
+        scale = np.maximum(np.abs(self.eigenvalues), 1.0)
+        errors: Array = pencil.uncertainties(self.speed, found)
+        errors = errors + (self.discretisation or 0.0) * scale
+        return errors
 
 
 def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
@@ -177,7 +196,7 @@ def _modes(model: Model, u: float, count: int | None) -> Modes:
     shapes = tuple(
         ModeShape(complex(value), model, coordinates[:, i]) for i, value in enumerate(pairs.values)
     )
-    return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
+    return Modes(u, pairs.values, shapes, pairs.residuals, pairs.sound, model.dof)
 
 
 def _peaks(model: Model, coordinates: Complex) -> Complex:
@@ -328,7 +347,7 @@ def _followed(
 
     def store(row: int, pairs: Eigenpairs) -> None:
         values[row], partners[row] = pairs.values[upper], pairs.values[lower]
-        converged[row] = pairs.converged[upper] & pairs.converged[lower]
+        converged[row] = pairs.sound[upper] & pairs.sound[lower]
 
     store(0, first.pairs)
     row = 1

@@ -34,6 +34,9 @@ TOLERANCE = 1e-10
 k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what fittings add; to it
 comes the rounding of M x, eps |lambda|^2, which is what limits high modes."""
 
+WORST = 1e-4
+"""Relative residual beyond which a pair is no result, however much of it is that rounding."""
+
 DENSE_RESCUE, PATIENCE = 1000, 30
 """Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or crowd
 at -1 / delta), chains up to this size are solved dense; it ends after a few where it does."""
@@ -59,6 +62,11 @@ class Eigenpairs:
     def converged(self) -> NDArray[np.bool_]:
         """Which pairs passed the check of their residual, shape (r,)."""
         return self.residuals <= TOLERANCE + np.finfo(float).eps * np.abs(self.values) ** 2
+
+    @property
+    def sound(self) -> NDArray[np.bool_]:
+        """Which of these have digits left besides, shape (r,)."""
+        return self.converged & (self.residuals <= WORST)
 
     def take(self, which: Any) -> Eigenpairs:
         """Some of the pairs."""

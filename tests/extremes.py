@@ -1,0 +1,859 @@
+# SPDX-License-Identifier: MIT
+"""Where each model and each numerical route holds, and where it stops: one table.
+
+Run with `.venv/bin/python tests/extremes.py [--quick | --all] [--csv FILE]`; fails if a row
+misleads. Each row is an answer of the package beside a reference that shares nothing with it but,
+where it says so, another route of the package. Verdicts:
+
+holds: the relative error is below the row's limit, and below the package's own estimate of it.
+says so: the error is larger than the limit, and the package's own estimate covers it.
+refused: an exception, which names itself.
+too slow: more than a minute of one processor.
+MISLEADS: none of these.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import astuple, dataclass, fields
+from typing import Any
+
+import numpy as np
+from independent import (
+    beck_speed,
+    chain_crossing,
+    chain_newton_step,
+    collocation_eigenvalues,
+    dense_rates,
+    exact_jacobian,
+    exact_rates,
+    legendre_highest,
+    pipe_rates,
+    series_crossing,
+    series_newton_step,
+)
+from scipy.integrate import BDF, DOP853, LSODA, Radau, solve_ivp
+from scipy.integrate._ivp import dop853_coefficients
+from scipy.optimize import brentq
+from scipy.special import ellipj, ellipk
+
+import pipedyn as pd
+from pipedyn.motion import fastest_decay, highest_frequency
+
+QUICK, FULL, ALL = 0, 1, 2
+"""Which rows: seconds, some minutes, and those that take longer."""
+
+DIGITS = 1e-8
+"""Relative error below which a row holds, where nothing else is said."""
+
+PATIENCE = 60.0
+"""Processor time in s beyond which a row is too slow."""
+
+SHOOTING, SERIES = "mpmath: shooting", "mpmath: power series"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One answer beside its reference.
+
+    Attributes:
+        route: what was asked.
+        model: of which model.
+        at: at which parameters.
+        result: the answer, shortened.
+        reference: where the truth is from.
+        error: relative; NaN where there is no answer.
+        claim: the package's own estimate of it; NaN where it makes none.
+        verdict: see above.
+        seconds: processor time of the answer.
+    """
+
+    route: str
+    model: str
+    at: str
+    result: str
+    reference: str
+    error: float
+    claim: float
+    verdict: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Told:
+    """An answer's text, its relative error, and what the package estimates that to be."""
+
+    result: str
+    error: float
+    claim: float = math.nan
+
+
+def row(
+    route: str,
+    model: str,
+    at: str,
+    reference: str,
+    ask: Callable[[], Any],
+    measure: Callable[[Any], Told],
+    limit: float = DIGITS,
+) -> Row:
+    """One row: asks, measures what comes, and judges."""
+    start = time.process_time()
+    try:
+        answer = ask()
+    except (pd.PipedynError, ValueError) as refusal:
+        seconds = time.process_time() - start
+        slow = seconds > PATIENCE
+        verdict = "too slow" if slow else f"refused: {type(refusal).__name__}"
+        said = str(refusal).split(";")[0][:60]
+        return Row(route, model, at, said, reference, math.nan, math.nan, verdict, seconds)
+    seconds = time.process_time() - start
+    told = measure(answer)
+    verdict = "too slow" if seconds > PATIENCE else judged(told, limit)
+    return Row(route, model, at, told.result, reference, told.error, told.claim, verdict, seconds)
+
+
+def judged(told: Told, limit: float) -> str:
+    """A verdict on an answer; an estimate that does not cover the error misleads in any case."""
+    said = not math.isnan(told.claim)
+    if said and not told.error <= told.claim + 8.0 * np.finfo(float).eps:
+        return "MISLEADS"
+    if told.error <= limit:
+        return "holds"
+    return "says so" if said else "MISLEADS"
+
+
+def named(model: Any) -> str:
+    """A model in a few letters."""
+    if isinstance(model, pd.Chain):
+        return f"chain n={model.dof}"
+    if isinstance(model, pd.Galerkin):
+        return f"{model.basis} m={model.dof}"
+    return "pipe" if isinstance(model, pd.Continuum) else f"scene of {model.dof}"
+
+
+def digits_for(pipe: pd.Pipe, u: float) -> int:
+    """Digits with which the power series keeps 20: its terms grow like these exponentials."""
+    tension = math.sqrt(abs(pipe.gamma)) + u
+    return 50 + math.ceil(tension)
+
+
+def pipe_step(pipe: pd.Pipe, value: complex, u: float) -> complex:
+    """Newton's correction of an eigenvalue of the continuous pipe."""
+    return series_newton_step(pipe, value, u, digits_for(pipe, u))
+
+
+def chain_step(chain: pd.Chain, value: complex, u: float) -> complex:
+    """The same of a chain's; the highest ones take more digits."""
+    ratio = max(chain.springs.max() / chain.springs.min(), abs(chain.pipe.gamma), u**2, abs(value))
+    digits = 40 if chain.dof > 1000 else 60 + 6 * min(chain.dof, 200) * (ratio > 1e3)
+    return chain_newton_step(chain, value, u, digits)
+
+
+def worst_eigenvalue(found: pd.Modes, which: list[int], step: Callable[[complex], complex]) -> Told:
+    """The eigenvalue of some whose error is nearest to, or farthest above, what is said of it.
+
+    Errors are relative to the eigenvalue or to the rate 1 / (1 + delta), whichever is more.
+    """
+    delta = found.shapes[0].model.pipe.damping
+    values = found.eigenvalues[which]
+    scale = np.maximum(np.abs(values), 1.0 / (1.0 + delta))
+    errors = np.array([abs(step(complex(value))) for value in values]) / scale
+    claims = found.errors[which] / scale
+    i = int(np.argmax(errors / claims))
+    return Told(f"{values[i]:.6g}", float(errors[i]), float(claims[i]))
+
+
+def eigenvalue_row(model: Any, u: float, at: str, which: list[int], count: int | None = 6) -> Row:
+    """The lowest eigenvalues, or some of them all."""
+    chain = isinstance(model, pd.Chain)
+    if chain and count is not None:
+        count = min(count, 2 * model.dof)
+
+    def step(value: complex) -> complex:
+        return chain_step(model, value, u) if chain else pipe_step(model.pipe, value, u)
+
+    def ask() -> pd.Modes:
+        pd.eigenvalues(model, u, count)
+        return pd.modes(model, u, count)
+
+    reference = SHOOTING if chain else SERIES
+    route = "all eigenvalues" if count is None else "eigenvalues"
+    return row(
+        *(route, named(model), at, reference, ask),
+        lambda found: worst_eigenvalue(found, which, step),
+    )
+
+
+def eigenvalues_of_the_pipe(level: int) -> Iterator[Row]:
+    """The lowest three pairs of the continuous pipe."""
+    cases: list[tuple[str, dict[str, float], float]] = [
+        ("beta=0, u=100", {"beta": 0.0}, 100.0),
+        ("u=0", {"beta": 0.2}, 0.0),
+        ("u=100", {"beta": 0.2}, 100.0),
+        ("beta=0.999999, u=100", {"beta": 0.999999}, 100.0),
+        ("gamma=1e4, u=6", {"beta": 0.2, "gamma": 1e4}, 6.0),
+        ("gamma=-1e4, u=6", {"beta": 0.2, "gamma": -1e4}, 6.0),
+        ("damping=1e3, u=6", {"beta": 0.2, "damping": 1e3}, 6.0),
+        ("damping=1e3, u=100", {"beta": 0.2, "damping": 1e3}, 100.0),
+    ]
+    if level >= FULL:
+        cases += [
+            ("beta=1e-12, u=100", {"beta": 1e-12}, 100.0),
+            ("gamma=1e5, u=100", {"beta": 0.2, "gamma": 1e5}, 100.0),
+        ]
+    if level >= ALL:
+        cases += [("gamma=1e6, u=6", {"beta": 0.2, "gamma": 1e6}, 6.0)]
+    for at, numbers, u in cases:
+        yield eigenvalue_row(pd.Continuum(pd.Pipe(**numbers)), u, at, [0, 2, 4])
+
+
+def eigenvalues_of_chains(level: int) -> Iterator[Row]:
+    """The lowest two pairs of chains, dense up to 64 segments and sparse beyond."""
+    plain = pd.Pipe(0.2)
+    yield eigenvalue_row(pd.Chain(plain, 1), 6.0, "u=6", [0])
+    for n in (10, 200, *((1000, 10_000) if level >= FULL else ())):
+        yield eigenvalue_row(pd.Chain(plain, n), 6.0, "u=6", [0, 2])
+    extremes = [
+        ("u=100", plain, 100.0),
+        ("beta=0, u=100", pd.Pipe(0.0), 100.0),
+        ("beta=0.999999, u=100", pd.Pipe(0.999999), 100.0),
+        ("gamma=1e6, u=6", pd.Pipe(0.2, gamma=1e6), 6.0),
+        ("gamma=-1e4, u=6", pd.Pipe(0.2, gamma=-1e4), 6.0),
+        ("damping=1e3, u=6", pd.Pipe(0.2, damping=1e3), 6.0),
+        ("damping=1e3, u=100", pd.Pipe(0.2, damping=1e3), 100.0),
+    ]
+    for at, pipe, u in extremes:
+        for n in (5, 100) if level == QUICK else (5, 50, 200):
+            yield eigenvalue_row(pd.Chain(pipe, n), u, at, [0, 2])
+    for n in (6, 100):
+        for at, arrays in unequal(n).items():
+            yield eigenvalue_row(pd.Chain(plain, **arrays), 1.0, f"{at}, u=1", [0, 2])
+    for n in (100_000,) * (level >= FULL) + (1_000_000,) * (level >= ALL):
+        yield tends_to_the_pipe(n)
+
+
+def unequal(n: int) -> dict[str, dict[str, np.ndarray]]:
+    """Lengths of ratio 1e6 and springs of ratio 1e8, in no order, the same on each call."""
+    ranks = np.random.default_rng(7).permutation(n) / (n - 1.0)
+    lengths = 10.0 ** (-6.0 * ranks)
+    lengths /= lengths.sum()
+    springs = n * 10.0 ** (-8.0 * np.random.default_rng(8).permutation(n) / (n - 1.0))
+    return {
+        "lengths 1e6 : 1": {"lengths": lengths},
+        "springs 1e8 : 1": {"springs": springs},
+        "both": {"lengths": lengths, "springs": springs},
+    }
+
+
+def tends_to_the_pipe(n: int) -> Row:
+    """Of a chain too long to shoot along: its distance to the pipe is below 20 / n^2."""
+    model = pd.Chain(pd.Pipe(0.2), n)
+    return row(
+        *("eigenvalues", named(model), "u=6", SERIES + " of the pipe"),
+        lambda: pd.eigenvalues(model, 6.0, 8)[2],
+        lambda z: Told(f"{z:.6g}", abs(pipe_step(model.pipe, z, 6.0)) / abs(z)),
+        20.0 / n**2 + 1e-11,
+    )
+
+
+def eigenvalues_of_reduced_models(level: int) -> Iterator[Row]:
+    """Second pair at u = 6 beside the pipe's, whose distance falls as said; and the highest."""
+    pipe, u = pd.Pipe(0.2), 6.0
+    sizes = {"beam": (10, 100, 1000), "legendre": (10, 50, 200)}
+    for basis, numbers in sizes.items():
+        for m in numbers[: 2 if level == QUICK else 3]:
+            model = pd.Galerkin(pipe, m, basis)
+            limit = 2.0 / m**4 + 1e-11 if basis == "beam" else 1e-8
+            yield row(
+                *("eigenvalues", named(model), "u=6", SERIES + " of the pipe"),
+                lambda model=model: pd.eigenvalues(model, u, 8)[2],
+                lambda z: Told(f"{z:.6g}", abs(pipe_step(pipe, z, u)) / abs(z)),
+                limit,
+            )
+
+
+def highest_eigenvalues(level: int) -> Iterator[Row]:
+    """The fastest mode of all: what explicit integrators follow, and where rounding bites first."""
+    pipe = pd.Pipe(0.2)
+
+    def measured(found: pd.Modes, exact: float) -> Told:
+        value = abs(found.eigenvalues[-1])
+        return Told(f"{value:.6g}i", abs(value / exact - 1.0), found.errors[-1] / exact)
+
+    def ask(model: Any, u: float = 0.0) -> pd.Modes:
+        pd.eigenvalues(model, u)
+        return pd.modes(model, u)
+
+    for m in (10, 50, 100) if level == QUICK else (10, 50, 100, 200):
+        model = pd.Galerkin(pipe, m, "legendre")
+        exact = legendre_highest(m)
+        text = "mpmath: inverse iteration"
+        yield row(
+            *("highest eigenvalue", named(model), "u=0", text),
+            lambda model=model: ask(model),
+            lambda found, exact=exact: measured(found, exact),
+        )
+        yield row(
+            *("highest frequency", named(model), "u=0", text),
+            lambda model=model: highest_frequency(model),
+            lambda w, exact=exact: Told(f"{w:.6g}", abs(w / exact - 1.0)),
+            0.05,
+        )
+    yield row(
+        *("all eigenvalues", "legendre m=200", "u=6", "residuals"),
+        lambda: ask(pd.Galerkin(pipe, 200, "legendre"), 6.0),
+        lambda found: Told("", float(found.residuals.max())),
+    )
+    for m in (10, 100, *((1000,) if level >= FULL else ())):
+        exact = cantilever_frequency(m)
+        model = pd.Galerkin(pipe, m)
+        yield row(
+            *("highest eigenvalue", named(model), "u=0", "cos k cosh k = -1"),
+            lambda model=model: ask(model),
+            lambda found, exact=exact: measured(found, exact),
+        )
+    for n in (10, 60) if level == QUICK else (10, 60, 200):
+        yield eigenvalue_row(pd.Chain(pipe, n), 6.0, "u=6", [n, 2 * n - 2], None)
+    for n in (100, 10_000) if level == QUICK else (100, 10_000, 100_000):
+        model = pd.Chain(pipe, n)
+        yield row(
+            *("highest frequency", named(model), "u=0", "sqrt(48) n^2: zigzag"),
+            lambda model=model: highest_frequency(model),
+            lambda w, n=n: Told(f"{w:.6g}", abs(w / (math.sqrt(48.0) * n**2) - 1.0)),
+            0.05,
+        )
+
+
+def critical_row(model: Any, at: str, max_speed: float = 100.0) -> Row:
+    """The critical speed, or a search to the end of which strong-form eigenvalues are stable."""
+    pipe = model.pipe
+
+    def ask() -> pd.CriticalSpeed | float:
+        try:
+            return pd.critical_speed(model, max_speed)
+        except pd.NoCrossing as none:
+            return none.max_speed
+
+    def measure(found: pd.CriticalSpeed | float) -> Told:
+        if isinstance(found, float):
+            speeds = np.linspace(0.1, 1.0, 4) * found
+            growth = max(growing(model, u) for u in speeds)
+            return Told(f"none to u={found:g}", max(growth, 0.0))
+        u, omega = found.speed, found.frequency
+        if isinstance(model, pd.Chain):
+            exact = float(chain_crossing(model, u, omega, 60 + int(6 * abs(pipe.gamma) ** 0.5))[0])
+        elif pipe.beta == 0.0:
+            exact = beck_speed()
+        else:
+            exact = series_crossing(pipe, u, omega, digits_for(pipe, u))[0]
+        text = f"{found.kind} in mode {found.mode}, u={u:.9g}"
+        return Told(text, abs(u / exact - 1.0), found.error / u)
+
+    chain = isinstance(model, pd.Chain)
+    reference = SHOOTING if chain else ("mpmath: Beck's column" if pipe.beta == 0.0 else SERIES)
+    return row("critical_speed", named(model), at, reference, ask, measure)
+
+
+def cantilever_frequency(m: int) -> float:
+    """Of mode m of the beam."""
+    middle = (m - 0.5) * math.pi
+    root = brentq(
+        lambda k: math.cos(k) + 1.0 / math.cosh(min(k, 700.0)), middle - 1, middle + 1, xtol=1e-15
+    )
+    return float(root) ** 2
+
+
+def growing(model: Any, u: float) -> float:
+    """Largest growth rate by routes of their own, relative to the rate."""
+    if isinstance(model, pd.Chain):
+        mass, velocity, stiffness = model.operators().at(u)
+        n = model.dof
+        step = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -velocity]])
+        step[n:] = np.linalg.solve(mass, step[n:])
+        values = np.linalg.eigvals(step)
+    else:
+        values = collocation_eigenvalues(model.pipe, u, 90)[:40]
+    return float((values.real / np.maximum(np.abs(values), 1.0)).max() - 1e-8)
+
+
+def critical_speeds(level: int) -> Iterator[Row]:
+    """Of pipes and chains; at high beta or gravity the pipe stays stable to the end."""
+    aspirating = {"flow": "aspirating", "damping": 1e-3}
+    cases: list[tuple[str, dict[str, Any]]] = [
+        ("beta=1e-12", {"beta": 1e-12}),
+        ("beta=0.99", {"beta": 0.99}),
+        ("beta=0.2, gamma=-100", {"beta": 0.2, "gamma": -100.0}),
+        ("beta=0.2, damping=1", {"beta": 0.2, "damping": 1.0}),
+        ("aspirating, beta=0.999999, damping=1e-3", {"beta": 0.999999, **aspirating}),
+    ]
+    if level >= FULL:
+        cases += [
+            ("beta=0.999", {"beta": 0.999}),
+            ("beta=0.9999", {"beta": 0.9999}),
+            ("gamma=1e4", {"beta": 0.2, "gamma": 1e4}),
+            ("gamma=-1e4", {"beta": 0.2, "gamma": -1e4}),
+            ("damping=1e3", {"beta": 0.2, "damping": 1e3}),
+        ]
+    if level >= ALL:
+        cases += [
+            ("beta=0.999999", {"beta": 0.999999}),
+            ("gamma=1e6", {"beta": 0.2, "gamma": 1e6}),
+            ("aspirating, damping=1e3", {"beta": 0.2, **aspirating, "damping": 1e3}),
+        ]
+    yield critical_row(pd.Continuum(pd.Pipe(0.0)), "beta=0")
+    for at, numbers in cases:
+        yield critical_row(pd.Continuum(pd.Pipe(**numbers)), at)
+    pipes = {
+        "beta=1e-12": pd.Pipe(1e-12),
+        "beta=0.999999": pd.Pipe(0.999999),
+        "gamma=1e3": pd.Pipe(0.2, 1e3),
+        "gamma=1e6": pd.Pipe(0.2, 1e6),
+        "damping=1e3": pd.Pipe(0.2, damping=1e3),
+    }
+    for at, pipe in pipes.items():
+        yield critical_row(pd.Chain(pipe, 5), at)
+    if level >= FULL:
+        yield critical_row(pd.Chain(pd.Pipe(0.2), 200), "beta=0.2")
+    if level >= ALL:
+        yield critical_row(pd.Chain(pd.Pipe(0.2), 1000), "beta=0.2")
+        yield critical_row(pd.Chain(pd.Pipe(0.999999), 200), "beta=0.999999")
+
+
+def branches_followed(level: int) -> Iterator[Row]:
+    """Root loci to u = 100: whether each branch ends on an eigenvalue, and none on another's."""
+    pipe = pd.Pipe(0.2)
+    damped = pd.Pipe(0.2, damping=1e3)
+    cases = [(pd.Chain(pipe, 20), "to u=100"), (pd.Chain(damped, 10), "damping=1e3, to u=20")]
+    if level >= FULL:
+        cases += [
+            (pd.Continuum(pipe), "to u=50"),
+            (pd.Chain(pd.Pipe(0.2, 1e6), 20), "gamma=1e6, to u=100"),
+        ]
+    if level >= ALL:
+        cases += [(pd.Continuum(pipe), "to u=100"), (pd.Chain(pipe, 200), "to u=100")]
+    for model, at in cases:
+        end = float(at.rsplit("=", 1)[1])
+
+        def measure(loci: pd.RootLoci, model: Any = model) -> Told:
+            last, good = loci.eigenvalues[-1], loci.converged[-1]
+            u = float(loci.speeds[-1])
+            step = chain_step if isinstance(model, pd.Chain) else pipe_step
+            by = model if isinstance(model, pd.Chain) else model.pipe
+            scale = np.maximum(np.abs(last), 1.0 / (1.0 + model.pipe.damping))
+            errors = np.array([abs(step(by, complex(z), u)) for z in last]) / scale
+            twice = np.abs(last[:, None] - last[None, :]) + np.diag(np.full(last.size, np.inf))
+            if not model.pipe.damping:  # else the slow roots of two modes may form a pair
+                errors[(twice <= 1e-9 * scale).any(axis=1)] = math.inf
+            return Told(f"{last[1]:.6g}", float(errors[good].max(initial=0.0)))
+
+        yield row(
+            *("root_loci", named(model), at, SHOOTING if isinstance(model, pd.Chain) else SERIES),
+            lambda model=model, end=end: pd.root_loci(model, np.linspace(0.0, end, 21), 4),
+            measure,
+            1e-6,
+        )
+
+
+def rates(level: int) -> Iterator[Row]:
+    """rhs and Jacobian at one wild state each, of random angles about 1 rad and rates about 10."""
+    pipe = pd.Pipe(0.2)
+    chains = {
+        "u=100": (pd.Chain(pipe, 6), 100.0),
+        "gamma=1e6": (pd.Chain(pd.Pipe(0.2, 1e6), 6), 6.0),
+        "gamma=-1e4": (pd.Chain(pd.Pipe(0.2, -1e4), 6), 6.0),
+        "drag=1e4": (pd.Chain(pd.Pipe(0.2, drag=1e4), 6), 6.0),
+        "damping=1e3": (pd.Chain(pd.Pipe(0.2, damping=1e3), 6), 6.0),
+        "coiled, 30 rad": (pd.Chain(pipe, 6), 6.0),
+        **{at: (pd.Chain(pipe, **arrays), 6.0) for at, arrays in unequal(6).items()},
+        "n=40": (pd.Chain(pipe, 40), 6.0),
+    }
+    for at, (chain, u) in chains.items():
+        n = chain.dof
+        angle = 30.0 if "coiled" in at else 1.0
+        y = np.random.default_rng(3).standard_normal(2 * n) * np.repeat([angle, 10.0], n)
+
+        def off(found: np.ndarray, exact: np.ndarray) -> Told:
+            size = np.abs(exact).max()
+            return Told(f"largest {size:.2g}", float(np.abs(found - exact).max() / size))
+
+        yield row(
+            *("rhs", named(chain), at, "mpmath: dense equations"),
+            lambda chain=chain, y=y, u=u: chain.rhs(0.0, y, u),
+            lambda r, chain=chain, y=y, u=u: off(r, np.array(exact_rates(chain, y, u), float)),
+            1e-12,
+        )
+        if n == 6:
+            yield row(
+                *("jacobian", named(chain), at, "mpmath: differences"),
+                lambda chain=chain, y=y, u=u: chain.jacobian(0.0, y, u),
+                lambda jac, chain=chain, y=y, u=u: off(jac, exact_jacobian(chain, y, u)),
+                1e-10,
+            )
+    for basis in ("beam", "legendre"):
+        for turns in (3, 30):
+            model = pd.Galerkin(pd.Pipe(0.2, 10.0, damping=0.01), 8, basis)
+            coil = model.bent(lambda s, turns=turns: 2.0 * np.pi * turns * s)
+            y = np.concatenate([coil, np.random.default_rng(4).standard_normal(8)])
+            yield row(
+                *("rhs", named(model), f"coiled, {turns} turns", "fine quadrature"),
+                lambda model=model, y=y: model.rhs(0.0, y, 6.0),
+                lambda r, model=model, y=y: off(r, pipe_rates(model, y, 6.0, 500)),
+                1e-9,
+            )
+
+
+def motions(level: int) -> Iterator[Row]:
+    """Short motions from a bow or coil beside plain dense equations at rtol 1e-12."""
+    pipe = pd.Pipe(0.2)
+    cases: list[tuple[str, pd.Chain, float, float, float]] = [
+        ("coiled, 3 turns", pd.Chain(pipe, 6), 6.0, 6.0 * math.pi, 0.1),
+        ("u=100", pd.Chain(pipe, 3), 100.0, 0.3, 0.02),
+        ("gamma=1e6", pd.Chain(pd.Pipe(0.2, 1e6), 4), 6.0, 0.3, 0.01),
+        ("gamma=-1e4", pd.Chain(pd.Pipe(0.2, -1e4), 4), 6.0, 0.3, 0.03),
+        ("drag=1e4", pd.Chain(pd.Pipe(0.2, drag=1e4), 4), 6.0, 0.3, 0.2),
+        ("springs 1e8 : 1", pd.Chain(pipe, **unequal(6)["springs 1e8 : 1"]), 1.0, 0.3, 0.05),
+    ]
+    for at, chain, u, angle, end in cases:
+
+        def measure(motion: pd.Motion, chain: pd.Chain = chain, u: float = u) -> Told:
+            start = np.concatenate([motion.q[0], motion.qdot[0]])
+            exact = solve_ivp(
+                *(lambda t, y: dense_rates(chain, y, u), (0.0, motion.t[-1]), start, "DOP853"),
+                rtol=1e-12,
+                atol=1e-12,
+            ).y[: chain.dof, -1]
+            error = np.abs(motion.q[-1] - exact).max() / max(1.0, np.abs(exact).max())
+            return Told(f"{motion.method}, audit {motion.audit:.0e}", float(error))
+
+        yield row(
+            *("simulate", named(chain), at, "dense equations, rtol 1e-12"),
+            lambda chain=chain, u=u, angle=angle, end=end: pd.simulate(
+                chain, u, end, lambda s: angle * s, times=[0.0, end], rtol=1e-9
+            ),
+            measure,
+            1e-5,
+        )
+    if level >= FULL:
+        yield stiff_motion()
+    stiff = pd.Galerkin(pd.Pipe(0.2, damping=1e3), 8, "legendre")
+    exact = crept(stiff, "Radau", 1e-8).tip[-1]
+    methods = ("lsoda", "Radau") if level == QUICK else ("lsoda", "Radau", "BDF", "LSODA")
+    for method in methods:
+        yield row(
+            *("simulate", named(stiff), f"damping=1e3, {method}", "Radau, rtol 1e-8"),
+            lambda method=method: crept(stiff, method, 1e-6),
+            lambda motion: Told(
+                f"audit {motion.audit:.0e}",
+                float(np.abs(motion.tip[-1] - exact).max()),
+            ),
+            1e-5,
+        )
+
+
+def stiff_motion() -> Row:
+    """Of segments of very different lengths: what a unit of time takes, from a short motion.
+
+    Flutter asks for some ten units of time at least.
+    """
+    chain = pd.Chain(pd.Pipe(0.2), **unequal(6)["lengths 1e6 : 1"])
+    window = 2e4 / highest_frequency(chain)
+    start = time.process_time()
+    motion = pd.simulate(chain, 6.0, window, lambda s: 0.3 * s, times=[0.0, window])
+    seconds = (time.process_time() - start) / window
+    return Row(
+        *("simulate, a unit of time", named(chain), "lengths 1e6 : 1, u=6"),
+        *(f"{motion.evaluations / window:.1e} rhs", "a short motion", math.nan, math.nan),
+        *("too slow" if seconds > PATIENCE else "holds", seconds),
+    )
+
+
+def crept(model: pd.Galerkin, method: str, rtol: float) -> pd.Motion:
+    """A pipe of treacle that creeps back."""
+    return pd.simulate(
+        model, 6.0, 50.0, lambda s: 0.3 * s, times=[0.0, 50.0], rtol=rtol, method=method
+    )
+
+
+def limit_on_axis(direction: complex) -> float:
+    """Largest |z| along a ray up to which DOP853's stability function stays within 1."""
+    a, b = dop853_coefficients.A[:12, :12], dop853_coefficients.B
+    ones = np.ones(12)
+
+    def amplified(z: complex) -> float:
+        return abs(1.0 + z * b @ np.linalg.solve(np.eye(12) - z * a, ones))
+
+    radii = np.arange(0.05, 12.0, 0.005)
+    outside = np.array([amplified(r * direction) for r in radii]) > 1.0 + 1e-3
+    return float(radii[np.argmax(outside)])
+
+
+def mean_step(kind: Any, model: Any, end: float, rtol: float) -> float:
+    """Mean step of one of scipy's integrators, on a model at rest but for a small bow."""
+    y = np.concatenate([model.bent(lambda s: 1e-3 * s), np.zeros(model.dof)])
+    implicit = {} if kind is DOP853 else {"jac": lambda t, y: model.jacobian(0.0, y, 0.0)}
+    solver = kind(
+        lambda t, y: model.rhs(0.0, y, 0.0), 0.0, y, end, rtol=rtol, atol=rtol, **implicit
+    )
+    steps = 0
+    while solver.status == "running":
+        solver.step()
+        steps += 1
+    if solver.status != "finished":
+        raise pd.NotConverged("the step shrank to nothing")
+    return end / steps
+
+
+def stable_steps(level: int) -> Iterator[Row]:
+    """Step times fastest rate where accuracy asks for little: DOP853's is held by stability.
+
+    Theory is the end of its stability region on the imaginary and on the negative real axis.
+    Implicit methods have to take twice that at least. Then what each makes of undamped energy.
+    """
+    sizes = (5, 20) if level == QUICK else (5, 20, 50, 100)
+    for damping, axis in ((0.0, "imaginary"), (0.1, "real")):
+        theory = limit_on_axis(-1.0 if damping else 1j)
+        for n in sizes:
+            model = pd.Chain(pd.Pipe(0.2, damping=damping), n)
+            fastest = max(highest_frequency(model), fastest_decay(model))
+            for kind in (DOP853, Radau, BDF, LSODA) if n <= 20 else (DOP853,):
+                explicit = kind is DOP853
+
+                def measure(
+                    h: float,
+                    fastest: float = fastest,
+                    theory: float = theory,
+                    explicit: bool = explicit,
+                ) -> Told:
+                    z = h * fastest
+                    off = abs(z / theory - 1.0) if explicit else max(2.0 * theory / z - 1.0, 0.0)
+                    return Told(f"h = {h:.2g}, h |lambda| = {z:.3g}", off)
+
+                yield row(
+                    *(f"step of {kind.__name__}", named(model), f"damping={damping:g}, u=0"),
+                    f"{axis} axis: {theory:.2f}" if explicit else f"above {2.0 * theory:.2f}",
+                    lambda kind=kind, model=model, fastest=fastest: mean_step(
+                        kind, model, 2000.0 / fastest, 0.01
+                    ),
+                    measure,
+                    0.2,
+                )
+    plain = pd.Chain(pd.Pipe(0.2), 5)
+    slower = ("DOP853", "Radau", "BDF", "LSODA") if level >= FULL else ()
+    for method in ("dop853", "lsoda", *slower):
+        yield row(
+            *("simulate", "chain n=5", f"20 periods, {method}, rtol 1e-4", "energy is constant"),
+            lambda method=method: pd.simulate(
+                *(plain, 0.0, 36.0, lambda s: 0.3 * s), times=[0.0, 36.0], rtol=1e-4, method=method
+            ),
+            kept_energy,
+            1e-2,
+        )
+
+
+def kept_energy(motion: pd.Motion) -> Told:
+    """What a motion without flow and damping lost or won, beside its audit."""
+    error = abs(motion.energy[-1] - motion.energy[0]) / np.abs(motion.energy).max()
+    return Told(f"{motion.evaluations} rhs", float(error), motion.audit)
+
+
+def long_runs(level: int) -> Iterator[Row]:
+    """One segment without gravity is a harmonic oscillator at any amplitude, and a joint without
+    spring a pendulum: exact states after many periods, and what the audit says of the energy."""
+    periods = 300 if level == QUICK else 10_000
+    swing = pd.Chain(pd.Pipe(0.2), 1)
+    omega = math.sqrt(3.0 * swing.springs[0])
+    end = periods * 2.0 * math.pi / omega
+    for rtol in (1e-6, 1e-9, 1e-12):
+        yield row(
+            *("simulate", "chain n=1", f"{periods} periods, rtol {rtol:g}", "energy is constant"),
+            lambda end=end, rtol=rtol: pd.simulate(
+                *(swing, 0.0, end, [1.0]), times=[0.0, end], rtol=rtol
+            ),
+            kept_energy,
+            1e-2,
+        )
+    yield row(
+        *("simulate", "chain n=1", f"{periods} periods, rtol 1e-12", "state: cosine"),
+        lambda: pd.simulate(swing, 0.0, end, [1.0], times=[0.0, end], rtol=1e-12),
+        lambda motion: Told(
+            f"{motion.q[-1, 0]:.12f}",
+            math.hypot(motion.q[-1, 0] - 1.0, motion.qdot[-1, 0] / omega),
+        ),
+        1e-5,
+    )
+    pendulum = pd.Chain(pd.Pipe(0.2, 10.0), springs=[0.0])
+    square, modulus = 15.0, math.sin(1.5) ** 2
+    after = 100.25 * 4.0 * ellipk(modulus) / math.sqrt(square)
+    sn = ellipj(ellipk(modulus) - math.sqrt(square) * after, modulus)[0]
+    exact = 2.0 * math.asin(math.sin(1.5) * sn)
+    yield row(
+        *("simulate", "chain n=1", "pendulum from 3 rad, 100 swings", "elliptic functions"),
+        lambda: pd.simulate(pendulum, 0.0, after, [3.0], times=[0.0, after], rtol=1e-12),
+        lambda motion: Told(f"{motion.q[-1, 0]:.9f}", abs(motion.q[-1, 0] - exact)),
+        1e-5,
+    )
+    for n in (2, 3) if level != FULL else (2,):
+        chain = pd.Chain(pd.Pipe(0.2), n)
+        turns = 100 if level == QUICK else 10_000
+        end = turns * 2.0 * math.pi / abs(pd.eigenvalues(chain, 0.0, 1)[0])
+        yield row(
+            *("simulate", named(chain), f"{turns} periods, no flow", "energy is constant"),
+            lambda chain=chain, end=end: pd.simulate(
+                chain, 0.0, end, lambda s: s, times=[0.0, end], rtol=1e-9
+            ),
+            kept_energy,
+            1e-3,
+        )
+    yield long_flutter({QUICK: 50, FULL: 1000, ALL: 10_000}[level])
+
+
+def long_flutter(periods: int) -> Row:
+    """Flutter that stays on its cycle, found as a boundary-value problem."""
+    chain = pd.Chain(pd.Pipe(0.2), 3)
+    u = 1.2 * pd.critical_speed(chain).speed
+    cycle = pd.limit_cycle(chain, u)
+    end = periods * cycle.period
+
+    def measure(motion: pd.Motion) -> Told:
+        error = abs(np.abs(motion.tip[1:, 0]).max() / cycle.amplitude - 1.0)
+        return Told(f"amplitude {cycle.amplitude:.6f}, audit {motion.audit:.0e}", float(error))
+
+    return row(
+        *("simulate", "chain n=3", f"flutter, {periods} periods", "limit_cycle"),
+        lambda: pd.simulate(
+            *(chain, u, end, cycle.q[0], cycle.qdot[0]),
+            times=[0.0, *np.linspace(end - cycle.period, end, 400)],
+            rtol=1e-8,
+        ),
+        measure,
+        1e-4,
+    )
+
+
+def cycles(level: int) -> Iterator[Row]:
+    """Limit cycles from the faintest to drag that all but forbids them."""
+    chain = pd.Chain(pd.Pipe(0.2), 3)
+    onset = pd.hopf(chain)
+    for beyond in (1e-2, 1e-4, 1e-6, 1e-8):
+        u = onset.speed * (1.0 + beyond)
+        law = math.sqrt(onset.amplitude_law * (u - onset.speed))
+        yield row(
+            *("limit_cycle", "chain n=3", f"u = u_c (1 + {beyond:g})", "hopf's law"),
+            lambda u=u: pd.limit_cycle(chain, u),
+            lambda found, law=law: Told(
+                f"amplitude {found.amplitude:.6g}", abs(found.amplitude / law - 1.0)
+            ),
+            beyond + 1e-6,
+        )
+    if level >= FULL:
+        heavy = pd.Chain(pd.Pipe(0.2, drag=1e4), 4)
+        yield row(
+            *("limit_cycle", "chain n=4", "drag=1e4, u=6", "simulate"),
+            lambda: pd.limit_cycle(heavy, 6.0),
+            lambda found: Told(
+                f"amplitude {found.amplitude:.6g}",
+                abs(swept(heavy, 6.0, found) / found.amplitude - 1.0),
+            ),
+            1e-4,
+        )
+        for at, pipe in (("gamma=1e4", pd.Pipe(0.2, 1e4)), ("drag=1e4", pd.Pipe(0.2, drag=1e4))):
+            model = pd.Galerkin(pipe, 8, "legendre")
+            u = 1.05 * pd.critical_speed(model).speed
+            yield row(
+                *("limit_cycle", named(model), f"{at}, u = 1.05 u_c", "simulate"),
+                lambda model=model, u=u: pd.limit_cycle(model, u),
+                lambda found, model=model, u=u: Told(
+                    f"amplitude {found.amplitude:.6g}",
+                    abs(swept(model, u, found) / found.amplitude - 1.0),
+                ),
+                1e-4,
+            )
+
+
+def swept(model: Any, u: float, cycle: pd.LimitCycle) -> float:
+    """Amplitude of a motion that starts on a cycle, over its third period."""
+    times = np.linspace(2.0 * cycle.period, 3.0 * cycle.period, 801)
+    motion = pd.simulate(
+        *(model, u, float(times[-1]), cycle.q[0], cycle.qdot[0]),
+        times=times,
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    return 0.5 * float(np.ptp(motion.tip[:, 0]))
+
+
+def scenes(level: int) -> Iterator[Row]:
+    """The modular route of a plain chain beside the chain's own equations."""
+    cases = {"u=100": ({}, pd.Pipe(0.2), 100.0), "gamma=1e6": ({}, pd.Pipe(0.2, 1e6), 6.0)}
+    for at, arrays in unequal(6).items():
+        cases[at] = (arrays, pd.Pipe(0.2), 1.0)
+    for at, (arrays, pipe, u) in cases.items():
+        n = None if arrays else 6
+        scene = pd.modular.chain(pipe, n, **{"springs": "consistent", **arrays})
+        chain = pd.Chain(pipe, n, **arrays)
+        yield row(
+            *("eigenvalues", "scene of 6", at, SHOOTING),
+            lambda scene=scene, u=u: pd.modes(scene, u, 4),
+            lambda found, chain=chain, u=u: worst_eigenvalue(
+                found, [0, 2], lambda z: chain_step(chain, z, u)
+            ),
+        )
+
+
+SECTIONS: tuple[Callable[[int], Iterator[Row]], ...] = (
+    eigenvalues_of_the_pipe,
+    eigenvalues_of_chains,
+    eigenvalues_of_reduced_models,
+    highest_eigenvalues,
+    critical_speeds,
+    branches_followed,
+    rates,
+    motions,
+    stable_steps,
+    long_runs,
+    cycles,
+    scenes,
+)
+
+
+def table(level: int = FULL) -> list[Row]:
+    """All rows of a level: QUICK, FULL or ALL."""
+    return [one for section in SECTIONS for one in section(level)]
+
+
+def cells(one: Row) -> list[str]:
+    """A row as text, numbers shortened."""
+    return [f"{x:.1e}" if isinstance(x, float) else str(x) for x in astuple(one)]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="seconds only")
+    parser.add_argument("--all", action="store_true", help="also what takes minutes")
+    parser.add_argument("--csv", help="write the table there")
+    asked = parser.parse_args()
+    level = ALL if asked.all else QUICK if asked.quick else FULL
+    names = [field.name for field in fields(Row)]
+    print("| " + " | ".join(names) + " |\n" + "|---" * len(names) + "|")
+    rows = []
+    for section in SECTIONS:
+        for one in section(level):
+            rows.append(one)
+            print("| " + " | ".join(cells(one)) + " |", flush=True)
+    if asked.csv:
+        with open(asked.csv, "w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerows([names, *(astuple(one) for one in rows)])
+    misleading = [one for one in rows if one.verdict == "MISLEADS"]
+    print(f"\n{len(rows)} rows, {len(misleading)} mislead")
+    return 1 if misleading else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: MIT
+"""The quick rows of the table of extremes: what holds, and who says where it does not."""
+
+import math
+
+import numpy as np
+import pytest
+from extremes import QUICK, SECTIONS, Told, cells, judged, row
+from independent import chain_newton_step
+
+import pipedyn as pd
+
+REFUSED = {
+    "eigenvalues_of_the_pipe": {("eigenvalues", "pipe", "damping=1e3, u=100")},
+    "highest_eigenvalues": {
+        ("highest eigenvalue", "legendre m=100", "u=0"),
+        ("all eigenvalues", "legendre m=200", "u=6"),
+    },
+}
+"""What double precision cannot give, by section."""
+
+
+@pytest.mark.parametrize("section", SECTIONS, ids=lambda section: section.__name__)
+def test_no_answer_at_the_extremes_misleads(section):
+    rows = list(section(QUICK))
+    assert rows
+    refused = [one for one in rows if one.verdict == "refused: NotConverged"]
+    met = {(one.route, one.model, one.at) for one in refused}
+    assert met == REFUSED.get(section.__name__, set())
+    for one in rows:
+        if one not in refused:
+            assert one.verdict in ("holds", "says so"), cells(one)
+            # An estimate that says anything may be had for nothing.
+            assert not one.claim > 1e-2, cells(one)
+
+
+@pytest.mark.parametrize(
+    ("told", "verdict"),
+    [
+        (Told("", 1e-9), "holds"),
+        (Told("", 1e-7), "MISLEADS"),
+        (Told("", math.nan), "MISLEADS"),
+        (Told("", 1e-9, 1e-12), "MISLEADS"),
+        (Told("", 1e-9, 1e-6), "holds"),
+        (Told("", 1e-7, 1e-6), "says so"),
+        (Told("", math.nan, 1e-6), "MISLEADS"),
+    ],
+)
+def test_an_error_beyond_limit_or_estimate_is_called_misleading(told, verdict):
+    assert judged(told, 1e-8) == verdict
+
+
+def test_a_refusal_is_told_by_its_name():
+    def ask():
+        raise pd.NoCrossing("none", 1.0)
+
+    assert row("", "", "", "", ask, lambda _: Told("", 0.0)).verdict == "refused: NoCrossing"
+
+
+@pytest.mark.parametrize(
+    ("model", "u"),
+    [
+        (pd.Chain(pd.Pipe(0.2), 10), 6.0),
+        (pd.Chain(pd.Pipe(0.2), 100), 100.0),
+        (pd.Chain(pd.Pipe(0.2, damping=1e3), 20), 6.0),
+    ],
+    ids=["plain", "u = 100", "treacle"],
+)
+def test_said_errors_bound_the_true_ones_without_being_idle(model, u):
+    found = pd.modes(model, u, 6)
+    assert found.errors.shape == (6,)
+    true = [abs(chain_newton_step(model, z, u, 200)) for z in found.eigenvalues]
+    assert (true <= found.errors).all()
+    assert (found.errors <= 2e-4 * np.abs(found.eigenvalues)).all()
+
+
+def test_errors_grow_with_the_condition_of_the_eigenvalues():
+    slow, fast = (pd.modes(pd.Chain(pd.Pipe(0.2), 100), u, 6) for u in (6.0, 100.0))
+    assert fast.errors.max() > 1e3 * slow.errors.max()
+    assert fast.residuals.max() < 1e-12
+
+
+def test_a_residual_near_one_is_no_eigenvalue_whatever_rounding_explains():
+    found = pd.modes(pd.Galerkin(pd.Pipe(0.2), 200, "legendre"), 6.0)
+    assert found.residuals.max() > 0.5
+    assert not found.converged[found.residuals > 1e-4].any()
+    assert found.converged[:300].all()
+    assert np.linalg.norm(found.eigenvalues[~found.converged]) > 1e8
