@@ -290,11 +290,20 @@ def test_a_cycle_that_no_onset_leads_to_is_followed_from_a_motion():
         assert 0.5 * np.ptp(one.turnings) == pytest.approx(cycle.amplitude, rel=1e-3)
 
 
-def test_where_no_onset_leads_to_cycles_a_motion_looks_for_one_and_what_it_finds_not_is_told():
+def test_where_no_onset_leads_to_cycles_a_motion_finds_one():
     model = pd.Chain(pd.Pipe(0.3, drag=1.0, flow="aspirating"), 3)
-    found = pd.bifurcation_diagram(model, [0.1, 0.56])
+    found = pd.bifurcation_diagram(model, [0.1, 0.15], cycles=4)
+    branch = found.cycles[0]
+    assert branch.origin == "motion"
+    (cycle,) = branch.at(0.1)
+    assert cycle.amplitude == pytest.approx(pd.limit_cycle(model, 0.1).amplitude, rel=1e-5)
+
+
+def test_where_motions_wind_up_without_end_it_is_told_that_no_cycle_was_found():
+    model = pd.Chain(pd.Pipe(0.3, flow="aspirating"), 2)
+    found = pd.bifurcation_diagram(model, [1.0, 2.0])
     assert found.cycles == ()
-    assert [(f.index, f.value) for f in found.failures] == [(0, 0.1), (1, 0.56)]
+    assert [(f.index, f.value) for f in found.failures] == [(0, 1.0), (1, 2.0)]
     assert all(isinstance(f.error, pd.NoCycle) for f in found.failures)
 
 
@@ -316,7 +325,8 @@ def test_a_passage_is_named_by_where_the_multiplier_passes(root, mirrored, kind)
     others = [root, np.conj(root)] if np.iscomplex(root) else [root]
     named, multiplier = passage([1.0, 0.2, -0.3, 40.0, *others], mirrored)
     assert named == kind
-    assert abs(multiplier) == pytest.approx(abs(root) ** (2 if mirrored else 1))
+    power = 2 if mirrored else 1
+    assert multiplier == pytest.approx((root / abs(root)) ** power)
     assert nontrivial([0.3, 1.0 + 1e-9, root]).size == 2
     assert outside([1.0, 1.5, root]) == 1 + (abs(root) > 1.0)
 
