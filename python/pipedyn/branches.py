@@ -107,7 +107,13 @@ class CycleBranch:
         return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
 
     def retraces(self, other: CycleBranch) -> bool:
-        """Whether it leads from where the other ends to where that begins."""
+        """Whether it leads from where the other ends to where that begins.
+
+        Raises:
+            TypeError: for what is no branch of cycles.
+        """
+        if not isinstance(other, CycleBranch):
+            raise TypeError(f"other must be a CycleBranch, got {_check.shown(other)}")
         return all(
             b.events[-1:] and b.events[-1].kind == "hopf" and b.events[-1].speed == onset != b.onset
             for b, onset in ((self, other.onset), (other, self.onset))
