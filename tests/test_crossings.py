@@ -476,3 +476,11 @@ def test_irregular_chains_crossings_account_for_every_unstable_root(seed):
         gyration_radii=lengths * random.uniform(0.1, 0.5, n),
     )
     counts_meet_the_matrices(chain, 10.0, told=0.75)
+
+
+def test_what_is_found_twice_is_equal_and_may_stand_in_a_set():
+    """Sensitivities by springs are arrays, which do not compare."""
+    found = [pd.critical_speed(pd.Chain(pd.Pipe(0.2), 3)) for _ in range(2)]
+    assert found[0] == found[1]
+    assert found[0] != pd.critical_speed(pd.Chain(pd.Pipe(0.2), 4))
+    assert len({*found}) == 1

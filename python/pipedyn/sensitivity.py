@@ -31,7 +31,7 @@ class Derivatives:
     gamma: float
     damping: float
     alpha: float
-    springs: Array | None = field(default=None, repr=False)
+    springs: Array | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
