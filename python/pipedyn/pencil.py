@@ -25,6 +25,7 @@ from pipedyn.chain import Chain
 from pipedyn.effort import factorised
 from pipedyn.model import Model
 from pipedyn.modular import Assembly
+from pipedyn.pipe import Pipe
 
 Complex = NDArray[np.complex128]
 Vectors = NDArray[Any]
@@ -306,13 +307,15 @@ class DensePencil(Pencil):
         return self.K @ x
 
     def gravity(self, x: Vectors) -> Vectors:
-        heavier = self.model.with_pipe(replace(self.pipe, gamma=self.pipe.gamma + 1.0))
-        result: Vectors = heavier.elastic_operators().stiffness @ x - self.K @ x
+        other, step = _stepped(self.pipe, "gamma")
+        heavier = self.model.with_pipe(other).elastic_operators().stiffness
+        result: Vectors = step * (heavier @ x - self.K @ x)
         return result
 
     def by_damping(self, x: Vectors) -> Vectors:
-        slower = self.model.with_pipe(replace(self.pipe, damping=self.pipe.damping + 1.0))
-        result: Vectors = slower.elastic_operators().damping @ x - self.D @ x
+        other, step = _stepped(self.pipe, "damping")
+        slower = self.model.with_pipe(other).elastic_operators().damping
+        result: Vectors = step * (slower @ x - self.D @ x)
         return result
 
     def flux(self, x: Vectors) -> Vectors:
@@ -483,15 +486,24 @@ class ScenePencil(SparsePencil):
         return self.linear.stiffness(x)
 
     def gravity(self, x: Vectors) -> Vectors:
-        heavier = self.model.with_pipe(replace(self.pipe, gamma=self.pipe.gamma + 1.0))
-        return heavier.linear.stiffness(x) - self.linear.stiffness(x)
+        other, step = _stepped(self.pipe, "gamma")
+        heavier = self.model.with_pipe(other).linear.stiffness(x)
+        return step * (heavier - self.linear.stiffness(x))
 
     def by_damping(self, x: Vectors) -> Vectors:
-        slower = self.model.with_pipe(replace(self.pipe, damping=self.pipe.damping + 1.0))
-        return slower.linear.damping(x) - self.linear.damping(x)
+        other, step = _stepped(self.pipe, "damping")
+        slower = self.model.with_pipe(other).linear.damping(x)
+        return step * (slower - self.linear.damping(x))
 
     def flux(self, x: Vectors) -> Vectors:
         return self.linear.flux(x)
 
     def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
         return self.linear.factor(value, u)
+
+
+def _stepped(pipe: Pipe, name: str) -> tuple[Pipe, float]:
+    """The pipe with one number changed by a step of 1 or -1, which keeps it in its range."""
+    value = getattr(pipe, name)
+    step = 1.0 if value < 1.0 else -1.0
+    return replace(pipe, **{name: value + step}), step
