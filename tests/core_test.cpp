@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <complex>
 #include <cstdio>
+#include <initializer_list>
 #include <numbers>
 #include <random>
 #include <stdexcept>
@@ -799,6 +800,188 @@ void check_fitted_motion() {
   }
 }
 
+// ---------------------------------------------------------------------------- random extremes
+
+/// Any size and pipe that Python lets through, each range's ends among them.
+struct Wild {
+  Dice& dice;
+
+  double one_of(std::initializer_list<double> values) {
+    const auto at = static_cast<std::size_t>(dice.between(0.0, static_cast<double>(values.size())));
+    return values.begin()[std::min(at, values.size() - 1)];
+  }
+  Index size(std::initializer_list<double> values) { return static_cast<Index>(one_of(values)); }
+  Pipe pipe() {
+    return Pipe{.beta = one_of({0.0, 1e-12, 0.5, 0.999999}),
+                .gamma = one_of({-1e6, -10.0, 0.0, 10.0, 1e6}),
+                .alpha = one_of({0.0, 0.5, 1.0, 1e6}),
+                .drag = one_of({0.0, 0.7, 1e9}),
+                .damping = one_of({0.0, 1e-4, 1e6}),
+                .aspirating = one_of({0.0, 1.0}) == 1.0};
+  }
+  Segments segments(Index n) {
+    Segments made = dice.segments(n);
+    if (one_of({0.0, 1.0}) == 1.0) made.base = 0.0;
+    made.length[n - 1] *= one_of({1.0, 1e-6});
+    made.length *= (1.0 - made.base) / made.length.sum();
+    made.spring *= one_of({0.0, 1.0, 1e8});
+    made.gyration_radius.head(n - 1) *= one_of({0.0, 1.0});
+    return made;
+  }
+  /// Coordinates and rates (2 half, members), at rest, bent, coiled or beyond all sense.
+  Matrix states(Index half, Index members) {
+    Matrix y = dice.matrix(2 * half, members);
+    y.topRows(half) *= one_of({0.0, 1e-300, 1.0, 1e6, 1e300});
+    y.bottomRows(half) *= one_of({0.0, 1.0, 1e6, 1e300});
+    return y;
+  }
+  double speed() { return one_of({0.0, 3.0, 1e4, 1e100}); }
+};
+
+constexpr double within_sense = 1e7;  // of states and speeds whose rates are numbers
+
+/// Every batch writes its own columns and nothing else, and each member is as it is alone.
+template <class Model>
+void check_wild_motion(const Model& model, Wild& wild) {
+  const Index rows = 2 * model.dof(), members = wild.size({0, 1, 2, 7, 8, 19});
+  const double untouched = -7.0;
+  const Matrix y = wild.states(model.dof(), members);
+  const double u = wild.speed();
+  const pipedyn::Batch batch{y.data(), &u, members, 0};
+  Vector total = Vector::Constant(members + 1, untouched), flow = total, joints = total;
+  Vector drag = total;
+  Vector all = Vector::Constant((rows + 1) * members + 1, untouched);
+  pipedyn::rhs_and_power(model, batch, all.data());
+  model.energy(batch, total.data());
+  model.power(batch, {flow.data(), joints.data(), drag.data()});
+  check(all[(rows + 1) * members] == untouched, "rates stay within their array");
+  for (const Vector* const out : {&total, &flow, &joints, &drag}) {
+    check((*out)[members] == untouched, "energy and power stay within their arrays");
+  }
+  Matrix jacobian(rows, rows);
+  if (members == 0) {
+    model.jacobian(Vector::Zero(rows).eval().data(), u, jacobian.data());
+    return;
+  }
+  const Vector first = y.col(0);
+  model.jacobian(first.data(), u, jacobian.data());
+  Vector alone(rows + 1);
+  pipedyn::rhs_and_power(model, {first.data(), &u, 1, 0}, alone.data());
+  if (y.cwiseAbs().maxCoeff() > 2.0 || u > within_sense || !alone.allFinite()) return;
+  const Matrix together = Eigen::Map<const Matrix>(all.data(), rows + 1, members);
+  check_close(together.col(0), alone, 1e-9, "a member of a batch is as it is alone");
+  check(jacobian.allFinite(), "the Jacobian is finite where the rates are");
+}
+
+void check_wild_chain(Wild& wild) {
+  const Index n = wild.size({1, 2, 3, 8, 33});
+  scene = "any chain of " + std::to_string(n);
+  const Pipe pipe = wild.pipe();
+  const Chain chain(pipe, wild.segments(n));
+  check_wild_motion(chain, wild);
+  const Matrix x = wild.dice.matrix(n, wild.size({0, 1, 5}));
+  for (const bool transposed : {false, true}) {
+    check(chain.velocity_times(x, transposed).allFinite(), "V x is finite");
+    check(chain.flux_times(x, transposed).allFinite(), "A x is finite");
+  }
+  check(chain.mass_times(x).allFinite() && chain.gravity_times(x).allFinite(), "M x is finite");
+  check(chain.springs_times(x).allFinite(), "springs times x is finite");
+  const Vector scale = wild.dice.vector(n, 1e-3, 1e3);
+  check(chain.operators().mass.isApprox(chain.operators(Vector::Zero(n)).mass, 1e-12),
+        "operators about the straight pipe are those about angles of 0");
+  check(chain.operators(wild.states(n, 1).col(0).head(n)).mass.allFinite(), "mass is finite");
+  check(chain.joint_operators(scale).stiffness.allFinite(), "joint stiffness is finite");
+  check(chain.band({0.3, 14.0}, wild.one_of({0.0, 5.0, 1e4})).allFinite(), "band is finite");
+}
+
+void check_wild_reduced(Wild& wild) {
+  const Family family = wild.one_of({0.0, 1.0}) == 1.0 ? Family::beam : Family::legendre;
+  const Index m = wild.size({2, 3, 5});
+  scene = "any reduced model of " + std::to_string(m);
+  const Pipe pipe = wild.pipe();
+  const pipedyn::GalerkinMotion plain(pipe, Basis(family, family == Family::beam ? m - 1 : m));
+  check_wild_motion(plain, wild);
+  const Vector joints = family == Family::beam ? Vector() : Vector::Constant(1, 0.6);
+  const Basis basis(family, m, joints);
+  const pipedyn::Fittings fittings = {{0.6, wild.one_of({0.0, 1.0, 1e6}), 3.0},
+                                      {1.0, 0.2, wild.one_of({0.0, 1e9})}};
+  const pipedyn::FittedMotion fitted(pipe, basis, fittings);
+  check_wild_motion(fitted, wild);
+  const Vector q = wild.dice.vector(m, -1.0, 1.0);
+  check(fitted.operators(q).mass.llt().info() == Eigen::Success, "mass is positive definite");
+  const pipedyn::Quadrature rule(40);
+  const Galerkin linear(pipe, basis, rule.node, rule.weight, fittings);
+  check(linear.operators().stiffness.allFinite(), "stiffness is finite");
+  check(basis.evaluate(Vector(), 0).size() == 0, "functions at no place");
+  for (const int derivative : {0, 1, 2}) {
+    const Vector ends = (Vector(3) << 0.0, 0.6, 1.0).finished();
+    check(basis.evaluate(ends, derivative).allFinite(), "functions are finite at the ends");
+  }
+}
+
+void check_wild_scene(Wild& wild) {
+  const Index n = wild.size({1, 2, 3, 8});
+  scene = "any scene of " + std::to_string(n);
+  const Pipe pipe = wild.pipe();
+  const auto node = [&] { return 1 + static_cast<Index>(wild.dice.between(0.0, 0.999) * n); };
+  Modules modules = chained(wild.segments(n), pipe.damping);
+  modules.transverse_springs.push_back({node(), wild.one_of({0.0, 1e9})});
+  modules.dashpots.push_back({node(), wild.one_of({0.0, 1e9})});
+  modules.masses.push_back({node(), wild.one_of({0.0, 1e-9, 1e6})});
+  if (n > 1) {
+    const Constraint::Kind kind = n > 2 ? Constraint::Kind::pin : Constraint::Kind::guide;
+    modules.constraints.push_back({kind, n, 0.0, 0.9});
+  }
+  const Scene made(pipe, modules);
+  const Index members = wild.size({0, 1, 5});
+  const Matrix turned = wild.states(n, members);
+  const Matrix y = made.from_angles(turned.topRows(n), turned.bottomRows(n));
+  const double u = wild.speed(), untouched = -7.0;
+  Vector rates = Vector::Constant(6 * n * members + 1, untouched);
+  made.rhs({y.data(), &u, members, 0}, nullptr, rates.data());
+  check(rates[6 * n * members] == untouched, "rates stay within their array");
+  Vector parts = Vector::Constant(4 * members + 1, untouched);
+  double* const out = parts.data();
+  made.power({y.data(), &u, members, 0},
+             {out, out + members, out + 2 * members, out + 3 * members});
+  made.energy({y.data(), &u, members, 0}, out);
+  check(parts[4 * members] == untouched, "energy and power stay within their arrays");
+  Vector angles = Vector::Zero((2 * n + 1) * members), turning = angles;
+  made.angle_rates({angles.data(), &u, members, 0}, turning.data());
+  Matrix theta = turned.topRows(n), omega = turned.bottomRows(n);
+  made.project(theta, omega);
+  const Vector straight = made.straight();
+  check(straight.allFinite() && made.lacking(straight) < 3 * n, "inertia is looked for");
+  Vector state(6 * n);
+  state << straight, wild.dice.vector(3 * n, -1.0, 1.0);
+  check(made.forces(state, 3.0).allFinite(), "forces are finite");
+  const auto rows = made.constraints(state);
+  made.curvature(straight, rows.residual);
+  made.force_derivatives(state, u);
+  made.acceleration_derivatives(state, wild.dice.vector(3 * n, -1.0, 1.0));
+  check(rows.residual.allFinite() && rows.right_side.allFinite(), "constraints are finite");
+}
+
+void check_extremes() {
+  Dice dice;
+  Wild wild{dice};
+  const std::string before = pipedyn::vector_level();
+  for (const std::string& level : pipedyn::vector_levels()) {
+    pipedyn::set_vector_level(level);
+    for (int i = 0; i < 60; ++i) check_wild_chain(wild);
+    for (int i = 0; i < 12; ++i) check_wild_reduced(wild);
+    for (const Index length : {0, 1, 7, 64}) {
+      const Vector x = 1e6 * dice.vector(length, -1.0, 1.0);
+      Vector sine(length), cosine(length);
+      pipedyn::sincos(x.data(), length, sine.data(), cosine.data());
+      const Vector one = sine.cwiseAbs2() + cosine.cwiseAbs2();
+      check(one.isApproxToConstant(1.0, 1e-14), "sine and cosine of 1e6");
+    }
+  }
+  pipedyn::set_vector_level(before);
+  for (int i = 0; i < 60; ++i) check_wild_scene(wild);
+}
+
 }  // namespace
 
 int main() {
@@ -812,6 +995,7 @@ int main() {
   check_reduced_motion();
   check_scenes();
   check_fitted_motion();
+  check_extremes();
   std::printf("%d checks, %d failed\n", checks, failures);
   return failures == 0 ? 0 : 1;
 }

@@ -28,7 +28,7 @@ COMPLEX = [1j, 2j]
 NOT_ARRAYS = ["abc", ["a", "b"], COMPLEX, [True, False], {}, [None, 1.0], [[0.5], [0.5, 0.5]]]
 NOT_ARRAYS += [np.ma.array([0.5, 0.5, 0.5], mask=[0, 1, 0]), [0.5, np.ma.masked, 0.5]]
 NOT_ARRAYS += [[0.5, 0.5, np.True_], [Decimal(0), Decimal(1)], (i for i in range(3)), range(10**12)]
-NOT_ARRAYS += [[[0.5] * 10**5] * 10**5, np.zeros(3, dtype=[("a", float)])]
+NOT_ARRAYS += [[[0.5] * 10**5] * 10**5, np.zeros(3, dtype=[("a", float)]), bytearray(b"123")]
 NOT_MODELS = [None, "chain", 3, PIPE, pd.Chain, object()]
 
 SI = {"length": 1.0, "bending_stiffness": 1.0, "pipe_mass": 1.0, "fluid_mass": 1.0}
@@ -232,6 +232,8 @@ CASES = [
             *array("s", lambda v, model=model: model.shape(np.zeros(3), v), 3, [-0.1, 1.1]),
             *array("s", lambda v, model=model: model.deflection(np.zeros(3), v), 3, [-0.1, 1.1]),
             *array("s", pd.modes(model, 1.0).shapes[0], 3, [-0.1, 1.1]),
+            *(("angle", model.bent, lambda s, v=v: v * s) for v in [NAN, 1e7, 1e300, 1j]),
+            *(("q", model.tips, v) for v in [[0.0, 0.0, 0.0], np.zeros((3, 2)) + 1j, None]),
         ]
     ),
     *array("s", lambda v: ROM.functions(v), 3, [-0.1, 1.1]),

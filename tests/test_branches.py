@@ -392,5 +392,10 @@ def test_a_branch_is_asked_for_a_speed(three, u):
         three.cycles[0].at(u)
 
 
+def test_a_branch_retraces_no_other_thing(three):
+    with pytest.raises(TypeError, match="other must be a CycleBranch"):
+        three.cycles[0].retraces(three)
+
+
 def test_no_cycles_are_sought_where_none_are_asked_for():
     assert pd.bifurcation_diagram(THREE, [4.0, 5.0], cycles=0).cycles == ()

@@ -18,6 +18,8 @@ from independent import (
 from scipy.optimize import brentq, minimize_scalar
 
 import pipedyn as pd
+from pipedyn import modular
+from pipedyn.spectrum import pencil_of
 
 
 def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, told=0.9):
@@ -476,3 +478,29 @@ def test_irregular_chains_crossings_account_for_every_unstable_root(seed):
         gyration_radii=lengths * random.uniform(0.1, 0.5, n),
     )
     counts_meet_the_matrices(chain, 10.0, told=0.75)
+
+
+@pytest.mark.parametrize("kind", [pd.Chain, pd.Galerkin, modular.chain])
+def test_derivatives_by_gravity_and_damping_are_told_at_the_ends_of_their_ranges(kind):
+    x = np.eye(3)
+    none = pencil_of(kind(pd.Pipe(0.5), 3))
+    for gamma, damping in ((1e6, 0.0), (-1e6, 1e6), (0.0, 1.0)):
+        pencil = pencil_of(kind(pd.Pipe(0.5, gamma, damping=damping), 3))
+        np.testing.assert_allclose(pencil.gravity(x), none.gravity(x), rtol=0.0, atol=1e-8)
+        np.testing.assert_allclose(pencil.by_damping(x), none.by_damping(x), rtol=0.0, atol=1e-8)
+
+
+def test_the_faintest_fluid_mass_has_a_speed_and_no_derivative():
+    chains = [pd.Chain(pd.Pipe(beta, damping=0.02), 3) for beta in (5e-324, 1e-310, 1e-290, 0.0)]
+    found = [pd.critical_speed(chain) for chain in chains]
+    for critical in found:
+        assert critical.speed == pytest.approx(found[-1].speed, rel=1e-12)
+        assert (critical.sensitivity.speed.beta is None) == (critical.pipe.beta < 1e-300)
+
+
+def test_what_is_found_twice_is_equal_and_may_stand_in_a_set():
+    """Sensitivities by springs are arrays, which do not compare."""
+    found = [pd.critical_speed(pd.Chain(pd.Pipe(0.2), 3)) for _ in range(2)]
+    assert found[0] == found[1]
+    assert found[0] != pd.critical_speed(pd.Chain(pd.Pipe(0.2), 4))
+    assert len({*found}) == 1

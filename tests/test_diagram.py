@@ -171,6 +171,13 @@ def test_bad_arguments_are_refused_by_name(change, kind, message):
         pd.bifurcation_diagram(given.pop("model"), given.pop("speeds"), **given)
 
 
+@pytest.mark.parametrize("u", [math.nan, -1.0, "fast", None, [1.0]])
+def test_motions_at_no_speed_are_not_told(u):
+    diagram = pd.bifurcation_diagram(TWO, [0.0, 1.0], cycles=0)
+    with pytest.raises((ValueError, TypeError), match=r"\bu must"):
+        diagram.at(u)
+
+
 def test_too_long_a_record_is_refused():
     chain = pd.Chain(pd.Pipe(0.2), 200)
     with pytest.raises(ValueError, match="duration must ask for at most 100000000 numbers"):

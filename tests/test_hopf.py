@@ -236,6 +236,9 @@ def test_faint_drag_decides_at_amplitudes_as_faint_only():
         faint = pd.hopf(pd.Chain(pd.Pipe(0.2, drag=drag), 3))
         assert faint.lyapunov == pytest.approx(plain.lyapunov, rel=1e-9)
         assert faint.balance == pytest.approx(0.2631 * drag, rel=1e-3)
+    nothing = pd.hopf(pd.Chain(pd.Pipe(0.2, drag=3e-311), 3))
+    assert nothing.amplitude_law == pytest.approx(plain.amplitude_law, rel=1e-12)
+    assert nothing.exponent == 0.5
     # Far below the balance the law with drag holds, far above it the one without.
     near, far = faint.speed + 1e-9, faint.speed + 1e-2
     assert faint.amplitude(near) == pytest.approx(faint.amplitude_law * 1e-9, rel=1e-2)

@@ -57,6 +57,7 @@ def axes(layout=None):
         (lambda ax: plot.colour_bar(None, np.array([[ax]]), ""), "figure must be of type Figure"),
         (lambda ax: plot.colour_bar(ax.figure, [ax], ""), "axes must be of type ndarray"),
         (lambda ax: plot.dot_stride(3), "loci must be of type RootLoci, got 3"),
+        (lambda ax: plot.boundaries(np.array(None)), "found must be passages in a sequence"),
         (lambda ax: plot.boundaries([3]), "found[0] must be of type Crossing, got 3"),
     ],
 )
@@ -82,6 +83,7 @@ AT_REST = pd.root_loci(CHAIN, [0.0], 2)
         lambda ax: plot.convergence(ax, {"uniform": []}, CRITICAL),
         lambda ax: plot.convergence(ax, {"mine": [CRITICAL]}, CRITICAL),
         lambda ax: plot.stability_map(ax, {}),
+        lambda ax: plot.stability_map(ax, {}, 1.0, CRITICAL),
     ],
 )
 def test_a_picture_of_little_or_nothing_is_drawn(draw):

@@ -157,6 +157,8 @@ def numbers(
     def wrong() -> TypeError:
         return TypeError(f"{name} must be {what}, got {shown(value)}")
 
+    if isinstance(value, bytearray):  # numpy takes its letters for numbers
+        raise wrong()
     if isinstance(value, list | tuple):
         leaves = list(islice(_leaves(value), longest))
         if any(issubclass(kind, NOT_NUMBERS) for kind in set(map(type, leaves))):
@@ -167,7 +169,7 @@ def numbers(
             _refuse_masked(name, part)
     try:
         raw = np.asarray(value)
-    except (ValueError, TypeError, OverflowError):  # lists of different lengths, for one
+    except (ValueError, TypeError, OverflowError, MemoryError):  # uneven lists, endless ones
         raise wrong() from None
     if raw.dtype.kind == "O" and all(_is_real(part) for part in raw.flat):
         parts = [real(name, part) for part in raw.flat]  # fractions, whole numbers beyond 64 bits

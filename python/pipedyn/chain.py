@@ -372,7 +372,7 @@ class Chain(Model):
 
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, shape (k, 2), for k configurations, angles (n, k)."""
-        angles = self._columns("q", q)
+        angles = self._configurations("q", q)
         down = self._base + self._lengths @ np.cos(angles)
         return np.stack([self._lengths @ np.sin(angles), down], axis=-1)
 

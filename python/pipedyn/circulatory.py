@@ -27,7 +27,7 @@ class CirculatoryHunt(Hunt):
 
     def take(self, u: float) -> Sample:
         """Nu and d nu / du at a speed."""
-        pairs = lowest(self.pencil, u, self.count, left=True)
+        pairs = lowest(self.pencil, u, self.count, left=True, high=False)
         values = pairs.values
         pairs = pairs.take((values.real > 0.0) | ((values.real == 0.0) & (values.imag > 0.0)))
         slopes = 2.0 * pairs.values * self.pencil.slopes(u, pairs)

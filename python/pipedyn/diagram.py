@@ -81,7 +81,12 @@ class BifurcationDiagram:
     model: Model
 
     def at(self, u: float) -> tuple[Ended, ...]:
-        """Where motions end at the speed nearest to u."""
+        """Where motions end at the speed nearest to u >= 0.
+
+        Raises:
+            ValueError, TypeError: for what is no such number.
+        """
+        u = _check.real("u", u, low=0.0)
         if not self.motions:
             return ()
         nearest = min(self.motions, key=lambda one: abs(one.speed - u)).speed

@@ -148,7 +148,7 @@ def hermite(a: Complex, b: Complex, da: Complex, db: Complex, t: Array) -> Compl
 
 def sample(pencil: Pencil, u: float, count: int | None) -> Sample:
     """The `count` lowest eigenvalues (all without) at speed u, with slopes; no slope reads 0."""
-    pairs = lowest(pencil, u, count, left=True)
+    pairs = lowest(pencil, u, count, left=True, high=False)
     slopes = pencil.slopes(u, pairs)
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
     noise = _noise(pencil.uncertainties(u, pairs), pairs.values)

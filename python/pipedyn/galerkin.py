@@ -340,7 +340,7 @@ class Galerkin(Model):
 
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, shape (k, 2), for k configurations, q (m, k)."""
-        amplitudes = self._columns("q", q)
+        amplitudes = self._configurations("q", q)
         nodes, weights = self._rule(self._count_for(amplitudes))
         angles = self.core.basis(nodes, 1) @ amplitudes
         return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)

@@ -57,6 +57,9 @@ from pipedyn.sensitivity import Crossing
 LARGEST_HOPF = 500
 """Degrees of freedom; beyond, dense eigenvectors lose the digits that differences need."""
 
+LEAST_DRAG = 1e-100
+"""Less acts at amplitudes alone that are nothing, and its law would leave finite numbers."""
+
 LEVELS = 6
 """Steps of the differences, each half of the one before."""
 
@@ -277,8 +280,8 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
     else:
         model.require_equilibrium(u)
         rest = motion.resting()
-    drag = model.pipe.drag
-    smooth = with_drag(model, 0.0) if drag else motion
+    smooth = with_drag(model, 0.0) if model.pipe.drag else motion
+    drag = model.pipe.drag if model.pipe.drag >= LEAST_DRAG else 0.0
     with one_thread(motion.size):
         try:
             form = normal_form(

@@ -196,7 +196,7 @@ def _modes(model: Model, u: float, count: int | None) -> Modes:
     shapes = tuple(
         ModeShape(complex(value), model, coordinates[:, i]) for i, value in enumerate(pairs.values)
     )
-    return Modes(u, pairs.values, shapes, pairs.residuals, pairs.sound, model.dof)
+    return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
 
 
 def _peaks(model: Model, coordinates: Complex) -> Complex:
@@ -347,7 +347,7 @@ def _followed(
 
     def store(row: int, pairs: Eigenpairs) -> None:
         values[row], partners[row] = pairs.values[upper], pairs.values[lower]
-        converged[row] = pairs.sound[upper] & pairs.sound[lower]
+        converged[row] = pairs.converged[upper] & pairs.converged[lower]
 
     store(0, first.pairs)
     row = 1

@@ -359,7 +359,9 @@ class Model(ABC):
     def _angles(angle: Callable[[Array], ArrayLike], s: Array) -> Array:
         if not callable(angle):
             raise TypeError(f"angle must be a function of arc length, got {_check.shown(angle)}")
-        return _check.array("angle(s)", angle(s), size=s.size)
+        return _check.array(
+            "angle(s)", angle(s), size=s.size, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
+        )
 
     def tip(self, q: ArrayLike) -> Array:
         """Position (x, y) of the free end, shape (2,)."""
@@ -397,16 +399,20 @@ class Model(ABC):
 
     def _moving_columns(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
         """Coordinates and rates of k states, (coordinates, k) each."""
-        size = self.coordinates
-        columns, rates = self._columns("q", q, size), self._columns("qdot", qdot, size)
-        for name, given in (("q", columns), ("qdot", rates)):
-            if given.ndim != 2:
-                raise ValueError(f"{name} must have shape ({size}, k), got {given.shape}")
-            if given.dtype.kind == "c":
-                raise TypeError(f"{name} must be real, got complex numbers")
+        columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
         return columns, rates
+
+    def _configurations(self, name: str, given: ArrayLike) -> Array:
+        """Coordinates of k configurations, (coordinates, k)."""
+        size = self.coordinates
+        columns = self._columns(name, given, size)
+        if columns.ndim != 2:
+            raise ValueError(f"{name} must have shape ({size}, k), got {columns.shape}")
+        if columns.dtype.kind == "c":
+            raise TypeError(f"{name} must be real, got complex numbers")
+        return columns
 
     def _displaced(self, q: ArrayLike, points: int) -> NDArray[Any]:
         """Coordinates to be displaced at so many points, shape (dof,) or (dof, k)."""

@@ -16,13 +16,16 @@ from pipedyn.spectrum import pencil_of
 
 Kind = Literal["flutter", "divergence"]
 
+LEAST_BETA = 1e-300
+"""Derivatives by a smaller beta, which grow like 1 / sqrt(beta), leave finite numbers."""
+
 
 @dataclass(frozen=True)
 class Derivatives:
     """Derivatives of one quantity by the pipe's numbers and the springs.
 
     Attributes:
-        beta: None at beta = 0, where the square root of beta has no derivative.
+        beta: None at beta = 0 (below 1e-300), where the square root of beta has no derivative.
         gamma, damping, alpha: alpha 0 for an ejecting pipe.
         springs: by each k_j, shape (n,), the others held; None for reduced models and scenes.
     """
@@ -31,7 +34,7 @@ class Derivatives:
     gamma: float
     damping: float
     alpha: float
-    springs: Array | None = field(default=None, repr=False)
+    springs: Array | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,7 @@ def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
         return (speed, frequency) if np.ndim(speed) else (float(speed), float(frequency))
 
     beta: tuple[float | None, float | None] = (None, None)
-    if pipe.beta:
+    if pipe.beta >= LEAST_BETA:
         beta = split(moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta)))
     gamma = split(moved(pencil.gravity(x)))
     damping = split(moved(value * pencil.by_damping(x)))

@@ -59,11 +59,14 @@ def rows_of(pencil: Pencil) -> int:
     return 1 if isinstance(pencil, SparsePencil) else 2 * pencil.dof
 
 
-def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = False) -> Eigenpairs:
+def lowest(
+    pencil: Pencil, u: float, count: int | None = None, left: bool = False, high: bool = True
+) -> Eigenpairs:
     """The `count` eigenvalues of least magnitude (all without count), with their residuals.
 
     Pairs that fail the check are refined once; those that fail still are in the result, and its
-    `converged` says which.
+    `converged` says which. Without `high`, modes so high that rounding excuses any residual are
+    left as they are.
     """
     total = 2 * pencil.dof
     count = total if count is None else min(count, total)
@@ -76,14 +79,14 @@ def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = Fals
     best: Eigenpairs | None = None
     for shift in SHIFTS:
         try:
-            pairs = _about(pencil, u, count, left, shift)
+            pairs = _about(pencil, u, count, left, high, shift)
         except Crowded:
-            return lowest(pencil.dense(), u, count, left)
+            return lowest(pencil.dense(), u, count, left, high)
         if pairs is None:
             continue
         if best is None or pairs.residuals.max(initial=0.0) < best.residuals.max():
             best = pairs
-        if bool(pairs.converged.all()):
+        if bool((pairs.converged if high else pairs.passable).all()):
             break
     if best is None:
         empty = np.full(count, np.nan + 0j)
@@ -92,7 +95,9 @@ def lowest(pencil: Pencil, u: float, count: int | None = None, left: bool = Fals
     return best
 
 
-def _about(pencil: Pencil, u: float, count: int, left: bool, shift: float) -> Eigenpairs | None:
+def _about(
+    pencil: Pencil, u: float, count: int, left: bool, high: bool, shift: float
+) -> Eigenpairs | None:
     free = pencil.velocity_free(u)
     asked = min(count + 6, 2 * pencil.dof)
     while True:
@@ -133,12 +138,12 @@ def _about(pencil: Pencil, u: float, count: int, left: bool, shift: float) -> Ei
     pairs = Eigenpairs(values, right, None, pencil.residuals(u, values, right))
     if dual is not None:
         pairs = Eigenpairs(values, right, unit(dual[:, order]), pairs.residuals)
-    return _mended(pencil, u, pairs, left)
+    return _mended(pencil, u, pairs, left, high)
 
 
-def _mended(pencil: Pencil, u: float, pairs: Eigenpairs, left: bool) -> Eigenpairs:
+def _mended(pencil: Pencil, u: float, pairs: Eigenpairs, left: bool, high: bool) -> Eigenpairs:
     """Pairs that failed, or want left vectors, refined one by one (conjugates together)."""
-    todo = ~pairs.converged | (left and pairs.left is None)
+    todo = ~(pairs.converged if high else pairs.passable) | (left and pairs.left is None)
     if not todo.any():
         return pairs
     values, right, residuals = pairs.values.copy(), pairs.right.copy(), pairs.residuals.copy()

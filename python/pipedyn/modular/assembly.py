@@ -16,6 +16,7 @@ from pipedyn._check import Array
 from pipedyn.chain import LARGEST_CHAIN, along, elastic_scale
 from pipedyn.model import (
     LARGEST_ANGLE,
+    LARGEST_RESULT,
     Model,
     NotConverged,
     Operators,
@@ -287,12 +288,10 @@ class Assembly(Model):
         Raises:
             ValueError, TypeError: for another shape, or not of finite numbers.
         """
-        rows = np.shape(y)[0] if np.ndim(y) else 0
-        size = 2 * self.coordinates if rows == 2 * self.coordinates else self.coordinates
-        given = self._columns("y", y, size)
-        if given.dtype.kind == "c":
-            raise TypeError("y must be real, got complex numbers")
-        theta: Array = np.cumsum(given[2 : self.coordinates : 3], axis=0)
+        size = self.coordinates
+        raw = _check.numbers("y", y, "an array of real numbers", longest=LARGEST_RESULT)
+        given = self._columns("y", raw, 2 * size if raw.shape[:1] == (2 * size,) else size)
+        theta: Array = np.cumsum(given[2:size:3], axis=0)
         return theta
 
     def closed(self, angles: ArrayLike) -> Array:
@@ -634,7 +633,7 @@ class Assembly(Model):
 
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, shape (k, 2), for k configurations, (3 n, k)."""
-        rows = self._columns("q", q, self.coordinates)
+        rows = self._configurations("q", q)
         tips: Array = rows[-3:-1].T
         return tips.copy()
 

@@ -94,14 +94,15 @@ def stability_map(
         notice(ax, "There is no boundary of stability above $u = 0$.")
     ax.set_xlabel(BETA_LABEL)
     ax.set_ylabel(SPEED_LABEL)
-    if curves or marked is not None:
+    if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
         ax.legend(loc="best")
     return ax
 
 
 def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
     """Passages at which the pipe gains or loses stability altogether."""
-    check_type("found", found, Iterable)
+    if not np.iterable(found):
+        raise TypeError(f"found must be passages in a sequence, got {_check.shown(found)}")
     passages = list(found)
     for i, passage in enumerate(passages):
         check_type(f"found[{i}]", passage, Crossing)

@@ -1,0 +1,1160 @@
+# SPDX-License-Identifier: MIT
+"""Malformed arguments for every public call: `python tests/fuzz.py --cases 10000 --seed 0`.
+
+A case draws good arguments for one call and spoils none, one or two of them. It must end in a
+TypeError or ValueError that names a spoiled argument, in a PipedynError, or in a finite result;
+never in another exception, a warning, more than 5 s of work or a result from what was spoiled.
+Prints what did not, and exits with 1 then; `--first` begins at the case to be seen again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import faulthandler
+import math
+import re
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from decimal import Decimal
+from fractions import Fraction
+from random import Random
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("agg")
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import pipedyn as pd
+from pipedyn import modular, plot
+from pipedyn.choose import choose
+from pipedyn.trade import trade
+
+NAN, INF = math.nan, math.inf
+
+LONGEST = 5.0
+"""Seconds of one core that a case may take."""
+
+HUNG = 60
+"""Seconds after which a case that no signal ends is told by the stacks of all threads."""
+
+Values = Callable[[Random], Any]
+
+
+# ------------------------------------------------------------------------------- hostile values
+
+
+class Unspeakable:
+    """Has no repr."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no repr")
+
+
+class Endless:
+    """Longer than any list."""
+
+    def __len__(self) -> int:
+        return sys.maxsize
+
+    def __getitem__(self, i: int) -> float:
+        return 0.5
+
+
+class Bent(np.ndarray):
+    """An array of another class."""
+
+
+class Words:
+    """Stands for an array of words."""
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        return np.array(["a", "b"])
+
+
+def _nested() -> list[Any]:
+    itself: list[Any] = [0.5]
+    itself.append(itself)
+    return itself
+
+
+NOTHINGS: tuple[Values, ...] = (
+    *(lambda _, v=v: v for v in ({}, {"a": 1}, set(), frozenset({1.0}), object(), Ellipsis)),
+    *(lambda _, v=v: v for v in (NotImplemented, b"1", bytearray(b"12"), Decimal("0.5"))),
+    *(lambda _, v=v: v for v in (np.ma.masked, np.timedelta64(1), np.datetime64("2020-01-01"))),
+    *(lambda _, v=v: v for v in (Unspeakable(), math, 1j, complex(NAN, 0.0))),
+    *(lambda _, v=v: v for v in (np.array("a"), np.array(None), slice(3))),
+    lambda _: (i for i in range(3)),
+    lambda _: iter([0.5]),
+    lambda _: Random(3),
+)
+"""Neither numbers nor arrays, words, models or functions."""
+
+WORDS: tuple[Values, ...] = tuple(
+    lambda _, v=v: v for v in ("", "1", "nan", "out", "Beam", "\0", "\ud800", "x" * 10_000, "tip\n")
+)
+
+LOGICAL: tuple[Values, ...] = tuple(
+    lambda _, v=v: v for v in (True, False, np.bool_(True), np.array(False))
+)
+
+NOT_FINITE: tuple[Values, ...] = (
+    *(lambda _, v=v: v for v in (NAN, INF, -INF, 10**400, 10**5000, -(10**400))),
+    *(lambda _, v=v: v for v in (np.float64(NAN), np.float32(INF), np.float16(NAN), np.array(NAN))),
+    *(lambda _, v=v: v for v in (np.longdouble("1e4000"), Fraction(10**400), Fraction(-(10**400)))),
+)
+
+LISTS: tuple[Values, ...] = (
+    *(lambda _, v=v: v for v in ([], (), [0.5], [[0.5]], [NAN], np.zeros(0), np.zeros((0, 3)))),
+    *(lambda _, v=v: v for v in (np.array([0.5]), np.zeros((2, 2, 2)), range(10**12), Endless())),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """What an argument may be, and what it must not.
+
+    Attributes:
+        good: draws a value that is accepted.
+        bad: draws one that is refused.
+    """
+
+    good: Values
+    bad: Values
+
+
+def one_of(*values: Any) -> Values:
+    return lambda dice: dice.choice(values)
+
+
+def any_of(*draws: Values) -> Values:
+    return lambda dice: dice.choice(draws)(dice)
+
+
+def optional(kind: Kind) -> Kind:
+    """Left out in half of the cases."""
+    return Kind(any_of(one_of(None), kind.good), _not(None, kind.bad))
+
+
+def _not(value: Any, draw: Values) -> Values:
+    def drawn(dice: Random) -> Any:
+        while (found := draw(dice)) is value:
+            pass
+        return found
+
+    return drawn
+
+
+NONE: Values = one_of(None)
+
+
+def real(good: tuple[float, float], below: float = -INF, above: float = INF) -> Kind:
+    """A number; `below` and `above` are out of range."""
+
+    def fair(dice: Random) -> Any:
+        value = dice.uniform(*good)
+        kinds = (float, float, np.float64, np.float32, np.array, Fraction, np.longdouble)
+        return dice.choice(kinds)(value)
+
+    outside = [one_of(end) for end in (below, above) if math.isfinite(end)]
+    return Kind(fair, any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, *LISTS, *outside * 8))
+
+
+def count(low: int, high: int, above: int | None = None) -> Kind:
+    """A whole number from low on, drawn up to high; `above` is out of range."""
+
+    def fair(dice: Random) -> Any:
+        kinds = (int, int, np.int64, np.uint8, np.int32)
+        return dice.choice(kinds)(dice.randint(low, high))
+
+    outside = [low - 1, -(10**30), *([] if above is None else [above, 10**30])]
+    fractions = one_of(2.5, 3.0, np.float64(2.0), Fraction(3))
+    return Kind(
+        fair,
+        any_of(
+            *(NONE, *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, *LISTS, fractions),
+            *[one_of(*outside)] * 12,
+        ),
+    )
+
+
+def array(
+    size: int | tuple[int, ...],
+    good: tuple[float, float] = (-1.0, 1.0),
+    outside: tuple[float, ...] = (),
+    fair: Values | None = None,
+    rising: bool = False,
+    any_size: bool = False,
+) -> Kind:
+    """Numbers of one shape; `outside` are out of range."""
+
+    def drawn(dice: Random) -> Any:
+        values = np.array([dice.uniform(*good) for _ in range(int(np.prod(size)))])
+        if rising:
+            values = np.sort(values) + 1e-3 * np.arange(values.size)
+        values = values.reshape(size)
+        dress = dice.randrange(8)
+        if dress == 0:
+            return values.tolist()
+        if dress == 1:
+            return np.ma.array(values)
+        if dress == 2:
+            return values.view(Bent)
+        if dress == 3:
+            return values.astype(">f8")
+        if dress == 4:
+            return np.repeat(values, 2, axis=0)[::2]
+        if dress == 5:
+            return values.astype(np.longdouble)
+        return values
+
+    def spoiled(dice: Random) -> Any:
+        values = np.array(drawn(dice), dtype=np.float64)
+        at = dice.randrange(values.size)
+        wrong = [NAN, INF, -INF, *outside]
+        how = dice.choice((0, 1, 2, 3, 4, 5, 6, 8, 9, 0 if any_size else 7))
+        if how < 4:
+            values.flat[at] = dice.choice(wrong)
+            return values if how < 3 else values.tolist()
+        if how == 4:
+            mask = np.zeros(values.shape, dtype=bool)
+            mask.flat[at] = True
+            return np.ma.array(values, mask=mask)
+        if how == 5:
+            entries = values.astype(object)
+            entries.flat[at] = dice.choice(["a", None, True, 1j, {}, [1.0], 10**400, Unspeakable()])
+            return entries if dice.random() < 0.5 else entries.tolist()
+        if how == 6:
+            return values.astype(dice.choice([bool, complex, str, bytes]))
+        if how == 7:
+            return np.append(values.ravel(), values.ravel())[: values.size + dice.choice([-1, 1])]
+        if how == 8:
+            return values[None, ..., None]
+        return np.zeros(values.size, dtype=[("a", float)])
+
+    junk = any_of(
+        *(NONE, *NOTHINGS, *WORDS, *LOGICAL),
+        *map(one_of, (_nested(), Endless(), Words(), [[0.5], [0.5, 0.5]], [[[0.5] * 10**3]])),
+        *map(one_of, (np.zeros(0), [], np.broadcast_to(0.5, (10**10,)), range(10**12), [[]] * 3)),
+    )
+    return Kind(fair or drawn, any_of(spoiled, spoiled, junk))
+
+
+def word(*options: str) -> Kind:
+    return Kind(one_of(*options), any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, one_of(3, NAN, [""])))
+
+
+def of(*values: Any) -> Kind:
+    """An object of the package, or others of it."""
+    strangers = tuple(s for s in OBJECTS if not isinstance(s, tuple({type(v) for v in values})))
+    return Kind(
+        one_of(*values),
+        any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, []), *[one_of(*strangers)] * 9),
+    )
+
+
+# ------------------------------------------------------------------------------- good arguments
+
+
+def bend(s: Any) -> Any:
+    return 0.2 * s
+
+
+PIPE = pd.Pipe(0.2, 3.0)
+SI = {"length": 1.2, "bending_stiffness": 0.3, "pipe_mass": 0.2, "fluid_mass": 0.1}
+MEASURED = pd.Pipe.from_si(**SI)
+DRAGGED = pd.Pipe(0.4, 5.0, "aspirating", 0.5, drag=2.0, damping=0.01)
+FITTING = pd.Fitting(0.6, mass=0.2, stiffness=3.0)
+CHAIN = pd.Chain(PIPE, 3)
+BEAM, LEGENDRE = pd.Galerkin(DRAGGED, 3), pd.Galerkin(PIPE, 4, "legendre")
+FITTED = pd.Galerkin(PIPE, 3, "legendre", [FITTING])
+EXACT = pd.Continuum(PIPE)
+SCENE = modular.chain(DRAGGED, 3)
+HELD = SCENE.plus(modular.Guide(3))
+MODELS = {"chain": CHAIN, "beam": BEAM, "legendre": LEGENDRE, "fitted": FITTED, "scene": SCENE}
+EVERY = {**MODELS, "held": HELD}
+
+FLUTTER = pd.Chain(pd.Pipe(0.2), 3)
+CRITICAL = pd.critical_speed(FLUTTER)
+SPEED = 1.02 * CRITICAL.speed
+CROSSING = pd.crossings(FLUTTER, SPEED)[0]
+HOPF = pd.hopf(FLUTTER, CROSSING)
+CYCLE = pd.limit_cycle(FLUTTER, SPEED, samples=33)
+MOTION = pd.simulate(FLUTTER, 1.0, 2.0, bend, samples=201)
+ENSEMBLE = pd.simulate_many(FLUTTER, [0.5, 1.0], 2.0, bend, samples=201)
+DIAGRAM = pd.bifurcation_diagram(FLUTTER, [0.98 * CRITICAL.speed, SPEED], cycles=8, brute_force=1)
+BRANCH = DIAGRAM.cycles[0]
+LOCI = pd.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
+MODES = pd.modes(CHAIN, 1.0)
+CURVE = pd.stability_curve(lambda beta: pd.Chain(pd.Pipe(beta), 2), [0.1, 0.2], 6.0)
+FIGURE = Figure(layout="constrained")
+AX = FIGURE.subplots()
+AXES = np.array([[AX]])
+
+OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
+OBJECTS += (DIAGRAM, BRANCH, LOCI, MODES, CURVE, FIGURE, AX, FITTING, modular.Clamp())
+
+NUMBER = real((0.0, 1.0))
+SHARE = real((0.01, 0.99), below=-0.1, above=1.1)
+U = real((0.0, 3.0), below=-1e-9, above=1e101)
+SLOW = real((0.0, 3.0), below=-1e-9, above=1e5)
+PIPES = of(PIPE, DRAGGED, MEASURED)
+FLAG = Kind(one_of(False), any_of(NONE, *NOTHINGS, *WORDS, one_of(0, 1, NAN, 2.0, [True])))
+EXECUTOR = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(2, True, object())))
+MOVING = Kind(of(CHAIN, BEAM, SCENE).good, any_of(of(CHAIN, BEAM, SCENE).bad, one_of(EXACT)))
+LINEAR = of(CHAIN, BEAM, LEGENDRE, SCENE, EXACT)
+STRAIGHT = Kind(one_of(CHAIN, LEGENDRE), LINEAR.bad)
+FITTINGS = Kind(
+    one_of((), [FITTING], (FITTING, FITTING)),
+    any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, FITTING, [None], [PIPE], [FITTING] * 401)),
+)
+PLACES = array(3, (0.0, 1.0), (-0.1, 1.1), any_size=True)
+FUNCTION = Kind(
+    one_of(bend),
+    any_of(
+        *(NONE, *WORDS, one_of(3, NAN, [], {}, object(), 1j)),
+        *map(one_of, (lambda s: NAN * s, lambda s: "a", lambda s: s[:1], lambda s: None)),
+        *map(one_of, (lambda s: s * 1j, lambda s: np.ma.masked_all_like(s), lambda s: 1e300 * s)),
+    ),
+)
+PROFILE = Kind(
+    one_of(lambda r: 1.0 - 0.5 * r),
+    one_of(*(None, 3, NAN, "a", {}, object()), *(lambda r, v=v: v for v in (NAN, "a", [1, 2], 1j))),
+)
+
+
+def start(size: int) -> Kind:
+    """Coordinates at rest or an angle theta(s)."""
+    rows = array(size, (-0.1, 0.1), (1e7,))
+    return Kind(any_of(rows.good, one_of(bend)), any_of(rows.bad, FUNCTION.bad))
+
+
+def parts(good: tuple[Any, ...], *wrong: Any) -> Kind:
+    bad = any_of(NONE, *NOTHINGS[:8], *WORDS, one_of(3, NAN, [], [PIPE], [None], [good], *wrong))
+    return Kind(any_of(one_of(good), one_of(list(good))), bad)
+
+
+MODULES = SCENE.modules
+CONSTRAINTS = SCENE.constraints
+FURTHER = modular.Module(), modular.Constraint(), modular.Segment, modular.PointMass(4, 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """One public call.
+
+    Attributes:
+        name: what messages call it; up to a bracket the public name.
+        call: takes the arguments by name.
+        kinds: of the arguments.
+        dear: whether an unspoiled call takes long; few are made.
+        told: names by which messages may call an argument.
+    """
+
+    name: str
+    call: Callable[..., Any]
+    kinds: Mapping[str, Kind]
+    dear: bool = False
+    told: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+def _pipes() -> Iterator[Target]:
+    yield Target(
+        "Pipe",
+        pd.Pipe,
+        {
+            "beta": real((0.0, 0.99), -0.1, 1.0),
+            "gamma": real((-10.0, 10.0), -1e7, 1e300),
+            "flow": word("ejecting", "aspirating"),
+            "alpha": real((0.0, 2.0), -0.1, 1e300),
+            "drag": real((0.0, 2.0), -0.1, 1e300),
+            "damping": real((0.0, 2.0), -1e-12, 1e300),
+            "scales": Kind(
+                one_of(None, (1.0, 1.0, 2.0, 3.0)),
+                any_of(*NOTHINGS, *WORDS, *NOT_FINITE, one_of((1, 1, 1, 0.0), (1, 1), [1] * 4)),
+            ),
+        },
+    )
+    positive = real((0.1, 3.0), 0.0, 1e300)
+    yield Target(
+        "Pipe.from_si",
+        pd.Pipe.from_si,
+        {
+            **dict.fromkeys(SI, positive),
+            "gravity": real((-9.81, 9.81), -1e13, 1e300),
+            "damping_time": real((0.0, 1.0), -1.0, 1e300),
+            "drag_coefficient": real((0.5, 1.2), -1.0, 1e300),
+            "external_diameter": real((0.01, 0.1), -1.0, 1e300),
+            "external_density": real((1.0, 1e3), -1.0, 1e300),
+            "flow": word("ejecting", "aspirating"),
+            "alpha": real((0.0, 2.0), -0.1, 1e300),
+        },
+    )
+    rows = array(4)
+    odd = any_of(
+        *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, one_of([1.0, NAN], [True], [[1], [1, 2]])
+    )
+    for method, name in (
+        *(("speed_si", "u"), ("speed", "V"), ("time_si", "tau"), ("time", "t")),
+        *(
+            ("frequency_si", "omega"),
+            ("frequency", "omega_si"),
+            ("length_si", "s"),
+            ("length", "x"),
+        ),
+    ):
+        yield Target(
+            f"Pipe.{method}",
+            getattr(MEASURED, method),
+            {name: Kind(any_of(rows.good, NUMBER.good), odd)},
+        )
+    size = real((0.1, 2.0), 0.0)
+    yield Target(
+        "inlet_coefficient[function]",
+        pd.inlet_coefficient,
+        {"velocity": PROFILE, "radius": size, "section": optional(size)},
+        dear=True,
+    )
+    rows = array(3, (0.1, 1.0))
+    rising = array(3, (0.1, 1.0), (-1.0,), fair=one_of([0.0, 0.4, 1.0], np.array([0.0, 1.0, 2.0])))
+    yield Target(
+        "inlet_coefficient[radii]",
+        pd.inlet_coefficient,
+        {"velocity": rows, "radii": rising},
+        told={"radii": "radii|velocity"},
+    )
+    yield Target(
+        "inlet_coefficient[areas]",
+        pd.inlet_coefficient,
+        {"velocity": rows, "areas": array(3, (0.1, 1.0), (0.0, -1.0)), "section": optional(size)},
+        told={"areas": "areas|velocity"},
+    )
+    yield Target(
+        "Fitting",
+        pd.Fitting,
+        {
+            "at": SHARE,
+            "mass": real((0.1, 1.0), -1.0, 1e300),
+            "stiffness": real((0.1, 9.0), -1.0, 1e300),
+        },
+    )
+
+
+def _chains() -> Iterator[Target]:
+    thirds = array(
+        3, (0.2, 0.5), (-1.0, 0.0), fair=one_of([0.2, 0.3, 0.5], np.array([0.5, 0.4, 0.1]))
+    )
+    fractions = optional(array(3, (0.1, 0.9), (-0.1, 1.1)))
+    springs = array(3, (0.0, 9.0), (-1.0, 1e300))
+    kinds = {
+        "pipe": PIPES,
+        "n": Kind(one_of(3), count(1, 5, 10**6 + 1).bad),
+        "springs": Kind(
+            any_of(springs.good, one_of("consistent", "uniform", "frequency", "rayleigh")),
+            springs.bad,
+        ),
+        "lengths": optional(thirds),
+        "centers": fractions,
+        "gyration_radii": optional(array(3, (0.01, 0.1), (-1.0,))),
+        "drag_points": fractions,
+        "base": Kind(one_of(0.0, 0), real((0.0, 0.1), -0.1, 1.0).bad),
+    }
+    without = {**kinds, "n": Kind(one_of(3), any_of(*NOTHINGS, *WORDS, one_of(0, -1, 2.0)))}
+    yield Target("Chain", pd.Chain, without)
+    yield Target(
+        "modular.chain",
+        modular.chain,
+        {
+            **without,
+            "fittings": Kind(one_of(()), FITTINGS.bad),
+            "enforcement": word("orthonormal", "udwadia-kalaba"),
+        },
+    )
+    yield Target(
+        "Galerkin",
+        pd.Galerkin,
+        {
+            "pipe": PIPES,
+            "m": Kind(count(2, 6).good, count(1, 6, 2001).bad),
+            "basis": word("beam", "legendre"),
+            "fittings": FITTINGS,
+        },
+    )
+    yield Target("Continuum", pd.Continuum, {"pipe": PIPES, "fittings": FITTINGS})
+    yield Target("Continuum.with_pipe", EXACT.with_pipe, {"pipe": PIPES})
+    yield Target("Continuum.frozen", EXACT.frozen, {"m": count(1, 9, 2001)})
+    no_function = any_of(NONE, *NOTHINGS[:12], *WORDS, one_of(3, NAN))
+    yield Target(
+        "Continuum.settle",
+        EXACT.settle,
+        {
+            "question": Kind(one_of(lambda rom: rom.dof), no_function),
+            "distance": Kind(
+                one_of(lambda a, b: 0.0),
+                any_of(no_function, one_of(lambda a, b: "a", lambda a, b: 1j)),
+            ),
+            "tolerance": real((0.1, 1.0), 0.0),
+            "smallest": count(1, 9, 1993),
+            "largest": count(1, 9, 2001),
+        },
+    )
+
+
+def _models() -> Iterator[Target]:
+    for name, model in EVERY.items():
+        cls = "modular.Assembly" if isinstance(model, modular.Assembly) else type(model).__name__
+        tag = f"[{name}]"
+        n = model.coordinates
+        closed = name == "held"
+        resting = np.array(model.bent(lambda s: 0.0 * s))
+        q = array(
+            n,
+            (-0.5, 0.5),
+            (1e7,),
+            fair=one_of(resting, resting.tolist()) if n != model.dof else None,
+        )
+        if n != model.dof:  # redundant coordinates may be told as angles, but guides are met by few
+            q = Kind(q.good, any_of(NONE, *NOTHINGS, *WORDS, q.bad))
+        rates = array(
+            2 * n,
+            (-0.3, 0.3),
+            (),
+            fair=one_of(np.append(resting, 0.0 * resting)) if closed else None,
+        )
+        batch = array((2 * n, 2), (-0.3, 0.3))
+        y = Kind(any_of(rates.good, *([] if closed else [batch.good])), rates.bad)
+        columns = array((n, 2), (-0.5, 0.5))
+        small = Kind(
+            any_of(array(model.dof).good, array((model.dof, 3)).good), array(model.dof).bad
+        )
+        complexes = Kind(small.good, _no_complex(small.bad))
+        yield Target(f"{cls}.rhs{tag}", lambda y, u, m=model: m.rhs(0.0, y, u), {"y": y, "u": U})
+        yield Target(
+            f"{cls}.jacobian{tag}",
+            lambda y, u, m=model: m.jacobian(0.0, y, u),
+            {"y": rates, "u": U},
+        )
+        yield Target(f"{cls}.energy{tag}", model.energy, {"y": y})
+        yield Target(f"{cls}.power{tag}", model.power, {"y": y, "u": U})
+        yield Target(f"{cls}.shape{tag}", model.shape, {"q": q, "s": PLACES})
+        yield Target(f"{cls}.tip{tag}", model.tip, {"q": q})
+        yield Target(f"{cls}.tips{tag}", model.tips, {"q": columns})
+        yield Target(
+            f"{cls}.tip_velocities{tag}", model.tip_velocities, {"q": columns, "qdot": columns}
+        )
+        yield Target(f"{cls}.bent{tag}", model.bent, {"angle": FUNCTION})
+        yield Target(f"{cls}.with_pipe{tag}", model.with_pipe, {"pipe": PIPES})
+        yield Target(f"{cls}.deflection{tag}", model.deflection, {"q": complexes, "s": PLACES})
+        yield Target(f"{cls}.from_elastic{tag}", model.from_elastic, {"z": complexes})
+        yield Target(f"{cls}.operators{tag}", model.operators, {"q": optional(q)})
+        shape = pd.modes(model, 1.0).shapes[0]
+        yield Target(f"ModeShape.__call__{tag}", shape, {"s": PLACES})
+    yield Target(
+        "Galerkin.functions", LEGENDRE.functions, {"s": PLACES, "derivative": count(0, 2, 3)}
+    )
+    yield Target("Operators.at", CHAIN.operators().at, {"u": U})
+
+
+def _no_complex(draw: Values) -> Values:
+    """Complex columns are small displacements as good as real ones."""
+
+    def drawn(dice: Random) -> Any:
+        while True:
+            found = draw(dice)
+            kind = getattr(getattr(found, "dtype", None), "kind", "")
+            listed = isinstance(found, list) and any(isinstance(part, complex) for part in found)
+            if kind not in "cO" and not listed:
+                return found
+
+    return drawn
+
+
+def _scenes() -> Iterator[Target]:
+    node = count(1, 3, 10**6 + 1)
+    stiff = real((0.0, 3.0), -1.0, 1e300)
+    for part, kinds in {
+        modular.Segment: {
+            "length": real((0.1, 1.0), 0.0, 1.1),
+            "center": SHARE,
+            "gyration_radius": optional(real((0.0, 1.0), -0.1, 1e300)),
+            "drag_point": SHARE,
+        },
+        modular.TorsionalSpring: {
+            "joint": node,
+            "stiffness": stiff,
+            "damping": optional(stiff),
+            "rest_angle": real((-1.0, 1.0), -1e300, 1e300),
+        },
+        modular.TransverseSpring: {"node": node, "stiffness": stiff},
+        modular.Dashpot: {"node": node, "coefficient": stiff},
+        modular.PointMass: {"node": node, "mass": stiff},
+        modular.Clamp: {"base": real((0.0, 0.9), -0.1, 1.0)},
+        modular.Joint: {"segment": count(2, 5, 10**6 + 1)},
+        modular.Guide: {"node": node},
+        modular.Pin: {"node": node, "x": real((-1, 1), -1e300, 1e300), "y": real((-1, 1), -1e300)},
+        modular.Drag: {},
+        modular.InternalFlow: {},
+    }.items():
+        yield Target(f"modular.{part.__name__}", part, kinds)
+    functions = Kind(one_of(None), any_of(*NOTHINGS[:12], *WORDS, one_of(3, NAN, [])))
+    yield Target(
+        "modular.Custom",
+        modular.Custom,
+        {
+            "nodes": Kind(
+                one_of((1,), [2, 3], np.array([1])),
+                any_of(
+                    NONE, *NOTHINGS, *WORDS, one_of(1, NAN, (0,), (1, 1), (1.5,), (True,), ("a",))
+                ),
+            ),
+            "joints": Kind(
+                one_of((), (2,)),
+                any_of(
+                    NONE, *NOTHINGS, *WORDS, one_of(1, NAN, (0,), (1, 1), (1.5,), (None,), [[1]])
+                ),
+            ),
+            "energy": Kind(one_of(lambda q: 0.5 * q @ q), functions.bad),
+            "force": functions,
+            "force_by_q": functions,
+            "force_by_qdot": functions,
+            "mass": Kind(
+                one_of(None),
+                any_of(_not(None, array((7, 7)).bad), one_of(-np.eye(2), [[0.0, NAN]] * 2)),
+            ),
+            "name": Kind(one_of("mine"), any_of(NONE, *NOTHINGS, one_of("", "\t", 3, NAN, []))),
+        },
+        told={"mass": "mass|Custom|mine", "name": "name"},
+    )
+    wrong = Kind(
+        one_of(lambda q: 0.5 * q @ q),
+        one_of(
+            *(lambda q, v=v: v for v in (NAN, "a", None, [1.0, 2.0], {}, 1e400, 1j, np.ones(9)))
+        ),
+    )
+    yield Target(
+        "modular.Assembly[energy]",
+        lambda energy: SCENE.plus(modular.Custom(nodes=(2,), energy=energy, name="mine")),
+        {"energy": wrong},
+        told={"energy": "mine"},
+    )
+    force = Kind(
+        one_of(lambda q, qdot: -qdot),
+        one_of(
+            *(lambda q, qdot, v=v: v for v in (NAN, "a", None, [1.0], {}, [NAN, 0.0], np.ones(9)))
+        ),
+    )
+    yield Target(
+        "modular.Assembly[force]",
+        lambda force: SCENE.plus(modular.Custom(nodes=(2,), force=force, name="mine")),
+        {"force": force},
+        told={"force": "mine"},
+    )
+    yield Target(
+        "modular.Assembly",
+        modular.Assembly,
+        {
+            "pipe": PIPES,
+            "modules": parts(
+                MODULES, *([*MODULES, part] for part in (*FURTHER, *CONSTRAINTS)), MODULES[1:]
+            ),
+            "constraints": parts(
+                CONSTRAINTS,
+                *([*CONSTRAINTS, part] for part in (*FURTHER, modular.Joint(4), modular.Guide(4))),
+                *([*CONSTRAINTS, modular.Pin(3, *at)] for at in ((0.0, 1.0), (2.0, 0.0))),
+                *(CONSTRAINTS[1:], CONSTRAINTS[:-1]),
+            ),
+            "enforcement": word("orthonormal", "udwadia-kalaba"),
+        },
+        told={
+            "modules": "module|segment|node|lengths|inertia",
+            "constraints": "constraint|(?i:joint|pin|clamp)|Guide|segment|node|inertia",
+        },
+    )
+    yield Target(
+        "modular.Assembly.plus",
+        lambda parts: SCENE.plus(parts),
+        {
+            "parts": Kind(
+                one_of(modular.PointMass(1, 0.2), modular.Guide(3)),
+                any_of(NONE, *NOTHINGS, *WORDS, one_of(*FURTHER, 3, [], modular.Segment(0.1))),
+            )
+        },
+        told={"parts": "parts|module|constraint|node|lengths|segment"},
+    )
+    angles = array(3, (-0.2, 0.2), (1e7,))
+    for scene, tag in ((SCENE, ""), (HELD, "[held]")):
+        n = scene.moving
+        fair = one_of(np.zeros(n)) if tag else None
+        turned = array(n, (-0.2, 0.2), (1e7,), fair=fair)
+        state = array(6 * n, (-0.2, 0.2))
+        yield Target(f"modular.Assembly.about{tag}", scene.about, {"q": turned})
+        yield Target(
+            f"modular.Assembly.state{tag}",
+            scene.state,
+            {"angles": turned, "rates": optional(turned)},
+        )
+        yield Target(f"modular.Assembly.angles{tag}", scene.angles, {"y": state})
+        yield Target(f"modular.Assembly.closed{tag}", scene.closed, {"angles": angles})
+        yield Target(f"modular.Assembly.basis{tag}", scene.basis, {"q": optional(turned)})
+        yield Target(f"modular.Assembly.projection{tag}", scene.projection, {"q": optional(turned)})
+        yield Target(
+            f"modular.Assembly.equilibrium{tag}", scene.equilibrium, {"start": angles, "u": SLOW}
+        )
+        yield Target(
+            f"modular.Assembly.accelerations{tag}",
+            scene.accelerations,
+            {"y": state, "u": U, "enforcement": word("orthonormal", "udwadia-kalaba")},
+        )
+
+
+def _questions() -> Iterator[Target]:
+    for function in (pd.eigenvalues, pd.modes):
+        yield Target(
+            function.__name__,
+            function,
+            {
+                "model": LINEAR,
+                "u": SLOW,
+                "count": Kind(one_of(1, 5), _not(None, count(1, 5, 10**7).bad)),
+            },
+        )
+    speeds = array(3, (0.0, 3.0), (-1.0, 1e9), rising=True, any_size=True)
+    yield Target(
+        "root_loci",
+        pd.root_loci,
+        {"model": STRAIGHT, "speeds": speeds, "count": count(1, 2, 1001), "progress": FLAG},
+        dear=True,
+    )
+    ends = real((1.0, 9.0), 0.0, 1e9)
+    for function in (pd.crossings, pd.critical_speed):
+        yield Target(function.__name__, function, {"model": STRAIGHT, "max_speed": ends}, dear=True)
+    maker = Kind(
+        one_of(lambda value: pd.Chain(pd.Pipe(value), 2)),
+        any_of(NONE, *NOTHINGS[:10], *WORDS, one_of(3, NAN, CHAIN)),
+    )
+    values = array(2, (0.1, 0.5), any_size=True)
+    yield Target(
+        "stability_curve",
+        pd.stability_curve,
+        {
+            "make_model": maker,
+            "values": values,
+            "max_speed": optional(ends),
+            "executor": EXECUTOR,
+            "progress": FLAG,
+        },
+        dear=True,
+    )
+    yield Target(
+        "criticality_curve",
+        pd.criticality_curve,
+        {"make_model": maker, "values": values, "executor": EXECUTOR, "progress": FLAG},
+        dear=True,
+    )
+    question = {
+        "pipe": Kind(one_of(PIPE), PIPES.bad),
+        "quantity": word("critical_speed"),
+        "repeats": count(1, 2, 1001),
+    }
+    families = Kind(
+        one_of(["midpoint", "legendre"]), any_of(*NOTHINGS[:4], *WORDS, one_of(3, [3], []))
+    )
+    yield Target(
+        "choose",
+        choose,
+        {**question, "tolerance": real((1e-3, 0.1), 0.0, 1.0), "among": families},
+        dear=True,
+    )
+    sizes = Kind(one_of([3, 6]), one_of([], [0], [3, 3], [2.5], "a", NAN, [NAN], [True], -1))
+    yield Target(
+        "trade",
+        trade,
+        {**question, "families": families, "sizes": sizes, "progress": FLAG},
+        dear=True,
+    )
+
+
+def _motions() -> Iterator[Target]:
+    rtol = real((1e-6, 1e-2), 0.0, 1.0)
+    common = {
+        "duration": real((0.05, 0.2), 0.0, 1e300),
+        "samples": optional(count(2, 9, 10**30)),
+        "times": Kind(
+            one_of(None), _not(None, array(3, (0.0, 0.01), (-1.0, 1e9), any_size=True).bad)
+        ),
+        "rtol": rtol,
+        "atol": optional(real((1e-8, 1e-4), 0.0, 2.0)),
+        "method": word("auto", "dop853", "lsoda", "DOP853", "Radau", "BDF", "LSODA"),
+        "progress": FLAG,
+    }
+    for name, model in MODELS.items():
+        n = model.moving
+        rows = start(n)
+        rates = optional(array(n, (-0.1, 0.1), (1e7,)))
+        yield Target(
+            f"simulate[{name}]",
+            lambda m=model, **given: pd.simulate(m, **_without_none(given, "times")),
+            {**common, "u": SLOW, "q0": rows, "qdot0": rates},
+            told={"q0": "q0|angle"},
+        )
+    yield Target(
+        "simulate",
+        lambda model: pd.simulate(model, 1.0, 0.1, bend, samples=3),
+        {"model": MOVING},
+    )
+    speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
+    yield Target(
+        "simulate_many",
+        lambda **given: pd.simulate_many(
+            given.pop("models"), given.pop("speeds"), **_without_none(given, "times")
+        ),
+        {
+            **common,
+            "models": Kind(
+                one_of(CHAIN, [CHAIN, CHAIN]), any_of(MOVING.bad, one_of([], [EXACT], [3]))
+            ),
+            "speeds": speeds,
+            "q0": Kind(
+                start(3).good, any_of(FUNCTION.bad, one_of([[0.1]], [NAN] * 3, [[0.1, NAN, 0.0]]))
+            ),
+            "executor": EXECUTOR,
+        },
+        told={"q0": "q0|angle", "speeds": "speeds|models"},
+    )
+    state = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of([0.1], [NAN] * 3, PIPE, EXACT)))
+    flutter = Kind(one_of(FLUTTER), MOVING.bad)
+    beyond = Kind(one_of(SPEED), real((1.0, 2.0), -1.0, 1e9).bad)
+    yield Target(
+        "limit_cycle",
+        pd.limit_cycle,
+        {
+            "model": flutter,
+            "u": beyond,
+            "start": state,
+            "rtol": real((1e-6, 1e-3), 0.0, 1.0),
+            "samples": count(9, 33, 100_001),
+        },
+        dear=True,
+    )
+    yield Target("hopf", pd.hopf, {"model": flutter, "crossing": optional(of(CROSSING))}, dear=True)
+    yield Target(
+        "equilibria",
+        pd.equilibria,
+        {
+            "model": MOVING,
+            "u": SLOW,
+            "starts": Kind(
+                one_of(()), any_of(NONE, *WORDS, one_of(3, {}, [[NAN]], [3], [None], ["a"]))
+            ),
+        },
+        dear=True,
+    )
+    pair = array(2, (0.0, 3.0), (-1.0, 1e9), fair=one_of((0.5, 1.5), [0.0, 2.0]))
+    yield Target(
+        "equilibrium_branch",
+        pd.equilibrium_branch,
+        {
+            "model": flutter,
+            "q0": Kind(one_of(bend), start(3).bad),
+            "u0": Kind(one_of(1.0), SLOW.bad),
+            "speeds": pair,
+            "step": real((0.1, 1.0), 0.0, 2.0),
+        },
+        dear=True,
+        told={"q0": "q0|angle"},
+    )
+    yield Target(
+        "lyapunov_exponent",
+        pd.lyapunov_exponent,
+        {
+            "model": MOVING,
+            "u": SLOW,
+            "start": state,
+            "duration": real((0.5, 1.0), 0.0, 1e300),
+            "transient": real((0.0, 0.5), -1.0, 1e300),
+            "blocks": count(4, 6, 10_001),
+            "interval": real((0.1, 0.5), 0.0, 1e300),
+            "method": word("variational", "pair"),
+            "rtol": real((1e-8, 1e-4), 0.0, 1.0),
+            "progress": FLAG,
+        },
+        dear=True,
+    )
+    yield Target(
+        "bifurcation_diagram",
+        pd.bifurcation_diagram,
+        {
+            "model": flutter,
+            "speeds": array(2, (0.1, 1.0), (-1.0, 1e9), rising=True),
+            "cycles": count(0, 0, 10_001),
+            "brute_force": count(0, 1, 10_001),
+            "transient": real((0.0, 1.0), -1.0, 1e300),
+            "duration": real((1.0, 2.0), 0.0, 1e300),
+            "exponents": FLAG,
+            "rtol": real((1e-6, 1e-3), 0.0, 1.0),
+            "seed": Kind(one_of(0, 7), any_of(NONE, *NOTHINGS, *WORDS, one_of(-1, 0.5, NAN))),
+            "executor": EXECUTOR,
+            "progress": FLAG,
+        },
+        dear=True,
+    )
+
+
+def _without_none(given: dict[str, Any], name: str) -> dict[str, Any]:
+    """Of samples and times the one that is there."""
+    if given[name] is not None:
+        given.pop("samples")
+    return given
+
+
+def _results() -> Iterator[Target]:
+    at = Kind(one_of(SPEED, CYCLE.u), real((1.0, 2.0), -1.0).bad)
+    yield Target("BifurcationDiagram.at", DIAGRAM.at, {"u": at})
+    yield Target("CycleBranch.at", BRANCH.at, {"u": at})
+    yield Target("CycleBranch.retraces", BRANCH.retraces, {"other": of(BRANCH)})
+    yield Target("Hopf.amplitude", HOPF.amplitude, {"u": at})
+    yield Target("Hopf.pace", HOPF.pace, {"u": at})
+
+
+def _pictures() -> Iterator[Target]:
+    ax, loci = Kind(one_of(AX), _not(None, of(AX).bad)), of(LOCI)
+    top = optional(real((1.0, 9.0), -1.0))
+    motion = of(MOTION)
+    several = Kind(
+        one_of(MOTION, [MOTION], ENSEMBLE),
+        any_of(*NOTHINGS, *WORDS, NONE, one_of(3, [], [3], PIPE)),
+    )
+    span = Kind(
+        one_of(None, (0.5, 1.5)),
+        any_of(_not(None, array(2, (0.0, 1.0), (-9.0, 9.0)).bad), one_of((1.0, 1.0), (2.0, 1.0))),
+    )
+    place = Kind(
+        one_of("tip", 0, 2), any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, one_of(3, -1, NAN, 1.0))
+    )
+    cycles = Kind(
+        one_of(CYCLE, [CYCLE, CYCLE]), any_of(*NOTHINGS, *WORDS, NONE, one_of(3, [], [3], MOTION))
+    )
+    words = Kind(one_of("a", ""), any_of(NONE, *NOTHINGS, one_of(3, NAN, [])))
+
+    def named(one: Any) -> Kind:
+        return Kind(
+            one_of({}, {"uniform": one}),
+            any_of(NONE, *NOTHINGS[3:], *WORDS, one_of(3, [], {1: one}, {"a": 3}, {"a": [3]}, one)),
+        )
+
+    calls: dict[str, dict[str, Kind]] = {
+        "root_loci": {"ax": ax, "loci": loci, "benchmark": optional(loci), "highest": top},
+        "frequencies": {"ax": ax, "loci": loci, "benchmark": optional(loci), "largest": top},
+        "mode_shapes": {"ax": ax, "modes": of(MODES)},
+        "convergence": {"ax": ax, "families": named([CRITICAL]), "exact": of(CRITICAL)},
+        "stability_map": {
+            "ax": ax,
+            "curves": named(CURVE),
+            "highest": top,
+            "marked": optional(of(CRITICAL)),
+        },
+        "boundaries": {
+            "found": Kind(
+                one_of([CROSSING], ()), any_of(NONE, *NOTHINGS[7:], one_of(3, [3], [None]))
+            )
+        },
+        "dot_stride": {"loci": loci},
+        "notice": {"ax": ax, "text": words},
+        "panels": {
+            "rows": count(1, 2, 101),
+            "columns": count(1, 2, 101),
+            "width": real((1.0, 9.0), 0.0, 1e3),
+            "height": real((1.0, 9.0), 0.0, 1e3),
+        },
+        "colour_bar": {
+            "figure": of(FIGURE),
+            "axes": Kind(one_of(AXES), any_of(NONE, *NOTHINGS, one_of([AX], AX, np.ones(2)))),
+            "label": words,
+        },
+        "style": {},
+        "time_history": {"motions": several, "ax": ax},
+        "phase_portrait": {"motions": several, "coordinate": place, "ax": ax},
+        "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001), "ax": ax},
+        "animate": {
+            "motion": motion,
+            "path": Kind(
+                one_of(None), any_of(*NOTHINGS, *WORDS, one_of(3, "/nowhere/a.gif", "a.txt"))
+            ),
+            "fps": real((1.0, 2.0), 0.0, 1e3),
+            "speed": optional(real((0.1, 0.4), 0.0)),
+            "span": span,
+            "ax": ax,
+        },
+        "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place, "ax": ax},
+        "orbit": {"cycles": cycles, "ax": ax},
+        "multipliers": {"cycles": Kind(one_of(CYCLE, BRANCH), cycles.bad), "ax": ax},
+    }
+    for name, kinds in calls.items():
+        call = _filmed if name == "animate" else getattr(plot, name)
+        yield Target(f"plot.{name}", call, kinds, dear=bool(kinds) and name != "panels")
+
+
+def _filmed(**given: Any) -> str:
+    """A film that nobody looks at is warned of."""
+    film: str = plot.animate(**given).to_jshtml()
+    return film
+
+
+TARGETS: tuple[Target, ...] = tuple(
+    target
+    for group in (_pipes, _chains, _models, _scenes, _questions, _motions, _results, _pictures)
+    for target in group()
+)
+
+
+# ------------------------------------------------------------------------------------ the cases
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """A case that ended as it must not."""
+
+    case: int
+    target: str
+    told: str
+
+
+class TooLong(BaseException):
+    """Not an Exception: no handler of the package may take it for a failure of its own."""
+
+
+def _too_long(*_: Any) -> None:
+    raise TooLong
+
+
+def case(seed: int, number: int) -> tuple[Target, dict[str, Any], list[str]]:
+    """The call of one case, its arguments and the names of those spoiled."""
+    dice = Random(f"{seed} {number}")
+    target = dice.choice(TARGETS)
+    names = list(target.kinds)
+    most = min(len(names), dice.choice((1, 1, 1, 2) if target.dear else (0, 1, 1, 2)))
+    if target.dear and dice.random() < 0.02:
+        most = 0
+    spoiled = dice.sample(names, most)
+    arguments = {
+        name: (kind.bad if name in spoiled else kind.good)(dice)
+        for name, kind in target.kinds.items()
+    }
+    return target, arguments, spoiled
+
+
+def outcome(target: Target, arguments: dict[str, Any], spoiled: list[str]) -> str | None:
+    """What is wrong with how a case ends, None where nothing is."""
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
+    try:
+        result = target.call(**arguments)
+    except TooLong:
+        return f"took more than {LONGEST:g} s"
+    except (pd.PipedynError, ValueError, TypeError) as error:
+        return _refusal(error, target, spoiled)
+    except Exception as error:
+        return f"raised {type(error).__name__}: {str(error)[:200]}"
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+    if spoiled:
+        return f"accepted, and gave {_brief(result)}"
+    where = not_finite(result)
+    return where and f"gave a result that is not finite: {where}"
+
+
+def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None:
+    message = str(error)
+    if not spoiled:
+        own = isinstance(error, pd.PipedynError)
+        return None if own else f"refused good arguments: {type(error).__name__}: {message[:200]}"
+    if isinstance(error, pd.PipedynError):
+        return None
+    if type(error) not in (ValueError, TypeError):
+        return f"raised {type(error).__name__}: {message[:200]}"
+    names = "|".join(target.told.get(name, rf"\b{name}\b") for name in spoiled)
+    if not re.search(names, message):
+        return f"refused without the argument's name: {message[:200]}"
+    return None if len(message) < 400 and "\n" not in message else f"told too much: {message!r}"
+
+
+UNTOLD = {"onset", "residuals", "_continuous", "discretisation"}
+"""Fields that may be NaN or infinite."""
+
+
+def not_finite(result: Any, path: str = "result", depth: int = 0) -> str | None:
+    """The first place of a result where a number is not finite."""
+    if isinstance(result, float | complex | np.number):
+        return None if np.isfinite(result) else path
+    if isinstance(result, np.ndarray) and result.dtype.kind in "fc":
+        return None if np.isfinite(result).all() else path
+    if isinstance(result, tuple | list) and depth < 6:
+        found = (not_finite(one, f"{path}[{i}]", depth + 1) for i, one in enumerate(result))
+        return next((place for place in found if place), None)
+    if dataclasses.is_dataclass(result) and depth < 6:
+        names = [f.name for f in dataclasses.fields(result) if f.name not in UNTOLD]
+        found = (not_finite(getattr(result, n), f"{path}.{n}", depth + 1) for n in names)
+        return next((place for place in found if place), None)
+    return None
+
+
+def _brief(value: Any) -> str:
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:
+        text = f"<{type(value).__name__}>"
+    return text if len(text) <= 120 else text[:117] + "..."
+
+
+def run(
+    cases: int, seed: int = 0, first: int = 0, beginning: Callable[[], None] = lambda: None
+) -> list[Finding]:
+    """All findings of so many cases; `beginning` is called before each."""
+    before = signal.signal(signal.SIGPROF, _too_long)
+    findings = []
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            for number in range(first, first + cases):
+                if number % 100 == 0:
+                    AX.clear()
+                beginning()
+                target, arguments, spoiled = case(seed, number)
+                wrong = outcome(target, arguments, spoiled)
+                if wrong:
+                    given = ", ".join(
+                        f"{k}={_brief(v)}" for k, v in arguments.items() if k in spoiled
+                    )
+                    findings.append(Finding(number, f"{target.name}({given})", wrong))
+    finally:
+        signal.signal(signal.SIGPROF, before)
+    return findings
+
+
+def _watch() -> None:
+    faulthandler.dump_traceback_later(HUNG, exit=True)
+
+
+def main() -> int:
+    """Prints every finding."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0)
+    asked = parser.parse_args()
+    findings = run(asked.cases, asked.seed, asked.first, _watch)
+    faulthandler.cancel_dump_traceback_later()
+    for finding in findings:
+        print(f"case {finding.case}: {finding.target}\n    {finding.told}")
+    print(
+        f"{asked.cases} cases of {len(TARGETS)} calls, seed {asked.seed}: {len(findings)} findings"
+    )
+    return bool(findings)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: MIT
+"""Malformed arguments: a share of what `fuzz.py` tries, and that it sees what it looks for."""
+
+import inspect
+import math
+import re
+from types import FunctionType
+
+import fuzz
+import pytest
+
+import pipedyn as pd
+from pipedyn import modular, plot
+
+MADE_BY_USERS = {pd.Pipe, pd.Chain, pd.Galerkin, pd.Continuum, pd.Fitting}
+MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != "Mechanism"}
+MADE_BY_USERS -= {modular.Module, modular.Constraint}
+
+CALLED_WITH_CHECKED = {"braced", "motion_jacobian", "recorded", "require_equilibrium", "start"}
+CALLED_WITH_CHECKED |= {"unbalanced"}
+"""Methods that integrators and searches call, with what they have checked."""
+
+
+def public_calls():
+    """Names of all functions, constructors and methods that users give arguments to."""
+    for module, prefix in ((pd, ""), (modular, "modular."), (plot, "plot.")):
+        for name in module.__all__:
+            item = getattr(module, name)
+            if not getattr(item, "__module__", "").startswith("pipedyn"):
+                continue  # what plot hands on from matplotlib
+            if isinstance(item, FunctionType) or item in MADE_BY_USERS:
+                yield prefix + name
+            if isinstance(item, type) and item is not pd.Model:
+                yield from (f"{prefix}{name}.{method}" for method in methods_with_arguments(item))
+
+
+def methods_with_arguments(cls):
+    for base in cls.__mro__:
+        if base.__module__.startswith("pipedyn"):
+            for name, method in vars(base).items():
+                public = not name.startswith("_") and name not in CALLED_WITH_CHECKED
+                arguments = inspect.signature(method).parameters if callable(method) else ()
+                if public and isinstance(method, FunctionType) and len(arguments) > 1:
+                    yield name
+
+
+def test_every_public_call_is_tried():
+    tried = {re.sub(r"\[.*", "", target.name) for target in fuzz.TARGETS}
+    assert sorted(set(public_calls()) - tried) == []
+
+
+def test_malformed_arguments_are_refused_by_name_and_good_ones_answered():
+    assert fuzz.run(1000, seed=20261121) == []
+
+
+@pytest.mark.parametrize(
+    ("call", "spoiled", "told"),
+    [
+        (lambda u: u, ["u"], "accepted"),
+        (lambda u: {}["a"], ["u"], "raised KeyError"),
+        (lambda u: int("x" * 500), ["u"], "refused without the argument's name"),
+        (lambda u: math.nan, [], "not finite: result"),
+        (lambda u: (0.0, [complex(0.0, math.inf)]), [], "not finite: result[1][0]"),
+        (lambda u: pd.Pipe(2.0), [], "refused good arguments"),
+        (lambda u: "x".encode("ascii").decode("utf-16"), ["u"], "raised UnicodeDecodeError"),
+        (lambda u: next(i for i in iter(int, 1) if i), ["u"], "took more than 0.2 s"),
+    ],
+)
+def test_a_call_that_ends_as_it_must_not_is_a_finding(monkeypatch, call, spoiled, told):
+    target = fuzz.Target("call", call, {"u": fuzz.NUMBER})
+    monkeypatch.setattr(fuzz, "TARGETS", (target,))
+    monkeypatch.setattr(fuzz, "LONGEST", 0.2)
+    cases = (number for number in range(99) if fuzz.case(0, number)[2] == spoiled)
+    (finding,) = fuzz.run(1, 0, next(cases))
+    assert finding.target.startswith("call(")
+    assert told in finding.told
+
+
+def test_a_case_can_be_seen_again():
+    names = [(target.name, spoiled) for target, _, spoiled in (fuzz.case(3, n) for n in range(50))]
+    assert names == [(t.name, spoiled) for t, _, spoiled in (fuzz.case(3, n) for n in range(50))]
