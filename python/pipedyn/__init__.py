@@ -4,6 +4,7 @@
 from pipedyn import modular
 from pipedyn.branches import CycleBranch, CycleEvent
 from pipedyn.chain import Chain
+from pipedyn.choose import Choice, NoModel, choose
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.criticality import CriticalityCurve, criticality_curve
@@ -28,6 +29,7 @@ from pipedyn.pipe import Pipe, Scales, inlet_coefficient
 from pipedyn.sections import Ended
 from pipedyn.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.stability import Failure, StabilityCurve, stability_curve
+from pipedyn.trade import Trade, TradeRow, trade
 
 __version__ = "0.1.0"
 
@@ -35,6 +37,7 @@ __all__ = [
     "BifurcationDiagram",
     "BranchPoint",
     "Chain",
+    "Choice",
     "Continuum",
     "CriticalSpeed",
     "CriticalityCurve",
@@ -61,6 +64,7 @@ __all__ = [
     "NoCrossing",
     "NoCycle",
     "NoHopf",
+    "NoModel",
     "NotConverged",
     "Operators",
     "Pipe",
@@ -70,7 +74,10 @@ __all__ = [
     "Scales",
     "Sensitivity",
     "StabilityCurve",
+    "Trade",
+    "TradeRow",
     "bifurcation_diagram",
+    "choose",
     "critical_speed",
     "criticality_curve",
     "crossings",
@@ -87,4 +94,5 @@ __all__ = [
     "simulate",
     "simulate_many",
     "stability_curve",
+    "trade",
 ]

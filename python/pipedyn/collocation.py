@@ -20,6 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from pipedyn._check import Array
+from pipedyn.effort import factorised
 from pipedyn.field import Field
 from pipedyn.pencil import Complex
 
@@ -216,6 +217,7 @@ class Equations:
             whole[:n, n + 1] = -by_speed.T.ravel()
             whole[n + 1] = row
             right[n + 1] = missed
+        factorised()
         try:
             found = scipy.linalg.solve(whole, right, overwrite_a=True, check_finite=False)
         except (np.linalg.LinAlgError, ValueError, scipy.linalg.LinAlgWarning) as error:

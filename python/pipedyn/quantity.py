@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, ClassVar, TypeAlias
@@ -24,11 +24,24 @@ from pipedyn._check import Array
 from pipedyn.continuum import AnyModel, Continuum
 from pipedyn.critical import checked_end, critical_speed
 from pipedyn.cycles import LARGEST_CYCLE, limit_cycle
+from pipedyn.faint import is_faint
+from pipedyn.families import FAMILIES, expected_size
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import CONTINUUM_SPEED, modes, root_loci
-from pipedyn.model import Model, NotConverged
+from pipedyn.model import Model, NotConverged, PipedynError
 from pipedyn.motion import simulate
+from pipedyn.nearby import Onset, onset_near
 from pipedyn.pipe import Pipe
+from pipedyn.spectrum import lowest, pencil_of
+
+SEARCHED = (16, 24, 32)
+"""Legendre functions with which a critical speed is searched."""
+
+ALIKE = 1e-5
+"""By how much eight functions more may move what a search found, relative."""
+
+STEP = 8
+"""By how many functions a linear reference grows."""
 
 FIRST, MOST = 8, 20
 """Legendre functions of the first and the last nonlinear reference."""
@@ -45,11 +58,13 @@ class Answer:
         values: numbers, real or complex, of a shape that the quantity sets.
         kind: what must agree besides numbers, as that a loss of stability is flutter.
         error: the solver's own, relative.
+        onset: of a critical speed by flutter, where it is looked for in another model.
     """
 
     values: NDArray[Any]
     kind: str = ""
     error: float = 0.0
+    onset: Onset | None = None
 
 
 @dataclass(frozen=True)
@@ -58,7 +73,7 @@ class Reference:
 
     Attributes:
         answer: the numbers.
-        error: bound on their error, relative: what the last growth of the model moved.
+        error: bound on their error, relative: by what the last growth of the model moved them.
         source: which model gave it.
     """
 
@@ -71,6 +86,9 @@ class Quantity(ABC):
     """A question to a pipe at given conditions."""
 
     name: ClassVar[str]
+
+    is_linear: ClassVar[bool] = True
+    """Whether an answer's cost depends on little else than the degrees of freedom."""
 
     least: int = 1
     """Degrees of freedom that a model must have to answer."""
@@ -92,6 +110,17 @@ class Quantity(ABC):
     @abstractmethod
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's answer, its error below a tolerance where that can be had."""
+
+    def look(self, model: AnyModel, answer: Answer) -> float | None:
+        """A model's error from a look beside the reference's answer, far cheaper than its own.
+
+        None where there is no such look; infinite where it finds nothing.
+        """
+        return None
+
+    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
+        """Largest wave number that an answer takes, in 1 / L, where that is known."""
+        return None
 
     def sharpened(self, tolerance: float) -> Quantity:
         """The same, solved so sharply that its own error is no part of a tolerance."""
@@ -134,6 +163,15 @@ def _apart(values: NDArray[Any], other: NDArray[Any]) -> float:
     return float(cost[rows, columns].max(initial=0.0))
 
 
+def _wave(pipe: Pipe, u: float, value: complex) -> float:
+    """Largest wave number of motions ~ exp(a s + lambda tau)."""
+    aspirating = pipe.flow == "aspirating"
+    thrust = (pipe.alpha if aspirating else 1.0) * u**2 - 0.5 * pipe.gamma
+    coriolis = 2.0 * math.sqrt(pipe.beta) * (-u if aspirating else u) * value
+    elastic = 1.0 + pipe.damping * value
+    return float(np.abs(np.roots([elastic, 0.0, thrust, coriolis, value**2])).max(initial=0.0))
+
+
 # ------------------------------------------------------------------------------- linear questions
 
 
@@ -154,14 +192,59 @@ class CriticalSpeedOf(Quantity):
     def answer(self, model: AnyModel) -> Answer:
         found = critical_speed(model, self.max_speed)
         error = found.error / found.speed if found.speed else 0.0
-        return Answer(np.array([found.speed]), found.kind, error)
+        onset = None
+        if found.kind == "flutter" and found.speed and not is_faint(model.pipe):
+            onset = Onset(found.speed, found.frequency, found.error)
+        return Answer(np.array([found.speed]), found.kind, error, onset)
 
     def distance(self, answer: Answer, other: Answer) -> float:
         return math.inf if answer.kind != other.kind else _relative(answer.values, other.values)
 
+    def look(self, model: AnyModel, answer: Answer) -> float | None:
+        if answer.onset is None or not isinstance(model, Model):
+            return None
+        onset = onset_near(model, answer.onset.speed, answer.onset.frequency)
+        return math.inf if onset is None else abs(onset.speed / answer.onset.speed - 1.0)
+
+    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
+        onset = answer.onset
+        return None if onset is None else _wave(pipe, onset.speed, 1j * onset.frequency)
+
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+        followed = self._followed(pipe, tolerance)
+        if followed is not None:
+            return followed
         found = self.answer(Continuum(pipe))
         return Reference(found, max(found.error, np.finfo(float).eps), "Continuum")
+
+    def _followed(self, pipe: Pipe, tolerance: float) -> Reference | None:
+        """Searched in a reduced model and followed into larger ones, where it hardly moves.
+
+        A third of the cost of two searches.
+        """
+        for size in SEARCHED:
+            try:
+                answer = self.answer(Galerkin(pipe, size, "legendre"))
+            except PipedynError:
+                return None
+            if answer.onset is None:
+                return None
+            before = answer.onset
+            for larger in (size + STEP, size + 2 * STEP):
+                model = Galerkin(pipe, larger, "legendre")
+                onset = onset_near(model, before.speed, before.frequency)
+                if onset is None:
+                    break
+                moved = abs(onset.speed - before.speed) / onset.speed
+                if moved > ALIKE:
+                    break
+                error = moved + (before.error + onset.error) / onset.speed + np.finfo(float).eps
+                found = Answer(np.array([onset.speed]), "flutter", error, onset)
+                if error <= tolerance or larger > size + STEP:
+                    source = f"search with {size} Legendre functions, followed to {larger}"
+                    return Reference(found, error, source)
+                before = onset
+        return None
 
 
 @dataclass(frozen=True)
@@ -198,9 +281,20 @@ class Frequencies(Quantity):
     def distance(self, answer: Answer, other: Answer) -> float:
         return _apart(answer.values, other.values[: 2 * self.count])
 
+    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
+        return _wave(pipe, self.u, complex(answer.values[2 * self.count - 1]))
+
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        found = self.answer(Continuum(pipe))
-        return Reference(found, max(found.error, 1e-14), "Continuum")
+        wave = _wave(pipe, self.u, 1j * (math.pi * (self.count + 0.5)) ** 2)
+        expected = expected_size(FAMILIES["legendre"], wave, 1e-10)
+        if math.isfinite(expected):
+            first = max(int(expected), self.count + 4)
+            models = [Galerkin(pipe, size, "legendre") for size in range(first, first + 24, 4)]
+            found = _grown(models, (self, self), tolerance, None)
+            if found.error <= tolerance:
+                return found
+        answer = self.answer(Continuum(pipe))
+        return Reference(answer, max(answer.error, 1e-14), "Continuum")
 
 
 @dataclass(frozen=True)
@@ -240,15 +334,38 @@ class RootLociOver(Quantity):
         rows = zip(answer.values, other.values, strict=True)
         return max(_apart(values, exact) for values, exact in rows)
 
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        def asked(size: int) -> Answer:
-            loci = root_loci(Galerkin(pipe, size, "legendre"), self.speeds, self.count)
-            return Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1))
+    def look(self, model: AnyModel, answer: Answer) -> float | None:
+        if not isinstance(model, Model):
+            return None
+        assert isinstance(self.speeds, np.ndarray)
+        count = min(2 * self.count + 8, 2 * model.dof)
+        rows = sorted({0, self.speeds.size // 2, self.speeds.size - 1})
+        pencil = pencil_of(model)
+        return max(
+            _apart(lowest(pencil, float(self.speeds[row]), count).values, answer.values[row])
+            for row in rows
+        )
 
+    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
+        assert isinstance(self.speeds, np.ndarray)
+        last = answer.values[-1]
+        return _wave(pipe, float(self.speeds[-1]), complex(last[np.argmax(np.abs(last))]))
+
+    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         assert isinstance(self.speeds, np.ndarray)
         first = max(16, 3 * self.count, math.ceil(float(self.speeds[-1])))
-        sizes = [(first + 8 * i, "legendre") for i in range(5)]
-        return _grown(self, pipe, sizes, lambda size, _: asked(size), tolerance)
+        for size in range(first, first + 5 * STEP, STEP):
+            loci = root_loci(Galerkin(pipe, size, "legendre"), self.speeds, self.count)
+            values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
+            pencil = pencil_of(Galerkin(pipe, size + STEP, "legendre"))
+            error = max(
+                _apart(lowest(pencil, float(u)).values, row)
+                for u, row in zip(self.speeds, values, strict=True)
+            )
+            if error <= tolerance:
+                break
+        source = f"{size} Legendre functions, held against the roots of {size + STEP}"
+        return Reference(Answer(values), max(error, 1e-14), source)
 
 
 # ---------------------------------------------------------------------------- nonlinear questions
@@ -258,6 +375,12 @@ Angle: TypeAlias = Callable[[Array], ArrayLike]
 
 START = 0.05
 """Displacement of the free end, in L, with which a motion starts."""
+
+RTOL = 1e-8
+"""Relative tolerance of a motion or a cycle where no other is asked for."""
+
+BEAM_ORDER, DRAG_ORDER = 4.0, 3.0
+"""Powers of the size with which errors fall: of beam modes, and of functions under drag."""
 
 
 @dataclass(frozen=True)
@@ -271,35 +394,42 @@ class MotionOf(Quantity):
             sets out on the pipe's least damped mode, of 0.05 L at the free end, which excites no
             others, as a pipe let go does.
         samples: times at which the free end is compared.
-        rtol: relative tolerance of the integration.
+        rtol: relative tolerance of the integration; where not given a hundredth of the tolerance
+            asked for, or 1e-8 where none is.
+        rates: dtheta/dt(s) of the start; none where not given, but of the mode those that it has.
     """
 
     name: ClassVar[str] = "motion"
+    is_linear: ClassVar[bool] = False
     most: ClassVar[int] = 1000
     growth: ClassVar[float] = 1.5
     u: float
     duration: float
     start: Angle | None = field(default=None, repr=False)
     samples: int = 201
-    rtol: float = 1e-8
+    rtol: float | None = None
     rates: Angle | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         u = _check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED)
         duration = _check.real("duration", self.duration, low=1e-6, high=1e6)
-        if self.start is not None and not callable(self.start):
-            raise TypeError(
-                "start must be the angle theta(s) of the bent pipe, so that all models start "
-                f"alike, got {_check.shown(self.start)}"
-            )
+        for name, given in (("start", self.start), ("rates", self.rates)):
+            if given is not None and not callable(given):
+                raise TypeError(
+                    f"{name} must be a function of arc lengths s, so that all models start alike, "
+                    f"got {_check.shown(given)}"
+                )
+        if self.rates is not None and self.start is None:
+            raise ValueError("rates must come with a start")
         samples = _check.count("samples", self.samples, low=2, high=100_000)
-        rtol = _check.real("rtol", self.rtol, low=1e-12, high=1e-2)
+        rtol = _checked_rtol(self.rtol, 1e-12)
         for name, value in (("u", u), ("duration", duration), ("samples", samples), ("rtol", rtol)):
             object.__setattr__(self, name, value)
 
     def answer(self, model: AnyModel) -> Answer:
         assert isinstance(model, Model)
         assert self.start is not None
+        assert self.rtol is not None
         motion = simulate(
             *(model, self.u, self.duration, self.start),
             qdot0=None if self.rates is None else model.bent(self.rates),
@@ -309,14 +439,16 @@ class MotionOf(Quantity):
         return Answer(motion.tip)
 
     def prepared(self, pipe: Pipe) -> MotionOf:
+        rtol = RTOL if self.rtol is None else self.rtol
         if self.start is not None:
-            return self
+            return replace(self, rtol=rtol)
         found = modes(Continuum(pipe), self.u, 8)
-        mode = found.shapes[int(np.argmax(found.eigenvalues.real))]
+        growth = found.eigenvalues.real  # all modes of an undamped pipe may grow alike: the lowest
+        mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = START * mode.coordinates / mode(np.ones(1))[0]
         angle = partial(_slope, mode.model, q.real.copy())
         rates = partial(_slope, mode.model, (mode.eigenvalue * q).real)
-        return replace(self, start=angle, rates=rates)
+        return replace(self, start=angle, rates=rates, rtol=rtol)
 
     def distance(self, answer: Answer, other: Answer) -> float:
         excursion = np.hypot(*(other.values - np.array([0.0, 1.0])).T).max()
@@ -325,10 +457,11 @@ class MotionOf(Quantity):
         return float(np.hypot(*(answer.values - other.values).T).max() / excursion)
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        return _reference_of_motion(self, pipe, max(tolerance, 10.0 * self.rtol))
+        assert self.rtol is not None
+        return _reference_of_motion(self, pipe, max(tolerance, self.rtol))
 
     def sharpened(self, tolerance: float) -> MotionOf:
-        return replace(self, rtol=min(self.rtol, max(0.01 * tolerance, 1e-12)))
+        return replace(self, rtol=_sharper(self.rtol, 0.01 * tolerance, 1e-12))
 
 
 @dataclass(frozen=True)
@@ -337,33 +470,51 @@ class LimitCycleAt(Quantity):
 
     Attributes:
         u: flow speed.
-        rtol: relative tolerance of the cycle.
+        rtol: relative tolerance of the cycle; where not given a tenth of the tolerance asked for,
+            or 1e-8 where none is.
     """
 
     name: ClassVar[str] = "limit_cycle"
+    is_linear: ClassVar[bool] = False
     most: ClassVar[int] = LARGEST_CYCLE
     growth: ClassVar[float] = 1.0
     u: float
-    rtol: float = 1e-8
+    rtol: float | None = None
 
     def __post_init__(self) -> None:
         u = _check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=True)
         object.__setattr__(self, "u", u)
-        object.__setattr__(self, "rtol", _check.real("rtol", self.rtol, low=1e-10, high=1e-2))
+        object.__setattr__(self, "rtol", _checked_rtol(self.rtol, 1e-10))
 
     def answer(self, model: AnyModel) -> Answer:
         assert isinstance(model, Model)
+        assert self.rtol is not None
         cycle = limit_cycle(model, self.u, rtol=self.rtol)
         return Answer(np.array([cycle.amplitude, cycle.frequency]), "", cycle.error)
 
     def distance(self, answer: Answer, other: Answer) -> float:
         return _relative(answer.values, other.values)
 
+    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
+        return _wave(pipe, self.u, 1j * float(answer.values[1]))
+
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+        assert self.rtol is not None
         return _reference_of_motion(self, pipe, max(tolerance, self.rtol))
 
+    def prepared(self, pipe: Pipe) -> LimitCycleAt:
+        return replace(self, rtol=RTOL if self.rtol is None else self.rtol)
+
     def sharpened(self, tolerance: float) -> LimitCycleAt:
-        return replace(self, rtol=min(self.rtol, max(0.1 * tolerance, 1e-10)))
+        return replace(self, rtol=_sharper(self.rtol, 0.1 * tolerance, 1e-10))
+
+
+def _checked_rtol(rtol: Any, least: float) -> float | None:
+    return None if rtol is None else _check.real("rtol", rtol, low=least, high=1e-2)
+
+
+def _sharper(rtol: float | None, enough: float, least: float) -> float:
+    return min(1e-2 if rtol is None else rtol, max(enough, least))
 
 
 def _slope(model: Model, q: Array, s: Array) -> Array:
@@ -378,35 +529,44 @@ def _reference_of_motion(quantity: Quantity, pipe: Pipe, tolerance: float) -> Re
     The highest Legendre functions of such a pipe grow many times faster than the pipe does.
     """
     if pipe.flow == "aspirating" and pipe.damping == 0.0 and pipe.beta > 0.0:
-        sizes = [(FIRST_MODES * 2**i, "beam") for i in range(4)]
+        models = [Galerkin(pipe, FIRST_MODES * 2**i, "beam") for i in range(4)]
+        order: float | None = BEAM_ORDER
     else:
-        sizes = [(size, "legendre") for size in range(FIRST, MOST + 1, 2)]
-    sharp = quantity.sharpened(tolerance)
-    return _grown(
-        quantity,
-        pipe,
-        sizes,
-        lambda size, basis: sharp.answer(Galerkin(pipe, size, basis)),
-        tolerance,
-    )
+        models = [Galerkin(pipe, size, "legendre") for size in range(FIRST, MOST + 1, 2)]
+        order = None if pipe.drag == 0.0 else DRAG_ORDER
+    # Solved by turns with two tolerances: what the looser leaves is part of the difference.
+    askers = (quantity.sharpened(tolerance), quantity.sharpened(0.25 * tolerance))
+    return _grown(models, askers, tolerance, order)
 
 
 def _grown(
-    quantity: Quantity,
-    pipe: Pipe,
-    sizes: list[tuple[int, str]],
-    asked: Callable[[int, str], Answer],
+    models: Sequence[Galerkin],
+    askers: tuple[Quantity, Quantity],
     tolerance: float,
+    order: float | None,
 ) -> Reference:
-    """The answer of the first of some sizes that is as near to the one before as is asked for."""
+    """The answer of the first of some models that is as near to the one before as is asked for.
+
+    Args:
+        models: of growing size.
+        askers: ask the models by turns.
+        tolerance: bound on the error.
+        order: power of the size with which the errors fall at the least, None where exponentially:
+            what the last step moved is then more than what is left.
+    """
     answers: list[Answer] = []
-    for size, basis in sizes:
-        answers.append(asked(size, basis))
-        if len(answers) > 1:
-            error = quantity.distance(answers[-2], answers[-1]) + answers[-1].error
-            if error <= tolerance:
-                break
-    return Reference(answers[-1], max(error, 1e-14), f"Galerkin, {size} {basis} functions")
+    for i, model in enumerate(models):
+        answers.append(askers[i % 2].answer(model))
+        if i == 0:
+            continue
+        left = 1.0
+        if order is not None:
+            left = max(1.0, 1.0 / ((model.dof / models[i - 1].dof) ** order - 1.0))
+        error = left * askers[0].distance(answers[-2], answers[-1]) + answers[-1].error
+        if error <= tolerance:
+            break
+    source = f"Galerkin, {model.dof} {model.basis} functions"
+    return Reference(answers[-1], max(error, 1e-14), source)
 
 
 # --------------------------------------------------------------------------------- by their names

@@ -7,8 +7,9 @@ import csv
 import html
 import io
 import math
+import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
@@ -31,6 +32,10 @@ SHARPER = 10.0
 STALLED = 0.8
 """Least share by which the error of some larger model must be smaller: else it falls no more."""
 
+clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.thread_time
+"""Seconds of this thread's work, which others on the machine hardly move; Windows counts them in
+steps of 16 ms, and there it is the time that passes."""
+
 LONGEST = 20.0
 """Seconds after which a measurement is not repeated."""
 
@@ -48,7 +53,7 @@ class TradeRow:
         dof: degrees of freedom; of a pair the sum.
         error: of the answer, relative, as measured against the reference; NaN where it failed.
         resolved: whether the reference is sharp enough to tell it, by a factor of ten.
-        seconds: least time of an answer from models freshly made.
+        seconds: least processor time of an answer from models freshly made.
         spread: the longest of the repeated times beside the least, less 1.
         right_hand_sides, factorisations: counts of one answer.
         failure: what was raised, None where all went well.
@@ -275,10 +280,10 @@ def measured(
             if models[0].dof < quantity.least:
                 raise ValueError(f"size must be at least {quantity.least} for it, got {size}")
             with counted() as effort:
-                start = time.perf_counter()
+                start = clock()
                 answers = [quantity.answer(model) for model in models]
                 answer = _one(quantity, answers, family)
-                times.append(time.perf_counter() - start)
+                times.append(clock() - start)
     except Exception as failure:
         return TradeRow(family.name, size, dof, math.nan, False, math.nan, math.nan, 0, 0, failure)
     error = quantity.distance(answer, reference.answer)
