@@ -6,8 +6,8 @@
 For each pipe, linear quantity and tolerance it prints the model chosen, its true error (against the
 continuous pipe, with more functions than any that the search has seen), its time, the time of the
 cheapest model tried by hand (every spring rule and both bases, sizes up to 200) that is as good,
-and the time of the whole search. It fails if a true error is above its tolerance. Times are processor
-times of one thread, each the least of several.
+and the time of the whole search. It fails if a true error is above its tolerance. Times are
+processor times of one thread, each the least of several.
 """
 
 import sys
@@ -17,11 +17,12 @@ import numpy as np
 
 import pipedyn as pd
 from pipedyn.families import FAMILIES, RULES
+from pipedyn.quantity import Answer
 from pipedyn.trade import clock, measured
 
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8)
 HAND = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 40, 64, 100, 200)
-DEAR = 0.4
+DEAR = 0.15
 """Seconds of an answer after which a family is not tried by hand further."""
 
 SHARP = 48

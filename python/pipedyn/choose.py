@@ -14,6 +14,7 @@ import html
 import math
 import time
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,10 +46,6 @@ LESS = 0.93
 
 DECADES = 0.8
 """Decades by which a Legendre function more lowers the error, before two sizes have told."""
-
-ROOM, SPARE = 1.5, 3
-"""Times the fewest degrees of freedom, or so many more, up to which others may be as cheap: linear
-answers of few degrees of freedom cost alike, and of many more than these always more."""
 
 LOOKS, TRIES = 25, 4
 """Of one family, for a linear question: sizes looked at, and measured after."""
@@ -273,12 +270,15 @@ class _Search:
         family = FAMILIES[row.family]
         return self._look(family, family.beyond(row.size)) <= tolerance
 
+    @cached_property
+    def _wave(self) -> float | None:
+        return self.quantity.wave(self.pipe, self.reference.answer)
+
     def _expected(self, family: Family, tolerance: float) -> float:
         """About the size that the tolerance takes."""
-        wave = self.quantity.wave(self.pipe, self.reference.answer)
-        if wave is None:
+        if self._wave is None:
             return float(_first(family, tolerance, self.quantity))
-        return max(expected_size(family, wave, tolerance), float(self.quantity.least))
+        return max(expected_size(family, self._wave, tolerance), float(self.quantity.least))
 
     def _look(self, family: Family, size: int) -> float:
         """Bound on a model's error, from a look where there is one, else measured."""
@@ -306,10 +306,10 @@ class _Search:
             if size is not None:
                 dof = family.dof(size)
                 sizes.append((dof, family, size))
-                room = min(room, max(ROOM * dof, dof + SPARE))
+                room = min(room, self.quantity.room(dof))
         best: TradeRow | None = None
         for dof, family, size in sorted(sizes, key=lambda one: one[0]):
-            if best is not None and dof > max(ROOM * best.dof, best.dof + SPARE):
+            if best is not None and dof > self.quantity.room(best.dof):
                 self.left[family.name] = f"an error of {tolerance:g} takes size {size}"
                 continue
             row = self._confirmed(family, size, tolerance)

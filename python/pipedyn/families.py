@@ -73,7 +73,7 @@ def expected_size(family: Family, wave: float, tolerance: float) -> float:
     if family.order == math.inf:
         sizes = np.arange(1, WAVY)
         enough = spherical_jn(sizes - 1, 0.5 * wave) ** 2 <= tolerance
-        enough &= sizes > 0.25 * wave
+        enough &= sizes > 0.5 * wave  # there the share falls, before it swings
         fits = sizes[enough]
         return float(fits[0]) if fits.size else math.inf
     if family.order == 0.0:

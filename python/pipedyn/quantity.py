@@ -122,9 +122,25 @@ class Quantity(ABC):
         """Largest wave number that an answer takes, in 1 / L, where that is known."""
         return None
 
+    @property
+    def floor(self) -> float:
+        """Error below which answers differ by how they were solved, not by their models."""
+        return 0.0
+
+    def room(self, dof: int) -> float:
+        """Degrees of freedom beyond which other models' answers cost no less, but for some noise.
+
+        Linear answers of few degrees of freedom cost alike, those of many more always more.
+        """
+        return max(1.5 * dof, dof + 3.0)
+
     def sharpened(self, tolerance: float) -> Quantity:
         """The same, solved so sharply that its own error is no part of a tolerance."""
         return self
+
+    def shared(self, answer: Answer) -> Answer:
+        """What of an answer any model that can be asked has."""
+        return answer
 
     def prepared(self, pipe: Pipe) -> Quantity:
         """The same with what it takes from the pipe itself."""
@@ -132,6 +148,7 @@ class Quantity(ABC):
 
     def extrapolated(self, coarse: Answer, fine: Answer, order: float) -> Answer:
         """Richardson's value from models of one and of twice the size."""
+        coarse, fine = self.shared(coarse), self.shared(fine)
         if coarse.kind != fine.kind or coarse.values.shape != fine.values.shape:
             return replace(fine, values=np.full_like(fine.values, np.nan))
         share = 2.0**order - 1.0
@@ -281,14 +298,26 @@ class Frequencies(Quantity):
     def distance(self, answer: Answer, other: Answer) -> float:
         return _apart(answer.values, other.values[: 2 * self.count])
 
+    def look(self, model: AnyModel, answer: Answer) -> float | None:
+        if not isinstance(model, Model):
+            return None
+        found = lowest(pencil_of(model), self.u, min(2 * self.count + 2, 2 * model.dof))
+        return self.distance(Answer(found.values), answer)
+
+    def room(self, dof: int) -> float:
+        return float(dof)
+
+    def shared(self, answer: Answer) -> Answer:
+        return replace(answer, values=answer.values[: 2 * self.count])
+
     def wave(self, pipe: Pipe, answer: Answer) -> float | None:
         return _wave(pipe, self.u, complex(answer.values[2 * self.count - 1]))
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         wave = _wave(pipe, self.u, 1j * (math.pi * (self.count + 0.5)) ** 2)
-        expected = expected_size(FAMILIES["legendre"], wave, 1e-10)
+        expected = expected_size(FAMILIES["legendre"], wave, tolerance)
         if math.isfinite(expected):
-            first = max(int(expected), self.count + 4)
+            first = max(int(expected), self.count + 2)
             models = [Galerkin(pipe, size, "legendre") for size in range(first, first + 24, 4)]
             found = _grown(models, (self, self), tolerance, None)
             if found.error <= tolerance:
@@ -333,6 +362,11 @@ class RootLociOver(Quantity):
     def distance(self, answer: Answer, other: Answer) -> float:
         rows = zip(answer.values, other.values, strict=True)
         return max(_apart(values, exact) for values, exact in rows)
+
+    def shared(self, answer: Answer) -> Answer:
+        upper, lower = np.split(answer.values, 2, axis=1)
+        mine = np.concatenate([upper[:, : self.count], lower[:, : self.count]], axis=1)
+        return replace(answer, values=mine)
 
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         if not isinstance(model, Model):
@@ -438,6 +472,10 @@ class MotionOf(Quantity):
         )
         return Answer(motion.tip)
 
+    @property
+    def floor(self) -> float:
+        return 20.0 * (self.rtol or RTOL)
+
     def prepared(self, pipe: Pipe) -> MotionOf:
         rtol = RTOL if self.rtol is None else self.rtol
         if self.start is not None:
@@ -501,6 +539,10 @@ class LimitCycleAt(Quantity):
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         assert self.rtol is not None
         return _reference_of_motion(self, pipe, max(tolerance, self.rtol))
+
+    @property
+    def floor(self) -> float:
+        return 10.0 * (self.rtol or RTOL)
 
     def prepared(self, pipe: Pipe) -> LimitCycleAt:
         return replace(self, rtol=RTOL if self.rtol is None else self.rtol)

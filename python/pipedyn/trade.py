@@ -138,10 +138,11 @@ class Trade:
         return {family: self._order(family) for family in self.families}
 
     def _order(self, family: str) -> Trend:
-        rows = [row for row in self.of(family) if row.resolved and row.error > 0.0]
+        floor = self.quantity.floor
+        rows = [row for row in self.of(family) if row.resolved and floor < row.error < math.inf]
         errors = np.array([row.error for row in rows])
         sizes = np.array([float(row.size) for row in rows])
-        for i in range(2, len(rows)):  # rounding, or the integrator's tolerance
+        for i in range(2, len(rows)):  # rounding
             if errors[i:].min() > STALLED * errors[i - 1]:
                 return law_of(sizes[: i - 1], errors[: i - 1])
         return law_of(sizes, errors)
