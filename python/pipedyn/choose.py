@@ -47,6 +47,9 @@ LESS = 0.93
 DECADES = 0.8
 """Decades by which a Legendre function more lowers the error, before two sizes have told."""
 
+STEEP = 1.2
+"""The same where a step too long does no harm."""
+
 LOOKS, TRIES = 25, 4
 """Of one family, for a linear question: sizes looked at, and measured after."""
 
@@ -556,7 +559,10 @@ def _price(known: list[TradeRow], size: int, growth: float) -> float:
 def _scaled(family: Family, size: int, error: float, tolerance: float) -> int:
     """A neighbouring size that would have an error just below the tolerance."""
     if family.order == math.inf:
-        return size - 1 if error <= tolerance else size + 1
+        if error <= tolerance:
+            return size - 1
+        decades = math.log10(min(error, 1.0) / tolerance)
+        return size + min(max(math.ceil(decades / STEEP), 1), 6)
     share = math.sqrt(10.0)
     if math.isfinite(error):
         share = (max(error, 1e-16) / (0.9 * tolerance)) ** (1.0 / max(family.order, 1.0))

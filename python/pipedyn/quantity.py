@@ -34,6 +34,11 @@ from pipedyn.nearby import Onset, onset_near
 from pipedyn.pipe import Pipe
 from pipedyn.spectrum import lowest, pencil_of
 
+EPS = float(np.finfo(float).eps)
+
+GROWN = (0, 4, 10, 18, 28)
+"""By how many functions eigenvalues' reference grows; slowly converge those of much damping."""
+
 SEARCHED = (16, 24, 32)
 """Legendre functions with which a critical speed is searched."""
 
@@ -232,7 +237,7 @@ class CriticalSpeedOf(Quantity):
         if followed is not None:
             return followed
         found = self.answer(Continuum(pipe))
-        return Reference(found, max(found.error, np.finfo(float).eps), "Continuum")
+        return Reference(found, max(found.error, EPS), "Continuum")
 
     def _followed(self, pipe: Pipe, tolerance: float) -> Reference | None:
         """Searched in a reduced model and followed into larger ones, where it hardly moves.
@@ -244,9 +249,9 @@ class CriticalSpeedOf(Quantity):
                 answer = self.answer(Galerkin(pipe, size, "legendre"))
             except PipedynError:
                 return None
-            if answer.onset is None:
-                return None
             before = answer.onset
+            if before is None or 0.8 * before.speed + STEP > SEARCHED[-1]:
+                return None
             for larger in (size + STEP, size + 2 * STEP):
                 model = Galerkin(pipe, larger, "legendre")
                 onset = onset_near(model, before.speed, before.frequency)
@@ -255,7 +260,7 @@ class CriticalSpeedOf(Quantity):
                 moved = abs(onset.speed - before.speed) / onset.speed
                 if moved > ALIKE:
                     break
-                error = moved + (before.error + onset.error) / onset.speed + np.finfo(float).eps
+                error = moved + (before.error + onset.error) / onset.speed + EPS
                 found = Answer(np.array([onset.speed]), "flutter", error, onset)
                 if error <= tolerance or larger > size + STEP:
                     source = f"search with {size} Legendre functions, followed to {larger}"
@@ -305,7 +310,7 @@ class Frequencies(Quantity):
         return self.distance(Answer(found.values), answer)
 
     def room(self, dof: int) -> float:
-        return float(dof)
+        return 0.5 * dof
 
     def shared(self, answer: Answer) -> Answer:
         return replace(answer, values=answer.values[: 2 * self.count])
@@ -318,7 +323,7 @@ class Frequencies(Quantity):
         expected = expected_size(FAMILIES["legendre"], wave, tolerance)
         if math.isfinite(expected):
             first = max(int(expected), self.count + 2)
-            models = [Galerkin(pipe, size, "legendre") for size in range(first, first + 24, 4)]
+            models = [Galerkin(pipe, first + more, "legendre") for more in GROWN]
             found = _grown(models, (self, self), tolerance, None)
             if found.error <= tolerance:
                 return found
