@@ -10,6 +10,7 @@ and the time of the whole search. It fails if a true error is above its toleranc
 processor times of one thread, each the least of several.
 """
 
+import math
 import sys
 import warnings
 
@@ -89,9 +90,11 @@ def main():
         for name, conditions in questions(rng, pipe, loss).items():
             hand = None
             for tolerance in TOLERANCES:
-                begun = clock()
-                choice = pd.choose(pipe, name, tolerance, **conditions)
-                search = clock() - begun
+                search = math.inf
+                for _ in range(3 if name == "frequencies" else 1):
+                    begun = clock()
+                    choice = pd.choose(pipe, name, tolerance, **conditions)
+                    search = min(search, clock() - begun)
                 if hand is None:
                     hand = by_hand(pipe, choice.quantity, choice.quantity.reference(pipe, 1e-10))
                 error = truth(choice.quantity, pipe, choice.model)

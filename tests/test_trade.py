@@ -198,19 +198,22 @@ def test_none_beats_the_front(critical):
 # -------------------------------------------------------------------------------------- counts
 
 
-def test_counts_are_those_of_the_integrator_and_repeat():
-    family, asked = FAMILIES["consistent"], MotionOf(u=6.0, duration=1.0).prepared(DAMPED)
-    reference = asked.sharpened(1e-3).reference(DAMPED, 1e-3)
-    rows = [measured(DAMPED, asked, family, 6, reference, 1) for _ in range(2)]
-    assert rows[0].right_hand_sides == rows[1].right_hand_sides
-    motion = pd.simulate(
-        *(pd.Chain(DAMPED, 6), 6.0, 1.0, asked.start),
-        qdot0=pd.Chain(DAMPED, 6).bent(asked.rates),
-        samples=201,
-        rtol=1e-8,
-    )
-    assert rows[0].right_hand_sides == motion.evaluations
-    assert rows[0].factorisations == 0
+def test_a_motion_counts_what_its_integrator_does():
+    chain = pd.Chain(DAMPED, 6)
+    with counted() as effort:
+        motion = pd.simulate(chain, 6.0, 1.0, lambda s: 0.05 * s**2, method="dop853")
+    assert effort.right_hand_sides == motion.evaluations
+    assert effort.factorisations == 0
+
+
+def test_a_row_has_the_counts_of_one_answer():
+    family, asked = FAMILIES["legendre"], CriticalSpeedOf()
+    reference = asked.reference(PIPE, 1e-6)
+    row = measured(PIPE, asked, family, 6, reference, 3)
+    with counted() as effort:
+        asked.answer(family.make(PIPE, 6))
+    assert row.factorisations == effort.factorisations > 10
+    assert row.right_hand_sides == 0
 
 
 def test_a_cycle_counts_its_right_hand_sides_and_factorisations():

@@ -13,6 +13,7 @@ from __future__ import annotations
 import html
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -318,17 +319,21 @@ class _Search:
             row = self._confirmed(family, size, tolerance)
             if row is not None and (best is None or row.seconds < best.seconds):
                 best = row
+        if best is not None and not self.quantity.is_even and best.size < LONG:
+            other = self.measure(FAMILIES[best.family], best.size + 1)
+            if self.bound(other) <= tolerance and other.seconds < best.seconds:
+                best = other
         return best
 
     def _least(self, family: Family, expected: float, tolerance: float, room: float) -> int | None:
         """The smallest size that looks to meet a tolerance, of those that have room."""
         most = min(self._largest(family), int(min(room, 1e9)) // family.dof(1))
         least = self.quantity.least
-        if most < least or expected > 3.0 * most:
+        if most < least or (expected > 3.0 * most and family.order < math.inf):
             about = f", and {expected:.0f} are expected" if math.isfinite(expected) else ""
             self.left[family.name] = f"more than size {most} is needed{about}"
             return None
-        size = min(max(math.ceil(expected), least), most)
+        size = math.ceil(min(max(expected, least), most))
         if self._look(family, size) <= tolerance:
             for _ in range(LOOKS):
                 smaller = _scaled(family, size, self._look(family, size), tolerance)
@@ -354,7 +359,7 @@ class _Search:
             if size > self._largest(family):
                 break
             if size > LONG:
-                tested = self.measure(family, size // 3)
+                tested = self.measure(family, min(size // 2, 2 * LONG))
                 price = _price([tested], size, 1.5)
                 if price > PATIENCE:
                     self.left[family.name] = f"size {size} would take some {price:.0f} s"
@@ -478,15 +483,26 @@ class _Search:
                 if name in self.left and row is last[name]:
                     why = self.left[name]
                 found.append(Tried(name, row, why))
-        return tuple(found)
+        return (*found, *self._unmeasured())
+
+    def _unmeasured(self) -> Iterator[Tried]:
+        """Families that were left before any measurement."""
+        measured_ones = {name for name, _ in self.rows}
+        return (Tried(n, None, why) for n, why in self.left.items() if n not in measured_ones)
 
     def refusal(self, demand: str) -> NoModel:
         """What to raise where nothing meets the demand."""
+        if not self.rows:  # what looked best, to tell how far it is
+            family = self.families[0]
+            first = family.name, _first(family, 0.1, self.quantity)
+            name, size = min(self.looks, key=self.looks.__getitem__, default=first)
+            self.measure(FAMILIES[name], size)
         good = [row for row in self.rows.values() if math.isfinite(self.bound(row))]
         nearest = min(good, key=self.bound, default=None)
         told = tuple(
             Tried(name, row, self.left.get(name, "")) for (name, _), row in self.rows.items()
         )
+        told += tuple(self._unmeasured())
         if nearest is None:
             failed = next(iter(self.rows.values()))
             return NoModel(f"no model meets {demand}: {failed.failure}", told, None)

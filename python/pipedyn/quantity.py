@@ -36,6 +36,9 @@ from pipedyn.spectrum import lowest, pencil_of
 
 EPS = float(np.finfo(float).eps)
 
+BEFORE_CROWD = 0.9
+"""Share of 1 / delta up to which there are only so many roots."""
+
 GROWN = (0, 4, 10, 18, 28)
 """By how many functions eigenvalues' reference grows; slowly converge those of much damping."""
 
@@ -64,12 +67,15 @@ class Answer:
         kind: what must agree besides numbers, as that a loss of stability is flutter.
         error: the solver's own, relative.
         onset: of a critical speed by flutter, where it is looked for in another model.
+        damping: delta of the pipe whose roots these are: those that crowd at -1 / delta are not
+            told apart.
     """
 
     values: NDArray[Any]
     kind: str = ""
     error: float = 0.0
     onset: Onset | None = None
+    damping: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -94,6 +100,9 @@ class Quantity(ABC):
 
     is_linear: ClassVar[bool] = True
     """Whether an answer's cost depends on little else than the degrees of freedom."""
+
+    is_even: ClassVar[bool] = False
+    """Whether neighbouring sizes cost alike; a search for passages may take three times as long."""
 
     least: int = 1
     """Degrees of freedom that a model must have to answer."""
@@ -174,7 +183,7 @@ def _relative(values: NDArray[Any], other: NDArray[Any]) -> float:
 
 
 def _apart(values: NDArray[Any], other: NDArray[Any]) -> float:
-    """Largest difference of roots from those of another set, each with its own, relative.
+    """Largest difference of roots of another set from some of these, each with its own, relative.
 
     Roots smaller than 1 in 1 / T are held against 1.
     """
@@ -192,6 +201,20 @@ def _wave(pipe: Pipe, u: float, value: complex) -> float:
     coriolis = 2.0 * math.sqrt(pipe.beta) * (-u if aspirating else u) * value
     elastic = 1.0 + pipe.damping * value
     return float(np.abs(np.roots([elastic, 0.0, thrust, coriolis, value**2])).max(initial=0.0))
+
+
+def _largest_wave(pipe: Pipe, u: float, values: NDArray[Any]) -> float | None:
+    """Of the root farthest out; those that crowd at -1 / delta have no wave number to speak of."""
+    telling = values[_outside(values, pipe.damping)]
+    if telling.size == 0:
+        return None
+    return _wave(pipe, u, complex(telling[np.argmax(np.abs(telling))]))
+
+
+def _outside(values: NDArray[Any], damping: float) -> NDArray[np.bool_]:
+    """Which roots do not crowd at -1 / delta."""
+    outside: NDArray[np.bool_] = np.abs(damping * values + 1.0) > 0.5
+    return outside
 
 
 # ------------------------------------------------------------------------------- linear questions
@@ -273,6 +296,9 @@ class CriticalSpeedOf(Quantity):
 class Frequencies(Quantity):
     """The eigenvalues of the lowest modes at one flow speed: each matched with its own.
 
+    Of a pipe with damping delta, those up to 0.9 / delta: from 1 / delta on there is no next one,
+    as infinitely many crowd there.
+
     Attributes:
         u: flow speed.
         count: number of modes.
@@ -298,16 +324,31 @@ class Frequencies(Quantity):
         found = modes(model, self.u, most)
         if not found.converged.all():
             raise NotConverged(f"eigenvalues at u = {self.u:g} failed their residual check", found)
-        return Answer(found.eigenvalues, "", found.discretisation or 0.0)
+        error = found.discretisation or 0.0
+        return Answer(found.eigenvalues, error=error, damping=model.pipe.damping)
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        return _apart(answer.values, other.values[: 2 * self.count])
+        told = self._told(other)
+        return _apart(answer.values, told) if told.size else math.inf
+
+    def _told(self, answer: Answer) -> NDArray[Any]:
+        """The lowest roots; of a damped pipe those below the endless crowd at -1 / delta."""
+        values = answer.values[: 2 * self.count]
+        below = answer.damping * np.abs(values) < BEFORE_CROWD
+        told: NDArray[Any] = values[below & _outside(values, answer.damping)]
+        return told
 
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         if not isinstance(model, Model):
             return None
+        return self.distance(self._roots(model), answer)
+
+    def _roots(self, model: Model) -> Answer:
+        """Without the modes' shapes, which are the half of an answer."""
         found = lowest(pencil_of(model), self.u, min(2 * self.count + 2, 2 * model.dof))
-        return self.distance(Answer(found.values), answer)
+        return Answer(found.values, damping=model.pipe.damping)
+
+    is_even: ClassVar[bool] = True
 
     def room(self, dof: int) -> float:
         return 0.5 * dof
@@ -316,18 +357,27 @@ class Frequencies(Quantity):
         return replace(answer, values=answer.values[: 2 * self.count])
 
     def wave(self, pipe: Pipe, answer: Answer) -> float | None:
-        return _wave(pipe, self.u, complex(answer.values[2 * self.count - 1]))
+        return _largest_wave(pipe, self.u, answer.values[: 2 * self.count])
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         wave = _wave(pipe, self.u, 1j * (math.pi * (self.count + 0.5)) ** 2)
         expected = expected_size(FAMILIES["legendre"], wave, tolerance)
         if math.isfinite(expected):
             first = max(int(expected), self.count + 2)
-            models = [Galerkin(pipe, first + more, "legendre") for more in GROWN]
-            found = _grown(models, (self, self), tolerance, None)
-            if found.error <= tolerance:
-                return found
+            before: Answer | None = None
+            for more in GROWN:
+                model = Galerkin(pipe, first + more, "legendre")
+                answer = self._roots(model)
+                error = math.inf if before is None else self.distance(before, answer)
+                if error <= tolerance:
+                    source = f"Galerkin, {model.dof} Legendre functions"
+                    return Reference(answer, max(error, 1e-14), source)
+                before = answer
         answer = self.answer(Continuum(pipe))
+        if self._told(answer).size == 0:
+            raise NotConverged(
+                f"no eigenvalue at u = {self.u:g} lies below those that crowd at -1 / delta", answer
+            )
         return Reference(answer, max(answer.error, 1e-14), "Continuum")
 
 
@@ -362,11 +412,12 @@ class RootLociOver(Quantity):
         loci = root_loci(model, self.speeds, count)
         if not loci.converged.all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
-        return Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1))
+        values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
+        return Answer(values, damping=model.pipe.damping)
 
     def distance(self, answer: Answer, other: Answer) -> float:
         rows = zip(answer.values, other.values, strict=True)
-        return max(_apart(values, exact) for values, exact in rows)
+        return max(_apart(values, exact[_outside(exact, other.damping)]) for values, exact in rows)
 
     def shared(self, answer: Answer) -> Answer:
         upper, lower = np.split(answer.values, 2, axis=1)
@@ -380,15 +431,12 @@ class RootLociOver(Quantity):
         count = min(2 * self.count + 8, 2 * model.dof)
         rows = sorted({0, self.speeds.size // 2, self.speeds.size - 1})
         pencil = pencil_of(model)
-        return max(
-            _apart(lowest(pencil, float(self.speeds[row]), count).values, answer.values[row])
-            for row in rows
-        )
+        values = np.stack([lowest(pencil, float(self.speeds[row]), count).values for row in rows])
+        return self.distance(Answer(values), replace(answer, values=answer.values[rows]))
 
     def wave(self, pipe: Pipe, answer: Answer) -> float | None:
         assert isinstance(self.speeds, np.ndarray)
-        last = answer.values[-1]
-        return _wave(pipe, float(self.speeds[-1]), complex(last[np.argmax(np.abs(last))]))
+        return _largest_wave(pipe, float(self.speeds[-1]), answer.values[-1])
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         assert isinstance(self.speeds, np.ndarray)
@@ -396,15 +444,14 @@ class RootLociOver(Quantity):
         for size in range(first, first + 5 * STEP, STEP):
             loci = root_loci(Galerkin(pipe, size, "legendre"), self.speeds, self.count)
             values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
+            answer = Answer(values, damping=pipe.damping)
             pencil = pencil_of(Galerkin(pipe, size + STEP, "legendre"))
-            error = max(
-                _apart(lowest(pencil, float(u)).values, row)
-                for u, row in zip(self.speeds, values, strict=True)
-            )
+            every = np.stack([lowest(pencil, float(u)).values for u in self.speeds])
+            error = self.distance(Answer(every), answer)
             if error <= tolerance:
                 break
         source = f"{size} Legendre functions, held against the roots of {size + STEP}"
-        return Reference(Answer(values), max(error, 1e-14), source)
+        return Reference(answer, max(error, 1e-14), source)
 
 
 # ---------------------------------------------------------------------------- nonlinear questions

@@ -36,6 +36,9 @@ clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.thre
 """Seconds of this thread's work, which others on the machine hardly move; Windows counts them in
 steps of 16 ms, and there it is the time that passes."""
 
+ROUNDED = 1e-6
+"""Errors above this do not stall by rounding: a family that stalls there has another limit."""
+
 LONGEST = 20.0
 """Seconds after which a measurement is not repeated."""
 
@@ -143,7 +146,7 @@ class Trade:
         errors = np.array([row.error for row in rows])
         sizes = np.array([float(row.size) for row in rows])
         for i in range(2, len(rows)):  # rounding
-            if errors[i:].min() > STALLED * errors[i - 1]:
+            if errors[i - 1] < ROUNDED and errors[i:].min() > STALLED * errors[i - 1]:
                 return law_of(sizes[: i - 1], errors[: i - 1])
         return law_of(sizes, errors)
 
