@@ -51,8 +51,8 @@ DECADES = 0.8
 STEEP = 1.2
 """The same where a step too long does no harm."""
 
-LOOKS, TRIES = 25, 4
-"""Of one family, for a linear question: sizes looked at, and measured after."""
+LOOKS, TRIES, MEASURED = 25, 4, 2
+"""For a linear question: sizes of a family looked at, and measured after; families measured."""
 
 LONG = 80
 """Size from which a linear answer is not measured before a smaller one has told its price."""
@@ -312,8 +312,8 @@ class _Search:
                 sizes.append((dof, family, size))
                 room = min(room, self.quantity.room(dof))
         best: TradeRow | None = None
-        for dof, family, size in sorted(sizes, key=lambda one: one[0]):
-            if best is not None and dof > self.quantity.room(best.dof):
+        for rank, (dof, family, size) in enumerate(sorted(sizes, key=lambda one: one[0])):
+            if best is not None and (rank >= MEASURED or dof > self.quantity.room(best.dof)):
                 self.left[family.name] = f"an error of {tolerance:g} takes size {size}"
                 continue
             row = self._confirmed(family, size, tolerance)
@@ -372,9 +372,9 @@ class _Search:
         return None
 
     def _tried_out(self, tolerance: float) -> TradeRow | None:
-        """For motions and cycles: every size is measured."""
+        """For motions and cycles: every size is measured, the reference's family first."""
         best: TradeRow | None = None
-        for family in self.families:
+        for family in sorted(self.families, key=lambda one: one.name not in self.reference.source):
             row = self._smallest(family, tolerance, best)
             if row is not None and (best is None or row.seconds < best.seconds):
                 best = row

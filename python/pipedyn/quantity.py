@@ -42,8 +42,8 @@ BEFORE_CROWD = 0.9
 GROWN = (0, 4, 10, 18, 28)
 """By how many functions eigenvalues' reference grows; slowly converge those of much damping."""
 
-SEARCHED = (16, 24, 32)
-"""Legendre functions with which a critical speed is searched."""
+FEWEST, ENOUGH = 16, 40
+"""Legendre functions with which a critical speed is searched, from and to."""
 
 ALIKE = 1e-5
 """By how much eight functions more may move what a search found, relative."""
@@ -267,16 +267,18 @@ class CriticalSpeedOf(Quantity):
 
         A third of the cost of two searches.
         """
-        for size in SEARCHED:
+        size = FEWEST
+        while size <= ENOUGH:
             try:
                 answer = self.answer(Galerkin(pipe, size, "legendre"))
             except PipedynError:
                 return None
             before = answer.onset
-            if before is None or 0.8 * before.speed + STEP > SEARCHED[-1]:
+            if before is None:
                 return None
-            for larger in (size + STEP, size + 2 * STEP):
-                model = Galerkin(pipe, larger, "legendre")
+            larger = max(size + STEP, math.ceil(0.8 * before.speed))
+            for more in (STEP, 2 * STEP):
+                model = Galerkin(pipe, size + more, "legendre")
                 onset = onset_near(model, before.speed, before.frequency)
                 if onset is None:
                     break
@@ -285,10 +287,11 @@ class CriticalSpeedOf(Quantity):
                     break
                 error = moved + (before.error + onset.error) / onset.speed + EPS
                 found = Answer(np.array([onset.speed]), "flutter", error, onset)
-                if error <= tolerance or larger > size + STEP:
-                    source = f"search with {size} Legendre functions, followed to {larger}"
+                if error <= tolerance or more > STEP:
+                    source = f"search with {size} Legendre functions, followed to {size + more}"
                     return Reference(found, error, source)
                 before = onset
+            size = larger
         return None
 
 
