@@ -102,7 +102,7 @@ def main():
                 best = measured(
                     pipe, choice.quantity, FAMILIES[choice.family], choice.size, choice.reference, 3
                 ).seconds
-                good = [row for row in hand if row.error <= tolerance]
+                good = [row for row in hand if row.error <= tolerance] or [choice.row]
                 least = min(good, key=lambda row: row.seconds)
                 again = measured(
                     pipe, choice.quantity, FAMILIES[least.family], least.size, choice.reference, 3

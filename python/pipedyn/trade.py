@@ -221,9 +221,11 @@ def trade(
         pipe: the pipe.
         quantity: what is asked of it, and its conditions as further arguments:
             "critical_speed" (max_speed=100: the lowest passage that destabilises),
-            "frequencies" (u=0, count=4: eigenvalues of the lowest modes),
+            "frequencies" (u=0, count=4: eigenvalues of the lowest modes, with damping delta those
+            below 0.9 / delta),
             "root_loci" (speeds, count=4: branches of eigenvalues),
-            "motion" (u, duration, start=theta(s), samples=201, rtol=1e-8: the free end's path),
+            "motion" (u, duration, start=theta(s), rates=dtheta/dt(s), samples=201, rtol=1e-8: the
+            free end's path, from the least damped mode where no start is given),
             "limit_cycle" (u, rtol=1e-8: amplitude and frequency).
         families: what is measured: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
             "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
@@ -234,7 +236,9 @@ def trade(
         **conditions: of the quantity.
 
     Returns:
-        Trade; a model that fails, or is too small for the quantity, is a row that says so.
+        Trade; a model that fails, or is too small for the quantity, is a row that says so. Errors
+        less than ten times the reference's own are bounds (`resolved` is False). Counts of motions
+        may differ by a step from run to run, as rounding does.
 
     Raises:
         NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer.
