@@ -169,10 +169,10 @@ def choose(
 
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
     that is known ten times as well. A motion or cycle is integrated as sharply as the tolerance
-    asks for. For linear questions the whole search takes some 2 to 10 times as long as an answer of
-    the model chosen, where that takes less than a millisecond at times 15 (measured:
-    tests/benchmark_choose.py). The reference of a motion or a cycle is itself several of larger
-    models: 10 to 20 times, and 100 times for an aspirating pipe under drag alone.
+    asks for. For linear questions the whole search takes 2 to 11 times as long as an answer of the
+    model chosen (96 searches on 8 random pipes: tests/benchmark_choose.py). The reference of a
+    motion or a cycle is itself several of larger models: 10 to 20 times, and 100 times for an
+    aspirating pipe under drag alone.
 
     Args:
         pipe: the pipe.

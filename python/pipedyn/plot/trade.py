@@ -116,7 +116,8 @@ def _frame(ax: Axes, rows: Sequence[TradeRow], cost: str, floor: float) -> None:
     ax.set_ylim(min(0.3 * min(errors), 0.5 * floor), 3.0 * max(errors))
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(numticks=12))
-        axis.set_minor_formatter(NullFormatter())
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.tick_params(axis="x", which="minor", labelsize=6.0)
     ax.text(
         0.99,
         floor,
