@@ -916,7 +916,7 @@ def _results() -> Iterator[Target]:
     at = Kind(one_of(SPEED, CYCLE.u), real((1.0, 2.0), -1.0).bad)
     yield Target("BifurcationDiagram.at", DIAGRAM.at, {"u": at})
     yield Target("CycleBranch.at", BRANCH.at, {"u": at})
-    yield Target("CycleBranch.retraces", BRANCH.retraces, {"other": of(BRANCH)})
+    yield Target("CycleBranch.passes", BRANCH.passes, {"u": at})
     yield Target("Hopf.amplitude", HOPF.amplitude, {"u": at})
     yield Target("Hopf.pace", HOPF.pace, {"u": at})
 

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: MIT
 """How chains and reduced models tend to the continuous pipe, and that the paper's rule does not."""
 
+import mpmath
 import numpy as np
 import pytest
+from independent import chain_crossing, determinant_crossing
 
 import pipedyn as pd
 
@@ -138,3 +140,73 @@ def test_ten_beam_modes_are_worse_at_heavy_fluid():
     exact = pd.critical_speed(pd.Continuum(pd.Pipe(0.9))).speed
     (error,) = errors([pd.Galerkin(pd.Pipe(0.9), 10, "beam")], exact)
     assert error == pytest.approx(1.7e-3, abs=5e-5)
+
+
+# ------------------------------------------------------------- what results say of their own error
+
+
+def random_pipe(rng):
+    """Without gravity, as the determinant is; damped where it aspirates, and half of the others."""
+    flow = str(rng.choice(["ejecting", "aspirating"]))
+    damped = flow == "aspirating" or rng.random() < 0.5
+    damping = 10.0 ** rng.uniform(-3.0, -1.3) if damped else 0.0
+    return pd.Pipe(rng.uniform(0.02, 0.98), flow=flow, damping=damping)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_distance_to_the_continuum_is_bounded_and_by_little(seed):
+    """Against the determinant in 30 digits; where rounding is all that is left, only bounded."""
+    pipe = random_pipe(np.random.default_rng(seed))
+    start = pd.critical_speed(pd.Continuum(pipe))
+    exact, _ = determinant_crossing(
+        *(pipe.beta, start.speed, start.frequency),
+        digits=30,
+        damping=pipe.damping,
+        direction=-1.0 if pipe.flow == "aspirating" else 1.0,
+    )
+    for model in (
+        pd.Chain(pipe, 16),
+        pd.Chain(pipe, 30, springs="midpoint"),
+        pd.Chain(pipe, 12, springs="rayleigh"),
+        pd.Galerkin(pipe, 10),
+        pd.Galerkin(pipe, 12, "legendre"),
+        pd.Galerkin(pipe, 20, "legendre"),
+    ):
+        found = pd.critical_speed(model)
+        distance = abs(found.speed - exact)
+        # A few units in the last place of the speed are lost where the reference is rounded.
+        assert distance <= found.discretisation + 4e-16 * exact
+        if distance > 1e-11 * exact:
+            assert found.discretisation <= 10.0 * distance
+
+
+def galerkin_crossing(model, u, omega):
+    """(u, omega) where an eigenvalue of the model's own matrices lies on the axis, in 30 digits."""
+    ops = model.elastic_operators()
+    mass, damping, stiffness, flux = (
+        mpmath.matrix(x.tolist()) for x in (ops.mass, ops.damping, ops.stiffness, ops.flux)
+    )
+    velocity = mpmath.matrix((ops.direction * (ops.gyroscopic + ops.end_flux)).tolist())
+    with mpmath.workdps(30):
+
+        def parts(u, omega):
+            value = mpmath.mpc(0, omega)
+            whole = value**2 * mass + value * (u * velocity + damping)
+            determinant = mpmath.det(whole + stiffness + ops.centrifugal * u**2 * flux)
+            return determinant.real, determinant.imag
+
+        u, _ = mpmath.findroot(parts, (mpmath.mpf(u), mpmath.mpf(omega)), tol=1e-20)
+        return u
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_solvers_error_is_bounded(seed):
+    """Against the same models in 30 digits: a chain by shooting, a reduced model's determinant."""
+    pipe = random_pipe(np.random.default_rng(100 + seed))
+    chain, reduced = pd.Chain(pipe, 7), pd.Galerkin(pipe, 7, "legendre")
+    found = pd.critical_speed(chain)
+    exact, _ = chain_crossing(chain, found.speed, found.frequency)
+    assert abs(found.speed - exact) <= found.error <= 1e-9 * found.speed
+    found = pd.critical_speed(reduced)
+    exact = galerkin_crossing(reduced, found.speed, found.frequency)
+    assert abs(found.speed - exact) <= found.error <= 1e-9 * found.speed

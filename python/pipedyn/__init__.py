@@ -5,6 +5,7 @@ from pipedyn import modular
 from pipedyn.branches import CycleBranch
 from pipedyn.chain import Chain
 from pipedyn.changes import CycleEvent
+from pipedyn.choose import Choice, NoModel, choose
 from pipedyn.continuum import Continuum
 from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.criticality import CriticalityCurve, criticality_curve
@@ -30,6 +31,7 @@ from pipedyn.relevant import Effect, Relevance, relevant
 from pipedyn.sections import Ended
 from pipedyn.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.stability import Failure, StabilityCurve, stability_curve
+from pipedyn.trade import Trade, TradeRow, trade
 
 __version__ = "0.1.0"
 
@@ -37,6 +39,7 @@ __all__ = [
     "BifurcationDiagram",
     "BranchPoint",
     "Chain",
+    "Choice",
     "Continuum",
     "CriticalSpeed",
     "CriticalityCurve",
@@ -64,6 +67,7 @@ __all__ = [
     "NoCrossing",
     "NoCycle",
     "NoHopf",
+    "NoModel",
     "NotConverged",
     "Operators",
     "Pipe",
@@ -74,7 +78,10 @@ __all__ = [
     "Scales",
     "Sensitivity",
     "StabilityCurve",
+    "Trade",
+    "TradeRow",
     "bifurcation_diagram",
+    "choose",
     "critical_speed",
     "criticality_curve",
     "crossings",
@@ -92,4 +99,5 @@ __all__ = [
     "simulate",
     "simulate_many",
     "stability_curve",
+    "trade",
 ]

@@ -20,6 +20,7 @@ from numpy.linalg import LinAlgError
 from scipy.optimize import brentq
 
 from pipedyn._check import Array
+from pipedyn.effort import factorised
 from pipedyn.model import PipedynError
 
 MOST_TURN = 0.35
@@ -262,4 +263,5 @@ def _solved(matrix: Array, right: Array) -> Array:
     """Solution of linear equations, which numpy would not refuse for what is not finite."""
     if not np.isfinite(matrix).all():
         raise ValueError("its derivatives left finite numbers")
+    factorised()
     return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)

@@ -118,6 +118,7 @@ class CycleBranch:
 
     def passes(self, u: float) -> bool:
         """Whether it has cycles on both sides of a speed, or at it."""
+        u = _check.real("u", u, low=0.0)
         return bool(self.speeds.min() <= u <= self.speeds.max())
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from pipedyn._check import Array
+from pipedyn.effort import factorised
 from pipedyn.field import Field
 
 LARGEST_SYSTEM = 6000
@@ -313,6 +314,7 @@ def _factored(whole: Array) -> Factors:
     """LU factors of a matrix."""
     if not np.isfinite(whole).all():
         raise Elsewhere("Newton's method left finite numbers")
+    factorised()
     lu, pivots, singular = lapack.dgetrf(whole, overwrite_a=True)
     if singular:
         raise Elsewhere("Newton's method met a singular matrix")

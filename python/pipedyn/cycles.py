@@ -23,6 +23,7 @@ from pipedyn.blas import one_thread
 from pipedyn.collocation import Elsewhere, Equations, Orbit, is_odd
 from pipedyn.course import MOST, Course, course_of, divided, drawn
 from pipedyn.critical import crossings
+from pipedyn.effort import factorised
 from pipedyn.field import Field
 from pipedyn.floquet import floquet
 from pipedyn.galerkin import Galerkin
@@ -368,6 +369,7 @@ def _undamped(motion: Field, u: float) -> Course:
 
 
 def _unstable(motion: Field, u: float) -> bool:
+    factorised()
     values = np.linalg.eigvals(motion.jacobian(motion.resting(), u))
     return bool(values.real.max() > 1e-9 * (1.0 + float(np.abs(values).max())))
 
@@ -448,6 +450,7 @@ def _improved(motion: Field, guess: Course, u: float) -> Course:
 def _nudged(motion: Field, u: float) -> tuple[Array, Array]:
     """A state near rest, in the direction that grows fastest."""
     rest = motion.resting()
+    factorised()
     values, vectors = np.linalg.eig(motion.jacobian(rest, u))
     mode = vectors[:, int(np.argmax(values.real))]
     across = mode[: motion.half]

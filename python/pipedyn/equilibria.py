@@ -22,6 +22,7 @@ from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.arclength import Lost, Path, Point, solve
 from pipedyn.blas import one_thread
+from pipedyn.effort import evaluated
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, NotConverged, Operators, PipedynError
 from pipedyn.modular.assembly import Assembly
@@ -274,6 +275,7 @@ class Rest:
         """Rates and accelerations of [x, 0], (moving,) each; rates are 0 but beside a guide."""
         y = np.zeros(2 * self.size + 1)
         y[: self.size] = x
+        evaluated(1)
         rates = self.model.motion.rhs_and_power(0.0, y, u)
         return rates[: self.size], rates[self.size : -1]
 

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
+
+import numpy as np
+from scipy.special import spherical_jn
 
 from pipedyn import _check
 from pipedyn.chain import Chain
@@ -37,6 +41,50 @@ class Family:
         """One model, or two, the second of twice the size."""
         members = (size, 2 * size) if self.paired else (size,)
         return tuple(self.make(pipe, member) for member in members)
+
+    def dof(self, size: int) -> int:
+        """Degrees of freedom of the model, or of the two."""
+        return 3 * size if self.paired else size
+
+    def beyond(self, size: int) -> int:
+        """The next size at which an error that is small by luck is so no more."""
+        return size + 1 if self.order == math.inf else math.ceil(1.2 * size + 0.5)
+
+
+PAPERS_LIMIT = 0.0144
+"""Relative error to which the paper's rule tends."""
+
+WAVY = 128
+"""Legendre functions up to which their law is asked."""
+
+
+def expected_size(family: Family, wave: float, tolerance: float) -> float:
+    """About the size at which a family carries a wave to a tolerance; infinite where none does.
+
+    Of Legendre functions by what they leave of a wave, its share j_(m-1)(k / 2)^2; of chains of
+    second order by the error of a discrete beam's frequency, (k / n)^2 / 24. The others are fitted
+    to critical speeds of pipes at beta = 0.2 to 0.95: within a factor of two or so.
+
+    Args:
+        family: of models.
+        wave: wave number k, in 1 / L.
+        tolerance: relative error.
+    """
+    if family.order == math.inf:
+        sizes = np.arange(1, WAVY)
+        enough = spherical_jn(sizes - 1, 0.5 * wave) ** 2 <= tolerance
+        enough &= sizes > 0.5 * wave  # there the share falls, before it swings
+        fits = sizes[enough]
+        return float(fits[0]) if fits.size else math.inf
+    if family.order == 0.0:
+        return 4.0 if tolerance > PAPERS_LIMIT else math.inf
+    if family.name == "beam":
+        return max(wave / 9.0 / math.sqrt(math.sqrt(tolerance)), wave / math.pi)
+    if family.order == 1.0:
+        return 0.1 * wave / tolerance
+    if family.order == 2.0:
+        return wave / math.sqrt(24.0 * tolerance)
+    return 0.14 * wave / math.sqrt(math.sqrt(tolerance))
 
 
 def _chain(rule: str, pipe: Pipe, n: int) -> Model:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipedyn._check import Array
 from pipedyn.chain import Chain
+from pipedyn.effort import evaluated
 from pipedyn.model import Model
 from pipedyn.modular.moving import SceneMotion
 
@@ -39,9 +40,13 @@ class Field:
         """Whether f's second derivative jumps where `drag_velocities` does not tell."""
         self.evaluations = 0
 
+    def _count(self, states: int) -> None:
+        self.evaluations += states
+        evaluated(states)
+
     def __call__(self, y: Array, u: float) -> Array:
         """Rates of the states in the columns, shape (2 moving, k)."""
-        self.evaluations += y.shape[1]
+        self._count(y.shape[1])
         work = np.zeros((1, y.shape[1]))
         rates: Array = self.model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
         return rates
@@ -59,7 +64,7 @@ class Field:
         """
         count = y.shape[1]
         if not self.by_differences:
-            self.evaluations += count
+            self._count(count)
             columns = np.ascontiguousarray(y.T)
             return np.array([self.model.motion_jacobian(column, u) for column in columns])
         pipe = self.model.pipe

@@ -17,6 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pipedyn._check import Array
 from pipedyn.course import Course, divided
+from pipedyn.effort import factorised
 from pipedyn.field import Field
 from pipedyn.modular.moving import SceneMotion
 from pipedyn.panels import through
@@ -76,6 +77,7 @@ def returns(motion: Field, course: Course) -> Complex:
     """
     left, right = through(motion, course)
     tangent = _tangent(motion, course)
+    factorised()
     if tangent is None:
         values = scipy.linalg.eigvals(left, -right)
     else:
@@ -87,6 +89,7 @@ def returns(motion: Field, course: Course) -> Complex:
 def shortened(motion: Field, course: Course) -> Course:
     """The same on panels that are short for every mode that lives on."""
     some = np.ascontiguousarray(course.starts[:: len(course.starts) // 4].T)
+    factorised(some.shape[1])
     rates = np.linalg.eigvals(motion.jacobians(some, course.u))
     lives = rates.real > -LIVES * course.frequency / course.span
     turns = course.steps * np.abs(rates[lives]).max(initial=0.0)

@@ -46,6 +46,7 @@ from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
 from pipedyn.critical import critical_speed
+from pipedyn.effort import factorised
 from pipedyn.equilibria import BranchPoint, Rest
 from pipedyn.field import STENCIL, Field
 from pipedyn.galerkin import Galerkin
@@ -397,6 +398,7 @@ def _slope(motion: Field, rest: Array, u: float, form: NormalForm) -> complex:
     moved = motion.by_speed(rest[:, None], u)[:, 0]
     slope = complex(form.left.conj() @ (by_speed @ form.right))
     if np.abs(moved).max() > 1e-10 * (1.0 + u):
+        factorised()
         shift = -np.asarray(np.linalg.solve(motion.jacobian(rest, u), moved), dtype=np.float64)
         slope += complex(
             form.left.conj() @ _odd(lambda y: motion.jacobian(y, u), rest, shift, form.right)
@@ -476,6 +478,7 @@ def vectors(a: Array, frequency: float) -> tuple[Complex, Complex]:
     # Rates are about omega times coordinates: balanced, the shift is felt by both alike.
     balance, (scaling, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
     shift = 1j * frequency * (1.0 + 1e-12) + 1e-11 * frequency
+    factorised()
     factors = scipy.linalg.lu_factor(balance - shift * np.eye(size))
     start = np.cos(np.arange(size)) + 1.5j
     right, left = start, start.conj()
@@ -517,6 +520,7 @@ def _cubic(
     total = third @ q
     size = np.abs(total).max()
     if max(np.abs(both).max(), np.abs(twice).max()) > 1e-13 * size:
+        factorised(2)
         total = total - 2.0 * b(np.linalg.solve(a, both))
         outer = np.linalg.solve(2j * frequency * np.eye(q.size) - a, twice)
         total = total + second[0] @ outer - 1j * (second[1] @ outer)

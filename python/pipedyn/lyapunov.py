@@ -23,6 +23,7 @@ from scipy.linalg import block_diag
 from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.cycles import LimitCycle
+from pipedyn.effort import evaluated
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, NotConverged
 from pipedyn.motion import (
@@ -161,11 +162,16 @@ def exponent_from(
 
     def rates(y: Array) -> Array:
         work = np.zeros((1, *y.shape[1:]))
+        evaluated(y[0].size)
         return motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
+
+    def jacobian(y: Array) -> Array:
+        evaluated(1)
+        return model.motion_jacobian(y, u)
 
     return largest_exponent(
         rates,
-        lambda y: model.motion_jacobian(y, u),
+        jacobian,
         state,
         *(duration, transient, blocks, interval),
         pair=pair,

@@ -18,6 +18,7 @@ from numpy.polynomial import legendre
 from pipedyn._check import Array
 from pipedyn.collocation import Elsewhere
 from pipedyn.course import RADAU, STAGES, Course
+from pipedyn.effort import factorised
 from pipedyn.field import Field
 
 MOST_ENTRIES = 500_000
@@ -90,6 +91,7 @@ def _answered(motion: Field, course: Course) -> tuple[Array, Array]:
         matrix += spread(-h[..., None] * rows[..., half:], RADAU.once)
     matrix = matrix.reshape(count, STAGES * width, STAGES * width)
     matrix += np.eye(STAGES * width)
+    factorised(count)
     found = np.linalg.solve(matrix, right.reshape(count, STAGES * width, size + 3))
     found = found.reshape(count, STAGES, width, size + 3)
     ends = np.zeros((count, size, size + 3))
@@ -136,6 +138,7 @@ class _Link:
             _Link(self.first[i:whole:2], self.last[i:whole:2], self.right[i:whole:2])
             for i in (0, 1)
         )
+        factorised(whole // 2)
         q, r = np.linalg.qr(np.concatenate([a.last, b.first], axis=1), mode="complete")
         turned = q.transpose(0, 2, 1)
         first = turned[:, :, :n] @ a.first
@@ -262,6 +265,7 @@ def _newton(
     else:
         whole[n:] = condition.rows * np.append(units, [1.0, 1.0])
         known[n:] = condition.values - condition.rows @ head(course)
+    factorised()
     found = np.linalg.solve(whole, known)
     factors = np.array([1.0, found[n], found[n + 1]])
     starts = _restored(np.stack([found[:n], mirror * found[:n]]), passed, factors)[:-1] * units

@@ -7,8 +7,9 @@ import csv
 import html
 import io
 import math
+import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
@@ -31,6 +32,13 @@ SHARPER = 10.0
 STALLED = 0.8
 """Least share by which the error of some larger model must be smaller: else it falls no more."""
 
+clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.thread_time
+"""Seconds of this thread's work, which others on the machine hardly move; Windows counts them in
+steps of 16 ms, and there it is the time that passes."""
+
+ROUNDED = 1e-6
+"""Errors above this do not stall by rounding: a family that stalls there has another limit."""
+
 LONGEST = 20.0
 """Seconds after which a measurement is not repeated."""
 
@@ -48,7 +56,7 @@ class TradeRow:
         dof: degrees of freedom; of a pair the sum.
         error: of the answer, relative, as measured against the reference; NaN where it failed.
         resolved: whether the reference is sharp enough to tell it, by a factor of ten.
-        seconds: least time of an answer from models freshly made.
+        seconds: least processor time of an answer from models freshly made.
         spread: the longest of the repeated times beside the least, less 1.
         right_hand_sides, factorisations: counts of one answer.
         failure: what was raised, None where all went well.
@@ -133,11 +141,12 @@ class Trade:
         return {family: self._order(family) for family in self.families}
 
     def _order(self, family: str) -> Trend:
-        rows = [row for row in self.of(family) if row.resolved and row.error > 0.0]
+        floor = self.quantity.floor
+        rows = [row for row in self.of(family) if row.resolved and floor < row.error < math.inf]
         errors = np.array([row.error for row in rows])
         sizes = np.array([float(row.size) for row in rows])
-        for i in range(2, len(rows)):  # rounding, or the integrator's tolerance
-            if errors[i:].min() > STALLED * errors[i - 1]:
+        for i in range(2, len(rows)):  # rounding
+            if errors[i - 1] < ROUNDED and errors[i:].min() > STALLED * errors[i - 1]:
                 return law_of(sizes[: i - 1], errors[: i - 1])
         return law_of(sizes, errors)
 
@@ -212,9 +221,11 @@ def trade(
         pipe: the pipe.
         quantity: what is asked of it, and its conditions as further arguments:
             "critical_speed" (max_speed=100: the lowest passage that destabilises),
-            "frequencies" (u=0, count=4: eigenvalues of the lowest modes),
+            "frequencies" (u=0, count=4: eigenvalues of the lowest modes, with damping delta those
+            below 0.9 / delta),
             "root_loci" (speeds, count=4: branches of eigenvalues),
-            "motion" (u, duration, start=theta(s), samples=201, rtol=1e-8: the free end's path),
+            "motion" (u, duration, start=theta(s), rates=dtheta/dt(s), samples=201, rtol=1e-8: the
+            free end's path, from the least damped mode where no start is given),
             "limit_cycle" (u, rtol=1e-8: amplitude and frequency).
         families: what is measured: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
             "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
@@ -225,7 +236,9 @@ def trade(
         **conditions: of the quantity.
 
     Returns:
-        Trade; a model that fails, or is too small for the quantity, is a row that says so.
+        Trade; a model that fails, or is too small for the quantity, is a row that says so. Errors
+        less than ten times the reference's own are bounds (`resolved` is False). Counts of motions
+        may differ by a step from run to run, as rounding does.
 
     Raises:
         NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer.
@@ -275,10 +288,10 @@ def measured(
             if models[0].dof < quantity.least:
                 raise ValueError(f"size must be at least {quantity.least} for it, got {size}")
             with counted() as effort:
-                start = time.perf_counter()
+                start = clock()
                 answers = [quantity.answer(model) for model in models]
                 answer = _one(quantity, answers, family)
-                times.append(time.perf_counter() - start)
+                times.append(clock() - start)
     except Exception as failure:
         return TradeRow(family.name, size, dof, math.nan, False, math.nan, math.nan, 0, 0, failure)
     error = quantity.distance(answer, reference.answer)

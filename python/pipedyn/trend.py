@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from pipedyn._check import Array
 from pipedyn.critical import CriticalSpeed
 
+STEEPEST = 8.0
+"""Order beyond which a fall is no power of the size: the families' orders are 1 to 4."""
+
 
 @dataclass(frozen=True)
 class Trend:
@@ -82,7 +85,7 @@ def law_of(sizes: Array, errors: Array) -> Trend:
     exponential, misfit = _line(sizes, logs)
     if min(power_misfit, misfit) > 0.1 * float(np.ptp(logs)):
         return Trend("unknown", math.nan, math.nan, math.nan, sizes)
-    if misfit < power_misfit and exponential < -math.log(2.0):
+    if (misfit < power_misfit or -power > STEEPEST) and exponential < -math.log(2.0):
         return Trend("exponential", math.exp(-exponential), math.nan, math.nan, sizes)
     return Trend("power", -power, math.nan, math.nan, sizes)
 

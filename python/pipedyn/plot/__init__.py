@@ -41,6 +41,7 @@ from pipedyn.plot.look import (
     style,
 )
 from pipedyn.plot.pipes import animate, snapshots
+from pipedyn.plot.trade import trade
 
 __all__ = [
     "BETA_LABEL",
@@ -78,4 +79,5 @@ __all__ = [
     "stability_map",
     "style",
     "time_history",
+    "trade",
 ]

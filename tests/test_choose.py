@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: MIT
+"""The cheapest model that is good enough: its true error, luck, budgets, refusals."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import pipedyn as pd
+from pipedyn.choose import DEFAULT
+from pipedyn.quantity import Answer
+
+PIPE = pd.Pipe(0.2)
+DAMPED = pd.Pipe(0.2, damping=1e-3)
+
+
+def random_pipe(rng):
+    """beta in [0.02, 0.98], gamma in [-5, 60], both flows, damped where it aspirates."""
+    flow = str(rng.choice(["ejecting", "aspirating"]))
+    damping = 10.0 ** rng.uniform(-3.0, -1.3)
+    if flow == "ejecting" and rng.random() < 0.5:
+        damping = 0.0
+    return pd.Pipe(rng.uniform(0.02, 0.98), rng.uniform(-5.0, 60.0), flow=flow, damping=damping)
+
+
+def true_error(choice):
+    """Against 44 Legendre functions, or the continuous pipe."""
+    pipe, quantity = choice.model.pipe, choice.quantity
+    if quantity.name == "critical_speed":
+        exact = quantity.answer(pd.Continuum(pipe))
+    elif quantity.name == "root_loci":
+        loci = pd.root_loci(pd.Galerkin(pipe, 44, "legendre"), quantity.speeds, quantity.count)
+        exact = Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1))
+    else:
+        exact = quantity.answer(pd.Galerkin(pipe, 44, "legendre"))
+    return quantity.distance(quantity.answer(choice.model), exact)
+
+
+# ----------------------------------------------------------------------------------- the promise
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4, 1e-6, 1e-8])
+def test_the_true_error_is_below_the_tolerance_at_random_pipes(tolerance):
+    """More pipes: tests/benchmark_choose.py."""
+    rng = np.random.default_rng(int(-math.log10(tolerance)))
+    pipe, u = random_pipe(rng), rng.uniform(1.0, 8.0)
+    for name, conditions in (
+        ("critical_speed", {}),
+        ("frequencies", {"u": u, "count": 3}),
+        ("root_loci", {"speeds": np.linspace(0.0, u, 4), "count": 2}),
+    ):
+        choice = pd.choose(pipe, name, tolerance, **conditions)
+        assert true_error(choice) <= tolerance
+        assert choice.error <= tolerance
+        assert choice.reference.error <= 0.1 * tolerance
+
+
+@pytest.mark.parametrize("count", [3, 6])
+def test_roots_that_crowd_do_not_count(count):
+    """delta = 0.0236: from |lambda| = 1 / delta = 42 on infinitely many follow one another."""
+    pipe = pd.Pipe(0.5147, 13.577, flow="aspirating", damping=0.0236)
+    choice = pd.choose(pipe, "frequencies", 1e-5, u=1.4, count=count)
+    exact = pd.eigenvalues(pd.Continuum(pipe), 1.4, 4)
+    found = pd.eigenvalues(choice.model, 1.4, 4)
+    assert np.abs(found - exact).max() < 1e-5 * np.abs(exact).max()
+    assert choice.size <= 10
+
+
+def test_a_pipe_whose_roots_all_crowd_has_no_frequencies():
+    with pytest.raises(pd.NotConverged, match="lies below those that crowd"):
+        pd.choose(pd.Pipe(0.3, damping=2.0), "frequencies", 1e-3, u=0.5, count=2)
+
+
+def test_the_true_error_of_a_motion_is_below_the_tolerance():
+    choice = pd.choose(DAMPED, "motion", 1e-3, u=6.0, duration=2.0)
+    asked = choice.quantity
+    exact = asked.sharpened(1e-7).answer(pd.Galerkin(DAMPED, 13, "legendre"))
+    assert asked.distance(asked.answer(choice.model), exact) <= 1e-3
+    assert asked.rtol == pytest.approx(1e-5)
+
+
+def test_the_true_error_of_a_cycle_is_below_the_tolerance():
+    """0.262918 and 13.69632: physics.md, section 7."""
+    choice = pd.choose(DAMPED, "limit_cycle", 1e-2, among=["legendre", "beam"], u=6.0)
+    cycle = pd.limit_cycle(choice.model, 6.0)
+    assert cycle.amplitude == pytest.approx(0.262918, rel=1e-2)
+    assert cycle.frequency == pytest.approx(13.69632, rel=1e-2)
+
+
+def test_no_model_much_smaller_would_do():
+    """The next larger size is taken where it is measured to be cheaper."""
+    choice = pd.choose(PIPE, "critical_speed", 1e-6, among="legendre")
+    exact = pd.critical_speed(pd.Continuum(PIPE)).speed
+    smaller = pd.critical_speed(pd.Galerkin(PIPE, choice.size - 2, "legendre")).speed
+    assert abs(smaller / exact - 1.0) > 1e-6
+    assert choice.size <= 9
+
+
+def test_who_needs_a_chain_gets_the_smallest_chain_that_does():
+    """Of second order: chains of first order would take a hundred segments."""
+    choice = pd.choose(PIPE, "critical_speed", 5e-3, among="chain")
+    assert isinstance(choice.model, pd.Chain)
+    assert choice.family in ("midpoint", "consistent")
+    assert 12 <= choice.size <= 24
+    assert true_error(choice) <= 5e-3
+
+
+def test_a_pair_of_chains_is_chosen_where_only_pairs_are_asked():
+    choice = pd.choose(PIPE, "critical_speed", 1e-3, among="consistent pair")
+    assert choice.model.dof == 2 * choice.size
+    assert choice.row.dof == 3 * choice.size
+    assert choice.error <= 1e-3
+
+
+# ------------------------------------------------------------------------------------------ luck
+
+
+def test_a_model_that_is_good_by_luck_is_said_to_be():
+    """Two midpoint segments are 2.2 % off, three 12 %: the error changes its sign between."""
+    lucky = pd.choose(PIPE, "critical_speed", 0.03, among="midpoint")
+    assert lucky.size >= 2
+    errors = [
+        abs(pd.critical_speed(pd.Chain(PIPE, n, springs="midpoint")).speed / 5.591404378 - 1.0)
+        for n in (2, 3)
+    ]
+    assert errors[0] < 0.03 < errors[1]
+    steady = pd.choose(PIPE, "critical_speed", 1e-3, among="legendre")
+    assert steady.steady
+    if lucky.size == 2:
+        assert not lucky.steady
+        assert "by luck" in str(lucky)
+    else:
+        assert lucky.steady
+
+
+# ---------------------------------------------------------------------------------------- budget
+
+
+def test_the_most_accurate_within_a_budget_has_an_answer_at_the_references_floor():
+    choice = pd.choose(PIPE, "frequencies", budget=1.0, among="reduced", u=5.0)
+    assert choice.cost <= 1.0
+    assert choice.error < 1e-8
+    assert choice.steady is None
+    assert choice.tolerance is None
+
+
+def test_a_budget_that_nothing_meets_is_refused_with_what_came_nearest():
+    with pytest.raises(pd.NoModel, match="no model meets a time of 1e-09 s: the nearest") as caught:
+        pd.choose(PIPE, "frequencies", budget=1e-9, among="legendre", u=5.0)
+    assert caught.value.nearest is not None
+    assert caught.value.tried
+
+
+def test_a_tolerance_and_a_budget_must_both_be_met():
+    met = pd.choose(PIPE, "frequencies", 1e-4, 1.0, u=5.0)
+    assert met.error <= 1e-4
+    assert met.cost <= 1.0
+    with pytest.raises(pd.NoModel, match=r"an error of 0.0001 in 1e-09 s"):
+        pd.choose(PIPE, "frequencies", 1e-4, 1e-9, u=5.0)
+
+
+# -------------------------------------------------------------------------------------- refusals
+
+
+def test_the_papers_rule_meets_no_tolerance_below_its_limit():
+    with pytest.raises(pd.NoModel, match=r"an error of 0.001: the nearest, rayleigh of") as caught:
+        pd.choose(PIPE, "critical_speed", 1e-3, among="rayleigh")
+    assert caught.value.nearest.family == "rayleigh"
+
+
+def test_a_pipe_that_never_loses_stability_has_no_model():
+    with pytest.raises(pd.NoCrossing):
+        pd.choose(PIPE, "critical_speed", 1e-2, max_speed=5.0)
+
+
+# ------------------------------------------------------------------------------ how it is shown
+
+
+def test_a_choice_tells_what_was_tried_and_why_the_others_lost():
+    choice = pd.choose(PIPE, "critical_speed", 1e-4)
+    text, page = str(choice), choice._repr_html_()
+    assert repr(choice.model) in text
+    assert "an answer" in text
+    assert page.startswith("<b>Galerkin(")
+    assert choice.row in [one.row for one in choice.tried]
+    for family in DEFAULT:
+        assert any(one.family == family for one in choice.tried)
+    assert all(one.why for one in choice.tried if one.row is not choice.row)
+    assert [one.family for one in choice.tried if not one.why] == [choice.family]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        choice.steady = True
+
+
+# ------------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: pd.choose(3, "motion", 0.1), TypeError, "pipe must be"),
+        (lambda: pd.choose(PIPE, "speed", 0.1), ValueError, "quantity must be one of"),
+        (lambda: pd.choose(PIPE, "critical_speed"), ValueError, "tolerance or budget must be"),
+        (lambda: pd.choose(PIPE, "critical_speed", 0.0), ValueError, "tolerance must lie in"),
+        (lambda: pd.choose(PIPE, "critical_speed", 1e-11), ValueError, "tolerance must lie in"),
+        (lambda: pd.choose(PIPE, "critical_speed", "1"), TypeError, "tolerance must be a real"),
+        (lambda: pd.choose(PIPE, "critical_speed", budget=0), ValueError, "budget must lie in"),
+        (lambda: pd.choose(PIPE, "critical_speed", budget=True), TypeError, "budget must be a"),
+        (
+            lambda: pd.choose(PIPE, "critical_speed", 0.1, among="rod"),
+            ValueError,
+            "among must be one of 'chain'",
+        ),
+        (lambda: pd.choose(PIPE, "critical_speed", 0.1, among=3), TypeError, "among must be words"),
+        (
+            lambda: pd.choose(PIPE, "critical_speed", 0.1, among=()),
+            ValueError,
+            "among must name at least one family",
+        ),
+        (
+            lambda: pd.choose(PIPE, "critical_speed", 0.1, repeats=0),
+            ValueError,
+            "repeats must be from 1",
+        ),
+        (lambda: pd.choose(PIPE, "motion", 0.1, u=1.0), TypeError, "lacks duration"),
+        (lambda: pd.choose(PIPE, "limit_cycle", 0.1, u=-1.0), ValueError, "u must lie in"),
+    ],
+)
+def test_bad_arguments_are_refused(call, error, message):
+    with pytest.raises(error, match=message):
+        call()

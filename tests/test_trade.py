@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: MIT
+"""Error against cost: references that know their own error, orders, counts, failures, pictures."""
+
+import csv
+import io
+import math
+
+import matplotlib
+import numpy as np
+import pytest
+from independent import determinant_crossing
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import pipedyn as pd
+from pipedyn import plot
+from pipedyn.effort import counted
+from pipedyn.families import FAMILIES, expected_size
+from pipedyn.nearby import onset_near
+from pipedyn.quantity import CriticalSpeedOf, Frequencies, LimitCycleAt, MotionOf, RootLociOver
+from pipedyn.trade import measured
+
+PIPE = pd.Pipe(0.2)
+DAMPED = pd.Pipe(0.2, damping=1e-3)
+EXACT = 5.591404377827069
+"""Root of the determinant at beta = 0.2, to rounding (see the first test)."""
+
+
+@pytest.fixture(scope="module")
+def critical():
+    families = ["consistent", "uniform", "rayleigh", "consistent pair", "beam", "legendre"]
+    chains = (6, 8, 12, 16)
+    sizes = dict.fromkeys(families[:2], chains) | {
+        "consistent pair": (6, 8, 10, 12),
+        "rayleigh": (6, 8, 12, 16, 24),
+        "beam": (8, 11, 16, 22),
+        "legendre": (2, 6, 7, 8, 9, 10, 16),
+    }
+    return pd.trade(PIPE, "critical_speed", families=families, sizes=sizes, repeats=1)
+
+
+# ----------------------------------------------------------------------------------- references
+
+
+def test_the_reference_of_a_critical_speed_is_a_root_of_the_determinant():
+    rng = np.random.default_rng(3)
+    for beta in rng.uniform(0.02, 0.98, 4):
+        reference = CriticalSpeedOf().reference(pd.Pipe(beta), 1e-10)
+        onset = reference.answer.onset
+        speed, _ = determinant_crossing(beta, onset.speed, onset.frequency, digits=35)
+        assert abs(onset.speed / speed - 1.0) <= reference.error <= 1e-9
+    reference = CriticalSpeedOf().reference(PIPE, 1e-10)
+    assert abs(reference.answer.values[0] / EXACT - 1.0) <= reference.error
+
+
+@pytest.mark.parametrize(
+    "pipe",
+    [pd.Pipe(0.0), pd.Pipe(0.3, flow="aspirating")],
+    ids=["Beck's column", "unstable from u = 0 on"],
+)
+def test_where_an_onset_cannot_be_followed_the_continuous_pipe_is_the_reference(pipe):
+    reference = CriticalSpeedOf().reference(pipe, 1e-8)
+    exact = pd.critical_speed(pd.Continuum(pipe))
+    assert reference.source == "Continuum"
+    assert reference.answer.values[0] == exact.speed
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize(
+    "pipe",
+    [pd.Pipe(0.9, gamma=-4.0), pd.Pipe(0.5, damping=0.03), pd.Pipe(0.1, 20.0, flow="aspirating")],
+    ids=["undamped", "overdamped", "aspirating"],
+)
+def test_linear_references_bound_their_own_error(pipe, tolerance):
+    """Against 48 functions, twice as many as any of these references takes."""
+    for quantity in (Frequencies(u=6.0), RootLociOver(speeds=[0.0, 3.0, 6.0], count=2)):
+        reference = quantity.reference(pipe, tolerance)
+        sharp = quantity.shared(quantity.answer(pd.Galerkin(pipe, 48, "legendre")))
+        assert reference.error <= tolerance
+        # What is left of the overdamped crowd by 48 functions is no better than 1e-12.
+        assert quantity.distance(quantity.shared(reference.answer), sharp) <= (
+            reference.error + 1e-12
+        )
+
+
+@pytest.mark.parametrize(
+    ("pipe", "quantity", "larger"),
+    [
+        (DAMPED, MotionOf(u=6.0, duration=2.0), 14),
+        (pd.Pipe(0.3, damping=1e-3, drag=1.0), MotionOf(u=8.0, duration=1.5), 16),
+        (DAMPED, LimitCycleAt(u=6.0), 13),
+    ],
+    ids=["motion", "motion under drag", "cycle"],
+)
+def test_nonlinear_references_bound_their_own_error(pipe, quantity, larger):
+    """Against more functions than the reference has, solved ten times as sharply."""
+    asked = quantity.sharpened(1e-3).prepared(pipe)
+    reference = asked.reference(pipe, 1e-4)
+    sharp = asked.sharpened(1e-6).answer(pd.Galerkin(pipe, larger, "legendre"))
+    assert reference.error <= 1e-4
+    assert asked.distance(reference.answer, sharp) <= reference.error
+
+
+def test_a_chain_pair_agrees_with_the_reference_of_a_motion_under_drag():
+    """Nothing of a chain's drag is integrated by the reduced model's quadrature."""
+    pipe = pd.Pipe(0.3, damping=1e-3, drag=1.0)
+    found = pd.trade(
+        *(pipe, "motion"),
+        families=["consistent", "consistent pair"],
+        sizes=[16, 32],
+        repeats=1,
+        u=8.0,
+        duration=1.0,
+        rtol=1e-7,
+    )
+    pair, chain = found.of("consistent pair"), found.of("consistent")
+    assert pair[-1].error < 0.1 * chain[-1].error
+    assert pair[-1].error < 0.3 * pair[0].error
+
+
+def test_without_a_start_a_motion_sets_out_on_the_least_damped_mode():
+    """With its rates as well: at small amplitudes the free end goes as exp(lambda t)."""
+    asked = MotionOf(u=6.0, duration=0.5).prepared(DAMPED)
+    tip = asked.answer(pd.Galerkin(DAMPED, 10, "legendre")).values[:, 0]
+    values = pd.eigenvalues(pd.Continuum(DAMPED), 6.0, 8)
+    least = values[np.argmax(values.real)]
+    t = np.linspace(0.0, 0.5, tip.size)
+    expected = 0.05 * np.real(np.exp(least * t))
+    # A motion of 0.07 L is 2 % off by its cubic terms; let go at rest it would be 40 % off.
+    assert np.abs(tip - expected).max() < 0.03 * np.abs(expected).max()
+
+
+# ------------------------------------------------------------------------------ what is measured
+
+
+def test_errors_fall_as_the_families_do(critical):
+    orders = critical.orders()
+    assert orders["consistent"].rate == pytest.approx(2.0, abs=0.1)
+    assert orders["uniform"].rate == pytest.approx(1.0, abs=0.1)
+    assert orders["consistent pair"].rate == pytest.approx(4.4, abs=0.3)
+    assert orders["beam"].rate == pytest.approx(4.0, abs=0.3)
+    assert orders["legendre"].law == "exponential"
+    assert orders["rayleigh"].law == "flat"
+    assert abs(orders["rayleigh"].limit) == pytest.approx(0.0144, rel=0.1)
+
+
+def test_an_error_is_the_distance_from_the_determinant(critical):
+    row = critical.of("consistent")[-1]
+    speed = pd.critical_speed(pd.Chain(PIPE, row.size)).speed
+    assert row.error == pytest.approx(abs(speed / EXACT - 1.0), rel=1e-9)
+    assert row.resolved
+
+
+def test_what_the_reference_cannot_tell_is_a_bound(critical):
+    row = critical.of("legendre")[-1]
+    assert not row.resolved
+    assert row.error >= critical.reference.error
+    assert row.cells[3].startswith("<")
+    assert all(row.resolved for row in critical.of("consistent"))
+
+
+def test_a_model_of_another_kind_of_instability_is_infinitely_wrong():
+    answers = [CriticalSpeedOf().answer(pd.Chain(pd.Pipe(0.3, gamma=g), 2)) for g in (0.0, 60.0)]
+    assert {answer.kind for answer in answers} == {"flutter", "divergence"}
+    assert CriticalSpeedOf().distance(*answers) == math.inf
+
+
+def test_a_model_that_fails_stays_as_a_row_that_says_why():
+    with pytest.raises(pd.NoCrossing, match="no loss of stability up to u = 5"):
+        pd.trade(PIPE, "critical_speed", families="consistent", sizes=[8], max_speed=5.0)
+    found = pd.trade(
+        DAMPED, "limit_cycle", families=["beam", "legendre"], sizes=[2], repeats=1, u=6.0, rtol=1e-3
+    )
+    assert len(found.rows) == 2
+    (row,) = found.failures
+    assert (row.family, row.cells[3]) == ("legendre", "failed")
+    assert math.isnan(row.error)
+    assert isinstance(row.failure, pd.NoCycle)
+    assert str(row.failure) in found.to_csv().replace('""', '"')
+
+
+def test_a_model_too_small_for_the_question_is_a_row_that_says_so():
+    found = pd.trade(PIPE, "frequencies", families="beam", sizes=[3, 6], repeats=1, count=4)
+    small, enough = found.rows
+    assert "size must be at least 4" in str(small.failure)
+    assert enough.failure is None
+
+
+def test_none_beats_the_front(critical):
+    for cost in ("seconds", "dof", "factorisations"):
+        front = critical.pareto(cost)
+        assert front
+        for row in critical.rows:
+            better = [f for f in front if getattr(f, cost) <= getattr(row, cost)]
+            assert math.isinf(row.error) or any(f.error <= row.error for f in better)
+
+
+# -------------------------------------------------------------------------------------- counts
+
+
+def test_a_motion_counts_what_its_integrator_does():
+    chain = pd.Chain(DAMPED, 6)
+    with counted() as effort:
+        motion = pd.simulate(chain, 6.0, 1.0, lambda s: 0.05 * s**2, method="dop853")
+    assert effort.right_hand_sides == motion.evaluations
+    assert effort.factorisations == 0
+
+
+def test_a_row_has_the_counts_of_one_answer():
+    family, asked = FAMILIES["legendre"], CriticalSpeedOf()
+    reference = asked.reference(PIPE, 1e-6)
+    row = measured(PIPE, asked, family, 6, reference, 3)
+    with counted() as effort:
+        asked.answer(family.make(PIPE, 6))
+    assert row.factorisations == effort.factorisations > 10
+    assert row.right_hand_sides == 0
+
+
+def test_a_cycle_counts_its_right_hand_sides_and_factorisations():
+    with counted() as effort:
+        cycle = pd.limit_cycle(pd.Galerkin(DAMPED, 3, "legendre"), 6.0)
+    assert effort.right_hand_sides >= cycle.evaluations
+    assert effort.factorisations > cycle.phases
+
+
+def test_an_eigenvalue_problem_is_a_factorisation_and_itself():
+    with counted() as outer:
+        with counted() as inner:
+            pd.eigenvalues(pd.Galerkin(PIPE, 6), 3.0)
+        pd.eigenvalues(pd.Galerkin(PIPE, 6), 3.0)
+    assert inner.factorisations == outer.factorisations == 2
+
+
+# ---------------------------------------------------------------------------------- predictions
+
+
+def test_a_followed_onset_is_what_a_search_finds():
+    for family in ("consistent", "midpoint", "beam", "legendre"):
+        for model in (FAMILIES[family].make(PIPE, size) for size in (8, 20)):
+            onset = onset_near(model, EXACT, 13.7)
+            found = pd.critical_speed(model)
+            assert abs(onset.speed - found.speed) <= onset.error + found.error + 1e-12
+            assert onset.frequency == pytest.approx(found.frequency, rel=1e-9)
+
+
+def test_a_followed_onset_that_is_lost_is_none():
+    assert onset_near(pd.Chain(PIPE, 2), 40.0, 300.0) is None
+
+
+@pytest.mark.parametrize(
+    ("family", "factor"), [("consistent", 2.0), ("beam", 2.5), ("legendre", 1.6)]
+)
+def test_sizes_are_expected_within_a_factor(family, factor):
+    wave = CriticalSpeedOf().wave(PIPE, CriticalSpeedOf().reference(PIPE, 1e-6).answer)
+    sizes = range(2, 60)
+    errors = [
+        abs(onset.speed / EXACT - 1.0) if onset else math.inf
+        for onset in (onset_near(FAMILIES[family].make(PIPE, n), EXACT, 13.7) for n in sizes)
+    ]
+    for tolerance in (1e-2, 2e-3):
+        least = 1 + max(n for n, error in zip(sizes, errors, strict=True) if error > tolerance)
+        expected = expected_size(FAMILIES[family], wave, tolerance)
+        assert 1.0 / factor <= expected / least <= factor
+
+
+def test_the_papers_rule_is_never_expected_to_be_sharp():
+    assert math.isinf(expected_size(FAMILIES["rayleigh"], 5.0, 1e-3))
+
+
+# ------------------------------------------------------------------------------ how it is shown
+
+
+def test_the_table_says_what_the_rows_do(critical):
+    text, page = str(critical), critical._repr_html_()
+    assert "reference: search with 16 Legendre functions" in text
+    assert text.count("\n") == len(critical.rows) + 2
+    assert page.count("<tr>") == len(critical.rows) + 1
+    rows = list(csv.DictReader(io.StringIO(critical.to_csv())))
+    assert [float(row["error"]) for row in rows] == [row.error for row in critical.rows]
+    assert {row["resolved"] for row in rows} == {"True", "False"}
+
+
+def test_the_table_goes_to_a_file(critical, tmp_path):
+    path = tmp_path / "trade.csv"
+    text = critical.to_csv(path)
+    assert path.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("cost", ["seconds", "dof", "factorisations"])
+def test_the_picture_shows_every_row_and_the_front(critical, cost):
+    figure = Figure()
+    FigureCanvasAgg(figure)
+    ax = plot.trade(critical, cost, figure.subplots())
+    figure.canvas.draw()
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels[:-1] == [label for label in labels if label.split(":")[0] in critical.families]
+    assert any("order 2.0" in label for label in labels)
+    low, high = ax.get_ylim()
+    shown = [row.error for row in critical.rows if math.isfinite(row.error)]
+    assert low < min(shown) < max(shown) < high
+    bounds = [row for row in critical.rows if not row.resolved]
+    assert len([text for text in ax.texts if not text.get_text()]) == len(bounds)
+
+
+def test_a_picture_without_right_hand_sides_says_so(critical):
+    with matplotlib.rc_context():
+        figure = Figure()
+        ax = plot.trade(critical, "right_hand_sides", figure.subplots())
+    assert "No model" in ax.texts[0].get_text()
+
+
+# ------------------------------------------------------------------------------------ bad input
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: pd.trade(3, "motion"), TypeError, "pipe must be"),
+        (lambda: pd.trade(PIPE, "speed"), ValueError, "quantity must be one of 'critical_speed'"),
+        (lambda: pd.trade(PIPE, 3), TypeError, "quantity must be one of"),
+        (lambda: pd.trade(PIPE, "motion"), TypeError, "'motion' takes u, .* lacks u, duration"),
+        (lambda: pd.trade(PIPE, "frequencies", v=1.0), TypeError, "takes u, count, got 'v'"),
+        (lambda: pd.trade(PIPE, "frequencies", u=-1.0), ValueError, "u must lie in"),
+        (lambda: pd.trade(PIPE, "frequencies", count=0), ValueError, "count must be from 1"),
+        (lambda: pd.trade(PIPE, "root_loci", speeds=[2.0, 1.0]), ValueError, "strictly increasing"),
+        (lambda: pd.trade(PIPE, "critical_speed", max_speed=0.0), ValueError, "max_speed must"),
+        (
+            lambda: pd.trade(PIPE, "motion", u=1.0, duration=1.0, start=[0.1]),
+            TypeError,
+            "start must be a function of arc lengths",
+        ),
+        (
+            lambda: pd.trade(PIPE, "motion", u=1.0, duration=1.0, rates=np.sin),
+            ValueError,
+            "rates must come with a start",
+        ),
+        (
+            lambda: pd.trade(PIPE, "motion", u=1.0, duration=1.0, rtol=1.0),
+            ValueError,
+            "rtol must lie in",
+        ),
+        (lambda: pd.trade(PIPE, "limit_cycle", u=0.0), ValueError, "u must lie in"),
+        (lambda: pd.trade(PIPE, "limit_cycle", u=6.0, rtol="x"), TypeError, "rtol must be a real"),
+        (
+            lambda: pd.trade(PIPE, "critical_speed", families="rod"),
+            ValueError,
+            "families must be one of 'chain'",
+        ),
+        (lambda: pd.trade(PIPE, "critical_speed", families=3), TypeError, "families must be words"),
+        (lambda: pd.trade(PIPE, "critical_speed", families=[]), ValueError, "at least one family"),
+        (lambda: pd.trade(PIPE, "critical_speed", sizes=[3, 2]), ValueError, "sizes must be whole"),
+        (lambda: pd.trade(PIPE, "critical_speed", sizes=[0.5]), TypeError, "sizes must be whole"),
+        (
+            lambda: pd.trade(PIPE, "critical_speed", sizes={"rod": [2]}),
+            ValueError,
+            "sizes must be one of",
+        ),
+        (lambda: pd.trade(PIPE, "critical_speed", repeats=0), ValueError, "repeats must be from 1"),
+        (lambda: pd.trade(PIPE, "critical_speed", progress=1), TypeError, "progress must be True"),
+        (lambda: plot.trade(3), TypeError, "found must be of type Trade"),
+    ],
+)
+def test_bad_arguments_are_refused(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
+
+
+def test_a_front_of_no_such_cost_is_refused(critical):
+    with pytest.raises(ValueError, match="cost must be one of 'seconds'"):
+        critical.pareto("money")
+    with pytest.raises(ValueError, match="cost must be one of 'seconds'"):
+        plot.trade(critical, "money")
