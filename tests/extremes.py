@@ -278,6 +278,11 @@ def eigenvalues_of_reduced_models(level: int) -> Iterator[Row]:
             )
 
 
+def largest_claim(found: pd.Modes) -> float:
+    """What the package says of the worst of eigenvalues, relative."""
+    return float((found.errors / np.abs(found.eigenvalues)).max())
+
+
 def highest_eigenvalues(level: int) -> Iterator[Row]:
     """The fastest mode of all: what explicit integrators follow, and where rounding bites first."""
     pipe = pd.Pipe(0.2)
@@ -308,7 +313,7 @@ def highest_eigenvalues(level: int) -> Iterator[Row]:
     yield row(
         *("all eigenvalues", "legendre m=200", "u=6", "residuals"),
         lambda: ask(pd.Galerkin(pipe, 200, "legendre"), 6.0),
-        lambda found: Told("", float(found.residuals.max())),
+        lambda found: Told("", float(found.residuals.max()), largest_claim(found)),
     )
     for m in (10, 100, *((1000,) if level >= FULL else ())):
         exact = cantilever_frequency(m)

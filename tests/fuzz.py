@@ -289,6 +289,7 @@ MOTION = pd.simulate(FLUTTER, 1.0, 2.0, bend, samples=201)
 ENSEMBLE = pd.simulate_many(FLUTTER, [0.5, 1.0], 2.0, bend, samples=201)
 DIAGRAM = pd.bifurcation_diagram(FLUTTER, [0.98 * CRITICAL.speed, SPEED], cycles=8, brute_force=1)
 BRANCH = DIAGRAM.cycles[0]
+TRADE = trade(PIPE, "critical_speed", families="beam", sizes=[2, 3], repeats=1)
 LOCI = pd.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pd.modes(CHAIN, 1.0)
 CURVE = pd.stability_curve(lambda beta: pd.Chain(pd.Pipe(beta), 2), [0.1, 0.2], 6.0)
@@ -297,7 +298,19 @@ AX = FIGURE.subplots()
 AXES = np.array([[AX]])
 
 OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
-OBJECTS += (DIAGRAM, BRANCH, LOCI, MODES, CURVE, FIGURE, AX, FITTING, modular.Clamp())
+OBJECTS += (
+    DIAGRAM,
+    BRANCH,
+    BRANCH.events[0],
+    TRADE,
+    LOCI,
+    MODES,
+    CURVE,
+    FIGURE,
+    AX,
+    FITTING,
+    modular.Clamp(),
+)
 
 NUMBER = real((0.0, 1.0))
 SHARE = real((0.01, 0.99), below=-0.1, above=1.1)
@@ -777,6 +790,17 @@ def _questions() -> Iterator[Target]:
         {**question, "families": families, "sizes": sizes, "progress": FLAG},
         dear=True,
     )
+    yield Target(
+        "relevant",
+        pd.relevant,
+        {
+            "pipe": Kind(one_of(PIPE), PIPES.bad),
+            "u": real((1.0, 5.0), -1.0, 1e4),
+            "quantity": word("critical_speed"),
+            "tolerance": real((1e-3, 0.1), 0.0, 2.0),
+        },
+        dear=True,
+    )
 
 
 def _motions() -> Iterator[Target]:
@@ -917,6 +941,13 @@ def _results() -> Iterator[Target]:
     yield Target("BifurcationDiagram.at", DIAGRAM.at, {"u": at})
     yield Target("CycleBranch.at", BRANCH.at, {"u": at})
     yield Target("CycleBranch.passes", BRANCH.passes, {"u": at})
+    event = BRANCH.events[0]
+    yield Target("CycleEvent.same", event.same, {"other": of(event)})
+    yield Target("Trade.of", TRADE.of, {"family": word("beam")})
+    costs = word("seconds", "dof", "right_hand_sides", "factorisations")
+    yield Target("Trade.pareto", TRADE.pareto, {"cost": costs})
+    path = Kind(one_of(None), one_of(3, 2.5, [], {}, NAN, True))
+    yield Target("Trade.to_csv", TRADE.to_csv, {"path": path})
     yield Target("Hopf.amplitude", HOPF.amplitude, {"u": at})
     yield Target("Hopf.pace", HOPF.pace, {"u": at})
 
@@ -991,6 +1022,7 @@ def _pictures() -> Iterator[Target]:
             "ax": ax,
         },
         "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place, "ax": ax},
+        "trade": {"found": of(TRADE), "cost": word("seconds", "dof"), "ax": ax},
         "orbit": {"cycles": cycles, "ax": ax},
         "multipliers": {"cycles": Kind(one_of(CYCLE, BRANCH), cycles.bad), "ax": ax},
     }

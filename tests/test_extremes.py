@@ -10,13 +10,7 @@ from independent import chain_newton_step
 
 import pipedyn as pd
 
-REFUSED = {
-    "eigenvalues_of_the_pipe": {("eigenvalues", "pipe", "damping=1e3, u=100")},
-    "highest_eigenvalues": {
-        ("highest eigenvalue", "legendre m=100", "u=0"),
-        ("all eigenvalues", "legendre m=200", "u=6"),
-    },
-}
+REFUSED = {"eigenvalues_of_the_pipe": {("eigenvalues", "pipe", "damping=1e3, u=100")}}
 """What double precision cannot give, by section."""
 
 
@@ -80,9 +74,9 @@ def test_errors_grow_with_the_condition_of_the_eigenvalues():
     assert fast.residuals.max() < 1e-12
 
 
-def test_a_residual_near_one_is_no_eigenvalue_whatever_rounding_explains():
-    found = pd.modes(pd.Galerkin(pd.Pipe(0.2), 200, "legendre"), 6.0)
-    assert found.residuals.max() > 0.5
+def test_a_large_residual_is_no_eigenvalue_whatever_rounding_explains():
+    found = pd.modes(pd.Galerkin(pd.Pipe(0.2), 300, "legendre"), 6.0)
+    assert found.residuals.max() > 1e-4
     assert not found.converged[found.residuals > 1e-4].any()
     assert found.converged[:300].all()
     assert np.linalg.norm(found.eigenvalues[~found.converged]) > 1e8

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn import _check
 from pipedyn.pencil import Complex
 
 UNIT = 1e-6
@@ -50,7 +51,13 @@ class CycleEvent:
     amplitude: float
 
     def same(self, other: CycleEvent) -> bool:
-        """Whether two branches tell of one event."""
+        """Whether two branches tell of one event.
+
+        Raises:
+            TypeError: for what is no event.
+        """
+        if not isinstance(other, CycleEvent):
+            raise TypeError(f"other must be a CycleEvent, got {_check.shown(other)}")
         apart = abs(self.speed - other.speed)
         near = SAME * self.speed + 3.0 * (self.error + other.error)
         alike = abs(self.amplitude - other.amplitude) <= 0.1 * self.amplitude

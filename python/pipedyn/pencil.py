@@ -35,9 +35,9 @@ TOLERANCE = 1e-10
 k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what fittings add; to it
 comes the rounding of M x, eps |lambda|^2, which is what limits high modes."""
 
-WORTHLESS = 1e-5
+WORTHLESS = 1e-4
 """Relative residual of a pair that rounding does not excuse, however high the mode: refined, those
-of 300 segments with damping 1e-3 (0.99 before) and of 200 Legendre functions fall below it."""
+of 300 segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functions (4e-5) pass."""
 
 DENSE_RESCUE, PATIENCE = 1000, 30
 """Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or crowd

@@ -109,7 +109,8 @@ class Trade:
     rows: tuple[TradeRow, ...] = field(repr=False)
 
     def of(self, family: str) -> tuple[TradeRow, ...]:
-        """The rows of one family."""
+        """The rows of one family, of `families`."""
+        family = _check.choice("family", family, self.families)
         return tuple(row for row in self.rows if row.family == family)
 
     @property
@@ -188,7 +189,10 @@ class Trade:
 
         Raises:
             OSError: if it cannot be written.
+            TypeError: for what is no path.
         """
+        if path is not None and not isinstance(path, str | PathLike):
+            raise TypeError(f"path must be a file's name, got {_check.shown(path)}")
         names = ("family", "size", "dof", "error", "resolved", *COSTS[:1], "spread", *COSTS[2:])
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
