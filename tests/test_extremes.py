@@ -24,8 +24,8 @@ def test_no_answer_at_the_extremes_misleads(section):
     for one in rows:
         if one not in refused:
             assert one.verdict in ("holds", "says so"), cells(one)
-            # An estimate that says anything may be had for nothing.
-            assert not one.claim > 1e-2, cells(one)
+            # An estimate that allows for anything may be had for nothing.
+            assert not one.claim > 0.1, cells(one)
 
 
 @pytest.mark.parametrize(
