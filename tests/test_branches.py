@@ -112,7 +112,7 @@ def test_a_fold_of_cycles_is_where_the_two_meet(subcritical):
 
 
 def test_a_cycle_that_is_born_and_dies_is_one_branch():
-    model = pd.Galerkin(pd.Pipe(0.295), 12, "legendre")
+    model = pd.Galerkin(pd.Pipe(0.295), 9, "legendre")
     found = pd.bifurcation_diagram(model, [7.2, 7.6, 8.0])
     passages = [c.speed for c in pd.crossings(model, 8.0)]
     (branch,) = found.cycles
@@ -392,9 +392,9 @@ def test_a_branch_is_asked_for_a_speed(three, u):
         three.cycles[0].at(u)
 
 
-def test_a_branch_retraces_no_other_thing(three):
-    with pytest.raises(TypeError, match="other must be a CycleBranch"):
-        three.cycles[0].retraces(three)
+def test_an_event_is_compared_with_events_only(three):
+    with pytest.raises(TypeError, match="other must be a CycleEvent"):
+        three.cycles[0].events[0].same(three)
 
 
 def test_no_cycles_are_sought_where_none_are_asked_for():

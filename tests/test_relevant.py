@@ -183,7 +183,7 @@ def test_an_aspirating_pipe_drops_its_centrifugal_part_by_alpha():
     pipe = pd.Pipe(0.2, flow="aspirating", alpha=0.7, damping=1e-3)
     effect = pd.relevant(pipe, 3.0, "frequencies", count=2)["centrifugal"]
     plain = pd.eigenvalues(pd.Continuum(dataclasses.replace(pipe, alpha=0.0)), 3.0, 4)
-    np.testing.assert_allclose(effect.answer.values, plain, rtol=1e-9)
+    np.testing.assert_allclose(effect.answer.values[:4], plain, rtol=1e-9)
     private = _without(pd.Pipe(0.2, alpha=0.7), {"centrifugal"})
     assert (private.centrifugal, private.alpha, private.flow) == (0.0, 0.7, "ejecting")
 

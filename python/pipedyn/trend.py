@@ -77,7 +77,8 @@ def law_of(sizes: Array, errors: Array) -> Trend:
     count = min(5, sizes.size)
     limits = [_at_infinity(sizes[-k:], errors[-k:]) for k in (count, count - 1)]
     spread = abs(limits[0] - limits[1])
-    if abs(limits[0]) > max(0.3 * abs(errors[-1]), 5.0 * spread):
+    near = abs(limits[0]) < 2.0 * abs(errors[-1])  # fast decay is extrapolated to anything
+    if near and abs(limits[0]) > max(0.3 * abs(errors[-1]), 5.0 * spread):
         return Trend("flat", math.nan, limits[0], spread, sizes[-5:])
     last = sizes >= min(sizes[-1] / 2.0, sizes[-4])
     sizes, logs = sizes[last], np.log(np.abs(errors[last]))

@@ -117,6 +117,7 @@ def _frame(ax: Axes, rows: Sequence[TradeRow], cost: str, floor: float) -> None:
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(numticks=12))
     ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
     ax.tick_params(axis="x", which="minor", labelsize=6.0)
     ax.text(
         0.99,
