@@ -814,7 +814,7 @@ struct Wild {
   Pipe pipe() {
     return Pipe{.beta = one_of({0.0, 1e-12, 0.5, 0.999999}),
                 .gamma = one_of({-1e6, -10.0, 0.0, 10.0, 1e6}),
-                .alpha = one_of({0.0, 0.5, 1.0, 1e6}),
+                .centrifugal = one_of({0.0, 0.5, 1.0, 1e6}),
                 .drag = one_of({0.0, 0.7, 1e9}),
                 .damping = one_of({0.0, 1e-4, 1e6}),
                 .aspirating = one_of({0.0, 1.0}) == 1.0};
