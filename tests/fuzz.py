@@ -40,7 +40,7 @@ NAN, INF = math.nan, math.inf
 LONGEST = 5.0
 """Seconds of one core that a case may take."""
 
-HUNG = 60
+HUNG = 300
 """Seconds after which a case that no signal ends is told by the stacks of all threads."""
 
 Values = Callable[[Random], Any]
