@@ -792,7 +792,7 @@ def _questions() -> Iterator[Target]:
     )
     yield Target(
         "relevant",
-        pd.relevant,
+        _relevance,
         {
             "pipe": Kind(one_of(PIPE), PIPES.bad),
             "u": real((1.0, 5.0), -1.0, 1e4),
@@ -801,6 +801,11 @@ def _questions() -> Iterator[Target]:
         },
         dear=True,
     )
+
+
+def _relevance(**given: Any) -> str:
+    """In words: an effect that changes the kind of the answer is infinitely large."""
+    return str(pd.relevant(**given))
 
 
 def _motions() -> Iterator[Target]:
