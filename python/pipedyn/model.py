@@ -115,7 +115,7 @@ def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
     return Operators(
         *(core.mass, core.gyroscopic, core.end_flux),
         *(core.damping, core.stiffness, core.flux),
-        *(core_pipe(pipe).direction, pipe.centrifugal),
+        *(pipe.direction, pipe.centrifugal),
     )
 
 

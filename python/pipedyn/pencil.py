@@ -91,7 +91,7 @@ class Pencil(ABC):
         self.pipe = model.pipe
         self.dof = model.dof
         self.is_damped = model.pipe.damping != 0.0 or model.resisted
-        self.direction = -1.0 if self.pipe.flow == "aspirating" else 1.0
+        self.direction = self.pipe.direction
         self.centrifugal = self.pipe.centrifugal
 
     @abstractmethod

@@ -186,6 +186,11 @@ class Pipe:
         )
 
     @property
+    def direction(self) -> float:
+        """s, the sign of the flow's velocity: 1 ejecting, -1 aspirating."""
+        return -1.0 if self.flow == "aspirating" else 1.0
+
+    @property
     def centrifugal(self) -> float:
         """a, the factor of u^2 in the centrifugal term: 1 ejecting, alpha aspirating."""
         return self.alpha if self.flow == "aspirating" else 1.0

@@ -196,9 +196,8 @@ def _apart(values: NDArray[Any], other: NDArray[Any]) -> float:
 
 def _wave(pipe: Pipe, u: float, value: complex) -> float:
     """Largest wave number of motions ~ exp(a s + lambda tau)."""
-    aspirating = pipe.flow == "aspirating"
-    thrust = (pipe.alpha if aspirating else 1.0) * u**2 - 0.5 * pipe.gamma
-    coriolis = 2.0 * math.sqrt(pipe.beta) * (-u if aspirating else u) * value
+    thrust = pipe.centrifugal * u**2 - 0.5 * pipe.gamma
+    coriolis = 2.0 * math.sqrt(pipe.beta) * pipe.direction * u * value
     elastic = 1.0 + pipe.damping * value
     return float(np.abs(np.roots([elastic, 0.0, thrust, coriolis, value**2])).max(initial=0.0))
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, field, fields, replace
@@ -20,6 +19,7 @@ from pipedyn.modal import modes
 from pipedyn.model import PipedynError, checked_pipe
 from pipedyn.pipe import Pipe
 from pipedyn.quantity import QUANTITIES, Answer, Frequencies, Quantity, checked_quantity
+from pipedyn.table import Table
 
 SHARPNESS = 0.1
 """Error asked of each answer, in tolerances."""
@@ -124,39 +124,21 @@ class Relevance:
         """The pipe without what is negligible; an ejecting pipe keeps its centrifugal part."""
         return _without(self.pipe, _droppable(self.pipe, self.negligible))
 
-    def __str__(self) -> str:
-        table = [HEADINGS, *(effect.cells for effect in self._rows())]
-        widths = [max(len(cells[i]) for cells in table) for i in range(len(HEADINGS))]
-        lines = [self._title()]
-        for cells in table:
-            padded = (cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
-            lines.append("  ".join(padded).rstrip())
-        return "\n".join([*lines, *self._notes()])
-
-    def _rows(self) -> tuple[Effect, ...]:
-        return self.effects if self.together is None else (*self.effects, self.together)
-
-    def _notes(self) -> list[str]:
-        return [f"{effect.name}: {effect.note}" for effect in self._rows() if effect.note]
-
-    def _title(self) -> str:
-        return (
+    def _table(self) -> Table:
+        shown = self.effects if self.together is None else (*self.effects, self.together)
+        title = (
             f"{self.quantity.name} of {self.pipe}: {self.full}\n"
             f"at {_speed(self.u, self.pipe)} the straight pipe grows by {self.growth:.4g} / T; "
             f"negligible is a change below {self.tolerance:g}"
         )
+        notes = [f"{effect.name}: {effect.note}" for effect in shown if effect.note]
+        return Table(title, HEADINGS, [effect.cells for effect in shown], notes=notes)
+
+    def __str__(self) -> str:
+        return self._table().text()
 
     def _repr_html_(self) -> str:
-        def line(cells: tuple[str, ...], tag: str) -> str:
-            return "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells)
-
-        title = html.escape(self._title()).replace("\n", "<br>")
-        body = "".join(f"<tr>{line(effect.cells, 'td')}</tr>" for effect in self._rows())
-        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self._notes())
-        return (
-            f"<table><caption>{title}</caption><thead><tr>{line(HEADINGS, 'th')}</tr></thead>"
-            f"<tbody>{body}</tbody></table>{notes}"
-        )
+        return self._table().html()
 
 
 def relevant(

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import csv
-import html
 import io
 import math
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
@@ -24,6 +23,7 @@ from pipedyn.model import checked_pipe
 from pipedyn.pipe import Pipe
 from pipedyn.progress import track
 from pipedyn.quantity import Answer, Quantity, Reference, checked_quantity
+from pipedyn.table import Table
 from pipedyn.trend import Trend, law_of
 
 SHARPER = 10.0
@@ -151,32 +151,18 @@ class Trade:
                 return law_of(sizes[: i - 1], errors[: i - 1])
         return law_of(sizes, errors)
 
-    def __str__(self) -> str:
-        table = [HEADINGS, *(row.cells for row in self.rows)]
-        widths = [max(len(cells[i]) for cells in table) for i in range(len(HEADINGS))]
-        lines = [self._title()]
-        for cells in table:
-            first = cells[0].ljust(widths[0])
-            others = (cell.rjust(width) for cell, width in zip(cells[1:], widths[1:], strict=True))
-            lines.append("  ".join([first, *others]))
-        return "\n".join(lines)
-
-    def _title(self) -> str:
-        return (
+    def _table(self) -> Table:
+        title = (
             f"{self.quantity} of {self.pipe}\n"
             f"reference: {self.reference.source}, error below {self.reference.error:.1e}"
         )
+        return Table(title, HEADINGS, [row.cells for row in self.rows], numbers=True)
+
+    def __str__(self) -> str:
+        return self._table().text()
 
     def _repr_html_(self) -> str:
-        def line(cells: Iterable[str], tag: str) -> str:
-            return "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells)
-
-        title = html.escape(self._title()).replace("\n", "<br>")
-        body = "".join(f"<tr>{line(row.cells, 'td')}</tr>" for row in self.rows)
-        return (
-            f"<table><caption>{title}</caption><thead><tr>{line(HEADINGS, 'th')}</tr></thead>"
-            f"<tbody>{body}</tbody></table>"
-        )
+        return self._table().html()
 
     def to_csv(self, path: str | PathLike[str] | None = None) -> str:
         """The rows as comma-separated values.

@@ -14,7 +14,6 @@ from scipy import sparse
 from pipedyn import _core
 from pipedyn._check import Array
 from pipedyn.blas import one_thread
-from pipedyn.model import core_pipe
 from pipedyn.modular.custom import CustomForce
 from pipedyn.modular.layout import Layout
 from pipedyn.modular.linear import SceneMatrices, factored
@@ -57,7 +56,7 @@ def scene_matrices(
         springs=layout.springs,
         force=force,
         thrust=thrust,
-        direction=core_pipe(pipe).direction,
+        direction=pipe.direction,
         centrifugal=pipe.centrifugal,
     )
 

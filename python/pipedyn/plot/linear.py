@@ -35,9 +35,11 @@ from pipedyn.plot.look import (
     check_axes,
     check_mapping,
     check_type,
+    law_label,
     notice,
+    percent,
 )
-from pipedyn.trend import Trend, own_error, relative_errors, trend
+from pipedyn.trend import own_error, relative_errors, trend
 
 NEUTRAL = 1e-9
 """Real parts up to this are rounding of undamped motion."""
@@ -286,14 +288,14 @@ def convergence(
         shown = np.maximum(np.abs(errors), floor)
         look = {"linewidth": 1.1, "markersize": 4.5, **FAMILY_STYLES.get(name, {"color": "0.4"})}
         fitted = trend(found, exact)
-        label = f"{_family(name)}: {_law(fitted)}"
+        label = f"{_family(name)}: {law_label(fitted)}"
         ax.plot(sizes[alike], shown[alike], label=label, **look)
         look |= {"linestyle": "none", "markerfacecolor": "none"}
         ax.plot(sizes[~alike], shown[~alike], **look)
         if fitted.law == "flat":
             ax.axhline(abs(fitted.limit), color=look["color"], linewidth=0.7, zorder=0.8)
             ax.annotate(
-                _percent(fitted.limit),
+                percent(fitted.limit),
                 (1.0, abs(fitted.limit)),
                 xytext=(3, 0),
                 xycoords=ax.get_yaxis_transform(),
@@ -358,17 +360,3 @@ def _legend_on_top(ax: Axes, low: float, high: float) -> None:
 def _family(name: str) -> str:
     kind = "reduced" if name in ("beam", "legendre") else "chain"
     return f"{kind}, {name}" + (" (the paper's)" if name == "rayleigh" else "")
-
-
-def _law(fitted: Trend) -> str:
-    if fitted.law == "power":
-        return f"order {fitted.rate:.2f}"
-    if fitted.law == "exponential":
-        return f"÷ {fitted.rate:.1f} per d.o.f."
-    if fitted.law == "flat":
-        return f"tends to {_percent(fitted.limit)}"
-    return "no clear order"
-
-
-def _percent(part: float) -> str:
-    return f"{100.0 * part:+.2f} %".replace("-", "\u2212")

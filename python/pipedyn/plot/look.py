@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipedyn import _check
+from pipedyn.trend import Trend
 
 SPEED_LABEL = r"flow speed $u = V L \, (\mu_f / EI)^{1/2}$"
 REAL_LABEL = r"Re $\lambda$  $(1/T)$"
@@ -133,3 +134,19 @@ def notice(ax: Axes, text: str) -> Axes:
 def cycled_styles(count: int) -> list[dict[str, Any]]:
     """Looks of so many curves."""
     return [CURVE_STYLES[i % len(CURVE_STYLES)] for i in range(count)]
+
+
+def law_label(fitted: Trend, sign: str = "+") -> str:
+    """The law by which errors fall, in a legend's words; sign "-" for errors without theirs."""
+    if fitted.law == "power":
+        return f"order {fitted.rate:.2f}"
+    if fitted.law == "exponential":
+        return f"÷ {fitted.rate:.1f} per d.o.f."
+    if fitted.law == "flat":
+        return f"tends to {percent(fitted.limit, sign)}"
+    return "no clear order"
+
+
+def percent(part: float, sign: str = "+") -> str:
+    """A share in percent; sign "+" shows a plus as well."""
+    return f"{100.0 * part:{sign}.2f} %".replace("-", "\u2212")

@@ -13,9 +13,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from pipedyn import _check
 from pipedyn.plot.linear import FAMILY_STYLES
-from pipedyn.plot.look import axes_or_new, check_type, notice
+from pipedyn.plot.look import axes_or_new, check_type, law_label, notice
 from pipedyn.trade import COSTS, Trade, TradeRow
-from pipedyn.trend import Trend
 
 COST_LABELS = {
     "seconds": "time of an answer (s)",
@@ -58,7 +57,7 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
     for family in found.families:
         rows = [row for row in found.of(family) if _place(row, cost)]
         if rows:
-            _draw(ax, rows, cost, f"{family}: {_law(orders[family])}")
+            _draw(ax, rows, cost, f"{family}: {law_label(orders[family], sign='-')}")
             shown += rows
     if not shown:
         return notice(ax, "No model has an answer to show.")
@@ -130,13 +129,3 @@ def _frame(ax: Axes, rows: Sequence[TradeRow], cost: str, floor: float) -> None:
         va="top",
     )
     ax.grid(True, which="major", color="0.9", linewidth=0.5, zorder=0.1)
-
-
-def _law(fitted: Trend) -> str:
-    if fitted.law == "power":
-        return f"order {fitted.rate:.1f}"
-    if fitted.law == "exponential":
-        return f"÷ {fitted.rate:.1f} per d.o.f."
-    if fitted.law == "flat":
-        return f"tends to {100.0 * abs(fitted.limit):.2g} %"
-    return "no clear order"

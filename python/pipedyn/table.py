@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: MIT
+"""Rows of cells as text for a terminal and as HTML for a notebook."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Table:
+    """A titled table.
+
+    Attributes:
+        title: lines above it.
+        headings: of the columns.
+        rows: their cells, as many as headings.
+        numbers: whether all columns but the first are numbers, set flush right.
+        notes: lines below it.
+    """
+
+    title: str
+    headings: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    numbers: bool = False
+    notes: Sequence[str] = ()
+
+    def text(self) -> str:
+        """For a terminal."""
+        widths = [max(map(len, column)) for column in zip(self.headings, *self.rows, strict=True)]
+        set_flush = str.rjust if self.numbers else str.ljust
+        lines = []
+        for cells in (self.headings, *self.rows):
+            others = map(set_flush, cells[1:], widths[1:])
+            lines.append("  ".join([cells[0].ljust(widths[0]), *others]).rstrip())
+        return "\n".join([self.title, *lines, *self.notes])
+
+    def html(self) -> str:
+        """For a notebook."""
+        title = html.escape(self.title).replace("\n", "<br>")
+        body = "".join(_line(cells, "td") for cells in self.rows)
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        return (
+            f"<table><caption>{title}</caption><thead>{_line(self.headings, 'th')}</thead>"
+            f"<tbody>{body}</tbody></table>{notes}"
+        )
+
+
+def _line(cells: tuple[str, ...], tag: str) -> str:
+    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"
