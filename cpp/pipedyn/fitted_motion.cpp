@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "pipedyn/levels.hpp"
+#include "pipedyn/products.hpp"
 #include "pipedyn/scratch.hpp"
 
 namespace pipedyn {
@@ -244,8 +245,9 @@ void FittedMotion::accelerations(const PanelGrid& grid, const Vector& q, const V
   set_position_derivatives(grid, frame, grid.orthonormal(), integrand, xy);
   set_loads(grid, pipe_, u, stiffness_, frame, bent, at_rest, load);
   weighted.noalias() = grid.mass().asDiagonal() * xy;
-  mass.noalias() = weighted.leftCols(m).transpose() * xy.leftCols(m);
-  mass.noalias() += weighted.rightCols(m).transpose() * xy.rightCols(m);
+  mass.setZero(m, m);
+  add_inner(mass, 1.0, weighted.leftCols(m), xy.leftCols(m));
+  add_inner(mass, 1.0, weighted.rightCols(m), xy.rightCols(m));
   const auto to_basis = orthonormal_.to_basis.triangularView<Eigen::Upper>();
   force = elastic_.array() * (q + pipe_.damping * rate).array();
   force = to_basis.transpose() * force;
@@ -362,8 +364,9 @@ void FittedMotion::jacobian(const double* y, double u, double* out) const {
   const Matrix along = jx.array().colwise() * s + jy.array().colwise() * c;
   const Matrix across = jx.array().colwise() * c - jy.array().colwise() * s;
   const Matrix weighted = grid.mass().asDiagonal() * xy;
-  Matrix mass = weighted.leftCols(m).transpose() * jx;
-  mass += weighted.rightCols(m).transpose() * jy;
+  Matrix mass = Matrix::Zero(m, m);
+  add_inner(mass, 1.0, weighted.leftCols(m), jx);
+  add_inner(mass, 1.0, weighted.rightCols(m), jy);
   grid.integrate_beyond(weighted, sums);
   const auto sum_x = sums.leftCols(m).array(), sum_y = sums.rightCols(m).array();
   const Matrix sum_along = sum_x.colwise() * s + sum_y.colwise() * c;
@@ -379,7 +382,7 @@ void FittedMotion::jacobian(const double* y, double u, double* out) const {
   by_angle -= scaled(along, coriolis * w * omega);
   by_angle.row(last) += thrust * across.row(last);
   Matrix by_rate = scaled(sum_along, -2.0 * omega) + scaled(across, coriolis * w);
-  Matrix system(m, 2 * m), by_drag;
+  Matrix system = Matrix::Zero(m, 2 * m), by_drag;
   if (drags) {
     const Vector v_t = s * frame.velocity.col(0).array() + c * frame.velocity.col(1).array();
     const Vector pressure = pipe_.drag * frame.weight.array() * frame.normal.array().square();
@@ -391,8 +394,8 @@ void FittedMotion::jacobian(const double* y, double u, double* out) const {
     by_angle -= scaled(sums.leftCols(m), s * omega) + scaled(sums.rightCols(m), c * omega);
     by_rate += scaled(sums.leftCols(m), c) - scaled(sums.rightCols(m), s);
   }
-  system.leftCols(m).noalias() = -by_angle.transpose() * slope;
-  system.rightCols(m).noalias() = -by_rate.transpose() * slope;
+  add_inner(system.leftCols(m), -1.0, by_angle, slope);
+  add_inner(system.rightCols(m), -1.0, by_rate, slope);
   // Rows belong to orthonormal coordinates, columns to the basis.
   for (Index panel = 0; panel < grid.panels(); ++panel) {
     if (stiffness_[panel] == 0.0) continue;
@@ -429,17 +432,15 @@ Operators FittedMotion::operators(const Vector& q) const {
   const auto s = frame.sine.array(), c = frame.cosine.array();
   const auto w = grid.weight().array();
   Operators ops(m);
-  ops.mass = x.transpose() * grid.mass().asDiagonal() * x;
-  ops.mass += y.transpose() * grid.mass().asDiagonal() * y;
+  ops.mass = inner(x, grid.mass(), x) + inner(y, grid.mass(), y);
   const Matrix across = x.array().colwise() * c - y.array().colwise() * s;
-  const Matrix coriolis = across.transpose() * grid.weight().asDiagonal() * slope;
+  const Matrix coriolis = inner(across, grid.weight(), slope);
   ops.gyroscopic = pipe_.sqrt_beta() * (coriolis - coriolis.transpose());
   ops.end_flux = pipe_.sqrt_beta() *
                  (x.row(last).transpose() * x.row(last) + y.row(last).transpose() * y.row(last));
   // J_i turns by -t Theta_i Theta_j: its projection on the end's tangent is that of two tangents.
   const Vector shortening = -w * (s[last] * s + c[last] * c);
-  ops.flux = across.row(last).transpose() * slope.row(last) +
-             slope.transpose() * shortening.asDiagonal() * slope;
+  ops.flux = across.row(last).transpose() * slope.row(last) + inner(slope, shortening, slope);
   ops.damping.diagonal() = pipe_.damping * elastic_;
   Vector tension = pipe_.gamma * grid.hanging().array() * c;
   for (Index panel = 0; panel < grid.panels(); ++panel) {
@@ -449,7 +450,7 @@ Operators FittedMotion::operators(const Vector& q) const {
         stiffness * position(end, 0) * (w * s).head((panel + 1) * block);
     ops.stiffness += stiffness * x.row(end).transpose() * x.row(end);
   }
-  ops.stiffness += slope.transpose() * tension.asDiagonal() * slope;
+  ops.stiffness += inner(slope, tension, slope);
   ops.stiffness.diagonal() += elastic_;
   return ops;
 }

@@ -4,6 +4,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "pipedyn/products.hpp"
+
 namespace pipedyn {
 
 Galerkin::Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights, Fittings fittings)
@@ -29,20 +31,20 @@ Operators Galerkin::operators() const {
   if (basis_.family() == Family::beam) {
     ops.mass.setIdentity();  // the modes are orthogonal
   } else {
-    ops.mass = value.transpose() * weights_.asDiagonal() * value;
+    ops.mass = inner(value, weights_, value);
   }
-  const Matrix coriolis = value.transpose() * weights_.asDiagonal() * slope;
+  const Matrix coriolis = inner(value, weights_, slope);
   ops.gyroscopic = pipe_.sqrt_beta() * (coriolis - coriolis.transpose());
   ops.end_flux = pipe_.sqrt_beta() * end_value.transpose() * end_value;
   ops.damping.diagonal() = pipe_.damping * elastic;
-  ops.flux = end_value.transpose() * end_slope - slope.transpose() * weights_.asDiagonal() * slope;
+  ops.flux = end_value.transpose() * end_slope - inner(slope, weights_, slope);
   if (pipe_.gamma != 0.0) {
     Eigen::ArrayXd beyond = 1.0 - nodes_.array();  // mass below each node
     for (const Fitting& fitting : fittings_) {
       beyond += fitting.mass * (nodes_.array() < fitting.at).cast<double>();
     }
     const Vector tension = pipe_.gamma * weights_.array() * beyond;
-    ops.stiffness = slope.transpose() * tension.asDiagonal() * slope;
+    ops.stiffness = inner(slope, tension, slope);
   }
   ops.stiffness.diagonal() += elastic;
   if (!fittings_.empty()) {
@@ -55,8 +57,8 @@ Operators Galerkin::operators() const {
       stiffness[f] = fitting.stiffness;
     }
     const Matrix there = basis_.evaluate(at, 0);
-    ops.mass += there.transpose() * mass.asDiagonal() * there;
-    ops.stiffness += there.transpose() * stiffness.asDiagonal() * there;
+    ops.mass += inner(there, mass, there);
+    ops.stiffness += inner(there, stiffness, there);
   }
   return ops;
 }

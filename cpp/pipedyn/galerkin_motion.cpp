@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "pipedyn/levels.hpp"
+#include "pipedyn/products.hpp"
 #include "pipedyn/scratch.hpp"
 
 namespace pipedyn {
@@ -241,8 +242,9 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   along = jx.array().colwise() * s + jy.array().colwise() * c;
   across = jx.array().colwise() * c - jy.array().colwise() * s;
   integrand.noalias() = weight.asDiagonal() * xy.topRows(nodes);
-  mass.noalias() = integrand.leftCols(m).transpose() * jx.topRows(nodes);
-  mass.noalias() += integrand.rightCols(m).transpose() * jy.topRows(nodes);
+  mass.setZero(m, m);
+  add_inner(mass, 1.0, integrand.leftCols(m), jx.topRows(nodes));
+  add_inner(mass, 1.0, integrand.rightCols(m), jy.topRows(nodes));
   integrate_beyond(grid, xy, sums);
   sum_along = sums.topLeftCorner(nodes, m).array().colwise() * s_in +
               sums.topRightCorner(nodes, m).array().colwise() * c_in;
@@ -267,7 +269,7 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
     angle -= along.topRows(nodes).array().colwise() * times(coriolis * weight.array() * omega_in);
     by_rate.array() += across.topRows(nodes).array().colwise() * times(coriolis * weight.array());
   }
-  system.resize(m, 2 * m);
+  system.setZero(m, 2 * m);
   if (drags) {
     const auto v_n = frame.normal.head(nodes).array();
     const auto v_t =
@@ -282,14 +284,15 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
     angle -= sums.topLeftCorner(nodes, m).array().colwise() * times(s_in * omega_in);
     angle -= sums.topRightCorner(nodes, m).array().colwise() * times(c_in * omega_in);
   }
-  system.leftCols(m).noalias() = -by_angle.transpose() * slope;
-  system.rightCols(m).noalias() = -by_rate.transpose() * slope.topRows(nodes);
+  add_inner(system.leftCols(m), -1.0, by_angle, slope);
+  add_inner(system.rightCols(m), -1.0, by_rate, slope.topRows(nodes));
   // Rows belong to orthonormal coordinates, columns to the basis.
   const Orthonormal& functions = grids_.orthonormal();
   const auto to_basis = functions.to_basis.triangularView<Eigen::Upper>();
   if (drags) {
-    dragged.noalias() = by_drag.transpose() * across.topRows(nodes);
-    system.rightCols(m).noalias() -= dragged * functions.inverse;
+    dragged.setZero(m, m);
+    add_inner(dragged, -1.0, across.topRows(nodes), by_drag);
+    add_inner(system.rightCols(m), 1.0, dragged, functions.inverse);
   }
   const Map stiffness(grid.tables().stiffness, m);
   elastic.noalias() = functions.to_basis.transpose() * stiffness.asDiagonal();
@@ -311,7 +314,7 @@ Operators GalerkinMotion::operators(const Vector& q) const {
   require_amplitudes(q.size(), m);
   const Grid& grid = grids_[grids_.choose(q.data(), 1)];
   const Index nodes = grid.nodes();
-  const auto weight = grid.rule().weight.asDiagonal();
+  const Vector& weight = grid.rule().weight;
   const Matrix& slope = grid.slope();
   const auto slope_in = slope.topRows(nodes);
   const Map stiffness(grid.tables().stiffness, m);
@@ -323,22 +326,21 @@ Operators GalerkinMotion::operators(const Vector& q) const {
   const auto x_in = x.topRows(nodes), y_in = y.topRows(nodes);
   const auto s = frame.sine.head(nodes).array(), c = frame.cosine.head(nodes).array();
   Operators ops(m);
-  ops.mass = x_in.transpose() * weight * x_in + y_in.transpose() * weight * y_in;
+  ops.mass = inner(x_in, weight, x_in) + inner(y_in, weight, y_in);
   const Matrix across = (x_in.array().colwise() * c - y_in.array().colwise() * s).matrix();
-  const Matrix coriolis = across.transpose() * weight * slope_in;
+  const Matrix coriolis = inner(across, weight, slope_in);
   ops.gyroscopic = pipe_.sqrt_beta() * (coriolis - coriolis.transpose());
   const auto end_x = x.row(nodes), end_y = y.row(nodes);
   ops.end_flux = pipe_.sqrt_beta() * (end_x.transpose() * end_x + end_y.transpose() * end_y);
   const double end_s = frame.sine[nodes], end_c = frame.cosine[nodes];
   // J_i turns by -t Theta_i Theta_j: its projection on the end's tangent is that of two tangents.
-  const Vector shortening = -(grid.rule().weight.array() * (end_s * s + end_c * c)).matrix();
+  const Vector shortening = -(weight.array() * (end_s * s + end_c * c)).matrix();
   ops.flux = (end_c * end_x - end_s * end_y).transpose() * slope.row(nodes) +
-             slope_in.transpose() * shortening.asDiagonal() * slope_in;
+             inner(slope_in, shortening, slope_in);
   ops.damping.diagonal() = pipe_.damping * stiffness;
   if (pipe_.gamma != 0.0) {
-    const Vector tension =
-        pipe_.gamma * grid.rule().weight.array() * (1.0 - grid.rule().node.array()) * c;
-    ops.stiffness = slope_in.transpose() * tension.asDiagonal() * slope_in;
+    const Vector tension = pipe_.gamma * weight.array() * (1.0 - grid.rule().node.array()) * c;
+    ops.stiffness = inner(slope_in, tension, slope_in);
   }
   ops.stiffness.diagonal() += stiffness;
   return ops;

@@ -8,6 +8,8 @@
 #include <string>
 #include <utility>
 
+#include "pipedyn/products.hpp"
+
 namespace pipedyn {
 
 namespace {
@@ -93,7 +95,7 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family
   for (Index panel = 0; panel + 1 < basis.ends().size(); ++panel) {
     const double low = basis.ends()[panel], length = basis.ends()[panel + 1] - low;
     const Matrix value = basis.evaluate(low + length * rule.node.array(), 0);
-    mass += value.transpose() * (length * rule.weight).asDiagonal() * value;
+    mass += inner(value, length * rule.weight, value);
   }
   const Eigen::LLT<Matrix> factors(mass);
   if (factors.info() != Eigen::Success) {
