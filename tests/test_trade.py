@@ -11,6 +11,7 @@ import pytest
 from independent import determinant_crossing
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from scipy.integrate import solve_ivp
 
 import pipedyn as pd
 from pipedyn import plot
@@ -174,6 +175,7 @@ def test_a_model_that_fails_stays_as_a_row_that_says_why():
     assert len(found.rows) == 2
     (row,) = found.failures
     assert (row.family, row.cells[3]) == ("legendre", "failed")
+    assert f"legendre {row.size} failed: {row.failure}" in str(found)
     assert math.isnan(row.error)
     assert isinstance(row.failure, pd.NoCycle)
     assert str(row.failure) in found.to_csv().replace('""', '"')
@@ -195,6 +197,18 @@ def test_none_beats_the_front(critical):
             assert math.isinf(row.error) or any(f.error <= row.error for f in better)
 
 
+def test_one_size_may_be_given_as_a_number():
+    found = pd.trade(PIPE, "critical_speed", families="legendre", sizes=8, repeats=1)
+    assert [row.size for row in found.rows] == [8]
+
+
+@pytest.mark.parametrize("ask", [pd.trade, pd.choose])
+def test_a_start_that_does_not_move_is_refused(ask):
+    asked = {"tolerance": 1e-2} if ask is pd.choose else {}
+    with pytest.raises(ValueError, match="start must bend the pipe"):
+        ask(PIPE, "motion", u=6.0, duration=1.0, start=lambda s: 0.0 * s, **asked)
+
+
 # -------------------------------------------------------------------------------------- counts
 
 
@@ -204,6 +218,22 @@ def test_a_motion_counts_what_its_integrator_does():
         motion = pd.simulate(chain, 6.0, 1.0, lambda s: 0.05 * s**2, method="dop853")
     assert effort.right_hand_sides == motion.evaluations
     assert effort.factorisations == 0
+
+
+@pytest.mark.parametrize("method", ["lsoda", "Radau"])
+def test_an_implicit_motion_counts_its_factorisations(method):
+    chain = pd.Chain(pd.Pipe(0.2, damping=0.1), 6)
+    with counted() as effort:
+        pd.simulate(*(chain, 6.0, 1.0, lambda s: 0.05 * s**2), method=method, rtol=1e-8, atol=1e-10)
+    start = np.concatenate([chain.bent(lambda s: 0.05 * s**2), np.zeros(6)])
+    peer = solve_ivp(
+        *(lambda t, y: chain.rhs(t, y, 6.0), (0.0, 1.0), start),
+        method="LSODA" if method == "lsoda" else method,
+        jac=lambda t, y: chain.jacobian(t, y, 6.0),
+        rtol=1e-8,
+        atol=1e-10,
+    )
+    assert 0.5 < effort.factorisations / peer.nlu < 2.0
 
 
 def test_a_row_has_the_counts_of_one_answer():

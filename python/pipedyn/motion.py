@@ -23,7 +23,7 @@ from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
-from pipedyn.effort import evaluated
+from pipedyn.effort import evaluated, factorised
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, PipedynError
 from pipedyn.progress import track
@@ -304,7 +304,7 @@ class _Count:
     """
 
     def __init__(self, task: Task, most: float) -> None:
-        self.calls = self.jacobians = 0
+        self.calls = self.jacobians = self.factorisations = 0
         self.most = most
         self.overflowed = False
         self.interruption: BaseException | None = None
@@ -355,6 +355,7 @@ class _Count:
         whole = np.zeros((y.size, y.size))
         try:
             self.jacobians += 1
+            self.factorisations += 1  # LSODA factorises each
             if self.jacobians % JACOBIANS == 0:
                 self.check(t)
             if self.interruption is None:
@@ -386,6 +387,7 @@ def integrate(
             why = "the state left finite numbers" if count.overflowed else str(stopped)
     states = task.start[0].size
     evaluated(states * (count.calls + count.jacobians))
+    factorised(count.factorisations)
     return np.array(rows).reshape(-1, *task.start.shape), count.calls, why
 
 
@@ -425,6 +427,7 @@ def _stepped(task: Task, count: _Count, rhs: Callable[[float, Array], Array]) ->
     while t is not None:
         try:
             message = solver.step()
+            count.factorisations = solver.nlu
         except ValueError as error:  # a factorisation refuses what is not finite
             raise Stopped(str(error)) from error
         if solver.status == "failed" or not np.isfinite(solver.y).all():

@@ -464,6 +464,9 @@ Angle: TypeAlias = Callable[[Array], ArrayLike]
 START = 0.05
 """Displacement of the free end, in L, with which a motion starts."""
 
+STILL = 1e-12
+"""Largest amplitude of a start that is rounding."""
+
 RTOL = 1e-8
 """Relative tolerance of a motion or a cycle where no other is asked for."""
 
@@ -533,6 +536,10 @@ class MotionOf(Quantity):
     def prepared(self, pipe: Pipe) -> MotionOf:
         rtol = RTOL if self.rtol is None else self.rtol
         if self.start is not None:
+            straight = Galerkin(pipe, FIRST, "legendre")
+            sets_out = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
+            if np.abs(sets_out).max() < STILL:
+                raise ValueError("start must bend the pipe, which does not move from where it is")
             return replace(self, rtol=rtol)
         found = modes(Continuum(pipe), self.u, 8)
         growth = found.eigenvalues.real  # all modes of an undamped pipe may grow alike: the lowest

@@ -76,12 +76,13 @@ class TradeRow:
     @property
     def cells(self) -> tuple[str, ...]:
         """What tables show of it."""
-        bound = "" if self.resolved or math.isnan(self.error) else "<"
+        named = (self.family, str(self.size), str(self.dof))
+        if self.failure is not None:
+            return (*named, "failed", "", "", "", "")
+        bound = "" if self.resolved else "<"
         return (
-            self.family,
-            str(self.size),
-            str(self.dof),
-            "failed" if self.failure is not None else f"{bound}{self.error:.2e}",
+            *named,
+            f"{bound}{self.error:.2e}",
             f"{self.seconds:.2e}",
             f"{100.0 * self.spread:.0f} %",
             str(self.right_hand_sides),
@@ -156,7 +157,9 @@ class Trade:
             f"{self.quantity} of {self.pipe}\n"
             f"reference: {self.reference.source}, error below {self.reference.error:.1e}"
         )
-        return Table(title, HEADINGS, [row.cells for row in self.rows], numbers=True)
+        cells = [row.cells for row in self.rows]
+        notes = [f"{row.family} {row.size} failed: {row.failure}" for row in self.failures]
+        return Table(title, HEADINGS, cells, numbers=True, notes=notes)
 
     def __str__(self) -> str:
         return self._table().text()
@@ -220,7 +223,7 @@ def trade(
         families: what is measured: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
             "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
             and 2 n ("consistent pair", ...), or "chain", "reduced" or "pair" for all of a kind.
-        sizes: segments or functions, increasing; for all families or by their names.
+        sizes: segments or functions, one or increasing; for all families or by their names.
         repeats: how often each answer is timed; the least counts.
         progress: show progress on stderr.
         **conditions: of the quantity.
@@ -254,7 +257,7 @@ def _sizes(given: Any, family: Family, least: int) -> tuple[int, ...]:
         given = given.get(family.name)
     if given is None:
         return tuple(size for size in family.sizes if size >= least)
-    raw = _check.numbers("sizes", given, "whole numbers", kinds="iu", longest=1000)
+    raw = np.atleast_1d(_check.numbers("sizes", given, "whole numbers", kinds="iu", longest=1000))
     if raw.ndim != 1 or raw.size == 0 or np.any(np.diff(raw) <= 0) or raw[0] < 1:
         raise ValueError(f"sizes must be whole numbers from 1 on, increasing, got {given!r}")
     return tuple(int(size) for size in raw)
