@@ -115,7 +115,7 @@ def _frame(ax: Axes, rows: Sequence[TradeRow], cost: str, floor: float) -> None:
     ax.set_ylim(min(0.3 * min(errors), 0.5 * floor), 3.0 * max(errors))
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(numticks=12))
-    costs = [_place(row, cost)[0] for row in rows]
+    costs = [float(getattr(row, cost)) for row in rows]
     if max(costs) < 10.0 * min(costs):  # at least a decade, or no tick is a round number
         middle = math.sqrt(max(costs) * min(costs))
         ax.set_xlim(middle / 4.0, middle * 4.0)
