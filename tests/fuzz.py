@@ -819,6 +819,7 @@ def _motions() -> Iterator[Target]:
         "rtol": rtol,
         "atol": optional(real((1e-8, 1e-4), 0.0, 2.0)),
         "method": word("auto", "dop853", "lsoda", "DOP853", "Radau", "BDF", "LSODA"),
+        "most": real((1e6, 1e9), 0.0, 1e19),
         "progress": FLAG,
     }
     for name, model in MODELS.items():
