@@ -162,7 +162,7 @@ def test_a_motion_that_follows_its_fastest_mode_forever_is_refused_at_once():
     lengths = 10.0 ** -np.array([0.0, 2.4, 4.8, 1.2, 6.0, 3.6])
     unequal = pd.Chain(PIPE, lengths=lengths / lengths.sum())
     for method in ("auto", "DOP853"):
-        with pytest.raises(pd.MotionStopped, match=r"e\+1\d right-hand sides, .* most = 1e\+08"):
+        with pytest.raises(pd.MotionStopped, match=r"e\+1\d right-hand .* take 1e\+08 at most"):
             pd.simulate(unequal, 6.0, 1.0, bow, method=method)
     with pytest.raises(pd.MotionStopped, match="right-hand sides") as caught:
         pd.simulate(unequal, 6.0, 1.0, bow)
@@ -185,13 +185,13 @@ def test_no_motion_is_refused_that_keeps_to_its_bound(n, damping):
 
     needed = faint().evaluations
     assert faint(most=needed).evaluations == needed
-    with pytest.raises(pd.MotionStopped, match="more than most"):
+    with pytest.raises(pd.MotionStopped, match=r"at most|its most"):
         faint(most=0.9 * needed)
 
 
 @pytest.mark.parametrize("method", ["dop853", "lsoda", "Radau"])
 def test_a_motion_ends_where_its_right_hand_sides_do_and_keeps_what_there_is(method):
-    with pytest.raises(pd.MotionStopped, match="more than most = 390 right-hand sides") as caught:
+    with pytest.raises(pd.MotionStopped, match="more right-hand sides than 390") as caught:
         pd.simulate(CHAIN, 6.0, 2.0, bow, method=method, most=390)
     assert 0.0 < caught.value.motion.t[-1] < 2.0
     assert caught.value.motion.evaluations == 390

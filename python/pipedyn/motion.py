@@ -339,7 +339,7 @@ class _Count:
             if self.calls == self.checked:
                 self.check(t)
             if self.calls >= self.task.most and self.interruption is None:
-                told = f"that takes more than most = {self.task.most:g} right-hand sides"
+                told = f"it needs more right-hand sides than {self.task.most:g}, its most"
                 self.interruption = Stopped(told)
             if self.interruption is None:
                 self.calls += 1
@@ -366,8 +366,8 @@ class _Count:
         ahead = CALLS_A_RATE * max(self.rates) * (float(task.times[-1]) - t)
         if task.method in EXPLICIT and self.calls + ahead > task.most:
             self.interruption = Stopped(
-                f"it takes some {ahead:.1g} right-hand sides, more than most = {task.most:g}, "
-                f"as its fastest mode has |lambda| = {max(self.rates):.2g}"
+                f"it needs {ahead:.1g} right-hand sides or more and may take {task.most:g}"
+                f" at most: its fastest mode has |lambda| = {max(self.rates):.2g}"
             )
         elif t - self.reached < self.least:
             self.interruption = Stopped("its step shrank to nothing beside its fastest mode's time")
