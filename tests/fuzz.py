@@ -1120,7 +1120,7 @@ def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None
     return None if len(message) < 400 and "\n" not in message else f"told too much: {message!r}"
 
 
-UNTOLD = {"onset", "residuals", "_continuous", "discretisation"}
+UNTOLD = {"onset", "residuals", "errors", "_continuous", "discretisation"}
 """Fields that may be NaN or infinite."""
 
 
