@@ -819,6 +819,7 @@ def _motions() -> Iterator[Target]:
         "rtol": rtol,
         "atol": optional(real((1e-8, 1e-4), 0.0, 2.0)),
         "method": word("auto", "dop853", "lsoda", "DOP853", "Radau", "BDF", "LSODA"),
+        "most": real((1e6, 1e9), 0.0, 1e19),
         "progress": FLAG,
     }
     for name, model in MODELS.items():
@@ -1119,7 +1120,7 @@ def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None
     return None if len(message) < 400 and "\n" not in message else f"told too much: {message!r}"
 
 
-UNTOLD = {"onset", "residuals", "_continuous", "discretisation"}
+UNTOLD = {"onset", "residuals", "errors", "_continuous", "discretisation"}
 """Fields that may be NaN or infinite."""
 
 

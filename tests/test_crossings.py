@@ -18,6 +18,7 @@ from independent import (
 from scipy.optimize import brentq, minimize_scalar
 
 import pipedyn as pd
+from pipedyn import crossing as sweeps
 from pipedyn import modular
 from pipedyn.spectrum import pencil_of
 
@@ -73,6 +74,8 @@ def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, told=0.9
         (pd.Pipe(0.0), 12.0),
         (pd.Pipe(0.0, gamma=-20.0), 12.0),
         (pd.Pipe(0.0, gamma=3.0, damping=1e-3), 12.0),
+        (pd.Pipe(0.4, gamma=3e3), 60.0),
+        (pd.Pipe(0.9, gamma=1e5, damping=1e-4), 100.0),
     ],
     ids=repr,
 )
@@ -289,6 +292,22 @@ def test_the_mode_is_the_branch_of_the_root_locus():
 def test_a_heavy_standing_pipe_is_buckled_at_rest():
     assert not pd.critical_speed(pd.Chain(pd.Pipe(0.2, gamma=-10.0), 20)).stable_at_rest
     assert pd.critical_speed(pd.Chain(pd.Pipe(0.2, gamma=-5.0), 20)).stable_at_rest
+
+
+def test_a_sweep_of_a_heavy_hanging_pipe_needs_no_more_samples_than_that_of_a_light_one(
+    monkeypatch,
+):
+    """Their critical speeds go with the speeds of their free ends, and so do the steps."""
+    taken = []
+    original = sweeps.sample
+    monkeypatch.setattr(sweeps, "sample", lambda *args: taken.append(args) or original(*args))
+    counts, speeds = [], []
+    for gamma in (0.0, 1e4):
+        taken.clear()
+        speeds.append(pd.critical_speed(pd.Galerkin(pd.Pipe(0.2, gamma), 40, "legendre")).speed)
+        counts.append(len(taken))
+    assert speeds[1] > 8.0 * speeds[0]
+    assert counts[1] < 3 * counts[0]
 
 
 @pytest.mark.parametrize(

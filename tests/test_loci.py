@@ -3,7 +3,12 @@
 
 import numpy as np
 import pytest
-from independent import companion_eigenvalues, distances
+from independent import (
+    chain_newton_step,
+    companion_eigenvalues,
+    distances,
+    series_newton_step,
+)
 from scipy.optimize import linear_sum_assignment
 
 import pipedyn as pd
@@ -221,3 +226,29 @@ def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(pip
     for loci in (long, short):
         steps = np.abs(np.diff(loci.eigenvalues, axis=0))
         assert steps.max() < 0.15 * np.abs(loci.eigenvalues).max()
+
+
+@pytest.mark.parametrize("n", [6, 30, 100])
+@pytest.mark.parametrize("pipe", [PIPE, pd.Pipe(0.5, gamma=300.0), pd.Pipe(0.3, damping=0.02)])
+def test_the_errors_of_a_chains_branches_cover_their_distance_to_exact_roots(pipe, n):
+    """Newton's corrections of the chain's equations in 40 digits."""
+    chain = pd.Chain(pipe, n)
+    loci = pd.root_loci(chain, [0.0, 3.0, 7.0], 4)
+    assert loci.errors.shape == loci.eigenvalues.shape
+    for i, u in enumerate(loci.speeds):
+        for k in (0, 3):
+            value = complex(loci.eigenvalues[i, k])
+            assert abs(chain_newton_step(chain, value, u, 40)) <= loci.errors[i, k]
+            assert loci.errors[i, k] < 1e-9 * abs(value)
+
+
+def test_the_errors_of_the_pipes_branches_cover_their_distance_to_exact_roots():
+    """Newton's corrections from power series; those of crowding roots are not told."""
+    for pipe in (PIPE, pd.Pipe(0.9, gamma=50.0)):
+        loci = pd.root_loci(pd.Continuum(pipe), [1.0, 6.0], 3)
+        for i, u in enumerate(loci.speeds):
+            for value, error in zip(loci.eigenvalues[i], loci.errors[i], strict=True):
+                assert abs(series_newton_step(pipe, complex(value), u)) <= error < 1e-7 * abs(value)
+    crowding = pd.root_loci(pd.Continuum(pd.Pipe(0.2, damping=0.1)), [1.0], 3).errors
+    assert np.isfinite(crowding).any(axis=1).all()
+    assert np.isinf(crowding[:, -1]).all()

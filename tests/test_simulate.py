@@ -158,6 +158,48 @@ def test_a_motion_that_stops_before_its_first_sample_says_so_and_spoils_no_other
     assert [failure.index for failure in both.failures] == [1]
 
 
+def test_a_motion_that_follows_its_fastest_mode_forever_is_refused_at_once():
+    lengths = 10.0 ** -np.array([0.0, 2.4, 4.8, 1.2, 6.0, 3.6])
+    unequal = pd.Chain(PIPE, lengths=lengths / lengths.sum())
+    for method in ("auto", "DOP853"):
+        with pytest.raises(pd.MotionStopped, match=r"e\+1\d right-hand .* take 1e\+08 at most"):
+            pd.simulate(unequal, 6.0, 1.0, bow, method=method)
+    with pytest.raises(pd.MotionStopped, match="right-hand sides") as caught:
+        pd.simulate(unequal, 6.0, 1.0, bow)
+    assert caught.value.motion.evaluations < 1000
+    assert caught.value.motion.t[-1] == 0.0
+    both = pd.simulate_many([CHAIN, *[unequal] * 2], 6.0, 1.0, bow, samples=3)
+    assert [failure.index for failure in both.failures] == [1, 2]
+    assert both.motions[0].t[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("n", "damping"), [(5, 0.0), (5, 1e-4), (5, 1e-1), (20, 0.0), (20, 1e-4), (40, 1e-4)]
+)
+def test_no_motion_is_refused_that_keeps_to_its_bound(n, damping):
+    """Not even near rest, where only stability holds the steps of an explicit method."""
+    chain = pd.Chain(pd.Pipe(0.2, damping=damping), n)
+
+    def faint(**bounds):
+        return pd.simulate(chain, 0.0, 0.5, lambda s: 1e-6 * s, method="dop853", rtol=0.1, **bounds)
+
+    needed = faint().evaluations
+    assert faint(most=needed).evaluations == needed
+    with pytest.raises(pd.MotionStopped, match=r"at most|its most"):
+        faint(most=0.9 * needed)
+
+
+@pytest.mark.parametrize("method", ["dop853", "lsoda", "Radau"])
+def test_a_motion_ends_where_its_right_hand_sides_do_and_keeps_what_there_is(method):
+    with pytest.raises(pd.MotionStopped, match="more right-hand sides than 390") as caught:
+        pd.simulate(CHAIN, 6.0, 2.0, bow, method=method, most=390)
+    assert 0.0 < caught.value.motion.t[-1] < 2.0
+    assert caught.value.motion.evaluations == 390
+    whole = pd.simulate_many(CHAIN, [5.0, 6.0], 2.0, bow, method=method, most=390)
+    assert [failure.index for failure in whole.failures] == [0, 1]
+    assert min(motion.t.size for motion in whole.motions) > 1
+
+
 def test_a_motion_that_leaves_finite_numbers_later_keeps_its_beginning(monkeypatch):
     core = CHAIN.core
 
@@ -372,6 +414,8 @@ def test_drag_bounds_the_aspirating_pipe_that_any_flow_sets_in_motion():
         (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, np.full(6, 1e90)), "qdot0"),
         (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, method="euler"), "method"),
         (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, method=3), "method"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, most=0), "most"),
+        (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, most="all"), "most"),
         (lambda: pd.simulate(CHAIN, 6.0, 1.0, bow, progress=1), "progress"),
         (lambda: pd.simulate_many([], 6.0, 1.0, bow), "models"),
         (lambda: pd.simulate_many([CHAIN, 3], 6.0, 1.0, bow), r"models\[1\]"),

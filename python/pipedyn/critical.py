@@ -147,8 +147,7 @@ def first_loss(
     """
     # A low critical speed needs no large basis and few modes of a long chain: the search grows
     # from rest where that tells.
-    grows = isinstance(model, Continuum) or is_long(model)
-    ends = [end for end in (12.0, 30.0, 60.0) if grows and end < max_speed]
+    ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed and _grows(model, end)]
     for end in [*ends, max_speed]:
         found = _search(model, end, lambda passage: passage.change > 0)
         critical = found.critical(max_speed)
@@ -248,6 +247,23 @@ def _trusted(rom: Galerkin) -> int | None:
     return None if overdamped else trusted
 
 
+def _feeling(max_speed: float) -> int:
+    """How many modes can meet a flow up to some speed: those up to k = pi u and twelve more."""
+    return 12 + math.ceil(max_speed)
+
+
+def _worth_following(followed: int, max_speed: float, dof: int) -> bool:
+    """Whether some modes of a long chain are computed faster than all."""
+    return followed <= dof // 4 and max_speed <= dof / 4
+
+
+def _grows(model: AnyModel, end: float) -> bool:
+    """Whether a search is the cheaper, the sooner it ends."""
+    if isinstance(model, Continuum):
+        return True
+    return is_long(model) and _worth_following(_feeling(end), end, model.dof)
+
+
 def _sweep(
     model: Model,
     max_speed: float,
@@ -257,21 +273,20 @@ def _sweep(
     """Passages of one model.
 
     Of a long chain only as many modes are followed as can meet the flow: a mode of wave number k
-    does where k is comparable to u. With modes up to k = pi u and twelve more there is room, and if
-    a root beyond that turns unstable, more are followed.
+    does where k is comparable to u. If a root beyond that turns unstable, more are followed.
     """
     pencil = sweeping_pencil(model)
     followed: int | None = None
     count: int | None = None
     if isinstance(pencil, SparsePencil):
-        followed = 12 + math.ceil(max_speed)
+        followed = _feeling(max_speed)
         # Those before the crowd at -1 / delta, which no Krylov space can pass, may be enough.
         delta = model.pipe.damping
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else followed
         if max_speed / math.pi + 1.0 <= before < followed:
             followed, count = before, 2 * before + 2
     while True:
-        if followed is not None and (followed > pencil.dof // 4 or max_speed > pencil.dof / 4):
+        if followed is not None and not _worth_following(followed, max_speed, pencil.dof):
             pencil, followed = pencil.dense(), None
         kind = CirculatoryHunt if pencil.velocity_free(1.0) else Hunt
         try:
@@ -279,7 +294,7 @@ def _sweep(
                 return kind(pencil, max_speed, followed, trusted, count).run(until)
         except Untracked:
             assert followed is not None
-            followed, count = max(2 * followed, 12 + math.ceil(max_speed)), None
+            followed, count = max(2 * followed, _feeling(max_speed)), None
 
 
 def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:

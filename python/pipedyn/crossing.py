@@ -32,6 +32,9 @@ Flags = NDArray[np.bool_]
 WORST = 1e-3
 """Relative error of a passage's speed beyond which it is no result."""
 
+HEAVY = 100.0
+"""gamma beyond which weight rather than stiffness tells at which speeds the flow is felt."""
+
 HIGH_DAMPING = 0.3
 """Roots that need not be followed are not worth refining with Re < -0.3 |lambda| at both ends."""
 
@@ -109,7 +112,8 @@ class Hunt:
             NotConverged: if the passages found do not account for the unstable roots.
             Untracked: if a root beyond those followed turns unstable.
         """
-        steps = max(1, math.ceil(self.max_speed / LONGEST_STEP))
+        longest = longest_step(self.pencil.pipe.gamma)
+        steps = max(1, math.ceil(self.max_speed / longest))
         speeds = np.linspace(0.0, self.max_speed, steps + 1).tolist()
         first = self.take(0.0)
         self.modes = self.ranked(first)
@@ -119,7 +123,7 @@ class Hunt:
         passages: list[Passage] = []
         followed = np.arange(min(self.wanted, first.values.size))
         crowd = Crowd(self.pencil.pipe.damping, 0.9, self.pencil.stuck)
-        for step in march(self.take, first, speeds[1:], followed, crowd, self.sure):
+        for step in march(self.take, first, speeds[1:], followed, crowd, self.sure, longest):
             found = self.passages(step)
             self.move(step)
             found += self._collapse(step, unstable + sum(passage.change for passage in found))
@@ -442,6 +446,15 @@ class Hunt:
         if low * high >= 0.0:
             return step.left.u if abs(low) < abs(high) else step.right.u
         return float(brentq(real_part, step.left.u, step.right.u, xtol=1e-14, rtol=1e-14))
+
+
+def longest_step(gamma: float) -> float:
+    """Longest step of a sweep.
+
+    Near the free end of a heavy hanging pipe, where its weight no longer stretches it, lengths are
+    in gamma^(-1/3) and flow speeds in gamma^(1/3).
+    """
+    return LONGEST_STEP * float(np.cbrt(1.0 + max(gamma, 0.0) / HEAVY))
 
 
 def _refuse_twins(found: list[Passage]) -> None:

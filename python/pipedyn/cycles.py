@@ -470,8 +470,9 @@ def _simulated(motion: Field, u: float, q0: Array, qdot0: Array, limit: int = SE
     limit *= PATIENT if model.dof <= FEW else 1
     while evaluations < limit:
         try:
-            task = checked_task(model, u, CHUNK, q0, qdot0, rtol=1e-6, samples=1001)
-            going = moved(task, most=limit)
+            going = moved(
+                checked_task(model, u, CHUNK, q0, qdot0, rtol=1e-6, samples=1001, most=limit)
+            )
         except MotionStopped as stopped:
             raise NoCycle(
                 f"no limit cycle at u = {u:g} from there: after a time of {time:g}, {stopped}", u

@@ -22,6 +22,7 @@ from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model
 from pipedyn.motion import (
     LARGEST_SAMPLES,
+    MOST_CALLS,
     Motion,
     MotionStopped,
     Start,
@@ -79,6 +80,7 @@ def simulate_many(
     rtol: float = 1e-6,
     atol: float | None = None,
     method: str = "auto",
+    most: float = MOST_CALLS,
     executor: Executor | None = None,
     progress: bool = False,
 ) -> Ensemble:
@@ -99,6 +101,7 @@ def simulate_many(
         rtol: relative tolerance of the error of each member's steps.
         atol: absolute tolerance; rtol / 100 where not given.
         method: as for `simulate`.
+        most: right-hand sides that each batch may take, as for `simulate`.
         executor: a `concurrent.futures.Executor`; batches are its tasks.
         progress: show progress on stderr.
 
@@ -139,6 +142,7 @@ def simulate_many(
                 rtol=rtol,
                 atol=atol,
                 method=methods.get(id(model), method),
+                most=most,
             )
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
@@ -213,16 +217,19 @@ def _joined(tasks: list[Task]) -> Task:
 
 
 def _motions(task: Task) -> list[tuple[Motion, str | None]]:
-    """Motion of each member of a task, and why it stopped early; a batch that stops is halved."""
+    """Motion of each member of a task, and why it stopped early.
+
+    A batch that stops is halved, unless it took all the right-hand sides that it may.
+    """
     rows, evaluations, why = integrate(task)
     if task.start.ndim == 1:
         return [(motion_of(task, rows, evaluations), why)]
     members = task.start.shape[1]
-    if why is not None:
+    if why is not None and evaluations < task.most:
         half = members // 2
         return _motions(_part(task, slice(0, half))) + _motions(_part(task, slice(half, members)))
     return [
-        (motion_of(_part(task, slice(j, j + 1)), rows[:, :, j].copy(), evaluations), None)
+        (motion_of(_part(task, slice(j, j + 1)), rows[:, :, j].copy(), evaluations), why)
         for j in range(members)
     ]
 

@@ -28,7 +28,7 @@ from pipedyn.pencil import Complex, Eigenpairs, Pencil
 from pipedyn.spectrum import SHIFTS, lowest
 
 LONGEST_STEP = 0.5
-"""Steps in u above this are split before anything is believed of them."""
+"""Steps in u above this are split before anything is believed of them, of a pipe without weight."""
 
 SHORTEST_STEP = 1e-6
 """Relative to 1 + u; below it the best match is taken as it is."""
@@ -180,6 +180,7 @@ def march(
     followed: Indices,
     crowd: Crowd,
     sure: Callable[[Step], bool] = lambda step: True,
+    longest: float = LONGEST_STEP,
 ) -> Iterator[Step]:
     """Steps from the first sample through all speeds, short enough to be believed.
 
@@ -191,6 +192,7 @@ def march(
             are matched as well as they can be.
         crowd: roots that need not be told apart.
         sure: a further condition that a step must meet, unless it is the shortest.
+        longest: step in u above which it is split before anything is believed of it.
 
     Raises:
         NotConverged: if the steps become too many.
@@ -198,7 +200,7 @@ def march(
     ahead = list(speeds)[::-1]
     patience = MOST_STEPS + 4 * len(ahead)
     if ahead:
-        patience += math.ceil(4.0 * (ahead[0] - first.u) / LONGEST_STEP)
+        patience += math.ceil(4.0 * (ahead[0] - first.u) / longest)
     left = first
     stack: list[Sample] = []
     while ahead or stack:
@@ -206,7 +208,7 @@ def march(
             stack.append(take(ahead.pop()))
         right = stack[-1]
         middle = 0.5 * (left.u + right.u)
-        if right.u - left.u > LONGEST_STEP * (1.0 + 1e-12):
+        if right.u - left.u > longest * (1.0 + 1e-12):
             stack.append(take(middle))
             continue
         patience -= 1

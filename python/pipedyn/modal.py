@@ -230,6 +230,10 @@ class RootLoci:
         partners: the other root of each pair, shape (S, count): the conjugate while the pair is
             complex, the other real root while it is not.
         converged: whether each eigenvalue passed the check of its residual, shape (S, count).
+        errors: how far each eigenvalue or its partner may be from the exact one, absolute, shape
+            (S, count). To first order: residual and rounding times the condition, so that it is
+            large where two roots meet; for `Continuum` with the largest change from the basis
+            before the last, and infinite for overdamped roots, which are not waited for.
         size: degrees of freedom of the model solved.
     """
 
@@ -237,6 +241,7 @@ class RootLoci:
     eigenvalues: Complex = field(repr=False)
     partners: Complex = field(repr=False)
     converged: NDArray[np.bool_] = field(repr=False)
+    errors: Array = field(repr=False)
     size: int
 
 
@@ -283,7 +288,10 @@ def root_loci(
             smallest=smallest,
             largest=smallest + 32,
         )
-        return settled.value
+        found = settled.value
+        scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
+        moved = np.where(_overdamped(found, model.pipe.damping), np.inf, settled.error * scale)
+        return replace(found, errors=found.errors + moved)
     if count > model.dof:
         raise ValueError(f"count must be at most dof = {model.dof}, got {count}")
     _check_table(count, model)
@@ -299,13 +307,15 @@ def _moved(a: RootLoci, b: RootLoci, delta: float) -> float:
     """
     if delta == 0.0:
         return max(relative(a.eigenvalues, b.eigenvalues), relative(a.partners, b.partners))
-
-    def overdamped(values: Complex) -> NDArray[np.bool_]:
-        on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
-        return on_axis | Crowd(delta).holds(values)
-
-    telling = ~(overdamped(a.eigenvalues) & overdamped(b.eigenvalues))
+    telling = ~(_overdamped(a, delta) & _overdamped(b, delta))
     return relative(a.eigenvalues[telling], b.eigenvalues[telling])
+
+
+def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
+    """Which roots do not oscillate for their damping, or are in the crowd at -1 / delta."""
+    values = loci.eigenvalues
+    on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
+    return (on_axis | Crowd(delta).holds(values)) & (delta > 0.0)
 
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
@@ -337,6 +347,7 @@ def _followed(
     values = np.empty((speeds.size, count), dtype=np.complex128)
     partners = np.empty_like(values)
     converged = np.empty(values.shape, dtype=np.bool_)
+    errors = np.empty(values.shape)
     steps = march(
         lambda u: sample(pencil, u, taken),
         first,
@@ -348,6 +359,8 @@ def _followed(
     def store(row: int, pairs: Eigenpairs) -> None:
         values[row], partners[row] = pairs.values[upper], pairs.values[lower]
         converged[row] = pairs.converged[upper] & pairs.converged[lower]
+        uncertain = pencil.uncertainties(float(speeds[row]), pairs)
+        errors[row] = np.maximum(uncertain[upper], uncertain[lower])
 
     store(0, first.pairs)
     row = 1
@@ -373,7 +386,7 @@ def _followed(
             next(ticks)
     for _ in ticks:
         pass
-    return RootLoci(speeds, values, partners, converged, pencil.dof)
+    return RootLoci(speeds, values, partners, converged, errors, pencil.dof)
 
 
 def _pairs(

@@ -31,6 +31,9 @@ from pipedyn.progress import track
 COMPILED = ("dop853", "lsoda")
 """scipy.integrate.ode's integrators that serve."""
 
+EXPLICIT = ("dop853", "DOP853")
+"""Methods whose steps stability holds to the time of the fastest mode."""
+
 METHODS = ("auto", *COMPILED, "DOP853", "Radau", "BDF", "LSODA")
 """Small letters: compiled; the others: `scipy.integrate.solve_ivp`'s, in Python."""
 
@@ -40,6 +43,16 @@ Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 CALLS, LEAST_STEP = 20_000, 2e-5
 """Right-hand sides after which a motion must have come further than this share of the time of its
 fastest mode with each."""
+
+FORECAST = 400
+"""Right-hand sides after which it is asked how many more it takes: that costs some 40 to 120."""
+
+CALLS_A_RATE = 1.5
+"""Right-hand sides of an explicit method in the time 1 / |lambda| of the fastest mode, at least:
+measured 1.6 with damping to 16 without at rtol 1e-6."""
+
+MOST_CALLS = 1e8
+"""Right-hand sides that a motion may take: minutes with few segments, an hour with a thousand."""
 
 JACOBIANS = 1000
 """Jacobians after which the same is asked of an implicit integrator."""
@@ -125,6 +138,7 @@ class Task:
             (2 moving + 1, k).
         rtol, atol: tolerances of each state's error in a step.
         method: of METHODS, not "auto".
+        most: right-hand sides at most.
     """
 
     model: Model
@@ -134,6 +148,7 @@ class Task:
     rtol: float
     atol: float
     method: str
+    most: float = MOST_CALLS
 
 
 class Stopped(Exception):
@@ -152,6 +167,7 @@ def simulate(
     rtol: float = 1e-6,
     atol: float | None = None,
     method: str = "auto",
+    most: float = MOST_CALLS,
     progress: bool = False,
 ) -> Motion:
     """The motion from an initial state at a constant flow speed, exact in the amplitude.
@@ -173,14 +189,17 @@ def simulate(
         method: "auto" chooses by measured cost, see `choose_method`; compiled "dop853" (explicit,
             order 8) and "lsoda" (implicit where it pays); or one of `scipy.integrate.solve_ivp`:
             "DOP853", "Radau", "BDF", "LSODA". Implicit ones use the analytic Jacobian.
+        most: right-hand sides that it may take, >= 1, at 1 to 3 us each up to 60 segments. Explicit
+            methods take 1.5 or more in the time 1 / |lambda| of the fastest mode; a motion that
+            would exceed `most` at that pace is refused after 400.
         progress: show progress on stderr.
 
     Returns:
         Motion.
 
     Raises:
-        MotionStopped: if the step shrinks to nothing or the state leaves finite numbers; it carries
-            the motion up to there.
+        MotionStopped: if the step shrinks to nothing, the state leaves finite numbers or it takes
+            more than `most` right-hand sides; it carries the motion up to there.
         ValueError, TypeError: for bad arguments.
 
     Source: `rhs` of the models for the equations; scipy for their integration.
@@ -192,22 +211,22 @@ def simulate(
         rtol=rtol,
         atol=atol,
         method=method,
+        most=most,
     )
     return moved(task, _check.flag("progress", progress))
 
 
-def moved(task: Task, shown: bool = False, most: float = math.inf) -> Motion:
+def moved(task: Task, shown: bool = False) -> Motion:
     """The motion of a task of one state.
 
     Args:
         task: the task.
         shown: show progress on stderr.
-        most: right-hand sides at most.
 
     Raises:
-        MotionStopped: as `simulate`, or where that takes more.
+        MotionStopped: as `simulate`.
     """
-    rows, evaluations, why = integrate(task, shown, most)
+    rows, evaluations, why = integrate(task, shown)
     motion = motion_of(task, rows, evaluations)
     if why is not None:
         raise MotionStopped(f"the motion stopped {motion.reached}: {why}", motion)
@@ -236,18 +255,19 @@ def checked_task(
     times: Any = None,
     atol: Any = None,
     method: Any = "auto",
+    most: Any = MOST_CALLS,
 ) -> Task:
     """The arguments of `simulate`, checked, with the method chosen."""
     model = checked_model_in_motion(model)
     u = _check.real("u", u, low=0.0, high=LARGEST_SPEED)
     duration = _check.real("duration", duration, low=1e-12, high=1e9)
-    most = LARGEST_SAMPLES // model.coordinates
+    longest = LARGEST_SAMPLES // model.coordinates
     if times is None:
         if samples is None:
-            samples = min(max(501, math.ceil(SAMPLES_A_TIME * duration) + 1), most)
-        at = np.linspace(0.0, duration, _check.count("samples", samples, low=2, high=most))
+            samples = min(max(501, math.ceil(SAMPLES_A_TIME * duration) + 1), longest)
+        at = np.linspace(0.0, duration, _check.count("samples", samples, low=2, high=longest))
     else:
-        at = _check.array("times", times, low=0.0, high=duration, longest=most)
+        at = _check.array("times", times, low=0.0, high=duration, longest=longest)
         if np.any(np.diff(at) <= 0.0):
             raise ValueError("times must be strictly increasing")
     if not callable(q0):
@@ -257,10 +277,11 @@ def checked_task(
     if atol is None:
         atol = 0.01 * rtol
     atol = _check.real("atol", atol, low=0.0, high=1.0, open_low=True)
+    most = _check.real("most", most, low=1.0, high=1e18)
     method = _check.choice("method", method, METHODS)
     if method == "auto":
         method = choose_method(model, rtol)
-    return Task(model, u, at, start, rtol, atol, method)
+    return Task(model, u, at, start, rtol, atol, method, most)
 
 
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
@@ -287,15 +308,6 @@ def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
     )
 
 
-def _scale(task: Task) -> float:
-    """Rate of the fastest that a motion does: of its modes, of the flow and of its own turning."""
-    model = task.model
-    turning = float(np.abs(task.start).max())
-    return (
-        highest_frequency(model) + fastest_decay(model) + float(np.max(task.u)) ** 2 + turning + 1.0
-    )
-
-
 class _Count:
     """A right-hand side that counts its calls, and answers NaN where it can answer nothing.
 
@@ -303,12 +315,11 @@ class _Count:
     give up. A state that is not finite is remembered, an interruption raised after.
     """
 
-    def __init__(self, task: Task, most: float) -> None:
+    def __init__(self, task: Task) -> None:
         self.calls = self.jacobians = self.factorisations = 0
-        self.most = most
         self.overflowed = False
         self.interruption: BaseException | None = None
-        self.checked, self.reached = CALLS, -math.inf
+        self.checked, self.reached = FORECAST, -math.inf
         self.task = task
         self.f: Callable[[float, Array, Any], Array] = task.model.motion.rhs_and_power
         self.u = task.u
@@ -325,25 +336,40 @@ class _Count:
 
     def one(self, t: float, y: Array) -> Array:
         try:
-            self.calls += 1
             if self.calls == self.checked:
                 self.check(t)
-            if self.calls > self.most:
-                self.interruption = Stopped(f"that takes more than {self.most:g} right-hand sides")
+            if self.calls >= self.task.most and self.interruption is None:
+                told = f"it needs more right-hand sides than {self.task.most:g}, its most"
+                self.interruption = Stopped(told)
             if self.interruption is None:
+                self.calls += 1
                 return self.f(t, y, self.u)
         except BaseException as error:
             self.remember(error)
         return np.full(self.shape, np.nan)
 
     @cached_property
+    def rates(self) -> tuple[float, float]:
+        """Highest frequency and fastest decay at rest; only long motions come to ask."""
+        return highest_frequency(self.task.model), fastest_decay(self.task.model)
+
+    @cached_property
     def least(self) -> float:
-        """Time that so many calls must cover; only long motions come to ask."""
-        return LEAST_STEP * CALLS / _scale(self.task)
+        """Time that so many calls must cover, by the fastest of modes, flow and its own turning."""
+        turning = float(np.abs(self.task.start).max())
+        fastest = sum(self.rates) + float(np.max(self.task.u)) ** 2 + turning + 1.0
+        return LEAST_STEP * CALLS / fastest
 
     def check(self, t: float) -> None:
-        """Whether the last calls came anywhere."""
-        if t - self.reached < self.least:
+        """Whether it can come to its end, and whether the last calls came anywhere."""
+        task = self.task
+        ahead = CALLS_A_RATE * max(self.rates) * (float(task.times[-1]) - t)
+        if task.method in EXPLICIT and self.calls + ahead > task.most:
+            self.interruption = Stopped(
+                f"it needs {ahead:.1g} right-hand sides or more and may take {task.most:g}"
+                f" at most: its fastest mode has |lambda| = {max(self.rates):.2g}"
+            )
+        elif t - self.reached < self.least:
             self.interruption = Stopped("its step shrank to nothing beside its fastest mode's time")
         self.checked, self.reached = self.calls + CALLS, t
 
@@ -365,11 +391,9 @@ class _Count:
         return whole
 
 
-def integrate(
-    task: Task, shown: bool = False, most: float = math.inf
-) -> tuple[Array, int, str | None]:
+def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
     """States at the samples, (S, *start.shape), right-hand sides, and why it stopped early."""
-    count = _Count(task, most)
+    count = _Count(task)
     rhs = count.one if task.start.ndim == 1 else count.many
     route = _compiled if task.method in COMPILED else _stepped
     rows: list[Array] = []
