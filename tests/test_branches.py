@@ -112,7 +112,7 @@ def test_a_fold_of_cycles_is_where_the_two_meet(subcritical):
 
 
 def test_a_cycle_that_is_born_and_dies_is_one_branch():
-    model = pd.Galerkin(pd.Pipe(0.295), 8, "legendre")
+    model = pd.Galerkin(pd.Pipe(0.295), 9, "legendre")
     found = pd.bifurcation_diagram(model, [7.2, 7.6, 8.0])
     passages = [c.speed for c in pd.crossings(model, 8.0)]
     (branch,) = found.cycles
