@@ -124,8 +124,10 @@ def test_a_simulation_that_starts_on_the_cycle_comes_back(scene):
     assert np.abs(motion.qdot - cycle.qdot).max() < 100 * tolerance * scale
 
 
-def test_a_long_simulation_ends_on_the_stable_cycle(known):
-    motion = pd.simulate(ROM, 6.0, 30.0, bow, times=np.linspace(29.0, 30.0, 2001), rtol=1e-9)
+def test_a_long_simulation_ends_on_the_stable_cycle():
+    chain = pd.Chain(PIPE, 3)
+    known = pd.limit_cycle(chain, 5.0)
+    motion = pd.simulate(chain, 5.0, 30.0, bow, times=np.linspace(28.0, 30.0, 2001), rtol=1e-9)
     tip = motion.tip[:, 0]
     assert tip.max() == pytest.approx(known.amplitude, rel=1e-5)
     up = np.flatnonzero((tip[:-1] < 0.0) & (tip[1:] >= 0.0))
@@ -212,13 +214,15 @@ def test_a_cycle_pickles(known):
 # ---------------------------------------------------------------------------------- where from
 
 
-def test_every_start_leads_to_the_same_cycle(known):
-    motion = pd.simulate(ROM, 6.0, 8.0, bow)
-    state = np.concatenate([ROM.bent(bow), np.zeros(8)])
-    near = pd.limit_cycle(ROM, 6.1, known)
+def test_every_start_leads_to_the_same_cycle():
+    rom = pd.Galerkin(PIPE, 4)
+    known = pd.limit_cycle(rom, 6.0)
+    motion = pd.simulate(rom, 6.0, 8.0, bow)
+    state = np.concatenate([rom.bent(bow), np.zeros(4)])
+    near = pd.limit_cycle(rom, 6.1, known)
     assert near.amplitude > known.amplitude
     for start in (motion, state, near, known):
-        cycle = pd.limit_cycle(ROM, 6.0, start)
+        cycle = pd.limit_cycle(rom, 6.0, start)
         assert cycle.amplitude == pytest.approx(known.amplitude, rel=1e-7)
         assert cycle.frequency == pytest.approx(known.frequency, rel=1e-7)
     guided, u = SCENES["guided"]
@@ -339,9 +343,9 @@ def test_an_aspirating_pipe_without_damping_has_the_cycle_that_damped_ones_tend_
     assert not cycle.stable  # higher modes grow too
 
 
-@pytest.mark.parametrize("n", [3, 20])
-def test_drag_alone_bounds_the_motion_of_an_aspirating_chain(n):
-    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=1.0), n), 0.1)
+def test_drag_alone_bounds_the_motion_of_an_aspirating_chain():
+    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=1.0), 20), 0.1)
+    assert "followed from a damped pipe" in cycle.method
     assert cycle.multiplier_error < 1e-6
     assert 1e-3 < cycle.amplitude < 0.3
 
@@ -417,7 +421,7 @@ def test_what_is_no_start_is_told_what_starts_there_are():
         pd.simulate(ROM, 6.0, 1.0, pd.hopf(ROM))
 
 
-def test_where_there_is_no_cycle_an_exception_says_why(known):
+def test_where_there_is_no_cycle_an_exception_says_why(known, monkeypatch):
     with pytest.raises(pd.NoCycle, match=r"rests stably at u = 5\.3: flutter sets in") as caught:
         pd.limit_cycle(ROM, 5.3)
     assert caught.value.u == 5.3
@@ -430,6 +434,7 @@ def test_where_there_is_no_cycle_an_exception_says_why(known):
         pd.limit_cycle(pd.Chain(pd.Pipe(0.2, gamma=-20.0, damping=0.01), 3), 1.0)
     with pytest.raises(pd.NoCycle, match="comes back to no state"):
         pd.limit_cycle(ROM, 6.0, pd.simulate(ROM, 6.0, 0.2, bow))
+    monkeypatch.setattr("pipedyn.cycles.PATIENT", 1)
     with pytest.raises(pd.NoCycle, match="from there"):
         pd.limit_cycle(pd.Chain(pd.Pipe(0.2, flow="aspirating"), 3), 0.3)
 

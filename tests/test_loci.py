@@ -58,7 +58,7 @@ def followed_by_tiny_steps(model, speeds, step, count):
 def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
     """Pairs compared by sum and product, which run smoothly where a pair turns real."""
     speeds = np.linspace(0.0, end, 15)
-    expected = followed_by_tiny_steps(model, speeds, 2e-3, 4)
+    expected = followed_by_tiny_steps(model, speeds, 4e-3, 4)
     loci = pd.root_loci(model, speeds, count=4)
     sums, products = loci.eigenvalues + loci.partners, loci.eigenvalues * loci.partners
     np.testing.assert_allclose(sums, expected.sum(axis=2), atol=1e-6)
@@ -67,7 +67,7 @@ def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
 
 @pytest.mark.parametrize(
     "model",
-    [pd.Continuum(PIPE), pd.Chain(PIPE, 20), pd.Chain(PIPE, 100), pd.Galerkin(PIPE, 12)],
+    [pd.Continuum(PIPE), pd.Chain(PIPE, 20), pd.Chain(PIPE, 70), pd.Galerkin(PIPE, 12)],
     ids=["continuum", "chain", "long chain", "beam"],
 )
 def test_branches_do_not_depend_on_the_speeds_asked_for(model):
@@ -82,7 +82,7 @@ def test_branches_do_not_depend_on_the_speeds_asked_for(model):
 
 @pytest.mark.parametrize(
     "model",
-    [pd.Continuum(PIPE), pd.Chain(PIPE, 30), pd.Chain(PIPE, 100)],
+    [pd.Continuum(PIPE), pd.Chain(PIPE, 30), pd.Chain(PIPE, 70)],
     ids=["continuum", "chain", "long chain"],
 )
 def test_a_pair_turns_real_and_back_without_a_jump(model):
@@ -160,7 +160,7 @@ def test_loci_meet_the_printed_benchmark():
 
 @pytest.mark.parametrize("rule", ["consistent", "midpoint"])
 def test_a_long_chains_branches_are_those_of_the_continuous_pipe(rule):
-    speeds = np.linspace(0.0, 9.0, 4)
+    speeds = np.linspace(0.0, 6.0, 3)
     exact = pd.root_loci(pd.Continuum(PIPE), speeds, count=3).eigenvalues
     chain = pd.root_loci(pd.Chain(PIPE, 1000, springs=rule), speeds, count=3).eigenvalues
     np.testing.assert_allclose(chain, exact, rtol=1e-4)
@@ -215,7 +215,7 @@ def test_overdamped_modes_do_not_hide_those_asked_for(damping):
 
 @pytest.mark.parametrize(
     ("pipe", "n", "end", "count"),
-    [(pd.Pipe(0.2, damping=0.05), 80, 14.0, 1), (pd.Pipe(0.2, -100.0), 80, 30.0, 1)],
+    [(pd.Pipe(0.2, damping=0.05), 66, 14.0, 1), (pd.Pipe(0.2, -100.0), 66, 30.0, 1)],
     ids=["damped", "standing"],
 )
 def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(pipe, n, end, count):

@@ -68,7 +68,7 @@ def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
     # The cycle gives way to a torus near u = 8.35 and that to chaos: the largest multipliers and
     # brute force say the same.
     first, second = (
-        pd.lyapunov_exponent(CHAIN, 11.0, duration=40.0, transient=20.0, method=method)
+        pd.lyapunov_exponent(CHAIN, 11.0, duration=25.0, transient=10.0, method=method)
         for method in ("variational", "pair")
     )
     assert first.chaotic

@@ -189,26 +189,26 @@ class Equations:
         y = self.states(orbit)
         jacobians = motion.jacobians(y, orbit.u)
         free = 1 if row is None else 2
-        whole = np.zeros((self.unknowns + free, self.unknowns + free))
-        blocks = np.zeros((count, width, count, width))
-        own = np.arange(width)
+        n = self.unknowns
+        whole = np.zeros((n + free, n + free))
+        rows = whole[:n].reshape(count, width, n + free)[:, :, :n]
+        one = np.eye(width)[:, None]
         if motion.tied:
-            blocks[:, own, :, own] += omega * phases.first
             for j, jacobian in enumerate(jacobians):
-                blocks[j, :, j, :] -= jacobian
+                block = (omega * phases.first[j])[:, None] * one
+                block[:, j] -= jacobian
+                rows[j] = block.reshape(width, n)
             by_frequency = phases.first @ orbit.z
         else:
-            blocks[:, own, :, own] += omega**2 * phases.second
-            for j, jacobian in enumerate(jacobians):
-                by_rate = omega * jacobian[half:, half:]
-                blocks[j] -= by_rate[:, None, :] * phases.first[j][None, :, None]
-                blocks[j, :, j, :] -= jacobian[half:, :half]
             rates = phases.first @ orbit.z
             by_frequency = 2.0 * omega * (phases.second @ orbit.z)
             for j, jacobian in enumerate(jacobians):
-                by_frequency[j] -= jacobian[half:, half:] @ rates[j]
-        n = self.unknowns
-        whole[:n, :n] = blocks.reshape(n, n)
+                by_rate = jacobian[half:, half:]
+                block = (omega**2 * phases.second[j])[:, None] * one
+                block -= (omega * phases.first[j])[:, None] * by_rate[:, None]
+                block[:, j] -= jacobian[half:, :half]
+                rows[j] = block.reshape(width, n)
+                by_frequency[j] -= by_rate @ rates[j]
         whole[:n, n] = by_frequency.ravel()
         whole[n, :n] = turning.ravel()
         if row is not None:

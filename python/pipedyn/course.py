@@ -47,16 +47,16 @@ class _Radau:
         x[-1] = 1.0
         self.waves = np.linalg.inv(legendre.legvander(x, stages - 1))
         self.nodes: Array = 0.5 * (x + 1.0)
+        self._rises = {
+            times: 0.5**times * legendre.legint(self.waves, times, lbnd=-1.0) for times in (1, 2)
+        }
         self.once = self.integrals(self.nodes, 1)
         self.twice = self.once @ self.once
 
     def integrals(self, at: Array, times: int) -> Array:
         """Integrals from 0, once or twice, of the polynomials through values, shape (k, s)."""
-        whole = np.stack(
-            [legendre.legint(row, times, lbnd=-1.0) for row in np.eye(self.nodes.size)]
-        )
-        table = 0.5**times * legendre.legval(2.0 * at - 1.0, whole.T)
-        found: Array = table.T @ self.waves
+        rises = self._rises[times]
+        found: Array = legendre.legvander(2.0 * at - 1.0, len(rises) - 1) @ rises
         return found
 
 
