@@ -9,7 +9,9 @@ import pytest
 
 import pipedyn as pd
 from pipedyn.choose import DEFAULT
+from pipedyn.families import FAMILIES
 from pipedyn.quantity import Answer
+from pipedyn.search import predicted, price
 
 PIPE = pd.Pipe(0.2)
 DAMPED = pd.Pipe(0.2, damping=1e-3)
@@ -132,6 +134,35 @@ def test_a_pair_of_chains_is_chosen_where_only_pairs_are_asked():
     assert choice.model.dof == 2 * choice.size
     assert choice.row.dof == 3 * choice.size
     assert choice.error <= 1e-3
+
+
+# ----------------------------------------------------------------------------- laws of the search
+
+
+@pytest.mark.parametrize(
+    ("family", "known", "aim", "size"),
+    [
+        ("consistent", {10: 4e-3}, 1e-3, 20.0),
+        ("consistent", {10: 1e-2}, 1e-6, 30.0),
+        ("consistent", {20: 1e-4}, 4e-4, 10.0),
+        ("consistent", {8: 0.9}, 1e-3, 12.0),
+        ("consistent", {10: 8e-3, 20: 1e-3}, 1e-3 / 8.0, 40.0),
+        ("legendre", {6: 1e-2, 8: 1e-4}, 1e-6, 10.0),
+        ("legendre", {6: 1e-2, 8: 1e-4}, 1e-3, 7.0),
+        ("legendre", {6: math.inf, 8: 1e-4}, 1e-19, 14.0),
+        ("rayleigh", {4: 3e-2, 8: 1.5e-2, 16: 1.45e-2, 32: 1.44e-2}, 1e-3, math.inf),
+    ],
+)
+def test_a_size_is_predicted_by_the_law_that_known_errors_follow(family, known, aim, size):
+    """Order 2, or 3 where two tell so; one decade a function; no law above an error of 0.5."""
+    assert predicted(FAMILIES[family], known, aim) == pytest.approx(size, rel=1e-12)
+
+
+def test_a_price_grows_as_known_times_do_and_by_the_least_power_at_the_least():
+    assert price({}, 8, 1.5) == 0.0
+    assert price({4: 1.0}, 8, 1.5) == pytest.approx(2.0**1.5)
+    assert price({4: 1.0, 8: 4.0}, 16, 0.0) == pytest.approx(4.0 * 2.0**1.4)
+    assert price({4: 1.0, 8: 1.0}, 16, 1.0) == pytest.approx(2.0)
 
 
 # ------------------------------------------------------------------------------------------ luck

@@ -46,7 +46,7 @@ FALLING = 0.3
 """Share of a family's order below which its errors do not fall as they should."""
 
 NEAR = 0.7
-"""Share of the expected size with which a nonlinear search begins, as larger models are dearer."""
+"""Share of an expected size with which a nonlinear answer may do; larger models are dearer."""
 
 CHEAP = 12
 """Size up to which a nonlinear answer of any family may be measured to learn its price."""
@@ -171,22 +171,25 @@ class Search:
     def cheapest(self, tolerance: float) -> TradeRow | None:
         """The cheapest row that meets a tolerance."""
         expected = {family: self._expected(family, tolerance) for family in self.families}
+        first = self.reference.family
 
         def turn(family: Family) -> tuple[bool, float]:
-            return family.name != self.reference.family, family.dof(1) * expected[family]
+            return family.name != first, family.dof(1) * expected[family]
 
-        expected = {family: expected[family] for family in sorted(expected, key=turn)}
         ask = self._look_up if self.quantity.is_linear else self._try_out
-        ask(expected, tolerance)
+        ask({family: expected[family] for family in sorted(expected, key=turn)}, tolerance)
         good = [row for row in self.rows.values() if self.bound(row) <= tolerance]
         return min(good, key=lambda row: row.seconds, default=None)
 
     def _expected(self, family: Family, tolerance: float) -> float:
-        """About the size that the tolerance takes."""
+        """About the size that the tolerance takes; of nonlinear questions the least that may do."""
+        if family.name == self.reference.family:
+            return predicted(family, dict(self.reference.grown), AIM * tolerance)
         if self.quantity.is_spoilt(self.pipe, family.name):
             return math.inf
         wave = math.pi if self.wave is None else self.wave
-        return max(expected_size(family, wave, tolerance), float(self.quantity.least))
+        share = 1.0 if self.quantity.is_linear else NEAR
+        return max(share * expected_size(family, wave, tolerance), float(self.quantity.least))
 
     def _largest(self, family: Family) -> int:
         most = self.quantity.most
@@ -205,19 +208,13 @@ class Search:
             limit: seconds that an answer may take.
         """
         most, least = self._largest(family), self.quantity.least
-        known = dict(self.reference.grown) if family.name == self.reference.family else {}
-        wild = expected > 3.0 * most and not known
-        if most < least or (wild and (family.order < math.inf or not self.quantity.is_linear)):
+        if most < least or expected > 3.0 * most:
             about = f", and {expected:.0f} are expected" if math.isfinite(expected) else ""
             self.left[family.name] = f"more than size {most} is needed{about}"
             return None
-        wanted = expected
-        if known:
-            wanted = predicted(family, known, AIM * tolerance)
-        elif not self.quantity.is_linear:
-            wanted = NEAR * expected
-        start = wanted if known or self.quantity.is_linear else min(wanted, CHEAP)
-        size = math.ceil(min(max(start, least), most))
+        known = dict(self.reference.grown) if family.name == self.reference.family else {}
+        wanted = min(max(expected, least), most)
+        size = math.ceil(wanted if known or self.quantity.is_linear else min(wanted, CHEAP))
         good, bad = None, least - 1
         for _ in range(STEPS):
             why = self._dearer(family, max(size, math.ceil(min(wanted, most))), room, limit)
@@ -270,7 +267,7 @@ class Search:
         for _ in range(TRIES):
             if size > self._largest(family):
                 break
-            if size > LONG:
+            if size > LONG and self.quantity.is_linear:
                 tested = self.measure(family, min(size // 2, 2 * LONG))
                 seconds = price({tested.size: tested.seconds}, size, 1.5)
                 if seconds > PATIENCE:
