@@ -119,7 +119,7 @@ def true_answer(case, quantity):
         loci = pd.root_loci(sharp, quantity.speeds, quantity.count)
         return Reference(Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1)), 0.0, "")
     sizes = SHARP[quantity.is_linear]
-    sharp = quantity.sharpened(1e-2 * case.tolerances[-1])
+    sharp = quantity.sharpened(1e-2 * min(case.tolerances[-1], 1e-3))
     answers = [sharp.answer(pd.Galerkin(case.pipe, size, "legendre")) for size in sizes]
     return Reference(answers[-1], quantity.distance(answers[0], answers[-1]), "")
 
@@ -165,12 +165,12 @@ def hold(case, tally):
         begun = clock()
         try:
             choice, search = searched(case, tolerance, 3 if linear else 1)
+            quantity = choice.quantity
+            truth = truth or true_answer(case, quantity)
         except pd.PipedynError as refused:
             told = f"{type(refused).__name__}: {refused} ({clock() - begun:.1f} s)"
             print(f"| {case.title} | {tolerance:g} | {told} | | | | | {case.pipe!r} |", flush=True)
             continue
-        quantity = choice.quantity
-        truth = truth or true_answer(case, quantity)
         error = quantity.distance(quantity.answer(choice.model), truth.answer)
 
         def again(row, choice=choice):

@@ -139,10 +139,9 @@ def choose(
 
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
     that is known ten times as well. A motion or cycle is integrated as sharply as the tolerance
-    asks for. For linear questions the whole search takes 2 to 11 times as long as an answer of the
-    model chosen (96 searches on 8 random pipes: tests/benchmark_choose.py). The reference of a
-    motion or a cycle is itself several of larger models: 10 to 20 times, and 100 times for an
-    aspirating pipe under drag alone.
+    asks for. The whole search takes, in answers of the model chosen, 3 to 11 for linear questions
+    (96 searches on 8 random pipes: tests/benchmark_choose.py), 7 to 17 for motions (48 on 8), 4 to
+    18 for cycles, and for an aspirating pipe under drag alone 13 to 29.
 
     Args:
         pipe: the pipe.

@@ -404,6 +404,7 @@ class RootLociOver(Quantity):
     """
 
     name: ClassVar[str] = "root_loci"
+    is_even: ClassVar[bool] = True
     speeds: ArrayLike
     count: int = 4
 
@@ -446,6 +447,9 @@ class RootLociOver(Quantity):
         pencil = pencil_of(model)
         values = np.stack([lowest(pencil, float(self.speeds[row]), count).values for row in rows])
         return self.distance(Answer(values), replace(answer, values=answer.values[rows]))
+
+    def room(self, dof: int) -> float:
+        return 0.5 * dof
 
     def wave(self, pipe: Pipe, answer: Answer) -> float | None:
         assert isinstance(self.speeds, np.ndarray)

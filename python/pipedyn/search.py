@@ -173,8 +173,9 @@ class Search:
         expected = {family: self._expected(family, tolerance) for family in self.families}
         first = self.reference.family
 
-        def turn(family: Family) -> tuple[bool, float]:
-            return family.name != first, family.dof(1) * expected[family]
+        def turn(family: Family) -> tuple[bool, bool, float]:
+            stalls = family.order == 0.0
+            return family.name != first, stalls, family.dof(1) * expected[family]
 
         ask = self._look_up if self.quantity.is_linear else self._try_out
         ask({family: expected[family] for family in sorted(expected, key=turn)}, tolerance)
@@ -230,6 +231,8 @@ class Search:
             last = most if good is None else good - 1
             if wanted == math.inf or bad >= last:
                 break
+            if known[size] == math.inf and limit < PATIENCE:
+                break  # To fail may cost more than the answers that others gave.
             size = min(max(math.ceil(wanted), bad + 1), last)
             if good is not None and size > LESS * good:
                 break
