@@ -139,9 +139,10 @@ def choose(
 
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
     that is known ten times as well. A motion or cycle is integrated as sharply as the tolerance
-    asks for. The whole search takes, in answers of the model chosen, 3 to 11 for linear questions
-    (96 searches on 8 random pipes: tests/benchmark_choose.py), 7 to 17 for motions (48 on 8), 4 to
-    18 for cycles, and for an aspirating pipe under drag alone 13 to 29.
+    asks for. The whole search takes, in answers of the model chosen, 3 to 9 for linear questions
+    (96 searches on 8 random pipes: tests/benchmark_choose.py), 4 to 9 for cycles, of chains to 18,
+    and some 10 for motions, to 25 where an answer takes a few milliseconds. For motions of an
+    aspirating pipe under drag alone the reference is dear: 13 to 29.
 
     Args:
         pipe: the pipe.
