@@ -1,140 +1,215 @@
 # SPDX-License-Identifier: MIT
 """What `choose` promises, on random pipes: its error against a sharper answer, its cost by hand.
 
-    python tests/benchmark_choose.py [pipes] [seed]
+    python tests/benchmark_choose.py [pipes] [seed] [question ...]
 
-For each pipe, linear quantity and tolerance it prints the model chosen, its true error (against the
-continuous pipe, with more functions than any that the search has seen), its time, the time of the
-cheapest model tried by hand (every spring rule and both bases, sizes up to 200) that is as good,
-and the time of the whole search. It fails if a true error is above its tolerance. Times are
-processor times of one thread, each the least of several.
+For each pipe, question and tolerance it prints the model chosen, its true error, its time, the time
+of the cheapest model tried by hand that is as good, and the time of the whole search. The truth has
+more functions than any that the search has seen: of a linear question the continuous pipe's, of a
+motion or a cycle those of SHARP functions, whose own error stands in brackets. By hand are tried
+all spring rules and both bases of a linear question; of motions and cycles the families that
+`choose` tries where none are named, and all spring rules where it is asked for chains: bases of
+about as many functions as it chose, and chains until they are dear. It fails if a true
+error is above its tolerance. Times are processor times of one thread, each the least of
+three, of a nonlinear search the only one.
 """
 
 import math
 import sys
 import warnings
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 import pipedyn as pd
+from pipedyn.choose import DEFAULT
 from pipedyn.families import FAMILIES, RULES
-from pipedyn.quantity import Answer
+from pipedyn.quantity import Answer, Reference
 from pipedyn.trade import clock, measured
 
-TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8)
 HAND = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 40, 64, 100, 200)
+CHAINS = (3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 100, 128, 160, 200)
 DEAR = 0.15
 """Seconds of an answer after which a family is not tried by hand further."""
 
-SHARP = 48
-"""Legendre functions of the truth."""
+SHARP = {True: (48,), False: (18, 24)}
+"""Legendre functions of the truth: of linear questions, and of others with the step before."""
 
 
-def random_pipe(rng):
+@dataclass(frozen=True)
+class Case:
+    """A question to a pipe, with the tolerances asked for and the families to choose among."""
+
+    pipe: pd.Pipe
+    name: str
+    conditions: dict
+    tolerances: tuple = (1e-2, 1e-4, 1e-6, 1e-8)
+    among: str | None = None
+
+    @property
+    def title(self):
+        return self.name + (f" ({self.among})" if self.among else "")
+
+
+@dataclass
+class Tally:
+    """What is told at the end: for each question the ratios of all its cases."""
+
+    dearer: dict = field(default_factory=dict)
+    longer: dict = field(default_factory=dict)
+    failures: list = field(default_factory=list)
+
+    def add(self, case, ratio, share):
+        self.dearer.setdefault(case.title, []).append(ratio)
+        self.longer.setdefault(case.title, []).append(share)
+
+    def show(self):
+        print()
+        for name in self.dearer:
+            a, b = np.array(self.dearer[name]), np.array(self.longer[name])
+            print(
+                f"{name}: cost / cheapest by hand: median {np.median(a):.2f}, "
+                f"largest {a.max():.2f}, above 2: {np.sum(a > 2.0)} of {a.size}; "
+                f"search / answer: median {np.median(b):.1f}, largest {b.max():.1f}, "
+                f"above 10: {np.sum(b > 10.0)}"
+            )
+        for failure in self.failures:
+            print(f"FAILED {failure}")
+
+
+def random_pipe(rng, least_damping=0.0):
     """beta in [0.02, 0.98], gamma in [-5, 60], both flows; some damping where it aspirates."""
     flow = str(rng.choice(["ejecting", "aspirating"], p=[0.65, 0.35]))
     damping = 10.0 ** rng.uniform(-3.0, np.log10(0.05))
     if flow == "ejecting" and rng.random() < 0.5:
-        damping = 0.0
+        damping = least_damping
     return pd.Pipe(rng.uniform(0.02, 0.98), rng.uniform(-5.0, 60.0), flow=flow, damping=damping)
 
 
-def questions(rng, pipe, loss):
-    """Linear questions to a pipe that loses stability at a speed."""
-    u = rng.uniform(0.2, 1.2) * min(loss, 15.0)
+def linear_cases(rng):
+    """Of one pipe that loses stability at a speed."""
+    pipe = random_pipe(rng)
+    u = rng.uniform(0.2, 1.2) * min(pd.critical_speed(pd.Continuum(pipe)).speed, 15.0)
     speeds = np.linspace(0.0, max(u, 0.5), 21)
-    return {
-        "critical_speed": {},
-        "frequencies": {"u": u, "count": int(rng.integers(1, 7))},
-        "root_loci": {"speeds": speeds, "count": int(rng.integers(1, 5))},
-    }
+    yield Case(pipe, "critical_speed", {})
+    yield Case(pipe, "frequencies", {"u": u, "count": int(rng.integers(1, 7))})
+    yield Case(pipe, "root_loci", {"speeds": speeds, "count": int(rng.integers(1, 5))})
 
 
-def by_hand(pipe, quantity, reference):
-    """Rows of every family, sizes growing until they are dear."""
-    rows = []
-    for name in (*RULES, "beam", "legendre"):
-        family = FAMILIES[name]
-        for size in HAND:
+def nonlinear_cases(rng):
+    """Of one damped pipe, half of them with drag: below and beyond its loss of stability."""
+    pipe = random_pipe(rng, least_damping=1e-3)
+    if rng.random() < 0.5:
+        pipe = replace(pipe, drag=10.0 ** rng.uniform(-1.0, 1.0))
+    loss = pd.critical_speed(pd.Continuum(pipe)).speed
+    motion = {"u": rng.uniform(0.5, 1.2) * loss, "duration": rng.uniform(1.0, 4.0)}
+    cycle = {"u": rng.uniform(1.03, 1.3) * loss}
+    yield Case(pipe, "motion", motion, (1e-2, 1e-3, 1e-4, 1e-6))
+    yield Case(pipe, "motion", motion, (1e-1, 1e-2), "chain")
+    yield Case(pipe, "limit_cycle", cycle, (1e-2, 1e-3, 1e-4, 1e-6)[: 3 if pipe.drag else 4])
+    yield Case(pipe, "limit_cycle", cycle, (1e-1,), "chain")
+
+
+def true_answer(case, quantity):
+    """Of functions beyond those of the search, and its own error."""
+    if quantity.name == "critical_speed":
+        return Reference(quantity.answer(pd.Continuum(case.pipe)), 0.0, "")
+    if quantity.name == "root_loci":
+        sharp = pd.Galerkin(case.pipe, SHARP[True][-1], "legendre")
+        loci = pd.root_loci(sharp, quantity.speeds, quantity.count)
+        return Reference(Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1)), 0.0, "")
+    sizes = SHARP[quantity.is_linear]
+    sharp = quantity.sharpened(1e-2 * min(case.tolerances[-1], 1e-3))
+    answers = [sharp.answer(pd.Galerkin(case.pipe, size, "legendre")) for size in sizes]
+    return Reference(answers[-1], quantity.distance(answers[0], answers[-1]), "")
+
+
+def least_by_hand(case, choice, truth, tolerance, most):
+    """The cheapest row of all families and sizes, tried until they are dear."""
+    quantity = choice.quantity
+    names = (*RULES, "beam", "legendre")
+    if not quantity.is_linear:
+        names = tuple(RULES) if case.among else DEFAULT
+    good = []
+    for name in names:
+        sizes = HAND
+        if not quantity.is_linear:
+            near = range(max(2, choice.size - 3), choice.size + 5)
+            sizes = CHAINS if name in RULES else near
+        for size in sizes:
             if size < quantity.least or (name == "legendre" and size > 64):
                 continue
-            row = measured(pipe, quantity, family, size, reference, 1)
-            rows.append(row)
-            if row.seconds > DEAR:
+            row = measured(case.pipe, quantity, FAMILIES[name], size, truth, 1)
+            if row.error <= tolerance:
+                good.append(row)
+            if row.seconds > (DEAR if quantity.is_linear else 1.5 * most):
                 break
-    return rows
+    return min(good, key=lambda row: row.seconds, default=None)
 
 
-def truth(quantity, pipe, chosen):
-    """Error against Legendre functions beyond those of the search, followed where need be."""
-    sharp = pd.Galerkin(pipe, SHARP, "legendre")
-    if quantity.name == "critical_speed":
-        exact = quantity.answer(pd.Continuum(pipe))
-    elif quantity.name == "root_loci":
-        loci = pd.root_loci(sharp, quantity.speeds, quantity.count)
-        exact = Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1))
-    else:
-        exact = quantity.answer(sharp)
-    return quantity.distance(quantity.answer(chosen), exact)
+def searched(case, tolerance, repeats):
+    """The choice, and the least time of the search."""
+    seconds = math.inf
+    for _ in range(repeats):
+        begun = clock()
+        choice = pd.choose(case.pipe, case.name, tolerance, among=case.among, **case.conditions)
+        seconds = min(seconds, clock() - begun)
+    return choice, seconds
+
+
+def hold(case, tally):
+    """A case's choices against the truth and against the models tried by hand."""
+    truth = None
+    for tolerance in case.tolerances:
+        linear = case.name not in ("motion", "limit_cycle")
+        begun = clock()
+        try:
+            choice, search = searched(case, tolerance, 3 if linear else 1)
+            quantity = choice.quantity
+            truth = truth or true_answer(case, quantity)
+        except pd.PipedynError as refused:
+            told = f"{type(refused).__name__}: {refused} ({clock() - begun:.1f} s)"
+            print(f"| {case.title} | {tolerance:g} | {told} | | | | | {case.pipe!r} |", flush=True)
+            continue
+        error = quantity.distance(quantity.answer(choice.model), truth.answer)
+
+        def again(row, choice=choice):
+            family = FAMILIES[row.family]
+            return measured(case.pipe, choice.quantity, family, row.size, choice.reference, 3)
+
+        best = again(choice.row).seconds  # afresh, as the search itself takes each once
+        least = least_by_hand(case, choice, truth, tolerance, best) or choice.row
+        by_hand = again(least).seconds
+        ratio, share = best / by_hand, search / best
+        tally.add(case, ratio, share)
+        flag = " WRONG" if error > tolerance else ""
+        if error > tolerance:
+            tally.failures.append(f"{case.title} {tolerance:g} {case.pipe!r}: {error:.1e}")
+        flag += " DEAR" if ratio > 2.0 else ""
+        flag += " LONG" if share > 10.0 else ""
+        own = f" ({truth.error:.0e})" if truth.error else ""
+        print(
+            f"| {case.title} | {tolerance:g} | {choice.family} {choice.size} | {error:.1e}{own}"
+            f"{flag} | {1e3 * best:.2f} | {least.family} {least.size}: {1e3 * by_hand:.2f} "
+            f"({ratio:.2f}) | {share:.1f} | {case.pipe!r} |",
+            flush=True,
+        )
 
 
 def main():
-    pipes, seed = (int(word) for word in [*sys.argv[1:], *("20", "1")[len(sys.argv) - 1 :]])
-    rng = np.random.default_rng(seed)
-    failures, dearer, longer = [], {}, {}
-    print("| quantity | tolerance | chosen | true error | ms | by hand | search / answer | pipe |")
+    pipes, seed = (int(word) for word in [*sys.argv[1:3], *("20", "1")[len(sys.argv) - 1 :]])
+    asked = sys.argv[3:]
+    tally = Tally()
+    print("| question | tolerance | chosen | true error | ms | by hand | search / answer | pipe |")
     print("|---|---|---|---|---|---|---|---|")
-    for _ in range(pipes):
-        pipe = random_pipe(rng)
-        loss = pd.critical_speed(pd.Continuum(pipe)).speed
-        for name, conditions in questions(rng, pipe, loss).items():
-            hand = None
-            for tolerance in TOLERANCES:
-                search = math.inf
-                for _ in range(3 if name == "frequencies" else 1):
-                    begun = clock()
-                    choice = pd.choose(pipe, name, tolerance, **conditions)
-                    search = min(search, clock() - begun)
-                if hand is None:
-                    hand = by_hand(pipe, choice.quantity, choice.quantity.reference(pipe, 1e-10))
-                error = truth(choice.quantity, pipe, choice.model)
-                # Time of both afresh, as the search itself takes each once.
-                best = measured(
-                    pipe, choice.quantity, FAMILIES[choice.family], choice.size, choice.reference, 3
-                ).seconds
-                good = [row for row in hand if row.error <= tolerance] or [choice.row]
-                least = min(good, key=lambda row: row.seconds)
-                again = measured(
-                    pipe, choice.quantity, FAMILIES[least.family], least.size, choice.reference, 3
-                ).seconds
-                ratio, share = best / again, search / best
-                dearer.setdefault(name, []).append(ratio)
-                longer.setdefault(name, []).append(share)
-                flag = ""
-                if error > tolerance:
-                    failures.append(f"{name} {tolerance:g} {pipe!r}: {error:.1e}")
-                    flag = " WRONG"
-                told = f"{choice.family} {choice.size}"
-                other = f"{least.family} {least.size}: {1e3 * again:.2f} ({ratio:.2f})"
-                flag += " DEAR" if ratio > 2.0 else ""
-                flag += " LONG" if share > 10.0 else ""
-                print(
-                    f"| {name} | {tolerance:g} | {told} | {error:.1e}{flag} | {1e3 * best:.2f} | "
-                    f"{other} | {share:.1f} | {pipe!r} |",
-                    flush=True,
-                )
-    print()
-    for name in dearer:
-        a, b = np.array(dearer[name]), np.array(longer[name])
-        print(
-            f"{name}: cost / cheapest by hand: median {np.median(a):.2f}, largest {a.max():.2f}, "
-            f"above 2: {np.sum(a > 2.0)} of {a.size}; "
-            f"search / answer: median {np.median(b):.1f}, largest {b.max():.1f}, "
-            f"above 10: {np.sum(b > 10.0)}"
-        )
-    for failure in failures:
-        print(f"FAILED {failure}")
-    return 1 if failures else 0
+    for cases in (linear_cases, nonlinear_cases):
+        rng = np.random.default_rng(seed)
+        for _ in range(pipes):
+            for case in cases(rng):
+                if not asked or case.name in asked:
+                    hold(case, tally)
+    tally.show()
+    return 1 if tally.failures else 0
 
 
 if __name__ == "__main__":

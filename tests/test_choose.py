@@ -9,7 +9,9 @@ import pytest
 
 import pipedyn as pd
 from pipedyn.choose import DEFAULT
+from pipedyn.families import FAMILIES
 from pipedyn.quantity import Answer
+from pipedyn.search import predicted, price
 
 PIPE = pd.Pipe(0.2)
 DAMPED = pd.Pipe(0.2, damping=1e-3)
@@ -80,6 +82,27 @@ def test_the_true_error_of_a_motion_is_below_the_tolerance():
     assert asked.rtol == pytest.approx(1e-5)
 
 
+def test_a_motion_sets_out_from_the_least_damped_mode_where_higher_ones_crowd():
+    """delta = 0.01: eight modes are more than lie below |lambda| = 1 / delta = 100."""
+    pipe = pd.Pipe(0.6, 30.0, flow="aspirating", damping=0.01)
+    choice = pd.choose(pipe, "motion", 1e-2, u=0.1, duration=1.0)
+    exact = pd.modes(pd.Continuum(pipe), 0.1, 2).shapes[0]
+    shape = exact.coordinates / exact(np.ones(1))[0]
+    s = np.linspace(0.0, 1.0, 9)
+    start = exact.model.functions(s, 1) @ (0.05 * shape.real)
+    assert choice.quantity.start(s) == pytest.approx(start, abs=1e-9)
+
+
+def test_legendre_functions_are_not_tried_where_they_spoil_a_motion():
+    """The highest of an undamped aspirating pipe grow faster than the pipe, by size."""
+    pipe = pd.Pipe(0.4, 10.0, flow="aspirating", drag=2.0)
+    choice = pd.choose(pipe, "motion", 2e-2, u=1.0, duration=1.0, among="reduced")
+    assert choice.family == "beam"
+    assert choice.reference.family == "beam"
+    exact = choice.quantity.sharpened(1e-4).answer(pd.Galerkin(pipe, 8, "beam"))
+    assert choice.quantity.distance(choice.quantity.answer(choice.model), exact) <= 2e-2
+
+
 def test_the_true_error_of_a_cycle_is_below_the_tolerance():
     """0.262918 and 13.69632: physics.md, section 7."""
     choice = pd.choose(DAMPED, "limit_cycle", 1e-2, among=["legendre", "beam"], u=6.0)
@@ -111,6 +134,35 @@ def test_a_pair_of_chains_is_chosen_where_only_pairs_are_asked():
     assert choice.model.dof == 2 * choice.size
     assert choice.row.dof == 3 * choice.size
     assert choice.error <= 1e-3
+
+
+# ----------------------------------------------------------------------------- laws of the search
+
+
+@pytest.mark.parametrize(
+    ("family", "known", "aim", "size"),
+    [
+        ("consistent", {10: 4e-3}, 1e-3, 20.0),
+        ("consistent", {10: 1e-2}, 1e-6, 30.0),
+        ("consistent", {20: 1e-4}, 4e-4, 10.0),
+        ("consistent", {8: 0.9}, 1e-3, 12.0),
+        ("consistent", {10: 8e-3, 20: 1e-3}, 1e-3 / 8.0, 40.0),
+        ("legendre", {6: 1e-2, 8: 1e-4}, 1e-6, 10.0),
+        ("legendre", {6: 1e-2, 8: 1e-4}, 1e-3, 7.0),
+        ("legendre", {6: math.inf, 8: 1e-4}, 1e-19, 14.0),
+        ("rayleigh", {4: 3e-2, 8: 1.5e-2, 16: 1.45e-2, 32: 1.44e-2}, 1e-3, math.inf),
+    ],
+)
+def test_a_size_is_predicted_by_the_law_that_known_errors_follow(family, known, aim, size):
+    """Order 2, or 3 where two tell so; one decade a function; no law above an error of 0.5."""
+    assert predicted(FAMILIES[family], known, aim) == pytest.approx(size, rel=1e-12)
+
+
+def test_a_price_grows_as_known_times_do_and_by_the_least_power_at_the_least():
+    assert price({}, 8, 1.5) == 0.0
+    assert price({4: 1.0}, 8, 1.5) == pytest.approx(2.0**1.5)
+    assert price({4: 1.0, 8: 4.0}, 16, 0.0) == pytest.approx(4.0 * 2.0**1.4)
+    assert price({4: 1.0, 8: 1.0}, 16, 1.0) == pytest.approx(2.0)
 
 
 # ------------------------------------------------------------------------------------------ luck
@@ -172,6 +224,17 @@ def test_the_papers_rule_meets_no_tolerance_below_its_limit():
 def test_a_pipe_that_never_loses_stability_has_no_model():
     with pytest.raises(pd.NoCrossing):
         pd.choose(PIPE, "critical_speed", 1e-2, max_speed=5.0)
+
+
+def test_an_answer_that_is_not_known_so_well_is_refused_before_any_model_is_measured():
+    """A kink in the start, of which Legendre functions leave errors that fall as powers."""
+
+    def kinked(s):
+        return np.where(s < 0.37, 0.0, 0.3)
+
+    with pytest.raises(pd.NoModel, match="no model can be shown to meet an error of 1e-06") as told:
+        pd.choose(DAMPED, "motion", 1e-6, u=2.0, duration=0.02, start=kinked)
+    assert told.value.tried == ()
 
 
 # ------------------------------------------------------------------------------ how it is shown

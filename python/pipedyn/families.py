@@ -62,8 +62,9 @@ def expected_size(family: Family, wave: float, tolerance: float) -> float:
     """About the size at which a family carries a wave to a tolerance; infinite where none does.
 
     Of Legendre functions by what they leave of a wave, its share j_(m-1)(k / 2)^2; of chains of
-    second order by the error of a discrete beam's frequency, (k / n)^2 / 24. The others are fitted
-    to critical speeds of pipes at beta = 0.2 to 0.95: within a factor of two or so.
+    second order, and of the paper's down to its limit, by the error of a discrete beam's frequency,
+    (k / n)^2 / 24. The others are fitted to critical speeds of pipes at beta = 0.2 to 0.95: within
+    a factor of two or so.
 
     Args:
         family: of models.
@@ -76,13 +77,13 @@ def expected_size(family: Family, wave: float, tolerance: float) -> float:
         enough &= sizes > 0.5 * wave  # there the share falls, before it swings
         fits = sizes[enough]
         return float(fits[0]) if fits.size else math.inf
-    if family.order == 0.0:
-        return 4.0 if tolerance > PAPERS_LIMIT else math.inf
+    if family.order == 0.0 and tolerance <= PAPERS_LIMIT:
+        return math.inf
     if family.name == "beam":
         return max(wave / 9.0 / math.sqrt(math.sqrt(tolerance)), wave / math.pi)
     if family.order == 1.0:
         return 0.1 * wave / tolerance
-    if family.order == 2.0:
+    if family.order in (0.0, 2.0):
         return wave / math.sqrt(24.0 * tolerance)
     return 0.14 * wave / math.sqrt(math.sqrt(tolerance))
 

@@ -25,7 +25,7 @@ from pipedyn.continuum import AnyModel, Continuum
 from pipedyn.critical import checked_end, critical_speed
 from pipedyn.cycles import LARGEST_CYCLE, limit_cycle
 from pipedyn.faint import is_faint
-from pipedyn.families import FAMILIES, expected_size
+from pipedyn.families import FAMILIES, Family, expected_size
 from pipedyn.galerkin import Galerkin
 from pipedyn.modal import CONTINUUM_SPEED, modes, root_loci
 from pipedyn.model import Model, NotConverged, PipedynError
@@ -51,11 +51,14 @@ ALIKE = 1e-5
 STEP = 8
 """By how many functions a linear reference grows."""
 
-FIRST, MOST = 8, 20
-"""Legendre functions of the first and the last nonlinear reference."""
+FIRST, MOST = 6, 20
+"""Legendre functions of the first nonlinear reference at the least, and of the last."""
 
-BEAM_MODES = (8, 12, 18, 27)
-"""Sizes of beam modes, for pipes whose motion Legendre functions spoil; 27 take ten seconds."""
+BEAM_MODES: tuple[int, ...] = (4, 6, 8, 11, 15, 20, 27)
+"""Sizes of beam modes, for motions that Legendre functions spoil; 27 take ten seconds."""
+
+STARTING = 24
+"""Legendre functions at the least for the mode from which a motion sets out."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +89,15 @@ class Reference:
         answer: the numbers.
         error: bound on their error, relative: by what the last growth of the model moved them.
         source: which model gave it.
+        family: of the smaller models that it grew from.
+        grown: their sizes and errors.
     """
 
     answer: Answer = field(repr=False)
     error: float
     source: str
+    family: str = ""
+    grown: tuple[tuple[int, float], ...] = field(default=(), repr=False)
 
 
 class Quantity(ABC):
@@ -136,6 +143,10 @@ class Quantity(ABC):
         """Largest wave number that an answer takes, in 1 / L, where that is known."""
         return None
 
+    def is_spoilt(self, pipe: Pipe, family: str) -> bool:
+        """Whether a family's answers do not come near a pipe's as it grows."""
+        return False
+
     @property
     def floor(self) -> float:
         """Error below which answers differ by how they were solved, not by their models."""
@@ -144,7 +155,7 @@ class Quantity(ABC):
     def room(self, dof: int) -> float:
         """Degrees of freedom beyond which other models' answers cost no less, but for some noise.
 
-        Linear answers of few degrees of freedom cost alike, those of many more always more.
+        Linear answers and cycles of few degrees of freedom cost alike, of many more always more.
         """
         return max(1.5 * dof, dof + 3.0)
 
@@ -393,6 +404,7 @@ class RootLociOver(Quantity):
     """
 
     name: ClassVar[str] = "root_loci"
+    is_even: ClassVar[bool] = True
     speeds: ArrayLike
     count: int = 4
 
@@ -436,20 +448,27 @@ class RootLociOver(Quantity):
         values = np.stack([lowest(pencil, float(self.speeds[row]), count).values for row in rows])
         return self.distance(Answer(values), replace(answer, values=answer.values[rows]))
 
+    def room(self, dof: int) -> float:
+        return 0.5 * dof
+
     def wave(self, pipe: Pipe, answer: Answer) -> float | None:
         assert isinstance(self.speeds, np.ndarray)
         return _largest_wave(pipe, float(self.speeds[-1]), answer.values[-1])
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         assert isinstance(self.speeds, np.ndarray)
-        first = max(16, 3 * self.count, math.ceil(float(self.speeds[-1])))
+        fastest = float(self.speeds[-1])
+        wave = _wave(pipe, fastest, 1j * (math.pi * (self.count + 0.5)) ** 2)
+        expected = max(expected_size(FAMILIES["legendre"], wave, tolerance), self.count + 2.0)
+        first = int(min(expected, max(FEWEST, 3 * self.count, math.ceil(fastest))))
         for size in range(first, first + 5 * STEP, STEP):
             loci = root_loci(Galerkin(pipe, size, "legendre"), self.speeds, self.count)
             values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
             answer = Answer(values, damping=pipe.damping)
             pencil = pencil_of(Galerkin(pipe, size + STEP, "legendre"))
             every = np.stack([lowest(pencil, float(u)).values for u in self.speeds])
-            error = self.distance(Answer(every), answer)
+            # Beside roots that crowd the larger may leave as much as it moved these at most.
+            error = 2.0 * self.distance(Answer(every), answer)
             if error <= tolerance:
                 break
         source = f"{size} Legendre functions, held against the roots of {size + STEP}"
@@ -541,7 +560,8 @@ class MotionOf(Quantity):
             if np.abs(sets_out).max() < STILL:
                 raise ValueError("start must bend the pipe, which does not move from where it is")
             return replace(self, rtol=rtol)
-        found = modes(Continuum(pipe), self.u, 8)
+        size = max(STARTING, math.ceil(self.u))
+        found = modes(Galerkin(pipe, size, "legendre"), self.u, 8)
         growth = found.eigenvalues.real  # all modes of an undamped pipe may grow alike: the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = START * mode.coordinates / mode(np.ones(1))[0]
@@ -555,9 +575,20 @@ class MotionOf(Quantity):
             return math.inf
         return float(np.hypot(*(answer.values - other.values).T).max() / excursion)
 
+    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
+        return _second_wave(pipe, self.u)
+
+    def is_spoilt(self, pipe: Pipe, family: str) -> bool:
+        """The highest Legendre functions of such a pipe grow many times faster than it does."""
+        grows = pipe.flow == "aspirating" and pipe.damping == 0.0 and pipe.beta > 0.0
+        return grows and family == "legendre"
+
+    def room(self, dof: int) -> float:
+        return math.inf
+
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         assert self.rtol is not None
-        return _reference_of_motion(self, pipe, max(tolerance, self.rtol))
+        return _reference_of_motion(self, pipe, self.u, max(tolerance, self.rtol))
 
     def sharpened(self, tolerance: float) -> MotionOf:
         return replace(self, rtol=_sharper(self.rtol, 0.01 * tolerance, 1e-12))
@@ -594,12 +625,15 @@ class LimitCycleAt(Quantity):
     def distance(self, answer: Answer, other: Answer) -> float:
         return _relative(answer.values, other.values)
 
+    def room(self, dof: int) -> float:
+        return dof
+
     def wave(self, pipe: Pipe, answer: Answer) -> float | None:
         return _wave(pipe, self.u, 1j * float(answer.values[1]))
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         assert self.rtol is not None
-        return _reference_of_motion(self, pipe, max(tolerance, self.rtol))
+        return _reference_of_motion(self, pipe, self.u, max(tolerance, self.rtol))
 
     @property
     def floor(self) -> float:
@@ -626,24 +660,31 @@ def _slope(model: Model, q: Array, s: Array) -> Array:
     return model.functions(s, 1) @ q
 
 
-def _reference_of_motion(quantity: Quantity, pipe: Pipe, tolerance: float) -> Reference:
-    """From Legendre functions, but of an undamped aspirating pipe from beam modes.
+def _second_wave(pipe: Pipe, u: float) -> float:
+    """Largest wave number of what moves with the second mode's frequency."""
+    return _wave(pipe, u, 1j * (1.5 * math.pi) ** 2)
 
-    The highest Legendre functions of such a pipe grow many times faster than the pipe does.
+
+def _reference_of_motion(quantity: Quantity, pipe: Pipe, u: float, tolerance: float) -> Reference:
+    """From Legendre functions, or from beam modes where those spoil the answer.
+
+    Solved by turns with two tolerances: what the looser leaves is part of the difference.
     """
-    if pipe.flow == "aspirating" and pipe.damping == 0.0 and pipe.beta > 0.0:
-        models = [Galerkin(pipe, size, "beam") for size in BEAM_MODES]
-        order: float | None = BEAM_ORDER
+    legendre, order = FAMILIES["legendre"], None if pipe.drag == 0.0 else DRAG_ORDER
+    if quantity.is_spoilt(pipe, "legendre"):
+        family, order, sizes = FAMILIES["beam"], BEAM_ORDER, BEAM_MODES
     else:
-        models = [Galerkin(pipe, size, "legendre") for size in range(FIRST, MOST + 1, 2)]
-        order = None if pipe.drag == 0.0 else DRAG_ORDER
-    # Solved by turns with two tolerances: what the looser leaves is part of the difference.
+        expected = expected_size(legendre, _second_wave(pipe, u), tolerance)
+        first = int(min(max(expected, FIRST), MOST - 2))
+        family, sizes = legendre, tuple(range(first, MOST + 1, 2))
     askers = (quantity.sharpened(tolerance), quantity.sharpened(0.25 * tolerance))
-    return _grown(models, askers, tolerance, order)
+    return _grown(pipe, family, sizes, askers, tolerance, order)
 
 
 def _grown(
-    models: Sequence[Galerkin],
+    pipe: Pipe,
+    family: Family,
+    sizes: Sequence[int],
     askers: tuple[Quantity, Quantity],
     tolerance: float,
     order: float | None,
@@ -651,25 +692,29 @@ def _grown(
     """The answer of the first of some models that is as near to the one before as is asked for.
 
     Args:
-        models: of growing size.
+        pipe: the pipe.
+        family: of the models.
+        sizes: of them, growing.
         askers: ask the models by turns.
         tolerance: bound on the error.
         order: power of the size with which the errors fall at the least, None where exponentially:
             what the last step moved is then more than what is left.
     """
     answers: list[Answer] = []
-    for i, model in enumerate(models):
-        answers.append(askers[i % 2].answer(model))
+    for i, size in enumerate(sizes):
+        answers.append(askers[i % 2].answer(family.make(pipe, size)))
         if i == 0:
             continue
         left = 1.0
         if order is not None:
-            left = max(1.0, 1.0 / ((model.dof / models[i - 1].dof) ** order - 1.0))
+            left = max(1.0, 1.0 / ((size / sizes[i - 1]) ** order - 1.0))
         error = left * askers[0].distance(answers[-2], answers[-1]) + answers[-1].error
         if error <= tolerance:
             break
-    source = f"Galerkin, {model.dof} {model.basis} functions"
-    return Reference(answers[-1], max(error, 1e-14), source)
+    source = f"Galerkin, {size} {family.name} functions"
+    errors = [askers[0].distance(smaller, answers[-1]) for smaller in answers[:-1]]
+    grown = tuple(zip(sizes, errors, strict=False))
+    return Reference(answers[-1], max(error, 1e-14), source, family.name, grown)
 
 
 # --------------------------------------------------------------------------------- by their names
