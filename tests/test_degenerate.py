@@ -231,11 +231,12 @@ def test_a_flow_that_acts_on_nothing_moves_nothing(pipe, make):
 
 
 def test_a_pipe_of_treacle_flutters_late():
-    # Every mode overdamped; rounding, not the basis, limits the speed, and the error says so.
+    # Every mode overdamped; rounding, not the basis, limits the speed, and the error says so. It
+    # is an estimate of rounding: the order of a sum moves it by a factor of four.
     found = pd.critical_speed(pd.Continuum(pd.Pipe(0.0, damping=10.0)))
     finer = pd.crossings(pd.Continuum(pd.Pipe(0.0, damping=10.0)).frozen(80), 42.0)
     assert found.speed == pytest.approx(finer[0].speed, abs=found.error)
-    assert found.error < 1e-5 * found.speed
+    assert found.error < 1e-4 * found.speed
 
 
 @pytest.mark.parametrize(
