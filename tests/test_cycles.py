@@ -434,6 +434,8 @@ def test_where_there_is_no_cycle_an_exception_says_why(known, monkeypatch):
         pd.limit_cycle(pd.Chain(pd.Pipe(0.2, gamma=-20.0, damping=0.01), 3), 1.0)
     with pytest.raises(pd.NoCycle, match="comes back to no state"):
         pd.limit_cycle(ROM, 6.0, pd.simulate(ROM, 6.0, 0.2, bow))
+    with pytest.raises(pd.NoCycle, match="no cycle attracts"):
+        pd.limit_cycle(pd.Chain(pd.Pipe(0.0), 3), 6.0)
     monkeypatch.setattr("pipedyn.cycles.PATIENT", 1)
     with pytest.raises(pd.NoCycle, match="from there"):
         pd.limit_cycle(pd.Chain(pd.Pipe(0.2, flow="aspirating"), 3), 0.3)

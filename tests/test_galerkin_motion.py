@@ -318,7 +318,7 @@ def test_nodes_follow_functions_and_amplitude():
     curled = np.eye(8)[0]
     counts = [model.motion.nodes(size * curled) for size in (0.0, 3.0, 30.0, 1e6)]
     assert counts == sorted(set(counts))
-    assert np.isfinite(model.rhs(0.0, np.concatenate([1e6 * curled, curled]), 1.0)).all()
+    assert np.isnan(model.rhs(0.0, np.concatenate([1e6 * curled, curled]), 1.0)[8:]).all()
 
 
 # ----------------------------------------------------------------------- batches and threads
@@ -588,3 +588,17 @@ def test_other_bad_arguments_are_refused():
         MODEL.operators(np.zeros(4))
     with pytest.raises(ValueError, match=r"q must lie in \[-1e\+06, 1e\+06\], got nan at index 1"):
         MODEL.operators([0.0, math.nan, 0.0])
+
+
+@pytest.mark.parametrize("fittings", [(), (pd.Fitting(0.5, mass=1.0),)], ids=["plain", "fitted"])
+def test_a_coil_beyond_the_quadrature_is_told_and_not_integrated_wrongly(fittings):
+    """50 turns of 8 functions are resolved, 500 are not, nor 150 of 3: NaN, and no motion."""
+    model = pd.Galerkin(pd.Pipe(0.2), 8, "legendre", fittings=fittings)
+    for turns, resolved in ((50, True), (500, False)):
+        q = model.bent(lambda s, turns=turns: 2.0 * np.pi * turns * s)
+        y = np.concatenate([q, np.zeros(8)])
+        assert np.isfinite(model.rhs(0.0, y, 1.0)).all() == resolved
+        assert np.isfinite(model.jacobian(0.0, y, 1.0)).all() == resolved
+    few = pd.Galerkin(pd.Pipe(0.2), 3, "legendre", fittings=fittings)
+    with pytest.raises(pd.MotionStopped, match=r"shrank to nothing|finite"):
+        pd.simulate(few, 1.0, 0.1, lambda s: 900.0 * s)

@@ -193,7 +193,7 @@ FittedMotion::FittedMotion(const Pipe& pipe, Basis basis, const Fittings& fittin
   const Index m = basis_.size();
   const Index most = std::max<Index>(4095, 4 * m) / panels + 1;  // points of some 0.1 GB
   const Index least = std::max({basis_.most_on_a_panel(), least_nodes, pipedyn::least_nodes(drag)});
-  const Index largest = std::max(least, std::min<Index>(16 * m + 96, most));
+  const Index largest = std::max(least, std::min<Index>(64 * m + 96, most));
   for (Index nodes = least;; nodes += std::max<Index>(4, nodes / 6)) {
     const bool last = nodes >= largest;
     std::vector<std::vector<NodeTest>> tests;
@@ -219,6 +219,13 @@ const PanelGrid& FittedMotion::grid_for(const double* q, Index stride) const {
     slot->grid = std::make_unique<PanelGrid>(basis_, orthonormal_, ends_, mass_, slot->nodes);
   });
   return *slot->grid;
+}
+
+bool FittedMotion::resolves(const PanelGrid& grid, const double* q) const {
+  const Slot& largest = slots_.back();
+  if (grid.nodes() < largest.nodes) return true;
+  return std::all_of(largest.tests.begin(), largest.tests.end(),
+                     [&](const auto& tests) { return tests.empty() || passes(tests, q, 1); });
 }
 
 Index FittedMotion::nodes(const Vector& q) const {
@@ -254,7 +261,7 @@ void FittedMotion::accelerations(const PanelGrid& grid, const Vector& q, const V
   force.noalias() += xy.leftCols(m).transpose() * load.col(0);
   force.noalias() += xy.rightCols(m).transpose() * load.col(1);
   factors.compute(mass);
-  if (factors.info() != Eigen::Success) {
+  if (factors.info() != Eigen::Success || !resolves(grid, q.data())) {
     out.setConstant(m, std::numeric_limits<double>::quiet_NaN());
     return;
   }
@@ -409,7 +416,7 @@ void FittedMotion::jacobian(const double* y, double u, double* out) const {
   Eigen::Map<Matrix> result(out, 2 * m, 2 * m);
   result.topLeftCorner(m, m).setZero();
   result.topRightCorner(m, m).setIdentity();
-  if (factors.info() != Eigen::Success) {
+  if (factors.info() != Eigen::Success || !resolves(grid, y)) {
     result.bottomRows(m).setConstant(std::numeric_limits<double>::quiet_NaN());
     return;
   }

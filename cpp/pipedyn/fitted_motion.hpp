@@ -81,7 +81,8 @@ class FittedMotion {
   Index nodes(const Vector& q) const;
 
   /// dy/dtau (2 m, members), O(N n m + N m^2 + m^3) a member with N points, n of them on a panel.
-  /// NaN where the mass matrix is singular to rounding.
+  /// NaN where the mass matrix is singular to rounding, or q bends more than the largest grid
+  /// resolves.
   void rhs(const Batch& batch, double* rates) const;
   /// d(dy/dtau)/dy (2 m, 2 m), row-major, at the same order of cost. Drag's share is 2 |v_n| dv_n,
   /// 0 where v_n = 0.
@@ -108,6 +109,8 @@ class FittedMotion {
   /// The grid for amplitudes with the given stride; the largest serves all beyond. Built when it is
   /// first taken.
   const PanelGrid& grid_for(const double* q, Index stride) const;
+  /// Whether that grid has the nodes that q takes; the largest may not.
+  bool resolves(const PanelGrid& grid, const double* q) const;
   void accelerations(const PanelGrid& grid, const Vector& q, const Vector& rate, double u,
                      Vector& out) const;
 

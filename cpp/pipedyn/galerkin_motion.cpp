@@ -19,11 +19,13 @@ namespace {
 using Map = Eigen::Map<const Vector>;
 using Strided = Eigen::Map<const Vector, 0, Eigen::InnerStride<>>;
 
+constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
+
 const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 
 /// Calls evaluate(grid, block, out, scratch) for blocks of members that take the same grid, one
 /// alone or as many as the vectors hold, and writes row i of out, (results, members of the block),
-/// to row(i).
+/// to row(i); NaN for those that bend more than the largest grid resolves.
 template <class Evaluate, class Row>
 void for_each_block(const Grids& grids, const Batch& batch, Index results, const Evaluate& evaluate,
                     const Row& row) {
@@ -66,6 +68,10 @@ void for_each_block(const Grids& grids, const Batch& batch, Index results, const
         double* const to = row(i);
         for (Index b = 0; b < used; ++b) to[member[b]] = out[i * width + b];
       }
+    }
+    for (const Index k : chosen) {
+      if (grids.resolves(number, batch.y + k, members)) continue;
+      for (Index i = 0; i < results; ++i) row(i)[k] = not_a_number;
     }
   }
 }
@@ -197,7 +203,8 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
          pressure, factor, factors] = work;
   const Index m = dof();
   const Map q(y, m), rate(y + m, m);
-  const Grid& grid = grids_[grids_.choose(y, 1)];
+  const Index number = grids_.choose(y, 1);
+  const Grid& grid = grids_[number];
   const Index nodes = grid.nodes(), points = nodes + 1;
   const Matrix& slope = grid.slope();
   const Vector& weight = grid.rule().weight;
@@ -304,8 +311,8 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   result.topLeftCorner(m, m).setZero();
   result.topRightCorner(m, m).setIdentity();
   result.bottomRows(m).noalias() = to_basis * system;
-  if (factors.info() != Eigen::Success) {
-    result.bottomRows(m).setConstant(std::numeric_limits<double>::quiet_NaN());
+  if (factors.info() != Eigen::Success || !grids_.resolves(number, y, 1)) {
+    result.bottomRows(m).setConstant(not_a_number);
   }
 }
 

@@ -47,7 +47,7 @@ class GalerkinMotion {
   Index nodes(const Vector& q) const;
 
   /// dy/dtau (2 m, members), O(Q^2 m + Q m^2 + m^3) a member. NaN where the mass matrix is singular
-  /// to rounding.
+  /// to rounding, or q bends more than the largest grid resolves.
   void rhs(const Batch& batch, double* rates) const;
   /// d(dy/dtau)/dy (2 m, 2 m), row-major, at the same order of cost. Drag's share is 2 |v_n| dv_n,
   /// 0 where v_n = 0.

@@ -153,7 +153,7 @@ Grids::Grids(Basis basis, bool drag, Index least_nodes)
     : basis_(std::move(basis)), orthonormal_(basis_) {
   const Matrix series = slope_series(basis_);
   const Index m = basis_.size();
-  const Index largest = std::min<Index>(16 * m + 96, std::max<Index>(4095, 4 * m));  // of 0.1 GB
+  const Index largest = std::min<Index>(64 * m + 96, std::max<Index>(4095, 4 * m));  // of 0.1 GB
   // Points, the nodes and the end, come in whole multiples.
   for (Index points = whole_points(std::max({m, least_nodes, pipedyn::least_nodes(drag)}) + 1);;
        points = whole_points(points + std::max<Index>(4, points / 6))) {
@@ -173,6 +173,12 @@ Index Grids::choose(const double* q, Index stride) const {
     if (passes(slots_[static_cast<std::size_t>(number)].tests, q, stride)) return number;
   }
   return last;
+}
+
+bool Grids::resolves(Index number, const double* q, Index stride) const {
+  if (number + 1 < count()) return true;
+  const std::vector<NodeTest>& tests = slots_.back().tests;
+  return tests.empty() || passes(tests, q, stride);
 }
 
 const Grid& Grids::operator[](Index number) const {

@@ -96,6 +96,9 @@ class Grids {
   /// serves all beyond.
   Index choose(const double* q, Index stride) const;
 
+  /// Whether the grid chosen for q has the nodes that q takes; the largest may not.
+  bool resolves(Index number, const double* q, Index stride) const;
+
   /// O(Q^3) at the first call for this number, then free.
   const Grid& operator[](Index number) const;
 

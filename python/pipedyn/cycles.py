@@ -248,6 +248,12 @@ def cycle_from(motion: Field, u: float, start: Any) -> tuple[Course, str]:
     return _simulated(motion, u, q[0], qdot[0]), "simulation"
 
 
+def _keeps_volumes(model: Model) -> bool:
+    """Whether forces depend on the configuration alone (Liouville's theorem)."""
+    pipe = model.pipe
+    return pipe.beta == pipe.damping == pipe.drag == 0.0 and not model.resisted
+
+
 def _unguided(motion: Field, u: float) -> tuple[Course, str]:
     """From the onsets of flutter, the nearest first, then by simulation."""
     model, told = motion.model, list[str]()
@@ -274,8 +280,14 @@ def _unguided(motion: Field, u: float) -> tuple[Course, str]:
                 return found, f"followed from the onset at u = {onset.speed:.6g}"
             except Elsewhere as reason:
                 told.append(str(reason))
-    if unstable:
+    if unstable and not _keeps_volumes(model):
         return _far(motion, u, told, not passages)
+    if unstable:
+        raise NoCycle(
+            f"at u = {u:g} no force depends on velocities, so that volumes in state space last: no "
+            "cycle attracts, and none comes from an onset",
+            u,
+        )
     first = min((c.speed for c in passages if c.destabilising), default=math.nan)
     where = f": flutter sets in at u = {first:.6g}" if first > u else ""
     why = f" ({'; '.join(told)})" if told else ""

@@ -282,7 +282,9 @@ class Galerkin(Model):
             u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
 
         Returns:
-            dy/dt = [q', q''], of the shape of y; NaN where the mass matrix is singular to rounding.
+            dy/dt = [q', q''], of the shape of y; NaN where the mass matrix is singular to rounding,
+            or where q coils the pipe more often (some 100 turns of 8 functions) than the quadrature
+            resolves.
 
         Raises:
             ValueError: for another shape, NaN or infinity, a speed below 0, or so many functions
