@@ -152,6 +152,7 @@ def chain_step(chain: pd.Chain, value: complex, u: float) -> complex:
     """The same of a chain's; the highest ones take more digits."""
     ratio = max(chain.springs.max() / chain.springs.min(), abs(chain.pipe.gamma), u**2, abs(value))
     digits = 40 if chain.dof > 1000 else 60 + 6 * min(chain.dof, 200) * (ratio > 1e3)
+    digits += math.ceil(3.0 * math.log10(max(abs(value) / 1e3, 1.0))) * min(chain.dof, 200)
     return chain_newton_step(chain, value, u, digits)
 
 
@@ -325,6 +326,11 @@ def highest_eigenvalues(level: int) -> Iterator[Row]:
         )
     for n in (10, 60) if level == QUICK else (10, 60, 200):
         yield eigenvalue_row(pd.Chain(pipe, n), 6.0, "u=6", [n, 2 * n - 2], None)
+    for n in (2, 6) if level == QUICK else (2, 6, 40):
+        for at, arrays in unequal(n).items():
+            yield eigenvalue_row(pd.Chain(pipe, **arrays), 1.0, f"{at}, u=1", [*range(2 * n)], None)
+    treacle = pd.Chain(pd.Pipe(1e-12, -1e4, damping=1.0), **unequal(6)["lengths 1e6 : 1"])
+    yield eigenvalue_row(treacle, 1.0, "lengths 1e6 : 1, damping=1", [*range(12)], None)
     for n in (100, 10_000) if level == QUICK else (100, 10_000, 100_000):
         model = pd.Chain(pipe, n)
         yield row(

@@ -438,7 +438,7 @@ def chain_newton_step(chain, value, u, digits=30):
     after another; an eigenvalue lets a combination of two such shapes meet the clamp.
     """
     with mpmath.workdps(digits):
-        value, step = mpmath.mpmathify(complex(value)), mpmath.mpf(10) ** -10
+        value, step = mpmath.mpmathify(complex(value)), mpmath.mpf(10) ** -(digits // 3)
         here = clamp_misfit(chain, value, u)
         there = clamp_misfit(chain, value * (1 + step), u)
         return complex(-here * value * step / (there - here))

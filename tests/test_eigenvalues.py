@@ -3,12 +3,14 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from independent import chain_newton_step, companion_eigenvalues, distances
+from independent import chain_crossing, chain_newton_step, companion_eigenvalues, distances
 
 import pipedyn as pd
-from pipedyn.spectrum import BandPencil, DensePencil, Eigenpairs, Pencil, lowest
+from pipedyn import modular
+from pipedyn.spectrum import BandPencil, DensePencil, Eigenpairs, Pencil, lowest, pencil_of
 
 PIPES = [
     pd.Pipe(0.2),
@@ -346,9 +348,10 @@ def test_modes_report_size_and_residuals():
     [
         (pd.Chain(pd.Pipe(0.2, damping=1e-3), 150), 0),
         (pd.Galerkin(pd.Pipe(0.2), 200, "legendre"), 0),
-        (pd.Chain(pd.Pipe(0.5, damping=1e3), lengths=[0.3, 1e-5, 0.69999], springs=[5e8] * 3), 1),
+        (pd.Chain(pd.Pipe(0.5, damping=1e3), lengths=[0.3, 1e-5, 0.69999], springs=[5e8] * 3), 0),
+        (modular.chain(pd.Pipe(0.5, damping=1e3), 3, [5e8] * 3, lengths=[0.3, 1e-5, 0.69999]), 1),
     ],
-    ids=repr,
+    ids=["long", "Legendre", "unequal", "unequal scene"],
 )
 def test_rounding_excuses_no_pair_that_misses_the_operators(model, missing):
     """Its allowance, eps |lambda|^2, exceeds 1 for the highest of these modes: some are refined."""
@@ -362,3 +365,107 @@ def test_rounding_excuses_no_pair_that_misses_the_operators(model, missing):
         missed = np.abs((value**2 * mass + value * velocity + stiffness) @ q).max()
         size = np.array([abs(value) ** 2, abs(value), 1.0]) @ sizes * np.abs(q).max()
         assert missed <= 1e-6 * size or not good
+
+
+# ------------------------------------------------------------------------- very unequal segments
+
+SHORT_FIRST = np.array([1.954e-6, 0.192, 0.8028, 0.00521])
+UNEQUAL = {
+    "two": (pd.Chain(pd.Pipe(0.2), lengths=[1e-6, 1.0 - 1e-6]), 3.0),
+    "twins inside": (pd.Chain(pd.Pipe(0.2), lengths=[0.5, 1e-6, 1e-6, 0.5 - 2e-6]), 9.0),
+    "springs": (pd.Chain(pd.Pipe(0.2), lengths=[0.5, 0.2, 0.3], springs=[1e8, 1.0, 1e4]), 2.0),
+    "overdamped": (
+        pd.Chain(
+            pd.Pipe(1e-12, -1e4, damping=1.0),
+            lengths=SHORT_FIRST / SHORT_FIRST.sum(),
+            springs=[4.0] * 4,
+        ),
+        1.0,
+    ),
+    "long radii": (
+        pd.Chain(pd.Pipe(0.2), lengths=[0.4, 1e-6, 0.6 - 1e-6], gyration_radii=[0.1, 0.2, 0.1]),
+        4.0,
+    ),
+}
+
+
+@pytest.mark.parametrize(("chain", "u"), UNEQUAL.values(), ids=UNEQUAL)
+def test_every_root_of_very_unequal_segments_is_known_as_well_as_said(chain, u):
+    found = pd.modes(chain, u)
+    assert found.converged.all()
+    sizes = np.abs(found.eigenvalues)
+    true = np.array([abs(chain_newton_step(chain, z, u, 300)) for z in found.eigenvalues])
+    assert (true <= found.errors + 2e-15 * sizes).all()
+    assert (found.errors <= 1e-10 * np.maximum(sizes, 1.0)).all()
+
+
+@pytest.mark.parametrize("short", [1e-3, 1e-5, 1e-7])
+def test_a_spinning_first_segment_has_the_frequency_of_the_scaled_matrices(short):
+    chain = pd.Chain(pd.Pipe(0.2), lengths=[short, 1.0 - short])
+    mass, _, stiffness = chain.operators().at(0.0)
+    scale = 1.0 / np.sqrt(np.diag(mass))
+    squares = scipy.linalg.eigvalsh(*(scale[:, None] * part * scale for part in (stiffness, mass)))
+    found = pd.eigenvalues(chain, 0.0)
+    assert not found.real.any()
+    np.testing.assert_allclose(found[2].imag, np.sqrt(squares[1]), rtol=4e-15)
+
+
+def test_fast_roots_of_unequal_segments_are_followed_with_the_slow_ones():
+    chain = pd.Chain(pd.Pipe(0.2), lengths=[0.6, 1e-6, 0.4 - 1e-6])
+    loci = pd.root_loci(chain, [0.0, 3.0, 6.0], 3)
+    assert loci.converged.all()
+    for u, row in zip(loci.speeds, loci.eigenvalues, strict=True):
+        true = np.array([abs(chain_newton_step(chain, z, float(u), 300)) for z in row])
+        assert (true <= 1e-12 * np.abs(row)).all()
+    critical = pd.critical_speed(chain)
+    speed, _ = chain_crossing(chain, critical.speed, critical.frequency, 80)
+    assert abs(critical.speed - float(speed)) <= critical.error <= 1e-10
+
+
+def test_a_slope_of_a_fast_root_is_the_change_of_the_root():
+    chain = pd.Chain(pd.Pipe(0.4, damping=1e-9), lengths=[0.3, 1e-4, 0.7 - 1e-4])
+    pencil = pencil_of(chain)
+    u, h = 5.0, 0.01
+    before, at, after = (lowest(pencil, speed, left=True) for speed in (u - h, u, u + h))
+    slope = pencil.slopes(u, at)[-2]
+    change = (after.values[-2] - before.values[-2]) / (2.0 * h)
+    assert abs(at.values[-2]) > 1e5
+    assert abs(slope - change) <= 1e-7 * abs(change)
+
+
+def test_a_node_without_mass_has_roots_that_no_digits_hold_and_says_so():
+    chain = pd.Chain(
+        pd.Pipe(0.0),
+        lengths=[0.3, 0.3, 0.4],
+        centers=[0.0, 1.0, 0.5],
+        gyration_radii=[0.0, 0.0, 0.1],
+    )
+    found = pd.modes(chain, 3.0)
+    assert found.converged.tolist() == [True] * 4 + [False] * 2
+    assert not (found.errors < np.abs(found.eigenvalues))[4:].any()
+    with pytest.raises(pd.NotConverged):
+        pd.eigenvalues(chain, 3.0)
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.2])
+def test_a_root_at_infinity_is_told_as_none(monkeypatch, beta):
+    exact = DensePencil.inverse
+
+    def lost(*given):
+        mu, *vectors = exact(*given)
+        mu[np.abs(mu).argsort()[: 1 if beta == 0.0 else 2]] = 0.0
+        return mu, *vectors
+
+    monkeypatch.setattr(DensePencil, "inverse", lost)
+    chain = pd.Chain(pd.Pipe(beta), 3)
+    found = pd.modes(chain, 2.0)
+    assert found.converged.tolist() == np.isfinite(found.eigenvalues).tolist() == [1, 1, 1, 1, 0, 0]
+    assert np.isinf(found.errors[4:]).all()
+    assert np.isfinite(found.errors[:4]).all()
+    assert np.isinf(found.residuals[4:]).all()
+    with pytest.raises(pd.NotConverged, match="not found"):
+        found.shapes[-1]([1.0])
+    with pytest.raises(pd.NotConverged, match="beyond double precision"):
+        pd.critical_speed(chain)
+    with pytest.raises(pd.NotConverged, match="beyond double precision"):
+        pd.root_loci(chain, [0.0, 1.0], 2)

@@ -17,9 +17,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pipedyn.crossing import Flags, Hunt, Passage
-from pipedyn.follow import Indices, Sample, Step
+from pipedyn.follow import Indices, Sample, Step, pairs_at
 from pipedyn.pencil import Complex
-from pipedyn.spectrum import lowest
 
 
 class CirculatoryHunt(Hunt):
@@ -27,7 +26,7 @@ class CirculatoryHunt(Hunt):
 
     def take(self, u: float) -> Sample:
         """Nu and d nu / du at a speed."""
-        pairs = lowest(self.pencil, u, self.count, left=True, high=False)
+        pairs = pairs_at(self.pencil, u, self.count)
         values = pairs.values
         pairs = pairs.take((values.real > 0.0) | ((values.real == 0.0) & (values.imag > 0.0)))
         slopes = 2.0 * pairs.values * self.pencil.slopes(u, pairs)

@@ -130,6 +130,7 @@ class Deflated(Pencil):
         rate = np.sum(pairs.left.conj() * change, axis=0) / (2.0 * h)
         with np.errstate(divide="ignore", invalid="ignore"):
             result: Complex = -rate / self.derivative(u, pairs.values, pairs.right, pairs.left)
+        self.tell(u, pairs.values, result, lambda pair: pair.slope)
         return result
 
     def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:

@@ -146,9 +146,21 @@ def hermite(a: Complex, b: Complex, da: Complex, db: Complex, t: Array) -> Compl
     return result
 
 
+def pairs_at(pencil: Pencil, u: float, count: int | None) -> Eigenpairs:
+    """The `count` lowest eigenvalues (all without) at speed u, with both vectors.
+
+    Raises:
+        NotConverged: if double precision does not hold one of them.
+    """
+    pairs = lowest(pencil, u, count, left=True, high=False)
+    if not np.isfinite(pairs.values).all():
+        raise NotConverged(f"an eigenvalue at u = {u:g} is beyond double precision")
+    return pairs
+
+
 def sample(pencil: Pencil, u: float, count: int | None) -> Sample:
     """The `count` lowest eigenvalues (all without) at speed u, with slopes; no slope reads 0."""
-    pairs = lowest(pencil, u, count, left=True, high=False)
+    pairs = pairs_at(pencil, u, count)
     slopes = pencil.slopes(u, pairs)
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
     noise = _noise(pencil.uncertainties(u, pairs), pairs.values)

@@ -91,7 +91,8 @@ class Modes:
 
     Attributes:
         speed: u.
-        eigenvalues: lambda, complex, shape (count,), sorted by |lambda|.
+        eigenvalues: lambda, complex, shape (count,), sorted by |lambda|; NaN where double precision
+            holds none.
         shapes: one function of s for each eigenvalue.
         residuals: relative residual of each pair, shape (count,).
         converged: whether each passed the check of its residual, shape (count,).
@@ -119,12 +120,15 @@ class Modes:
         pencil = pencil_of(model)
         with one_thread(rows_of(pencil)):
             pairs = lowest(pencil, self.speed, self.eigenvalues.size, left=True)
-        same = [int(np.abs(pairs.values - value).argmin()) for value in self.eigenvalues]
+        errors = np.full(self.eigenvalues.size, np.inf)
+        good = np.flatnonzero(np.isfinite(self.eigenvalues))
+        values = self.eigenvalues[good]
+        there = np.nan_to_num(pairs.values)
+        same = [int(np.abs(there - value).argmin()) for value in values]
         # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
-        found = replace(pairs.take(same), residuals=self.residuals)
-        scale = np.maximum(np.abs(self.eigenvalues), 1.0)
-        errors: Array = pencil.uncertainties(self.speed, found)
-        errors = errors + (self.discretisation or 0.0) * scale
+        found = replace(pairs.take(same), values=values, residuals=self.residuals[good])
+        errors[good] = pencil.uncertainties(self.speed, found)
+        errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
         return errors
 
 

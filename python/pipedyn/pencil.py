@@ -23,6 +23,7 @@ from pipedyn._check import Array
 from pipedyn.band import band_solver
 from pipedyn.chain import Chain
 from pipedyn.effort import factorised
+from pipedyn.fast import FastPair, FastRoots, is_fast, is_spread
 from pipedyn.model import Model
 from pipedyn.modular import Assembly
 from pipedyn.pipe import Pipe
@@ -84,7 +85,12 @@ class Pencil(ABC):
     """P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A, in elastic coordinates.
 
     V = s (gyroscopic + end_flux) and A = flux. Each product takes and gives (dof, r).
+
+    Attributes:
+        fast: where they can be told, the roots that elastic coordinates cannot hold, or None.
     """
+
+    fast: FastRoots | None = None
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -203,7 +209,14 @@ class Pencil(ABC):
         rest = np.linalg.norm(inertia + velocity + self.stiffened(u, x), axis=0)
         size = np.linalg.norm(inertia, axis=0) + np.linalg.norm(velocity, axis=0)
         result: Array = rest / (size + self.size(u) * np.linalg.norm(x, axis=0))
+        self.tell(u, values, result, lambda pair: pair.residual)
         return result
+
+    def tell(self, u: float, values: Complex, result: Any, of: Callable[[FastPair], Any]) -> None:
+        """Puts what is known of the fast roots in the place of a result for all, shape (r,)."""
+        if self.fast is not None:
+            for i in np.flatnonzero(is_fast(values)):
+                result[i] = of(self.fast.at(u, complex(values[i])))
 
     def derivative(self, u: float, values: Complex, x: Vectors, y: Vectors) -> Complex:
         """y^H (dP/dlambda) x of each pair, shape (r,)."""
@@ -219,9 +232,16 @@ class Pencil(ABC):
         size += np.abs(pairs.values) * np.linalg.norm(self.damped(u, pairs.right), axis=0)
         size += self.size(u)
         derivative = np.abs(self.derivative(u, pairs.values, pairs.right, pairs.left))
+        lost = np.finfo(float).eps * (size + self.formed(u, pairs))
         with np.errstate(divide="ignore", invalid="ignore"):
-            result: Array = (pairs.residuals + np.finfo(float).eps) * size / derivative
-        return np.where(np.isfinite(result), result, np.inf)
+            result: Array = (pairs.residuals * size + lost) / derivative
+        result[~np.isfinite(result)] = np.inf
+        self.tell(u, pairs.values, result, lambda pair: pair.uncertain)
+        return result
+
+    def formed(self, u: float, pairs: Eigenpairs) -> Any:
+        """What rounding of the matrices themselves may hide, in eps: no residual shows it."""
+        return 0.0
 
     def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
         """D lambda / du of each pair, shape (r,)."""
@@ -231,6 +251,7 @@ class Pencil(ABC):
         change = np.sum(pairs.left.conj() * by_speed, axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             result: Complex = -change / self.derivative(u, pairs.values, pairs.right, pairs.left)
+        self.tell(u, pairs.values, result, lambda pair: pair.slope)
         return result
 
     def refine(
@@ -293,6 +314,8 @@ class DensePencil(Pencil):
         self.M, self.D, self.K = ops.mass, ops.damping, ops.stiffness
         self.V = ops.direction * (ops.gyroscopic + ops.end_flux)
         self.A = ops.flux
+        if isinstance(model, Chain) and is_spread(model):
+            self.fast = FastRoots(model)
 
     def mass(self, x: Vectors) -> Vectors:
         return self.M @ x
@@ -363,6 +386,48 @@ class DensePencil(Pencil):
         mu, lefts, vectors = scipy.linalg.eig(step, left=True, check_finite=False)
         dual = lapack.dgetrs(lu, pivots, np.hstack([lefts[:n].real, lefts[:n].imag]), trans=1)[0]
         return mu, vectors[:n].astype(np.complex128), dual[:, : mu.size] + 1j * dual[:, mu.size :]
+
+    def formed(self, u: float, pairs: Eigenpairs) -> Any:
+        assert pairs.left is not None
+        right, size = np.abs(pairs.right), np.abs(pairs.values)
+        velocity, stiffness = (np.abs(matrix) @ right for matrix in self.matrices(u))
+        rows = size**2 * (np.abs(self.M) @ right) + size * velocity + stiffness
+        return np.sum(np.abs(pairs.left) * rows, axis=0)
+
+    def sharpened(
+        self, u: float, values: Complex, right: Complex, left: Complex | None, free: bool
+    ) -> tuple[Complex, Complex, Complex | None]:
+        """All roots of the inverse problem, with the fast ones from the whole problem."""
+        if self.fast is None:
+            return values, right, left
+        kept, rough = self.fast.starts(u, values, free)
+        values = np.concatenate([values[kept], rough])
+        lost = np.zeros((self.dof, rough.size))
+        right = np.hstack([right[:, kept], lost])
+        left = None if left is None else np.hstack([left[:, kept], lost])
+        for i, fast in self.fast.polished(u, values, free).items():
+            twin = np.flatnonzero(values == values[i].conj())[:1]
+            pair = self._elastic(fast)
+            for j, found in ((twin, np.conj), ([i], np.asarray)):
+                values[j], right[:, j] = found(pair.values), found(pair.right)
+                if left is not None and pair.left is not None:
+                    left[:, j] = found(pair.left)
+        return values, right, left
+
+    def refine(
+        self, u: float, value: complex, x: Vectors | None = None, steps: int = 6
+    ) -> Eigenpairs:
+        if self.fast is None or not is_fast(value):
+            return super().refine(u, value, x, steps)
+        return self._elastic(self.fast.near(u, value, 1.0))
+
+    def _elastic(self, pair: FastPair) -> Eigenpairs:
+        """Vectors in elastic coordinates, as good as these can hold them."""
+        assert isinstance(self.model, Chain)
+        scale = self.model.elastic_scale
+        right = unit((pair.right[0::4] / scale)[:, None])
+        left = unit((np.diff(pair.left[2::4], prepend=0.0) / scale)[:, None])
+        return Eigenpairs(np.array([pair.value]), right, left, np.array([pair.residual]))
 
 
 class SparsePencil(Pencil):

@@ -8,8 +8,9 @@ K_s = P(sigma),
     mu [x; y] = [-K_s^-1 (C_s x + M y); x],
 
 so the lowest eigenvalues are the largest mu and survive rounding, and a singular K does no harm.
-Small problems are solved dense. A long chain is solved by Arnoldi iteration, where M and C act
-through running sums and K_s is a band matrix: O(n) a step.
+Small problems are solved dense; where segments differ by orders of magnitude, joint angles cannot
+hold the fast roots, which `pipedyn.fast` has. A long chain is solved by Arnoldi iteration, where M
+and C act through running sums and K_s is a band matrix: O(n) a step.
 """
 
 from __future__ import annotations
@@ -118,6 +119,8 @@ def _about(
             real, upper = values.imag == 0.0, values.imag > 0.0
             values = np.concatenate([values[real], values[upper], values[upper].conj()])
             right = np.hstack([right[:, real], right[:, upper], right[:, upper].conj()])
+        if isinstance(pencil, DensePencil):
+            values, right, dual = pencil.sharpened(u, values, right, dual, free)
         mine = pencil.genuine(values, free)
         values, right = values[mine], right[:, mine]
         dual = None if dual is None else dual[:, mine]
@@ -135,7 +138,11 @@ def _about(
         asked = min(2 * asked, pencil.dof)
     order = order[:count]
     values, right = values[order], unit(right[:, order])
+    none = ~np.isfinite(values)
+    if none.any():
+        values[none], right[:, none] = complex(np.nan, np.nan), 0.0
     pairs = Eigenpairs(values, right, None, pencil.residuals(u, values, right))
+    pairs.residuals[none] = np.inf
     if dual is not None:
         pairs = Eigenpairs(values, right, unit(dual[:, order]), pairs.residuals)
     return _mended(pencil, u, pairs, left, high)
