@@ -111,6 +111,21 @@ def test_the_true_error_of_a_cycle_is_below_the_tolerance():
     assert cycle.frequency == pytest.approx(13.69632, rel=1e-2)
 
 
+@pytest.mark.parametrize(
+    ("pipe", "among", "tolerance"),
+    [
+        (pd.Pipe(0.0), None, 1e-4),
+        (pd.Pipe(0.0, 10.0), None, 1e-4),
+        (pd.Pipe(0.0), "legendre", 1e-2),
+        (pd.Pipe(0.0), "legendre", 1e-6),
+    ],
+)
+def test_where_two_frequencies_meet_a_model_is_chosen_too(pipe, among, tolerance):
+    """Without Coriolis force and damping no root passes the axis, and no look can follow one."""
+    choice = pd.choose(pipe, "critical_speed", tolerance, among=among)
+    assert true_error(choice) <= tolerance
+
+
 def test_no_model_much_smaller_would_do():
     """The next larger size is taken where it is measured to be cheaper."""
     choice = pd.choose(PIPE, "critical_speed", 1e-6, among="legendre")

@@ -132,10 +132,14 @@ class Quantity(ABC):
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's answer, its error below a tolerance where that can be had."""
 
+    def has_look(self, answer: Answer) -> bool:
+        """Whether a look beside the reference's answer tells a model's error."""
+        return False
+
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         """A model's error from a look beside the reference's answer, far cheaper than its own.
 
-        None where there is no such look; infinite where it finds nothing.
+        None where there is no such look, or it finds nothing.
         """
         return None
 
@@ -248,18 +252,23 @@ class CriticalSpeedOf(Quantity):
         found = critical_speed(model, self.max_speed)
         error = found.error / found.speed if found.speed else 0.0
         onset = None
-        if found.kind == "flutter" and found.speed and not is_faint(model.pipe):
+        # With neither Coriolis force nor damping two frequencies meet: no root passes the axis.
+        passes = model.pipe.beta > 0.0 or model.pipe.damping > 0.0
+        if found.kind == "flutter" and found.speed and passes and not is_faint(model.pipe):
             onset = Onset(found.speed, found.frequency, found.error)
         return Answer(np.array([found.speed]), found.kind, error, onset)
 
     def distance(self, answer: Answer, other: Answer) -> float:
         return math.inf if answer.kind != other.kind else _relative(answer.values, other.values)
 
+    def has_look(self, answer: Answer) -> bool:
+        return answer.onset is not None
+
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         if answer.onset is None or not isinstance(model, Model):
             return None
         onset = onset_near(model, answer.onset.speed, answer.onset.frequency)
-        return math.inf if onset is None else abs(onset.speed / answer.onset.speed - 1.0)
+        return None if onset is None else abs(onset.speed / answer.onset.speed - 1.0)
 
     def wave(self, pipe: Pipe, answer: Answer) -> float | None:
         onset = answer.onset
@@ -351,6 +360,9 @@ class Frequencies(Quantity):
         told: NDArray[Any] = values[below & _outside(values, answer.damping)]
         return told
 
+    def has_look(self, answer: Answer) -> bool:
+        return True
+
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         if not isinstance(model, Model):
             return None
@@ -437,6 +449,9 @@ class RootLociOver(Quantity):
         upper, lower = np.split(answer.values, 2, axis=1)
         mine = np.concatenate([upper[:, : self.count], lower[:, : self.count]], axis=1)
         return replace(answer, values=mine)
+
+    def has_look(self, answer: Answer) -> bool:
+        return True
 
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         if not isinstance(model, Model):

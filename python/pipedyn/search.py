@@ -125,6 +125,7 @@ class Search:
         self.pipe, self.quantity, self.reference = pipe, quantity, reference
         self.families, self.repeats = families, repeats
         self.wave = quantity.wave(pipe, reference.answer)
+        self.has_look = quantity.has_look(reference.answer)
         self.rows: dict[tuple[str, int], TradeRow] = {}
         self.looks = {
             (reference.family, size): error + reference.error for size, error in reference.grown
@@ -155,8 +156,10 @@ class Search:
                     model = family.models(self.pipe, size)[0]
                     told = self.quantity.look(model, self.reference.answer)
                 except (PipedynError, ValueError, np.linalg.LinAlgError):
+                    told = None
+                if told is None and self.has_look and size > LONG:
                     told = math.inf
-            if told is None:
+            if told is None:  # a look may miss what a search finds
                 return self.bound(self.measure(family, size))
             self.looks[key] = told + self.reference.error
         return self.looks[key]
@@ -177,7 +180,7 @@ class Search:
             stalls = family.order == 0.0
             return family.name != first, stalls, family.dof(1) * expected[family]
 
-        ask = self._look_up if self.quantity.is_linear else self._try_out
+        ask = self._look_up if self.has_look else self._try_out
         ask({family: expected[family] for family in sorted(expected, key=turn)}, tolerance)
         good = [row for row in self.rows.values() if self.bound(row) <= tolerance]
         return min(good, key=lambda row: row.seconds, default=None)
@@ -189,7 +192,7 @@ class Search:
         if self.quantity.is_spoilt(self.pipe, family.name):
             return math.inf
         wave = math.pi if self.wave is None else self.wave
-        share = 1.0 if self.quantity.is_linear else NEAR
+        share = 1.0 if self.has_look else NEAR
         return max(share * expected_size(family, wave, tolerance), float(self.quantity.least))
 
     def _largest(self, family: Family) -> int:
@@ -215,7 +218,7 @@ class Search:
             return None
         known = dict(self.reference.grown) if family.name == self.reference.family else {}
         wanted = min(max(expected, least), most)
-        size = math.ceil(wanted if known or self.quantity.is_linear else min(wanted, CHEAP))
+        size = math.ceil(wanted if known or self.has_look else min(wanted, CHEAP))
         good, bad = None, least - 1
         for _ in range(STEPS):
             why = self._dearer(family, max(size, math.ceil(min(wanted, most))), room, limit)
