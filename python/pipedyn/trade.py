@@ -14,7 +14,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _check
 from pipedyn.effort import counted
@@ -60,6 +60,7 @@ class TradeRow:
         spread: the longest of the repeated times beside the least, less 1.
         right_hand_sides, factorisations: counts of one answer.
         failure: what was raised, None where all went well.
+        values: the numbers answered, None where there are none.
     """
 
     family: str
@@ -72,6 +73,7 @@ class TradeRow:
     right_hand_sides: int
     factorisations: int
     failure: Exception | None = field(default=None, repr=False)
+    values: NDArray[Any] | None = field(default=None, repr=False, compare=False)
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -298,6 +300,7 @@ def measured(
         spread=max(times) / min(times) - 1.0,
         right_hand_sides=effort.right_hand_sides,
         factorisations=effort.factorisations,
+        values=answer.values,
     )
 
 
