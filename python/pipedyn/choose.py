@@ -185,7 +185,8 @@ def choose(
 
     Raises:
         NoModel: if none meets the demand; it says what came nearest.
-        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer.
+        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer, or none is
+            found in half a minute.
         ValueError, TypeError: for bad arguments.
     """
     pipe = checked_pipe(pipe)

@@ -23,7 +23,7 @@ from pipedyn import _check
 from pipedyn._check import Array
 from pipedyn.chain import Chain
 from pipedyn.continuum import Continuum
-from pipedyn.effort import evaluated, factorised
+from pipedyn.effort import evaluated, factorised, in_time
 from pipedyn.modal import LARGEST_SPEED
 from pipedyn.model import Model, PipedynError
 from pipedyn.progress import track
@@ -362,6 +362,7 @@ class _Count:
 
     def check(self, t: float) -> None:
         """Whether it can come to its end, and whether the last calls came anywhere."""
+        in_time()
         task = self.task
         ahead = CALLS_A_RATE * max(self.rates) * (float(task.times[-1]) - t)
         if task.method in EXPLICIT and self.calls + ahead > task.most:

@@ -24,6 +24,7 @@ from pipedyn._check import Array
 from pipedyn.continuum import AnyModel, Continuum
 from pipedyn.critical import checked_end, critical_speed
 from pipedyn.cycles import LARGEST_CYCLE, limit_cycle
+from pipedyn.effort import TookTooLong, clock, limited
 from pipedyn.faint import is_faint
 from pipedyn.families import FAMILIES, Family, expected_size
 from pipedyn.galerkin import Galerkin
@@ -56,6 +57,9 @@ FIRST, MOST = 6, 20
 
 BEAM_MODES: tuple[int, ...] = (4, 6, 8, 11, 15, 20, 27)
 """Sizes of beam modes, for motions that Legendre functions spoil; 27 take ten seconds."""
+
+LONGEST_REFERENCE = 30.0
+"""Seconds of processor time after which a nonlinear reference grows no more."""
 
 STARTING = 24
 """Legendre functions at the least for the mode from which a motion sets out."""
@@ -716,8 +720,21 @@ def _grown(
             what the last step moved is then more than what is left.
     """
     answers: list[Answer] = []
+    end, told = clock() + LONGEST_REFERENCE, ""
     for i, size in enumerate(sizes):
-        answers.append(askers[i % 2].answer(family.make(pipe, size)))
+        try:
+            with limited(end - clock()):
+                answers.append(askers[i % 2].answer(family.make(pipe, size)))
+        except (TookTooLong, PipedynError) as failure:
+            if i < 2 and isinstance(failure, PipedynError):
+                raise
+            if i < 2:
+                raise NotConverged(
+                    f"the continuous pipe's answer is not known: of reduced models, the one of "
+                    f"{size} {family.name} functions was not done in {LONGEST_REFERENCE:g} s"
+                ) from None
+            told, size = f", as that of {size} failed", sizes[i - 1]
+            break
         if i == 0:
             continue
         left = 1.0
@@ -726,7 +743,7 @@ def _grown(
         error = left * askers[0].distance(answers[-2], answers[-1]) + answers[-1].error
         if error <= tolerance:
             break
-    source = f"Galerkin, {size} {family.name} functions"
+    source = f"Galerkin, {size} {family.name} functions{told}"
     errors = [askers[0].distance(smaller, answers[-1]) for smaller in answers[:-1]]
     grown = tuple(zip(sizes, errors, strict=False))
     return Reference(answers[-1], max(error, 1e-14), source, family.name, grown)

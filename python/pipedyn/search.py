@@ -31,7 +31,7 @@ LARGEST = {"legendre": 60, "beam": 400}
 """Functions; chains are tried up to what the quantity can be asked of."""
 
 PATIENCE = 60.0
-"""Seconds: a model that would take longer for an answer is not tried."""
+"""Seconds: a model that would take longer for an answer is not tried, or given up."""
 
 LESS = 0.93
 """Share of a size below which a smaller one is worth a look or a measurement."""
@@ -151,7 +151,7 @@ class Search:
         key = (family.name, size)
         if key not in self.rows:
             self.rows[key] = measured(
-                *(self.pipe, self.quantity, family, size, self.reference, self.repeats)
+                *(self.pipe, self.quantity, family, size, self.reference, self.repeats, PATIENCE)
             )
         return self.rows[key]
 
@@ -444,7 +444,7 @@ class Search:
         row = self.measure(family, size)
         if budget < row.seconds < MARGIN * budget:
             again = measured(
-                *(self.pipe, self.quantity, family, size, self.reference, self.repeats)
+                *(self.pipe, self.quantity, family, size, self.reference, self.repeats, PATIENCE)
             )
             row = min(row, again, key=lambda one: one.seconds)
             self.rows[family.name, size] = row
