@@ -305,6 +305,14 @@ def test_errors_that_fall_to_a_limit_tell_it():
     assert limit_of([math.inf, 0.1, 0.05]) == 0.0
 
 
+@pytest.mark.parametrize("rule", ["rayleigh", "uniform"])
+def test_the_nearest_is_of_the_families_asked_for(rule):
+    """The reference's own functions meet the tolerance, but a chain was asked for."""
+    with pytest.raises(pd.NoModel, match=f"the nearest, {rule} of size") as caught:
+        pd.choose(DAMPED, "motion", 1e-4, u=6.0, duration=0.2, among=rule)
+    assert {one.family for one in caught.value.tried} == {rule}
+
+
 def test_the_nearest_may_be_too_large_to_be_timed():
     """Chains of first order: some 5000 segments are needed, and none so large is asked."""
     with pytest.raises(pd.NoModel, match=r"nearest, uniform of size 2000, .* not timed") as caught:

@@ -62,9 +62,9 @@ WITHIN, MARGIN = 6, 1.5
 """Sizes of a family that are timed for a budget; by how much a time may be wrong, as predicted or
 as measured once."""
 
-FULL, CLOSE = 0.7, 0.1
-"""Share of a budget that is as good as all of it, and share of a size within which the largest that
-a budget pays for is known."""
+FULL, FULL_OF_DECADES, CLOSE = 0.7, 0.9, 0.1
+"""Shares of a budget that are as good as all of it, where errors fall by powers and by decades, and
+share of a size within which the largest that a budget pays for is known."""
 
 NEARBY = (8, 16, 32)
 """Sizes that tell where a family's errors tend to, where there are no looks."""
@@ -354,6 +354,7 @@ class Search:
             return best
         start = min(wanted, most, afford / MARGIN if afford < most else CHEAP)
         low, high, size = least - 1, most + 1, max(math.ceil(start), least)
+        full = FULL_OF_DECADES if family.order == math.inf else FULL
         for _ in range(WITHIN):
             row = self._timed(family, size, budget)
             if row.failure is None and row.seconds > budget:
@@ -362,7 +363,7 @@ class Search:
                 low = size
                 if best is None or self.bound(row) < self.bound(best):
                     best = row
-                if row.error <= aim or row.seconds > FULL * budget:
+                if row.error <= aim or row.seconds > full * budget:
                     break
             if high - low <= max(1, CLOSE * low):
                 break
@@ -461,8 +462,13 @@ class Search:
         for family in () if tolerance is None else self.families:
             if not any(family.name == name for name, _ in (*self.rows, *self.looks)):
                 self._look_far(family)
+        names = {family.name for family in self.families}  # the reference's may not be among them
         rows = list(self.rows.values())
-        rows += [self._unmeasured(*key) for key in self.looks if key not in self.rows]
+        rows += [
+            self._unmeasured(name, size)
+            for name, size in self.looks
+            if name in names and (name, size) not in self.rows
+        ]
         good = [row for row in rows if tolerance is None or self.bound(row) <= tolerance]
         timed = [row for row in good if not math.isnan(row.seconds)]
         if timed:
