@@ -161,7 +161,7 @@ class Search:
         return known if math.isfinite(known) else math.inf
 
     def error(self, family: Family, size: int) -> float:
-        """Bound on a model's error, from a look where there is one, else measured."""
+        """Bound on a model's error: by a look, infinite if that misses, or else measured."""
         key = (family.name, size)
         if key not in self.looks:
             told = None
@@ -171,17 +171,24 @@ class Search:
                     told = self.quantity.look(model, self.reference.answer)
                 except (PipedynError, ValueError, np.linalg.LinAlgError):
                     told = None
-                if told is None and self.has_look and size > LONG:
+                if told is None and self.has_look:
                     told = math.inf
-            if told is None:  # a look may miss what a search finds
+            if told is None:
                 return self.bound(self.measure(family, size))
             self.looks[key] = told + self.reference.error
         return self.looks[key]
 
+    def surely(self, family: Family, size: int) -> float:
+        """Bound on a model's error; what a look missed is measured, as a search may find it."""
+        error = self.error(family, size)
+        if math.isfinite(error) or size > LONG:
+            return error
+        return self.bound(self.measure(family, size))
+
     def is_steady(self, row: TradeRow, tolerance: float) -> bool:
         """Whether the next larger size meets the tolerance too."""
         family = FAMILIES[row.family]
-        return self.error(family, family.beyond(row.size)) <= tolerance
+        return self.surely(family, family.beyond(row.size)) <= tolerance
 
     # ------------------------------------------------------------------------- for a tolerance
 
@@ -257,6 +264,8 @@ class Search:
             size = min(max(math.ceil(wanted), bad + 1), last)
             if good is not None and size > LESS * good:
                 break
+        if good is None and bad >= least and self.surely(family, bad) <= tolerance:
+            good = bad
         if good is None and family.name not in self.left:
             self.left[family.name] = f"size {bad} has an error of {known[bad]:.1e} still"
         return good
