@@ -23,9 +23,10 @@ import numpy as np
 
 import pipedyn as pd
 from pipedyn.choose import DEFAULT
+from pipedyn.effort import clock
 from pipedyn.families import FAMILIES, RULES
 from pipedyn.quantity import Answer, Reference
-from pipedyn.trade import clock, measured
+from pipedyn.trade import measured
 
 HAND = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 40, 64, 100, 200)
 CHAINS = (3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 100, 128, 160, 200)

@@ -11,7 +11,8 @@ import pipedyn as pd
 from pipedyn.choose import DEFAULT
 from pipedyn.families import FAMILIES
 from pipedyn.quantity import Answer
-from pipedyn.search import predicted, price
+from pipedyn.search import limit_of, predicted, price
+from pipedyn.trade import measured
 
 PIPE = pd.Pipe(0.2)
 DAMPED = pd.Pipe(0.2, damping=1e-3)
@@ -111,6 +112,21 @@ def test_the_true_error_of_a_cycle_is_below_the_tolerance():
     assert cycle.frequency == pytest.approx(13.69632, rel=1e-2)
 
 
+@pytest.mark.parametrize(
+    ("pipe", "among", "tolerance"),
+    [
+        (pd.Pipe(0.0), None, 1e-4),
+        (pd.Pipe(0.0, 10.0), None, 1e-4),
+        (pd.Pipe(0.0), "legendre", 1e-2),
+        (pd.Pipe(0.0), "legendre", 1e-6),
+    ],
+)
+def test_where_two_frequencies_meet_a_model_is_chosen_too(pipe, among, tolerance):
+    """Without Coriolis force and damping no root passes the axis, and no look can follow one."""
+    choice = pd.choose(pipe, "critical_speed", tolerance, among=among)
+    assert true_error(choice) <= tolerance
+
+
 def test_no_model_much_smaller_would_do():
     """The next larger size is taken where it is measured to be cheaper."""
     choice = pd.choose(PIPE, "critical_speed", 1e-6, among="legendre")
@@ -134,6 +150,20 @@ def test_a_pair_of_chains_is_chosen_where_only_pairs_are_asked():
     assert choice.model.dof == 2 * choice.size
     assert choice.row.dof == 3 * choice.size
     assert choice.error <= 1e-3
+
+
+def test_the_answer_of_a_pair_is_extrapolated_and_better_than_either_chains():
+    choice = pd.choose(PIPE, "critical_speed", 1e-4, among="consistent pair")
+    smaller, larger = choice.models
+    assert larger is choice.model
+    assert larger.dof == 2 * smaller.dof
+    told = f"extrapolated from n = {smaller.dof} and {larger.dof}"
+    assert told in str(choice)
+    assert told in choice._repr_html_()
+    exact = pd.critical_speed(pd.Continuum(PIPE)).speed
+    assert abs(choice.answer[0] / exact - 1.0) <= choice.error
+    own = pd.critical_speed(larger).speed
+    assert abs(own / exact - 1.0) > 50.0 * choice.error
 
 
 # ----------------------------------------------------------------------------- laws of the search
@@ -204,6 +234,49 @@ def test_a_budget_that_nothing_meets_is_refused_with_what_came_nearest():
     assert caught.value.tried
 
 
+def priced(monkeypatch, seconds):
+    """Rows whose errors are measured and whose times are told; returns the sizes measured."""
+    sizes = []
+
+    def fake(pipe, quantity, family, size, *others):
+        sizes.append(size)
+        return dataclasses.replace(
+            measured(pipe, quantity, family, size, *others), seconds=seconds(family, size)
+        )
+
+    monkeypatch.setattr("pipedyn.search.measured", fake)
+    return sizes
+
+
+def test_a_small_model_that_is_dear_does_not_hide_larger_ones_within_the_budget(monkeypatch):
+    """A search for passages of 2 Legendre functions takes twice as long as that of 12."""
+    times = {2: 0.034, 4: 0.014, 6: 0.017}
+    sizes = priced(monkeypatch, lambda family, size: times.get(size, 0.002 * size))
+    choice = pd.choose(PIPE, "critical_speed", budget=0.03, among="legendre")
+    assert choice.error < 1e-12
+    assert len(sizes) == 1
+    choice = pd.choose(PIPE, "critical_speed", budget=0.0181, among="legendre")
+    assert choice.cost <= 0.0181
+    assert choice.size in (8, 9)
+    assert len(sizes) <= 5
+
+
+def test_a_family_is_left_unmeasured_where_another_is_as_exact_as_can_be_told():
+    choice = pd.choose(PIPE, "frequencies", budget=1.0, u=5.0)
+    assert choice.family == "legendre"
+    assert [one.family for one in choice.tried] == list(DEFAULT)
+    assert [one.family for one in choice.tried if one.row is not None] == ["legendre"]
+
+
+def test_of_chains_the_size_that_a_budget_pays_for_is_found(monkeypatch):
+    """Where errors fall as a power of the size, all of the budget is used but a share."""
+    sizes = priced(monkeypatch, lambda family, size: 1e-5 * size**2)
+    choice = pd.choose(PIPE, "frequencies", budget=0.1, among=("midpoint", "uniform"), u=5.0)
+    assert 0.07 <= choice.cost <= 0.1
+    assert choice.family == "midpoint"
+    assert len(sizes) <= 3
+
+
 def test_a_tolerance_and_a_budget_must_both_be_met():
     met = pd.choose(PIPE, "frequencies", 1e-4, 1.0, u=5.0)
     assert met.error <= 1e-4
@@ -216,9 +289,39 @@ def test_a_tolerance_and_a_budget_must_both_be_met():
 
 
 def test_the_papers_rule_meets_no_tolerance_below_its_limit():
-    with pytest.raises(pd.NoModel, match=r"an error of 0.001: the nearest, rayleigh of") as caught:
+    with pytest.raises(pd.NoModel, match=r"rayleigh of size 2000, .* it has another") as caught:
         pd.choose(PIPE, "critical_speed", 1e-3, among="rayleigh")
-    assert caught.value.nearest.family == "rayleigh"
+    nearest = caught.value.nearest
+    assert nearest.family == "rayleigh"
+    finer = pd.critical_speed(pd.Chain(PIPE, 128, springs="rayleigh")).speed
+    assert nearest.error == pytest.approx(0.01444, abs=2e-4)
+    assert nearest.error < 1.0 - finer / pd.critical_speed(pd.Continuum(PIPE)).speed
+
+
+def test_errors_that_fall_to_a_limit_tell_it():
+    errors = [0.014 + 0.1 / n for n in (8, 16, 32)]
+    assert limit_of(errors) == pytest.approx(0.014, rel=1e-9)
+    assert limit_of([0.1 / n**2 for n in (8, 16, 32)]) == pytest.approx(0.0, abs=1e-15)
+    assert limit_of([math.inf, 0.1, 0.05]) == 0.0
+
+
+@pytest.mark.parametrize("rule", ["rayleigh", "uniform"])
+def test_the_nearest_is_of_the_families_asked_for(rule):
+    """The reference's own functions meet the tolerance, but a chain was asked for."""
+    with pytest.raises(pd.NoModel, match=f"the nearest, {rule} of size") as caught:
+        pd.choose(DAMPED, "motion", 1e-4, u=6.0, duration=0.2, among=rule)
+    assert {one.family for one in caught.value.tried} == {rule}
+
+
+def test_the_nearest_may_be_too_large_to_be_timed():
+    """Chains of first order: some 5000 segments are needed, and none so large is asked."""
+    with pytest.raises(pd.NoModel, match=r"nearest, uniform of size 2000, .* not timed") as caught:
+        pd.choose(PIPE, "critical_speed", 1e-4, among="uniform")
+    nearest = caught.value.nearest
+    assert math.isnan(nearest.seconds)
+    half = pd.critical_speed(pd.Chain(PIPE, 100, springs="uniform")).speed
+    exact = pd.critical_speed(pd.Continuum(PIPE)).speed
+    assert nearest.error == pytest.approx(abs(half / exact - 1.0) / 20.0, rel=0.05)
 
 
 def test_a_pipe_that_never_loses_stability_has_no_model():

@@ -466,3 +466,28 @@ def test_a_bad_argument_is_refused_by_name(call, name):
     with pytest.raises((ValueError, TypeError), match=rf"\b{name}") as caught:
         call()
     assert type(caught.value) in (ValueError, TypeError)
+
+
+@pytest.mark.parametrize("pivot", [0.0, np.nan])
+def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
+    """R of L + mu R is singular where a motion leaves the cycle faster than numbers can tell."""
+
+    def torn(motion, course):
+        right = np.eye(motion.size)
+        right[0, 0] = pivot
+        return np.eye(motion.size), right
+
+    monkeypatch.setattr("pipedyn.floquet.through", torn)
+    with pytest.raises(pd.NotConverged, match="fails its check: its Floquet multipliers left"):
+        pd.limit_cycle(pd.Chain(pd.Pipe(0.2), 4), 6.5)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-3])
+def test_panels_are_not_halved_for_roughness_that_is_rounding(damping):
+    """The cycle needs 64 panels of 8 stages for ten digits; rounding would ask for a thousand."""
+    pipe = pd.Pipe(0.2, damping=damping)
+    sharp = pd.limit_cycle(pd.Galerkin(pipe, 14, "legendre"), 6.0, rtol=1e-10)
+    assert sharp.error <= 1e-10
+    assert sharp.phases < 1500
+    loose = pd.limit_cycle(pd.Galerkin(pipe, 14, "legendre"), 6.0, rtol=1e-6)
+    assert sharp.amplitude == pytest.approx(loose.amplitude, rel=1e-9)

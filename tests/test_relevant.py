@@ -330,3 +330,26 @@ def test_the_centrifugal_factor_is_one_ejecting_and_alpha_aspirating():
     pipe = pd.Pipe(0.2, flow="aspirating", alpha=0.4)
     assert pipe.centrifugal == 0.4
     assert pd.Chain(pipe, 3).operators().centrifugal == 0.4
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_as_many_frequencies_are_told_as_were_asked_for(count):
+    """Two roots of another set lie beside the last, and are no part of the answer."""
+    found = pd.relevant(pd.Pipe(0.3, 5.0, damping=1e-3), 3.0, "frequencies", count=count)
+    assert found.full.count(",") == count - 1
+    assert all(one.without.count(",") <= count - 1 for one in found.effects)
+
+
+def test_changes_of_roots_are_said_to_be_of_the_complex_ones():
+    """Damping of 0.001 moves the third frequency by 2e-3, and its root by 3e-2."""
+    found = pd.relevant(pd.Pipe(0.3, 5.0, damping=1e-3), 3.0, "frequencies", count=3)
+    assert found["damping"].size > 0.02
+    assert "of the complex root" in str(found)
+    assert "of the complex root" in found._repr_html_()
+    assert "complex" not in str(pd.relevant(pd.Pipe(0.3), 3.0))
+
+
+def test_growth_that_is_rounding_is_told_as_zero():
+    """Without flow an undamped pipe neither grows nor decays."""
+    found = pd.relevant(pd.Pipe(0.3), 0.0, "root_loci", speeds=[0.0], count=2)
+    assert found.full == "growth up to 0"

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 import pipedyn as pd
 from pipedyn import plot
-from pipedyn.effort import counted
+from pipedyn.effort import TookTooLong, counted, limited
 from pipedyn.families import FAMILIES, expected_size
 from pipedyn.nearby import onset_near
 from pipedyn.quantity import CriticalSpeedOf, Frequencies, LimitCycleAt, MotionOf, RootLociOver
@@ -401,3 +401,49 @@ def test_a_front_of_no_such_cost_is_refused(critical):
         critical.pareto("money")
     with pytest.raises(ValueError, match="cost must be one of 'seconds'"):
         plot.trade(critical, "money")
+
+
+# ---------------------------------------------------------------------------------- an end to it
+
+
+def test_a_reference_that_takes_too_long_serves_as_far_as_it_got(monkeypatch):
+    """The third model is not done: what the second moved the first by is the error."""
+    answers, answer = [], MotionOf.answer
+
+    def slow(self, model):
+        answers.append(answer(self, model))
+        if len(answers) == 3:
+            raise TookTooLong("it took more than 30 s")
+        return answers[-1]
+
+    monkeypatch.setattr(MotionOf, "answer", slow)
+    pipe = pd.Pipe(0.2, damping=1e-3)
+    table = pd.trade(pipe, "motion", families="legendre", sizes=5, u=7.0, duration=1.0)
+    moved = table.quantity.distance(answers[0], answers[1])
+    assert table.reference.error == pytest.approx(moved, rel=1e-6)
+    assert "functions, as that of" in table.reference.source
+    assert not table.rows[0].resolved or table.rows[0].error >= 10.0 * moved
+
+
+def test_a_reference_of_which_nothing_is_known_in_time_is_refused(monkeypatch):
+    monkeypatch.setattr("pipedyn.quantity.LONGEST_REFERENCE", 0.0)
+    with pytest.raises(pd.NotConverged, match="functions was not done in 0 s"):
+        pd.trade(pd.Pipe(0.2), "motion", u=4.0, duration=1.0)
+    with pytest.raises(pd.NotConverged, match="functions was not done in 0 s"):
+        pd.choose(pd.Pipe(0.2), "limit_cycle", 1e-2, u=6.0)
+
+
+def test_a_reference_that_no_larger_model_confirms_is_refused():
+    """At u = 50 the pipe coils at once, and 20 functions do not follow."""
+    with pytest.raises(pd.NotConverged, match=r"not known: Galerkin, 20 .* moved it by"):
+        pd.trade(pd.Pipe(0.2), "motion", u=50.0, duration=0.1, rtol=1e-3)
+
+
+@pytest.mark.parametrize("method", ["dop853", "lsoda"])
+def test_a_computation_ends_with_its_time(method):
+    chain = pd.Chain(pd.Pipe(0.2, damping=1e-3), 20)
+    with pytest.raises(TookTooLong, match=r"more than 0\.1 s"), limited(60.0), limited(0.1):
+        pd.simulate(chain, 6.0, 1e3, 0.1 * np.ones(20), samples=2, method=method)
+    with pytest.raises(TookTooLong), limited(0.1):
+        pd.limit_cycle(pd.Galerkin(pd.Pipe(0.2), 16, "legendre"), 6.0)
+    pd.limit_cycle(pd.Chain(pd.Pipe(0.2), 2), 6.0)

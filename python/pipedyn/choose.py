@@ -9,16 +9,17 @@ from __future__ import annotations
 import html
 import math
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
+
+from numpy.typing import NDArray
 
 from pipedyn import _check
 from pipedyn.families import FAMILIES, checked_families
 from pipedyn.model import Model, PipedynError, checked_pipe
 from pipedyn.pipe import Pipe
 from pipedyn.quantity import Quantity, Reference, checked_quantity
-from pipedyn.search import Search
+from pipedyn.search import Search, told_of
 from pipedyn.trade import SHARPER, TradeRow
 
 DEFAULT = ("legendre", "beam", "consistent", "midpoint")
@@ -30,7 +31,7 @@ FINEST = 1e-8
 
 @dataclass(frozen=True)
 class Tried:
-    """A model that was measured, or a family that was left, and why it was not chosen.
+    """A family, and why it was not chosen.
 
     Attributes:
         family: its name.
@@ -48,7 +49,7 @@ class Choice:
     """The model chosen.
 
     Attributes:
-        model: the model; of a pair the larger one.
+        models: the model, or the pair from whose answers the answer is extrapolated.
         row: its measured error and cost.
         tolerance: asked for, relative; None where a budget was.
         budget: asked for, in seconds an answer; None where a tolerance was.
@@ -56,12 +57,12 @@ class Choice:
         steady: whether the next larger size meets the tolerance as well; if not, the model meets it
             by a change of sign of its error, which holds for this pipe and this question only. None
             where no tolerance was asked for.
-        tried: every model that was measured and every family that was left, with the reasons.
+        tried: a line for each family, with the reason why it lost.
         seconds: that the search took, with the reference.
         quantity: what was asked.
     """
 
-    model: Model
+    models: tuple[Model, ...]
     row: TradeRow
     tolerance: float | None
     budget: float | None
@@ -70,6 +71,21 @@ class Choice:
     tried: tuple[Tried, ...] = field(repr=False)
     seconds: float
     quantity: Quantity
+
+    @property
+    def model(self) -> Model:
+        """The model; of a pair the larger one, whose own answer is worse than `answer`."""
+        return self.models[-1]
+
+    @property
+    def answer(self) -> NDArray[Any]:
+        """What was answered when it was measured, of a pair the extrapolated value.
+
+        A critical speed, shape (1,); eigenvalues, shape (K,), or of each speed, shape (S, K); the
+        free end's positions, shape (S, 2); amplitude and frequency of a cycle, shape (2,).
+        """
+        assert self.row.values is not None
+        return self.row.values
 
     @property
     def error(self) -> float:
@@ -92,7 +108,14 @@ class Choice:
         return self.row.size
 
     def __str__(self) -> str:
-        return "\n".join([f"{self.model!r}", *self._told()])
+        return "\n".join([self._named(), *self._told()])
+
+    def _named(self) -> str:
+        """The model, and of a pair what it takes besides."""
+        if len(self.models) == 1:
+            return repr(self.model)
+        sizes = " and ".join(str(model.dof) for model in self.models)
+        return f"{self.model!r}, extrapolated from n = {sizes}"
 
     def _told(self) -> list[str]:
         lines = [
@@ -105,7 +128,7 @@ class Choice:
         return lines
 
     def _repr_html_(self) -> str:
-        first, *others = [html.escape(line) for line in [repr(self.model), *self._told()]]
+        first, *others = [html.escape(line) for line in [self._named(), *self._told()]]
         return f"<b>{first}</b><br>" + "<br>".join(others)
 
 
@@ -114,7 +137,8 @@ class NoModel(PipedynError):
 
     Attributes:
         tried: what was tried, with the reasons.
-        nearest: the measured row that comes nearest; None where every model failed.
+        nearest: the row that comes nearest, its times NaN where the model is too large to be timed
+            and a look has told its error; None where every model failed.
     """
 
     def __init__(self, message: str, tried: tuple[Tried, ...], nearest: TradeRow | None) -> None:
@@ -142,7 +166,8 @@ def choose(
     asks for. The whole search takes, in answers of the model chosen, 3 to 9 for linear questions
     (96 searches on 8 random pipes: tests/benchmark_choose.py), 4 to 9 for cycles, of chains to 18,
     and some 10 for motions, to 25 where an answer takes a few milliseconds. For motions of an
-    aspirating pipe under drag alone the reference is dear: 13 to 29.
+    aspirating pipe under drag alone the reference is dear: 13 to 29. For a budget it takes 2 to 8
+    (eleven searches at beta = 0.2).
 
     Args:
         pipe: the pipe.
@@ -160,7 +185,8 @@ def choose(
 
     Raises:
         NoModel: if none meets the demand; it says what came nearest.
-        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer.
+        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer, or none is
+            found in half a minute.
         ValueError, TypeError: for bad arguments.
     """
     pipe = checked_pipe(pipe)
@@ -194,12 +220,13 @@ def choose(
         assert budget is not None
         row = search.sharpest(budget)
         demand = f"a time of {budget:g} s"
-    if row is None or (budget is not None and row.seconds > budget):
-        raise _refusal(search, demand)
+    row = row or search.nearest(tolerance)
+    if not _meets(search, row, tolerance, budget):
+        raise _refusal(search, row, demand)
     if tolerance is not None:
         steady = search.is_steady(row, tolerance)
     return Choice(
-        model=FAMILIES[row.family].models(pipe, row.size)[-1],
+        models=FAMILIES[row.family].models(pipe, row.size),
         row=row,
         tolerance=tolerance,
         budget=budget,
@@ -211,49 +238,39 @@ def choose(
     )
 
 
-def _told(search: Search, chosen: TradeRow) -> tuple[Tried, ...]:
-    """Every row, and why it was not chosen."""
+def _meets(search: Search, row: TradeRow, tolerance: float | None, budget: float | None) -> bool:
+    exact = tolerance is None or search.bound(row) <= tolerance
+    return exact and not math.isnan(row.seconds) and (budget is None or row.seconds <= budget)
+
+
+def _told(search: Search, chosen: TradeRow | None) -> tuple[Tried, ...]:
+    """A line for each family: its row that was measured last, and why it was not chosen."""
     last = {name: row for (name, _), row in search.rows.items()}
+    if chosen is not None:
+        last[chosen.family] = chosen
+    names = dict.fromkeys((*last, *search.left))
     found = []
-    for (name, _), row in search.rows.items():
-        why = f"size {row.size} has an error of {row.error:.1e} and takes {_ms(row)}"
-        if row is chosen:
-            why = ""
-        elif row.failure is not None:
-            why = f"size {row.size} failed: {row.failure}"
-        elif row is last[name]:
-            why = search.left.get(name, why)
-        found.append(Tried(name, row, why))
-    return (*found, *_unmeasured(search))
+    for name in names:
+        row = last.get(name)
+        why = search.left.get(name, "" if row is None else told_of(row))
+        found.append(Tried(name, row, "" if row is not None and row is chosen else why))
+    return tuple(found)
 
 
-def _unmeasured(search: Search) -> Iterator[Tried]:
-    """Families that were left before any measurement."""
-    names = {name for name, _ in search.rows}
-    return (Tried(name, None, why) for name, why in search.left.items() if name not in names)
-
-
-def _refusal(search: Search, demand: str) -> NoModel:
+def _refusal(search: Search, nearest: TradeRow, demand: str) -> NoModel:
     """What to raise where nothing meets the demand."""
-    if not search.rows:  # what looked best, to tell how far it is
-        first = search.families[0].name, search.quantity.least + 4
-        name, size = min(search.looks, key=search.looks.__getitem__, default=first)
-        search.measure(FAMILIES[name], size)
-    rows = search.rows.values()
-    nearest = min(rows, key=search.bound)
-    told = tuple(Tried(row.family, row, search.left.get(row.family, "")) for row in rows)
-    told += tuple(_unmeasured(search))
+    told = _told(search, None)
     if math.isinf(search.bound(nearest)):
         why = nearest.failure or "its answer is of another kind than the continuous pipe's"
         return NoModel(f"no model meets {demand}: {why}", told, None)
+    takes = f"takes {1e3 * nearest.seconds:.3g} ms"
+    if math.isnan(nearest.seconds):
+        takes = "was not timed"
+    left = search.left.get(nearest.family, "")
     return NoModel(
         f"no model meets {demand}: the nearest, {nearest.family} of size {nearest.size}, has "
         f"an error of {search.bound(nearest):.1e} (the reference's {search.reference.error:.1e} "
-        f"in it) and takes {_ms(nearest)}",
+        f"in it) and {takes}" + (f"; {left}" if "limit" in left else ""),
         told,
         nearest,
     )
-
-
-def _ms(row: TradeRow) -> str:
-    return f"{1e3 * row.seconds:.3g} ms"

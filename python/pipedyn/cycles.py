@@ -511,7 +511,11 @@ def _simulated(motion: Field, u: float, q0: Array, qdot0: Array, limit: int = SE
         if away < SETTLED * found.size:
             if passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6:
                 continue
-            multipliers, _ = floquet(motion, found)
+            try:
+                multipliers, _ = floquet(motion, found)
+            except Elsewhere as told:
+                reason = str(told)
+                continue
             if np.count_nonzero(np.abs(multipliers) > 1.0 + 1e-3) == 0:
                 return found
             passed = found
@@ -561,7 +565,10 @@ def finished(
     tolerance = min(1e-7, 1e-2 * rtol)
     for check in range(CHECKS):
         course, error, reason = _refined(motion, course, rough, rtol, tolerance)
-        result = _described(motion, course, error, samples, how)
+        try:
+            result = _described(motion, course, error, samples, how)
+        except Elsewhere as told:
+            raise NotConverged(f"the cycle at u = {found.u:g} fails its check: {told}") from None
         if error > rtol:
             raise NotConverged(
                 f"the cycle at u = {found.u:g} is known to {error:.1e} only: {reason}", result
@@ -583,14 +590,17 @@ def _refined(
 ) -> tuple[Course, float, str]:
     """The course on finer panels, what their last refinement changed, and why it went no further.
 
-    Refined are the panels that are rough, and all of them where none is.
+    Refined are the panels that are rough, and all of them where none is, until what is rough on
+    them is rounding, which halving does not lessen.
     """
     # Under drag two answers may agree by chance: believed is no more than the fourth power of h.
     measured, error = amplitude_of(motion, course), math.inf
     last = math.inf if motion.model.pipe.drag else 0.0
+    roughest = math.inf
     while True:
-        coarse = course.roughness() > rough
-        if error <= 0.5 * rtol and not coarse.any():
+        roughness = course.roughness()
+        coarse, before, roughest = roughness > rough, roughest, float(roughness.max())
+        if error <= 0.5 * rtol and (not coarse.any() or roughest > 0.5 * before):
             return course, error, ""
         if not coarse.any():
             coarse[:] = True

@@ -1,12 +1,23 @@
 # SPDX-License-Identifier: MIT
-"""What a computation costs on any machine: right-hand sides and factorisations, counted."""
+"""What a computation costs: right-hand sides and factorisations, counted; and its time, limited."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+
+clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.thread_time
+"""Seconds of this thread's work, which others on the machine hardly move; Windows counts them in
+steps of 16 ms, and there it is the time that passes."""
+
+
+class TookTooLong(Exception):
+    """A computation that came to the end of its time; no failure of a search, which would go on."""
 
 
 @dataclass
@@ -23,6 +34,7 @@ class Effort:
 
 
 _tally: ContextVar[Effort | None] = ContextVar("effort", default=None)
+_end: ContextVar[tuple[float, str]] = ContextVar("end", default=(math.inf, ""))
 
 
 @contextmanager
@@ -36,8 +48,31 @@ def counted() -> Iterator[Effort]:
         _tally.reset(token)
 
 
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Within, this thread computes for so many seconds at most; an outer limit holds as well.
+
+    Raises:
+        TookTooLong: at the next right-hand side or factorisation after that; integrators ask now
+            and then only.
+    """
+    token = _end.set(min(_end.get(), (clock() + seconds, f"it took more than {seconds:.3g} s")))
+    try:
+        yield
+    finally:
+        _end.reset(token)
+
+
+def in_time() -> None:
+    """Asks whether there is time left."""
+    end, told = _end.get()
+    if end < math.inf and clock() > end:
+        raise TookTooLong(told)
+
+
 def factorised(matrices: int = 1) -> None:
     """Counts matrices that were factorised."""
+    in_time()
     effort = _tally.get()
     if effort is not None:
         effort.factorisations += matrices
@@ -45,6 +80,7 @@ def factorised(matrices: int = 1) -> None:
 
 def evaluated(states: int) -> None:
     """Counts states at which the right-hand side was computed."""
+    in_time()
     effort = _tally.get()
     if effort is not None:
         effort.right_hand_sides += states

@@ -16,6 +16,7 @@ import scipy.linalg
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn._check import Array
+from pipedyn.collocation import Elsewhere
 from pipedyn.course import Course, divided
 from pipedyn.effort import factorised
 from pipedyn.field import Field
@@ -25,6 +26,9 @@ from pipedyn.pencil import Complex
 
 SETTLED, MOST_HALVINGS, MOST = 1e-7, 4, 4000
 """Error of a multiplier, relative if above 1; halvings of the panels, and panels, to come there."""
+
+LARGEST = 1e150
+"""Modulus of a multiplier, whose square is finite still."""
 
 TURN = 4.0
 """|lambda| h of a panel at most, for modes that live on: its error is 3e-8, of a half 5e-13."""
@@ -42,6 +46,9 @@ def floquet(motion: Field, course: Course) -> tuple[Complex, float]:
     Args:
         motion: the model's.
         course: the cycle.
+
+    Raises:
+        Elsewhere: if they leave finite numbers.
     """
     left = LEFT_ACROSS_KINKS if motion.hidden_kinks else LEFT
     course = shortened(motion, course)
@@ -74,14 +81,23 @@ def returns(motion: Field, course: Course) -> Complex:
     Args:
         motion: the model's.
         course: the cycle, on panels that are short for what lives on.
+
+    Raises:
+        Elsewhere: if they are beyond LARGEST, as where R is singular to rounding.
     """
-    left, right = through(motion, course)
-    tangent = _tangent(motion, course)
     factorised()
-    if tangent is None:
-        values = scipy.linalg.eigvals(left, -right)
-    else:
-        values = np.linalg.eigvals(-tangent.T @ np.linalg.solve(right, left @ tangent))
+    with np.errstate(over="raise", invalid="raise"):
+        try:
+            left, right = through(motion, course)
+            tangent = _tangent(motion, course)
+            if tangent is None:
+                values = scipy.linalg.eigvals(left, -right)
+            else:
+                values = np.linalg.eigvals(-tangent.T @ np.linalg.solve(right, left @ tangent))
+        except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
+            raise Elsewhere("its Floquet multipliers left finite numbers") from error
+    if not (np.abs(values) < LARGEST).all():
+        raise Elsewhere("its Floquet multipliers left finite numbers")
     found: Complex = course.mirror * np.asarray(values, dtype=np.complex128)
     return found
 
@@ -99,8 +115,6 @@ def shortened(motion: Field, course: Course) -> Course:
 
 def _apart(a: Complex, b: Complex) -> float:
     """Largest difference of two sets of multipliers, relative to those above 1."""
-    if not (np.isfinite(a).all() and np.isfinite(b).all()):
-        return math.inf
     moved = np.abs(a[:, None] - b) / np.maximum(np.abs(b), 1.0)
     return float(moved[linear_sum_assignment(moved)].max())
 

@@ -24,6 +24,7 @@ from pipedyn._check import Array
 from pipedyn.continuum import AnyModel, Continuum
 from pipedyn.critical import checked_end, critical_speed
 from pipedyn.cycles import LARGEST_CYCLE, limit_cycle
+from pipedyn.effort import TookTooLong, clock, limited
 from pipedyn.faint import is_faint
 from pipedyn.families import FAMILIES, Family, expected_size
 from pipedyn.galerkin import Galerkin
@@ -56,6 +57,9 @@ FIRST, MOST = 6, 20
 
 BEAM_MODES: tuple[int, ...] = (4, 6, 8, 11, 15, 20, 27)
 """Sizes of beam modes, for motions that Legendre functions spoil; 27 take ten seconds."""
+
+LONGEST_REFERENCE = 30.0
+"""Seconds of processor time after which a nonlinear reference grows no more."""
 
 STARTING = 24
 """Legendre functions at the least for the mode from which a motion sets out."""
@@ -132,10 +136,14 @@ class Quantity(ABC):
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's answer, its error below a tolerance where that can be had."""
 
+    def has_look(self, answer: Answer) -> bool:
+        """Whether a look beside the reference's answer tells a model's error."""
+        return False
+
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         """A model's error from a look beside the reference's answer, far cheaper than its own.
 
-        None where there is no such look; infinite where it finds nothing.
+        None where there is no such look, or it finds nothing.
         """
         return None
 
@@ -248,18 +256,23 @@ class CriticalSpeedOf(Quantity):
         found = critical_speed(model, self.max_speed)
         error = found.error / found.speed if found.speed else 0.0
         onset = None
-        if found.kind == "flutter" and found.speed and not is_faint(model.pipe):
+        # With neither Coriolis force nor damping two frequencies meet: no root passes the axis.
+        passes = model.pipe.beta > 0.0 or model.pipe.damping > 0.0
+        if found.kind == "flutter" and found.speed and passes and not is_faint(model.pipe):
             onset = Onset(found.speed, found.frequency, found.error)
         return Answer(np.array([found.speed]), found.kind, error, onset)
 
     def distance(self, answer: Answer, other: Answer) -> float:
         return math.inf if answer.kind != other.kind else _relative(answer.values, other.values)
 
+    def has_look(self, answer: Answer) -> bool:
+        return answer.onset is not None
+
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         if answer.onset is None or not isinstance(model, Model):
             return None
         onset = onset_near(model, answer.onset.speed, answer.onset.frequency)
-        return math.inf if onset is None else abs(onset.speed / answer.onset.speed - 1.0)
+        return None if onset is None else abs(onset.speed / answer.onset.speed - 1.0)
 
     def wave(self, pipe: Pipe, answer: Answer) -> float | None:
         onset = answer.onset
@@ -351,6 +364,9 @@ class Frequencies(Quantity):
         told: NDArray[Any] = values[below & _outside(values, answer.damping)]
         return told
 
+    def has_look(self, answer: Answer) -> bool:
+        return True
+
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         if not isinstance(model, Model):
             return None
@@ -437,6 +453,9 @@ class RootLociOver(Quantity):
         upper, lower = np.split(answer.values, 2, axis=1)
         mine = np.concatenate([upper[:, : self.count], lower[:, : self.count]], axis=1)
         return replace(answer, values=mine)
+
+    def has_look(self, answer: Answer) -> bool:
+        return True
 
     def look(self, model: AnyModel, answer: Answer) -> float | None:
         if not isinstance(model, Model):
@@ -701,8 +720,21 @@ def _grown(
             what the last step moved is then more than what is left.
     """
     answers: list[Answer] = []
+    end, told = clock() + LONGEST_REFERENCE, ""
     for i, size in enumerate(sizes):
-        answers.append(askers[i % 2].answer(family.make(pipe, size)))
+        try:
+            with limited(end - clock()):
+                answers.append(askers[i % 2].answer(family.make(pipe, size)))
+        except (TookTooLong, PipedynError) as failure:
+            if i < 2 and isinstance(failure, PipedynError):
+                raise
+            if i < 2:
+                raise NotConverged(
+                    f"the continuous pipe's answer is not known: of reduced models, the one of "
+                    f"{size} {family.name} functions was not done in {LONGEST_REFERENCE:g} s"
+                ) from None
+            told, size = f", as that of {size} failed", sizes[i - 1]
+            break
         if i == 0:
             continue
         left = 1.0
@@ -711,7 +743,7 @@ def _grown(
         error = left * askers[0].distance(answers[-2], answers[-1]) + answers[-1].error
         if error <= tolerance:
             break
-    source = f"Galerkin, {size} {family.name} functions"
+    source = f"Galerkin, {size} {family.name} functions{told}"
     errors = [askers[0].distance(smaller, answers[-1]) for smaller in answers[:-1]]
     grown = tuple(zip(sizes, errors, strict=False))
     return Reference(answers[-1], max(error, 1e-14), source, family.name, grown)

@@ -30,6 +30,9 @@ FAINT = 1e-9
 ROUNDING = 1e-10
 """Real parts below this share of the largest |lambda| count as 0."""
 
+OF_ROOTS = ("frequencies", "root_loci")
+"""Quantities that are eigenvalues."""
+
 HEADINGS = ("effect", "strength", "without it", "change", "growth at u", "verdict")
 
 
@@ -132,6 +135,8 @@ class Relevance:
             f"negligible is a change below {self.tolerance:g}"
         )
         notes = [f"{effect.name}: {effect.note}" for effect in shown if effect.note]
+        if self.quantity.name in OF_ROOTS:
+            notes.insert(0, "change: of the complex root, growth and frequency, beside its modulus")
         return Table(title, HEADINGS, [effect.cells for effect in shown], notes=notes)
 
     def __str__(self) -> str:
@@ -343,7 +348,7 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> _Outcome:
 
 def _told(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
     """An answer in words, and its kind."""
-    values = answer.values
+    values = quantity.shared(answer).values
     if quantity.name == "critical_speed":
         if values[0] == 0.0:
             from_rest = "unstable from the smallest flow on"
@@ -356,7 +361,9 @@ def _told(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
     if quantity.name == "frequencies":
         above = ", ".join(f"{value.imag:.4g}" for value in values if value.imag > 0.0)
         return f"omega = {above}" if above else "no oscillation", ""
-    return f"growth up to {values.real.max():.4g}", ""
+    growth = float(values.real.max())
+    rounded = abs(growth) <= ROUNDING * float(np.abs(values).max())
+    return f"growth up to {0.0 if rounded else growth:.4g}", ""
 
 
 def _speed(u: float, pipe: Pipe) -> str:

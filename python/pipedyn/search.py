@@ -5,13 +5,16 @@ What is known of a family's error (an order, or exponential decay) predicts the 
 tolerance takes; errors found on the way correct it. Linear questions have looks, which tell a
 model's error at a tenth of its cost, and cost what their degrees of freedom do: families whose size
 is too large beside the best are not measured. Of motions and cycles each size is measured, and a
-family is left where its next size would not cost less than WORTH of what was found.
+family is left where its next size would not cost less than WORTH of what was found. For a budget
+the size is sought that comes as near to the reference as can be told, and below it what the budget
+pays for; a family is left where its law, or a look, has no smaller an error in as much time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from bisect import bisect_right
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -19,7 +22,7 @@ from pipedyn.families import FAMILIES, RULES, Family, expected_size
 from pipedyn.model import PipedynError
 from pipedyn.pipe import Pipe
 from pipedyn.quantity import Quantity, Reference
-from pipedyn.trade import TradeRow, measured
+from pipedyn.trade import SHARPER, TradeRow, measured
 
 WORTH = 0.7
 """Share of the best cost so far that another family must promise to be looked at further."""
@@ -28,7 +31,7 @@ LARGEST = {"legendre": 60, "beam": 400}
 """Functions; chains are tried up to what the quantity can be asked of."""
 
 PATIENCE = 60.0
-"""Seconds: a model that would take longer for an answer is not tried."""
+"""Seconds: a model that would take longer for an answer is not tried, or given up."""
 
 LESS = 0.93
 """Share of a size below which a smaller one is worth a look or a measurement."""
@@ -54,6 +57,17 @@ CHEAP = 12
 STEPS, TRIES, MEASURED = 25, 4, 2
 """Sizes of a family that are asked for its error; for a linear question those measured after, and
 families measured."""
+
+WITHIN, MARGIN = 6, 1.5
+"""Sizes of a family that are timed for a budget; by how much a time may be wrong, as predicted or
+as measured once."""
+
+FULL, FULL_OF_DECADES, CLOSE = 0.7, 0.9, 0.1
+"""Shares of a budget that are as good as all of it, where errors fall by powers and by decades, and
+share of a size within which the largest that a budget pays for is known."""
+
+NEARBY = (8, 16, 32)
+"""Sizes that tell where a family's errors tend to, where there are no looks."""
 
 LONG = 80
 """Size from which a linear answer is not measured before a smaller one has told its price."""
@@ -125,6 +139,7 @@ class Search:
         self.pipe, self.quantity, self.reference = pipe, quantity, reference
         self.families, self.repeats = families, repeats
         self.wave = quantity.wave(pipe, reference.answer)
+        self.has_look = quantity.has_look(reference.answer)
         self.rows: dict[tuple[str, int], TradeRow] = {}
         self.looks = {
             (reference.family, size): error + reference.error for size, error in reference.grown
@@ -136,7 +151,7 @@ class Search:
         key = (family.name, size)
         if key not in self.rows:
             self.rows[key] = measured(
-                *(self.pipe, self.quantity, family, size, self.reference, self.repeats)
+                *(self.pipe, self.quantity, family, size, self.reference, self.repeats, PATIENCE)
             )
         return self.rows[key]
 
@@ -146,7 +161,7 @@ class Search:
         return known if math.isfinite(known) else math.inf
 
     def error(self, family: Family, size: int) -> float:
-        """Bound on a model's error, from a look where there is one, else measured."""
+        """Bound on a model's error: by a look, infinite if that misses, or else measured."""
         key = (family.name, size)
         if key not in self.looks:
             told = None
@@ -155,32 +170,45 @@ class Search:
                     model = family.models(self.pipe, size)[0]
                     told = self.quantity.look(model, self.reference.answer)
                 except (PipedynError, ValueError, np.linalg.LinAlgError):
+                    told = None
+                if told is None and self.has_look:
                     told = math.inf
             if told is None:
                 return self.bound(self.measure(family, size))
             self.looks[key] = told + self.reference.error
         return self.looks[key]
 
+    def surely(self, family: Family, size: int) -> float:
+        """Bound on a model's error; what a look missed is measured, as a search may find it."""
+        error = self.error(family, size)
+        if math.isfinite(error) or size > LONG:
+            return error
+        return self.bound(self.measure(family, size))
+
     def is_steady(self, row: TradeRow, tolerance: float) -> bool:
         """Whether the next larger size meets the tolerance too."""
         family = FAMILIES[row.family]
-        return self.error(family, family.beyond(row.size)) <= tolerance
+        return self.surely(family, family.beyond(row.size)) <= tolerance
 
     # ------------------------------------------------------------------------- for a tolerance
 
     def cheapest(self, tolerance: float) -> TradeRow | None:
         """The cheapest row that meets a tolerance."""
         expected = {family: self._expected(family, tolerance) for family in self.families}
-        first = self.reference.family
-
-        def turn(family: Family) -> tuple[bool, bool, float]:
-            stalls = family.order == 0.0
-            return family.name != first, stalls, family.dof(1) * expected[family]
-
-        ask = self._look_up if self.quantity.is_linear else self._try_out
-        ask({family: expected[family] for family in sorted(expected, key=turn)}, tolerance)
+        order = sorted(expected, key=self._turn(expected))
+        ask = self._look_up if self.has_look else self._try_out
+        ask({family: expected[family] for family in order}, tolerance)
         good = [row for row in self.rows.values() if self.bound(row) <= tolerance]
         return min(good, key=lambda row: row.seconds, default=None)
+
+    def _turn(self, expected: Mapping[Family, float]) -> Callable[[Family], tuple[float, ...]]:
+        """In which order families are asked: those of which something is known, then the small."""
+        first = self.reference.family
+
+        def turn(family: Family) -> tuple[float, ...]:
+            return family.name != first, family.order == 0.0, family.dof(1) * expected[family]
+
+        return turn
 
     def _expected(self, family: Family, tolerance: float) -> float:
         """About the size that the tolerance takes; of nonlinear questions the least that may do."""
@@ -189,7 +217,7 @@ class Search:
         if self.quantity.is_spoilt(self.pipe, family.name):
             return math.inf
         wave = math.pi if self.wave is None else self.wave
-        share = 1.0 if self.quantity.is_linear else NEAR
+        share = 1.0 if self.has_look else NEAR
         return max(share * expected_size(family, wave, tolerance), float(self.quantity.least))
 
     def _largest(self, family: Family) -> int:
@@ -215,7 +243,7 @@ class Search:
             return None
         known = dict(self.reference.grown) if family.name == self.reference.family else {}
         wanted = min(max(expected, least), most)
-        size = math.ceil(wanted if known or self.quantity.is_linear else min(wanted, CHEAP))
+        size = math.ceil(wanted if known or self.has_look else min(wanted, CHEAP))
         good, bad = None, least - 1
         for _ in range(STEPS):
             why = self._dearer(family, max(size, math.ceil(min(wanted, most))), room, limit)
@@ -236,6 +264,8 @@ class Search:
             size = min(max(math.ceil(wanted), bad + 1), last)
             if good is not None and size > LESS * good:
                 break
+        if good is None and bad >= least and self.surely(family, bad) <= tolerance:
+            good = bad
         if good is None and family.name not in self.left:
             self.left[family.name] = f"size {bad} has an error of {known[bad]:.1e} still"
         return good
@@ -305,29 +335,187 @@ class Search:
     # ---------------------------------------------------------------------------- for a budget
 
     def sharpest(self, budget: float) -> TradeRow | None:
-        """The row of least error within a budget; of several at the reference's floor, cheapest."""
-        found: list[TradeRow] = []
-        for family in self.families:
-            row = self._largest_within(family, budget)
-            if row is not None:
-                found.append(row)
-        return min(found, key=lambda row: (self.bound(row), row.seconds), default=None)
-
-    def _largest_within(self, family: Family, budget: float) -> TradeRow | None:
-        """Of one family the best within the budget: sizes grow until time or error ends it."""
+        """The row of least error within a budget; none sharper than the reference is looked for."""
+        aim = max(SHARPER * self.reference.error, self.quantity.floor)
+        expected = {family: self._expected(family, aim) for family in self.families}
         best: TradeRow | None = None
-        size = max(2, self.quantity.least)
-        while size <= self._largest(family):
-            row = self.measure(family, size)
-            if row.failure is None and row.seconds > budget:
-                self.left[family.name] = f"size {size} takes {1e3 * row.seconds:.3g} ms"
-                break
-            if row.failure is None and (best is None or self.bound(row) < self.bound(best)):
-                best = row
-            if best is not None and not best.resolved:
-                break
-            step = 2 if family.order == math.inf else max(1, size // 2)
-            if price(self._seconds(family), size + step, self.quantity.growth) > 2.0 * budget:
-                step = max(1, step // 2)
-            size += step
+        for family in sorted(expected, key=self._turn(expected)):
+            best = self._sharper(family, budget, aim, best)
         return best
+
+    def _sharper(
+        self, family: Family, budget: float, aim: float, best: TradeRow | None
+    ) -> TradeRow | None:
+        """The sharper of the best row so far and one family's best within the budget.
+
+        Args:
+            family: the family.
+            budget: seconds.
+            aim: error below which models are not told apart.
+            best: of other families.
+        """
+        most, least = self._largest(family), max(1, self.quantity.least)
+        afford = self._affordable(family, budget, most)
+        wanted = self._expected(family, aim)
+        why = self._outdone(family, afford, aim, best)
+        if most < least or why:
+            self.left[family.name] = why or f"more than size {most} is needed"
+            return best
+        start = min(wanted, most, afford / MARGIN if afford < most else CHEAP)
+        low, high, size = least - 1, most + 1, max(math.ceil(start), least)
+        full = FULL_OF_DECADES if family.order == math.inf else FULL
+        for _ in range(WITHIN):
+            row = self._timed(family, size, budget)
+            if row.failure is None and row.seconds > budget:
+                high = size
+            else:
+                low = size
+                if best is None or self.bound(row) < self.bound(best):
+                    best = row
+                if row.error <= aim or row.seconds > full * budget:
+                    break
+            if high - low <= max(1, CLOSE * low):
+                break
+            afford = max(self._affordable(family, budget, most), low)
+            if best is not None and self._outdone(family, afford, aim, best):
+                break
+            size = self._between(family, size, budget, low, high, wanted)
+            if price(self._prices(family), family.dof(size), self._growth) > PATIENCE:
+                break
+        if best is None or best.family != family.name:
+            tried = max(size for name, size in self.rows if name == family.name)
+            self.left[family.name] = told_of(self.rows[family.name, tried])
+        return best
+
+    def _between(
+        self, family: Family, size: int, budget: float, low: int, high: int, wanted: float
+    ) -> int:
+        """The next size to time: within the budget by the last time, inside what is known."""
+        seconds = self.rows[family.name, size].seconds
+        share = 0.9 * budget / seconds if seconds > 0.0 else 4.0
+        known = self._seconds(family)
+        told = self._growth
+        if len(known) > 1:
+            (a, first), (b, last) = sorted(known.items())[-2:]
+            told = max(math.log(last / first) / math.log(b / a), told)
+        guess = size * min(max(share ** (1.0 / told), 0.25), 4.0)
+        if family.order == math.inf:
+            guess = min(guess, max(wanted, size + 1))
+        return int(min(max(math.floor(guess), low + 1), high - 1))
+
+    def _outdone(self, family: Family, afford: float, aim: float, best: TradeRow | None) -> str:
+        """Why a family cannot be sharper than the best so far within the budget; empty if it may.
+
+        Args:
+            family: the family.
+            afford: its largest size that the budget may pay for.
+            aim: error below which models are not told apart.
+            best: the best row so far.
+        """
+        if afford < max(1, self.quantity.least):
+            return "its smallest would take longer"
+        if best is None or best.family == family.name:
+            return ""
+        if best.error <= aim:
+            return f"no less of an error than {best.family}'s could be told"
+        needs = self._expected(family, self.bound(best))
+        size = min(afford, self._largest(family))
+        if needs <= size and self.has_look and not family.paired:
+            size = max(math.floor(size), 1)
+            error = self.error(family, size)
+            if error < self.bound(best):
+                return ""
+            return f"size {size}, the most that the time allows, has an error of {error:.1e}"
+        if math.isinf(needs):
+            return "its errors do not become as small"
+        return "" if needs <= size else f"size {needs:.0f} or so is needed for as small an error"
+
+    def _affordable(self, family: Family, budget: float, most: int) -> float:
+        """The largest size that a budget may pay for; infinite where nothing is known of prices."""
+        known = self._prices(family)
+        if not known:
+            return math.inf
+        dear, growth = MARGIN * min(budget, PATIENCE), self._growth
+        sizes = range(1, most + 1)
+        return float(bisect_right(sizes, dear, key=lambda n: price(known, family.dof(n), growth)))
+
+    @property
+    def _growth(self) -> float:
+        return max(self.quantity.growth, 1.0)
+
+    def _prices(self, family: Family) -> dict[int, float]:
+        """Times by degrees of freedom: linear answers of all families cost about alike."""
+        if not self.has_look:
+            return {family.dof(size): one for size, one in self._seconds(family).items()}
+        return {row.dof: row.seconds for row in self.rows.values() if row.failure is None}
+
+    def _timed(self, family: Family, size: int, budget: float) -> TradeRow:
+        """A row; what is a little over the budget is timed once more, as times scatter."""
+        row = self.measure(family, size)
+        if budget < row.seconds < MARGIN * budget:
+            again = measured(
+                *(self.pipe, self.quantity, family, size, self.reference, self.repeats, PATIENCE)
+            )
+            row = min(row, again, key=lambda one: one.seconds)
+            self.rows[family.name, size] = row
+        return row
+
+    # ------------------------------------------------------------------------- where none is found
+
+    def nearest(self, tolerance: float | None) -> TradeRow:
+        """The row that comes nearest to a tolerance, or to a time where it is met.
+
+        Of families that were left unseen the largest models are looked at; a row that only a look
+        has told has no time.
+        """
+        for family in () if tolerance is None else self.families:
+            if not any(family.name == name for name, _ in (*self.rows, *self.looks)):
+                self._look_far(family)
+        names = {family.name for family in self.families}  # the reference's may not be among them
+        rows = list(self.rows.values())
+        rows += [
+            self._unmeasured(name, size)
+            for name, size in self.looks
+            if name in names and (name, size) not in self.rows
+        ]
+        good = [row for row in rows if tolerance is None or self.bound(row) <= tolerance]
+        timed = [row for row in good if not math.isnan(row.seconds)]
+        if timed:
+            return min(timed, key=lambda row: row.seconds)
+        row = min(good or rows, key=self.bound)
+        if math.isnan(row.seconds) and row.size <= LONG:
+            return self.measure(FAMILIES[row.family], row.size)
+        return row
+
+    def _unmeasured(self, name: str, size: int) -> TradeRow:
+        error = self.looks[name, size] - self.reference.error
+        dof = FAMILIES[name].dof(size)
+        return TradeRow(name, size, dof, error, True, math.nan, math.nan, 0, 0)
+
+    def _look_far(self, family: Family) -> None:
+        """Errors of a family's large models, and the limit that they tend to if it is not zero."""
+        most = self._largest(family)
+        far = self.has_look and not family.paired
+        sizes = [most // 4, most // 2, most] if far else [size for size in NEARBY if size <= most]
+        errors = [self.error(family, max(size, self.quantity.least)) for size in sizes]
+        limit = limit_of(errors)
+        if limit > 0.5 * errors[-1]:
+            self.left[family.name] = f"its errors tend to {limit:.2g}: it has another limit"
+
+
+def limit_of(errors: Sequence[float]) -> float:
+    """What the errors of three sizes, each twice the last, tend to (Aitken); 0 if not told."""
+    if len(errors) < 3 or not np.isfinite(errors).all():
+        return 0.0
+    a, b, c = errors[-3:]
+    first, last = a - b, b - c
+    if not 0.0 < last < first:
+        return 0.0
+    return max(c - last**2 / (first - last), 0.0)
+
+
+def told_of(row: TradeRow) -> str:
+    """A row in words."""
+    if row.failure is not None:
+        return f"size {row.size} failed: {row.failure}"
+    return f"size {row.size} has an error of {row.error:.1e} and takes {1e3 * row.seconds:.3g} ms"

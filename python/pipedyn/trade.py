@@ -6,20 +6,18 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _check
-from pipedyn.effort import counted
+from pipedyn.effort import clock, counted, limited
 from pipedyn.families import Family, checked_families
-from pipedyn.model import checked_pipe
+from pipedyn.model import NotConverged, checked_pipe
 from pipedyn.pipe import Pipe
 from pipedyn.progress import track
 from pipedyn.quantity import Answer, Quantity, Reference, checked_quantity
@@ -32,15 +30,12 @@ SHARPER = 10.0
 STALLED = 0.8
 """Least share by which the error of some larger model must be smaller: else it falls no more."""
 
-clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.thread_time
-"""Seconds of this thread's work, which others on the machine hardly move; Windows counts them in
-steps of 16 ms, and there it is the time that passes."""
-
 ROUNDED = 1e-6
 """Errors above this do not stall by rounding: a family that stalls there has another limit."""
 
-LONGEST = 20.0
-"""Seconds after which a measurement is not repeated."""
+LONGEST = 10.0
+"""Seconds after which a measurement is not repeated, and an answer of a size that was not asked for
+is given up."""
 
 DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "beam", "legendre")
 """Families that are measured where none are named."""
@@ -60,6 +55,7 @@ class TradeRow:
         spread: the longest of the repeated times beside the least, less 1.
         right_hand_sides, factorisations: counts of one answer.
         failure: what was raised, None where all went well.
+        values: the numbers answered, None where there are none.
     """
 
     family: str
@@ -72,6 +68,7 @@ class TradeRow:
     right_hand_sides: int
     factorisations: int
     failure: Exception | None = field(default=None, repr=False)
+    values: NDArray[Any] | None = field(default=None, repr=False, compare=False)
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -223,7 +220,8 @@ def trade(
         families: what is measured: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
             "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
             and 2 n ("consistent pair", ...), or "chain", "reduced" or "pair" for all of a kind.
-        sizes: segments or functions, one or increasing; for all families or by their names.
+        sizes: segments or functions, one or increasing; for all families or by their names. Where
+            not given, an answer that takes more than 10 s of processor time is given up.
         repeats: how often each answer is timed; the least counts.
         progress: show progress on stderr.
         **conditions: of the quantity.
@@ -234,7 +232,8 @@ def trade(
         may differ by a step from run to run, as rounding does.
 
     Raises:
-        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer.
+        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer, or in half a
+            minute none is found that the next larger model confirms at all.
         ValueError, TypeError: for bad arguments.
     """
     pipe = checked_pipe(pipe)
@@ -244,8 +243,15 @@ def trade(
     repeats = _check.count("repeats", repeats, high=1000)
     shown = _check.flag("progress", progress)
     reference = asked.reference(pipe, 1e-12)
+    if not reference.error < 1.0:
+        raise NotConverged(
+            f"the continuous pipe's answer is not known: {reference.source}, and the last step "
+            f"moved it by {reference.error:.1e}",
+            reference,
+        )
+    patience = math.inf if sizes is not None else LONGEST
     rows = [
-        measured(pipe, asked, family, size, reference, repeats)
+        measured(pipe, asked, family, size, reference, repeats, patience)
         for family, size in track(every, len(every), "models", shown)
     ]
     return Trade(pipe, asked, reference, tuple(rows))
@@ -270,8 +276,9 @@ def measured(
     size: int,
     reference: Reference,
     repeats: int,
+    patience: float = math.inf,
 ) -> TradeRow:
-    """One model's error and cost."""
+    """One model's error and cost; it fails where an answer takes longer than some seconds."""
     times: list[float] = []
     dof = 0
     try:
@@ -280,7 +287,7 @@ def measured(
             dof = sum(model.dof for model in models)
             if models[0].dof < quantity.least:
                 raise ValueError(f"size must be at least {quantity.least} for it, got {size}")
-            with counted() as effort:
+            with counted() as effort, limited(patience):
                 start = clock()
                 answers = [quantity.answer(model) for model in models]
                 answer = _one(quantity, answers, family)
@@ -298,6 +305,7 @@ def measured(
         spread=max(times) / min(times) - 1.0,
         right_hand_sides=effort.right_hand_sides,
         factorisations=effort.factorisations,
+        values=answer.values,
     )
 
 
