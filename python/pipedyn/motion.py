@@ -450,7 +450,8 @@ def _stepped(task: Task, count: _Count, rhs: Callable[[float, Array], Array]) ->
     solver = kind(rhs, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
     while t is not None:
         try:
-            message = solver.step()
+            with np.errstate(over="ignore", invalid="ignore"):  # of a step that shrinks to nothing
+                message = solver.step()
             count.factorisations = solver.nlu
         except ValueError as error:  # a factorisation refuses what is not finite
             raise Stopped(str(error)) from error
