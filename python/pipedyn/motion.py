@@ -457,9 +457,12 @@ def _stepped(task: Task, count: _Count, rhs: Callable[[float, Array], Array]) ->
             raise Stopped(str(error)) from error
         if solver.status == "failed" or not np.isfinite(solver.y).all():
             raise Stopped(message or "the state left finite numbers")
-        between = solver.dense_output()
+        between = solver.dense_output()  # DOP853 asks for three more right-hand sides, or gets NaN
         while t is not None and t <= solver.t:
-            yield between(t)
+            row = between(t)
+            if not np.isfinite(row).all():
+                raise Stopped("the state left finite numbers")
+            yield row
             t = next(waiting, None)
 
 
