@@ -20,7 +20,7 @@ def mixed(edges, low, high):
     return st.sampled_from(edges) | st.floats(low, high).map(lambda x: float(f"{x:.6g}"))
 
 
-SPEEDS = mixed([0.0, 1e-9, 30.0], 0.0, 15.0)
+SPEEDS = mixed([0.0, 1e-9, 30.0, 100.0], 0.0, 15.0)
 
 
 def pipes(**given):
@@ -58,7 +58,7 @@ def chains(draw, pipe, wild=True):
         base = 0.0 if rule == "midpoint" else draw(st.sampled_from([0.0, 0.1, 0.9]))
         return pd.Chain(draw(pipe), n, springs=rule, base=base)
     dice = np.random.default_rng(draw(SEEDS))
-    span = 5.0 if wild else 0.7
+    span = 6.0 if wild else 0.7
     lengths = 10.0 ** dice.uniform(-span, 0.0, n)
     base = dice.choice([0.0, 0.2])
     springs = n * 10.0 ** dice.uniform(-1.0, 8.0 if wild else 1.0, n)
