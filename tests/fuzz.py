@@ -787,7 +787,7 @@ QUANTITIES: dict[str, dict[str, Kind]] = {
         ),
         "start": Kind(one_of(None, bend), _not(None, FUNCTION.bad)),
         "samples": count(2, 9, 100_001),
-        "rtol": optional(real((1e-6, 1e-2), 0.0, 1.0)),
+        "rtol": Kind(real((1e-5, 1e-2)).good, optional(real((1e-5, 1e-2), 0.0, 1.0)).bad),
     },
     "limit_cycle": {
         "u": Kind(one_of(6.5, 1e-3), real((1.0, 2.0), 0.0, 1e9).bad),
