@@ -17,9 +17,10 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from decimal import Decimal
 from fractions import Fraction
+from itertools import pairwise
 from random import Random
 from typing import Any
 
@@ -33,7 +34,7 @@ from matplotlib.figure import Figure
 import pipedyn as pd
 from pipedyn import modular, plot
 from pipedyn.choose import choose
-from pipedyn.trade import trade
+from pipedyn.trade import Trade, TradeRow, trade
 
 NAN, INF = math.nan, math.inf
 
@@ -121,11 +122,11 @@ class Kind:
 
     Attributes:
         good: draws a value that is accepted.
-        bad: draws one that is refused.
+        bad: draws one that is refused; None where it is not to be spoiled.
     """
 
     good: Values
-    bad: Values
+    bad: Values | None
 
 
 def one_of(*values: Any) -> Values:
@@ -269,6 +270,7 @@ PIPE = pd.Pipe(0.2, 3.0)
 SI = {"length": 1.2, "bending_stiffness": 0.3, "pipe_mass": 0.2, "fluid_mass": 0.1}
 MEASURED = pd.Pipe.from_si(**SI)
 DRAGGED = pd.Pipe(0.4, 5.0, "aspirating", 0.5, drag=2.0, damping=0.01)
+FULL = pd.Pipe(0.6, 20.0, "aspirating", 0.5, drag=2.0, damping=0.01)
 FITTING = pd.Fitting(0.6, mass=0.2, stiffness=3.0)
 CHAIN = pd.Chain(PIPE, 3)
 BEAM, LEGENDRE = pd.Galerkin(DRAGGED, 3), pd.Galerkin(PIPE, 4, "legendre")
@@ -769,38 +771,109 @@ def _questions() -> Iterator[Target]:
         {"make_model": maker, "values": values, "executor": EXECUTOR, "progress": FLAG},
         dear=True,
     )
-    question = {
-        "pipe": Kind(one_of(PIPE), PIPES.bad),
-        "quantity": word("critical_speed"),
-        "repeats": count(1, 2, 1001),
-    }
-    families = Kind(
-        one_of(["midpoint", "legendre"]), any_of(*NOTHINGS[:4], *WORDS, one_of(3, [3], []))
+
+
+QUANTITIES: dict[str, dict[str, Kind]] = {
+    "critical_speed": {"max_speed": real((1.0, 20.0), 0.0, 1e9)},
+    "frequencies": {"u": SLOW, "count": count(1, 4, 101)},
+    "root_loci": {
+        "speeds": array(3, (0.0, 3.0), (-1.0, 1e9), rising=True, any_size=True),
+        "count": count(1, 3, 101),
+    },
+    "motion": {
+        "u": SLOW,
+        "duration": Kind(
+            any_of(real((0.02, 0.1)).good, one_of(1e-6)), real((0.1, 0.2), 0.0, 1e300).bad
+        ),
+        "start": Kind(one_of(None, bend), _not(None, FUNCTION.bad)),
+        "samples": count(2, 9, 100_001),
+        "rtol": Kind(real((1e-5, 1e-2)).good, optional(real((1e-5, 1e-2), 0.0, 1.0)).bad),
+    },
+    "limit_cycle": {
+        "u": Kind(one_of(6.5, 1e-3), real((1.0, 2.0), 0.0, 1e9).bad),
+        "rtol": Kind(real((1e-3, 1e-2)).good, optional(real((1e-3, 1e-2), 0.0, 1.0)).bad),
+    },
+}
+"""The conditions of each quantity."""
+
+
+def _comparisons() -> Iterator[Target]:
+    """Models held against the continuous pipe, for every quantity."""
+    repeats = count(1, 2, 1001)
+    junk = any_of(*NOTHINGS, *WORDS, one_of(3, [3], [], [None], ["beam", "rod"], {"beam": 3}))
+    among = Kind(one_of(["midpoint", "legendre"], "legendre", ("beam", "midpoint pair")), junk)
+    several = one_of(
+        *(
+            [3, 6],
+            4,
+            np.array([4, 5], dtype=np.uint8),
+            {"legendre": [5, 6], "midpoint": 4},
+            range(2, 5),
+        ),
     )
-    yield Target(
-        "choose",
-        choose,
-        {**question, "tolerance": real((1e-3, 0.1), 0.0, 1.0), "among": families},
-        dear=True,
+    no_sizes = one_of(
+        *([], [0], [3, 3], [5, 3], [2.5], "a", NAN, [NAN], [True], -1, 10**30, [[3, 4]]),
+        *({3: [3]}, {"rod": [3]}, {"legendre": [0]}, {"beam": "a"}, {"beam": []}, {"beam": [NAN]}),
+        *(np.array([6, 3], dtype=np.uint8), {"midpoint": np.array([6, 3], dtype=np.uint64)}),
+        *(Unspeakable(), {"legendre": Unspeakable()}, np.zeros(0, dtype=int), range(10**12)),
     )
-    sizes = Kind(one_of([3, 6]), one_of([], [0], [3, 3], [2.5], "a", NAN, [NAN], [True], -1))
-    yield Target(
-        "trade",
-        trade,
-        {**question, "families": families, "sizes": sizes, "progress": FLAG},
-        dear=True,
+    sharp, wide = real((1e-3, 0.1), 0.0, 1.0), one_of(1e-10, 1e-6, 0.5)
+    cheap = "critical_speed", "frequencies"
+    budget = Kind(
+        any_of(real((1e-3, 1e-2)).good, one_of(1e-300, 1e-5)), real((0.1, 0.2), 0.0, 1e7).bad
     )
-    yield Target(
-        "relevant",
-        _relevance,
-        {
-            "pipe": Kind(one_of(PIPE), PIPES.bad),
-            "u": real((1.0, 5.0), -1.0, 1e4),
-            "quantity": word("critical_speed"),
-            "tolerance": real((1e-3, 0.1), 0.0, 2.0),
-        },
-        dear=True,
-    )
+    for name, conditions in QUANTITIES.items():
+        told = {"start": "start|angle"}
+        tolerance = Kind(any_of(sharp.good, wide), sharp.bad) if name in cheap else sharp
+        pipe = Kind(one_of(PIPE) if name == "limit_cycle" else one_of(PIPE, FULL), PIPES.bad)
+        common = {**conditions, "pipe": pipe, "quantity": Kind(one_of(name), word("a").bad)}
+        for tag, demand in (
+            ("tolerance", {"tolerance": tolerance}),
+            ("budget", {"budget": budget}),
+            ("both", {"tolerance": Kind(tolerance.good, None), "budget": Kind(budget.good, None)}),
+        ):
+            kinds = {**common, **demand, "among": among, "repeats": repeats}
+            yield Target(f"choose[{name}, {tag}]", _chosen, kinds, True, told)
+        measured = {"families": among, "sizes": Kind(several, no_sizes), "progress": FLAG}
+        yield Target(
+            f"trade[{name}]", _traded, {**common, **measured, "repeats": repeats}, True, told
+        )
+        wanted = real((1e-3, 0.1), 0.0, 2.0)
+        if name == "limit_cycle":  # those without one are dear
+            common["u"] = Kind(one_of(1e-3), conditions["u"].bad)
+        kinds = {"u": SLOW, **common, "tolerance": wanted}
+        yield Target(f"relevant[{name}]", _relevance, kinds, True, told)
+
+
+def _chosen(**given: Any) -> tuple[Any, ...]:
+    """What a choice must tell in numbers; those of models that failed are NaN."""
+    found = choose(**given)
+    _own(row.failure for row in (one.row for one in found.tried) if row is not None)
+    return found.row, found.reference.error, found.seconds, str(found), found._repr_html_()
+
+
+def _traded(**given: Any) -> tuple[Any, ...]:
+    """The same of a trade; a model whose answer is of another kind is infinitely wrong."""
+    found = trade(**given)
+    _own(row.failure for row in found.rows)
+    costs = [(row.seconds, row.spread) for row in found.rows if row.failure is None]
+    return costs, found.reference.error, _laws(found), str(found), found.to_csv()
+
+
+def _own(failures: Iterable[Exception | None]) -> None:
+    """Raises what no model may fail with: rows keep whatever was raised."""
+    for failure in failures:
+        if not (
+            failure is None or isinstance(failure, pd.PipedynError) or type(failure) is ValueError
+        ):
+            raise RuntimeError(f"a model failed with {type(failure).__name__}") from failure
+
+
+def _laws(found: Trade) -> list[Any]:
+    """The numbers that the laws of a trade have."""
+    laws = found.orders().values()
+    named = {"power": "rate", "exponential": "rate", "flat": "limit"}
+    return [getattr(law, named[law.law]) for law in laws if law.law in named]
 
 
 def _relevance(**given: Any) -> str:
@@ -819,7 +892,7 @@ def _motions() -> Iterator[Target]:
         "rtol": rtol,
         "atol": optional(real((1e-8, 1e-4), 0.0, 2.0)),
         "method": word("auto", "dop853", "lsoda", "DOP853", "Radau", "BDF", "LSODA"),
-        "most": real((1e6, 1e9), 0.0, 1e19),
+        "most": Kind(any_of(real((1e6, 1e9)).good, one_of(1, 30.0)), real((1, 2), 0.0, 1e19).bad),
         "progress": FLAG,
     }
     for name, model in MODELS.items():
@@ -942,6 +1015,58 @@ def _without_none(given: dict[str, Any], name: str) -> dict[str, Any]:
     return given
 
 
+def any_trade(dice: Random) -> Trade:
+    """Rows as a measurement may leave them: errors of any size, equal, none, infinite, failed."""
+    rows = []
+    for family in dice.sample(
+        ("beam", "legendre", "midpoint", "rayleigh pair"), dice.randint(1, 3)
+    ):
+        sizes = sorted(dice.sample(range(1, 65), dice.randint(1, 9)))
+        slope, last = dice.choice((0.0, 1.0, 4.0, 30.0)), dice.choice((0.0, 1e-16, 1e-3, 0.9))
+        for size in sizes:
+            error = dice.choice((1.0, 1.0, 0.9)) * (float(size) ** -slope + last)
+            error = dice.choice([max(error, 1e-17)] * 12 + [INF, 1e6])
+            failure = ValueError("too small") if dice.random() < 0.1 else None
+            if failure is not None:
+                rows.append(TradeRow(family, size, size, NAN, False, NAN, NAN, 0, 0, failure))
+                continue
+            seconds = dice.choice((1e-9, 1e-3, 1e-3, 20.0))
+            counts = dice.randint(0, 9), dice.randint(0, 9)
+            resolved = dice.random() < 0.8
+            rows.append(TradeRow(family, size, size, error, resolved, seconds, 0.0, *counts))
+    return dataclasses.replace(TRADE, rows=tuple(rows))
+
+
+def _front(found: Trade, cost: str) -> list[Any]:
+    """Costs and errors of the front; NaN where it does not rise and fall."""
+    front = [(getattr(row, cost), row.error) for row in found.pareto(cost)]
+    rises = all(a < c and b > d for (a, b), (c, d) in pairwise(front))
+    return front if rises else [NAN]
+
+
+def _any_model(dice: Random) -> Any:
+    """Some pipe's, with roots that meet, vanish or crowd among them."""
+    beta, gamma = dice.choice((0.0, 1e-12, 0.5, 0.999999)), dice.choice((-1e4, -7.837, 0.0, 1e6))
+    flow, damping = dice.choice(("ejecting", "aspirating")), dice.choice((0.0, 1e-12, 0.01, 1e3))
+    pipe = pd.Pipe(beta, gamma, flow, dice.choice((0.0, 1.0)), damping=damping)
+    made: Any = dice.choice((pd.Chain, pd.Galerkin, lambda p, m: pd.Galerkin(p, m, "legendre")))
+    return made(pipe, dice.randint(1, 6))
+
+
+def _any_modes(dice: Random) -> Any:
+    return pd.modes(_any_model(dice), dice.choice((0.0, 1e-9, 5.0, 1e4)))
+
+
+def _any_loci(dice: Random) -> Any:
+    return pd.root_loci(_any_model(dice), sorted(dice.sample((0.0, 1e-9, 2.0, 30.0), 2)), 1)
+
+
+def _uncertain(found: Any) -> Any:
+    """Errors of what was found to be roots; those of roots that meet are infinite."""
+    errors = np.minimum(found.errors[found.converged], 1e300)
+    return np.where(errors >= 0.0, errors, NAN)
+
+
 def _results() -> Iterator[Target]:
     at = Kind(one_of(SPEED, CYCLE.u), real((1.0, 2.0), -1.0).bad)
     yield Target("BifurcationDiagram.at", DIAGRAM.at, {"u": at})
@@ -952,6 +1077,17 @@ def _results() -> Iterator[Target]:
     yield Target("Trade.of", TRADE.of, {"family": word("beam")})
     costs = word("seconds", "dof", "right_hand_sides", "factorisations")
     yield Target("Trade.pareto", TRADE.pareto, {"cost": costs})
+    rows = {"found": Kind(any_trade, None)}
+    yield Target("Trade.pareto[rows]", _front, {**rows, "cost": costs})
+    yield Target("Trade.orders[rows]", lambda found: _laws(found), rows)
+    yield Target("Trade.__str__[rows]", lambda found: (str(found), found._repr_html_()), rows)
+    yield Target("Trade.to_csv[rows]", lambda found: found.to_csv(), rows)
+    yield Target(
+        "Modes.errors", _uncertain, {"found": Kind(any_of(_any_modes, one_of(MODES)), None)}
+    )
+    yield Target(
+        "RootLoci.errors", _uncertain, {"found": Kind(any_of(_any_loci, one_of(LOCI)), None)}
+    )
     path = Kind(one_of(None), one_of(3, 2.5, [], {}, NAN, True))
     yield Target("Trade.to_csv", TRADE.to_csv, {"path": path})
     yield Target("Hopf.amplitude", HOPF.amplitude, {"u": at})
@@ -1028,7 +1164,11 @@ def _pictures() -> Iterator[Target]:
             "ax": ax,
         },
         "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place, "ax": ax},
-        "trade": {"found": of(TRADE), "cost": word("seconds", "dof"), "ax": ax},
+        "trade": {
+            "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
+            "cost": word("seconds", "dof", "right_hand_sides", "factorisations"),
+            "ax": ax,
+        },
         "orbit": {"cycles": cycles, "ax": ax},
         "multipliers": {"cycles": Kind(one_of(CYCLE, BRANCH), cycles.bad), "ax": ax},
     }
@@ -1045,7 +1185,17 @@ def _filmed(**given: Any) -> str:
 
 TARGETS: tuple[Target, ...] = tuple(
     target
-    for group in (_pipes, _chains, _models, _scenes, _questions, _motions, _results, _pictures)
+    for group in (
+        _pipes,
+        _chains,
+        _models,
+        _scenes,
+        _questions,
+        _comparisons,
+        _motions,
+        _results,
+        _pictures,
+    )
     for target in group()
 )
 
@@ -1074,7 +1224,7 @@ def case(seed: int, number: int) -> tuple[Target, dict[str, Any], list[str]]:
     """The call of one case, its arguments and the names of those spoiled."""
     dice = Random(f"{seed} {number}")
     target = dice.choice(TARGETS)
-    names = list(target.kinds)
+    names = [name for name, kind in target.kinds.items() if kind.bad is not None]
     most = min(len(names), dice.choice((1, 1, 1, 2) if target.dear else (0, 1, 1, 2)))
     if target.dear and dice.random() < 0.02:
         most = 0

@@ -4,7 +4,7 @@
 import mpmath
 import numpy as np
 import pytest
-from independent import chain_crossing, determinant_crossing
+from independent import chain_crossing, series_crossing
 
 import pipedyn as pd
 
@@ -145,39 +145,43 @@ def test_ten_beam_modes_are_worse_at_heavy_fluid():
 # ------------------------------------------------------------- what results say of their own error
 
 
-def random_pipe(rng):
-    """Without gravity, as the determinant is; damped where it aspirates, and half of the others."""
-    flow = str(rng.choice(["ejecting", "aspirating"]))
+FLOWS = ["ejecting", "aspirating"]
+
+
+def random_pipe(rng, flow):
+    """beta in [0.02, 0.9], gamma in [-5, 60]; damped where it aspirates, and half of the others."""
     damped = flow == "aspirating" or rng.random() < 0.5
     damping = 10.0 ** rng.uniform(-3.0, -1.3) if damped else 0.0
-    return pd.Pipe(rng.uniform(0.02, 0.98), flow=flow, damping=damping)
+    alpha = rng.choice([0.0, 0.5, 1.0, 1.5])
+    return pd.Pipe(rng.uniform(0.02, 0.9), rng.uniform(-5.0, 60.0), flow, alpha, damping=damping)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_distance_to_the_continuum_is_bounded_and_by_little(seed):
-    """Against the determinant in 30 digits; where rounding is all that is left, only bounded."""
-    pipe = random_pipe(np.random.default_rng(seed))
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_distance_to_the_continuum_is_bounded_and_by_little(seed, flow):
+    """Against the series in 60 digits; where the solvers' errors are all that is left, bounded."""
+    pipe = random_pipe(np.random.default_rng(seed), flow)
     start = pd.critical_speed(pd.Continuum(pipe))
-    exact, _ = determinant_crossing(
-        *(pipe.beta, start.speed, start.frequency),
-        digits=30,
-        damping=pipe.damping,
-        direction=-1.0 if pipe.flow == "aspirating" else 1.0,
-    )
+    exact, _ = series_crossing(pipe, start.speed, start.frequency)
+    telling = 0
     for model in (
         pd.Chain(pipe, 16),
         pd.Chain(pipe, 30, springs="midpoint"),
+        pd.Chain(pipe, 24, springs="uniform"),
+        pd.Chain(pipe, 24, springs="frequency"),
         pd.Chain(pipe, 12, springs="rayleigh"),
         pd.Galerkin(pipe, 10),
-        pd.Galerkin(pipe, 12, "legendre"),
+        pd.Galerkin(pipe, 10, "legendre"),
         pd.Galerkin(pipe, 20, "legendre"),
     ):
         found = pd.critical_speed(model)
         distance = abs(found.speed - exact)
         # A few units in the last place of the speed are lost where the reference is rounded.
         assert distance <= found.discretisation + 4e-16 * exact
-        if distance > 1e-11 * exact:
+        if distance > found.error + start.error:
             assert found.discretisation <= 10.0 * distance
+            telling += 1
+    assert telling >= 6
 
 
 def galerkin_crossing(model, u, omega):
@@ -199,10 +203,11 @@ def galerkin_crossing(model, u, omega):
         return u
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_solvers_error_is_bounded(seed):
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("seed", range(2))
+def test_the_solvers_error_is_bounded(seed, flow):
     """Against the same models in 30 digits: a chain by shooting, a reduced model's determinant."""
-    pipe = random_pipe(np.random.default_rng(100 + seed))
+    pipe = random_pipe(np.random.default_rng(100 + seed), flow)
     chain, reduced = pd.Chain(pipe, 7), pd.Galerkin(pipe, 7, "legendre")
     found = pd.critical_speed(chain)
     exact, _ = chain_crossing(chain, found.speed, found.frequency)

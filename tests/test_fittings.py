@@ -364,6 +364,33 @@ def test_beam_modes_converge_like_a_power():
     assert found.discretisation == pytest.approx(abs(found.speed - exact.speed), rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("fittings", "damping"),
+    [(SPRUNG, 0.0), (LADEN, 0.01), (ALL, 0.0)],
+    ids=["spring", "mass", "all"],
+)
+def test_the_distance_to_the_fitted_pipe_is_bounded_and_by_little(fittings, damping):
+    """Against the exponentials; an end mass leaves little but the solvers' own errors."""
+    pipe = pd.Pipe(0.2, damping=damping)
+    start = pd.critical_speed(pd.Continuum(pipe, fittings))
+    with mpmath.workdps(25):
+
+        def parts(u, omega):
+            value = exponentials_determinant(1j * omega, u, 0.2, fittings, damping)
+            return value.real, value.imag
+
+        exact = float(mpmath.findroot(parts, (start.speed, start.frequency), tol=1e-20)[0])
+    telling = 0
+    for basis, m in (("beam", 6), ("beam", 16), ("legendre", 4), ("legendre", 12)):
+        found = pd.critical_speed(pd.Galerkin(pipe, m, basis, fittings))
+        distance = abs(found.speed - exact)
+        assert distance <= found.discretisation + 4e-16 * exact
+        if distance > found.error + start.error:
+            assert found.discretisation <= 10.0 * distance
+            telling += 1
+    assert telling >= 3
+
+
 @pytest.mark.parametrize("basis", BASES)
 def test_sensitivities_are_differences(basis):
     """To gamma above all, which pulls on the fittings too."""

@@ -5,7 +5,7 @@ import math
 import pickle
 
 import numpy as np
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 import pipedyn as pd
@@ -20,7 +20,7 @@ def mixed(edges, low, high):
     return st.sampled_from(edges) | st.floats(low, high).map(lambda x: float(f"{x:.6g}"))
 
 
-SPEEDS = mixed([0.0, 1e-9, 30.0], 0.0, 15.0)
+SPEEDS = mixed([0.0, 1e-9, 30.0, 100.0], 0.0, 15.0)
 
 
 def pipes(**given):
@@ -399,10 +399,27 @@ def test_a_curve_tells_what_failed_as_the_packages_own(pipe, name, n, seed):
             assert critical == pd.critical_speed(made(values[i]), 9.0)
 
 
+@settings(max_examples=15)
+@given(calm_pipes(), mixed([0.0], 0.0, 10.0), st.integers(1, 3))
+def test_a_choice_is_as_good_as_it_says_or_the_packages_own_exception(pipe, u, count):
+    """Its roots below those that crowd at -1 / delta are roots of a far larger model."""
+    try:
+        choice = pd.choose(pipe, "frequencies", 1e-3, u=u, count=count)
+    except pd.PipedynError:
+        return
+    assert choice.error <= 1e-3
+    larger = pd.modes(pd.Galerkin(pipe, 40, "legendre"), u)
+    fine = larger.eigenvalues[: 2 * count]
+    found = pd.modes(choice.model, u).eigenvalues
+    for value in fine[pipe.damping * np.abs(fine) < 0.5]:
+        assert np.abs(found - value).min() <= choice.error * max(abs(value), 1.0) + 1e-9
+
+
 # --------------------------------------------------------------------------------------------- SI
 
 
 @settings(max_examples=100)
+@example(1.2, 0.3, 0.2, 0.1, 9.0, 1.0, 0.01, 0.5, 1e-3, 1e-3, 1.0, 1.0)  # in millimetres
 @given(
     *[st.floats(0.01, 100.0)] * 4,
     st.floats(-50.0, 50.0),

@@ -200,6 +200,21 @@ def test_a_motion_ends_where_its_right_hand_sides_do_and_keeps_what_there_is(met
     assert min(motion.t.size for motion in whole.motions) > 1
 
 
+@pytest.mark.parametrize("most", range(26, 34))
+def test_what_a_step_left_unfinished_is_no_part_of_a_motion(most):
+    """The interpolant of DOP853 takes right-hand sides of its own, which may be the last."""
+    with pytest.raises(pd.MotionStopped) as caught:
+        pd.simulate(CHAIN, 6.0, 1.0, bow, samples=2001, method="DOP853", most=most)
+    assert np.isfinite(caught.value.motion.q).all()
+
+
+@pytest.mark.parametrize("method", ["dop853", "lsoda", "DOP853", "Radau", "BDF", "LSODA"])
+def test_a_motion_of_one_right_hand_side_stops_and_no_step_overflows(method):
+    """Radau divides by a step that shrinks below the smallest number of full precision."""
+    together = pd.simulate_many(CHAIN, [1.7, 0.3], 0.1, bow, method=method, most=1)
+    assert [failure.index for failure in together.failures] == [0, 1]
+
+
 def test_a_motion_that_leaves_finite_numbers_later_keeps_its_beginning(monkeypatch):
     core = CHAIN.core
 

@@ -4,6 +4,7 @@
 import csv
 import io
 import math
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -202,6 +203,19 @@ def test_one_size_may_be_given_as_a_number():
     assert [row.size for row in found.rows] == [8]
 
 
+def test_sizes_go_by_the_words_for_families():
+    found = pd.trade(
+        PIPE,
+        "frequencies",
+        families=["legendre", "chain"],
+        sizes={"chain": [4, 5], "legendre": 6},
+        repeats=1,
+    )
+    assert [row.size for row in found.of("legendre")] == [6]
+    assert [row.size for row in found.of("midpoint")] == [4, 5]
+    assert [row.size for row in found.of("rayleigh")] == [4, 5]
+
+
 @pytest.mark.parametrize("ask", [pd.trade, pd.choose])
 def test_a_start_that_does_not_move_is_refused(ask):
     asked = {"tolerance": 1e-2} if ask is pd.choose else {}
@@ -340,6 +354,14 @@ def test_a_picture_without_right_hand_sides_says_so(critical):
     assert "No model" in ax.texts[0].get_text()
 
 
+def test_a_picture_has_no_front_where_the_best_has_no_such_cost(critical):
+    best = min(critical.rows, key=lambda row: row.error)
+    rows = [replace(row, factorisations=0) if row is best else row for row in critical.rows]
+    ax = plot.trade(replace(critical, rows=tuple(rows)), "factorisations", Figure().subplots())
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert len(labels) == len(critical.families)
+
+
 # ------------------------------------------------------------------------------------ bad input
 
 
@@ -381,6 +403,21 @@ def test_a_picture_without_right_hand_sides_says_so(critical):
         (lambda: pd.trade(PIPE, "critical_speed", families=[]), ValueError, "at least one family"),
         (lambda: pd.trade(PIPE, "critical_speed", sizes=[3, 2]), ValueError, "sizes must be whole"),
         (lambda: pd.trade(PIPE, "critical_speed", sizes=[0.5]), TypeError, "sizes must be whole"),
+        (
+            lambda: pd.trade(PIPE, "critical_speed", sizes=np.array([3, 2], dtype=np.uint8)),
+            ValueError,
+            "sizes must be whole",
+        ),
+        (
+            lambda: pd.trade(PIPE, "critical_speed", families="beam", sizes={"legendre": [0]}),
+            ValueError,
+            "sizes must be whole",
+        ),
+        (
+            lambda: pd.trade(PIPE, "critical_speed", families=np.array("beam")),
+            TypeError,
+            "families must be words",
+        ),
         (
             lambda: pd.trade(PIPE, "critical_speed", sizes={"rod": [2]}),
             ValueError,

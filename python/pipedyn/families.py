@@ -135,10 +135,12 @@ def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[Fam
         ValueError, TypeError: for what is no such word.
     """
     words = default if given is None else [given] if isinstance(given, str) else given
-    if isinstance(words, dict) or not hasattr(words, "__iter__"):
-        raise TypeError(f"{name} must be words, got {_check.shown(given)}")
+    try:
+        several = iter(() if isinstance(words, dict) else words)
+    except TypeError:
+        raise TypeError(f"{name} must be words, got {_check.shown(given)}") from None
     found: dict[str, Family] = {}
-    for word in words:
+    for word in several:
         one = _check.choice(name, word, (*GROUPS, *FAMILIES))
         found |= {member: FAMILIES[member] for member in GROUPS.get(one, (one,))}
     if not found:

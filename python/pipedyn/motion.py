@@ -456,15 +456,19 @@ def _stepped(task: Task, count: _Count, rhs: Callable[[float, Array], Array]) ->
     solver = kind(rhs, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
     while t is not None:
         try:
-            message = solver.step()
+            with np.errstate(over="ignore", invalid="ignore"):  # of a step that shrinks to nothing
+                message = solver.step()
             count.factorisations = solver.nlu
         except ValueError as error:  # a factorisation refuses what is not finite
             raise Stopped(str(error)) from error
         if solver.status == "failed" or not np.isfinite(solver.y).all():
             raise Stopped(message or "the state left finite numbers")
-        between = solver.dense_output()
+        between = solver.dense_output()  # DOP853 asks for three more right-hand sides, or gets NaN
         while t is not None and t <= solver.t:
-            yield between(t)
+            row = between(t)
+            if not np.isfinite(row).all():
+                raise Stopped("the state left finite numbers")
+            yield row
             t = next(waiting, None)
 
 

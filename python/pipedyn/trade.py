@@ -6,8 +6,9 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from os import PathLike
 from typing import Any
 
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _check
 from pipedyn.effort import clock, counted, limited
-from pipedyn.families import Family, checked_families
+from pipedyn.families import GROUPS, Family, checked_families
 from pipedyn.model import NotConverged, checked_pipe
 from pipedyn.pipe import Pipe
 from pipedyn.progress import track
@@ -220,8 +221,8 @@ def trade(
         families: what is measured: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
             "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
             and 2 n ("consistent pair", ...), or "chain", "reduced" or "pair" for all of a kind.
-        sizes: segments or functions, one or increasing; for all families or by their names. Where
-            not given, an answer that takes more than 10 s of processor time is given up.
+        sizes: segments or functions, one or increasing; for all families or by the same words.
+            Where not given, an answer that takes more than 10 s of processor time is given up.
         repeats: how often each answer is timed; the least counts.
         progress: show progress on stderr.
         **conditions: of the quantity.
@@ -239,7 +240,8 @@ def trade(
     pipe = checked_pipe(pipe)
     asked = checked_quantity(quantity, conditions).prepared(pipe)
     chosen = checked_families("families", families, DEFAULT)
-    every = [(family, size) for family in chosen for size in _sizes(sizes, family, asked.least)]
+    wanted = _sizes(sizes, chosen, asked.least)
+    every = [(family, size) for family in chosen for size in wanted[family.name]]
     repeats = _check.count("repeats", repeats, high=1000)
     shown = _check.flag("progress", progress)
     reference = asked.reference(pipe, 1e-12)
@@ -257,16 +259,27 @@ def trade(
     return Trade(pipe, asked, reference, tuple(rows))
 
 
-def _sizes(given: Any, family: Family, least: int) -> tuple[int, ...]:
-    if isinstance(given, Mapping):
-        checked_families("sizes", tuple(given), ())
-        given = given.get(family.name)
+def _sizes(given: Any, families: Sequence[Family], least: int) -> dict[str, tuple[int, ...]]:
+    """Sizes by the names of families."""
+    own = {one.name: tuple(size for size in one.sizes if size >= least) for one in families}
     if given is None:
-        return tuple(size for size in family.sizes if size >= least)
+        return own
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(own, _increasing(given))
+    checked_families("sizes", tuple(given), ())
+    for word, sizes in given.items():
+        own |= dict.fromkeys(GROUPS.get(word, (word,)), _increasing(sizes))
+    return own
+
+
+def _increasing(given: Any) -> tuple[int, ...]:
     raw = np.atleast_1d(_check.numbers("sizes", given, "whole numbers", kinds="iu", longest=1000))
-    if raw.ndim != 1 or raw.size == 0 or np.any(np.diff(raw) <= 0) or raw[0] < 1:
-        raise ValueError(f"sizes must be whole numbers from 1 on, increasing, got {given!r}")
-    return tuple(int(size) for size in raw)
+    sizes = tuple(int(size) for size in raw.flat)  # differences of unsigned numbers wrap round
+    if raw.ndim != 1 or not sizes or sizes[0] < 1 or any(b <= a for a, b in pairwise(sizes)):
+        raise ValueError(
+            f"sizes must be whole numbers from 1 on, increasing, got {_check.shown(given)}"
+        )
+    return sizes
 
 
 def measured(

@@ -61,10 +61,11 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
             shown += rows
     if not shown:
         return notice(ax, "No model has an answer to show.")
-    front = [row for row in found.pareto(cost) if _place(row, cost)]
-    x, y = zip(*(_place(row, cost) for row in front), strict=True)
-    band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}
-    ax.plot(x, y, zorder=0.9, label="none is better at less cost", **band)
+    front = [place for row in found.pareto(cost) if (place := _place(row, cost))]
+    if front:  # the best of all may have no such cost
+        band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}
+        label = "none is better at less cost"
+        ax.plot(*zip(*front, strict=True), zorder=0.9, label=label, **band)
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.axhspan(0.0, found.reference.error, color="0.93", zorder=0.2)
