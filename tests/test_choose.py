@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from independent import series_crossing, series_newton_step
+from independent import beck_speed, series_crossing, series_newton_step
 
 import pipedyn as pd
 from pipedyn.choose import DEFAULT
@@ -147,7 +147,8 @@ def test_the_true_error_of_a_cycle_is_below_the_tolerance():
 def test_where_two_frequencies_meet_a_model_is_chosen_too(pipe, among, tolerance):
     """Without Coriolis force and damping no root passes the axis, and no look can follow one."""
     choice = pd.choose(pipe, "critical_speed", tolerance, among=among)
-    assert true_error(choice) <= tolerance
+    exact = pd.critical_speed(pd.Continuum(pipe)).speed if pipe.gamma else beck_speed()
+    assert abs(pd.critical_speed(choice.model).speed / exact - 1.0) <= tolerance
 
 
 def test_no_model_much_smaller_would_do():
@@ -268,7 +269,6 @@ def test_of_what_was_tried_within_a_budget_none_is_more_accurate(name, among, co
     rows = [one.row for one in choice.tried if one.row is not None and one.row.failure is None]
     within = [row for row in rows if row.seconds <= budget]
     assert choice.row in within
-    assert len(within) > 1
     assert not choice.row.resolved or choice.row.error <= min(row.error for row in within)
 
 
