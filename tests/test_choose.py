@@ -55,7 +55,7 @@ def true_error(quantity, model, exact):
 # ----------------------------------------------------------------------------------- the promise
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-5, 1e-8])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-8])
 @pytest.mark.parametrize(("flow", "damped"), KINDS)
 def test_the_true_error_is_below_the_tolerance_and_half_a_model_misses_it(tolerance, flow, damped):
     """More pipes, and costs in time: tests/benchmark_choose.py.

@@ -79,12 +79,11 @@ def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, told=0.9
     ],
     ids=repr,
 )
-@pytest.mark.parametrize("kind", ["3", "10", "midpoint 10", "beam 8", "legendre 12"])
+@pytest.mark.parametrize("kind", ["3", "10", "beam 8", "legendre 12"])
 def test_crossings_account_for_every_unstable_root(pipe, max_speed, kind):
     model = {
         "3": lambda: pd.Chain(pipe, 3),
         "10": lambda: pd.Chain(pipe, 10),
-        "midpoint 10": lambda: pd.Chain(pipe, 10, springs="midpoint"),
         "beam 8": lambda: pd.Galerkin(pipe, 8),
         "legendre 12": lambda: pd.Galerkin(pipe, 12, "legendre"),
     }[kind]()
@@ -178,8 +177,8 @@ def touch(make_model, beta, window, sign):
 @pytest.mark.parametrize(
     ("make_model", "betas", "window", "sign", "distances"),
     [
-        (legendre(14), (0.2925, 0.2935), (7.7, 8.3), 1, (1e-4, 1e-6, 1e-9)),
-        (legendre(14), (0.2965, 0.2975), (7.2, 8.0), -1, (1e-4, 1e-6, 1e-9)),
+        (legendre(14), (0.2925, 0.2935), (7.7, 8.3), 1, (1e-4, 1e-9)),
+        (legendre(14), (0.2965, 0.2975), (7.2, 8.0), -1, (1e-4, 1e-9)),
         (legendre(16), (0.648, 0.650), (11.8, 12.5), 1, (1e-5, 1e-8)),
         (legendre(16), (0.694, 0.696), (10.9, 11.5), -1, (1e-5, 1e-8)),
         (legendre(20), (0.845, 0.846), (15.9, 16.6), 1, (1e-5, 1e-8)),

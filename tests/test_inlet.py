@@ -81,13 +81,12 @@ def test_an_inlet_through_which_nothing_flows_is_refused(velocity):
 
 @pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-3, 1e-4])
 @pytest.mark.parametrize("place", ["centre", "middle", "wall"])
-@pytest.mark.parametrize("radius", [1.0, 0.02])
-def test_a_narrow_jet_is_not_overlooked(width, place, radius):
+def test_a_narrow_jet_is_not_overlooked(width, place):
     """alpha of a uniform jet is the inlet's area over the jet's."""
     start = {"centre": -1.0, "middle": 0.517, "wall": 1.0 - width}[place]
     end = {"centre": width, "middle": 0.517 + width, "wall": 2.0}[place]
     area = min(end, 1.0) ** 2 - max(start, 0.0) ** 2
-    alpha = pd.inlet_coefficient(lambda r: float(start < r / radius < end), radius=radius)
+    alpha = pd.inlet_coefficient(lambda r: float(start < r / 0.02 < end), radius=0.02)
     assert alpha == pytest.approx(1.0 / area, rel=1e-9)
 
 

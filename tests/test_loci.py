@@ -219,7 +219,7 @@ def test_overdamped_modes_do_not_hide_those_asked_for(damping):
     ids=["damped", "standing"],
 )
 def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(pipe, n, end, count):
-    speeds = np.linspace(0.0, end, 61)
+    speeds = np.linspace(0.0, end, 41)
     long = pd.root_loci(pd.Chain(pipe, n), speeds, count)
     short = pd.root_loci(pd.Chain(pipe, 60), speeds, count)
     assert long.converged.all()
