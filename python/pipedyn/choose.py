@@ -165,7 +165,7 @@ def choose(
     that is known ten times as well. A motion or cycle is integrated as sharply as the tolerance
     asks for. The whole search takes, in answers of the model chosen, 3 to 9 for linear questions
     (96 searches on 8 random pipes: tests/benchmark_choose.py), 4 to 9 for cycles, of chains to 18,
-    and some 10 for motions, to 25 where an answer takes a few milliseconds. For motions of an
+    and some 11 for motions, to 47 where an answer takes a few milliseconds. For motions of an
     aspirating pipe under drag alone the reference is dear: 13 to 29. For a budget it takes 2 to 8
     for linear questions (eleven searches at beta = 0.2), and for motions and cycles of chains 15 to
     26.
