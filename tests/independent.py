@@ -524,3 +524,18 @@ def series_newton_step(pipe, value, u, digits=60):
         here = series_misfit(pipe, value, u, digits)
         there = series_misfit(pipe, value * (1 + step), u, digits)
         return complex(-here * value * step / (there - here))
+
+
+def tells_its_distance(found, start, exact):
+    """Asserts that `discretisation` bounds the distance to the continuum, and is ten times it at
+    most where that is more than the solvers' own errors; returns whether it is.
+
+    found, start: critical speeds of a model and of the continuous pipe; exact: the true one.
+    """
+    distance = abs(found.speed - exact)
+    # A few units in the last place of the speed are lost where the reference is rounded.
+    assert distance <= found.discretisation + 4e-16 * exact
+    if distance <= found.error + start.error:
+        return False
+    assert found.discretisation <= 10.0 * distance
+    return True

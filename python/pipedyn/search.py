@@ -150,10 +150,13 @@ class Search:
         """The row of one model."""
         key = (family.name, size)
         if key not in self.rows:
-            self.rows[key] = measured(
-                *(self.pipe, self.quantity, family, size, self.reference, self.repeats, PATIENCE)
-            )
+            self.rows[key] = self._measured(family, size)
         return self.rows[key]
+
+    def _measured(self, family: Family, size: int) -> TradeRow:
+        return measured(
+            *(self.pipe, self.quantity, family, size, self.reference, self.repeats, PATIENCE)
+        )
 
     def bound(self, row: TradeRow) -> float:
         """Of the true error; infinite where the model failed."""
@@ -453,10 +456,7 @@ class Search:
         """A row; what is a little over the budget is timed once more, as times scatter."""
         row = self.measure(family, size)
         if budget < row.seconds < MARGIN * budget:
-            again = measured(
-                *(self.pipe, self.quantity, family, size, self.reference, self.repeats, PATIENCE)
-            )
-            row = min(row, again, key=lambda one: one.seconds)
+            row = min(row, self._measured(family, size), key=lambda one: one.seconds)
             self.rows[family.name, size] = row
         return row
 
