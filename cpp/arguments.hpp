@@ -37,7 +37,7 @@ inline Numbers numbers_argument(const char* name, const char* kind, py::handle v
   const auto& api = py::detail::npy_api::get();
   const bool plain = Py_TYPE(value.ptr()) == api.PyArray_Type_;  // no masked array, for one
   if (plain && Numbers::check_(value)) return py::reinterpret_borrow<Numbers>(value);
-  return py::module_::import("pipedyn._check").attr("doubles")(name, value, kind);
+  return py::module_::import("pipedyn.util.check").attr("doubles")(name, value, kind);
 }
 
 inline void require_finite(const char* name, const Numbers& array) {

@@ -21,12 +21,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-import pipedyn as pd
-from pipedyn.choose import DEFAULT
-from pipedyn.effort import clock
-from pipedyn.families import FAMILIES, RULES
-from pipedyn.quantity import Answer, Reference
-from pipedyn.trade import measured
+import pipedyn as pp
+from pipedyn.accuracy.choose import DEFAULT
+from pipedyn.accuracy.families import FAMILIES, RULES
+from pipedyn.accuracy.quantities import Answer, Reference
+from pipedyn.accuracy.trade import measured
+from pipedyn.util.counters import clock
 
 HAND = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 40, 64, 100, 200)
 CHAINS = (3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 100, 128, 160, 200)
@@ -41,7 +41,7 @@ SHARP = {True: (48,), False: (18, 24)}
 class Case:
     """A question to a pipe, with the tolerances asked for and the families to choose among."""
 
-    pipe: pd.Pipe
+    pipe: pp.Pipe
     name: str
     conditions: dict
     tolerances: tuple = (1e-2, 1e-4, 1e-6, 1e-8)
@@ -84,13 +84,13 @@ def random_pipe(rng, least_damping=0.0):
     damping = 10.0 ** rng.uniform(-3.0, np.log10(0.05))
     if flow == "ejecting" and rng.random() < 0.5:
         damping = least_damping
-    return pd.Pipe(rng.uniform(0.02, 0.98), rng.uniform(-5.0, 60.0), flow=flow, damping=damping)
+    return pp.Pipe(rng.uniform(0.02, 0.98), rng.uniform(-5.0, 60.0), flow=flow, damping=damping)
 
 
 def linear_cases(rng):
     """Of one pipe that loses stability at a speed."""
     pipe = random_pipe(rng)
-    u = rng.uniform(0.2, 1.2) * min(pd.critical_speed(pd.Continuum(pipe)).speed, 15.0)
+    u = rng.uniform(0.2, 1.2) * min(pp.critical_speed(pp.Continuum(pipe)).speed, 15.0)
     speeds = np.linspace(0.0, max(u, 0.5), 21)
     yield Case(pipe, "critical_speed", {})
     yield Case(pipe, "frequencies", {"u": u, "count": int(rng.integers(1, 7))})
@@ -102,7 +102,7 @@ def nonlinear_cases(rng):
     pipe = random_pipe(rng, least_damping=1e-3)
     if rng.random() < 0.5:
         pipe = replace(pipe, drag=10.0 ** rng.uniform(-1.0, 1.0))
-    loss = pd.critical_speed(pd.Continuum(pipe)).speed
+    loss = pp.critical_speed(pp.Continuum(pipe)).speed
     motion = {"u": rng.uniform(0.5, 1.2) * loss, "duration": rng.uniform(1.0, 4.0)}
     cycle = {"u": rng.uniform(1.03, 1.3) * loss}
     yield Case(pipe, "motion", motion, (1e-2, 1e-3, 1e-4, 1e-6))
@@ -114,14 +114,14 @@ def nonlinear_cases(rng):
 def true_answer(case, quantity):
     """Of functions beyond those of the search, and its own error."""
     if quantity.name == "critical_speed":
-        return Reference(quantity.answer(pd.Continuum(case.pipe)), 0.0, "")
+        return Reference(quantity.answer(pp.Continuum(case.pipe)), 0.0, "")
     if quantity.name == "root_loci":
-        sharp = pd.Galerkin(case.pipe, SHARP[True][-1], "legendre")
-        loci = pd.root_loci(sharp, quantity.speeds, quantity.count)
+        sharp = pp.Galerkin(case.pipe, SHARP[True][-1], "legendre")
+        loci = pp.root_loci(sharp, quantity.speeds, quantity.count)
         return Reference(Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1)), 0.0, "")
     sizes = SHARP[quantity.is_linear]
     sharp = quantity.sharpened(1e-2 * min(case.tolerances[-1], 1e-3))
-    answers = [sharp.answer(pd.Galerkin(case.pipe, size, "legendre")) for size in sizes]
+    answers = [sharp.answer(pp.Galerkin(case.pipe, size, "legendre")) for size in sizes]
     return Reference(answers[-1], quantity.distance(answers[0], answers[-1]), "")
 
 
@@ -153,7 +153,7 @@ def searched(case, tolerance, repeats):
     seconds = math.inf
     for _ in range(repeats):
         begun = clock()
-        choice = pd.choose(case.pipe, case.name, tolerance, among=case.among, **case.conditions)
+        choice = pp.choose(case.pipe, case.name, tolerance, among=case.among, **case.conditions)
         seconds = min(seconds, clock() - begun)
     return choice, seconds
 
@@ -168,7 +168,7 @@ def hold(case, tally):
             choice, search = searched(case, tolerance, 3 if linear else 1)
             quantity = choice.quantity
             truth = truth or true_answer(case, quantity)
-        except pd.PipedynError as refused:
+        except pp.PipedynError as refused:
             told = f"{type(refused).__name__}: {refused} ({clock() - begun:.1f} s)"
             print(f"| {case.title} | {tolerance:g} | {told} | | | | | {case.pipe!r} |", flush=True)
             continue

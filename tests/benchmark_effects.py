@@ -17,41 +17,41 @@ from benchmark_eigenvalues import machine
 from benchmark_motion import check, failures, reduced_state, state, timed, worst
 from independent import dense_rates
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import _core
-from pipedyn.model import core_pipe
+from pipedyn.models.base import core_pipe
 
 SPEED, MEMBERS, FAINT, ROUNDS = 6.0, 256, 1e-30, 5
 STRENGTH = {"gravity": 2.0, "drag": 1.0, "damping": 1e-3, "flow": SPEED}
 """gamma, kappa, delta and u; the Coriolis part comes with flow, at beta = 0.2."""
 
 
-def scene(strengths: dict[str, float]) -> tuple[pd.Pipe, float]:
+def scene(strengths: dict[str, float]) -> tuple[pp.Pipe, float]:
     """The pipe with some effects, and its flow speed."""
     numbers = {"gamma": "gravity", "drag": "drag", "damping": "damping"}
     given = {number: strengths.get(effect, 0.0) for number, effect in numbers.items()}
-    return pd.Pipe(0.2, **given), strengths.get("flow", 0.0)
+    return pp.Pipe(0.2, **given), strengths.get("flow", 0.0)
 
 
 def chain_of(n: int):
-    return lambda pipe: pd.Chain(pipe, n)
+    return lambda pipe: pp.Chain(pipe, n)
 
 
-def reduced(pipe: pd.Pipe) -> pd.Galerkin:
-    return pd.Galerkin(pipe, 8, "legendre")
+def reduced(pipe: pp.Pipe) -> pp.Galerkin:
+    return pp.Galerkin(pipe, 8, "legendre")
 
 
-def states_of(model: pd.Chain | pd.Galerkin) -> np.ndarray:
+def states_of(model: pp.Chain | pp.Galerkin) -> np.ndarray:
     """A batch, shape (2 dof, MEMBERS)."""
-    if isinstance(model, pd.Chain):
+    if isinstance(model, pp.Chain):
         return state(model.dof, MEMBERS)
     rng = np.random.default_rng(model.dof)
     return np.stack([reduced_state(model, rng) for _ in range(MEMBERS)], axis=1)
 
 
-def exact(model: pd.Chain | pd.Galerkin, y: np.ndarray, u: float) -> np.ndarray:
+def exact(model: pp.Chain | pp.Galerkin, y: np.ndarray, u: float) -> np.ndarray:
     """Rates of one state by another route."""
-    if isinstance(model, pd.Chain):
+    if isinstance(model, pp.Chain):
         return dense_rates(model, y, u)
     nodes = 3 * model.motion.nodes(y[: model.dof])
     return _core.GalerkinMotion(core_pipe(model.pipe), True, model.dof, nodes).rhs(0.0, y, u)
@@ -81,7 +81,7 @@ def seconds(make, cases: list[dict[str, float]], many: np.ndarray) -> np.ndarray
 
 
 def effects(name: str, make) -> None:
-    many = states_of(make(pd.Pipe(0.2)))
+    many = states_of(make(pp.Pipe(0.2)))
     plain = rates(make, {}, many)
     cases = {"none": {}, "all": STRENGTH}
     errors = []
@@ -89,7 +89,7 @@ def effects(name: str, make) -> None:
         pipe, u = scene(strengths)
         model, y = make(pipe), many[:, 0].copy()
         errors.append(worst(model.rhs(0.0, y, u), exact(model, y, u)))
-        dragged = pipe.drag and isinstance(model, pd.Galerkin)  # |v| v under the integral
+        dragged = pipe.drag and isinstance(model, pp.Galerkin)  # |v| v under the integral
         check(errors[-1], 1e-6 if dragged else 1e-11, f"{name}, {what}")
     for effect, strength in STRENGTH.items():
         cases[effect] = {effect: strength}

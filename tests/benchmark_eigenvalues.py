@@ -17,10 +17,10 @@ from typing import TypeVar
 import mpmath
 import numpy as np
 
-import pipedyn as pd
+import pipedyn as pp
 
 BETA, SPEED, COUNT = 0.2, 6.0, 8
-PIPE = pd.Pipe(beta=BETA)
+PIPE = pp.Pipe(beta=BETA)
 Answer = TypeVar("Answer")
 
 failures = []
@@ -50,7 +50,7 @@ def worst(values: np.ndarray, exact: np.ndarray) -> float:
 # ---------------------------------------------------------------------------------- references
 
 
-def refined(chain: pd.Chain, value: complex) -> complex:
+def refined(chain: pp.Chain, value: complex) -> complex:
     """The chain's own eigenvalue nearest to a guess, by transfer matrices in 40 digits.
 
     From the free end to the clamp, angle, displacement, force and elastic moment are carried over
@@ -127,8 +127,8 @@ def exact_critical_speed() -> float:
 
 def against_dense() -> None:
     n = 800
-    chain = pd.Chain(PIPE, n)
-    found, cost = timed(lambda: pd.eigenvalues(pd.Chain(PIPE, n), SPEED, COUNT))
+    chain = pp.Chain(PIPE, n)
+    found, cost = timed(lambda: pp.eigenvalues(pp.Chain(PIPE, n), SPEED, COUNT))
     exact = np.array([refined(chain, value) for value in found])
 
     mass, velocity, stiffness = chain.operators().at(SPEED)
@@ -146,13 +146,13 @@ def against_dense() -> None:
 
 
 def against_continuum() -> None:
-    exact = pd.eigenvalues(pd.Continuum(PIPE), SPEED, COUNT)
+    exact = pp.eigenvalues(pp.Continuum(PIPE), SPEED, COUNT)
     print(f"{COUNT} lowest eigenvalues, beta = {BETA}, u = {SPEED:g}, against the continuous pipe")
     print("  segments      time (s)   error")
     found = {}
     for n in (800, 1600, 10_000, 100_000):
         repeats = 1 if n > 20_000 else 3
-        found[n], cost = timed(lambda n=n: pd.eigenvalues(pd.Chain(PIPE, n), SPEED, COUNT), repeats)
+        found[n], cost = timed(lambda n=n: pp.eigenvalues(pp.Chain(PIPE, n), SPEED, COUNT), repeats)
         print(f"  {n:8d}   {cost:10.4f}   {worst(found[n], exact):.1e}")
     extrapolated = worst((4.0 * found[1600] - found[800]) / 3.0, exact)
     print(f"  800 and 1600 extrapolated       {extrapolated:.1e}\n")
@@ -165,18 +165,18 @@ def critical_speeds() -> None:
     print(f"critical speed, beta = {BETA}, gamma = 0: {exact:.9f} by the exact determinant")
     print("| model | critical speed | relative error | time (ms) |")
     print("|---|---|---|---|")
-    makers: list[tuple[str, Callable[[], pd.Chain | pd.Galerkin | pd.Continuum]]] = [
-        (f"chain, {rule}, n = {n}", lambda rule=rule, n=n: pd.Chain(PIPE, n, springs=rule))
+    makers: list[tuple[str, Callable[[], pp.Chain | pp.Galerkin | pp.Continuum]]] = [
+        (f"chain, {rule}, n = {n}", lambda rule=rule, n=n: pp.Chain(PIPE, n, springs=rule))
         for rule in ("rayleigh", "consistent", "midpoint")
         for n in (10, 40)
     ]
     makers += [
-        (f"reduced, {basis}, m = {m}", lambda basis=basis, m=m: pd.Galerkin(PIPE, m, basis))
+        (f"reduced, {basis}, m = {m}", lambda basis=basis, m=m: pp.Galerkin(PIPE, m, basis))
         for basis, m in (("beam", 4), ("beam", 10), ("legendre", 10), ("legendre", 16))
     ]
-    makers.append(("continuous pipe", lambda: pd.Continuum(PIPE)))
+    makers.append(("continuous pipe", lambda: pp.Continuum(PIPE)))
     for name, make in makers:
-        found, cost = timed(lambda make=make: pd.critical_speed(make()))
+        found, cost = timed(lambda make=make: pp.critical_speed(make()))
         error = found.speed / exact - 1.0
         digits = "< 1e-12" if abs(error) < 1e-12 else f"{error:+.0e}"
         if abs(error) > 1e-4:
@@ -192,7 +192,7 @@ def machine() -> str:
     except (OSError, subprocess.CalledProcessError):
         commit = "unknown"
     return (
-        f"pipedyn {pd.__version__} (commit {commit}), Python {platform.python_version()}, "
+        f"pipedyn {pp.__version__} (commit {commit}), Python {platform.python_version()}, "
         f"numpy {np.__version__}, {platform.system()} {platform.machine()}"
     )
 

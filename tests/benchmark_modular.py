@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from benchmark_eigenvalues import machine
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import modular as md
 
 failures = []
-PIPE = pd.Pipe(0.2, 5.0, drag=0.5)
+PIPE = pp.Pipe(0.2, 5.0, drag=0.5)
 
 
 def clocked(call: Callable[..., Any], *given: Any, least: float = 0.2) -> tuple[float, Any]:
@@ -42,7 +42,7 @@ def rates() -> None:
     print("one right-hand side, flow, gravity and drag, bent; microseconds and relative error")
     print(f"{'n':>6} {'Chain':>9} {'scene':>9} {'guided':>9} {'U.-K.':>11} {'error':>9}")
     for n in (5, 10, 20, 50, 100, 1000):
-        chain, scene = pd.Chain(PIPE, n), md.chain(PIPE, n)
+        chain, scene = pp.Chain(PIPE, n), md.chain(PIPE, n)
         guided = scene.plus(md.Guide(n))
         rng = np.random.default_rng(n)
         theta, omega = np.cumsum(rng.normal(size=n)) / n, rng.normal(size=n)
@@ -68,19 +68,19 @@ def linear() -> None:
     print("\nlinear analysis; seconds and relative difference")
     print(f"{'n':>6} {'':24} {'Chain':>9} {'scene':>9} {'error':>9}")
     for n in (100, 1000):
-        chain, scene = pd.Chain(pd.Pipe(0.2), n), md.chain(pd.Pipe(0.2), n)
-        cost, mine = clocked(pd.eigenvalues, scene, 5.0, 8)
-        plain, theirs = clocked(pd.eigenvalues, chain, 5.0, 8)
+        chain, scene = pp.Chain(pp.Pipe(0.2), n), md.chain(pp.Pipe(0.2), n)
+        cost, mine = clocked(pp.eigenvalues, scene, 5.0, 8)
+        plain, theirs = clocked(pp.eigenvalues, chain, 5.0, 8)
         error = np.abs(mine / theirs - 1.0).max()
         print(f"{n:6} {'8 eigenvalues':24} {plain:9.4f} {cost:9.4f} {error:9.1e}")
         check("eigenvalues", error, 1e-9)
-        cost, mine = clocked(pd.critical_speed, scene, least=0.0)
-        plain, theirs = clocked(pd.critical_speed, chain, least=0.0)
+        cost, mine = clocked(pp.critical_speed, scene, least=0.0)
+        plain, theirs = clocked(pp.critical_speed, chain, least=0.0)
         error = abs(mine.speed / theirs.speed - 1.0)
         print(f"{n:6} {'critical speed':24} {plain:9.4f} {cost:9.4f} {error:9.1e}")
         check("critical speed", error, 1e-9)
         guided = scene.plus(md.Guide(n))
-        cost, held = clocked(pd.critical_speed, guided, least=0.0)
+        cost, held = clocked(pp.critical_speed, guided, least=0.0)
         error = abs(held.speed / 4.493409457909064 - 1.0)
         print(f"{n:6} {'the same, guided end':24} {'':9} {cost:9.4f} {error:9.1e}")
         check("guided end", error, 4.0 / n**2)
@@ -88,12 +88,12 @@ def linear() -> None:
 
 def motion() -> None:
     print("\n10 segments, u = 6, to tau = 10, rtol 1e-6; seconds and error at the free end")
-    pipe = pd.Pipe(0.2)
+    pipe = pp.Pipe(0.2)
 
-    def run(model: pd.Model, rtol: float = 1e-6) -> pd.Motion:
-        return pd.simulate(model, 6.0, 10.0, lambda s: 0.1 * s, samples=101, rtol=rtol)
+    def run(model: pp.Model, rtol: float = 1e-6) -> pp.Motion:
+        return pp.simulate(model, 6.0, 10.0, lambda s: 0.1 * s, samples=101, rtol=rtol)
 
-    chain, scene = pd.Chain(pipe, 10), md.chain(pipe, 10)
+    chain, scene = pp.Chain(pipe, 10), md.chain(pipe, 10)
     exact = run(chain, 1e-11)
     for name, model in (("Chain", chain), ("scene", scene)):
         cost, found = clocked(run, model, least=0.0)

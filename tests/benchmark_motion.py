@@ -18,12 +18,12 @@ import numpy as np
 from benchmark_eigenvalues import machine
 from independent import dense_jacobian, dense_rates
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import _core
-from pipedyn.model import core_pipe
+from pipedyn.models.base import core_pipe
 
 SPEED, MEMBERS = 6.0, 256
-PIPE = pd.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
+PIPE = pp.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
 
 failures = []
 
@@ -66,7 +66,7 @@ def state(n: int, members: int = 0) -> np.ndarray:
 # --------------------------------------------------------------------------------------- references
 
 
-def exact_accelerations(chain: pd.Chain, y: np.ndarray, u: float) -> np.ndarray:
+def exact_accelerations(chain: pp.Chain, y: np.ndarray, u: float) -> np.ndarray:
     """theta'' by the dense equations in the angles, written once more in 30 digits."""
     n, pipe = chain.dof, chain.pipe
     with mpmath.workdps(30):
@@ -118,7 +118,7 @@ def exact_accelerations(chain: pd.Chain, y: np.ndarray, u: float) -> np.ndarray:
 
 def plain_accelerations(n: int, y: np.ndarray) -> np.ndarray:
     """Of the bars on hinges without springs, with gravity alone."""
-    chain = pd.Chain(pd.Pipe(0.0, gamma=PIPE.gamma), n, springs=np.zeros(n))
+    chain = pp.Chain(pp.Pipe(0.0, gamma=PIPE.gamma), n, springs=np.zeros(n))
     return exact_accelerations(chain, y, 0.0)
 
 
@@ -178,7 +178,7 @@ Route = tuple[str, str, Callable[[], object], float]
 
 def peers(n: int) -> tuple[list[Route], dict[str, float]]:
     """Other ways to the answers, and pinocchio's time for each question."""
-    chain, y = pd.Chain(PIPE, n), state(n)
+    chain, y = pp.Chain(PIPE, n), state(n)
     aba, derivatives, aba_error = pinocchio_chain(n)
     forward, forward_error = mujoco_chain(n)
     dense_error = worst(dense_rates(chain, y, SPEED)[n:], exact_accelerations(chain, y, SPEED))
@@ -193,7 +193,7 @@ def peers(n: int) -> tuple[list[Route], dict[str, float]]:
 
 def ours(n: int) -> list[Route]:
     """Our three questions at the level in use, each error checked."""
-    chain, y, many = pd.Chain(PIPE, n), state(n), state(n, MEMBERS)
+    chain, y, many = pp.Chain(PIPE, n), state(n), state(n, MEMBERS)
     speeds = np.linspace(3.0, 7.0, MEMBERS)
     some = [0, MEMBERS // 2 + 1, MEMBERS - 1]
     batch = [exact_accelerations(chain, many[:, j], speeds[j]) for j in some]
@@ -231,11 +231,11 @@ def right_hand_sides() -> None:
         print()
 
 
-REDUCED = pd.Pipe(beta=0.2, gamma=2.0, damping=1e-3)
-REDUCED_DRAG = pd.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
+REDUCED = pp.Pipe(beta=0.2, gamma=2.0, damping=1e-3)
+REDUCED_DRAG = pp.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
 
 
-def reduced_state(model: pd.Galerkin, rng: np.random.Generator) -> np.ndarray:
+def reduced_state(model: pp.Galerkin, rng: np.random.Generator) -> np.ndarray:
     """Angles of up to one radian, falling like i^-2 in the functions, rates 14 times that."""
     slopes = model.functions(np.linspace(0.0, 1.0, 200), 1)
     order = np.arange(1.0, model.dof + 1.0)
@@ -245,7 +245,7 @@ def reduced_state(model: pd.Galerkin, rng: np.random.Generator) -> np.ndarray:
     return np.concatenate([q, rate])
 
 
-def eighth_order(model: pd.Galerkin, y: np.ndarray, column: int, step: float) -> np.ndarray:
+def eighth_order(model: pp.Galerkin, y: np.ndarray, column: int, step: float) -> np.ndarray:
     """Central difference of rhs with respect to one entry of the state."""
     pairs = zip((1, 2, 3, 4), (4 / 5, -1 / 5, 4 / 105, -1 / 280), strict=True)
     unit = step * np.eye(y.size)[column]
@@ -256,13 +256,13 @@ def eighth_order(model: pd.Galerkin, y: np.ndarray, column: int, step: float) ->
     return sum(moved) / step
 
 
-def reduced_model(pipe: pd.Pipe, basis: str, m: int) -> list[tuple[float, float]]:
+def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]]:
     """Errors of rhs, a batch and the Jacobian, each beside the cost of a state, s.
 
     rhs against the same equations with three times the nodes, the Jacobian against differences,
     whose steps move the kinks of drag's integrand.
     """
-    model, rng = pd.Galerkin(pipe, m, basis), np.random.default_rng(m)
+    model, rng = pp.Galerkin(pipe, m, basis), np.random.default_rng(m)
     many = np.stack([reduced_state(model, rng) for _ in range(MEMBERS)], axis=1)
     y, speeds = many[:, 0].copy(), np.linspace(3.0, 7.0, MEMBERS)
     finer = _core.GalerkinMotion(
@@ -311,7 +311,7 @@ def linearity() -> None:
     print("| n | one state | 16 states |")
     print("|---|---|---|")
     for n in (10, 100, 1000, 10_000, 100_000):
-        chain, y, many = pd.Chain(PIPE, n), state(n), state(n, 16)
+        chain, y, many = pp.Chain(PIPE, n), state(n), state(n, 16)
         one = timed(lambda chain=chain, y=y: chain.rhs(0.0, y, SPEED))
         batch = timed(lambda chain=chain, many=many: chain.rhs(0.0, many, SPEED)) / 16
         print(f"| {n} | {1e9 * one / n:.1f} | {1e9 * batch / n:.1f} |")

@@ -17,8 +17,8 @@ from benchmark_eigenvalues import machine
 from independent import dense_rates
 from scipy.integrate import solve_ivp
 
-import pipedyn as pd
-from pipedyn.motion import choose_method
+import pipedyn as pp
+from pipedyn.motion.simulate import choose_method
 
 failures = []
 
@@ -45,16 +45,16 @@ def methods() -> None:
     print("| model | delta | rtol | dop853 | lsoda | Radau |")
     print("|---|---|---|---|---|---|")
     for name, make in (
-        ("chain, n = 5", lambda pipe: pd.Chain(pipe, 5)),
-        ("chain, n = 20", lambda pipe: pd.Chain(pipe, 20)),
-        ("chain, n = 50", lambda pipe: pd.Chain(pipe, 50)),
-        ("beam, m = 6", lambda pipe: pd.Galerkin(pipe, 6)),
-        ("legendre, m = 8", lambda pipe: pd.Galerkin(pipe, 8, "legendre")),
+        ("chain, n = 5", lambda pipe: pp.Chain(pipe, 5)),
+        ("chain, n = 20", lambda pipe: pp.Chain(pipe, 20)),
+        ("chain, n = 50", lambda pipe: pp.Chain(pipe, 50)),
+        ("beam, m = 6", lambda pipe: pp.Galerkin(pipe, 6)),
+        ("legendre, m = 8", lambda pipe: pp.Galerkin(pipe, 8, "legendre")),
     ):
         for delta in (0.0, 1e-3, 1e-2):
-            model = make(pd.Pipe(0.2, damping=delta))
+            model = make(pp.Pipe(0.2, damping=delta))
             sharp = {"samples": 21, "rtol": 1e-11}
-            exact = pd.simulate(
+            exact = pp.simulate(
                 model, 6.0, 2.0, bow, method="lsoda" if delta else "dop853", **sharp
             )
             for rtol in (1e-3, 1e-6, 1e-9):
@@ -65,7 +65,7 @@ def methods() -> None:
                         cells.append("-")
                         continue
                     cost, found = clocked(
-                        lambda model=model, rtol=rtol, method=method: pd.simulate(
+                        lambda model=model, rtol=rtol, method=method: pp.simulate(
                             model, 6.0, 2.0, bow, method=method, samples=21, rtol=rtol
                         )
                     )
@@ -78,9 +78,9 @@ def methods() -> None:
 
 def flutter() -> None:
     """20 segments from a small push to the settled limit cycle, beside plain dense numpy."""
-    chain, u, end = pd.Chain(pd.Pipe(0.2), 20), 6.0, 60.0
+    chain, u, end = pp.Chain(pp.Pipe(0.2), 20), 6.0, 60.0
     q0 = chain.bent(lambda s: 0.01 * s)
-    cost, ours = clocked(lambda: pd.simulate(chain, u, end, q0, rtol=1e-6, samples=601))
+    cost, ours = clocked(lambda: pp.simulate(chain, u, end, q0, rtol=1e-6, samples=601))
     start = time.perf_counter()
     plain = solve_ivp(
         lambda t, y: dense_rates(chain, y, u),
@@ -92,7 +92,7 @@ def flutter() -> None:
         t_eval=ours.t,
     )
     dense = time.perf_counter() - start
-    exact = pd.simulate(chain, u, end, q0, rtol=1e-10, samples=601)
+    exact = pp.simulate(chain, u, end, q0, rtol=1e-10, samples=601)
     tip = chain.tips(plain.y[:20])
     print("20 segments, u = 6, beta = 0.2, a small push, to tau = 60, rtol 1e-6")
     print("| route | s | times faster | largest error of the tip | audit |")
@@ -115,12 +115,12 @@ def ensembles() -> None:
     print("|---|---|---|---|---|")
     speeds = np.linspace(4.0, 7.0, 100)
     for n in (5, 20):
-        chain = pd.Chain(pd.Pipe(0.2), n)
+        chain = pp.Chain(pp.Pipe(0.2), n)
         cost, together = clocked(
-            lambda chain=chain: pd.simulate_many(chain, speeds, 10.0, bow, samples=101), 1
+            lambda chain=chain: pp.simulate_many(chain, speeds, 10.0, bow, samples=101), 1
         )
         start = time.perf_counter()
-        alone = [pd.simulate(chain, u, 10.0, bow, samples=101) for u in speeds]
+        alone = [pp.simulate(chain, u, 10.0, bow, samples=101) for u in speeds]
         each = time.perf_counter() - start
         apart = max(np.abs(a.q - b.q).max() for a, b in zip(together.motions, alone, strict=True))
         print(f"| {n} | {each:.2f} | {cost:.2f} | {each / cost:.1f} | {apart:.0e} |", flush=True)

@@ -42,8 +42,8 @@ from scipy.integrate._ivp import dop853_coefficients
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
 
-import pipedyn as pd
-from pipedyn.motion import fastest_decay, highest_frequency
+import pipedyn as pp
+from pipedyn.motion.simulate import fastest_decay, highest_frequency
 
 QUICK, FULL, ALL = 0, 1, 2
 """Which rows: seconds, some minutes, and those that take longer."""
@@ -109,7 +109,7 @@ def row(
     start = time.process_time()
     try:
         answer = ask()
-    except (pd.PipedynError, ValueError) as refusal:
+    except (pp.PipedynError, ValueError) as refusal:
         seconds = time.process_time() - start
         slow = seconds > PATIENCE
         verdict = "too slow" if slow else f"refused: {type(refusal).__name__}"
@@ -133,25 +133,25 @@ def judged(told: Told, limit: float) -> str:
 
 def named(model: Any) -> str:
     """A model in a few letters."""
-    if isinstance(model, pd.Chain):
+    if isinstance(model, pp.Chain):
         return f"chain n={model.dof}"
-    if isinstance(model, pd.Galerkin):
+    if isinstance(model, pp.Galerkin):
         return f"{model.basis} m={model.dof}"
-    return "pipe" if isinstance(model, pd.Continuum) else f"scene of {model.dof}"
+    return "pipe" if isinstance(model, pp.Continuum) else f"scene of {model.dof}"
 
 
-def digits_for(pipe: pd.Pipe, u: float) -> int:
+def digits_for(pipe: pp.Pipe, u: float) -> int:
     """Digits with which the power series keeps 20: its terms grow like these exponentials."""
     tension = math.sqrt(abs(pipe.gamma)) + u
     return 50 + math.ceil(tension)
 
 
-def pipe_step(pipe: pd.Pipe, value: complex, u: float) -> complex:
+def pipe_step(pipe: pp.Pipe, value: complex, u: float) -> complex:
     """Newton's correction of an eigenvalue of the continuous pipe."""
     return series_newton_step(pipe, value, u, digits_for(pipe, u))
 
 
-def chain_step(chain: pd.Chain, value: complex, u: float) -> complex:
+def chain_step(chain: pp.Chain, value: complex, u: float) -> complex:
     """The same of a chain's; the highest ones take more digits."""
     ratio = max(chain.springs.max() / chain.springs.min(), abs(chain.pipe.gamma), u**2, abs(value))
     digits = 40 if chain.dof > 1000 else 60 + 6 * min(chain.dof, 200) * (ratio > 1e3)
@@ -159,7 +159,7 @@ def chain_step(chain: pd.Chain, value: complex, u: float) -> complex:
     return chain_newton_step(chain, value, u, digits)
 
 
-def worst_eigenvalue(found: pd.Modes, which: list[int], step: Callable[[complex], complex]) -> Told:
+def worst_eigenvalue(found: pp.Modes, which: list[int], step: Callable[[complex], complex]) -> Told:
     """The eigenvalue of some whose error is nearest to, or farthest above, what is said of it.
 
     Errors are relative to the eigenvalue or to the rate 1 / (1 + delta), whichever is more.
@@ -175,16 +175,16 @@ def worst_eigenvalue(found: pd.Modes, which: list[int], step: Callable[[complex]
 
 def eigenvalue_row(model: Any, u: float, at: str, which: list[int], count: int | None = 6) -> Row:
     """The lowest eigenvalues, or some of them all."""
-    chain = isinstance(model, pd.Chain)
+    chain = isinstance(model, pp.Chain)
     if chain and count is not None:
         count = min(count, 2 * model.dof)
 
     def step(value: complex) -> complex:
         return chain_step(model, value, u) if chain else pipe_step(model.pipe, value, u)
 
-    def ask() -> pd.Modes:
-        pd.eigenvalues(model, u, count)
-        return pd.modes(model, u, count)
+    def ask() -> pp.Modes:
+        pp.eigenvalues(model, u, count)
+        return pp.modes(model, u, count)
 
     reference = SHOOTING if chain else SERIES
     route = "all eigenvalues" if count is None else "eigenvalues"
@@ -214,30 +214,30 @@ def eigenvalues_of_the_pipe(level: int) -> Iterator[Row]:
     if level >= ALL:
         cases += [("gamma=1e6, u=6", {"beta": 0.2, "gamma": 1e6}, 6.0)]
     for at, numbers, u in cases:
-        yield eigenvalue_row(pd.Continuum(pd.Pipe(**numbers)), u, at, [0, 2, 4])
+        yield eigenvalue_row(pp.Continuum(pp.Pipe(**numbers)), u, at, [0, 2, 4])
 
 
 def eigenvalues_of_chains(level: int) -> Iterator[Row]:
     """The lowest two pairs of chains, dense up to 64 segments and sparse beyond."""
-    plain = pd.Pipe(0.2)
-    yield eigenvalue_row(pd.Chain(plain, 1), 6.0, "u=6", [0])
+    plain = pp.Pipe(0.2)
+    yield eigenvalue_row(pp.Chain(plain, 1), 6.0, "u=6", [0])
     for n in (10, 200, *((1000, 10_000) if level >= FULL else ())):
-        yield eigenvalue_row(pd.Chain(plain, n), 6.0, "u=6", [0, 2])
+        yield eigenvalue_row(pp.Chain(plain, n), 6.0, "u=6", [0, 2])
     extremes = [
         ("u=100", plain, 100.0),
-        ("beta=0, u=100", pd.Pipe(0.0), 100.0),
-        ("beta=0.999999, u=100", pd.Pipe(0.999999), 100.0),
-        ("gamma=1e6, u=6", pd.Pipe(0.2, gamma=1e6), 6.0),
-        ("gamma=-1e4, u=6", pd.Pipe(0.2, gamma=-1e4), 6.0),
-        ("damping=1e3, u=6", pd.Pipe(0.2, damping=1e3), 6.0),
-        ("damping=1e3, u=100", pd.Pipe(0.2, damping=1e3), 100.0),
+        ("beta=0, u=100", pp.Pipe(0.0), 100.0),
+        ("beta=0.999999, u=100", pp.Pipe(0.999999), 100.0),
+        ("gamma=1e6, u=6", pp.Pipe(0.2, gamma=1e6), 6.0),
+        ("gamma=-1e4, u=6", pp.Pipe(0.2, gamma=-1e4), 6.0),
+        ("damping=1e3, u=6", pp.Pipe(0.2, damping=1e3), 6.0),
+        ("damping=1e3, u=100", pp.Pipe(0.2, damping=1e3), 100.0),
     ]
     for at, pipe, u in extremes:
         for n in (5, 100) if level == QUICK else (5, 50, 200):
-            yield eigenvalue_row(pd.Chain(pipe, n), u, at, [0, 2])
+            yield eigenvalue_row(pp.Chain(pipe, n), u, at, [0, 2])
     for n in (6, 100):
         for at, arrays in unequal(n).items():
-            yield eigenvalue_row(pd.Chain(plain, **arrays), 1.0, f"{at}, u=1", [0, 2])
+            yield eigenvalue_row(pp.Chain(plain, **arrays), 1.0, f"{at}, u=1", [0, 2])
     for n in (100_000,) * (level >= FULL) + (1_000_000,) * (level >= ALL):
         yield tends_to_the_pipe(n)
 
@@ -257,10 +257,10 @@ def unequal(n: int) -> dict[str, dict[str, np.ndarray]]:
 
 def tends_to_the_pipe(n: int) -> Row:
     """Of a chain too long to shoot along: its distance to the pipe is below 20 / n^2."""
-    model = pd.Chain(pd.Pipe(0.2), n)
+    model = pp.Chain(pp.Pipe(0.2), n)
     return row(
         *("eigenvalues", named(model), "u=6", SERIES + " of the pipe"),
-        lambda: pd.eigenvalues(model, 6.0, 8)[2],
+        lambda: pp.eigenvalues(model, 6.0, 8)[2],
         lambda z: Told(f"{z:.6g}", abs(pipe_step(model.pipe, z, 6.0)) / abs(z)),
         20.0 / n**2 + 1e-11,
     )
@@ -268,39 +268,39 @@ def tends_to_the_pipe(n: int) -> Row:
 
 def eigenvalues_of_reduced_models(level: int) -> Iterator[Row]:
     """Second pair at u = 6 beside the pipe's, whose distance falls as said; and the highest."""
-    pipe, u = pd.Pipe(0.2), 6.0
+    pipe, u = pp.Pipe(0.2), 6.0
     sizes = {"beam": (10, 100, 1000), "legendre": (10, 50, 200)}
     for basis, numbers in sizes.items():
         for m in numbers[: 2 if level == QUICK else 3]:
-            model = pd.Galerkin(pipe, m, basis)
+            model = pp.Galerkin(pipe, m, basis)
             limit = 2.0 / m**4 + 1e-11 if basis == "beam" else 1e-8
             yield row(
                 *("eigenvalues", named(model), "u=6", SERIES + " of the pipe"),
-                lambda model=model: pd.eigenvalues(model, u, 8)[2],
+                lambda model=model: pp.eigenvalues(model, u, 8)[2],
                 lambda z: Told(f"{z:.6g}", abs(pipe_step(pipe, z, u)) / abs(z)),
                 limit,
             )
 
 
-def largest_claim(found: pd.Modes) -> float:
+def largest_claim(found: pp.Modes) -> float:
     """What the package says of the worst of eigenvalues, relative."""
     return float((found.errors / np.abs(found.eigenvalues)).max())
 
 
 def highest_eigenvalues(level: int) -> Iterator[Row]:
     """The fastest mode of all: what explicit integrators follow, and where rounding bites first."""
-    pipe = pd.Pipe(0.2)
+    pipe = pp.Pipe(0.2)
 
-    def measured(found: pd.Modes, exact: float) -> Told:
+    def measured(found: pp.Modes, exact: float) -> Told:
         value = abs(found.eigenvalues[-1])
         return Told(f"{value:.6g}i", abs(value / exact - 1.0), found.errors[-1] / exact)
 
-    def ask(model: Any, u: float = 0.0) -> pd.Modes:
-        pd.eigenvalues(model, u)
-        return pd.modes(model, u)
+    def ask(model: Any, u: float = 0.0) -> pp.Modes:
+        pp.eigenvalues(model, u)
+        return pp.modes(model, u)
 
     for m in (10, 50, 100) if level == QUICK else (10, 50, 100, 200):
-        model = pd.Galerkin(pipe, m, "legendre")
+        model = pp.Galerkin(pipe, m, "legendre")
         exact = legendre_highest(m)
         text = "mpmath: inverse iteration"
         yield row(
@@ -316,26 +316,26 @@ def highest_eigenvalues(level: int) -> Iterator[Row]:
         )
     yield row(
         *("all eigenvalues", "legendre m=200", "u=6", "residuals"),
-        lambda: ask(pd.Galerkin(pipe, 200, "legendre"), 6.0),
+        lambda: ask(pp.Galerkin(pipe, 200, "legendre"), 6.0),
         lambda found: Told("", float(found.residuals.max()), largest_claim(found)),
     )
     for m in (10, 100, *((1000,) if level >= FULL else ())):
         exact = cantilever_frequency(m)
-        model = pd.Galerkin(pipe, m)
+        model = pp.Galerkin(pipe, m)
         yield row(
             *("highest eigenvalue", named(model), "u=0", "cos k cosh k = -1"),
             lambda model=model: ask(model),
             lambda found, exact=exact: measured(found, exact),
         )
     for n in (10, 60) if level == QUICK else (10, 60, 200):
-        yield eigenvalue_row(pd.Chain(pipe, n), 6.0, "u=6", [n, 2 * n - 2], None)
+        yield eigenvalue_row(pp.Chain(pipe, n), 6.0, "u=6", [n, 2 * n - 2], None)
     for n in (2, 6) if level == QUICK else (2, 6, 40):
         for at, arrays in unequal(n).items():
-            yield eigenvalue_row(pd.Chain(pipe, **arrays), 1.0, f"{at}, u=1", [*range(2 * n)], None)
-    treacle = pd.Chain(pd.Pipe(1e-12, -1e4, damping=1.0), **unequal(6)["lengths 1e6 : 1"])
+            yield eigenvalue_row(pp.Chain(pipe, **arrays), 1.0, f"{at}, u=1", [*range(2 * n)], None)
+    treacle = pp.Chain(pp.Pipe(1e-12, -1e4, damping=1.0), **unequal(6)["lengths 1e6 : 1"])
     yield eigenvalue_row(treacle, 1.0, "lengths 1e6 : 1, damping=1", [*range(12)], None)
     for n in (100, 10_000) if level == QUICK else (100, 10_000, 100_000):
-        model = pd.Chain(pipe, n)
+        model = pp.Chain(pipe, n)
         yield row(
             *("highest frequency", named(model), "u=0", "sqrt(48) n^2: zigzag"),
             lambda model=model: highest_frequency(model),
@@ -348,19 +348,19 @@ def critical_row(model: Any, at: str, max_speed: float = 100.0) -> Row:
     """The critical speed, or a search to the end of which `growing` sees nothing grow."""
     pipe = model.pipe
 
-    def ask() -> pd.CriticalSpeed | float:
+    def ask() -> pp.CriticalSpeed | float:
         try:
-            return pd.critical_speed(model, max_speed)
-        except pd.NoCrossing as none:
+            return pp.critical_speed(model, max_speed)
+        except pp.NoCrossing as none:
             return none.max_speed
 
-    def measure(found: pd.CriticalSpeed | float) -> Told:
+    def measure(found: pp.CriticalSpeed | float) -> Told:
         if isinstance(found, float):
             speeds = np.linspace(0.1, 1.0, 4) * found
             growth = max(growing(model, u) for u in speeds)
             return Told(f"none to u={found:g}", max(growth, 0.0))
         u, omega = found.speed, found.frequency
-        if isinstance(model, pd.Chain):
+        if isinstance(model, pp.Chain):
             exact = float(chain_crossing(model, u, omega, 60 + int(6 * abs(pipe.gamma) ** 0.5))[0])
         elif pipe.beta == 0.0:
             exact = beck_speed()
@@ -369,7 +369,7 @@ def critical_row(model: Any, at: str, max_speed: float = 100.0) -> Row:
         text = f"{found.kind} in mode {found.mode}, u={u:.9g}"
         return Told(text, abs(u / exact - 1.0), found.error / u)
 
-    chain = isinstance(model, pd.Chain)
+    chain = isinstance(model, pp.Chain)
     reference = SHOOTING if chain else ("mpmath: Beck's column" if pipe.beta == 0.0 else SERIES)
     return row("critical_speed", named(model), at, reference, ask, measure)
 
@@ -388,9 +388,9 @@ def growing(model: Any, u: float) -> float:
 
     Of the strong form; rounding spoils that of very heavy pipes, of which a chain tells.
     """
-    if not isinstance(model, pd.Chain) and model.pipe.gamma > HEAVIEST:
-        model = pd.Chain(model.pipe, 200)
-    if isinstance(model, pd.Chain):
+    if not isinstance(model, pp.Chain) and model.pipe.gamma > HEAVIEST:
+        model = pp.Chain(model.pipe, 200)
+    if isinstance(model, pp.Chain):
         mass, velocity, stiffness = model.operators().at(u)
         n = model.dof
         step = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -velocity]])
@@ -425,45 +425,45 @@ def critical_speeds(level: int) -> Iterator[Row]:
             ("gamma=1e6", {"beta": 0.2, "gamma": 1e6}),
             ("aspirating, damping=1e3", {"beta": 0.2, **aspirating, "damping": 1e3}),
         ]
-    yield critical_row(pd.Continuum(pd.Pipe(0.0)), "beta=0")
+    yield critical_row(pp.Continuum(pp.Pipe(0.0)), "beta=0")
     for at, numbers in cases:
-        yield critical_row(pd.Continuum(pd.Pipe(**numbers)), at)
+        yield critical_row(pp.Continuum(pp.Pipe(**numbers)), at)
     pipes = {
-        "beta=1e-12": pd.Pipe(1e-12),
-        "beta=0.999999": pd.Pipe(0.999999),
-        "gamma=1e3": pd.Pipe(0.2, 1e3),
-        "gamma=1e6": pd.Pipe(0.2, 1e6),
-        "damping=1e3": pd.Pipe(0.2, damping=1e3),
+        "beta=1e-12": pp.Pipe(1e-12),
+        "beta=0.999999": pp.Pipe(0.999999),
+        "gamma=1e3": pp.Pipe(0.2, 1e3),
+        "gamma=1e6": pp.Pipe(0.2, 1e6),
+        "damping=1e3": pp.Pipe(0.2, damping=1e3),
     }
     for at, pipe in pipes.items():
-        yield critical_row(pd.Chain(pipe, 5), at)
+        yield critical_row(pp.Chain(pipe, 5), at)
     if level >= FULL:
-        yield critical_row(pd.Chain(pd.Pipe(0.2), 200), "beta=0.2")
+        yield critical_row(pp.Chain(pp.Pipe(0.2), 200), "beta=0.2")
     if level >= ALL:
-        yield critical_row(pd.Chain(pd.Pipe(0.2), 1000), "beta=0.2")
-        yield critical_row(pd.Chain(pd.Pipe(0.999999), 200), "beta=0.999999")
+        yield critical_row(pp.Chain(pp.Pipe(0.2), 1000), "beta=0.2")
+        yield critical_row(pp.Chain(pp.Pipe(0.999999), 200), "beta=0.999999")
 
 
 def branches_followed(level: int) -> Iterator[Row]:
     """Root loci to u = 100: whether each branch ends on an eigenvalue, and none on another's."""
-    pipe = pd.Pipe(0.2)
-    damped = pd.Pipe(0.2, damping=1e3)
-    cases = [(pd.Chain(pipe, 20), "to u=100"), (pd.Chain(damped, 10), "damping=1e3, to u=20")]
+    pipe = pp.Pipe(0.2)
+    damped = pp.Pipe(0.2, damping=1e3)
+    cases = [(pp.Chain(pipe, 20), "to u=100"), (pp.Chain(damped, 10), "damping=1e3, to u=20")]
     if level >= FULL:
         cases += [
-            (pd.Continuum(pipe), "to u=50"),
-            (pd.Chain(pd.Pipe(0.2, 1e6), 20), "gamma=1e6, to u=100"),
+            (pp.Continuum(pipe), "to u=50"),
+            (pp.Chain(pp.Pipe(0.2, 1e6), 20), "gamma=1e6, to u=100"),
         ]
     if level >= ALL:
-        cases += [(pd.Continuum(pipe), "to u=100"), (pd.Chain(pipe, 200), "to u=100")]
+        cases += [(pp.Continuum(pipe), "to u=100"), (pp.Chain(pipe, 200), "to u=100")]
     for model, at in cases:
         end = float(at.rsplit("=", 1)[1])
 
-        def measure(loci: pd.RootLoci, model: Any = model) -> Told:
+        def measure(loci: pp.RootLoci, model: Any = model) -> Told:
             last, good = loci.eigenvalues[-1], loci.converged[-1]
             u = float(loci.speeds[-1])
-            step = chain_step if isinstance(model, pd.Chain) else pipe_step
-            by = model if isinstance(model, pd.Chain) else model.pipe
+            step = chain_step if isinstance(model, pp.Chain) else pipe_step
+            by = model if isinstance(model, pp.Chain) else model.pipe
             scale = np.maximum(np.abs(last), 1.0 / (1.0 + model.pipe.damping))
             errors = np.array([abs(step(by, complex(z), u)) for z in last]) / scale
             twice = np.abs(last[:, None] - last[None, :]) + np.diag(np.full(last.size, np.inf))
@@ -472,8 +472,8 @@ def branches_followed(level: int) -> Iterator[Row]:
             return Told(f"{last[1]:.6g}", float(errors[good].max(initial=0.0)))
 
         yield row(
-            *("root_loci", named(model), at, SHOOTING if isinstance(model, pd.Chain) else SERIES),
-            lambda model=model, end=end: pd.root_loci(model, np.linspace(0.0, end, 21), 4),
+            *("root_loci", named(model), at, SHOOTING if isinstance(model, pp.Chain) else SERIES),
+            lambda model=model, end=end: pp.root_loci(model, np.linspace(0.0, end, 21), 4),
             measure,
             1e-6,
         )
@@ -486,16 +486,16 @@ def rates(level: int) -> Iterator[Row]:
         size = np.abs(exact).max()
         return Told(f"largest {size:.2g}", float(np.abs(found - exact).max() / size))
 
-    pipe = pd.Pipe(0.2)
+    pipe = pp.Pipe(0.2)
     chains = {
-        "u=100": (pd.Chain(pipe, 6), 100.0),
-        "gamma=1e6": (pd.Chain(pd.Pipe(0.2, 1e6), 6), 6.0),
-        "gamma=-1e4": (pd.Chain(pd.Pipe(0.2, -1e4), 6), 6.0),
-        "drag=1e4": (pd.Chain(pd.Pipe(0.2, drag=1e4), 6), 6.0),
-        "damping=1e3": (pd.Chain(pd.Pipe(0.2, damping=1e3), 6), 6.0),
-        "coiled, 30 rad": (pd.Chain(pipe, 6), 6.0),
-        **{at: (pd.Chain(pipe, **arrays), 6.0) for at, arrays in unequal(6).items()},
-        "n=40": (pd.Chain(pipe, 40), 6.0),
+        "u=100": (pp.Chain(pipe, 6), 100.0),
+        "gamma=1e6": (pp.Chain(pp.Pipe(0.2, 1e6), 6), 6.0),
+        "gamma=-1e4": (pp.Chain(pp.Pipe(0.2, -1e4), 6), 6.0),
+        "drag=1e4": (pp.Chain(pp.Pipe(0.2, drag=1e4), 6), 6.0),
+        "damping=1e3": (pp.Chain(pp.Pipe(0.2, damping=1e3), 6), 6.0),
+        "coiled, 30 rad": (pp.Chain(pipe, 6), 6.0),
+        **{at: (pp.Chain(pipe, **arrays), 6.0) for at, arrays in unequal(6).items()},
+        "n=40": (pp.Chain(pipe, 40), 6.0),
     }
     for at, (chain, u) in chains.items():
         n = chain.dof
@@ -517,7 +517,7 @@ def rates(level: int) -> Iterator[Row]:
             )
     for basis in ("beam", "legendre"):
         for turns in (3, 30):
-            model = pd.Galerkin(pd.Pipe(0.2, 10.0, damping=0.01), 8, basis)
+            model = pp.Galerkin(pp.Pipe(0.2, 10.0, damping=0.01), 8, basis)
             coil = model.bent(lambda s, turns=turns: 2.0 * np.pi * turns * s)
             y = np.concatenate([coil, np.random.default_rng(4).standard_normal(8)])
             yield row(
@@ -526,7 +526,7 @@ def rates(level: int) -> Iterator[Row]:
                 lambda r, model=model, y=y: off(r, pipe_rates(model, y, 6.0, 500)),
                 1e-9,
             )
-    long = pd.Chain(pd.Pipe(0.2, 10.0, damping=0.01), 1000)
+    long = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.01), 1000)
     y = np.random.default_rng(3).standard_normal(2000) * np.repeat([1.0, 10.0], 1000)
     yield row(
         *("rhs", named(long), "n=1000", "dense equations"),
@@ -534,7 +534,7 @@ def rates(level: int) -> Iterator[Row]:
         lambda r: off(r, dense_rates(long, y, 6.0)),
     )
     for basis, m, limit in (("beam", 60, 1e-10), ("legendre", 30, 1e-8)):
-        model = pd.Galerkin(pd.Pipe(0.2, 10.0, damping=0.01), m, basis)
+        model = pp.Galerkin(pp.Pipe(0.2, 10.0, damping=0.01), m, basis)
         rates = np.random.default_rng(4).standard_normal(m) / np.arange(1, m + 1) ** 2
         y = np.concatenate([model.bent(lambda s: 6.0 * np.pi * s), rates])
         yield row(
@@ -547,18 +547,18 @@ def rates(level: int) -> Iterator[Row]:
 
 def motions(level: int) -> Iterator[Row]:
     """Short motions from a bow or coil beside plain dense equations at rtol 1e-12."""
-    pipe = pd.Pipe(0.2)
-    cases: list[tuple[str, pd.Chain, float, float, float]] = [
-        ("coiled, 3 turns", pd.Chain(pipe, 6), 6.0, 6.0 * math.pi, 0.1),
-        ("u=100", pd.Chain(pipe, 3), 100.0, 0.3, 0.02),
-        ("gamma=1e6", pd.Chain(pd.Pipe(0.2, 1e6), 4), 6.0, 0.3, 0.01),
-        ("gamma=-1e4", pd.Chain(pd.Pipe(0.2, -1e4), 4), 6.0, 0.3, 0.03),
-        ("drag=1e4", pd.Chain(pd.Pipe(0.2, drag=1e4), 4), 6.0, 0.3, 0.2),
-        ("springs 1e8 : 1", pd.Chain(pipe, **unequal(6)["springs 1e8 : 1"]), 1.0, 0.3, 0.05),
+    pipe = pp.Pipe(0.2)
+    cases: list[tuple[str, pp.Chain, float, float, float]] = [
+        ("coiled, 3 turns", pp.Chain(pipe, 6), 6.0, 6.0 * math.pi, 0.1),
+        ("u=100", pp.Chain(pipe, 3), 100.0, 0.3, 0.02),
+        ("gamma=1e6", pp.Chain(pp.Pipe(0.2, 1e6), 4), 6.0, 0.3, 0.01),
+        ("gamma=-1e4", pp.Chain(pp.Pipe(0.2, -1e4), 4), 6.0, 0.3, 0.03),
+        ("drag=1e4", pp.Chain(pp.Pipe(0.2, drag=1e4), 4), 6.0, 0.3, 0.2),
+        ("springs 1e8 : 1", pp.Chain(pipe, **unequal(6)["springs 1e8 : 1"]), 1.0, 0.3, 0.05),
     ]
     for at, chain, u, angle, end in cases:
 
-        def measure(motion: pd.Motion, chain: pd.Chain = chain, u: float = u) -> Told:
+        def measure(motion: pp.Motion, chain: pp.Chain = chain, u: float = u) -> Told:
             start = np.concatenate([motion.q[0], motion.qdot[0]])
             exact = solve_ivp(
                 *(lambda t, y: dense_rates(chain, y, u), (0.0, motion.t[-1]), start, "DOP853"),
@@ -570,14 +570,14 @@ def motions(level: int) -> Iterator[Row]:
 
         yield row(
             *("simulate", named(chain), at, "dense equations, rtol 1e-12"),
-            lambda chain=chain, u=u, angle=angle, end=end: pd.simulate(
+            lambda chain=chain, u=u, angle=angle, end=end: pp.simulate(
                 chain, u, end, lambda s: angle * s, times=[0.0, end], rtol=1e-9
             ),
             measure,
             1e-5,
         )
     yield stiff_motion()
-    stiff = pd.Galerkin(pd.Pipe(0.2, damping=1e3), 8, "legendre")
+    stiff = pp.Galerkin(pp.Pipe(0.2, damping=1e3), 8, "legendre")
     exact = crept(stiff, "Radau", 1e-8).tip[-1]
     methods = ("lsoda", "Radau") if level == QUICK else ("lsoda", "Radau", "BDF", "LSODA")
     for method in methods:
@@ -594,17 +594,17 @@ def motions(level: int) -> Iterator[Row]:
 
 def stiff_motion() -> Row:
     """Of segments of very different lengths: a unit of time, where flutter takes some ten."""
-    chain = pd.Chain(pd.Pipe(0.2), **unequal(6)["lengths 1e6 : 1"])
+    chain = pp.Chain(pp.Pipe(0.2), **unequal(6)["lengths 1e6 : 1"])
     return row(
         *("simulate, a unit of time", named(chain), "lengths 1e6 : 1, u=6", "none"),
-        lambda: pd.simulate(chain, 6.0, 1.0, lambda s: 0.3 * s, times=[0.0, 1.0]),
+        lambda: pp.simulate(chain, 6.0, 1.0, lambda s: 0.3 * s, times=[0.0, 1.0]),
         lambda motion: Told(f"{motion.evaluations} rhs", math.nan),
     )
 
 
-def crept(model: pd.Galerkin, method: str, rtol: float) -> pd.Motion:
+def crept(model: pp.Galerkin, method: str, rtol: float) -> pp.Motion:
     """A pipe of treacle that creeps back."""
-    return pd.simulate(
+    return pp.simulate(
         model, 6.0, 50.0, lambda s: 0.3 * s, times=[0.0, 50.0], rtol=rtol, method=method
     )
 
@@ -630,7 +630,7 @@ def mean_step(kind: Any, model: Any, end: float, rtol: float) -> float:
     """
     if isinstance(kind, str):
         bow = model.bent(lambda s: 1e-3 * s)
-        motion = pd.simulate(
+        motion = pp.simulate(
             *(model, 0.0, end, bow), times=[0.0, end], rtol=rtol, atol=rtol, method=kind
         )
         return end / motion.evaluations * (12 if kind == "dop853" else 1)
@@ -644,7 +644,7 @@ def mean_step(kind: Any, model: Any, end: float, rtol: float) -> float:
         solver.step()
         steps += 1
     if solver.status != "finished":
-        raise pd.NotConverged("the step shrank to nothing")
+        raise pp.NotConverged("the step shrank to nothing")
     return end / steps
 
 
@@ -660,7 +660,7 @@ def stable_steps(level: int) -> Iterator[Row]:
     for damping, axis in ((0.0, "imaginary"), (0.1, "real")):
         theory = limit_on_axis(-1.0 if damping else 1j)
         for n in sizes:
-            model = pd.Chain(pd.Pipe(0.2, damping=damping), n)
+            model = pp.Chain(pp.Pipe(0.2, damping=damping), n)
             fastest = max(highest_frequency(model), fastest_decay(model))
             implicit = (Radau, BDF, LSODA, *(("lsoda",) if damping else ()))
             for kind in (DOP853, "dop853", *(implicit if n <= 20 else ())):
@@ -688,12 +688,12 @@ def stable_steps(level: int) -> Iterator[Row]:
                     measure,
                     0.0,
                 )
-    plain = pd.Chain(pd.Pipe(0.2), 5)
+    plain = pp.Chain(pp.Pipe(0.2), 5)
     slower = ("DOP853", "Radau", "BDF", "LSODA") if level >= FULL else ()
     for method in ("dop853", "lsoda", *slower):
         yield row(
             *("simulate", "chain n=5", f"20 periods, {method}, rtol 1e-4", "energy is constant"),
-            lambda method=method: pd.simulate(
+            lambda method=method: pp.simulate(
                 *(plain, 0.0, 36.0, lambda s: 0.3 * s), times=[0.0, 36.0], rtol=1e-4, method=method
             ),
             kept_energy,
@@ -701,7 +701,7 @@ def stable_steps(level: int) -> Iterator[Row]:
         )
 
 
-def kept_energy(motion: pd.Motion) -> Told:
+def kept_energy(motion: pp.Motion) -> Told:
     """What a motion without flow and damping lost or won, beside its audit."""
     error = abs(motion.energy[-1] - motion.energy[0]) / np.abs(motion.energy).max()
     return Told(f"{motion.evaluations} rhs", float(error), motion.audit)
@@ -711,13 +711,13 @@ def long_runs(level: int) -> Iterator[Row]:
     """One segment without gravity is a harmonic oscillator at any amplitude, and a joint without
     spring a pendulum: exact states after many periods, and what the audit says of the energy."""
     periods = 300 if level == QUICK else 10_000
-    swing = pd.Chain(pd.Pipe(0.2), 1)
+    swing = pp.Chain(pp.Pipe(0.2), 1)
     omega = math.sqrt(3.0 * swing.springs[0])
     end = periods * 2.0 * math.pi / omega
     for rtol in (1e-6, 1e-9, 1e-12):
         yield row(
             *("simulate", "chain n=1", f"{periods} periods, rtol {rtol:g}", "energy is constant"),
-            lambda end=end, rtol=rtol: pd.simulate(
+            lambda end=end, rtol=rtol: pp.simulate(
                 *(swing, 0.0, end, [1.0]), times=[0.0, end], rtol=rtol
             ),
             kept_energy,
@@ -725,31 +725,31 @@ def long_runs(level: int) -> Iterator[Row]:
         )
     yield row(
         *("simulate", "chain n=1", f"{periods} periods, rtol 1e-12", "state: cosine"),
-        lambda: pd.simulate(swing, 0.0, end, [1.0], times=[0.0, end], rtol=1e-12),
+        lambda: pp.simulate(swing, 0.0, end, [1.0], times=[0.0, end], rtol=1e-12),
         lambda motion: Told(
             f"{motion.q[-1, 0]:.12f}",
             math.hypot(motion.q[-1, 0] - 1.0, motion.qdot[-1, 0] / omega),
         ),
         1e-5,
     )
-    pendulum = pd.Chain(pd.Pipe(0.2, 10.0), springs=[0.0])
+    pendulum = pp.Chain(pp.Pipe(0.2, 10.0), springs=[0.0])
     square, modulus = 15.0, math.sin(1.5) ** 2
     after = 100.25 * 4.0 * ellipk(modulus) / math.sqrt(square)
     sn = ellipj(ellipk(modulus) - math.sqrt(square) * after, modulus)[0]
     exact = 2.0 * math.asin(math.sin(1.5) * sn)
     yield row(
         *("simulate", "chain n=1", "pendulum from 3 rad, 100 swings", "elliptic functions"),
-        lambda: pd.simulate(pendulum, 0.0, after, [3.0], times=[0.0, after], rtol=1e-12),
+        lambda: pp.simulate(pendulum, 0.0, after, [3.0], times=[0.0, after], rtol=1e-12),
         lambda motion: Told(f"{motion.q[-1, 0]:.9f}", abs(motion.q[-1, 0] - exact)),
         1e-5,
     )
     for n in (2, 3) if level != FULL else (2,):
-        chain = pd.Chain(pd.Pipe(0.2), n)
+        chain = pp.Chain(pp.Pipe(0.2), n)
         turns = 100 if level == QUICK else 10_000
-        end = turns * 2.0 * math.pi / abs(pd.eigenvalues(chain, 0.0, 1)[0])
+        end = turns * 2.0 * math.pi / abs(pp.eigenvalues(chain, 0.0, 1)[0])
         yield row(
             *("simulate", named(chain), f"{turns} periods, no flow", "energy is constant"),
-            lambda chain=chain, end=end: pd.simulate(
+            lambda chain=chain, end=end: pp.simulate(
                 chain, 0.0, end, lambda s: s, times=[0.0, end], rtol=1e-9
             ),
             kept_energy,
@@ -760,18 +760,18 @@ def long_runs(level: int) -> Iterator[Row]:
 
 def long_flutter(periods: int) -> Row:
     """Flutter that stays on its cycle, found as a boundary-value problem."""
-    chain = pd.Chain(pd.Pipe(0.2), 3)
-    u = 1.2 * pd.critical_speed(chain).speed
-    cycle = pd.limit_cycle(chain, u)
+    chain = pp.Chain(pp.Pipe(0.2), 3)
+    u = 1.2 * pp.critical_speed(chain).speed
+    cycle = pp.limit_cycle(chain, u)
     end = periods * cycle.period
 
-    def measure(motion: pd.Motion) -> Told:
+    def measure(motion: pp.Motion) -> Told:
         error = abs(np.abs(motion.tip[1:, 0]).max() / cycle.amplitude - 1.0)
         return Told(f"amplitude {cycle.amplitude:.6f}, audit {motion.audit:.0e}", float(error))
 
     return row(
         *("simulate", "chain n=3", f"flutter, {periods} periods", "limit_cycle"),
-        lambda: pd.simulate(
+        lambda: pp.simulate(
             *(chain, u, end, cycle.q[0], cycle.qdot[0]),
             times=[0.0, *np.linspace(end - cycle.period, end, 400)],
             rtol=1e-8,
@@ -783,36 +783,36 @@ def long_flutter(periods: int) -> Row:
 
 def cycles(level: int) -> Iterator[Row]:
     """Limit cycles from the faintest to drag that all but forbids them."""
-    chain = pd.Chain(pd.Pipe(0.2), 3)
-    onset = pd.hopf(chain)
+    chain = pp.Chain(pp.Pipe(0.2), 3)
+    onset = pp.hopf(chain)
     for beyond in (1e-2, 1e-4, 1e-6, 1e-8):
         u = onset.speed * (1.0 + beyond)
         law = math.sqrt(onset.amplitude_law * (u - onset.speed))
         yield row(
             *("limit_cycle", "chain n=3", f"u = u_c (1 + {beyond:g})", "hopf's law"),
-            lambda u=u: pd.limit_cycle(chain, u),
+            lambda u=u: pp.limit_cycle(chain, u),
             lambda found, law=law: Told(
                 f"amplitude {found.amplitude:.6g}", abs(found.amplitude / law - 1.0)
             ),
             beyond + 1e-6,
         )
     if level >= FULL:
-        heavy = pd.Chain(pd.Pipe(0.2, drag=1e4), 4)
+        heavy = pp.Chain(pp.Pipe(0.2, drag=1e4), 4)
         yield row(
             *("limit_cycle", "chain n=4", "drag=1e4, u=6", "simulate"),
-            lambda: pd.limit_cycle(heavy, 6.0),
+            lambda: pp.limit_cycle(heavy, 6.0),
             lambda found: Told(
                 f"amplitude {found.amplitude:.6g}",
                 abs(swept(heavy, 6.0, found) / found.amplitude - 1.0),
             ),
             1e-4,
         )
-        for at, pipe in (("gamma=1e4", pd.Pipe(0.2, 1e4)), ("drag=1e4", pd.Pipe(0.2, drag=1e4))):
-            model = pd.Galerkin(pipe, 8, "legendre")
-            u = 1.05 * pd.critical_speed(model).speed
+        for at, pipe in (("gamma=1e4", pp.Pipe(0.2, 1e4)), ("drag=1e4", pp.Pipe(0.2, drag=1e4))):
+            model = pp.Galerkin(pipe, 8, "legendre")
+            u = 1.05 * pp.critical_speed(model).speed
             yield row(
                 *("limit_cycle", named(model), f"{at}, u = 1.05 u_c", "simulate"),
-                lambda model=model, u=u: pd.limit_cycle(model, u),
+                lambda model=model, u=u: pp.limit_cycle(model, u),
                 lambda found, model=model, u=u: Told(
                     f"amplitude {found.amplitude:.6g}",
                     abs(swept(model, u, found) / found.amplitude - 1.0),
@@ -821,10 +821,10 @@ def cycles(level: int) -> Iterator[Row]:
             )
 
 
-def swept(model: Any, u: float, cycle: pd.LimitCycle) -> float:
+def swept(model: Any, u: float, cycle: pp.LimitCycle) -> float:
     """Amplitude of a motion that starts on a cycle, over its third period."""
     times = np.linspace(2.0 * cycle.period, 3.0 * cycle.period, 801)
-    motion = pd.simulate(
+    motion = pp.simulate(
         *(model, u, float(times[-1]), cycle.q[0], cycle.qdot[0]),
         times=times,
         rtol=1e-10,
@@ -835,16 +835,16 @@ def swept(model: Any, u: float, cycle: pd.LimitCycle) -> float:
 
 def scenes(level: int) -> Iterator[Row]:
     """The modular route of a plain chain beside the chain's own equations."""
-    cases = {"u=100": ({}, pd.Pipe(0.2), 100.0), "gamma=1e6": ({}, pd.Pipe(0.2, 1e6), 6.0)}
+    cases = {"u=100": ({}, pp.Pipe(0.2), 100.0), "gamma=1e6": ({}, pp.Pipe(0.2, 1e6), 6.0)}
     for at, arrays in unequal(6).items():
-        cases[at] = (arrays, pd.Pipe(0.2), 1.0)
+        cases[at] = (arrays, pp.Pipe(0.2), 1.0)
     for at, (arrays, pipe, u) in cases.items():
         n = None if arrays else 6
-        scene = pd.modular.chain(pipe, n, **{"springs": "consistent", **arrays})
-        chain = pd.Chain(pipe, n, **arrays)
+        scene = pp.modular.chain(pipe, n, **{"springs": "consistent", **arrays})
+        chain = pp.Chain(pipe, n, **arrays)
         yield row(
             *("eigenvalues", "scene of 6", at, SHOOTING),
-            lambda scene=scene, u=u: pd.modes(scene, u, 4),
+            lambda scene=scene, u=u: pp.modes(scene, u, 4),
             lambda found, chain=chain, u=u: worst_eigenvalue(
                 found, [0, 2], lambda z: chain_step(chain, z, u)
             ),

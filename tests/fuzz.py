@@ -31,10 +31,10 @@ matplotlib.use("agg")
 import numpy as np
 from matplotlib.figure import Figure
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import modular, plot
-from pipedyn.choose import choose
-from pipedyn.trade import Trade, TradeRow, trade
+from pipedyn.accuracy.choose import choose
+from pipedyn.accuracy.trade import Trade, TradeRow, trade
 
 NAN, INF = math.nan, math.inf
 
@@ -266,35 +266,35 @@ def bend(s: Any) -> Any:
     return 0.2 * s
 
 
-PIPE = pd.Pipe(0.2, 3.0)
+PIPE = pp.Pipe(0.2, 3.0)
 SI = {"length": 1.2, "bending_stiffness": 0.3, "pipe_mass": 0.2, "fluid_mass": 0.1}
-MEASURED = pd.Pipe.from_si(**SI)
-DRAGGED = pd.Pipe(0.4, 5.0, "aspirating", 0.5, drag=2.0, damping=0.01)
-FULL = pd.Pipe(0.6, 20.0, "aspirating", 0.5, drag=2.0, damping=0.01)
-FITTING = pd.Fitting(0.6, mass=0.2, stiffness=3.0)
-CHAIN = pd.Chain(PIPE, 3)
-BEAM, LEGENDRE = pd.Galerkin(DRAGGED, 3), pd.Galerkin(PIPE, 4, "legendre")
-FITTED = pd.Galerkin(PIPE, 3, "legendre", [FITTING])
-EXACT = pd.Continuum(PIPE)
+MEASURED = pp.Pipe.from_si(**SI)
+DRAGGED = pp.Pipe(0.4, 5.0, "aspirating", 0.5, drag=2.0, damping=0.01)
+FULL = pp.Pipe(0.6, 20.0, "aspirating", 0.5, drag=2.0, damping=0.01)
+FITTING = pp.Fitting(0.6, mass=0.2, stiffness=3.0)
+CHAIN = pp.Chain(PIPE, 3)
+BEAM, LEGENDRE = pp.Galerkin(DRAGGED, 3), pp.Galerkin(PIPE, 4, "legendre")
+FITTED = pp.Galerkin(PIPE, 3, "legendre", [FITTING])
+EXACT = pp.Continuum(PIPE)
 SCENE = modular.chain(DRAGGED, 3)
 HELD = SCENE.plus(modular.Guide(3))
 MODELS = {"chain": CHAIN, "beam": BEAM, "legendre": LEGENDRE, "fitted": FITTED, "scene": SCENE}
 EVERY = {**MODELS, "held": HELD}
 
-FLUTTER = pd.Chain(pd.Pipe(0.2), 3)
-CRITICAL = pd.critical_speed(FLUTTER)
+FLUTTER = pp.Chain(pp.Pipe(0.2), 3)
+CRITICAL = pp.critical_speed(FLUTTER)
 SPEED = 1.02 * CRITICAL.speed
-CROSSING = pd.crossings(FLUTTER, SPEED)[0]
-HOPF = pd.hopf(FLUTTER, CROSSING)
-CYCLE = pd.limit_cycle(FLUTTER, SPEED, samples=33)
-MOTION = pd.simulate(FLUTTER, 1.0, 2.0, bend, samples=201)
-ENSEMBLE = pd.simulate_many(FLUTTER, [0.5, 1.0], 2.0, bend, samples=201)
-DIAGRAM = pd.bifurcation_diagram(FLUTTER, [0.98 * CRITICAL.speed, SPEED], cycles=8, brute_force=1)
+CROSSING = pp.crossings(FLUTTER, SPEED)[0]
+HOPF = pp.hopf(FLUTTER, CROSSING)
+CYCLE = pp.limit_cycle(FLUTTER, SPEED, samples=33)
+MOTION = pp.simulate(FLUTTER, 1.0, 2.0, bend, samples=201)
+ENSEMBLE = pp.simulate_many(FLUTTER, [0.5, 1.0], 2.0, bend, samples=201)
+DIAGRAM = pp.bifurcation_diagram(FLUTTER, [0.98 * CRITICAL.speed, SPEED], cycles=8, brute_force=1)
 BRANCH = DIAGRAM.cycles[0]
 TRADE = trade(PIPE, "critical_speed", families="beam", sizes=[2, 3], repeats=1)
-LOCI = pd.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
-MODES = pd.modes(CHAIN, 1.0)
-CURVE = pd.stability_curve(lambda beta: pd.Chain(pd.Pipe(beta), 2), [0.1, 0.2], 6.0)
+LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
+MODES = pp.modes(CHAIN, 1.0)
+CURVE = pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 2), [0.1, 0.2], 6.0)
 FIGURE = Figure(layout="constrained")
 AX = FIGURE.subplots()
 AXES = np.array([[AX]])
@@ -381,7 +381,7 @@ class Target:
 def _pipes() -> Iterator[Target]:
     yield Target(
         "Pipe",
-        pd.Pipe,
+        pp.Pipe,
         {
             "beta": real((0.0, 0.99), -0.1, 1.0),
             "gamma": real((-10.0, 10.0), -1e7, 1e300),
@@ -398,7 +398,7 @@ def _pipes() -> Iterator[Target]:
     positive = real((0.1, 3.0), 0.0, 1e300)
     yield Target(
         "Pipe.from_si",
-        pd.Pipe.from_si,
+        pp.Pipe.from_si,
         {
             **dict.fromkeys(SI, positive),
             "gravity": real((-9.81, 9.81), -1e13, 1e300),
@@ -431,7 +431,7 @@ def _pipes() -> Iterator[Target]:
     size = real((0.1, 2.0), 0.0)
     yield Target(
         "inlet_coefficient[function]",
-        pd.inlet_coefficient,
+        pp.inlet_coefficient,
         {"velocity": PROFILE, "radius": size, "section": optional(size)},
         dear=True,
     )
@@ -439,19 +439,19 @@ def _pipes() -> Iterator[Target]:
     rising = array(3, (0.1, 1.0), (-1.0,), fair=one_of([0.0, 0.4, 1.0], np.array([0.0, 1.0, 2.0])))
     yield Target(
         "inlet_coefficient[radii]",
-        pd.inlet_coefficient,
+        pp.inlet_coefficient,
         {"velocity": rows, "radii": rising},
         told={"radii": "radii|velocity"},
     )
     yield Target(
         "inlet_coefficient[areas]",
-        pd.inlet_coefficient,
+        pp.inlet_coefficient,
         {"velocity": rows, "areas": array(3, (0.1, 1.0), (0.0, -1.0)), "section": optional(size)},
         told={"areas": "areas|velocity"},
     )
     yield Target(
         "Fitting",
-        pd.Fitting,
+        pp.Fitting,
         {
             "at": SHARE,
             "mass": real((0.1, 1.0), -1.0, 1e300),
@@ -480,7 +480,7 @@ def _chains() -> Iterator[Target]:
         "base": Kind(one_of(0.0, 0), real((0.0, 0.1), -0.1, 1.0).bad),
     }
     without = {**kinds, "n": Kind(one_of(3), any_of(*NOTHINGS, *WORDS, one_of(0, -1, 2.0)))}
-    yield Target("Chain", pd.Chain, without)
+    yield Target("Chain", pp.Chain, without)
     yield Target(
         "modular.chain",
         modular.chain,
@@ -492,7 +492,7 @@ def _chains() -> Iterator[Target]:
     )
     yield Target(
         "Galerkin",
-        pd.Galerkin,
+        pp.Galerkin,
         {
             "pipe": PIPES,
             "m": Kind(count(2, 6).good, count(1, 6, 2001).bad),
@@ -500,7 +500,7 @@ def _chains() -> Iterator[Target]:
             "fittings": FITTINGS,
         },
     )
-    yield Target("Continuum", pd.Continuum, {"pipe": PIPES, "fittings": FITTINGS})
+    yield Target("Continuum", pp.Continuum, {"pipe": PIPES, "fittings": FITTINGS})
     yield Target("Continuum.with_pipe", EXACT.with_pipe, {"pipe": PIPES})
     yield Target("Continuum.frozen", EXACT.frozen, {"m": count(1, 9, 2001)})
     no_function = any_of(NONE, *NOTHINGS[:12], *WORDS, one_of(3, NAN))
@@ -567,7 +567,7 @@ def _models() -> Iterator[Target]:
         yield Target(f"{cls}.deflection{tag}", model.deflection, {"q": complexes, "s": PLACES})
         yield Target(f"{cls}.from_elastic{tag}", model.from_elastic, {"z": complexes})
         yield Target(f"{cls}.operators{tag}", model.operators, {"q": optional(q)})
-        shape = pd.modes(model, 1.0).shapes[0]
+        shape = pp.modes(model, 1.0).shapes[0]
         yield Target(f"ModeShape.__call__{tag}", shape, {"s": PLACES})
     yield Target(
         "Galerkin.functions", LEGENDRE.functions, {"s": PLACES, "derivative": count(0, 2, 3)}
@@ -728,7 +728,7 @@ def _scenes() -> Iterator[Target]:
 
 
 def _questions() -> Iterator[Target]:
-    for function in (pd.eigenvalues, pd.modes):
+    for function in (pp.eigenvalues, pp.modes):
         yield Target(
             function.__name__,
             function,
@@ -741,21 +741,21 @@ def _questions() -> Iterator[Target]:
     speeds = array(3, (0.0, 3.0), (-1.0, 1e9), rising=True, any_size=True)
     yield Target(
         "root_loci",
-        pd.root_loci,
+        pp.root_loci,
         {"model": STRAIGHT, "speeds": speeds, "count": count(1, 2, 1001), "progress": FLAG},
         dear=True,
     )
     ends = real((1.0, 9.0), 0.0, 1e9)
-    for function in (pd.crossings, pd.critical_speed):
+    for function in (pp.crossings, pp.critical_speed):
         yield Target(function.__name__, function, {"model": STRAIGHT, "max_speed": ends}, dear=True)
     maker = Kind(
-        one_of(lambda value: pd.Chain(pd.Pipe(value), 2)),
+        one_of(lambda value: pp.Chain(pp.Pipe(value), 2)),
         any_of(NONE, *NOTHINGS[:10], *WORDS, one_of(3, NAN, CHAIN)),
     )
     values = array(2, (0.1, 0.5), any_size=True)
     yield Target(
         "stability_curve",
-        pd.stability_curve,
+        pp.stability_curve,
         {
             "make_model": maker,
             "values": values,
@@ -767,7 +767,7 @@ def _questions() -> Iterator[Target]:
     )
     yield Target(
         "criticality_curve",
-        pd.criticality_curve,
+        pp.criticality_curve,
         {"make_model": maker, "values": values, "executor": EXECUTOR, "progress": FLAG},
         dear=True,
     )
@@ -864,7 +864,7 @@ def _own(failures: Iterable[Exception | None]) -> None:
     """Raises what no model may fail with: rows keep whatever was raised."""
     for failure in failures:
         if not (
-            failure is None or isinstance(failure, pd.PipedynError) or type(failure) is ValueError
+            failure is None or isinstance(failure, pp.PipedynError) or type(failure) is ValueError
         ):
             raise RuntimeError(f"a model failed with {type(failure).__name__}") from failure
 
@@ -878,7 +878,7 @@ def _laws(found: Trade) -> list[Any]:
 
 def _relevance(**given: Any) -> str:
     """In words: an effect that changes the kind of the answer is infinitely large."""
-    return str(pd.relevant(**given))
+    return str(pp.relevant(**given))
 
 
 def _motions() -> Iterator[Target]:
@@ -901,19 +901,19 @@ def _motions() -> Iterator[Target]:
         rates = optional(array(n, (-0.1, 0.1), (1e7,)))
         yield Target(
             f"simulate[{name}]",
-            lambda m=model, **given: pd.simulate(m, **_without_none(given, "times")),
+            lambda m=model, **given: pp.simulate(m, **_without_none(given, "times")),
             {**common, "u": SLOW, "q0": rows, "qdot0": rates},
             told={"q0": "q0|angle"},
         )
     yield Target(
         "simulate",
-        lambda model: pd.simulate(model, 1.0, 0.1, bend, samples=3),
+        lambda model: pp.simulate(model, 1.0, 0.1, bend, samples=3),
         {"model": MOVING},
     )
     speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
     yield Target(
         "simulate_many",
-        lambda **given: pd.simulate_many(
+        lambda **given: pp.simulate_many(
             given.pop("models"), given.pop("speeds"), **_without_none(given, "times")
         ),
         {
@@ -934,7 +934,7 @@ def _motions() -> Iterator[Target]:
     beyond = Kind(one_of(SPEED), real((1.0, 2.0), -1.0, 1e9).bad)
     yield Target(
         "limit_cycle",
-        pd.limit_cycle,
+        pp.limit_cycle,
         {
             "model": flutter,
             "u": beyond,
@@ -944,10 +944,10 @@ def _motions() -> Iterator[Target]:
         },
         dear=True,
     )
-    yield Target("hopf", pd.hopf, {"model": flutter, "crossing": optional(of(CROSSING))}, dear=True)
+    yield Target("hopf", pp.hopf, {"model": flutter, "crossing": optional(of(CROSSING))}, dear=True)
     yield Target(
         "equilibria",
-        pd.equilibria,
+        pp.equilibria,
         {
             "model": MOVING,
             "u": SLOW,
@@ -960,7 +960,7 @@ def _motions() -> Iterator[Target]:
     pair = array(2, (0.0, 3.0), (-1.0, 1e9), fair=one_of((0.5, 1.5), [0.0, 2.0]))
     yield Target(
         "equilibrium_branch",
-        pd.equilibrium_branch,
+        pp.equilibrium_branch,
         {
             "model": flutter,
             "q0": Kind(one_of(bend), start(3).bad),
@@ -973,7 +973,7 @@ def _motions() -> Iterator[Target]:
     )
     yield Target(
         "lyapunov_exponent",
-        pd.lyapunov_exponent,
+        pp.lyapunov_exponent,
         {
             "model": MOVING,
             "u": SLOW,
@@ -990,7 +990,7 @@ def _motions() -> Iterator[Target]:
     )
     yield Target(
         "bifurcation_diagram",
-        pd.bifurcation_diagram,
+        pp.bifurcation_diagram,
         {
             "model": flutter,
             "speeds": array(2, (0.1, 1.0), (-1.0, 1e9), rising=True),
@@ -1048,17 +1048,17 @@ def _any_model(dice: Random) -> Any:
     """Some pipe's, with roots that meet, vanish or crowd among them."""
     beta, gamma = dice.choice((0.0, 1e-12, 0.5, 0.999999)), dice.choice((-1e4, -7.837, 0.0, 1e6))
     flow, damping = dice.choice(("ejecting", "aspirating")), dice.choice((0.0, 1e-12, 0.01, 1e3))
-    pipe = pd.Pipe(beta, gamma, flow, dice.choice((0.0, 1.0)), damping=damping)
-    made: Any = dice.choice((pd.Chain, pd.Galerkin, lambda p, m: pd.Galerkin(p, m, "legendre")))
+    pipe = pp.Pipe(beta, gamma, flow, dice.choice((0.0, 1.0)), damping=damping)
+    made: Any = dice.choice((pp.Chain, pp.Galerkin, lambda p, m: pp.Galerkin(p, m, "legendre")))
     return made(pipe, dice.randint(1, 6))
 
 
 def _any_modes(dice: Random) -> Any:
-    return pd.modes(_any_model(dice), dice.choice((0.0, 1e-9, 5.0, 1e4)))
+    return pp.modes(_any_model(dice), dice.choice((0.0, 1e-9, 5.0, 1e4)))
 
 
 def _any_loci(dice: Random) -> Any:
-    return pd.root_loci(_any_model(dice), sorted(dice.sample((0.0, 1e-9, 2.0, 30.0), 2)), 1)
+    return pp.root_loci(_any_model(dice), sorted(dice.sample((0.0, 1e-9, 2.0, 30.0), 2)), 1)
 
 
 def _uncertain(found: Any) -> Any:
@@ -1243,7 +1243,7 @@ def outcome(target: Target, arguments: dict[str, Any], spoiled: list[str]) -> st
         result = target.call(**arguments)
     except TooLong:
         return f"took more than {LONGEST:g} s"
-    except (pd.PipedynError, ValueError, TypeError) as error:
+    except (pp.PipedynError, ValueError, TypeError) as error:
         return _refusal(error, target, spoiled)
     except Exception as error:
         return f"raised {type(error).__name__}: {str(error)[:200]}"
@@ -1258,9 +1258,9 @@ def outcome(target: Target, arguments: dict[str, Any], spoiled: list[str]) -> st
 def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None:
     message = str(error)
     if not spoiled:
-        own = isinstance(error, pd.PipedynError)
+        own = isinstance(error, pp.PipedynError)
         return None if own else f"refused good arguments: {type(error).__name__}: {message[:200]}"
-    if isinstance(error, pd.PipedynError):
+    if isinstance(error, pp.PipedynError):
         return None
     if type(error) not in (ValueError, TypeError):
         return f"raised {type(error).__name__}: {message[:200]}"

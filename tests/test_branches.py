@@ -9,24 +9,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import pipedyn as pd
-from pipedyn import branches as module
-from pipedyn.arcs import turns
-from pipedyn.changes import nontrivial, outside, passage
+import pipedyn as pp
+from pipedyn.bifurcation import branches as module
+from pipedyn.bifurcation.arcs import turns
+from pipedyn.bifurcation.events import nontrivial, outside, passage
 
-THREE = pd.Chain(pd.Pipe(0.2), 3)
-SUBCRITICAL = pd.Chain(pd.Pipe(0.7), 3)
-ROM = pd.Galerkin(pd.Pipe(0.2), 6)
+THREE = pp.Chain(pp.Pipe(0.2), 3)
+SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)
+ROM = pp.Galerkin(pp.Pipe(0.2), 6)
 
 
 @pytest.fixture(scope="module")
 def three():
-    return pd.bifurcation_diagram(THREE, np.array([4.0, 5.0, 8.4]), cycles=26)
+    return pp.bifurcation_diagram(THREE, np.array([4.0, 5.0, 8.4]), cycles=26)
 
 
 @pytest.fixture(scope="module")
 def subcritical():
-    return pd.bifurcation_diagram(SUBCRITICAL, [6.15, 6.1996, 6.1998, 6.202, 6.25], cycles=12)
+    return pp.bifurcation_diagram(SUBCRITICAL, [6.15, 6.1996, 6.1998, 6.202, 6.25], cycles=12)
 
 
 def events(branch):
@@ -38,16 +38,16 @@ def events(branch):
 
 @pytest.mark.parametrize("model", [THREE, ROM], ids=repr)
 def test_cycles_over_the_onset_are_those_of_limit_cycle(model):
-    onset = pd.hopf(model)
+    onset = pp.hopf(model)
     speeds = onset.speed + np.array([-0.5, 0.2, 0.8])
-    found = pd.bifurcation_diagram(model, speeds)
+    found = pp.bifurcation_diagram(model, speeds)
     (branch,) = found.cycles
     assert found.failures == ()
     assert branch.onset == pytest.approx(onset.speed, rel=1e-9)
     assert branch.at(speeds[0]) == ()
     for u in speeds[1:]:
         (cycle,) = branch.at(u)
-        alone = pd.limit_cycle(model, u)
+        alone = pp.limit_cycle(model, u)
         assert cycle.amplitude == pytest.approx(alone.amplitude, rel=2e-6)
         assert cycle.frequency == pytest.approx(alone.frequency, rel=2e-6)
         assert cycle.stable == alone.stable
@@ -60,9 +60,9 @@ def test_cycles_over_the_onset_are_those_of_limit_cycle(model):
 
 
 def test_cycles_between_the_speeds_asked_for_are_good_to_1e_5():
-    branch = pd.bifurcation_diagram(THREE, [4.4, 5.2]).cycles[0]
+    branch = pp.bifurcation_diagram(THREE, [4.4, 5.2]).cycles[0]
     for cycle in branch.cycles[2:-1:2]:
-        assert pd.limit_cycle(THREE, cycle.u).amplitude == pytest.approx(cycle.amplitude, rel=1e-5)
+        assert pp.limit_cycle(THREE, cycle.u).amplitude == pytest.approx(cycle.amplitude, rel=1e-5)
 
 
 def test_the_torus_of_three_segments_is_listed(three):
@@ -76,23 +76,23 @@ def test_the_torus_of_three_segments_is_listed(three):
     assert branch.speeds[first] == pytest.approx(torus.speed, abs=1e-3)
     assert (np.diff(branch.speeds[:first]) > 0.0).all()
     # Either side, alone.
-    assert pd.limit_cycle(THREE, 8.34).stable
-    past = pd.limit_cycle(THREE, 8.37, pd.limit_cycle(THREE, 8.34))
+    assert pp.limit_cycle(THREE, 8.34).stable
+    past = pp.limit_cycle(THREE, 8.37, pp.limit_cycle(THREE, 8.34))
     assert not past.stable
     assert outside(past.multipliers) == 2
 
 
 def test_an_unstable_cycle_lies_on_the_stable_side_of_a_subcritical_onset(subcritical):
     (branch,) = subcritical.cycles
-    onset = pd.hopf(SUBCRITICAL)
+    onset = pp.hopf(SUBCRITICAL)
     assert onset.criticality == "subcritical"
     small, large = branch.at(6.202)
     assert small.u < onset.speed
     assert not small.stable
     assert large.stable
     assert small.amplitude < large.amplitude
-    assert pd.eigenvalues(SUBCRITICAL, 6.202).real.max() < 0.0
-    assert pd.limit_cycle(SUBCRITICAL, 6.202).amplitude == pytest.approx(small.amplitude, rel=1e-6)
+    assert pp.eigenvalues(SUBCRITICAL, 6.202).real.max() < 0.0
+    assert pp.limit_cycle(SUBCRITICAL, 6.202).amplitude == pytest.approx(small.amplitude, rel=1e-6)
 
 
 def test_a_fold_of_cycles_is_where_the_two_meet(subcritical):
@@ -112,9 +112,9 @@ def test_a_fold_of_cycles_is_where_the_two_meet(subcritical):
 
 
 def test_a_cycle_that_is_born_and_dies_is_one_branch():
-    model = pd.Galerkin(pd.Pipe(0.295), 9, "legendre")
-    found = pd.bifurcation_diagram(model, [7.2, 7.6, 8.0])
-    passages = [c.speed for c in pd.crossings(model, 8.0)]
+    model = pp.Galerkin(pp.Pipe(0.295), 9, "legendre")
+    found = pp.bifurcation_diagram(model, [7.2, 7.6, 8.0])
+    passages = [c.speed for c in pp.crossings(model, 8.0)]
     (branch,) = found.cycles
     assert events(branch) == ["hopf", "hopf"]
     assert [event.speed for event in branch.events] == pytest.approx(passages, rel=1e-9)
@@ -122,22 +122,22 @@ def test_a_cycle_that_is_born_and_dies_is_one_branch():
 
 
 def test_with_drag_amplitudes_follow_their_law():
-    model = pd.Chain(pd.Pipe(0.2, drag=1.0), 3)
-    onset = pd.hopf(model)
-    (branch,) = pd.bifurcation_diagram(model, [4.4, 4.6]).cycles
+    model = pp.Chain(pp.Pipe(0.2, drag=1.0), 3)
+    onset = pp.hopf(model)
+    (branch,) = pp.bifurcation_diagram(model, [4.4, 4.6]).cycles
     assert branch.stable.all()
     law = branch.amplitudes[0] / (branch.speeds[0] - onset.speed)
     assert law == pytest.approx(onset.amplitude_law, rel=5e-2)
     assert branch.at(4.6)[0].amplitude == pytest.approx(
-        pd.limit_cycle(model, 4.6).amplitude, rel=2e-6
+        pp.limit_cycle(model, 4.6).amplitude, rel=2e-6
     )
 
 
 def test_a_speed_right_beside_the_onset_has_its_cycle():
-    for model in (THREE, pd.Chain(pd.Pipe(0.2, flow="aspirating", damping=0.01, drag=1.0), 3)):
-        onset = pd.hopf(model)
+    for model in (THREE, pp.Chain(pp.Pipe(0.2, flow="aspirating", damping=0.01, drag=1.0), 3)):
+        onset = pp.hopf(model)
         u = onset.speed * (1.0 + np.array([-1e-2, 2e-5, 1e-3]))
-        (branch,) = pd.bifurcation_diagram(model, u).cycles
+        (branch,) = pp.bifurcation_diagram(model, u).cycles
         for speed in u[1:]:
             (cycle,) = branch.at(speed)
             assert cycle.amplitude == pytest.approx(onset.amplitude(speed), rel=2e-2)
@@ -145,7 +145,7 @@ def test_a_speed_right_beside_the_onset_has_its_cycle():
 
 
 def test_cycles_of_bent_pipes_double_their_period():
-    found = pd.bifurcation_diagram(pd.Chain(pd.Pipe(0.2, -20.0), 2), [1.6, 1.65], cycles=12)
+    found = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2, -20.0), 2), [1.6, 1.65], cycles=12)
     points = [p.speed for b in found.equilibria for p in b.points if p.kind == "hopf"]
     bent = [b for b in found.cycles if b.origin == "hopf" and not b.cycles[0].symmetric]
     (branch,) = bent  # of two mirror images one
@@ -166,15 +166,15 @@ def test_cycles_of_bent_pipes_double_their_period():
 
 @pytest.fixture(scope="module")
 def returning():
-    return pd.bifurcation_diagram(SUBCRITICAL, [6.3, 6.33])
+    return pp.bifurcation_diagram(SUBCRITICAL, [6.3, 6.33])
 
 
 def test_a_branch_that_leaves_the_speeds_and_comes_back_is_followed():
-    (branch,) = pd.bifurcation_diagram(SUBCRITICAL, [6.25, 6.3]).cycles
+    (branch,) = pp.bifurcation_diagram(SUBCRITICAL, [6.25, 6.3]).cycles
     assert branch.onset < 6.25
     cycles = branch.at(6.3)
     assert len(cycles) == 3
-    alone = pd.limit_cycle(SUBCRITICAL, 6.3)
+    alone = pp.limit_cycle(SUBCRITICAL, 6.3)
     assert alone.stable
     (same,) = [cycle for cycle in cycles if cycle.stable]
     assert same.amplitude == pytest.approx(alone.amplitude, rel=2e-6)
@@ -224,12 +224,12 @@ def test_a_step_may_hold_no_fold_or_one_or_two(step, expected):
 # ------------------------------------------------------------------------ cycles that leave cycles
 
 
-LEANING = pd.Chain(pd.Pipe(0.5, -20.0), 2)
+LEANING = pp.Chain(pp.Pipe(0.5, -20.0), 2)
 
 
 @pytest.fixture(scope="module")
 def leaving():
-    return pd.bifurcation_diagram(
+    return pp.bifurcation_diagram(
         LEANING, [1.7, 1.72, 1.73], brute_force=2, transient=150.0, duration=30.0
     )
 
@@ -276,8 +276,8 @@ def test_a_cycle_of_twice_the_period_leaves_at_a_doubling_and_motions_end_on_it(
 
 
 def test_a_cycle_that_no_onset_leads_to_is_followed_from_a_motion():
-    model = pd.Chain(pd.Pipe(0.5, -30.0), 2)
-    found = pd.bifurcation_diagram(
+    model = pp.Chain(pp.Pipe(0.5, -30.0), 2)
+    found = pp.bifurcation_diagram(
         model, [4.4, 4.5, 4.6], brute_force=1, transient=60.0, duration=20.0
     )
     (branch,) = found.cycles
@@ -291,21 +291,21 @@ def test_a_cycle_that_no_onset_leads_to_is_followed_from_a_motion():
 
 
 def test_where_no_onset_leads_to_cycles_a_motion_finds_one():
-    model = pd.Chain(pd.Pipe(0.3, drag=1.0, flow="aspirating"), 3)
-    found = pd.bifurcation_diagram(model, [0.1, 0.15], cycles=4)
+    model = pp.Chain(pp.Pipe(0.3, drag=1.0, flow="aspirating"), 3)
+    found = pp.bifurcation_diagram(model, [0.1, 0.15], cycles=4)
     branch = found.cycles[0]
     assert branch.origin == "motion"
     (cycle,) = branch.at(0.1)
-    assert cycle.amplitude == pytest.approx(pd.limit_cycle(model, 0.1).amplitude, rel=1e-5)
+    assert cycle.amplitude == pytest.approx(pp.limit_cycle(model, 0.1).amplitude, rel=1e-5)
 
 
 def test_where_motions_wind_up_without_end_it_is_told_that_no_cycle_was_found(monkeypatch):
-    monkeypatch.setattr("pipedyn.cycles.PATIENT", 1)
-    model = pd.Chain(pd.Pipe(0.3, flow="aspirating"), 2)
-    found = pd.bifurcation_diagram(model, [1.0, 2.0])
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.PATIENT", 1)
+    model = pp.Chain(pp.Pipe(0.3, flow="aspirating"), 2)
+    found = pp.bifurcation_diagram(model, [1.0, 2.0])
     assert found.cycles == ()
     assert [(f.index, f.value) for f in found.failures] == [(0, 1.0), (1, 2.0)]
-    assert all(isinstance(f.error, pd.NoCycle) for f in found.failures)
+    assert all(isinstance(f.error, pp.NoCycle) for f in found.failures)
 
 
 # --------------------------------------------------------------------------- recognising changes
@@ -337,9 +337,9 @@ def test_a_passage_is_named_by_where_the_multiplier_passes(root, mirrored, kind)
 
 def test_branches_on_an_executor_are_the_same(capsys):
     speeds = [4.0, 5.0]
-    alone = pd.bifurcation_diagram(THREE, speeds)
+    alone = pp.bifurcation_diagram(THREE, speeds)
     with ProcessPoolExecutor(1) as executor:
-        again = pd.bifurcation_diagram(THREE, speeds, executor=executor, progress=True)
+        again = pp.bifurcation_diagram(THREE, speeds, executor=executor, progress=True)
     assert "cycles" in capsys.readouterr().err
     np.testing.assert_array_equal(again.cycles[0].speeds, alone.cycles[0].speeds)
     np.testing.assert_array_equal(again.cycles[0].amplitudes, alone.cycles[0].amplitudes)
@@ -352,11 +352,11 @@ def test_a_speed_that_fails_is_marked_and_the_others_kept(monkeypatch):
 
     def fails_once(motion, orbit, *rest):
         if math.isclose(orbit.u, 4.8):
-            raise pd.NotConverged("not there")
+            raise pp.NotConverged("not there")
         return real(motion, orbit, *rest)
 
     monkeypatch.setattr(module, "finished", fails_once)
-    found = pd.bifurcation_diagram(THREE, [4.0, 4.7, 4.8, 4.9])
+    found = pp.bifurcation_diagram(THREE, [4.0, 4.7, 4.8, 4.9])
     assert [(f.index, f.value) for f in found.failures] == [(2, pytest.approx(4.8))]
     (branch,) = found.cycles
     assert branch.at(4.8) == ()
@@ -365,20 +365,20 @@ def test_a_speed_that_fails_is_marked_and_the_others_kept(monkeypatch):
 
 def test_an_onset_that_fails_is_marked_and_the_equilibria_kept(monkeypatch):
     def fails(*given):
-        raise pd.NoHopf("two pairs meet")
+        raise pp.NoHopf("two pairs meet")
 
     monkeypatch.setattr(module, "born", fails)
-    found = pd.bifurcation_diagram(THREE, [4.0, 5.0])
+    found = pp.bifurcation_diagram(THREE, [4.0, 5.0])
     (branch,) = found.cycles
     assert branch.origin == "motion"
-    assert branch.at(5.0)[0].amplitude == pytest.approx(pd.limit_cycle(THREE, 5.0).amplitude)
+    assert branch.at(5.0)[0].amplitude == pytest.approx(pp.limit_cycle(THREE, 5.0).amplitude)
     assert len(found.equilibria) == 1
     failed = [f.value for f in found.failures]
-    assert failed == pytest.approx([c.speed for c in pd.crossings(THREE, 7.5)])
+    assert failed == pytest.approx([c.speed for c in pp.crossings(THREE, 7.5)])
 
 
 def test_a_branch_ends_where_its_steps_run_out():
-    found = pd.bifurcation_diagram(THREE, [4.0, 4.7, 5.5], cycles=3)
+    found = pp.bifurcation_diagram(THREE, [4.0, 4.7, 5.5], cycles=3)
     branch = found.cycles[0]
     assert events(branch) == ["hopf", "end"]
     assert branch.speeds.max() < 4.7
@@ -399,4 +399,4 @@ def test_an_event_is_compared_with_events_only(three):
 
 
 def test_no_cycles_are_sought_where_none_are_asked_for():
-    assert pd.bifurcation_diagram(THREE, [4.0, 5.0], cycles=0).cycles == ()
+    assert pp.bifurcation_diagram(THREE, [4.0, 5.0], cycles=0).cycles == ()

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from independent import lagrangian_operators
 from scipy.linalg import eigvalsh
 
-import pipedyn as pd
-from pipedyn.pencil import BandPencil, DensePencil
+import pipedyn as pp
+from pipedyn.linear.pencil import BandPencil, DensePencil
 
 FIRST_BEAM_FREQUENCY = 1.8751040687119612**2
 """First root of cos(k) cosh(k) = -1, squared (physics.md, section 2: 1.8751040687)."""
@@ -35,14 +35,14 @@ def chains(draw, most=7):
 
     base = draw(st.sampled_from([0.0, 0.07, 0.4]))
     lengths = numbers(0.05, 1.0)
-    pipe = pd.Pipe(
+    pipe = pp.Pipe(
         beta=draw(st.floats(0.0, 0.95)),
         gamma=draw(st.floats(-20.0, 20.0)),
         flow=draw(st.sampled_from(["ejecting", "aspirating"])),
         alpha=draw(st.floats(0.0, 2.0)),
         damping=draw(st.floats(0.0, 0.1)),
     )
-    return pd.Chain(
+    return pp.Chain(
         pipe,
         lengths=lengths * (1.0 - base) / lengths.sum(),
         centers=numbers(0.0, 1.0),
@@ -66,8 +66,8 @@ def end_jacobian(chain):
 )
 def test_chain_linearises_the_papers_lagrangian(flow, alpha):
     """Three unequal segments against eqs. (1)-(6), derived with sympy."""
-    pipe = pd.Pipe(0.3, gamma=2.5, flow=flow, alpha=alpha, damping=0.01)
-    chain = pd.Chain(pipe, **UNEQUAL)
+    pipe = pp.Pipe(0.3, gamma=2.5, flow=flow, alpha=alpha, damping=0.01)
+    chain = pp.Chain(pipe, **UNEQUAL)
     expected = lagrangian_operators(
         *UNEQUAL.values(), 0.3, 2.5, 0.01, flow == "aspirating", alpha, u=1.75
     )
@@ -77,7 +77,7 @@ def test_chain_linearises_the_papers_lagrangian(flow, alpha):
 
 def test_a_chain_of_one_segment_is_a_pendulum_with_a_jet():
     """One homogeneous bar: inertia 1/3, weight gamma/2, jet damping sqrt(beta) u."""
-    chain = pd.Chain(pd.Pipe(0.25, gamma=4.0), n=1, springs=[3.0])
+    chain = pp.Chain(pp.Pipe(0.25, gamma=4.0), n=1, springs=[3.0])
     mass, damping, stiffness = chain.operators().at(2.0)
     assert mass[0, 0] == pytest.approx(1 / 3, rel=1e-15)
     assert damping[0, 0] == pytest.approx(0.5 * 2.0, rel=1e-15)
@@ -141,15 +141,15 @@ def test_flow_feeds_power_only_through_the_free_end(chain, data):
 
 def test_a_horizontal_chain_never_diverges():
     """gamma = 0: det K is the product of the springs at any speed (physics.md, section 2)."""
-    chain = pd.Chain(pd.Pipe(0.2), **UNEQUAL)
+    chain = pp.Chain(pp.Pipe(0.2), **UNEQUAL)
     for u in (0.0, 1.0, 4.0, 9.0):
         assert np.linalg.det(chain.operators().at(u)[2]) == pytest.approx(3 * 2 * 5, rel=1e-11)
 
 
 def test_aspirating_reverses_the_speed_and_alpha_multiplies_the_centrifugal_term_only():
     arrays = UNEQUAL | {}
-    out = pd.Chain(pd.Pipe(0.3, gamma=1.0, damping=0.01), **arrays).operators()
-    back = pd.Chain(pd.Pipe(0.3, 1.0, "aspirating", 0.6, damping=0.01), **arrays).operators()
+    out = pp.Chain(pp.Pipe(0.3, gamma=1.0, damping=0.01), **arrays).operators()
+    back = pp.Chain(pp.Pipe(0.3, 1.0, "aspirating", 0.6, damping=0.01), **arrays).operators()
     _, c_out, k_out = out.at(2.0)
     _, c_back, k_back = back.at(2.0)
     np.testing.assert_allclose(c_out + c_back, 2.0 * out.damping, atol=1e-15)
@@ -171,8 +171,8 @@ def test_joint_angles_tell_the_same_pipe_as_angles(chain):
 
 @given(chains())
 def test_an_elastic_coordinate_holds_half_a_unit_of_energy(chain):
-    rigid = pd.Chain(
-        pd.Pipe(0.1), lengths=chain.lengths, base=chain.base, springs=chain.springs + 1.0
+    rigid = pp.Chain(
+        pp.Pipe(0.1), lengths=chain.lengths, base=chain.base, springs=chain.springs + 1.0
     )
     np.testing.assert_allclose(rigid.elastic_operators().stiffness, np.eye(chain.dof), atol=1e-12)
 
@@ -196,8 +196,8 @@ def test_sweeps_along_the_chain_multiply_like_its_matrices(chain, data):
 @pytest.mark.parametrize("flow", ["ejecting", "aspirating"])
 @pytest.mark.parametrize("value", [0.9, -2.0 + 13.0j, 30.0j])
 def test_the_band_solve_is_the_dense_solve(rule, flow, value):
-    pipe = pd.Pipe(0.4, gamma=3.0, flow=flow, alpha=0.8, damping=2e-3)
-    chain = pd.Chain(pipe, 30, springs=rule)
+    pipe = pp.Pipe(0.4, gamma=3.0, flow=flow, alpha=0.8, damping=2e-3)
+    chain = pp.Chain(pipe, 30, springs=rule)
     u = 5.0
     dense, band = DensePencil(chain), BandPencil(chain)
     rows = np.cos(np.arange(60.0)).reshape(30, 2) + 0.0j
@@ -217,7 +217,7 @@ def test_the_band_solve_is_the_dense_solve(rule, flow, value):
 
 def test_the_band_keeps_four_digits_beyond_the_dense_matrix_at_static_loads():
     """n = 2000, u = 0: a moment at the free end bends every joint alike, exactly 1 / k_j."""
-    chain = pd.Chain(pd.Pipe(0.2), 2000)
+    chain = pp.Chain(pp.Pipe(0.2), 2000)
     moment = np.ones((2000, 1)) * chain.elastic_scale[:, None]
     turned = BandPencil(chain).factor(0.0, 0.0)(moment)[:, 0] * chain.elastic_scale
     np.testing.assert_allclose(turned * chain.springs, 1.0, rtol=1e-12)
@@ -235,31 +235,31 @@ def first_frequency(chain):
 
 def test_consistent_springs_share_the_flexibility_of_unequal_segments():
     """1 / k_j = (l_{j-1} + l_j) / 2 with l_0 = 0; the clamp carries half a segment."""
-    chain = pd.Chain(pd.Pipe(0.2), lengths=[0.5, 0.3, 0.2])
+    chain = pp.Chain(pp.Pipe(0.2), lengths=[0.5, 0.3, 0.2])
     np.testing.assert_allclose(chain.springs, [2 / 0.5, 2 / 0.8, 2 / 0.5], rtol=1e-15)
-    equal = pd.Chain(pd.Pipe(0.2), 7)
+    equal = pp.Chain(pp.Pipe(0.2), 7)
     np.testing.assert_allclose(equal.springs, [14.0] + 6 * [7.0], rtol=1e-14)
 
 
 def test_a_fixed_base_gives_all_its_flexibility_to_the_first_joint():
     """1 / k_1 = base + l_1 / 2; the joints together bend like the beam up to the last half."""
-    chain = pd.Chain(pd.Pipe(0.2), lengths=[0.4, 0.3, 0.2], base=0.1)
+    chain = pp.Chain(pp.Pipe(0.2), lengths=[0.4, 0.3, 0.2], base=0.1)
     np.testing.assert_allclose(1.0 / chain.springs, [0.1 + 0.2, 0.35, 0.25], rtol=1e-14)
 
 
 def test_consistent_chain_bends_like_the_beam_under_a_moment_at_its_end():
     """The free end's angle is M L / EI up to the half segment beyond the last joint."""
     lengths = np.array([0.1, 0.3, 0.15, 0.25, 0.2])
-    chain = pd.Chain(pd.Pipe(0.2), lengths=lengths)
+    chain = pp.Chain(pp.Pipe(0.2), lengths=lengths)
     assert np.sum(1.0 / chain.springs) == pytest.approx(1.0 - lengths[-1] / 2, rel=1e-14)
 
 
 def test_uniform_springs_are_all_n():
-    np.testing.assert_array_equal(pd.Chain(pd.Pipe(0.2), 9, springs="uniform").springs, 9.0)
+    np.testing.assert_array_equal(pp.Chain(pp.Pipe(0.2), 9, springs="uniform").springs, 9.0)
 
 
 def test_midpoint_cuts_cells_with_a_joint_in_the_middle_of_each():
-    chain = pd.Chain(pd.Pipe(0.2), 4, springs="midpoint")
+    chain = pp.Chain(pp.Pipe(0.2), 4, springs="midpoint")
     assert chain.base == 1 / 8
     np.testing.assert_allclose(chain.lengths, [1 / 4, 1 / 4, 1 / 4, 1 / 8], rtol=1e-15)
     np.testing.assert_array_equal(chain.springs, 4.0)
@@ -268,13 +268,13 @@ def test_midpoint_cuts_cells_with_a_joint_in_the_middle_of_each():
 
 @pytest.mark.parametrize("n", [1, 2, 3, 10, 150])
 def test_frequency_rule_gives_the_cantilevers_first_frequency(n):
-    chain = pd.Chain(pd.Pipe(0.2), n, springs="frequency")
+    chain = pp.Chain(pp.Pipe(0.2), n, springs="frequency")
     assert np.ptp(chain.springs) == 0.0
     assert first_frequency(chain) == pytest.approx(FIRST_BEAM_FREQUENCY, rel=1e-10)
 
 
 def test_frequency_rule_serves_unequal_segments():
-    chain = pd.Chain(pd.Pipe(0.2), lengths=[0.4, 0.1, 0.3, 0.2], springs="frequency")
+    chain = pp.Chain(pp.Pipe(0.2), lengths=[0.4, 0.1, 0.3, 0.2], springs="frequency")
     assert first_frequency(chain) == pytest.approx(FIRST_BEAM_FREQUENCY, rel=1e-12)
 
 
@@ -290,7 +290,7 @@ def test_rayleigh_rule_equates_two_energies_of_the_tip_load_shape(n):
         kinetic += (centre**2 + angles[j] ** 2 / n**2 / 12) / n
     turns = np.diff(np.concatenate([[0.0], angles]))
     spring = FIRST_BEAM_FREQUENCY**2 * kinetic / np.sum(turns**2)
-    chain = pd.Chain(pd.Pipe(0.2), n, springs="rayleigh")
+    chain = pp.Chain(pp.Pipe(0.2), n, springs="rayleigh")
     np.testing.assert_allclose(chain.springs, spring, rtol=1e-13)
 
 
@@ -303,7 +303,7 @@ def test_the_papers_rule_tends_to_a_beam_too_soft():
     quotient = FIRST_BEAM_FREQUENCY**2 / (12 / (33 / 35))
     assert quotient == pytest.approx(0.971328, abs=1e-6)
     coarse, fine = (
-        pd.Chain(pd.Pipe(0.2), n, springs="rayleigh").springs[0] / n for n in (800, 1600)
+        pp.Chain(pp.Pipe(0.2), n, springs="rayleigh").springs[0] / n for n in (800, 1600)
     )
     assert fine == pytest.approx(quotient, abs=1e-3)
     assert 2 * fine - coarse == pytest.approx(quotient, abs=1e-6)
@@ -312,7 +312,7 @@ def test_the_papers_rule_tends_to_a_beam_too_soft():
 def test_the_papers_rule_leaves_frequencies_1_44_percent_low():
     """Extrapolated to n without end from three sizes, errors in 1 / n and 1 / n^2 removed."""
     a, b, c = (
-        first_frequency(pd.Chain(pd.Pipe(0.2), n, springs="rayleigh")) for n in (75, 150, 300)
+        first_frequency(pp.Chain(pp.Pipe(0.2), n, springs="rayleigh")) for n in (75, 150, 300)
     )
     limit = (8 * c - 6 * b + a) / 3
     assert limit / FIRST_BEAM_FREQUENCY - 1 == pytest.approx(-0.0144, rel=0, abs=5e-5)
@@ -322,7 +322,7 @@ def test_the_papers_rule_leaves_frequencies_1_44_percent_low():
 
 
 def test_a_bent_chain_keeps_its_length_and_ends_at_its_tip():
-    chain = pd.Chain(pd.Pipe(0.2), 6, springs="midpoint")
+    chain = pp.Chain(pp.Pipe(0.2), 6, springs="midpoint")
     q = np.array([0.2, 0.5, -0.3, 0.9, 1.4, 2.0])
     nodes = chain.shape(q, chain.base + np.concatenate([[0.0], np.cumsum(chain.lengths)]))
     np.testing.assert_allclose(np.hypot(*np.diff(nodes, axis=0).T), chain.lengths, rtol=1e-14)
@@ -334,12 +334,12 @@ def test_a_bent_chain_keeps_its_length_and_ends_at_its_tip():
 
 def test_a_straight_chain_hangs_along_gravity():
     s = np.linspace(0.0, 1.0, 7)
-    line = pd.Chain(pd.Pipe(0.2), 3).shape(np.zeros(3), s)
+    line = pp.Chain(pp.Pipe(0.2), 3).shape(np.zeros(3), s)
     np.testing.assert_allclose(line, np.stack([np.zeros(7), s], axis=-1), atol=1e-16)
 
 
 def test_deflection_is_the_shape_at_small_angles():
-    chain = pd.Chain(pd.Pipe(0.2), **UNEQUAL)
+    chain = pp.Chain(pp.Pipe(0.2), **UNEQUAL)
     q, s = np.array([0.3, -0.2, 0.5]), np.linspace(0.0, 1.0, 11)
     tiny = 1e-6
     np.testing.assert_allclose(
@@ -348,7 +348,7 @@ def test_deflection_is_the_shape_at_small_angles():
 
 
 def test_a_chain_tells_what_it_was_made_of_and_pickles():
-    chain = pd.Chain(pd.Pipe(0.3, gamma=2.0), **UNEQUAL, drag_points=[0.1, 0.2, 0.3])
+    chain = pp.Chain(pp.Pipe(0.3, gamma=2.0), **UNEQUAL, drag_points=[0.1, 0.2, 0.3])
     chain.operators()
     same = pickle.loads(pickle.dumps(chain))
     for name, value in (UNEQUAL | {"drag_points": [0.1, 0.2, 0.3]}).items():
@@ -362,28 +362,28 @@ def test_a_chain_tells_what_it_was_made_of_and_pickles():
 
 
 def test_a_chain_of_the_users_own_is_not_taken_for_the_continuous_pipe():
-    assert pd.Chain(pd.Pipe(0.2), 5).rule == "consistent"
-    assert pd.Chain(pd.Pipe(0.2), 5).approximates_pipe
-    own = pd.Chain(pd.Pipe(0.2), springs=[5.0] * 5)
+    assert pp.Chain(pp.Pipe(0.2), 5).rule == "consistent"
+    assert pp.Chain(pp.Pipe(0.2), 5).approximates_pipe
+    own = pp.Chain(pp.Pipe(0.2), springs=[5.0] * 5)
     assert own.rule is None
     assert not own.approximates_pipe
 
 
 def test_another_pipe_may_take_the_same_chain():
-    chain = pd.Chain(pd.Pipe(0.2), **UNEQUAL)
-    other = chain.with_pipe(pd.Pipe(0.5, gamma=3.0))
-    expected = pd.Chain(pd.Pipe(0.5, gamma=3.0), **UNEQUAL).operators()
+    chain = pp.Chain(pp.Pipe(0.2), **UNEQUAL)
+    other = chain.with_pipe(pp.Pipe(0.5, gamma=3.0))
+    expected = pp.Chain(pp.Pipe(0.5, gamma=3.0), **UNEQUAL).operators()
     np.testing.assert_array_equal(other.springs, chain.springs)
     np.testing.assert_array_equal(other.operators().stiffness, expected.stiffness)
     np.testing.assert_array_equal(other.operators().gyroscopic, expected.gyroscopic)
-    assert chain.pipe == pd.Pipe(0.2)
+    assert chain.pipe == pp.Pipe(0.2)
 
 
 @pytest.mark.parametrize(
     "product", ["mass_times", "velocity_times", "flux_times", "gravity_times", "springs_times"]
 )
 def test_the_core_refuses_an_array_of_another_size(product):
-    core = pd.Chain(pd.Pipe(0.2), 10).core
+    core = pp.Chain(pp.Pipe(0.2), 10).core
     with pytest.raises(ValueError, match="one row a segment"):
         getattr(core, product)(np.ones((3, 1)))
     with pytest.raises(ValueError, match="one row a segment"):

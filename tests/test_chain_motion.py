@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.special import ellipk
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import _core
 
 LEVELS = _core.vector_levels()
@@ -38,8 +38,8 @@ def any_chain(n, seed=0, **pipe):
     lengths = rng.uniform(0.4, 1.6, n)
     springs = rng.uniform(0.5, 2.0, n) * n
     springs[n // 2] = 0.0
-    return pd.Chain(
-        pd.Pipe(0.3, **pipe),
+    return pp.Chain(
+        pp.Pipe(0.3, **pipe),
         lengths=0.9 * lengths / lengths.sum(),
         springs=springs,
         centers=rng.uniform(0.2, 0.8, n),
@@ -74,8 +74,8 @@ def test_chain_moves_as_the_papers_lagrangian_says(flow, alpha):
         "springs": [3.0, 2.0, 5.0],
     }
     points = [0.8, 0.25, 0.6]
-    pipe = pd.Pipe(0.3, gamma=2.5, flow=flow, alpha=alpha, drag=1.25, damping=0.01)
-    chain = pd.Chain(pipe, **arrays, drag_points=points, base=0.1)
+    pipe = pp.Pipe(0.3, gamma=2.5, flow=flow, alpha=alpha, drag=1.25, damping=0.01)
+    chain = pp.Chain(pipe, **arrays, drag_points=points, base=0.1)
     y = states(3, 12)
     expected = lagrangian_accelerations(
         y,
@@ -115,8 +115,8 @@ def test_angles_of_many_turns_count_by_their_sine(level, at_level):
 def test_a_hundred_thousand_segments_obey_their_equations():
     """The straight pipe, where every term has its own product, known from the linear analysis."""
     n, u = 100_000, 5.0
-    pipe = pd.Pipe(0.4, gamma=3.0, damping=1e-3)
-    chain = pd.Chain(pipe, n)
+    pipe = pp.Pipe(0.4, gamma=3.0, damping=1e-3)
+    chain = pp.Chain(pipe, n)
     rates = 1e-3 * np.sin(np.arange(n) / 1e4)
     found = chain.rhs(0.0, np.concatenate([np.zeros(n), rates]), u)[n:]
     turning = np.diff(rates, prepend=0.0)
@@ -193,7 +193,7 @@ def test_jacobian_is_the_derivative_of_the_right_hand_side():
 def test_operators_about_a_buckled_pipe_are_its_jacobian():
     """Standing under twice its buckling weight, the pipe bends over and rests there."""
     n, u = 6, 0.5
-    chain = pd.Chain(pd.Pipe(0.3, gamma=-16.0, drag=1.0, damping=0.02), n)
+    chain = pp.Chain(pp.Pipe(0.3, gamma=-16.0, drag=1.0, damping=0.02), n)
 
     def accelerations(q):
         return chain.rhs(0.0, np.append(q, np.zeros(n)), u)[n:]
@@ -296,7 +296,7 @@ def test_energy_of_small_motions_keeps_its_digits():
 
 def test_a_bar_on_a_hinge_is_a_pendulum():
     """Homogeneous bar: omega^2 = 3 gamma / 2; period at any amplitude by the elliptic integral."""
-    chain = pd.Chain(pd.Pipe(0.2, gamma=6.0), n=1, springs=[0.0])
+    chain = pp.Chain(pp.Pipe(0.2, gamma=6.0), n=1, springs=[0.0])
     start = np.array([2.5, 0.0])
     found = solve_ivp(
         *(chain.rhs, (0.0, 10.0), start, "DOP853"),
@@ -493,7 +493,7 @@ def test_jacobian_takes_one_state():
     with pytest.raises(ValueError, match=re.escape("u must be a number, got shape (1,)")):
         chain.jacobian(0.0, GOOD, [1.0])
     with pytest.raises(ValueError, match="at most 4000 degrees of freedom, got 4001"):
-        pd.Chain(pd.Pipe(0.2), 4001).jacobian(0.0, np.zeros(8002), 1.0)
+        pp.Chain(pp.Pipe(0.2), 4001).jacobian(0.0, np.zeros(8002), 1.0)
 
 
 def test_numbers_of_any_real_type_and_layout_are_taken():

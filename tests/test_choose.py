@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from independent import beck_speed, series_crossing, series_newton_step
 
-import pipedyn as pd
-from pipedyn.choose import DEFAULT
-from pipedyn.families import FAMILIES
-from pipedyn.quantity import BEFORE_CROWD, Answer
-from pipedyn.search import limit_of, predicted, price
-from pipedyn.trade import measured
+import pipedyn as pp
+from pipedyn.accuracy.choose import DEFAULT
+from pipedyn.accuracy.families import FAMILIES
+from pipedyn.accuracy.quantities import BEFORE_CROWD, Answer
+from pipedyn.accuracy.search import limit_of, predicted, price
+from pipedyn.accuracy.trade import measured
 
-PIPE = pd.Pipe(0.2)
-DAMPED = pd.Pipe(0.2, damping=1e-3)
+PIPE = pp.Pipe(0.2)
+DAMPED = pp.Pipe(0.2, damping=1e-3)
 
 
 KINDS = [("ejecting", False), ("ejecting", True), ("aspirating", True)]
@@ -26,21 +26,21 @@ KINDS = [("ejecting", False), ("ejecting", True), ("aspirating", True)]
 def random_pipe(rng, flow, damped):
     """beta in [0.02, 0.95], gamma in [-5, 60]."""
     damping = 10.0 ** rng.uniform(-3.0, -1.3) if damped else 0.0
-    return pd.Pipe(rng.uniform(0.02, 0.95), rng.uniform(-5.0, 60.0), flow=flow, damping=damping)
+    return pp.Pipe(rng.uniform(0.02, 0.95), rng.uniform(-5.0, 60.0), flow=flow, damping=damping)
 
 
 def exact_answer(quantity, pipe):
     """From the series of the continuous pipe in 60 digits; of branches, 44 Legendre functions'."""
     if quantity.name == "critical_speed":
-        near = pd.critical_speed(pd.Continuum(pipe))
+        near = pp.critical_speed(pp.Continuum(pipe))
         speed, _ = series_crossing(pipe, near.speed, near.frequency)
         return Answer(np.array([speed]), near.kind)
     if quantity.name == "frequencies":
-        near = pd.eigenvalues(pd.Galerkin(pipe, 40, "legendre"), quantity.u, 2 * quantity.count)
+        near = pp.eigenvalues(pp.Galerkin(pipe, 40, "legendre"), quantity.u, 2 * quantity.count)
         near = near[(near.imag >= 0.0) & (pipe.damping * np.abs(near) < BEFORE_CROWD)]
         values = near + [series_newton_step(pipe, value, quantity.u) for value in near]
         return Answer(np.concatenate([values, values.conj()[near.imag > 0.0]]))
-    loci = pd.root_loci(pd.Galerkin(pipe, 44, "legendre"), quantity.speeds, quantity.count)
+    loci = pp.root_loci(pp.Galerkin(pipe, 44, "legendre"), quantity.speeds, quantity.count)
     return Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1))
 
 
@@ -48,7 +48,7 @@ def true_error(quantity, model, exact):
     """Infinite where the model has no such answer."""
     try:
         return quantity.distance(quantity.answer(model), exact)
-    except pd.PipedynError:
+    except pp.PipedynError:
         return math.inf
 
 
@@ -70,7 +70,7 @@ def test_the_true_error_is_below_the_tolerance_and_half_a_model_misses_it(tolera
         ("frequencies", {"u": u, "count": 3}),
         ("root_loci", {"speeds": np.linspace(0.0, u, 4), "count": 2}),
     ):
-        choice = pd.choose(pipe, name, tolerance, **conditions)
+        choice = pp.choose(pipe, name, tolerance, **conditions)
         asked, exact = choice.quantity, exact_answer(choice.quantity, pipe)
         assert true_error(asked, choice.model, exact) <= choice.error <= tolerance
         assert choice.reference.error <= 0.1 * tolerance
@@ -85,32 +85,32 @@ def test_the_true_error_is_below_the_tolerance_and_half_a_model_misses_it(tolera
 @pytest.mark.parametrize("count", [3, 6])
 def test_roots_that_crowd_do_not_count(count):
     """delta = 0.0236: from |lambda| = 1 / delta = 42 on infinitely many follow one another."""
-    pipe = pd.Pipe(0.5147, 13.577, flow="aspirating", damping=0.0236)
-    choice = pd.choose(pipe, "frequencies", 1e-5, u=1.4, count=count)
-    exact = pd.eigenvalues(pd.Continuum(pipe), 1.4, 4)
-    found = pd.eigenvalues(choice.model, 1.4, 4)
+    pipe = pp.Pipe(0.5147, 13.577, flow="aspirating", damping=0.0236)
+    choice = pp.choose(pipe, "frequencies", 1e-5, u=1.4, count=count)
+    exact = pp.eigenvalues(pp.Continuum(pipe), 1.4, 4)
+    found = pp.eigenvalues(choice.model, 1.4, 4)
     assert np.abs(found - exact).max() < 1e-5 * np.abs(exact).max()
     assert choice.size <= 10
 
 
 def test_a_pipe_whose_roots_all_crowd_has_no_frequencies():
-    with pytest.raises(pd.NotConverged, match="lies below those that crowd"):
-        pd.choose(pd.Pipe(0.3, damping=2.0), "frequencies", 1e-3, u=0.5, count=2)
+    with pytest.raises(pp.NotConverged, match="lies below those that crowd"):
+        pp.choose(pp.Pipe(0.3, damping=2.0), "frequencies", 1e-3, u=0.5, count=2)
 
 
 def test_the_true_error_of_a_motion_is_below_the_tolerance():
-    choice = pd.choose(DAMPED, "motion", 1e-3, u=6.0, duration=2.0)
+    choice = pp.choose(DAMPED, "motion", 1e-3, u=6.0, duration=2.0)
     asked = choice.quantity
-    exact = asked.sharpened(1e-7).answer(pd.Galerkin(DAMPED, 13, "legendre"))
+    exact = asked.sharpened(1e-7).answer(pp.Galerkin(DAMPED, 13, "legendre"))
     assert asked.distance(asked.answer(choice.model), exact) <= 1e-3
     assert asked.rtol == pytest.approx(1e-5)
 
 
 def test_a_motion_sets_out_from_the_least_damped_mode_where_higher_ones_crowd():
     """delta = 0.01: eight modes are more than lie below |lambda| = 1 / delta = 100."""
-    pipe = pd.Pipe(0.6, 30.0, flow="aspirating", damping=0.01)
-    choice = pd.choose(pipe, "motion", 1e-2, u=0.1, duration=1.0)
-    exact = pd.modes(pd.Continuum(pipe), 0.1, 2).shapes[0]
+    pipe = pp.Pipe(0.6, 30.0, flow="aspirating", damping=0.01)
+    choice = pp.choose(pipe, "motion", 1e-2, u=0.1, duration=1.0)
+    exact = pp.modes(pp.Continuum(pipe), 0.1, 2).shapes[0]
     shape = exact.coordinates / exact(np.ones(1))[0]
     s = np.linspace(0.0, 1.0, 9)
     start = exact.model.functions(s, 1) @ (0.05 * shape.real)
@@ -119,18 +119,18 @@ def test_a_motion_sets_out_from_the_least_damped_mode_where_higher_ones_crowd():
 
 def test_legendre_functions_are_not_tried_where_they_spoil_a_motion():
     """The highest of an undamped aspirating pipe grow faster than the pipe, by size."""
-    pipe = pd.Pipe(0.4, 10.0, flow="aspirating", drag=2.0)
-    choice = pd.choose(pipe, "motion", 2e-2, u=1.0, duration=1.0, among="reduced")
+    pipe = pp.Pipe(0.4, 10.0, flow="aspirating", drag=2.0)
+    choice = pp.choose(pipe, "motion", 2e-2, u=1.0, duration=1.0, among="reduced")
     assert choice.family == "beam"
     assert choice.reference.family == "beam"
-    exact = choice.quantity.sharpened(1e-4).answer(pd.Galerkin(pipe, 8, "beam"))
+    exact = choice.quantity.sharpened(1e-4).answer(pp.Galerkin(pipe, 8, "beam"))
     assert choice.quantity.distance(choice.quantity.answer(choice.model), exact) <= 2e-2
 
 
 def test_the_true_error_of_a_cycle_is_below_the_tolerance():
     """0.262918 and 13.69632: physics.md, section 7."""
-    choice = pd.choose(DAMPED, "limit_cycle", 1e-2, among=["legendre", "beam"], u=6.0)
-    cycle = pd.limit_cycle(choice.model, 6.0)
+    choice = pp.choose(DAMPED, "limit_cycle", 1e-2, among=["legendre", "beam"], u=6.0)
+    cycle = pp.limit_cycle(choice.model, 6.0)
     assert cycle.amplitude == pytest.approx(0.262918, rel=1e-2)
     assert cycle.frequency == pytest.approx(13.69632, rel=1e-2)
 
@@ -138,32 +138,32 @@ def test_the_true_error_of_a_cycle_is_below_the_tolerance():
 @pytest.mark.parametrize(
     ("pipe", "among", "tolerance"),
     [
-        (pd.Pipe(0.0), None, 1e-4),
-        (pd.Pipe(0.0, 10.0), None, 1e-4),
-        (pd.Pipe(0.0), "legendre", 1e-2),
-        (pd.Pipe(0.0), "legendre", 1e-6),
+        (pp.Pipe(0.0), None, 1e-4),
+        (pp.Pipe(0.0, 10.0), None, 1e-4),
+        (pp.Pipe(0.0), "legendre", 1e-2),
+        (pp.Pipe(0.0), "legendre", 1e-6),
     ],
 )
 def test_where_two_frequencies_meet_a_model_is_chosen_too(pipe, among, tolerance):
     """Without Coriolis force and damping no root passes the axis, and no look can follow one."""
-    choice = pd.choose(pipe, "critical_speed", tolerance, among=among)
-    exact = pd.critical_speed(pd.Continuum(pipe)).speed if pipe.gamma else beck_speed()
-    assert abs(pd.critical_speed(choice.model).speed / exact - 1.0) <= tolerance
+    choice = pp.choose(pipe, "critical_speed", tolerance, among=among)
+    exact = pp.critical_speed(pp.Continuum(pipe)).speed if pipe.gamma else beck_speed()
+    assert abs(pp.critical_speed(choice.model).speed / exact - 1.0) <= tolerance
 
 
 def test_no_model_much_smaller_would_do():
     """The next larger size is taken where it is measured to be cheaper."""
-    choice = pd.choose(PIPE, "critical_speed", 1e-6, among="legendre")
-    exact = pd.critical_speed(pd.Continuum(PIPE)).speed
-    smaller = pd.critical_speed(pd.Galerkin(PIPE, choice.size - 2, "legendre")).speed
+    choice = pp.choose(PIPE, "critical_speed", 1e-6, among="legendre")
+    exact = pp.critical_speed(pp.Continuum(PIPE)).speed
+    smaller = pp.critical_speed(pp.Galerkin(PIPE, choice.size - 2, "legendre")).speed
     assert abs(smaller / exact - 1.0) > 1e-6
     assert choice.size <= 9
 
 
 def test_who_needs_a_chain_gets_the_smallest_chain_that_does():
     """Of second order: chains of first order would take a hundred segments."""
-    choice = pd.choose(PIPE, "critical_speed", 5e-3, among="chain")
-    assert isinstance(choice.model, pd.Chain)
+    choice = pp.choose(PIPE, "critical_speed", 5e-3, among="chain")
+    assert isinstance(choice.model, pp.Chain)
     assert choice.family in ("midpoint", "consistent")
     assert 12 <= choice.size <= 24
     asked = choice.quantity
@@ -171,23 +171,23 @@ def test_who_needs_a_chain_gets_the_smallest_chain_that_does():
 
 
 def test_a_pair_of_chains_is_chosen_where_only_pairs_are_asked():
-    choice = pd.choose(PIPE, "critical_speed", 1e-3, among="consistent pair")
+    choice = pp.choose(PIPE, "critical_speed", 1e-3, among="consistent pair")
     assert choice.model.dof == 2 * choice.size
     assert choice.row.dof == 3 * choice.size
     assert choice.error <= 1e-3
 
 
 def test_the_answer_of_a_pair_is_extrapolated_and_better_than_either_chains():
-    choice = pd.choose(PIPE, "critical_speed", 1e-4, among="consistent pair")
+    choice = pp.choose(PIPE, "critical_speed", 1e-4, among="consistent pair")
     smaller, larger = choice.models
     assert larger is choice.model
     assert larger.dof == 2 * smaller.dof
     told = f"extrapolated from n = {smaller.dof} and {larger.dof}"
     assert told in str(choice)
     assert told in choice._repr_html_()
-    exact = pd.critical_speed(pd.Continuum(PIPE)).speed
+    exact = pp.critical_speed(pp.Continuum(PIPE)).speed
     assert abs(choice.answer[0] / exact - 1.0) <= choice.error
-    own = pd.critical_speed(larger).speed
+    own = pp.critical_speed(larger).speed
     assert abs(own / exact - 1.0) > 50.0 * choice.error
 
 
@@ -225,20 +225,20 @@ def test_a_price_grows_as_known_times_do_and_by_the_least_power_at_the_least():
 
 def test_a_model_that_is_good_by_luck_is_said_to_be():
     """One spring fitted to the first frequency: gravity moves it by 1.4 %, but with two, 23 %."""
-    pipe = pd.Pipe(0.2, -3.0)
+    pipe = pp.Pipe(0.2, -3.0)
     asked = {"tolerance": 0.2, "u": 0.0, "count": 1}
-    exact = abs(pd.eigenvalues(pd.Continuum(pipe), 0.0, 1)[0])
+    exact = abs(pp.eigenvalues(pp.Continuum(pipe), 0.0, 1)[0])
     errors = [
-        abs(abs(pd.eigenvalues(pd.Chain(pipe, n, springs="rayleigh"), 0.0, 1)[0]) / exact - 1.0)
+        abs(abs(pp.eigenvalues(pp.Chain(pipe, n, springs="rayleigh"), 0.0, 1)[0]) / exact - 1.0)
         for n in (1, 2)
     ]
     assert errors[0] < 0.02
     assert errors[1] > 0.22
-    lucky = pd.choose(pipe, "frequencies", among="rayleigh", **asked)
+    lucky = pp.choose(pipe, "frequencies", among="rayleigh", **asked)
     assert lucky.size == 1
     assert lucky.steady is False
     assert "by luck" in str(lucky)
-    sound = pd.choose(pipe, "frequencies", among="legendre", **asked)
+    sound = pp.choose(pipe, "frequencies", among="legendre", **asked)
     assert sound.steady is True
     assert "by luck" not in str(sound)
 
@@ -247,7 +247,7 @@ def test_a_model_that_is_good_by_luck_is_said_to_be():
 
 
 def test_the_most_accurate_within_a_budget_has_an_answer_at_the_references_floor():
-    choice = pd.choose(PIPE, "frequencies", budget=1.0, among="reduced", u=5.0)
+    choice = pp.choose(PIPE, "frequencies", budget=1.0, among="reduced", u=5.0)
     assert choice.cost <= 1.0
     assert choice.error < 1e-8
     assert choice.steady is None
@@ -265,7 +265,7 @@ def test_the_most_accurate_within_a_budget_has_an_answer_at_the_references_floor
 def test_of_what_was_tried_within_a_budget_none_is_more_accurate(name, among, conditions):
     """But for errors below what the reference can tell, of which the cheapest is as good."""
     budget = 0.02
-    choice = pd.choose(DAMPED, name, budget=budget, among=among, **conditions)
+    choice = pp.choose(DAMPED, name, budget=budget, among=among, **conditions)
     rows = [one.row for one in choice.tried if one.row is not None and one.row.failure is None]
     within = [row for row in rows if row.seconds <= budget]
     assert choice.row in within
@@ -273,8 +273,8 @@ def test_of_what_was_tried_within_a_budget_none_is_more_accurate(name, among, co
 
 
 def test_a_budget_that_nothing_meets_is_refused_with_what_came_nearest():
-    with pytest.raises(pd.NoModel, match="no model meets a time of 1e-09 s: the nearest") as caught:
-        pd.choose(PIPE, "frequencies", budget=1e-9, among="legendre", u=5.0)
+    with pytest.raises(pp.NoModel, match="no model meets a time of 1e-09 s: the nearest") as caught:
+        pp.choose(PIPE, "frequencies", budget=1e-9, among="legendre", u=5.0)
     assert caught.value.nearest is not None
     assert caught.value.tried
 
@@ -289,7 +289,7 @@ def priced(monkeypatch, seconds):
             measured(pipe, quantity, family, size, *others), seconds=seconds(family, size)
         )
 
-    monkeypatch.setattr("pipedyn.search.measured", fake)
+    monkeypatch.setattr("pipedyn.accuracy.search.measured", fake)
     return sizes
 
 
@@ -297,17 +297,17 @@ def test_a_small_model_that_is_dear_does_not_hide_larger_ones_within_the_budget(
     """A search for passages of 2 Legendre functions takes twice as long as that of 12."""
     times = {2: 0.034, 4: 0.014, 6: 0.017}
     sizes = priced(monkeypatch, lambda family, size: times.get(size, 0.002 * size))
-    choice = pd.choose(PIPE, "critical_speed", budget=0.03, among="legendre")
+    choice = pp.choose(PIPE, "critical_speed", budget=0.03, among="legendre")
     assert choice.error < 1e-12
     assert len(sizes) == 1
-    choice = pd.choose(PIPE, "critical_speed", budget=0.0181, among="legendre")
+    choice = pp.choose(PIPE, "critical_speed", budget=0.0181, among="legendre")
     assert choice.cost <= 0.0181
     assert choice.size in (8, 9)
     assert len(sizes) <= 5
 
 
 def test_a_family_is_left_unmeasured_where_another_is_as_exact_as_can_be_told():
-    choice = pd.choose(PIPE, "frequencies", budget=1.0, u=5.0)
+    choice = pp.choose(PIPE, "frequencies", budget=1.0, u=5.0)
     assert choice.family == "legendre"
     assert [one.family for one in choice.tried] == list(DEFAULT)
     assert [one.family for one in choice.tried if one.row is not None] == ["legendre"]
@@ -316,31 +316,31 @@ def test_a_family_is_left_unmeasured_where_another_is_as_exact_as_can_be_told():
 def test_of_chains_the_size_that_a_budget_pays_for_is_found(monkeypatch):
     """Where errors fall as a power of the size, all of the budget is used but a share."""
     sizes = priced(monkeypatch, lambda family, size: 1e-5 * size**2)
-    choice = pd.choose(PIPE, "frequencies", budget=0.1, among=("midpoint", "uniform"), u=5.0)
+    choice = pp.choose(PIPE, "frequencies", budget=0.1, among=("midpoint", "uniform"), u=5.0)
     assert 0.07 <= choice.cost <= 0.1
     assert choice.family == "midpoint"
     assert len(sizes) <= 3
 
 
 def test_a_tolerance_and_a_budget_must_both_be_met():
-    met = pd.choose(PIPE, "frequencies", 1e-4, 1.0, u=5.0)
+    met = pp.choose(PIPE, "frequencies", 1e-4, 1.0, u=5.0)
     assert met.error <= 1e-4
     assert met.cost <= 1.0
-    with pytest.raises(pd.NoModel, match=r"an error of 0.0001 in 1e-09 s"):
-        pd.choose(PIPE, "frequencies", 1e-4, 1e-9, u=5.0)
+    with pytest.raises(pp.NoModel, match=r"an error of 0.0001 in 1e-09 s"):
+        pp.choose(PIPE, "frequencies", 1e-4, 1e-9, u=5.0)
 
 
 # -------------------------------------------------------------------------------------- refusals
 
 
 def test_the_papers_rule_meets_no_tolerance_below_its_limit():
-    with pytest.raises(pd.NoModel, match=r"rayleigh of size 2000, .* it has another") as caught:
-        pd.choose(PIPE, "critical_speed", 1e-3, among="rayleigh")
+    with pytest.raises(pp.NoModel, match=r"rayleigh of size 2000, .* it has another") as caught:
+        pp.choose(PIPE, "critical_speed", 1e-3, among="rayleigh")
     nearest = caught.value.nearest
     assert nearest.family == "rayleigh"
-    finer = pd.critical_speed(pd.Chain(PIPE, 128, springs="rayleigh")).speed
+    finer = pp.critical_speed(pp.Chain(PIPE, 128, springs="rayleigh")).speed
     assert nearest.error == pytest.approx(0.01444, abs=2e-4)
-    assert nearest.error < 1.0 - finer / pd.critical_speed(pd.Continuum(PIPE)).speed
+    assert nearest.error < 1.0 - finer / pp.critical_speed(pp.Continuum(PIPE)).speed
 
 
 def test_errors_that_fall_to_a_limit_tell_it():
@@ -353,25 +353,25 @@ def test_errors_that_fall_to_a_limit_tell_it():
 @pytest.mark.parametrize("rule", ["rayleigh", "uniform"])
 def test_the_nearest_is_of_the_families_asked_for(rule):
     """The reference's own functions meet the tolerance, but a chain was asked for."""
-    with pytest.raises(pd.NoModel, match=f"the nearest, {rule} of size") as caught:
-        pd.choose(DAMPED, "motion", 1e-4, u=6.0, duration=0.2, among=rule)
+    with pytest.raises(pp.NoModel, match=f"the nearest, {rule} of size") as caught:
+        pp.choose(DAMPED, "motion", 1e-4, u=6.0, duration=0.2, among=rule)
     assert {one.family for one in caught.value.tried} == {rule}
 
 
 def test_the_nearest_may_be_too_large_to_be_timed():
     """Chains of first order: some 5000 segments are needed, and none so large is asked."""
-    with pytest.raises(pd.NoModel, match=r"nearest, uniform of size 2000, .* not timed") as caught:
-        pd.choose(PIPE, "critical_speed", 1e-4, among="uniform")
+    with pytest.raises(pp.NoModel, match=r"nearest, uniform of size 2000, .* not timed") as caught:
+        pp.choose(PIPE, "critical_speed", 1e-4, among="uniform")
     nearest = caught.value.nearest
     assert math.isnan(nearest.seconds)
-    half = pd.critical_speed(pd.Chain(PIPE, 100, springs="uniform")).speed
-    exact = pd.critical_speed(pd.Continuum(PIPE)).speed
+    half = pp.critical_speed(pp.Chain(PIPE, 100, springs="uniform")).speed
+    exact = pp.critical_speed(pp.Continuum(PIPE)).speed
     assert nearest.error == pytest.approx(abs(half / exact - 1.0) / 20.0, rel=0.05)
 
 
 def test_a_pipe_that_never_loses_stability_has_no_model():
-    with pytest.raises(pd.NoCrossing):
-        pd.choose(PIPE, "critical_speed", 1e-2, max_speed=5.0)
+    with pytest.raises(pp.NoCrossing):
+        pp.choose(PIPE, "critical_speed", 1e-2, max_speed=5.0)
 
 
 def test_an_answer_that_is_not_known_so_well_is_refused_before_any_model_is_measured():
@@ -380,8 +380,8 @@ def test_an_answer_that_is_not_known_so_well_is_refused_before_any_model_is_meas
     def kinked(s):
         return np.where(s < 0.37, 0.0, 0.3)
 
-    with pytest.raises(pd.NoModel, match="no model can be shown to meet an error of 1e-06") as told:
-        pd.choose(DAMPED, "motion", 1e-6, u=2.0, duration=0.02, start=kinked)
+    with pytest.raises(pp.NoModel, match="no model can be shown to meet an error of 1e-06") as told:
+        pp.choose(DAMPED, "motion", 1e-6, u=2.0, duration=0.02, start=kinked)
     assert told.value.tried == ()
 
 
@@ -389,7 +389,7 @@ def test_an_answer_that_is_not_known_so_well_is_refused_before_any_model_is_meas
 
 
 def test_a_choice_tells_what_was_tried_and_why_the_others_lost():
-    choice = pd.choose(PIPE, "critical_speed", 1e-4)
+    choice = pp.choose(PIPE, "critical_speed", 1e-4)
     text, page = str(choice), choice._repr_html_()
     assert repr(choice.model) in text
     assert "an answer" in text
@@ -409,32 +409,32 @@ def test_a_choice_tells_what_was_tried_and_why_the_others_lost():
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: pd.choose(3, "motion", 0.1), TypeError, "pipe must be"),
-        (lambda: pd.choose(PIPE, "speed", 0.1), ValueError, "quantity must be one of"),
-        (lambda: pd.choose(PIPE, "critical_speed"), ValueError, "tolerance or budget must be"),
-        (lambda: pd.choose(PIPE, "critical_speed", 0.0), ValueError, "tolerance must lie in"),
-        (lambda: pd.choose(PIPE, "critical_speed", 1e-11), ValueError, "tolerance must lie in"),
-        (lambda: pd.choose(PIPE, "critical_speed", "1"), TypeError, "tolerance must be a real"),
-        (lambda: pd.choose(PIPE, "critical_speed", budget=0), ValueError, "budget must lie in"),
-        (lambda: pd.choose(PIPE, "critical_speed", budget=True), TypeError, "budget must be a"),
+        (lambda: pp.choose(3, "motion", 0.1), TypeError, "pipe must be"),
+        (lambda: pp.choose(PIPE, "speed", 0.1), ValueError, "quantity must be one of"),
+        (lambda: pp.choose(PIPE, "critical_speed"), ValueError, "tolerance or budget must be"),
+        (lambda: pp.choose(PIPE, "critical_speed", 0.0), ValueError, "tolerance must lie in"),
+        (lambda: pp.choose(PIPE, "critical_speed", 1e-11), ValueError, "tolerance must lie in"),
+        (lambda: pp.choose(PIPE, "critical_speed", "1"), TypeError, "tolerance must be a real"),
+        (lambda: pp.choose(PIPE, "critical_speed", budget=0), ValueError, "budget must lie in"),
+        (lambda: pp.choose(PIPE, "critical_speed", budget=True), TypeError, "budget must be a"),
         (
-            lambda: pd.choose(PIPE, "critical_speed", 0.1, among="rod"),
+            lambda: pp.choose(PIPE, "critical_speed", 0.1, among="rod"),
             ValueError,
             "among must be one of 'chain'",
         ),
-        (lambda: pd.choose(PIPE, "critical_speed", 0.1, among=3), TypeError, "among must be words"),
+        (lambda: pp.choose(PIPE, "critical_speed", 0.1, among=3), TypeError, "among must be words"),
         (
-            lambda: pd.choose(PIPE, "critical_speed", 0.1, among=()),
+            lambda: pp.choose(PIPE, "critical_speed", 0.1, among=()),
             ValueError,
             "among must name at least one family",
         ),
         (
-            lambda: pd.choose(PIPE, "critical_speed", 0.1, repeats=0),
+            lambda: pp.choose(PIPE, "critical_speed", 0.1, repeats=0),
             ValueError,
             "repeats must be from 1",
         ),
-        (lambda: pd.choose(PIPE, "motion", 0.1, u=1.0), TypeError, "lacks duration"),
-        (lambda: pd.choose(PIPE, "limit_cycle", 0.1, u=-1.0), ValueError, "u must lie in"),
+        (lambda: pp.choose(PIPE, "motion", 0.1, u=1.0), TypeError, "lacks duration"),
+        (lambda: pp.choose(PIPE, "limit_cycle", 0.1, u=-1.0), ValueError, "u must lie in"),
     ],
 )
 def test_bad_arguments_are_refused(call, error, message):

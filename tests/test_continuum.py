@@ -16,11 +16,11 @@ from independent import (
     distances,
 )
 
-import pipedyn as pd
+import pipedyn as pp
 
 
 def critical(beta, **numbers):
-    return pd.critical_speed(pd.Continuum(pd.Pipe(beta, **numbers)))
+    return pp.critical_speed(pp.Continuum(pp.Pipe(beta, **numbers)))
 
 
 # ------------------------------------------------------------------------- critical speeds
@@ -83,7 +83,7 @@ def test_damped_and_aspirating_pipes_cross_where_the_determinant_does(numbers):
 def test_heavy_pipes_cross_where_collocation_of_the_strong_form_does(beta, gamma):
     """An eigenvalue on the axis, no other unstable, and stable just below."""
     found = critical(beta, gamma=gamma)
-    pipe = pd.Pipe(beta, gamma=gamma)
+    pipe = pp.Pipe(beta, gamma=gamma)
     values = collocation_eigenvalues(pipe, found.speed, size=48)[:24]
     nearest = values[np.argmin(np.abs(values - 1j * found.frequency))]
     assert abs(nearest - 1j * found.frequency) < 1e-8 * found.frequency
@@ -116,7 +116,7 @@ def test_gravity_raises_the_critical_speed_of_a_hanging_pipe():
 
 def test_a_pipe_buckled_under_its_own_weight_is_straightened_by_the_flow():
     """gamma = -10, beta = 0.2: straight from 1.797, flutter from 4.866."""
-    found = pd.crossings(pd.Continuum(pd.Pipe(0.2, gamma=-10.0)), 6.0)
+    found = pp.crossings(pp.Continuum(pp.Pipe(0.2, gamma=-10.0)), 6.0)
     assert [crossing.kind for crossing in found] == ["divergence", "flutter"]
     assert [(c.unstable_before, c.unstable_after) for c in found] == [(1, 0), (0, 2)]
     assert found[0].speed == pytest.approx(1.797, rel=0, abs=5e-4)
@@ -137,7 +137,7 @@ def test_a_pipe_buckles_under_its_own_weight_at_minus_7_837():
     ("beta", "speeds"), [(0.295, [7.26054, 7.85163, 8.18918])], ids=["three times at 0.295"]
 )
 def test_the_fold_crosses_three_times(beta, speeds):
-    found = pd.crossings(pd.Continuum(pd.Pipe(beta)), 9.0)
+    found = pp.crossings(pp.Continuum(pp.Pipe(beta)), 9.0)
     assert [crossing.speed for crossing in found] == pytest.approx(speeds, rel=0, abs=5.1e-6)
     assert [crossing.destabilising for crossing in found] == [True, False, True]
 
@@ -167,7 +167,7 @@ def test_the_search_goes_as_far_as_it_must():
 )
 def test_eigenvalues_meet_the_printed_root_locus(u, omegas):
     """beta = 0.2, gamma = 0, as omega = -i lambda, three decimals."""
-    found = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), u, 8)
+    found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), u, 8)
     printed = sorted((-1j * found[found.imag > 0.0]), key=lambda omega: omega.real)
     np.testing.assert_allclose(np.real(printed), np.real(omegas), rtol=0, atol=5.1e-4)
     np.testing.assert_allclose(np.imag(printed), np.imag(omegas), rtol=0, atol=5.1e-4)
@@ -175,7 +175,7 @@ def test_eigenvalues_meet_the_printed_root_locus(u, omegas):
 
 def test_two_branches_lie_on_the_real_axis_at_u_8():
     """omega = 15.871i and 24.153i, that is lambda = -15.871 and -24.153."""
-    found = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), 8.0, 8)
+    found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), 8.0, 8)
     real = np.sort(found[found.imag == 0.0].real)
     np.testing.assert_allclose(real, [-24.153, -15.871], rtol=0, atol=5.1e-4)
 
@@ -190,7 +190,7 @@ def test_two_branches_lie_on_the_real_axis_at_u_8():
     ],
 )
 def test_eigenvalues_are_roots_of_the_determinant(beta, u, numbers):
-    found = pd.eigenvalues(pd.Continuum(pd.Pipe(beta, **numbers)), u, 10)
+    found = pp.eigenvalues(pp.Continuum(pp.Pipe(beta, **numbers)), u, 10)
     aspirating = numbers.get("flow") == "aspirating"
     for value in found[found.imag >= 0.0]:
         root = determinant_eigenvalue(
@@ -208,15 +208,15 @@ def test_eigenvalues_are_roots_of_the_determinant(beta, u, numbers):
 @pytest.mark.parametrize(
     "pipe",
     [
-        pd.Pipe(0.3, gamma=25.0),
-        pd.Pipe(0.6, gamma=-12.0, damping=5e-4),
-        pd.Pipe(0.1, gamma=8.0, flow="aspirating", alpha=1.4, damping=1e-3),
+        pp.Pipe(0.3, gamma=25.0),
+        pp.Pipe(0.6, gamma=-12.0, damping=5e-4),
+        pp.Pipe(0.1, gamma=8.0, flow="aspirating", alpha=1.4, damping=1e-3),
     ],
     ids=["hanging", "standing", "aspirating"],
 )
 @pytest.mark.parametrize("u", [0.5, 5.0, 9.0])
 def test_eigenvalues_meet_collocation_of_the_strong_form(pipe, u):
-    found = pd.eigenvalues(pd.Continuum(pipe), u, 12)
+    found = pp.eigenvalues(pp.Continuum(pipe), u, 12)
     reference = collocation_eigenvalues(pipe, u, size=48)
     assert distances(found, reference).max() < 1e-8
     assert distances(reference[:12], found).max() < 1e-8
@@ -224,13 +224,13 @@ def test_eigenvalues_meet_collocation_of_the_strong_form(pipe, u):
 
 def test_published_four_mode_eigenvalues_come_back_and_their_converged_values():
     """physics.md, section 6: stored output of a MATLAB package, 4 beam modes, delta = 0.001."""
-    pipe = pd.Pipe(0.2, damping=0.001)
+    pipe = pp.Pipe(0.2, damping=0.001)
     for u, four, half_digit, full in (
         (5.2, -1.0556 + 14.0064j, 5e-5, -1.0423 + 14.0263j),
         (6.0, 0.7631 + 13.53j, 5e-3, 0.7928 + 13.5575j),
     ):
-        rom = pd.eigenvalues(pd.Galerkin(pipe, 4), u)
-        exact = pd.eigenvalues(pd.Continuum(pipe), u, 8)
+        rom = pp.eigenvalues(pp.Galerkin(pipe, 4), u)
+        exact = pp.eigenvalues(pp.Continuum(pipe), u, 8)
         for found, printed, last in ((rom, four, half_digit), (exact, full, 5e-5)):
             value = found[np.argmin(np.abs(found - printed))]
             assert value.real == pytest.approx(printed.real, rel=0, abs=5.1e-5)
@@ -241,23 +241,23 @@ def test_published_four_mode_eigenvalues_come_back_and_their_converged_values():
 
 
 def test_the_benchmark_reports_the_size_it_needed_and_that_it_stood_still():
-    modes = pd.modes(pd.Continuum(pd.Pipe(0.2)), 6.0, 4)
+    modes = pp.modes(pp.Continuum(pp.Pipe(0.2)), 6.0, 4)
     assert modes.discretisation is not None
     assert modes.discretisation < 1e-10
-    far = pd.modes(pd.Continuum(pd.Pipe(0.2)), 6.0, 60)
+    far = pp.modes(pp.Continuum(pp.Pipe(0.2)), 6.0, 60)
     assert far.size > modes.size >= 16
     assert far.converged.all()
 
 
 def test_a_frozen_benchmark_is_the_reduced_model_of_that_size():
-    frozen = pd.Continuum(pd.Pipe(0.2)).frozen(24)
-    assert isinstance(frozen, pd.Galerkin)
+    frozen = pp.Continuum(pp.Pipe(0.2)).frozen(24)
+    assert isinstance(frozen, pp.Galerkin)
     assert (frozen.dof, frozen.basis) == (24, "legendre")
-    assert pd.critical_speed(frozen).speed == pytest.approx(5.591404377827, rel=1e-11)
+    assert pp.critical_speed(frozen).speed == pytest.approx(5.591404377827, rel=1e-11)
 
 
 def test_the_benchmark_pickles_and_knows_its_pipe():
-    exact = pd.Continuum(pd.Pipe(0.2, gamma=3.0))
+    exact = pp.Continuum(pp.Pipe(0.2, gamma=3.0))
     same = pickle.loads(pickle.dumps(exact))
     assert same.pipe == exact.pipe
     assert repr(same) == repr(exact)
@@ -265,7 +265,7 @@ def test_the_benchmark_pickles_and_knows_its_pipe():
 
 def test_a_benchmark_that_cannot_stand_still_says_so():
     """Eigenvalues of a pipe so heavy that 240 functions do not hold its boundary layer."""
-    heavy = pd.Continuum(dataclasses.replace(pd.Pipe(0.2), gamma=1e6))
-    with pytest.raises(pd.NotConverged) as caught:
-        pd.eigenvalues(heavy, 6000.0, 200)
+    heavy = pp.Continuum(dataclasses.replace(pp.Pipe(0.2), gamma=1e6))
+    with pytest.raises(pp.NotConverged) as caught:
+        pp.eigenvalues(heavy, 6000.0, 200)
     assert "240" in str(caught.value)

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from independent import chain_crossing, series_crossing, tells_its_distance
 
-import pipedyn as pd
+import pipedyn as pp
 
-PIPE = pd.Pipe(0.2)
+PIPE = pp.Pipe(0.2)
 EXACT = 5.591404378
 """Critical speed at beta = 0.2 (physics.md, section 6: determinant of 30 digits)."""
 
 
 def errors(models, exact=EXACT):
-    return np.array([abs(pd.critical_speed(model).speed / exact - 1.0) for model in models])
+    return np.array([abs(pp.critical_speed(model).speed / exact - 1.0) for model in models])
 
 
 def fitted_order(sizes, error):
@@ -31,14 +31,14 @@ def fitted_order(sizes, error):
     ],
 )
 def test_chains_converge_in_a_window(rule, order, sizes, largest):
-    error = errors([pd.Chain(PIPE, n, springs=rule) for n in sizes])
+    error = errors([pp.Chain(PIPE, n, springs=rule) for n in sizes])
     assert fitted_order(sizes, error) == pytest.approx(order, abs=0.05)
     assert error[-1] < largest
 
 
 def test_the_papers_rule_ends_1_44_percent_low():
     """5.5107 in place of 5.5914 (physics.md, section 2), from three sizes extrapolated."""
-    a, b, c = (pd.critical_speed(pd.Chain(PIPE, n, springs="rayleigh")).speed for n in (20, 40, 80))
+    a, b, c = (pp.critical_speed(pp.Chain(PIPE, n, springs="rayleigh")).speed for n in (20, 40, 80))
     limit = (8.0 * c - 6.0 * b + a) / 3.0
     assert limit == pytest.approx(5.5107, rel=0, abs=3e-4)
     assert limit / EXACT - 1.0 == pytest.approx(-0.0144, rel=0, abs=1e-4)
@@ -64,22 +64,22 @@ def test_chains_meet_the_printed_table(n, uniform, consistent, rayleigh, midpoin
         "midpoint": midpoint,
     }
     for rule, speed in printed.items():
-        found = pd.critical_speed(pd.Chain(PIPE, n, springs=rule)).speed
+        found = pp.critical_speed(pp.Chain(PIPE, n, springs=rule)).speed
         assert found == pytest.approx(speed, rel=0, abs=5.1e-5), rule
 
 
 def test_the_midpoint_cut_is_lucky_at_two_segments():
     """4.893 at n = 3."""
-    found = pd.critical_speed(pd.Chain(PIPE, 3, springs="midpoint")).speed
+    found = pp.critical_speed(pp.Chain(PIPE, 3, springs="midpoint")).speed
     assert found == pytest.approx(4.893, rel=0, abs=5.1e-4)
 
 
 @pytest.mark.parametrize(("beta", "ratio"), [(0.2, 0.5), (0.5, 1.0)])
 def test_the_midpoint_cut_has_no_more_error_than_consistent_springs(beta, ratio):
     """Half of it at beta = 0.2 (physics.md, section 2); hardly less of it at 0.5."""
-    exact = pd.critical_speed(pd.Continuum(pd.Pipe(beta))).speed
+    exact = pp.critical_speed(pp.Continuum(pp.Pipe(beta))).speed
     midpoint, consistent = errors(
-        [pd.Chain(pd.Pipe(beta), 60, springs=rule) for rule in ("midpoint", "consistent")], exact
+        [pp.Chain(pp.Pipe(beta), 60, springs=rule) for rule in ("midpoint", "consistent")], exact
     )
     assert midpoint / consistent < ratio + 0.05
 
@@ -87,7 +87,7 @@ def test_the_midpoint_cut_has_no_more_error_than_consistent_springs(beta, ratio)
 @pytest.mark.parametrize("n", [2, 3, 4, 5])
 def test_matching_the_frequency_is_best_of_the_rules_with_equal_springs_on_few_segments(n):
     frequency, uniform, rayleigh = errors(
-        [pd.Chain(PIPE, n, springs=rule) for rule in ("frequency", "uniform", "rayleigh")]
+        [pp.Chain(PIPE, n, springs=rule) for rule in ("frequency", "uniform", "rayleigh")]
     )
     assert frequency < uniform
     assert frequency < rayleigh
@@ -99,7 +99,7 @@ def test_unequal_segments_converge_at_second_order_too():
 
     def graded(n):
         ends = np.sin(0.4 * np.pi * np.arange(n + 1) / n)
-        return pd.Chain(PIPE, lengths=np.diff(ends / ends[-1]))
+        return pp.Chain(PIPE, lengths=np.diff(ends / ends[-1]))
 
     error = errors([graded(int(n)) for n in sizes])
     assert fitted_order(sizes, error) == pytest.approx(2.0, abs=0.05)
@@ -109,19 +109,19 @@ def test_unequal_segments_converge_at_second_order_too():
 def test_beam_modes_converge_at_fourth_order():
     """physics.md, section 7: 3 beam modes give 1e-3, 10 beam modes 6e-5."""
     sizes = np.array([8, 11, 16, 22, 32])
-    error = errors([pd.Galerkin(PIPE, int(m), "beam") for m in sizes])
+    error = errors([pp.Galerkin(PIPE, int(m), "beam") for m in sizes])
     assert fitted_order(sizes, error) == pytest.approx(4.0, abs=0.3)
     assert error[-1] < 1e-6
-    three, ten = errors([pd.Galerkin(PIPE, 3, "beam"), pd.Galerkin(PIPE, 10, "beam")])
+    three, ten = errors([pp.Galerkin(PIPE, 3, "beam"), pp.Galerkin(PIPE, 10, "beam")])
     assert three == pytest.approx(1e-3, rel=0.5)
     assert ten == pytest.approx(6e-5, rel=0.1)
 
 
 def test_legendre_functions_converge_exponentially():
     """10 functions: 2e-10 (physics.md, section 7); each further one gains most of a digit."""
-    exact = pd.critical_speed(pd.Continuum(PIPE)).speed
+    exact = pp.critical_speed(pp.Continuum(PIPE)).speed
     sizes = np.arange(4, 12)
-    error = errors([pd.Galerkin(PIPE, int(m), "legendre") for m in sizes], exact)
+    error = errors([pp.Galerkin(PIPE, int(m), "legendre") for m in sizes], exact)
     digits_a_function = -np.polyfit(sizes, np.log10(error), 1)[0]
     assert digits_a_function > 0.8
     assert error[sizes == 10][0] == pytest.approx(2e-10, rel=0.5)
@@ -130,15 +130,15 @@ def test_legendre_functions_converge_exponentially():
 @pytest.mark.parametrize(("beta", "m", "digits"), [(0.5, 16, 1e-12), (0.99, 24, 1e-12)])
 def test_a_few_legendre_functions_give_twelve_digits(beta, m, digits):
     """physics.md, section 6."""
-    frozen = pd.critical_speed(pd.Galerkin(pd.Pipe(beta), m, "legendre")).speed
-    exact = pd.critical_speed(pd.Galerkin(pd.Pipe(beta), m + 10, "legendre")).speed
+    frozen = pp.critical_speed(pp.Galerkin(pp.Pipe(beta), m, "legendre")).speed
+    exact = pp.critical_speed(pp.Galerkin(pp.Pipe(beta), m + 10, "legendre")).speed
     assert frozen == pytest.approx(exact, rel=digits)
 
 
 def test_ten_beam_modes_are_worse_at_heavy_fluid():
     """beta = 0.9: 1.7e-3 (physics.md, section 7)."""
-    exact = pd.critical_speed(pd.Continuum(pd.Pipe(0.9))).speed
-    (error,) = errors([pd.Galerkin(pd.Pipe(0.9), 10, "beam")], exact)
+    exact = pp.critical_speed(pp.Continuum(pp.Pipe(0.9))).speed
+    (error,) = errors([pp.Galerkin(pp.Pipe(0.9), 10, "beam")], exact)
     assert error == pytest.approx(1.7e-3, abs=5e-5)
 
 
@@ -153,7 +153,7 @@ def random_pipe(rng, flow):
     damped = flow == "aspirating" or rng.random() < 0.5
     damping = 10.0 ** rng.uniform(-3.0, -1.3) if damped else 0.0
     alpha = rng.choice([0.0, 0.5, 1.0, 1.5])
-    return pd.Pipe(rng.uniform(0.02, 0.9), rng.uniform(-5.0, 60.0), flow, alpha, damping=damping)
+    return pp.Pipe(rng.uniform(0.02, 0.9), rng.uniform(-5.0, 60.0), flow, alpha, damping=damping)
 
 
 @pytest.mark.parametrize("flow", FLOWS)
@@ -161,20 +161,20 @@ def random_pipe(rng, flow):
 def test_the_distance_to_the_continuum_is_bounded_and_by_little(seed, flow):
     """Against the series in 60 digits; where the solvers' errors are all that is left, bounded."""
     pipe = random_pipe(np.random.default_rng(seed), flow)
-    start = pd.critical_speed(pd.Continuum(pipe))
+    start = pp.critical_speed(pp.Continuum(pipe))
     exact, _ = series_crossing(pipe, start.speed, start.frequency)
     telling = 0
     for model in (
-        pd.Chain(pipe, 16),
-        pd.Chain(pipe, 30, springs="midpoint"),
-        pd.Chain(pipe, 24, springs="uniform"),
-        pd.Chain(pipe, 24, springs="frequency"),
-        pd.Chain(pipe, 12, springs="rayleigh"),
-        pd.Galerkin(pipe, 10),
-        pd.Galerkin(pipe, 10, "legendre"),
-        pd.Galerkin(pipe, 20, "legendre"),
+        pp.Chain(pipe, 16),
+        pp.Chain(pipe, 30, springs="midpoint"),
+        pp.Chain(pipe, 24, springs="uniform"),
+        pp.Chain(pipe, 24, springs="frequency"),
+        pp.Chain(pipe, 12, springs="rayleigh"),
+        pp.Galerkin(pipe, 10),
+        pp.Galerkin(pipe, 10, "legendre"),
+        pp.Galerkin(pipe, 20, "legendre"),
     ):
-        found = pd.critical_speed(model)
+        found = pp.critical_speed(model)
         telling += tells_its_distance(found, start, exact)
     assert telling >= 6
 
@@ -203,10 +203,10 @@ def galerkin_crossing(model, u, omega):
 def test_the_solvers_error_is_bounded(seed, flow):
     """Against the same models in 30 digits: a chain by shooting, a reduced model's determinant."""
     pipe = random_pipe(np.random.default_rng(100 + seed), flow)
-    chain, reduced = pd.Chain(pipe, 7), pd.Galerkin(pipe, 7, "legendre")
-    found = pd.critical_speed(chain)
+    chain, reduced = pp.Chain(pipe, 7), pp.Galerkin(pipe, 7, "legendre")
+    found = pp.critical_speed(chain)
     exact, _ = chain_crossing(chain, found.speed, found.frequency)
     assert abs(found.speed - exact) <= found.error <= 1e-9 * found.speed
-    found = pd.critical_speed(reduced)
+    found = pp.critical_speed(reduced)
     exact = galerkin_crossing(reduced, found.speed, found.frequency)
     assert abs(found.speed - exact) <= found.error <= 1e-9 * found.speed

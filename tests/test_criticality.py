@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-import pipedyn as pd
+import pipedyn as pp
 
 
 def three(beta):
-    return pd.Chain(pd.Pipe(beta), 3)
+    return pp.Chain(pp.Pipe(beta), 3)
 
 
 def test_three_segments_snap_at_great_fluid_mass_only():
-    curve = pd.criticality_curve(three, [0.2, 0.7])
+    curve = pp.criticality_curve(three, [0.2, 0.7])
     assert curve.failures == ()
     assert curve.subcritical.tolist() == [False, True]
-    assert curve.speeds == pytest.approx([pd.hopf(three(b)).speed for b in (0.2, 0.7)])
+    assert curve.speeds == pytest.approx([pp.hopf(three(b)).speed for b in (0.2, 0.7)])
     assert curve.laws[0] > 0.0 > curve.laws[1]
 
 
@@ -27,12 +27,12 @@ def test_points_that_fail_are_marked_and_the_others_kept():
     def make(gamma):
         if gamma == 1.0:
             raise RuntimeError("no such pipe")
-        return pd.Chain(pd.Pipe(0.9, gamma=gamma), 2)
+        return pp.Chain(pp.Pipe(0.9, gamma=gamma), 2)
 
-    curve = pd.criticality_curve(make, [0.0, 1.0, 2.0, 30.0])
+    curve = pp.criticality_curve(make, [0.0, 1.0, 2.0, 30.0])
     assert [(failure.index, type(failure.error)) for failure in curve.failures] == [
         (1, RuntimeError),
-        (3, pd.NoHopf),  # it diverges
+        (3, pp.NoHopf),  # it diverges
     ]
     assert np.isnan(curve.speeds).tolist() == [False, True, False, True]
     assert np.isnan(curve.laws).tolist() == [False, True, False, True]
@@ -40,9 +40,9 @@ def test_points_that_fail_are_marked_and_the_others_kept():
 
 
 def test_points_on_an_executor_are_the_same(capsys):
-    alone = pd.criticality_curve(three, [0.2, 0.7])
+    alone = pp.criticality_curve(three, [0.2, 0.7])
     with ThreadPoolExecutor(2) as executor:
-        again = pd.criticality_curve(three, [0.2, 0.7], executor=executor, progress=True)
+        again = pp.criticality_curve(three, [0.2, 0.7], executor=executor, progress=True)
     np.testing.assert_array_equal(alone.laws, again.laws)
     assert "criticality" in capsys.readouterr().err
     assert pickle.loads(pickle.dumps(alone)).subcritical.tolist() == [False, True]
@@ -61,52 +61,52 @@ def test_points_on_an_executor_are_the_same(capsys):
 def test_bad_arguments_are_refused_by_name(given, kind, message):
     arguments = {"make_model": three, "values": [0.2], **given}
     with pytest.raises(kind, match=message):
-        pd.criticality_curve(**arguments)
+        pp.criticality_curve(**arguments)
 
 
 @pytest.mark.parametrize(("n", "last"), [(3, 0.5), (4, 0.6), (5, 0.75), (6, 0.8)])
 def test_chains_snap_beyond_a_share_of_fluid_that_grows_with_the_segments(n, last):
-    curve = pd.criticality_curve(lambda b: pd.Chain(pd.Pipe(b), n), [0.2, last, last + 0.1, 0.95])
+    curve = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b), n), [0.2, last, last + 0.1, 0.95])
     assert curve.subcritical.tolist() == [False, False, True, True]
 
 
 def test_two_segments_snap_where_the_fluid_is_light_only():
-    curve = pd.criticality_curve(lambda b: pd.Chain(pd.Pipe(b), 2), [0.05, 0.2, 0.5, 0.9])
+    curve = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b), 2), [0.05, 0.2, 0.5, 0.9])
     assert curve.subcritical.tolist() == [True, False, False, False]
 
 
 @pytest.mark.parametrize("gamma", [0.0, 10.0, 100.0])
 def test_the_continuous_pipe_snaps_nowhere_unless_it_hangs_heavily(gamma):
-    curve = pd.criticality_curve(
-        lambda b: pd.Galerkin(pd.Pipe(b, gamma=gamma), 12, "legendre"), [0.05, 0.3, 0.5, 0.7, 0.95]
+    curve = pp.criticality_curve(
+        lambda b: pp.Galerkin(pp.Pipe(b, gamma=gamma), 12, "legendre"), [0.05, 0.3, 0.5, 0.7, 0.95]
     )
     assert curve.failures == ()
     assert not curve.subcritical.any()
 
 
 def test_changes_bracket_where_the_lyapunov_coefficient_passes_zero():
-    curve = pd.criticality_curve(three, np.linspace(0.5, 0.65, 7))
+    curve = pp.criticality_curve(three, np.linspace(0.5, 0.65, 7))
     assert curve.changes.shape == (1, 2)
     low, high = curve.changes[0]
 
     def coefficient(beta):
         try:
-            return pd.hopf(three(beta)).lyapunov
-        except pd.NotConverged as error:  # at the root it is 0 within its error
+            return pp.hopf(three(beta)).lyapunov
+        except pp.NotConverged as error:  # at the root it is 0 within its error
             return error.result.lyapunov
 
     root = brentq(coefficient, low, high)
     assert root == pytest.approx(0.5719926, abs=1e-6)
-    below, above = (pd.hopf(three(root + d)) for d in (-1e-5, 1e-5))
+    below, above = (pp.hopf(three(root + d)) for d in (-1e-5, 1e-5))
     assert below.amplitude_law == pytest.approx(-above.amplitude_law, rel=1e-2)
     assert below.amplitude_law > 1e4
     assert (below.criticality, above.criticality) == ("supercritical", "subcritical")
-    with pytest.raises(pd.NotConverged, match="is 0 within its error"):
-        pd.hopf(three(root))
+    with pytest.raises(pp.NotConverged, match="is 0 within its error"):
+        pp.hopf(three(root))
 
 
 def test_no_change_is_told_across_a_point_that_failed():
-    curve = pd.criticality_curve(lambda b: three(b) if b != 0.6 else None, [0.5, 0.6, 0.7])
+    curve = pp.criticality_curve(lambda b: three(b) if b != 0.6 else None, [0.5, 0.6, 0.7])
     assert curve.subcritical.tolist() == [False, False, True]
     assert curve.changes.shape == (0, 2)
 
@@ -114,30 +114,30 @@ def test_no_change_is_told_across_a_point_that_failed():
 @pytest.mark.parametrize("drag", [1e-6, 0.1])
 def test_with_drag_a_curve_tells_where_the_pipe_snaps_past_its_onset(drag):
     def make(beta):
-        return pd.Chain(pd.Pipe(beta, drag=drag), 2)
+        return pp.Chain(pp.Pipe(beta, drag=drag), 2)
 
-    curve = pd.criticality_curve(make, [0.05, 0.2])
+    curve = pp.criticality_curve(make, [0.05, 0.2])
     assert not curve.subcritical.any()
     assert np.isnan(curve.folds).tolist() == [False, True]
     assert 0.0 < curve.folds[0] - curve.speeds[0] < 0.02 * drag
-    bare = pd.criticality_curve(lambda b: pd.Chain(pd.Pipe(b), 2), [0.05, 0.2])
+    bare = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b), 2), [0.05, 0.2])
     assert bare.subcritical.tolist() == [True, False]
     assert np.isnan(bare.folds).all()
 
 
 def test_two_segments_snap_at_heavy_fluid_too_just_before_they_diverge():
-    curve = pd.criticality_curve(lambda b: pd.Chain(pd.Pipe(b, gamma=20.0), 2), [0.05, 0.4, 0.8])
+    curve = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b, gamma=20.0), 2), [0.05, 0.4, 0.8])
     assert curve.subcritical.tolist() == [True, False, True]
 
 
 def test_a_heavily_hanging_continuous_pipe_snaps_where_the_fluid_is_light():
     def make(beta, m=12):
-        return pd.Galerkin(pd.Pipe(beta, gamma=300.0), m, "legendre")
+        return pp.Galerkin(pp.Pipe(beta, gamma=300.0), m, "legendre")
 
-    curve = pd.criticality_curve(make, [0.003, 0.01, 0.02])
+    curve = pp.criticality_curve(make, [0.003, 0.01, 0.02])
     assert curve.subcritical.tolist() == [False, True, False]
-    onset = pd.hopf(make(0.01, 16))
+    onset = pp.hopf(make(0.01, 16))
     assert onset.lyapunov == pytest.approx(curve.onsets[1].lyapunov, rel=1e-3)
-    cycle = pd.limit_cycle(onset.model, onset.speed - 1e-4)
+    cycle = pp.limit_cycle(onset.model, onset.speed - 1e-4)
     assert not cycle.stable
     assert cycle.amplitude == pytest.approx(onset.amplitude(cycle.u), rel=1e-2)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-import pipedyn as pd
+import pipedyn as pp
 
-PIPE = pd.Pipe(0.2)
-ROM = pd.Galerkin(PIPE, 8, "legendre")
-ASPIRATING = pd.Pipe(0.2, flow="aspirating", damping=0.01)
+PIPE = pp.Pipe(0.2)
+ROM = pp.Galerkin(PIPE, 8, "legendre")
+ASPIRATING = pp.Pipe(0.2, flow="aspirating", damping=0.01)
 
 
 def bow(s):
@@ -20,7 +20,7 @@ def bow(s):
 
 @pytest.fixture(scope="module")
 def known():
-    return pd.limit_cycle(ROM, 6.0)
+    return pp.limit_cycle(ROM, 6.0)
 
 
 # ------------------------------------------------------------------------------ known values
@@ -35,20 +35,20 @@ def test_the_continuous_pipes_cycle_is_the_known_one(known):
     assert known.stable
     assert known.error < 1e-6
     assert known.residual < 1e-8
-    damped = pd.limit_cycle(pd.Galerkin(pd.Pipe(0.2, damping=1e-3), 8, "legendre"), 6.0)
+    damped = pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2, damping=1e-3), 8, "legendre"), 6.0)
     assert damped.amplitude == pytest.approx(0.262918, abs=5e-7)
     assert damped.frequency == pytest.approx(13.6969, abs=5e-5)
 
 
 def test_more_functions_do_not_change_the_cycle(known):
-    finer, finest = (pd.limit_cycle(pd.Galerkin(PIPE, m, "legendre"), 6.0) for m in (12, 14))
+    finer, finest = (pp.limit_cycle(pp.Galerkin(PIPE, m, "legendre"), 6.0) for m in (12, 14))
     assert finer.amplitude == pytest.approx(finest.amplitude, rel=2e-8)
     assert finer.frequency == pytest.approx(finest.frequency, rel=1e-8)
     assert known.amplitude == pytest.approx(finest.amplitude, rel=2e-5)
     assert known.frequency == pytest.approx(finest.frequency, rel=5e-6)
     assert finest.amplitude == pytest.approx(0.276614006, abs=1e-8)
     beams = [
-        abs(pd.limit_cycle(pd.Galerkin(PIPE, m), 6.0).amplitude - finer.amplitude)
+        abs(pp.limit_cycle(pp.Galerkin(PIPE, m), 6.0).amplitude - finer.amplitude)
         for m in (2, 4, 8)
     ]
     assert beams[0] > 4 * beams[1] > 16 * beams[2]
@@ -56,8 +56,8 @@ def test_more_functions_do_not_change_the_cycle(known):
 
 
 def test_a_chains_cycle_tends_to_the_continuous_pipes_with_order_two():
-    exact = pd.limit_cycle(pd.Galerkin(PIPE, 12, "legendre"), 6.0)
-    cycles = [pd.limit_cycle(pd.Chain(PIPE, n), 6.0) for n in (6, 12, 24)]
+    exact = pp.limit_cycle(pp.Galerkin(PIPE, 12, "legendre"), 6.0)
+    cycles = [pp.limit_cycle(pp.Chain(PIPE, n), 6.0) for n in (6, 12, 24)]
     for name in ("amplitude", "frequency"):
         errors = np.array([abs(getattr(c, name) - getattr(exact, name)) for c in cycles])
         assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(2.0, abs=0.2)
@@ -68,25 +68,25 @@ def test_a_chains_cycle_tends_to_the_continuous_pipes_with_order_two():
 # --------------------------------------------------------------------- what a cycle has to be
 
 SCENES = {
-    "ejecting": (pd.Galerkin(PIPE, 6), 6.0),
-    "hanging, damped": (pd.Chain(pd.Pipe(0.4, gamma=10.0, damping=2e-3), 6), 9.5),
-    "standing": (pd.Galerkin(pd.Pipe(0.2, gamma=-10.0), 6, "legendre"), 5.0),
-    "aspirating": (pd.Chain(ASPIRATING, 6), 0.0689),
-    "aspirating, reduced": (pd.Galerkin(ASPIRATING, 6, "legendre"), 0.0692),
-    "drag": (pd.Chain(pd.Pipe(0.2, drag=1.0), 6), 6.0),
-    "drag, reduced": (pd.Galerkin(pd.Pipe(0.2, drag=1.0), 6, "legendre"), 6.0),
-    "aspirating, drag": (pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=2.0, damping=0.01), 4), 0.2),
-    "scene": (pd.modular.chain(PIPE, n=4).plus(pd.modular.PointMass(node=4, mass=0.1)), 4.0),
-    "guided": (pd.modular.chain(PIPE, n=4).plus(pd.modular.Guide(node=1)), 6.5),
-    "unstable": (pd.Chain(pd.Pipe(0.8), 4), 8.2),
-    "large": (pd.Chain(PIPE, 2), 6.0),
+    "ejecting": (pp.Galerkin(PIPE, 6), 6.0),
+    "hanging, damped": (pp.Chain(pp.Pipe(0.4, gamma=10.0, damping=2e-3), 6), 9.5),
+    "standing": (pp.Galerkin(pp.Pipe(0.2, gamma=-10.0), 6, "legendre"), 5.0),
+    "aspirating": (pp.Chain(ASPIRATING, 6), 0.0689),
+    "aspirating, reduced": (pp.Galerkin(ASPIRATING, 6, "legendre"), 0.0692),
+    "drag": (pp.Chain(pp.Pipe(0.2, drag=1.0), 6), 6.0),
+    "drag, reduced": (pp.Galerkin(pp.Pipe(0.2, drag=1.0), 6, "legendre"), 6.0),
+    "aspirating, drag": (pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=2.0, damping=0.01), 4), 0.2),
+    "scene": (pp.modular.chain(PIPE, n=4).plus(pp.modular.PointMass(node=4, mass=0.1)), 4.0),
+    "guided": (pp.modular.chain(PIPE, n=4).plus(pp.modular.Guide(node=1)), 6.5),
+    "unstable": (pp.Chain(pp.Pipe(0.8), 4), 8.2),
+    "large": (pp.Chain(PIPE, 2), 6.0),
 }
 
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_a_cycle_closes_balances_its_energy_and_is_its_own_mirror_image(scene):
     model, u = SCENES[scene]
-    cycle = pd.limit_cycle(model, u)
+    cycle = pp.limit_cycle(model, u)
     tip = cycle.tip[:, 0]
     assert cycle.multiplier_error < 1e-6
     assert np.abs(cycle.multipliers - 1.0).min() < 1e-6
@@ -114,8 +114,8 @@ def test_a_cycle_closes_balances_its_energy_and_is_its_own_mirror_image(scene):
 @pytest.mark.parametrize("scene", ["ejecting", "aspirating, drag", "guided", "large"])
 def test_a_simulation_that_starts_on_the_cycle_comes_back(scene):
     model, u = SCENES[scene]
-    cycle = pd.limit_cycle(model, u, rtol=1e-8)
-    motion = pd.simulate(
+    cycle = pp.limit_cycle(model, u, rtol=1e-8)
+    motion = pp.simulate(
         model, u, cycle.period, cycle.q[0], cycle.qdot[0], times=cycle.t, rtol=1e-10
     )
     scale = np.abs(cycle.qdot).max()
@@ -125,9 +125,9 @@ def test_a_simulation_that_starts_on_the_cycle_comes_back(scene):
 
 
 def test_a_long_simulation_ends_on_the_stable_cycle():
-    chain = pd.Chain(PIPE, 3)
-    known = pd.limit_cycle(chain, 5.0)
-    motion = pd.simulate(chain, 5.0, 30.0, bow, times=np.linspace(28.0, 30.0, 2001), rtol=1e-9)
+    chain = pp.Chain(PIPE, 3)
+    known = pp.limit_cycle(chain, 5.0)
+    motion = pp.simulate(chain, 5.0, 30.0, bow, times=np.linspace(28.0, 30.0, 2001), rtol=1e-9)
     tip = motion.tip[:, 0]
     assert tip.max() == pytest.approx(known.amplitude, rel=1e-5)
     up = np.flatnonzero((tip[:-1] < 0.0) & (tip[1:] >= 0.0))
@@ -136,12 +136,12 @@ def test_a_long_simulation_ends_on_the_stable_cycle():
 
 
 def test_the_multipliers_are_those_of_perturbed_motions():
-    model, u = pd.Chain(pd.Pipe(0.3, damping=1e-3), 3), 6.5
-    cycle = pd.limit_cycle(model, u, rtol=1e-9)
+    model, u = pp.Chain(pp.Pipe(0.3, damping=1e-3), 3), 6.5
+    cycle = pp.limit_cycle(model, u, rtol=1e-9)
     y, h = cycle.y[:, 0], 1e-5
 
     def after(state):
-        return pd.simulate(model, u, cycle.period, state[:3], state[3:], samples=2, rtol=1e-12).y[
+        return pp.simulate(model, u, cycle.period, state[:3], state[3:], samples=2, rtol=1e-12).y[
             :, -1
         ]
 
@@ -155,11 +155,11 @@ def test_the_multipliers_are_those_of_perturbed_motions():
 
 def test_growth_away_from_an_unstable_cycle_is_its_largest_multiplier():
     model, u = SCENES["unstable"]
-    cycle = pd.limit_cycle(model, u, rtol=1e-9)
+    cycle = pp.limit_cycle(model, u, rtol=1e-9)
     largest = cycle.multipliers[0]
     assert largest.imag == 0.0
     assert largest.real > 1.05
-    motion = pd.simulate(
+    motion = pp.simulate(
         *(model, u, 6 * cycle.period, 1.001 * cycle.q[0], 1.001 * cycle.qdot[0]),
         times=cycle.period * np.arange(1, 7),
         rtol=1e-11,
@@ -173,13 +173,13 @@ def test_growth_away_from_an_unstable_cycle_is_its_largest_multiplier():
 
 @pytest.mark.parametrize(
     ("model", "u"),
-    [(pd.Chain(PIPE, 2), 6.0), (pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 6.0)],
+    [(pp.Chain(PIPE, 2), 6.0), (pp.Chain(pp.Pipe(0.2, drag=1.0), 3), 6.0)],
     ids=["smooth", "drag"],
 )
 def test_the_error_told_bounds_what_refinement_changes(model, u):
-    exact = pd.limit_cycle(model, u, rtol=1e-8)
+    exact = pp.limit_cycle(model, u, rtol=1e-8)
     for rtol in (1e-3, 1e-4, 1e-5, 1e-6):
-        cycle = pd.limit_cycle(model, u, rtol=rtol)
+        cycle = pp.limit_cycle(model, u, rtol=rtol)
         off = abs(cycle.amplitude / exact.amplitude - 1.0)
         off = max(off, abs(cycle.frequency / exact.frequency - 1.0))
         assert off <= cycle.error + exact.error
@@ -188,20 +188,20 @@ def test_the_error_told_bounds_what_refinement_changes(model, u):
 
 
 def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.cycles.MOST", 20)
-    with pytest.raises(pd.NotConverged, match=r"is known to .* only: that takes more") as caught:
-        pd.limit_cycle(pd.Chain(pd.Pipe(0.2, drag=1.0), 3), 6.0, rtol=1e-9)
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.MOST", 20)
+    with pytest.raises(pp.NotConverged, match=r"is known to .* only: that takes more") as caught:
+        pp.limit_cycle(pp.Chain(pp.Pipe(0.2, drag=1.0), 3), 6.0, rtol=1e-9)
     kept = caught.value.result
     assert kept.amplitude > 0.1
     assert kept.error > 1e-9
 
 
 def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.floquet.TURN", 40.0)
-    monkeypatch.setattr("pipedyn.floquet.MOST_HALVINGS", 1)
-    monkeypatch.setattr("pipedyn.cycles.CHECKS", 1)
-    with pytest.raises(pd.NotConverged, match="Floquet multipliers") as caught:
-        pd.limit_cycle(pd.Chain(PIPE, 16), 6.0)
+    monkeypatch.setattr("pipedyn.bifurcation.floquet.TURN", 40.0)
+    monkeypatch.setattr("pipedyn.bifurcation.floquet.MOST_HALVINGS", 1)
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.CHECKS", 1)
+    with pytest.raises(pp.NotConverged, match="Floquet multipliers") as caught:
+        pp.limit_cycle(pp.Chain(PIPE, 16), 6.0)
     assert caught.value.result.multiplier_error > 1e-6
 
 
@@ -215,26 +215,26 @@ def test_a_cycle_pickles(known):
 
 
 def test_every_start_leads_to_the_same_cycle():
-    rom = pd.Galerkin(PIPE, 4)
-    known = pd.limit_cycle(rom, 6.0)
-    motion = pd.simulate(rom, 6.0, 8.0, bow)
+    rom = pp.Galerkin(PIPE, 4)
+    known = pp.limit_cycle(rom, 6.0)
+    motion = pp.simulate(rom, 6.0, 8.0, bow)
     state = np.concatenate([rom.bent(bow), np.zeros(4)])
-    near = pd.limit_cycle(rom, 6.1, known)
+    near = pp.limit_cycle(rom, 6.1, known)
     assert near.amplitude > known.amplitude
     for start in (motion, state, near, known):
-        cycle = pd.limit_cycle(rom, 6.0, start)
+        cycle = pp.limit_cycle(rom, 6.0, start)
         assert cycle.amplitude == pytest.approx(known.amplitude, rel=1e-7)
         assert cycle.frequency == pytest.approx(known.frequency, rel=1e-7)
     guided, u = SCENES["guided"]
-    first = pd.limit_cycle(guided, u)
-    again = pd.limit_cycle(guided, u, first)
+    first = pp.limit_cycle(guided, u)
+    again = pp.limit_cycle(guided, u, first)
     assert again.amplitude == pytest.approx(first.amplitude, rel=1e-7)
 
 
 def test_a_whole_period_tells_what_half_of_one_does(known, monkeypatch):
-    for module in ("arcs", "collocation", "cycles"):
-        monkeypatch.setattr(f"pipedyn.{module}.is_odd", lambda motion, u: False)
-    whole = pd.limit_cycle(ROM, 6.0)
+    for module in ("arcs", "fourier", "limit_cycle"):
+        monkeypatch.setattr(f"pipedyn.bifurcation.{module}.is_odd", lambda motion, u: False)
+    whole = pp.limit_cycle(ROM, 6.0)
     assert known.symmetric
     assert not whole.symmetric
     assert whole.amplitude == pytest.approx(known.amplitude, rel=1e-8)
@@ -243,100 +243,100 @@ def test_a_whole_period_tells_what_half_of_one_does(known, monkeypatch):
 
 
 def test_a_cycle_of_another_pipe_is_a_start():
-    first = pd.limit_cycle(pd.Chain(PIPE, 5), 6.0)
-    damped = pd.limit_cycle(pd.Chain(pd.Pipe(0.2, damping=1e-3), 5), 6.0, first)
+    first = pp.limit_cycle(pp.Chain(PIPE, 5), 6.0)
+    damped = pp.limit_cycle(pp.Chain(pp.Pipe(0.2, damping=1e-3), 5), 6.0, first)
     assert 0.9 * first.amplitude < damped.amplitude < first.amplitude
 
 
 def test_two_cycles_at_one_speed_below_a_subcritical_onset():
-    model = pd.Chain(pd.Pipe(0.7), 3)
-    onset = pd.hopf(model)
+    model = pp.Chain(pp.Pipe(0.7), 3)
+    onset = pp.hopf(model)
     u = onset.speed - 2e-3
-    small = pd.limit_cycle(model, u)
+    small = pp.limit_cycle(model, u)
     assert not small.stable
     assert small.multipliers[0].real > 1.01
-    large = pd.limit_cycle(model, 6.303)  # past the onset, round the fold
+    large = pp.limit_cycle(model, 6.303)  # past the onset, round the fold
     for speed in (6.25, 6.22, u):
-        large = pd.limit_cycle(model, speed, large)
+        large = pp.limit_cycle(model, speed, large)
     assert large.stable
     assert large.amplitude > 2.0 * small.amplitude
-    assert pd.eigenvalues(model, u).real.max() < 0.0  # beside a pipe that rests
+    assert pp.eigenvalues(model, u).real.max() < 0.0  # beside a pipe that rests
     # Below the fold there is neither.
-    with pytest.raises(pd.NoCycle, match="rest"):
-        pd.limit_cycle(model, 6.19)
+    with pytest.raises(pp.NoCycle, match="rest"):
+        pp.limit_cycle(model, 6.19)
 
 
 def test_a_cycle_that_no_onset_leads_to_is_found_by_simulation():
     # Undamped and aspirating: unstable from u = 0 on, drag alone bounds the motion.
-    model = pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=3.0), 4)
-    cycle = pd.limit_cycle(model, 0.3)
+    model = pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=3.0), 4)
+    cycle = pp.limit_cycle(model, 0.3)
     assert "simulation" in cycle.method
     assert cycle.stable
     assert 1e-3 < cycle.amplitude < 0.3
 
 
 def test_a_search_may_start_from_an_onset():
-    model = pd.Galerkin(pd.Pipe(0.295), 8, "legendre")
-    first, second, third = (pd.hopf(model, c) for c in pd.crossings(model, 9.0))
+    model = pp.Galerkin(pp.Pipe(0.295), 8, "legendre")
+    first, second, third = (pp.hopf(model, c) for c in pp.crossings(model, 9.0))
     u = second.speed - 0.1
-    one, other = (pd.limit_cycle(model, u, onset) for onset in (first, second))  # born and dies
+    one, other = (pp.limit_cycle(model, u, onset) for onset in (first, second))  # born and dies
     assert "from the onset at u = 7.8" in other.method
     assert other.amplitude == pytest.approx(one.amplitude, rel=1e-5)
-    assert pd.limit_cycle(model, 8.3, third).amplitude == pytest.approx(
-        pd.limit_cycle(model, 8.3).amplitude, rel=1e-5
+    assert pp.limit_cycle(model, 8.3, third).amplitude == pytest.approx(
+        pp.limit_cycle(model, 8.3).amplitude, rel=1e-5
     )
-    with pytest.raises(pd.NoCycle, match=r"born at u = 7\.26.* does not come to u = 7"):
-        pd.limit_cycle(model, 7.0, first)
-    with pytest.raises(pd.NoCycle, match="does not come to"):
-        pd.limit_cycle(model, third.speed, third)  # where it has no size
+    with pytest.raises(pp.NoCycle, match=r"born at u = 7\.26.* does not come to u = 7"):
+        pp.limit_cycle(model, 7.0, first)
+    with pytest.raises(pp.NoCycle, match="does not come to"):
+        pp.limit_cycle(model, third.speed, third)  # where it has no size
     with pytest.raises(ValueError, match="start must be an onset of the model, got one of Gal"):
-        pd.limit_cycle(pd.Galerkin(pd.Pipe(0.3), 8, "legendre"), 8.3, third)
+        pp.limit_cycle(pp.Galerkin(pp.Pipe(0.3), 8, "legendre"), 8.3, third)
     with pytest.raises(ValueError, match="start must be an onset of the model"):
-        pd.limit_cycle(pd.Chain(PIPE, 3), 8.3, third)
+        pp.limit_cycle(pp.Chain(PIPE, 3), 8.3, third)
 
 
 def test_a_search_may_start_from_a_bent_pipe():
-    model = pd.Chain(PIPE, 3)
-    expected = pd.limit_cycle(model, 5.0)
+    model = pp.Chain(PIPE, 3)
+    expected = pp.limit_cycle(model, 5.0)
     q = model.bent(bow)
     for start in (bow, q, np.concatenate([q, 0.1 * q])):
-        found = pd.limit_cycle(model, 5.0, start)
+        found = pp.limit_cycle(model, 5.0, start)
         assert "simulation" in found.method
         assert found.amplitude == pytest.approx(expected.amplitude, rel=1e-5)
-    scene = pd.modular.chain(PIPE, n=3)
-    assert pd.limit_cycle(scene, 5.0, q).amplitude == pytest.approx(expected.amplitude, rel=1e-5)
+    scene = pp.modular.chain(PIPE, n=3)
+    assert pp.limit_cycle(scene, 5.0, q).amplitude == pytest.approx(expected.amplitude, rel=1e-5)
 
 
 def test_below_the_fold_of_cycles_the_search_says_where_it_lies():
-    model = pd.Chain(pd.Pipe(0.05), 2)
-    onset = pd.hopf(model)
+    model = pp.Chain(pp.Pipe(0.05), 2)
+    onset = pp.hopf(model)
     assert onset.criticality == "subcritical"
-    with pytest.raises(pd.NoCycle, match=r"born at u = 3\.13387 reaches down to u = 3\.12922 only"):
-        pd.limit_cycle(model, 3.12)
-    with pytest.raises(pd.NoCycle, match=r"reaches down to u = 3\.12922 only"):
-        pd.limit_cycle(model, 3.12, onset)
+    with pytest.raises(pp.NoCycle, match=r"born at u = 3\.13387 reaches down to u = 3\.12922 only"):
+        pp.limit_cycle(model, 3.12)
+    with pytest.raises(pp.NoCycle, match=r"reaches down to u = 3\.12922 only"):
+        pp.limit_cycle(model, 3.12, onset)
     # It lies there: two cycles beside it, none beyond.
-    assert pd.limit_cycle(model, 3.1293, onset).amplitude < 0.2
-    with pytest.raises(pd.NoCycle):
-        pd.limit_cycle(model, 3.1292, onset)
+    assert pp.limit_cycle(model, 3.1293, onset).amplitude < 0.2
+    with pytest.raises(pp.NoCycle):
+        pp.limit_cycle(model, 3.1292, onset)
 
 
 def test_a_cycle_below_an_onset_that_faint_drag_makes_gentle_is_found():
     for drag in (1e-6, 1e-2):
-        model = pd.Chain(pd.Pipe(0.05, drag=drag), 2)
-        onset = pd.hopf(model)
+        model = pp.Chain(pp.Pipe(0.05, drag=drag), 2)
+        onset = pp.hopf(model)
         assert onset.criticality == "supercritical"
-        cycle = pd.limit_cycle(model, onset.speed - 1e-3)
+        cycle = pp.limit_cycle(model, onset.speed - 1e-3)
         assert not cycle.stable
         assert cycle.amplitude == pytest.approx(onset.amplitude(cycle.u), rel=0.05)
 
 
 def test_an_aspirating_pipe_without_damping_has_the_cycle_that_damped_ones_tend_to():
     def chain(damping):
-        return pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=1.0, damping=damping), 6)
+        return pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=1.0, damping=damping), 6)
 
-    near, nearer = (pd.limit_cycle(chain(damping), 0.1) for damping in (2e-3, 1e-3))
-    cycle = pd.limit_cycle(chain(0.0), 0.1, nearer)
+    near, nearer = (pp.limit_cycle(chain(damping), 0.1) for damping in (2e-3, 1e-3))
+    cycle = pp.limit_cycle(chain(0.0), 0.1, nearer)
     assert cycle.frequency == pytest.approx(3.516, rel=0.05)  # about the beam's first mode
     ratio = (near.amplitude - cycle.amplitude) / (nearer.amplitude - cycle.amplitude)
     assert ratio == pytest.approx(2.0, rel=0.05)
@@ -344,14 +344,14 @@ def test_an_aspirating_pipe_without_damping_has_the_cycle_that_damped_ones_tend_
 
 
 def test_drag_alone_bounds_the_motion_of_an_aspirating_chain():
-    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.2, flow="aspirating", drag=1.0), 20), 0.1)
+    cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=1.0), 20), 0.1)
     assert "followed from a damped pipe" in cycle.method
     assert cycle.multiplier_error < 1e-6
     assert 1e-3 < cycle.amplitude < 0.3
 
 
 def test_a_cycle_beside_bent_equilibria_is_found():
-    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.5, gamma=-30.0), 2), 4.5)
+    cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.5, gamma=-30.0), 2), 4.5)
     assert cycle.stable
     assert cycle.amplitude > 0.5
 
@@ -362,16 +362,16 @@ def test_a_cycle_beside_bent_equilibria_is_found():
 @pytest.mark.parametrize(
     ("model", "u"),
     [
-        (pd.Chain(ASPIRATING, 20), 0.08),
-        (pd.Galerkin(ASPIRATING, 8, "legendre"), 0.3),
-        (pd.Chain(pd.Pipe(0.2, drag=2.0), 20), 8.0),
-        (pd.Chain(pd.Pipe(0.8, drag=2.0, damping=0.01), 3), 8.12),
-        (pd.Chain(pd.Pipe(0.2, damping=0.01), 3), 14.29),
+        (pp.Chain(ASPIRATING, 20), 0.08),
+        (pp.Galerkin(ASPIRATING, 8, "legendre"), 0.3),
+        (pp.Chain(pp.Pipe(0.2, drag=2.0), 20), 8.0),
+        (pp.Chain(pp.Pipe(0.8, drag=2.0, damping=0.01), 3), 8.12),
+        (pp.Chain(pp.Pipe(0.2, damping=0.01), 3), 14.29),
     ],
     ids=["stiff", "stiff, far", "kinks", "many kinks", "large multipliers"],
 )
 def test_large_and_stiff_cycles_are_known_to_the_tolerance(model, u):
-    cycle = pd.limit_cycle(model, u, samples=4097)
+    cycle = pp.limit_cycle(model, u, samples=4097)
     assert cycle.error < 1e-6
     assert cycle.multiplier_error < 1e-6
     power = model.power(cycle.y[:, :-1], u)
@@ -379,8 +379,8 @@ def test_large_and_stiff_cycles_are_known_to_the_tolerance(model, u):
 
 
 def test_a_stiff_cycle_closes_under_another_method():
-    model, u = pd.Chain(ASPIRATING, 6), 0.12
-    cycle = pd.limit_cycle(model, u)
+    model, u = pp.Chain(ASPIRATING, 6), 0.12
+    cycle = pp.limit_cycle(model, u)
 
     def rates(t, y):
         return model.rhs(t, y, u)
@@ -395,15 +395,15 @@ def test_a_stiff_cycle_closes_under_another_method():
 
 
 def test_the_trivial_multiplier_survives_one_of_ten_million():
-    cycle = pd.limit_cycle(pd.Chain(pd.Pipe(0.2, damping=0.01), 3), 14.29)
+    cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2, damping=0.01), 3), 14.29)
     assert abs(cycle.multipliers[0]) > 1e6
     assert np.abs(cycle.multipliers - 1.0).min() < 1e-9
 
 
 def test_multipliers_multiply_to_what_the_divergence_tells():
     # Liouville: the determinant is exp of the integral of the Jacobian's trace.
-    model, u = pd.Chain(pd.Pipe(0.3, damping=1e-3), 3), 6.5
-    cycle = pd.limit_cycle(model, u)
+    model, u = pp.Chain(pp.Pipe(0.3, damping=1e-3), 3), 6.5
+    cycle = pp.limit_cycle(model, u)
     traces = [np.trace(model.jacobian(0.0, y, u)) for y in cycle.y[:, :-1].T]
     told = np.log(np.abs(cycle.multipliers)).sum()
     assert told == pytest.approx(cycle.period * np.mean(traces), rel=1e-6)
@@ -414,52 +414,52 @@ def test_multipliers_multiply_to_what_the_divergence_tells():
 
 def test_what_is_no_start_is_told_what_starts_there_are():
     with pytest.raises(TypeError, match="start must be a LimitCycle, a Hopf, a Motion, an angle"):
-        pd.limit_cycle(ROM, 6.0, "hopf")
+        pp.limit_cycle(ROM, 6.0, "hopf")
     with pytest.raises(ValueError, match="start must have 8 entries, or for a state twice as many"):
-        pd.limit_cycle(ROM, 6.0, np.zeros(5))
+        pp.limit_cycle(ROM, 6.0, np.zeros(5))
     with pytest.raises(TypeError, match=r"q0 must be an angle theta\(s\) or coordinates, got Hopf"):
-        pd.simulate(ROM, 6.0, 1.0, pd.hopf(ROM))
+        pp.simulate(ROM, 6.0, 1.0, pp.hopf(ROM))
 
 
 def test_where_there_is_no_cycle_an_exception_says_why(known, monkeypatch):
-    with pytest.raises(pd.NoCycle, match=r"rests stably at u = 5\.3: flutter sets in") as caught:
-        pd.limit_cycle(ROM, 5.3)
+    with pytest.raises(pp.NoCycle, match=r"rests stably at u = 5\.3: flutter sets in") as caught:
+        pp.limit_cycle(ROM, 5.3)
     assert caught.value.u == 5.3
     assert pickle.loads(pickle.dumps(caught.value)).u == 5.3
-    with pytest.raises(pd.NoCycle, match="from that start: it shrank to rest"):
-        pd.limit_cycle(ROM, 5.3, known)
-    with pytest.raises(pd.NoCycle, match="the motion ends in rest"):
-        pd.limit_cycle(ROM, 5.0, np.concatenate([ROM.bent(bow), np.zeros(8)]))
-    with pytest.raises(pd.NoCycle, match="ends in a bent pipe at rest"):
-        pd.limit_cycle(pd.Chain(pd.Pipe(0.2, gamma=-20.0, damping=0.01), 3), 1.0)
-    with pytest.raises(pd.NoCycle, match="comes back to no state"):
-        pd.limit_cycle(ROM, 6.0, pd.simulate(ROM, 6.0, 0.2, bow))
-    with pytest.raises(pd.NoCycle, match="no cycle attracts"):
-        pd.limit_cycle(pd.Chain(pd.Pipe(0.0), 3), 6.0)
-    monkeypatch.setattr("pipedyn.cycles.PATIENT", 1)
-    with pytest.raises(pd.NoCycle, match="from there"):
-        pd.limit_cycle(pd.Chain(pd.Pipe(0.2, flow="aspirating"), 3), 0.3)
+    with pytest.raises(pp.NoCycle, match="from that start: it shrank to rest"):
+        pp.limit_cycle(ROM, 5.3, known)
+    with pytest.raises(pp.NoCycle, match="the motion ends in rest"):
+        pp.limit_cycle(ROM, 5.0, np.concatenate([ROM.bent(bow), np.zeros(8)]))
+    with pytest.raises(pp.NoCycle, match="ends in a bent pipe at rest"):
+        pp.limit_cycle(pp.Chain(pp.Pipe(0.2, gamma=-20.0, damping=0.01), 3), 1.0)
+    with pytest.raises(pp.NoCycle, match="comes back to no state"):
+        pp.limit_cycle(ROM, 6.0, pp.simulate(ROM, 6.0, 0.2, bow))
+    with pytest.raises(pp.NoCycle, match="no cycle attracts"):
+        pp.limit_cycle(pp.Chain(pp.Pipe(0.0), 3), 6.0)
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.PATIENT", 1)
+    with pytest.raises(pp.NoCycle, match="from there"):
+        pp.limit_cycle(pp.Chain(pp.Pipe(0.2, flow="aspirating"), 3), 0.3)
 
 
 @pytest.mark.parametrize(
     ("call", "name"),
     [
-        (lambda: pd.limit_cycle(pd.Continuum(PIPE), 6.0), "model"),
-        (lambda: pd.limit_cycle("chain", 6.0), "model"),
-        (lambda: pd.limit_cycle(pd.Chain(PIPE, 101), 6.0), "model"),
-        (lambda: pd.limit_cycle(ROM, 0.0), "u"),
-        (lambda: pd.limit_cycle(ROM, -1.0), "u"),
-        (lambda: pd.limit_cycle(ROM, np.nan), "u"),
-        (lambda: pd.limit_cycle(ROM, [6.0]), "u"),
-        (lambda: pd.limit_cycle(ROM, 6.0, rtol=0.0), "rtol"),
-        (lambda: pd.limit_cycle(ROM, 6.0, rtol=1e-14), "rtol"),
-        (lambda: pd.limit_cycle(ROM, 6.0, samples=3), "samples"),
-        (lambda: pd.limit_cycle(ROM, 6.0, samples=True), "samples"),
-        (lambda: pd.limit_cycle(ROM, 6.0, np.zeros(5)), "start"),
-        (lambda: pd.limit_cycle(ROM, 6.0, np.full(16, np.nan)), "start"),
-        (lambda: pd.limit_cycle(ROM, 6.0, "hopf"), "start"),
-        (lambda: pd.limit_cycle(ROM, 6.0, pd.simulate(pd.Chain(PIPE, 3), 6.0, 1.0, bow)), "start"),
-        (lambda: pd.limit_cycle(ROM, 6.0, pd.limit_cycle(pd.Chain(PIPE, 3), 6.0)), "start"),
+        (lambda: pp.limit_cycle(pp.Continuum(PIPE), 6.0), "model"),
+        (lambda: pp.limit_cycle("chain", 6.0), "model"),
+        (lambda: pp.limit_cycle(pp.Chain(PIPE, 101), 6.0), "model"),
+        (lambda: pp.limit_cycle(ROM, 0.0), "u"),
+        (lambda: pp.limit_cycle(ROM, -1.0), "u"),
+        (lambda: pp.limit_cycle(ROM, np.nan), "u"),
+        (lambda: pp.limit_cycle(ROM, [6.0]), "u"),
+        (lambda: pp.limit_cycle(ROM, 6.0, rtol=0.0), "rtol"),
+        (lambda: pp.limit_cycle(ROM, 6.0, rtol=1e-14), "rtol"),
+        (lambda: pp.limit_cycle(ROM, 6.0, samples=3), "samples"),
+        (lambda: pp.limit_cycle(ROM, 6.0, samples=True), "samples"),
+        (lambda: pp.limit_cycle(ROM, 6.0, np.zeros(5)), "start"),
+        (lambda: pp.limit_cycle(ROM, 6.0, np.full(16, np.nan)), "start"),
+        (lambda: pp.limit_cycle(ROM, 6.0, "hopf"), "start"),
+        (lambda: pp.limit_cycle(ROM, 6.0, pp.simulate(pp.Chain(PIPE, 3), 6.0, 1.0, bow)), "start"),
+        (lambda: pp.limit_cycle(ROM, 6.0, pp.limit_cycle(pp.Chain(PIPE, 3), 6.0)), "start"),
     ],
 )
 def test_a_bad_argument_is_refused_by_name(call, name):
@@ -477,17 +477,17 @@ def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
         right[0, 0] = pivot
         return np.eye(motion.size), right
 
-    monkeypatch.setattr("pipedyn.floquet.through", torn)
-    with pytest.raises(pd.NotConverged, match="fails its check: its Floquet multipliers left"):
-        pd.limit_cycle(pd.Chain(pd.Pipe(0.2), 4), 6.5)
+    monkeypatch.setattr("pipedyn.bifurcation.floquet.through", torn)
+    with pytest.raises(pp.NotConverged, match="fails its check: its Floquet multipliers left"):
+        pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.5)
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
 def test_panels_are_not_halved_for_roughness_that_is_rounding(damping):
     """The cycle needs 64 panels of 8 stages for ten digits; rounding would ask for a thousand."""
-    pipe = pd.Pipe(0.2, damping=damping)
-    sharp = pd.limit_cycle(pd.Galerkin(pipe, 14, "legendre"), 6.0, rtol=1e-10)
+    pipe = pp.Pipe(0.2, damping=damping)
+    sharp = pp.limit_cycle(pp.Galerkin(pipe, 14, "legendre"), 6.0, rtol=1e-10)
     assert sharp.error <= 1e-10
     assert sharp.phases < 1500
-    loose = pd.limit_cycle(pd.Galerkin(pipe, 14, "legendre"), 6.0, rtol=1e-6)
+    loose = pp.limit_cycle(pp.Galerkin(pipe, 14, "legendre"), 6.0, rtol=1e-6)
     assert sharp.amplitude == pytest.approx(loose.amplitude, rel=1e-9)

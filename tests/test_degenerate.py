@@ -10,8 +10,7 @@ import pytest
 from independent import collocation_eigenvalues
 from scipy.optimize import brentq
 
-import pipedyn as pd
-from pipedyn import spectrum
+import pipedyn as pp
 
 
 def unstable_in_many_digits(chain, u, digits=50):
@@ -73,8 +72,8 @@ FLOWS = [
 @pytest.mark.parametrize("flow", FLOWS, ids=str)
 @pytest.mark.parametrize("springs", FREE, ids=str)
 def test_crossings_of_a_chain_with_a_free_joint_account_for_every_unstable_root(springs, flow):
-    chain = pd.Chain(pd.Pipe(**flow), springs=np.array(springs, dtype=float))
-    found = pd.crossings(chain, 6.0)
+    chain = pp.Chain(pp.Pipe(**flow), springs=np.array(springs, dtype=float))
+    found = pp.crossings(chain, 6.0)
     ends = np.unique([0.0, *(crossing.speed for crossing in found), 6.0])
     for low, high in itertools.pairwise(ends):
         u = 0.5 * (low + high)
@@ -88,7 +87,7 @@ def test_a_chain_diverges_at_its_free_joint_where_the_flow_no_longer_damps_it():
     for spring in (1.0, 3.0):
         first = next(
             crossing
-            for crossing in pd.crossings(pd.Chain(pd.Pipe(0.3), springs=[spring, 0.0]), 4.0)
+            for crossing in pp.crossings(pp.Chain(pp.Pipe(0.3), springs=[spring, 0.0]), 4.0)
             if crossing.kind == "divergence"
         )
         assert first.speed == pytest.approx(np.sqrt(2.0 * spring), rel=1e-13)
@@ -99,10 +98,10 @@ def test_a_chain_diverges_at_its_free_joint_where_the_flow_no_longer_damps_it():
 def test_a_long_chain_with_a_free_joint_is_solved_alike_by_bands_and_dense(monkeypatch):
     springs = np.full(66, 66.0)
     springs[33] = 0.0
-    chain = pd.Chain(pd.Pipe(0.2), springs=springs)
-    by_bands = pd.crossings(chain, 6.0)
-    monkeypatch.setattr(spectrum, "DENSE_CHAIN", 100)
-    dense = pd.crossings(chain, 6.0)
+    chain = pp.Chain(pp.Pipe(0.2), springs=springs)
+    by_bands = pp.crossings(chain, 6.0)
+    monkeypatch.setattr("pipedyn.linear.eigensolver.DENSE_CHAIN", 100)
+    dense = pp.crossings(chain, 6.0)
     assert [crossing.kind for crossing in by_bands] == ["flutter", "divergence"]
     for a, b in zip(by_bands, dense, strict=True):
         assert a.speed == pytest.approx(b.speed, rel=1e-11)
@@ -113,8 +112,8 @@ def test_sensitivity_of_a_flutter_beside_a_standing_zero_meets_differences():
     springs = np.array([4.0, 0.0, 5.0])
 
     def flutter(beta, first):
-        chain = pd.Chain(pd.Pipe(beta), springs=[first, *springs[1:]])
-        return next(c for c in pd.crossings(chain, 4.0) if c.kind == "flutter")
+        chain = pp.Chain(pp.Pipe(beta), springs=[first, *springs[1:]])
+        return next(c for c in pp.crossings(chain, 4.0) if c.kind == "flutter")
 
     by = flutter(0.1, 4.0).sensitivity.speed
     h = 1e-4
@@ -129,12 +128,12 @@ def test_sensitivity_of_a_flutter_beside_a_standing_zero_meets_differences():
 @pytest.mark.parametrize(("beta", "gamma"), [(0.01, -51.9), (0.02, -55.0), (1e-6, -50.0)])
 def test_a_divergence_beside_a_meeting_is_known_to_rounding(beta, gamma):
     def divergence(gamma):
-        found = pd.crossings(pd.Continuum(pd.Pipe(beta, gamma)), 3.0)
+        found = pp.crossings(pp.Continuum(pp.Pipe(beta, gamma)), 3.0)
         return next(crossing for crossing in found if crossing.kind == "divergence")
 
     found = divergence(gamma)
     assert found.error < 1e-10 * found.speed
-    pipe = pd.Pipe(beta, gamma)
+    pipe = pp.Pipe(beta, gamma)
 
     def determinant(u):  # of the strong form: the product of its roots, of no more than 2e15 or so
         lowest = collocation_eigenvalues(pipe, u)
@@ -150,7 +149,7 @@ def test_a_divergence_beside_a_meeting_is_known_to_rounding(beta, gamma):
 
 @pytest.mark.parametrize("beta", [1e-9, 4.1e-10, 3.9e-10, 1e-14, 1e-20, 1e-300, 5e-324])
 def test_the_critical_speed_tends_to_4_190241_as_fluid_mass_vanishes(beta):
-    found = pd.critical_speed(pd.Continuum(pd.Pipe(beta)))
+    found = pp.critical_speed(pp.Continuum(pp.Pipe(beta)))
     assert found.speed == pytest.approx(4.190241 + 4.68 * beta, abs=5e-7)
     assert found.frequency == pytest.approx(14.63273, abs=5e-6)
     assert found.error < 2e-9
@@ -177,9 +176,9 @@ def first_order_onset(ops, low, high):
 
 @pytest.mark.parametrize("delta", [2.1e-5, 1.9e-5, 1e-8, 1e-12, 1e-300])
 def test_the_faintest_damping_destabilises_becks_column_at_a_limit(delta):
-    model = pd.Galerkin(pd.Pipe(0.0, damping=delta), 10, "legendre")
-    found = pd.critical_speed(model)
-    unit = pd.Galerkin(pd.Pipe(0.0, damping=1.0), 10, "legendre").operators()
+    model = pp.Galerkin(pp.Pipe(0.0, damping=delta), 10, "legendre")
+    found = pp.critical_speed(model)
+    unit = pp.Galerkin(pp.Pipe(0.0, damping=1.0), 10, "legendre").operators()
     limit = first_order_onset(unit, 2.5, 4.0)
     assert found.speed == pytest.approx(limit + 41.2 * delta**2, abs=1e-9)
     assert found.sensitivity.speed.damping == pytest.approx(82.4 * delta, rel=0.2)
@@ -189,13 +188,13 @@ def test_the_faintest_damping_destabilises_becks_column_at_a_limit(delta):
 
 @pytest.mark.parametrize("name", ["beta", "damping", "gamma"])
 def test_sensitivity_of_faint_forces_meets_differences(name):
-    pipe = pd.Pipe(1e-12, damping=1e-7)
+    pipe = pp.Pipe(1e-12, damping=1e-7)
     value = getattr(pipe, name)
     step = 1e-3 * (value or 1.0)
 
     def moved(by):
         other = dataclasses.replace(pipe, **{name: value + by})
-        return pd.critical_speed(pd.Chain(other, 5))
+        return pp.critical_speed(pp.Chain(other, 5))
 
     difference = (moved(step).speed - moved(-step).speed) / (2.0 * step)
     of_frequency = (moved(step).frequency - moved(-step).frequency) / (2.0 * step)
@@ -205,8 +204,8 @@ def test_sensitivity_of_faint_forces_meets_differences(name):
 
 
 def test_all_crossings_of_the_faintest_flow_have_a_limit():
-    faint = pd.crossings(pd.Continuum(pd.Pipe(1e-20)), 15.0)
-    small = pd.crossings(pd.Continuum(pd.Pipe(1e-8)), 15.0)
+    faint = pp.crossings(pp.Continuum(pp.Pipe(1e-20)), 15.0)
+    small = pp.crossings(pp.Continuum(pp.Pipe(1e-8)), 15.0)
     assert len(faint) == len(small) == 2
     for a, b in zip(faint, small, strict=True):
         assert a.kind == b.kind == "flutter"
@@ -216,25 +215,25 @@ def test_all_crossings_of_the_faintest_flow_have_a_limit():
 @pytest.mark.parametrize(
     "pipe",
     [
-        pd.Pipe(0.0, flow="aspirating", alpha=0.0, damping=1e-3),
-        pd.Pipe(0.0, gamma=-20.0, flow="aspirating", alpha=0.0),
+        pp.Pipe(0.0, flow="aspirating", alpha=0.0, damping=1e-3),
+        pp.Pipe(0.0, gamma=-20.0, flow="aspirating", alpha=0.0),
     ],
     ids=["damped", "buckled"],
 )
 @pytest.mark.parametrize(
-    "make", [pd.Continuum, lambda pipe: pd.Chain(pipe, 200)], ids=["Continuum", "Chain"]
+    "make", [pp.Continuum, lambda pipe: pp.Chain(pipe, 200)], ids=["Continuum", "Chain"]
 )
 def test_a_flow_that_acts_on_nothing_moves_nothing(pipe, make):
-    assert pd.crossings(make(pipe), 500.0) == ()
-    with pytest.raises(pd.NoCrossing, match="100"):
-        pd.critical_speed(make(pipe))
+    assert pp.crossings(make(pipe), 500.0) == ()
+    with pytest.raises(pp.NoCrossing, match="100"):
+        pp.critical_speed(make(pipe))
 
 
 def test_a_pipe_of_treacle_flutters_late():
     # Every mode overdamped; rounding, not the basis, limits the speed, and the error says so. It
     # is an estimate of rounding: the order of a sum moves it by a factor of four.
-    found = pd.critical_speed(pd.Continuum(pd.Pipe(0.0, damping=10.0)))
-    finer = pd.crossings(pd.Continuum(pd.Pipe(0.0, damping=10.0)).frozen(80), 42.0)
+    found = pp.critical_speed(pp.Continuum(pp.Pipe(0.0, damping=10.0)))
+    finer = pp.crossings(pp.Continuum(pp.Pipe(0.0, damping=10.0)).frozen(80), 42.0)
     assert found.speed == pytest.approx(finer[0].speed, abs=found.error)
     assert found.error < 1e-4 * found.speed
 
@@ -243,8 +242,8 @@ def test_a_pipe_of_treacle_flutters_late():
     ("chain", "max_speed", "due"),
     [
         (
-            pd.Chain(
-                pd.Pipe(0.2, -5.0, damping=1.0),
+            pp.Chain(
+                pp.Pipe(0.2, -5.0, damping=1.0),
                 lengths=[
                     *(0.18335150926617733, 0.2098036945910874, 0.11030613696111356),
                     *(0.15551986978196283, 0.1655111893993469, 0.11682359608997496),
@@ -260,8 +259,8 @@ def test_a_pipe_of_treacle_flutters_late():
             2,
         ),
         (
-            pd.Chain(
-                pd.Pipe(0.332412239275, -6.25933663554, damping=1.0),
+            pp.Chain(
+                pp.Pipe(0.332412239275, -6.25933663554, damping=1.0),
                 lengths=[0.18369, 0.13615, 0.27816, 0.05949, 0.09151, 0.251],
                 springs=[5.81727, 0.0, 4.84922, 7.3024377, 0.0, 2.20481],
             ),
@@ -279,7 +278,7 @@ def test_every_divergence_is_a_zero_of_the_determinant_and_none_is_told_twice(
     signs = np.sign(np.linalg.det(np.stack([ops.at(u)[2] for u in speeds])))
     zeros = speeds[:-1][signs[1:] != signs[:-1]]
     assert len(zeros) >= due
-    found = [c.speed for c in pd.crossings(chain, max_speed) if c.kind == "divergence"]
+    found = [c.speed for c in pp.crossings(chain, max_speed) if c.kind == "divergence"]
     assert found == pytest.approx(zeros, abs=1.01 * max_speed / 20000)
 
 
@@ -287,7 +286,7 @@ def test_every_divergence_is_a_zero_of_the_determinant_and_none_is_told_twice(
 @pytest.mark.parametrize("damping", [1.0, 100.0, 1e4])
 def test_damping_does_not_move_a_divergence_however_slow_it_makes_it(gamma, damping):
     def divergences(damping):
-        found = pd.crossings(pd.Continuum(pd.Pipe(0.2, gamma, damping=damping)), 4.0)
+        found = pp.crossings(pp.Continuum(pp.Pipe(0.2, gamma, damping=damping)), 4.0)
         return [c.speed for c in found if c.kind == "divergence"]
 
     assert divergences(damping) == pytest.approx(divergences(0.0), rel=1e-10)

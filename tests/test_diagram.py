@@ -9,14 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-import pipedyn as pd
-from pipedyn import diagram as module
-from pipedyn import sections
-from pipedyn.sections import ending_of, turning_points
+import pipedyn as pp
+from pipedyn.bifurcation import brute_force
+from pipedyn.bifurcation import diagram as module
+from pipedyn.bifurcation.brute_force import ending_of, turning_points
 
-TWO = pd.Chain(pd.Pipe(0.2, -20.0), 2)
+TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
-DIAGRAM = pd.bifurcation_diagram(
+DIAGRAM = pp.bifurcation_diagram(
     TWO, SPEEDS, cycles=0, brute_force=4, transient=40.0, duration=10.0
 )
 
@@ -35,7 +35,7 @@ def test_equilibria_of_all_speeds_are_on_the_branches_each_once():
 
 def test_motions_end_on_stable_equilibria_where_there_are_some():
     for u in (0.5, 1.0, 2.0, 3.0):
-        found = pd.equilibria(TWO, u)
+        found = pp.equilibria(TWO, u)
         stable = found.tips[found.stable, 0]
         ended = DIAGRAM.at(u)
         assert [one.start for one in ended] == [0, 1, 2, 3]
@@ -47,14 +47,14 @@ def test_motions_end_on_stable_equilibria_where_there_are_some():
 def test_motions_end_on_a_cycle_beyond_the_fold():
     for one in DIAGRAM.at(5.0):
         assert (one.ending, one.period) == ("periodic", 3)  # two loops beside each swing
-    motion = pd.simulate(TWO, 5.0, 60.0, lambda s: 0.3 * s, samples=30_001, rtol=1e-9)
+    motion = pp.simulate(TWO, 5.0, 60.0, lambda s: 0.3 * s, samples=30_001, rtol=1e-9)
     largest = np.abs(motion.tip[-5000:, 0]).max()
     assert DIAGRAM.at(5.0)[0].turnings.max() == pytest.approx(largest, abs=1e-4)
 
 
 def test_batches_on_an_executor_give_the_same_diagram(capsys):
     with ThreadPoolExecutor(2) as executor:
-        again = pd.bifurcation_diagram(
+        again = pp.bifurcation_diagram(
             *(TWO, SPEEDS),
             cycles=0,
             brute_force=4,
@@ -74,21 +74,21 @@ def test_diagram_pickles():
 
 
 def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
-    real_equilibria, real_many = module.equilibria, sections.simulate_many
+    real_equilibria, real_many = module.equilibria, brute_force.simulate_many
 
     def none_at_rest(model, u):
         if u == 0.5:
-            raise pd.NotConverged("none here")
+            raise pp.NotConverged("none here")
         return real_equilibria(model, u)
 
     def one_stops(*args, **options):
         done = real_many(*args, **options)
-        error = pd.MotionStopped("it stopped", done.motions[3])
-        return pd.Ensemble(done.motions, (pd.MemberFailure(3, error),))
+        error = pp.MotionStopped("it stopped", done.motions[3])
+        return pp.Ensemble(done.motions, (pp.MemberFailure(3, error),))
 
     monkeypatch.setattr(module, "equilibria", none_at_rest)
-    monkeypatch.setattr(sections, "simulate_many", one_stops)
-    found = pd.bifurcation_diagram(
+    monkeypatch.setattr(brute_force, "simulate_many", one_stops)
+    found = pp.bifurcation_diagram(
         TWO, [0.5, 2.0, 5.0], cycles=0, brute_force=2, transient=5.0, duration=2.0
     )
     assert [(failure.index, failure.value) for failure in found.failures] == [(0, 0.5), (1, 2.0)]
@@ -98,8 +98,8 @@ def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
 
 def test_irregular_motions_are_asked_for_their_exponent():
     # Conservative at rest: two frequencies without a common period.
-    found = pd.bifurcation_diagram(
-        pd.Chain(pd.Pipe(0.2, 5.0), 2),
+    found = pp.bifurcation_diagram(
+        pp.Chain(pp.Pipe(0.2, 5.0), 2),
         [0.0, 0.1],
         cycles=0,
         brute_force=2,
@@ -114,8 +114,8 @@ def test_irregular_motions_are_asked_for_their_exponent():
 
 
 def test_starts_of_guided_scenes_meet_the_guide():
-    scene = pd.modular.chain(pd.Pipe(0.2, damping=0.05), n=3).plus(pd.modular.Guide(node=3))
-    for q in sections.bends(scene, 5, 1):
+    scene = pp.modular.chain(pp.Pipe(0.2, damping=0.05), n=3).plus(pp.modular.Guide(node=3))
+    for q in brute_force.bends(scene, 5, 1):
         assert abs(scene.tips(q[:, None])[0, 0]) < 1e-9
 
 
@@ -153,7 +153,7 @@ def test_kinds_of_late_motion_are_told_apart(signal, expected):
         ({"speeds": [-1.0, 1.0]}, ValueError, "speeds must"),
         ({"cycles": 1.0}, TypeError, "cycles must be a whole number"),
         ({"cycles": -1}, ValueError, "cycles must be from 0 to 10000"),
-        ({"model": pd.Chain(pd.Pipe(0.2), 101)}, ValueError, "cycles must be 0 for more than 100"),
+        ({"model": pp.Chain(pp.Pipe(0.2), 101)}, ValueError, "cycles must be 0 for more than 100"),
         ({"brute_force": 1.0}, TypeError, "brute_force must be a whole number"),
         ({"brute_force": 10_001}, ValueError, "brute_force must be from 0 to 10000"),
         ({"transient": -1.0}, ValueError, "transient must"),
@@ -168,22 +168,22 @@ def test_kinds_of_late_motion_are_told_apart(signal, expected):
 def test_bad_arguments_are_refused_by_name(change, kind, message):
     given = {"model": TWO, "speeds": [0.0, 1.0], **change}
     with pytest.raises(kind, match=re.escape(message)):
-        pd.bifurcation_diagram(given.pop("model"), given.pop("speeds"), **given)
+        pp.bifurcation_diagram(given.pop("model"), given.pop("speeds"), **given)
 
 
 @pytest.mark.parametrize("u", [math.nan, -1.0, "fast", None, [1.0]])
 def test_motions_at_no_speed_are_not_told(u):
-    diagram = pd.bifurcation_diagram(TWO, [0.0, 1.0], cycles=0)
+    diagram = pp.bifurcation_diagram(TWO, [0.0, 1.0], cycles=0)
     with pytest.raises((ValueError, TypeError), match=r"\bu must"):
         diagram.at(u)
 
 
 def test_too_long_a_record_is_refused():
-    chain = pd.Chain(pd.Pipe(0.2), 200)
+    chain = pp.Chain(pp.Pipe(0.2), 200)
     with pytest.raises(ValueError, match="duration must ask for at most 100000000 numbers"):
-        pd.bifurcation_diagram(chain, [0.0, 1.0], cycles=0, brute_force=1, duration=1e4)
+        pp.bifurcation_diagram(chain, [0.0, 1.0], cycles=0, brute_force=1, duration=1e4)
 
 
 def test_too_many_motions_are_refused():
     with pytest.raises(ValueError, match="at most 100000 motions"):
-        pd.bifurcation_diagram(TWO, np.linspace(0.0, 1.0, 11), brute_force=10_000)
+        pp.bifurcation_diagram(TWO, np.linspace(0.0, 1.0, 11), brute_force=10_000)

@@ -8,28 +8,35 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from independent import chain_crossing, chain_newton_step, companion_eigenvalues, distances
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import modular
-from pipedyn.spectrum import BandPencil, DensePencil, Eigenpairs, Pencil, lowest, pencil_of
+from pipedyn.linear.eigensolver import (
+    BandPencil,
+    DensePencil,
+    Eigenpairs,
+    Pencil,
+    lowest,
+    pencil_of,
+)
 
 PIPES = [
-    pd.Pipe(0.2),
-    pd.Pipe(0.6, gamma=15.0, damping=1e-3),
-    pd.Pipe(0.4, gamma=-5.0, flow="aspirating", alpha=0.7, damping=2e-4),
-    pd.Pipe(0.0, gamma=2.0),
+    pp.Pipe(0.2),
+    pp.Pipe(0.6, gamma=15.0, damping=1e-3),
+    pp.Pipe(0.4, gamma=-5.0, flow="aspirating", alpha=0.7, damping=2e-4),
+    pp.Pipe(0.0, gamma=2.0),
 ]
 
 
 def every_model(pipe):
     n = np.arange(1.0, 6.0)
     return [
-        pd.Chain(pipe, 1),
-        pd.Chain(pipe, 6),
-        pd.Chain(pipe, 6, springs="midpoint"),
-        pd.Chain(pipe, 6, springs="rayleigh"),
-        pd.Chain(pipe, lengths=n / n.sum(), springs=5.0 * n),
-        pd.Galerkin(pipe, 6, "beam"),
-        pd.Galerkin(pipe, 6, "legendre"),
+        pp.Chain(pipe, 1),
+        pp.Chain(pipe, 6),
+        pp.Chain(pipe, 6, springs="midpoint"),
+        pp.Chain(pipe, 6, springs="rayleigh"),
+        pp.Chain(pipe, lengths=n / n.sum(), springs=5.0 * n),
+        pp.Galerkin(pipe, 6, "beam"),
+        pp.Galerkin(pipe, 6, "legendre"),
     ]
 
 
@@ -40,7 +47,7 @@ def every_model(pipe):
 @pytest.mark.parametrize("pipe", PIPES, ids=repr)
 def test_every_model_has_the_eigenvalues_of_its_matrices(pipe, u):
     for model in every_model(pipe):
-        found = pd.eigenvalues(model, u)
+        found = pp.eigenvalues(model, u)
         assert found.shape == (2 * model.dof,)
         reference = companion_eigenvalues(*model.operators().at(u))
         assert distances(found, reference).max() < 1e-7
@@ -72,31 +79,31 @@ def in_order(values):
 def test_eigenvalues_are_sorted_and_conjugates_stand_side_by_side(pipe, which, u, count):
     model = every_model(pipe)[which]
     count = min(count, 2 * model.dof)
-    all_of_them = pd.eigenvalues(model, u)
+    all_of_them = pp.eigenvalues(model, u)
     in_order(all_of_them)
-    few = pd.eigenvalues(model, u, count)
+    few = pp.eigenvalues(model, u, count)
     assert few.shape == (count,)
     np.testing.assert_allclose(few, all_of_them[:count], atol=1e-9 * (1 + np.abs(few[-1])))
 
 
 def test_a_long_chains_eigenvalues_are_sorted_too():
     for count in (1, 2, 5, 30):
-        in_order(pd.eigenvalues(pd.Chain(pd.Pipe(0.2), 300), 8.0, count))
+        in_order(pp.eigenvalues(pp.Chain(pp.Pipe(0.2), 300), 8.0, count))
 
 
 @pytest.mark.parametrize(
-    "pipe", [pd.Pipe(0.2), pd.Pipe(0.9, gamma=4.0), pd.Pipe(0.5, flow="aspirating", alpha=0.5)]
+    "pipe", [pp.Pipe(0.2), pp.Pipe(0.9, gamma=4.0), pp.Pipe(0.5, flow="aspirating", alpha=0.5)]
 )
 def test_without_damping_rest_is_conservative(pipe):
     """At u = 0 every eigenvalue lies on the imaginary axis, exactly."""
-    for model in [*every_model(pipe), pd.Chain(pipe, 200)]:
-        assert not pd.eigenvalues(model, 0.0, min(2 * model.dof, 12)).real.any()
+    for model in [*every_model(pipe), pp.Chain(pipe, 200)]:
+        assert not pp.eigenvalues(model, 0.0, min(2 * model.dof, 12)).real.any()
 
 
 def test_a_cantilever_at_rest_has_its_textbook_frequencies():
     """Roots of cos k cosh k = -1: 1.8751041, 4.6940911, 7.8547574, 10.9955407, squared."""
     roots = np.array([1.87510407, 4.69409113, 7.85475744, 10.99554073])
-    found = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), 0.0, 8)[::2]
+    found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), 0.0, 8)[::2]
     np.testing.assert_allclose(found, 1j * roots**2, rtol=3e-9)
 
 
@@ -106,7 +113,7 @@ def test_a_cantilever_at_rest_has_its_textbook_frequencies():
 @pytest.mark.parametrize("rule", ["consistent", "midpoint", "rayleigh"])
 @pytest.mark.parametrize("pipe", PIPES, ids=repr)
 def test_the_sweep_route_meets_the_dense_route(pipe, rule):
-    chain = pd.Chain(pipe, 90, springs=rule)
+    chain = pp.Chain(pipe, 90, springs=rule)
     for u in (0.0, 4.0, 8.0):
         band, dense = (lowest(kind(chain), u, 12) for kind in (BandPencil, DensePencil))
         assert band.converged.all()
@@ -119,8 +126,8 @@ def test_the_sweep_route_meets_the_dense_route(pipe, rule):
 )
 def test_800_segments_have_their_own_exact_spectrum_to_nine_digits(pipe, u):
     """Newton's correction by shooting along the chain with 30 digits."""
-    chain = pd.Chain(pipe, 800)
-    for value in pd.eigenvalues(chain, u, 4)[::2]:
+    chain = pp.Chain(pipe, 800)
+    for value in pp.eigenvalues(chain, u, 4)[::2]:
         assert abs(chain_newton_step(chain, value, u)) < 1e-9 * abs(value)
 
 
@@ -129,23 +136,23 @@ def test_chains_of_the_users_own_have_their_exact_spectrum_too():
     n = 120
     k = np.arange(n)
     lengths = 1.0 + 0.5 * np.sin(k)
-    chain = pd.Chain(
-        pd.Pipe(0.3, gamma=4.0, damping=1e-4),
+    chain = pp.Chain(
+        pp.Pipe(0.3, gamma=4.0, damping=1e-4),
         lengths=0.9 * lengths / lengths.sum(),
         base=0.1,
         centers=0.5 + 0.3 * np.cos(k),
         gyration_radii=0.01 + 0.002 * np.sin(2 * k),
         springs=n * (1.0 + 0.5 * np.cos(3 * k)),
     )
-    for value in pd.eigenvalues(chain, 5.0, 8)[::2]:
+    for value in pp.eigenvalues(chain, 5.0, 8)[::2]:
         assert abs(chain_newton_step(chain, value, 5.0)) < 1e-10 * abs(value)
 
 
 def test_400_and_800_segments_extrapolate_to_the_continuous_pipe():
     """Second order, so (4 x fine - coarse) / 3; the rest is of fourth order."""
-    exact = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), 6.0, 8)
+    exact = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), 6.0, 8)
     coarser, coarse, fine = (
-        pd.eigenvalues(pd.Chain(pd.Pipe(0.2), n), 6.0, 8) for n in (200, 400, 800)
+        pp.eigenvalues(pp.Chain(pp.Pipe(0.2), n), 6.0, 8) for n in (200, 400, 800)
     )
     order = np.log2(np.abs(coarse - exact) / np.abs(fine - exact))
     np.testing.assert_allclose(order, 2.0, atol=1e-3)
@@ -156,15 +163,15 @@ def test_400_and_800_segments_extrapolate_to_the_continuous_pipe():
 
 
 def test_100000_segments_meet_the_continuous_pipe_to_six_digits():
-    found = pd.eigenvalues(pd.Chain(pd.Pipe(0.2), 100_000), 6.0, 8)
-    exact = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2)), 6.0, 8)
+    found = pp.eigenvalues(pp.Chain(pp.Pipe(0.2), 100_000), 6.0, 8)
+    exact = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), 6.0, 8)
     assert (np.abs(found / exact - 1.0) < 1e-6).all()
 
 
 def test_a_long_chain_answers_for_many_eigenvalues_as_for_few():
-    chain = pd.Chain(pd.Pipe(0.2), 150)
-    all_of_them = pd.eigenvalues(chain, 6.0)
-    np.testing.assert_allclose(pd.eigenvalues(chain, 6.0, 140), all_of_them[:140], rtol=1e-8)
+    chain = pp.Chain(pp.Pipe(0.2), 150)
+    all_of_them = pp.eigenvalues(chain, 6.0)
+    np.testing.assert_allclose(pp.eigenvalues(chain, 6.0, 140), all_of_them[:140], rtol=1e-8)
 
 
 # ---------------------------------------------------------------------- singular stiffness
@@ -173,8 +180,8 @@ def test_a_long_chain_answers_for_many_eigenvalues_as_for_few():
 @pytest.mark.parametrize("n", [3, 100])
 def test_without_any_spring_gravity_holds_the_chain(n):
     """A hanging chain of free joints swings like a rope: J0(2 omega sqrt(L / g)) = 0 as n grows."""
-    chain = pd.Chain(pd.Pipe(0.2, gamma=9.0), n, springs=np.zeros(n))
-    found = pd.eigenvalues(chain, 0.0, 4)
+    chain = pp.Chain(pp.Pipe(0.2, gamma=9.0), n, springs=np.zeros(n))
+    found = pp.eigenvalues(chain, 0.0, 4)
     reference = companion_eigenvalues(*chain.operators().at(0.0))
     assert distances(found, reference).max() < 1e-7
     if n == 100:
@@ -184,7 +191,7 @@ def test_without_any_spring_gravity_holds_the_chain(n):
 @pytest.mark.parametrize(("n", "count"), [(3, 4), (8, 4), (100, 4), (200, 8)])
 def test_a_chain_that_nothing_holds_rests_at_zero(n, count):
     """No springs, no gravity, no flow: every eigenvalue is a double zero."""
-    found = pd.eigenvalues(pd.Chain(pd.Pipe(0.2), n, springs=np.zeros(n)), 0.0, count)
+    found = pp.eigenvalues(pp.Chain(pp.Pipe(0.2), n, springs=np.zeros(n)), 0.0, count)
     np.testing.assert_allclose(found, 0.0, atol=1e-6)
 
 
@@ -193,8 +200,8 @@ def test_one_joint_without_a_spring_swings_free(n, joint):
     """Without gravity and flow the chain turns freely about it: a double zero, the rest elastic."""
     springs = np.full(n, float(n))
     springs[joint] = 0.0
-    chain = pd.Chain(pd.Pipe(0.2), springs=springs)
-    found = pd.eigenvalues(chain, 0.0, 6)
+    chain = pp.Chain(pp.Pipe(0.2), springs=springs)
+    found = pp.eigenvalues(chain, 0.0, 6)
     np.testing.assert_allclose(found[:2], 0.0, atol=1e-6)
     assert (np.abs(found[2:]) > 1.0).all()
     reference = companion_eigenvalues(*chain.operators().at(0.0))
@@ -206,7 +213,7 @@ def test_a_joint_without_a_spring_leaves_one_real_zero_under_flow(n):
     """det K(u) is the product of the springs without gravity: zero at any speed."""
     springs = np.full(n, float(n))
     springs[n // 2] = 0.0
-    found = pd.eigenvalues(pd.Chain(pd.Pipe(0.2), springs=springs), 2.0, 6)
+    found = pp.eigenvalues(pp.Chain(pp.Pipe(0.2), springs=springs), 2.0, 6)
     assert abs(found[0]) < 1e-9
     assert (np.abs(found[1:]) > 1e-3).all()
 
@@ -214,23 +221,23 @@ def test_a_joint_without_a_spring_leaves_one_real_zero_under_flow(n):
 @pytest.mark.parametrize("n", [8, 100])
 def test_the_onset_of_divergence_has_an_eigenvalue_at_zero(n):
     """A standing pipe at the speed where its stiffness is singular."""
-    chain = pd.Chain(pd.Pipe(0.2, gamma=-10.0), n)
-    onset = pd.crossings(chain, 3.0)[0]
+    chain = pp.Chain(pp.Pipe(0.2, gamma=-10.0), n)
+    onset = pp.crossings(chain, 3.0)[0]
     assert onset.kind == "divergence"
     stiffness = chain.operators().at(onset.speed)[2]
     joints = np.tri(n)
     assert abs(np.linalg.det(joints.T @ stiffness @ joints / chain.springs)) < 1e-9
-    assert abs(pd.eigenvalues(chain, onset.speed, 4)[0]) < 1e-10
+    assert abs(pp.eigenvalues(chain, onset.speed, 4)[0]) < 1e-10
 
 
 @pytest.mark.parametrize("n", [6, 100])
 def test_a_column_at_its_own_buckling_weight_has_a_double_zero(n):
     """gamma where K at rest is singular, from the matrices alone."""
-    chain = pd.Chain(pd.Pipe(0.2), n)
+    chain = pp.Chain(pp.Pipe(0.2), n)
     ops = chain.operators()
-    weight = pd.Chain(pd.Pipe(0.2, gamma=1.0), n).operators().stiffness - ops.stiffness
+    weight = pp.Chain(pp.Pipe(0.2, gamma=1.0), n).operators().stiffness - ops.stiffness
     gamma = -1.0 / np.linalg.eigvals(np.linalg.solve(ops.stiffness, weight)).real.max()
-    found = pd.eigenvalues(chain.with_pipe(pd.Pipe(0.2, gamma=gamma)), 0.0, 4)
+    found = pp.eigenvalues(chain.with_pipe(pp.Pipe(0.2, gamma=gamma)), 0.0, 4)
     if n == 100:
         assert gamma == pytest.approx(-7.837, abs=1e-3)
     assert (np.abs(found[:2]) < 1e-5).all()
@@ -243,7 +250,7 @@ def test_a_column_at_its_own_buckling_weight_has_a_double_zero(n):
 @pytest.mark.parametrize("n", [10, 100])
 def test_a_wrong_pair_has_a_residual_that_tells(n):
     """An eigenvalue wrong in the seventh digit, or a vector wrong in the seventh, does not pass."""
-    pencil = (DensePencil if n == 10 else BandPencil)(pd.Chain(pd.Pipe(0.2), n))
+    pencil = (DensePencil if n == 10 else BandPencil)(pp.Chain(pp.Pipe(0.2), n))
     pairs = lowest(pencil, 6.0, 4)
     assert pairs.converged.all()
     off = pencil.residuals(6.0, pairs.values * (1 + 1e-7), pairs.right)
@@ -269,18 +276,18 @@ def test_what_a_broken_solver_returns_is_refused(n, monkeypatch):
 
     monkeypatch.setattr(kind, "inverse", broken)
     monkeypatch.setattr(Pencil, "refine", unmended)
-    chain = pd.Chain(pd.Pipe(0.2), n)
-    with pytest.raises(pd.NotConverged, match="residual") as caught:
-        pd.eigenvalues(chain, 6.0, 4)
-    assert isinstance(caught.value, pd.PipedynError)
+    chain = pp.Chain(pp.Pipe(0.2), n)
+    with pytest.raises(pp.NotConverged, match="residual") as caught:
+        pp.eigenvalues(chain, 6.0, 4)
+    assert isinstance(caught.value, pp.PipedynError)
     assert not caught.value.result.converged.any()
-    assert not pd.modes(chain, 6.0, 4).converged.any()
+    assert not pp.modes(chain, 6.0, 4).converged.any()
 
 
 def test_a_broken_solver_is_mended_where_that_is_possible(monkeypatch):
     """The same error in the solver's values, with refinement in place: right again."""
-    chain = pd.Chain(pd.Pipe(0.2), 100)
-    expected = pd.eigenvalues(chain, 6.0, 4)
+    chain = pp.Chain(pp.Pipe(0.2), 100)
+    expected = pp.eigenvalues(chain, 6.0, 4)
     exact = BandPencil.inverse
 
     def broken(self, u, shift, free, count, left):
@@ -288,7 +295,7 @@ def test_a_broken_solver_is_mended_where_that_is_possible(monkeypatch):
         return mu * (1.0 + 1e-6), right, dual
 
     monkeypatch.setattr(BandPencil, "inverse", broken)
-    np.testing.assert_allclose(pd.eigenvalues(chain, 6.0, 4), expected, rtol=1e-11)
+    np.testing.assert_allclose(pp.eigenvalues(chain, 6.0, 4), expected, rtol=1e-11)
 
 
 # --------------------------------------------------------------------------------- modes
@@ -298,9 +305,9 @@ def test_a_broken_solver_is_mended_where_that_is_possible(monkeypatch):
 @pytest.mark.parametrize("pipe", PIPES, ids=repr)
 def test_modes_solve_the_models_equation_of_motion(pipe, u):
     """P(lambda) x = 0 with the matrices that the model shows."""
-    for model in [*every_model(pipe), pd.Chain(pipe, 80)]:
+    for model in [*every_model(pipe), pp.Chain(pipe, 80)]:
         mass, damping, stiffness = model.operators().at(u)
-        found = pd.modes(model, u, min(2 * model.dof, 8))
+        found = pp.modes(model, u, min(2 * model.dof, 8))
         assert found.converged.all()
         for shape in found.shapes:
             x, value = shape.coordinates, shape.eigenvalue
@@ -312,10 +319,10 @@ def test_modes_solve_the_models_equation_of_motion(pipe, u):
 @pytest.mark.parametrize("u", [0.0, 6.0])
 def test_a_modes_largest_displacement_is_one_and_real_there(u):
     s = np.linspace(0.0, 1.0, 2001)
-    models = [*every_model(pd.Pipe(0.2)), pd.Chain(pd.Pipe(0.2), 100), pd.Continuum(pd.Pipe(0.2))]
+    models = [*every_model(pp.Pipe(0.2)), pp.Chain(pp.Pipe(0.2), 100), pp.Continuum(pp.Pipe(0.2))]
     for model in models:
-        count = 2 if isinstance(model, pd.Chain) and model.dof == 1 else 6
-        for shape in pd.modes(model, u, count).shapes:
+        count = 2 if isinstance(model, pp.Chain) and model.dof == 1 else 6
+        for shape in pp.modes(model, u, count).shapes:
             displacement = shape(s)
             assert displacement[0] == 0.0
             largest = displacement[np.argmax(np.abs(displacement))]
@@ -324,19 +331,19 @@ def test_a_modes_largest_displacement_is_one_and_real_there(u):
 
 def test_conjugate_eigenvalues_have_conjugate_modes():
     s = np.linspace(0.0, 1.0, 5)
-    for model in (pd.Chain(pd.Pipe(0.2), 9), pd.Galerkin(pd.Pipe(0.2), 9)):
-        upper, lower = pd.modes(model, 5.0, 2).shapes
+    for model in (pp.Chain(pp.Pipe(0.2), 9), pp.Galerkin(pp.Pipe(0.2), 9)):
+        upper, lower = pp.modes(model, 5.0, 2).shapes
         np.testing.assert_allclose(lower(s), upper(s).conj(), atol=1e-9)
 
 
 def test_the_first_mode_at_rest_is_the_cantilevers():
     """w(1/2) / w(1) = 0.3395, the tabulated first mode of a clamped-free beam."""
-    shape = pd.modes(pd.Continuum(pd.Pipe(0.2)), 0.0, 2).shapes[0]
+    shape = pp.modes(pp.Continuum(pp.Pipe(0.2)), 0.0, 2).shapes[0]
     assert abs(shape([0.5])[0] / shape([1.0])[0]) == pytest.approx(0.3395, abs=5e-5)
 
 
 def test_modes_report_size_and_residuals():
-    found = pd.modes(pd.Chain(pd.Pipe(0.2), 100), 6.0, 6)
+    found = pp.modes(pp.Chain(pp.Pipe(0.2), 100), 6.0, 6)
     assert (found.speed, found.size, found.discretisation) == (6.0, 100, None)
     assert found.residuals.shape == found.converged.shape == (6,)
     assert (found.residuals < 1e-10).all()
@@ -346,16 +353,16 @@ def test_modes_report_size_and_residuals():
 @pytest.mark.parametrize(
     ("model", "missing"),
     [
-        (pd.Chain(pd.Pipe(0.2, damping=1e-3), 150), 0),
-        (pd.Galerkin(pd.Pipe(0.2), 200, "legendre"), 0),
-        (pd.Chain(pd.Pipe(0.5, damping=1e3), lengths=[0.3, 1e-5, 0.69999], springs=[5e8] * 3), 0),
-        (modular.chain(pd.Pipe(0.5, damping=1e3), 3, [5e8] * 3, lengths=[0.3, 1e-5, 0.69999]), 1),
+        (pp.Chain(pp.Pipe(0.2, damping=1e-3), 150), 0),
+        (pp.Galerkin(pp.Pipe(0.2), 200, "legendre"), 0),
+        (pp.Chain(pp.Pipe(0.5, damping=1e3), lengths=[0.3, 1e-5, 0.69999], springs=[5e8] * 3), 0),
+        (modular.chain(pp.Pipe(0.5, damping=1e3), 3, [5e8] * 3, lengths=[0.3, 1e-5, 0.69999]), 1),
     ],
     ids=["long", "Legendre", "unequal", "unequal scene"],
 )
 def test_rounding_excuses_no_pair_that_misses_the_operators(model, missing):
     """Its allowance, eps |lambda|^2, exceeds 1 for the highest of these modes: some are refined."""
-    found = pd.modes(model, 9.0)
+    found = pp.modes(model, 9.0)
     assert found.residuals[found.converged].max() <= 1e-3
     assert np.count_nonzero(~found.converged) == missing
     mass, velocity, stiffness = model.operators().at(9.0)
@@ -371,19 +378,19 @@ def test_rounding_excuses_no_pair_that_misses_the_operators(model, missing):
 
 SHORT_FIRST = np.array([1.954e-6, 0.192, 0.8028, 0.00521])
 UNEQUAL = {
-    "two": (pd.Chain(pd.Pipe(0.2), lengths=[1e-6, 1.0 - 1e-6]), 3.0),
-    "twins inside": (pd.Chain(pd.Pipe(0.2), lengths=[0.5, 1e-6, 1e-6, 0.5 - 2e-6]), 9.0),
-    "springs": (pd.Chain(pd.Pipe(0.2), lengths=[0.5, 0.2, 0.3], springs=[1e8, 1.0, 1e4]), 2.0),
+    "two": (pp.Chain(pp.Pipe(0.2), lengths=[1e-6, 1.0 - 1e-6]), 3.0),
+    "twins inside": (pp.Chain(pp.Pipe(0.2), lengths=[0.5, 1e-6, 1e-6, 0.5 - 2e-6]), 9.0),
+    "springs": (pp.Chain(pp.Pipe(0.2), lengths=[0.5, 0.2, 0.3], springs=[1e8, 1.0, 1e4]), 2.0),
     "overdamped": (
-        pd.Chain(
-            pd.Pipe(1e-12, -1e4, damping=1.0),
+        pp.Chain(
+            pp.Pipe(1e-12, -1e4, damping=1.0),
             lengths=SHORT_FIRST / SHORT_FIRST.sum(),
             springs=[4.0] * 4,
         ),
         1.0,
     ),
     "long radii": (
-        pd.Chain(pd.Pipe(0.2), lengths=[0.4, 1e-6, 0.6 - 1e-6], gyration_radii=[0.1, 0.2, 0.1]),
+        pp.Chain(pp.Pipe(0.2), lengths=[0.4, 1e-6, 0.6 - 1e-6], gyration_radii=[0.1, 0.2, 0.1]),
         4.0,
     ),
 }
@@ -391,7 +398,7 @@ UNEQUAL = {
 
 @pytest.mark.parametrize(("chain", "u"), UNEQUAL.values(), ids=UNEQUAL)
 def test_every_root_of_very_unequal_segments_is_known_as_well_as_said(chain, u):
-    found = pd.modes(chain, u)
+    found = pp.modes(chain, u)
     assert found.converged.all()
     sizes = np.abs(found.eigenvalues)
     true = np.array([abs(chain_newton_step(chain, z, u, 300)) for z in found.eigenvalues])
@@ -401,29 +408,29 @@ def test_every_root_of_very_unequal_segments_is_known_as_well_as_said(chain, u):
 
 @pytest.mark.parametrize("short", [1e-3, 1e-5, 1e-7])
 def test_a_spinning_first_segment_has_the_frequency_of_the_scaled_matrices(short):
-    chain = pd.Chain(pd.Pipe(0.2), lengths=[short, 1.0 - short])
+    chain = pp.Chain(pp.Pipe(0.2), lengths=[short, 1.0 - short])
     mass, _, stiffness = chain.operators().at(0.0)
     scale = 1.0 / np.sqrt(np.diag(mass))
     squares = scipy.linalg.eigvalsh(*(scale[:, None] * part * scale for part in (stiffness, mass)))
-    found = pd.eigenvalues(chain, 0.0)
+    found = pp.eigenvalues(chain, 0.0)
     assert not found.real.any()
     np.testing.assert_allclose(found[2].imag, np.sqrt(squares[1]), rtol=4e-15)
 
 
 def test_fast_roots_of_unequal_segments_are_followed_with_the_slow_ones():
-    chain = pd.Chain(pd.Pipe(0.2), lengths=[0.6, 1e-6, 0.4 - 1e-6])
-    loci = pd.root_loci(chain, [0.0, 3.0, 6.0], 3)
+    chain = pp.Chain(pp.Pipe(0.2), lengths=[0.6, 1e-6, 0.4 - 1e-6])
+    loci = pp.root_loci(chain, [0.0, 3.0, 6.0], 3)
     assert loci.converged.all()
     for u, row in zip(loci.speeds, loci.eigenvalues, strict=True):
         true = np.array([abs(chain_newton_step(chain, z, float(u), 300)) for z in row])
         assert (true <= 1e-12 * np.abs(row)).all()
-    critical = pd.critical_speed(chain)
+    critical = pp.critical_speed(chain)
     speed, _ = chain_crossing(chain, critical.speed, critical.frequency, 80)
     assert abs(critical.speed - float(speed)) <= critical.error <= 1e-10
 
 
 def test_a_slope_of_a_fast_root_is_the_change_of_the_root():
-    chain = pd.Chain(pd.Pipe(0.4, damping=1e-9), lengths=[0.3, 1e-4, 0.7 - 1e-4])
+    chain = pp.Chain(pp.Pipe(0.4, damping=1e-9), lengths=[0.3, 1e-4, 0.7 - 1e-4])
     pencil = pencil_of(chain)
     u, h = 5.0, 0.01
     before, at, after = (lowest(pencil, speed, left=True) for speed in (u - h, u, u + h))
@@ -434,17 +441,17 @@ def test_a_slope_of_a_fast_root_is_the_change_of_the_root():
 
 
 def test_a_node_without_mass_has_roots_that_no_digits_hold_and_says_so():
-    chain = pd.Chain(
-        pd.Pipe(0.0),
+    chain = pp.Chain(
+        pp.Pipe(0.0),
         lengths=[0.3, 0.3, 0.4],
         centers=[0.0, 1.0, 0.5],
         gyration_radii=[0.0, 0.0, 0.1],
     )
-    found = pd.modes(chain, 3.0)
+    found = pp.modes(chain, 3.0)
     assert found.converged.tolist() == [True] * 4 + [False] * 2
     assert not (found.errors < np.abs(found.eigenvalues))[4:].any()
-    with pytest.raises(pd.NotConverged):
-        pd.eigenvalues(chain, 3.0)
+    with pytest.raises(pp.NotConverged):
+        pp.eigenvalues(chain, 3.0)
 
 
 @pytest.mark.parametrize("beta", [0.0, 0.2])
@@ -457,15 +464,15 @@ def test_a_root_at_infinity_is_told_as_none(monkeypatch, beta):
         return mu, *vectors
 
     monkeypatch.setattr(DensePencil, "inverse", lost)
-    chain = pd.Chain(pd.Pipe(beta), 3)
-    found = pd.modes(chain, 2.0)
+    chain = pp.Chain(pp.Pipe(beta), 3)
+    found = pp.modes(chain, 2.0)
     assert found.converged.tolist() == np.isfinite(found.eigenvalues).tolist() == [1, 1, 1, 1, 0, 0]
     assert np.isinf(found.errors[4:]).all()
     assert np.isfinite(found.errors[:4]).all()
     assert np.isinf(found.residuals[4:]).all()
-    with pytest.raises(pd.NotConverged, match="not found"):
+    with pytest.raises(pp.NotConverged, match="not found"):
         found.shapes[-1]([1.0])
-    with pytest.raises(pd.NotConverged, match="beyond double precision"):
-        pd.critical_speed(chain)
-    with pytest.raises(pd.NotConverged, match="beyond double precision"):
-        pd.root_loci(chain, [0.0, 1.0], 2)
+    with pytest.raises(pp.NotConverged, match="beyond double precision"):
+        pp.critical_speed(chain)
+    with pytest.raises(pp.NotConverged, match="beyond double precision"):
+        pp.root_loci(chain, [0.0, 1.0], 2)

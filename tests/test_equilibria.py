@@ -10,10 +10,10 @@ import pytest
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq, fsolve
 
-import pipedyn as pd
+import pipedyn as pp
 
-STANDING = pd.Pipe(0.2, -10.0)
-TWO = pd.Chain(pd.Pipe(0.2, -20.0), 2)
+STANDING = pp.Pipe(0.2, -10.0)
+TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 
 
 def elastica(gamma, u):
@@ -59,7 +59,7 @@ def bent(found):
 
 @pytest.mark.parametrize("u", [0.0, 1.0, 1.6])
 def test_heavy_column_takes_the_shape_of_the_elastica(u):
-    found = pd.equilibria(pd.Galerkin(STANDING, 12, "legendre"), u)
+    found = pp.equilibria(pp.Galerkin(STANDING, 12, "legendre"), u)
     assert len(found) == 3
     assert found.stable.tolist() == [False, True, True]
     np.testing.assert_allclose(found.tips[bent(found)], elastica(-10.0, u), atol=1e-8)
@@ -69,7 +69,7 @@ def test_buckled_chain_tends_to_the_elastica_with_second_order():
     exact = elastica(-10.0, 1.0)[0]
     errors = []
     for n in (10, 20, 40):
-        found = pd.equilibria(pd.Chain(STANDING, n), 1.0)
+        found = pp.equilibria(pp.Chain(STANDING, n), 1.0)
         errors.append(abs(found.tips[bent(found), 0] - exact))
     rates = [math.log2(a / b) for a, b in pairwise(errors)]
     assert all(1.9 < rate < 2.1 for rate in rates), rates
@@ -79,7 +79,7 @@ def test_buckled_chain_tends_to_the_elastica_with_second_order():
 def test_one_segment_is_a_pendulum_on_a_spring():
     # 2 theta = 10 sin(theta): spring 2 n, weight 20 at half the length.
     angle = brentq(lambda t: 2.0 * t - 10.0 * math.sin(t), 1.0, 3.0, xtol=1e-14)
-    found = pd.equilibria(pd.Chain(pd.Pipe(0.2, -20.0), 1), 3.0)
+    found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 1), 3.0)
     np.testing.assert_allclose(np.sort(found.q[:, 0]), [-angle, 0.0, angle], atol=1e-11)
     assert found.stable.tolist() == [False, True, True]
 
@@ -90,7 +90,7 @@ def test_two_segments_balance_as_by_hand():
     def moments(theta):
         return two_moments(*theta, u)
 
-    found = pd.equilibria(TWO, u)
+    found = pp.equilibria(TWO, u)
     assert len(found) == 5
     assert found.stable.sum() == 2
     for q in found.q:
@@ -99,7 +99,7 @@ def test_two_segments_balance_as_by_hand():
 
 
 def test_mirror_images_come_in_pairs():
-    found = pd.equilibria(pd.Chain(pd.Pipe(0.2, -60.0), 3), 2.0)
+    found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -60.0), 3), 2.0)
     assert len(found) % 2 == 1
     np.testing.assert_array_equal(found.q[0], 0.0)
     np.testing.assert_allclose(found.q[1::2], -found.q[2::2], atol=1e-9)
@@ -108,8 +108,8 @@ def test_mirror_images_come_in_pairs():
 
 
 def test_without_flow_the_energy_is_stationary_and_least_where_stable():
-    model = pd.Chain(pd.Pipe(0.2, -60.0), 2)
-    found = pd.equilibria(model, 0.0)
+    model = pp.Chain(pp.Pipe(0.2, -60.0), 2)
+    found = pp.equilibria(model, 0.0)
     for q, stable in zip(found.q, found.stable, strict=True):
         energy = lambda d, q=q: model.energy(np.concatenate([q + d, np.zeros(2)]))  # noqa: E731
         steps = 1e-4 * np.eye(2)
@@ -120,18 +120,18 @@ def test_without_flow_the_energy_is_stationary_and_least_where_stable():
 
 
 def test_flow_straightens_the_buckled_pipe_before_it_flutters():
-    model = pd.Galerkin(STANDING, 12, "legendre")
-    straight = pd.equilibrium_branch(model, np.zeros(12), 1.0, (0.0, 6.0))
+    model = pp.Galerkin(STANDING, 12, "legendre")
+    straight = pp.equilibrium_branch(model, np.zeros(12), 1.0, (0.0, 6.0))
     assert straight.straight
     assert [point.kind for point in straight.points] == ["pitchfork", "hopf"]
     fork, flutter = straight.points
     # physics.md: straightened at 1.797, flutter from 4.866.
-    passages = pd.crossings(model, 6.0)
+    passages = pp.crossings(model, 6.0)
     assert fork.speed == pytest.approx(passages[0].speed, abs=1e-9)
     assert flutter.speed == pytest.approx(passages[1].speed, abs=1e-7)
     assert flutter.frequency == pytest.approx(passages[1].frequency, abs=1e-6)
     assert (round(fork.speed, 3), round(flutter.speed, 3)) == (1.797, 4.866)
-    buckled = pd.equilibrium_branch(model, pd.equilibria(model, 0.0).q[1], 0.0, (0.0, 6.0))
+    buckled = pp.equilibrium_branch(model, pp.equilibria(model, 0.0).q[1], 0.0, (0.0, 6.0))
     assert buckled.ends == ("range", "pitchfork")
     assert buckled.stable.all()
     assert buckled.points[-1].speed == pytest.approx(fork.speed, abs=1e-9)
@@ -140,30 +140,30 @@ def test_flow_straightens_the_buckled_pipe_before_it_flutters():
 
 def test_two_segments_leave_the_straight_pipe_where_its_determinant_vanishes():
     # det K = (5 u^2 - 13) / 4 with springs 4 and 2, gamma = -20.
-    straight = pd.equilibrium_branch(TWO, [0.0, 0.0], 1.0, (0.0, 3.0))
+    straight = pp.equilibrium_branch(TWO, [0.0, 0.0], 1.0, (0.0, 3.0))
     fork = next(point for point in straight.points if point.kind == "pitchfork")
     assert fork.speed == pytest.approx(math.sqrt(2.6), abs=1e-12)
 
 
 @pytest.mark.parametrize("step", [0.1, 0.03])
 def test_branch_is_followed_around_its_fold(step):
-    start = pd.equilibria(TWO, 0.0)
-    branch = pd.equilibrium_branch(TWO, start.q[bent(start)], 0.0, (0.0, 6.0), step)
+    start = pp.equilibria(TWO, 0.0)
+    branch = pp.equilibrium_branch(TWO, start.q[bent(start)], 0.0, (0.0, 6.0), step)
     assert [point.kind for point in branch.points] == ["fold", "hopf", "pitchfork"]
     (fold,) = branch.folds
     *angles, speed = two_fold()
     assert fold.speed == pytest.approx(speed, abs=1e-10)
     np.testing.assert_allclose(fold.q, angles, atol=1e-7)
     assert branch.speeds.max() <= fold.speed + 1e-9
-    assert (len(pd.equilibria(TWO, fold.speed - 1e-3)), len(pd.equilibria(TWO, 3.19))) == (5, 1)
+    assert (len(pp.equilibria(TWO, fold.speed - 1e-3)), len(pp.equilibria(TWO, 3.19))) == (5, 1)
     before = np.arange(len(branch)) < np.argmax(branch.speeds)
     assert branch.stable[before].all()
     assert not branch.stable[~before][1:].any()
 
 
 def test_hopf_point_of_a_bent_branch_has_a_pair_on_the_axis():
-    start = pd.equilibria(TWO, 0.0)
-    branch = pd.equilibrium_branch(TWO, start.q[1], 0.0, (0.0, 6.0))
+    start = pp.equilibria(TWO, 0.0)
+    branch = pp.equilibrium_branch(TWO, start.q[1], 0.0, (0.0, 6.0))
     hopf = next(point for point in branch.points if point.kind == "hopf")
     found = np.linalg.eigvals(TWO.jacobian(0.0, np.concatenate([hopf.q, np.zeros(2)]), hopf.speed))
     nearest = found[np.argmin(np.abs(found - 1j * hopf.frequency))]
@@ -171,27 +171,27 @@ def test_hopf_point_of_a_bent_branch_has_a_pair_on_the_axis():
 
 
 def test_cycles_about_a_bent_pipe_follow_the_law_of_its_hopf_point():
-    start = pd.equilibria(TWO, 0.0)
-    branch = pd.equilibrium_branch(TWO, start.q[1], 0.0, (0.0, 6.0))
+    start = pp.equilibria(TWO, 0.0)
+    branch = pp.equilibrium_branch(TWO, start.q[1], 0.0, (0.0, 6.0))
     (point,) = [point for point in branch.points if point.kind == "hopf"]
-    onset = pd.hopf(TWO, point)
+    onset = pp.hopf(TWO, point)
     assert onset.criticality == "subcritical"
     assert (onset.growth < 0.0) == (onset.amplitude_law > 0.0)
-    found = pd.bifurcation_diagram(TWO, [1.6, point.speed + 2e-3], cycles=5)
+    found = pp.bifurcation_diagram(TWO, [1.6, point.speed + 2e-3], cycles=5)
     cycles = next(b for b in found.cycles if b.onset == pytest.approx(point.speed, rel=1e-9))
     law = cycles.amplitudes[:3] ** 2 / (cycles.speeds[:3] - cycles.onset)
     assert law == pytest.approx(onset.amplitude_law, rel=3e-3)
 
 
 def test_a_start_far_from_any_equilibrium_leads_to_none():
-    with pytest.raises(pd.NotConverged, match=re.escape("rad away, more than 0.5")):
-        pd.equilibrium_branch(CHAIN, [1.5, 1.5], 1.0, (0.0, 2.0))
-    assert pd.equilibrium_branch(CHAIN, [0.3, 0.3], 1.0, (0.0, 2.0)).straight
+    with pytest.raises(pp.NotConverged, match=re.escape("rad away, more than 0.5")):
+        pp.equilibrium_branch(CHAIN, [1.5, 1.5], 1.0, (0.0, 2.0))
+    assert pp.equilibrium_branch(CHAIN, [0.3, 0.3], 1.0, (0.0, 2.0)).straight
 
 
 def test_growth_is_that_of_the_full_linearisation():
-    model = pd.Galerkin(pd.Pipe(0.3, -30.0, damping=0.01), 5)
-    found = pd.equilibria(model, 1.5)
+    model = pp.Galerkin(pp.Pipe(0.3, -30.0, damping=0.01), 5)
+    found = pp.equilibria(model, 1.5)
     assert len(found) >= 3
     for q, growth in zip(found.q, found.growth, strict=True):
         whole = model.jacobian(0.0, np.concatenate([q, np.zeros(5)]), 1.5)
@@ -199,88 +199,88 @@ def test_growth_is_that_of_the_full_linearisation():
 
 
 def test_motion_beside_a_stable_equilibrium_stays_and_returns():
-    model = pd.Chain(pd.Pipe(0.2, -10.0, damping=0.05), 3)
-    found = pd.equilibria(model, 1.0)
+    model = pp.Chain(pp.Pipe(0.2, -10.0, damping=0.05), 3)
+    found = pp.equilibria(model, 1.0)
     q = found.q[bent(found)]
-    motion = pd.simulate(model, 1.0, 40.0, q + 0.05)
+    motion = pp.simulate(model, 1.0, 40.0, q + 0.05)
     np.testing.assert_allclose(motion.q[-1], q, atol=1e-5)
 
 
 def test_scene_has_the_equilibria_of_its_chain():
-    scene, chain = pd.modular.chain(STANDING, n=4), pd.Chain(STANDING, 4)
-    of_scene, of_chain = pd.equilibria(scene, 1.0), pd.equilibria(chain, 1.0)
+    scene, chain = pp.modular.chain(STANDING, n=4), pp.Chain(STANDING, 4)
+    of_scene, of_chain = pp.equilibria(scene, 1.0), pp.equilibria(chain, 1.0)
     np.testing.assert_allclose(of_scene.tips, of_chain.tips, atol=1e-10)
     np.testing.assert_allclose(of_scene.growth, of_chain.growth, atol=1e-8)
     assert of_scene.q.shape == (3, 12)
 
 
 def test_guided_pipe_buckles_where_it_diverges_and_eigenvalues_count_its_freedom_only():
-    pipe = pd.Pipe(0.2, damping=0.01)
-    scene = pd.modular.chain(pipe, n=4).plus(pd.modular.Guide(node=4))
-    straight = pd.equilibrium_branch(scene, np.zeros(4), 1.0, (0.0, 5.0))
+    pipe = pp.Pipe(0.2, damping=0.01)
+    scene = pp.modular.chain(pipe, n=4).plus(pp.modular.Guide(node=4))
+    straight = pp.equilibrium_branch(scene, np.zeros(4), 1.0, (0.0, 5.0))
     (fork,) = straight.points
     assert fork.kind == "pitchfork"
-    assert fork.speed == pytest.approx(pd.critical_speed(scene).speed, abs=1e-8)
+    assert fork.speed == pytest.approx(pp.critical_speed(scene).speed, abs=1e-8)
     start = scene.closed([0.3, 0.1, -0.2, -0.5])
     u = fork.speed + 0.3
-    branch = pd.equilibrium_branch(scene, start, u, (4.0, u + 0.1), step=0.1)
+    branch = pp.equilibrium_branch(scene, start, u, (4.0, u + 0.1), step=0.1)
     assert "pitchfork" in branch.ends
     assert branch.stable.all()
     np.testing.assert_allclose(branch.tips[:, 0], 0.0, atol=1e-10)
     middle = len(branch) // 2
     q, speed = branch.q[middle], branch.speeds[middle]
-    assert pd.eigenvalues(scene.about(q), speed).real.max() < 0.0
+    assert pp.eigenvalues(scene.about(q), speed).real.max() < 0.0
     assert scene.about(q).unbalanced(speed) < 1e-9
 
 
 def test_crooked_joint_breaks_the_pitchfork_into_a_fold():
-    spring = pd.modular.TorsionalSpring(joint=1, stiffness=1.0, rest_angle=0.1)
-    scene = pd.modular.chain(pd.Pipe(0.2, -20.0), n=2).plus(spring)
-    found = pd.equilibria(scene, 1.0)
+    spring = pp.modular.TorsionalSpring(joint=1, stiffness=1.0, rest_angle=0.1)
+    scene = pp.modular.chain(pp.Pipe(0.2, -20.0), n=2).plus(spring)
+    found = pp.equilibria(scene, 1.0)
     assert len(found) == 3
     assert np.abs(found.tips[:, 0]).min() > 1e-3
     left = int(np.argmin(found.tips[:, 0]))
-    branch = pd.equilibrium_branch(scene, scene.angles(found.q[left]), 1.0, (1.0, 4.0), 0.1)
+    branch = pp.equilibrium_branch(scene, scene.angles(found.q[left]), 1.0, (1.0, 4.0), 0.1)
     assert "fold" in [point.kind for point in branch.points]
     assert "pitchfork" not in [point.kind for point in branch.points]
 
 
 def test_own_starts_are_taken_in():
-    chain = pd.Chain(pd.Pipe(0.2), 3)
-    found = pd.equilibria(chain, 2.0, starts=[np.ones(3), lambda s: 2.0 * s])
+    chain = pp.Chain(pp.Pipe(0.2), 3)
+    found = pp.equilibria(chain, 2.0, starts=[np.ones(3), lambda s: 2.0 * s])
     assert len(found) == 1
 
 
-CHAIN = pd.Chain(pd.Pipe(0.2), 2)
+CHAIN = pp.Chain(pp.Pipe(0.2), 2)
 
 
 @pytest.mark.parametrize(
     ("call", "kind", "message"),
     [
-        (lambda: pd.equilibria(None, 1.0), TypeError, "model must be a Chain"),
-        (lambda: pd.equilibria(pd.Continuum(pd.Pipe(0.2)), 1.0), TypeError, "model must be"),
-        (lambda: pd.equilibria(pd.Chain(pd.Pipe(0.2), 501), 1.0), ValueError, "at most 500"),
-        (lambda: pd.equilibria(CHAIN, -1.0), ValueError, "u must lie in"),
-        (lambda: pd.equilibria(CHAIN, math.nan), ValueError, "u must lie in"),
-        (lambda: pd.equilibria(CHAIN, 1.0, starts=3), TypeError, "starts must be a sequence"),
-        (lambda: pd.equilibria(CHAIN, 1.0, starts=[[1.0]]), ValueError, "starts[0] must have 2"),
+        (lambda: pp.equilibria(None, 1.0), TypeError, "model must be a Chain"),
+        (lambda: pp.equilibria(pp.Continuum(pp.Pipe(0.2)), 1.0), TypeError, "model must be"),
+        (lambda: pp.equilibria(pp.Chain(pp.Pipe(0.2), 501), 1.0), ValueError, "at most 500"),
+        (lambda: pp.equilibria(CHAIN, -1.0), ValueError, "u must lie in"),
+        (lambda: pp.equilibria(CHAIN, math.nan), ValueError, "u must lie in"),
+        (lambda: pp.equilibria(CHAIN, 1.0, starts=3), TypeError, "starts must be a sequence"),
+        (lambda: pp.equilibria(CHAIN, 1.0, starts=[[1.0]]), ValueError, "starts[0] must have 2"),
         (
-            lambda: pd.equilibrium_branch(CHAIN, [0.0], 1.0, (0.0, 2.0)),
+            lambda: pp.equilibrium_branch(CHAIN, [0.0], 1.0, (0.0, 2.0)),
             ValueError,
             "q0 must have 2 entries",
         ),
         (
-            lambda: pd.equilibrium_branch(CHAIN, [0.0, 0.0], 3.0, (0.0, 2.0)),
+            lambda: pp.equilibrium_branch(CHAIN, [0.0, 0.0], 3.0, (0.0, 2.0)),
             ValueError,
             "u0 must lie in [0, 2]",
         ),
         (
-            lambda: pd.equilibrium_branch(CHAIN, [0.0, 0.0], 1.0, (2.0, 1.0)),
+            lambda: pp.equilibrium_branch(CHAIN, [0.0, 0.0], 1.0, (2.0, 1.0)),
             ValueError,
             "speeds must be (lowest, highest)",
         ),
         (
-            lambda: pd.equilibrium_branch(CHAIN, [0.0, 0.0], 1.0, (0.0, 2.0), 0.0),
+            lambda: pp.equilibrium_branch(CHAIN, [0.0, 0.0], 1.0, (0.0, 2.0), 0.0),
             ValueError,
             "step must lie in",
         ),

@@ -8,8 +8,8 @@ import pytest
 from extremes import QUICK, SECTIONS, Told, cells, judged, row
 from independent import chain_newton_step
 
-import pipedyn as pd
-from pipedyn.pencil import Eigenpairs
+import pipedyn as pp
+from pipedyn.linear.pencil import Eigenpairs
 
 REFUSED = {
     "eigenvalues_of_the_pipe": {
@@ -54,7 +54,7 @@ def test_an_error_beyond_limit_or_estimate_is_called_misleading(told, verdict):
 
 def test_a_refusal_is_told_by_its_name():
     def ask():
-        raise pd.NoCrossing("none", 1.0)
+        raise pp.NoCrossing("none", 1.0)
 
     assert row("", "", "", "", ask, lambda _: Told("", 0.0)).verdict == "refused: NoCrossing"
 
@@ -62,14 +62,14 @@ def test_a_refusal_is_told_by_its_name():
 @pytest.mark.parametrize(
     ("model", "u"),
     [
-        (pd.Chain(pd.Pipe(0.2), 10), 6.0),
-        (pd.Chain(pd.Pipe(0.2), 100), 100.0),
-        (pd.Chain(pd.Pipe(0.2, damping=1e3), 20), 6.0),
+        (pp.Chain(pp.Pipe(0.2), 10), 6.0),
+        (pp.Chain(pp.Pipe(0.2), 100), 100.0),
+        (pp.Chain(pp.Pipe(0.2, damping=1e3), 20), 6.0),
     ],
     ids=["plain", "u = 100", "treacle"],
 )
 def test_said_errors_bound_the_true_ones_without_being_idle(model, u):
-    found = pd.modes(model, u, 6)
+    found = pp.modes(model, u, 6)
     assert found.errors.shape == (6,)
     true = [abs(chain_newton_step(model, z, u, 200)) for z in found.eigenvalues]
     assert (true <= found.errors).all()
@@ -77,7 +77,7 @@ def test_said_errors_bound_the_true_ones_without_being_idle(model, u):
 
 
 def test_errors_grow_with_the_condition_of_the_eigenvalues():
-    slow, fast = (pd.modes(pd.Chain(pd.Pipe(0.2), 100), u, 6) for u in (6.0, 100.0))
+    slow, fast = (pp.modes(pp.Chain(pp.Pipe(0.2), 100), u, 6) for u in (6.0, 100.0))
     assert fast.errors.max() > 1e3 * slow.errors.max()
     assert fast.residuals.max() < 1e-12
 

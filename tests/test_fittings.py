@@ -15,22 +15,22 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq, root
 from scipy.special import ellipe, ellipk
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import _core
-from pipedyn.fitting import basis_joints, core_fittings
-from pipedyn.model import core_pipe
+from pipedyn.models.base import core_pipe
+from pipedyn.models.fitting import basis_joints, core_fittings
 
 BASES = ["beam", "legendre"]
 OPERATORS = ["mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"]
 EIGHTH_ORDER = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND_DERIVATIVE = (-1 / 560, 8 / 315, -1 / 5, 8 / 5)
 
-SPRUNG = (pd.Fitting(0.6, stiffness=50.0),)
-LADEN = (pd.Fitting(0.35, mass=0.4),)
+SPRUNG = (pp.Fitting(0.6, stiffness=50.0),)
+LADEN = (pp.Fitting(0.35, mass=0.4),)
 ALL = (
-    pd.Fitting(0.25, mass=0.4),
-    pd.Fitting(0.6, stiffness=50.0),
-    pd.Fitting(1.0, mass=0.2, stiffness=3.0),
+    pp.Fitting(0.25, mass=0.4),
+    pp.Fitting(0.6, stiffness=50.0),
+    pp.Fitting(1.0, mass=0.2, stiffness=3.0),
 )
 
 
@@ -150,7 +150,7 @@ def nearest_root(function, guess):
 
 @pytest.mark.parametrize("m", [3, 4, 20, 41])
 def test_panelled_functions_integrate_legendre_curvatures_from_the_clamp(m):
-    model = pd.Galerkin(pd.Pipe(0.2), m, "legendre", ALL)
+    model = pp.Galerkin(pp.Pipe(0.2), m, "legendre", ALL)
     ends = [0.0, 0.25, 0.6, 1.0]
     s, weights = panel_gauss(ends, m + 3)
     curvature = model.functions(s, 2)
@@ -167,10 +167,10 @@ def test_panelled_functions_integrate_legendre_curvatures_from_the_clamp(m):
 
 def test_a_larger_basis_begins_with_the_smaller_one_and_serves_every_panel():
     s = np.linspace(0.0, 1.0, 50)
-    fittings = (pd.Fitting(0.01, mass=1.0), pd.Fitting(0.4, mass=1.0))
-    largest = pd.Galerkin(pd.Pipe(0.2), 60, "legendre", fittings).functions(s, 2)
+    fittings = (pp.Fitting(0.01, mass=1.0), pp.Fitting(0.4, mass=1.0))
+    largest = pp.Galerkin(pp.Pipe(0.2), 60, "legendre", fittings).functions(s, 2)
     for m in (3, 10, 15, 31):
-        model = pd.Galerkin(pd.Pipe(0.2), m, "legendre", fittings)
+        model = pp.Galerkin(pp.Pipe(0.2), m, "legendre", fittings)
         np.testing.assert_allclose(model.functions(s, 2), largest[:, :m], atol=1e-12)
         counts = [
             int((np.abs(model.functions([point], 2)[0]) > 0).sum()) for point in (0.004, 0.2, 0.7)
@@ -184,7 +184,7 @@ def test_a_larger_basis_begins_with_the_smaller_one_and_serves_every_panel():
 @pytest.mark.parametrize("m", [5, 16, 40])
 def test_no_panel_has_more_functions_than_its_quadrature_serves(m):
     """Operators by the model's own rule are those by far more nodes."""
-    model = pd.Galerkin(pd.Pipe(0.3, gamma=4.0), m, "legendre", ALL)
+    model = pp.Galerkin(pp.Pipe(0.3, gamma=4.0), m, "legendre", ALL)
     s, weights = panel_gauss([0.0, 0.25, 0.6, 1.0], m + 20)
     value, slope = model.functions(s), model.functions(s, 1)
     at = model.functions([f.at for f in ALL])
@@ -213,7 +213,7 @@ def test_a_cantilever_with_an_end_mass_vibrates_at_the_textbooks_frequencies():
         brentq(characteristic, k[i], k[i + 1], xtol=1e-14)
         for i in np.flatnonzero(sign[1:] != sign[:-1])
     ]
-    found = pd.eigenvalues(pd.Continuum(pd.Pipe(0.2), (pd.Fitting(1.0, mass=mu),)), 0.0, 10)
+    found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2), (pp.Fitting(1.0, mass=mu),)), 0.0, 10)
     omega = np.sort(found.imag[found.imag > 0.0])
     np.testing.assert_allclose(omega, np.square(roots[:5]), rtol=1e-10)
 
@@ -221,15 +221,15 @@ def test_a_cantilever_with_an_end_mass_vibrates_at_the_textbooks_frequencies():
 @pytest.mark.parametrize(
     ("beta", "u", "fittings", "damping"),
     [
-        (0.2, 4.0, (pd.Fitting(1.0, stiffness=20.0),), 0.0),
+        (0.2, 4.0, (pp.Fitting(1.0, stiffness=20.0),), 0.0),
         (0.4, 6.0, SPRUNG, 1e-3),
         (0.3, 3.0, ALL, 0.0),
         (0.3, 3.0, ALL, 2e-3),
     ],
 )
 def test_eigenvalues_are_roots_of_the_exponentials_determinant(beta, u, fittings, damping):
-    model = pd.Continuum(pd.Pipe(beta, damping=damping), fittings)
-    found = pd.eigenvalues(model, u, 6)
+    model = pp.Continuum(pp.Pipe(beta, damping=damping), fittings)
+    found = pp.eigenvalues(model, u, 6)
     with mpmath.workdps(30):
         for value in found[found.imag > 0.0]:
             exact = mpmath.findroot(
@@ -242,7 +242,7 @@ def test_eigenvalues_are_roots_of_the_exponentials_determinant(beta, u, fittings
 
 @pytest.mark.parametrize("fittings", [SPRUNG, LADEN, ALL], ids=["spring", "mass", "all"])
 def test_critical_speed_is_a_root_of_the_exponentials_determinant(fittings):
-    found = pd.critical_speed(pd.Continuum(pd.Pipe(0.2), fittings))
+    found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2), fittings))
     assert found.kind == "flutter"
     with mpmath.workdps(25):
 
@@ -261,23 +261,23 @@ def test_critical_speed_is_a_root_of_the_exponentials_determinant(fittings):
 @pytest.mark.parametrize(
     "pipe",
     [
-        pd.Pipe(0.3, gamma=25.0),
-        pd.Pipe(0.6, gamma=-3.0, damping=5e-4),
-        pd.Pipe(0.1, gamma=8.0, flow="aspirating", alpha=1.4, damping=1e-3),
+        pp.Pipe(0.3, gamma=25.0),
+        pp.Pipe(0.6, gamma=-3.0, damping=5e-4),
+        pp.Pipe(0.1, gamma=8.0, flow="aspirating", alpha=1.4, damping=1e-3),
     ],
     ids=["hanging", "standing", "aspirating"],
 )
 def test_eigenvalues_with_weights_are_those_of_shooting(pipe):
     u = 2.5
-    found = pd.eigenvalues(pd.Continuum(pipe, ALL), u, 8)
+    found = pp.eigenvalues(pp.Continuum(pipe, ALL), u, 8)
     for value in found[found.imag > 0.0]:
         exact = nearest_root(lambda x: shooting_determinant(x, u, pipe, ALL), value)
         assert abs(value - exact) < 1e-8 * abs(value)
 
 
 def test_critical_speed_with_weights_is_that_of_shooting():
-    pipe = pd.Pipe(0.3, gamma=10.0)
-    found = pd.critical_speed(pd.Continuum(pipe, ALL))
+    pipe = pp.Pipe(0.3, gamma=10.0)
+    found = pp.critical_speed(pp.Continuum(pipe, ALL))
 
     def parts(both):
         value = shooting_determinant(1j * both[1], both[0], pipe, ALL)
@@ -291,12 +291,12 @@ def test_critical_speed_with_weights_is_that_of_shooting():
 def test_a_hung_mass_pulls_on_what_is_above_it(basis):
     """The least weight at s that buckles a weightless column clamped at 0: (pi / 2 s)^2."""
     at = 0.7
-    pipe = pd.Pipe(0.2, gamma=-1.0)
+    pipe = pp.Pipe(0.2, gamma=-1.0)
     m = 60 if basis == "beam" else 24
-    laden = pd.Galerkin(pipe, m, basis, [pd.Fitting(at, mass=1.0)])
+    laden = pp.Galerkin(pipe, m, basis, [pp.Fitting(at, mass=1.0)])
     # The tip's mass makes the panels of the two models the same, and cancels.
-    weights = [pd.Fitting(at, stiffness=1e-300)]
-    plain = pd.Galerkin(pipe, m, basis, weights)
+    weights = [pp.Fitting(at, stiffness=1e-300)]
+    plain = pp.Galerkin(pipe, m, basis, weights)
     weight = plain.operators().stiffness - laden.operators().stiffness
     elastic = np.diag(laden.elastic_scale**-2)
     least = 1.0 / eigh(weight, elastic, eigvals_only=True)[-1]
@@ -308,8 +308,8 @@ def test_a_stiff_end_spring_tends_to_a_pin():
     exact = brentq(lambda u: math.sin(u) - u * math.cos(u), 4.0, 4.6, xtol=1e-14)
     misses = []
     for stiffness in (1e4, 1e5, 1e6):
-        fitting = pd.Fitting(1.0, stiffness=stiffness)
-        found = pd.critical_speed(pd.Continuum(pd.Pipe(0.2), [fitting]))
+        fitting = pp.Fitting(1.0, stiffness=stiffness)
+        found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2), [fitting]))
         assert found.kind == "divergence"
         misses.append(found.speed - exact)
     assert abs(misses[2]) < 1e-4
@@ -318,12 +318,12 @@ def test_a_stiff_end_spring_tends_to_a_pin():
 
 def test_panels_restore_exponential_convergence():
     """A spring at mid-length: the first frequency's error, on panels and on one panel."""
-    fittings = (pd.Fitting(0.5, stiffness=100.0),)
+    fittings = (pp.Fitting(0.5, stiffness=100.0),)
 
     def frequency(m, joints):
         nodes, weights = panel_gauss([0.0, 0.5, 1.0], m + 3)
         core = _core.Galerkin(
-            pipe=core_pipe(pd.Pipe(0.2)),
+            pipe=core_pipe(pp.Pipe(0.2)),
             legendre=True,
             size=m,
             joints=np.array(joints),
@@ -351,17 +351,17 @@ def test_beam_modes_converge_like_a_power():
     """The first frequency; critical speeds do too, from either side by turns."""
 
     def frequency(model):
-        return np.abs(pd.eigenvalues(model, 0.0, 2))[0]
+        return np.abs(pp.eigenvalues(model, 0.0, 2))[0]
 
-    exact = frequency(pd.Continuum(pd.Pipe(0.2), SPRUNG))
+    exact = frequency(pp.Continuum(pp.Pipe(0.2), SPRUNG))
     sizes = np.array([10, 15, 22, 33, 50])
-    models = [pd.Galerkin(pd.Pipe(0.2), m, "beam", SPRUNG) for m in sizes]
+    models = [pp.Galerkin(pp.Pipe(0.2), m, "beam", SPRUNG) for m in sizes]
     errors = [frequency(model) / exact - 1.0 for model in models]
     order = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
     assert 2.5 < order < 3.5
     assert errors[-1] < 1e-5
-    found = pd.critical_speed(models[0])
-    exact = pd.critical_speed(pd.Continuum(pd.Pipe(0.2), SPRUNG))
+    found = pp.critical_speed(models[0])
+    exact = pp.critical_speed(pp.Continuum(pp.Pipe(0.2), SPRUNG))
     assert found.discretisation == pytest.approx(abs(found.speed - exact.speed), rel=1e-6)
 
 
@@ -372,8 +372,8 @@ def test_beam_modes_converge_like_a_power():
 )
 def test_the_distance_to_the_fitted_pipe_is_bounded_and_by_little(fittings, damping):
     """Against the exponentials; an end mass leaves little but the solvers' own errors."""
-    pipe = pd.Pipe(0.2, damping=damping)
-    start = pd.critical_speed(pd.Continuum(pipe, fittings))
+    pipe = pp.Pipe(0.2, damping=damping)
+    start = pp.critical_speed(pp.Continuum(pipe, fittings))
     with mpmath.workdps(25):
 
         def parts(u, omega):
@@ -383,7 +383,7 @@ def test_the_distance_to_the_fitted_pipe_is_bounded_and_by_little(fittings, damp
         exact = float(mpmath.findroot(parts, (start.speed, start.frequency), tol=1e-20)[0])
     telling = 0
     for basis, m in (("beam", 6), ("beam", 16), ("legendre", 4), ("legendre", 12)):
-        found = pd.critical_speed(pd.Galerkin(pipe, m, basis, fittings))
+        found = pp.critical_speed(pp.Galerkin(pipe, m, basis, fittings))
         telling += tells_its_distance(found, start, exact)
     assert telling >= 3
 
@@ -392,11 +392,11 @@ def test_the_distance_to_the_fitted_pipe_is_bounded_and_by_little(fittings, damp
 def test_sensitivities_are_differences(basis):
     """To gamma above all, which pulls on the fittings too."""
     numbers = {"beta": 0.3, "gamma": 6.0, "damping": 1e-3}
-    model = pd.Galerkin(pd.Pipe(**numbers), 14, basis, ALL)
-    found = pd.critical_speed(model)
+    model = pp.Galerkin(pp.Pipe(**numbers), 14, basis, ALL)
+    found = pp.critical_speed(model)
     for name, step in (("beta", 1e-4), ("gamma", 1e-3), ("damping", 1e-6)):
         sides = [
-            pd.critical_speed(model.with_pipe(pd.Pipe(**{**numbers, name: numbers[name] + h})))
+            pp.critical_speed(model.with_pipe(pp.Pipe(**{**numbers, name: numbers[name] + h})))
             for h in (-step, step)
         ]
         speed = (sides[1].speed - sides[0].speed) / (2.0 * step)
@@ -408,30 +408,30 @@ def test_sensitivities_are_differences(basis):
 def test_faint_damping_keeps_the_fittings():
     """Passages at beta = 1e-12 are extrapolated from stronger pipes, which must carry them."""
     strong, faint = (
-        pd.critical_speed(pd.Continuum(pd.Pipe(beta), ALL)).speed for beta in (1e-7, 1e-12)
+        pp.critical_speed(pp.Continuum(pp.Pipe(beta), ALL)).speed for beta in (1e-7, 1e-12)
     )
     assert faint == pytest.approx(strong, rel=1e-4)
-    assert abs(faint - pd.critical_speed(pd.Continuum(pd.Pipe(1e-12))).speed) > 0.1
+    assert abs(faint - pp.critical_speed(pp.Continuum(pp.Pipe(1e-12))).speed) > 0.1
 
 
 def test_many_fittings_settle_within_their_error():
-    fittings = [pd.Fitting(k / 10.0, mass=0.1, stiffness=5.0 * k) for k in range(1, 11)]
-    pipe = pd.Pipe(0.4, gamma=3.0, damping=1e-3)
-    found = pd.critical_speed(pd.Continuum(pipe, fittings))
-    finer = pd.critical_speed(pd.Galerkin(pipe, 90, "legendre", fittings))
+    fittings = [pp.Fitting(k / 10.0, mass=0.1, stiffness=5.0 * k) for k in range(1, 11)]
+    pipe = pp.Pipe(0.4, gamma=3.0, damping=1e-3)
+    found = pp.critical_speed(pp.Continuum(pipe, fittings))
+    finer = pp.critical_speed(pp.Galerkin(pipe, 90, "legendre", fittings))
     assert abs(found.speed - finer.speed) <= found.error + finer.error
     assert found.error < 1e-8
 
 
 def test_fittings_side_by_side_are_one():
     """Too close for a panel between them: what that costs is the cube of the distance."""
-    pipe = pd.Pipe(0.2, gamma=2.0)
-    together = [pd.Fitting(0.5, mass=0.3, stiffness=40.0)]
-    speeds = [pd.critical_speed(pd.Continuum(pipe, together)).speed]
+    pipe = pp.Pipe(0.2, gamma=2.0)
+    together = [pp.Fitting(0.5, mass=0.3, stiffness=40.0)]
+    speeds = [pp.critical_speed(pp.Continuum(pipe, together)).speed]
     for distance, panels in ((2.1e-4, 3), (1.1e-4, 3), (0.9e-4, 2), (1e-7, 2)):
-        beside = [pd.Fitting(0.5, mass=0.3), pd.Fitting(0.5 + distance, stiffness=40.0)]
-        assert pd.Galerkin(pipe, 8, "legendre", beside).panels == panels
-        speeds.append(pd.critical_speed(pd.Continuum(pipe, beside)).speed)
+        beside = [pp.Fitting(0.5, mass=0.3), pp.Fitting(0.5 + distance, stiffness=40.0)]
+        assert pp.Galerkin(pipe, 8, "legendre", beside).panels == panels
+        speeds.append(pp.critical_speed(pp.Continuum(pipe, beside)).speed)
     assert speeds[4] == pytest.approx(speeds[0], rel=1e-6)
     # Smooth in the distance, whether the panel is there or not.
     line = speeds[2] + 0.2 * (speeds[2] - speeds[1])
@@ -440,14 +440,14 @@ def test_fittings_side_by_side_are_one():
 
 @pytest.mark.parametrize("basis", BASES)
 def test_fittings_at_one_place_add_up(basis):
-    pipe = pd.Pipe(0.2, gamma=2.0, drag=0.5)
-    whole = pd.Galerkin(pipe, 6, basis, [pd.Fitting(0.5, mass=0.3, stiffness=40.0)])
+    pipe = pp.Pipe(0.2, gamma=2.0, drag=0.5)
+    whole = pp.Galerkin(pipe, 6, basis, [pp.Fitting(0.5, mass=0.3, stiffness=40.0)])
     parts = [
-        pd.Fitting(0.5, stiffness=40.0),
-        pd.Fitting(0.5, mass=0.1),
-        pd.Fitting(0.5, mass=0.2),
+        pp.Fitting(0.5, stiffness=40.0),
+        pp.Fitting(0.5, mass=0.1),
+        pp.Fitting(0.5, mass=0.2),
     ]
-    split = pd.Galerkin(pipe, 6, basis, parts)
+    split = pp.Galerkin(pipe, 6, basis, parts)
     for name in OPERATORS:
         expected = getattr(whole.operators(), name)
         size = np.abs(expected).max()
@@ -458,25 +458,25 @@ def test_fittings_at_one_place_add_up(basis):
 
 
 def test_no_fittings_are_the_plain_pipe():
-    pipe = pd.Pipe(0.2, gamma=2.0)
-    plain = pd.critical_speed(pd.Continuum(pipe))
-    assert pd.critical_speed(pd.Continuum(pipe, fittings=())) == plain
-    assert type(pd.Galerkin(pipe, 4, fittings=[]).motion) is _core.GalerkinMotion
+    pipe = pp.Pipe(0.2, gamma=2.0)
+    plain = pp.critical_speed(pp.Continuum(pipe))
+    assert pp.critical_speed(pp.Continuum(pipe, fittings=())) == plain
+    assert type(pp.Galerkin(pipe, 4, fittings=[]).motion) is _core.GalerkinMotion
 
 
 # ------------------------------------------------------------------------------------- the motion
 
 
-EVERYTHING = pd.Pipe(0.4, gamma=-7.0, flow="aspirating", alpha=0.7, drag=1.5, damping=0.01)
+EVERYTHING = pp.Pipe(0.4, gamma=-7.0, flow="aspirating", alpha=0.7, drag=1.5, damping=0.01)
 
 
 @pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize("pipe", [EVERYTHING, pd.Pipe(0.3, gamma=5.0, drag=0.8)])
+@pytest.mark.parametrize("pipe", [EVERYTHING, pp.Pipe(0.3, gamma=5.0, drag=0.8)])
 def test_a_massless_fitting_leaves_the_plain_motion(pipe, basis):
     """That of the vectorised kernel; beam modes on several panels, Legendre on one."""
     at = (0.25, 0.6, 1.0) if basis == "beam" else (1.0,)
-    nothing = [pd.Fitting(s, mass=1e-15, stiffness=1e-15) for s in at]
-    plain, fitted = pd.Galerkin(pipe, 6, basis), pd.Galerkin(pipe, 6, basis, nothing)
+    nothing = [pp.Fitting(s, mass=1e-15, stiffness=1e-15) for s in at]
+    plain, fitted = pp.Galerkin(pipe, 6, basis), pp.Galerkin(pipe, 6, basis, nothing)
     rng = np.random.default_rng(2)
     y = np.stack([state(plain, rng, angle) for angle in (0.2, 1.0, 2.5)], axis=1)
     u = np.array([0.0, 3.0, 6.0])
@@ -489,7 +489,7 @@ def test_a_massless_fitting_leaves_the_plain_motion(pipe, basis):
     for name in ("flow", "joints", "drag"):
         found, expected = (getattr(one.power(y, u), name) for one in (fitted, plain))
         np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-12)
-    smooth = pd.Pipe(pipe.beta, gamma=pipe.gamma, damping=pipe.damping)
+    smooth = pp.Pipe(pipe.beta, gamma=pipe.gamma, damping=pipe.damping)
     plain, fitted = plain.with_pipe(smooth), fitted.with_pipe(smooth)
     close(fitted.rhs(0.0, y, u), plain.rhs(0.0, y, u))
     close(fitted.jacobian(0.0, y[:, 2], 6.0), plain.jacobian(0.0, y[:, 2], 6.0))
@@ -507,9 +507,9 @@ def test_fittings_load_the_pipe_as_newton_says(basis):
 
     Their acceleration, and the virtual displacements, are differences of where they are.
     """
-    fittings = ALL if basis == "beam" else (pd.Fitting(1.0, mass=0.3, stiffness=7.0),)
-    plain = pd.Galerkin(EVERYTHING, 5, basis)
-    fitted = pd.Galerkin(EVERYTHING, 5, basis, fittings)
+    fittings = ALL if basis == "beam" else (pp.Fitting(1.0, mass=0.3, stiffness=7.0),)
+    plain = pp.Galerkin(EVERYTHING, 5, basis)
+    fitted = pp.Galerkin(EVERYTHING, 5, basis, fittings)
     at = np.array([f.at for f in fittings])
     mass, stiffness = (np.array([getattr(f, k) for f in fittings]) for k in ("mass", "stiffness"))
     y, u = state(plain, np.random.default_rng(3), 1.8), 4.0
@@ -528,7 +528,7 @@ def test_fittings_load_the_pipe_as_newton_says(basis):
 
 def test_motion_on_panels_obeys_lagranges_equations():
     """d/dt dL/dq' = dL/dq at rest flow, from the energy alone, which another test draws."""
-    model = pd.Galerkin(pd.Pipe(0.4, gamma=4.0), 6, "legendre", ALL)
+    model = pp.Galerkin(pp.Pipe(0.4, gamma=4.0), 6, "legendre", ALL)
     y = state(model, np.random.default_rng(4), 1.5)
     q, rate, still = y[:6], y[6:], np.zeros(6)
     there = model.rhs(0.0, y, 0.0)[6:]
@@ -553,7 +553,7 @@ def test_motion_on_panels_obeys_lagranges_equations():
 @pytest.mark.parametrize("basis", BASES)
 def test_energy_is_that_of_the_drawn_shape_and_its_fittings(basis):
     rng = np.random.default_rng(5)
-    model = pd.Galerkin(pd.Pipe(0.3, gamma=6.0), 6, basis, ALL)
+    model = pp.Galerkin(pp.Pipe(0.3, gamma=6.0), 6, basis, ALL)
     y = state(model, rng, 2.0)
     q, rate = y[:6], y[6:]
     s, weights = panel_gauss([0.0, 0.25, 0.6, 1.0], 40)
@@ -572,11 +572,11 @@ def test_energy_is_that_of_the_drawn_shape_and_its_fittings(basis):
     np.testing.assert_allclose(model.tip_velocities(q[:, None], rate[:, None])[0], velocity[-1])
 
 
-@pytest.mark.parametrize("pipe", [EVERYTHING, pd.Pipe(0.3, gamma=5.0, drag=0.8)])
+@pytest.mark.parametrize("pipe", [EVERYTHING, pp.Pipe(0.3, gamma=5.0, drag=0.8)])
 @pytest.mark.parametrize("basis", BASES)
 def test_power_is_the_energys_rate_with_everything_on(basis, pipe):
     rng = np.random.default_rng(6)
-    model = pd.Galerkin(pipe, 6, basis, ALL)
+    model = pp.Galerkin(pipe, 6, basis, ALL)
     for angle in (0.5, 3.0):
         y = state(model, rng, angle)
         slope = model.rhs(0.0, y, 6.0)
@@ -589,8 +589,8 @@ def test_power_is_the_energys_rate_with_everything_on(basis, pipe):
 @pytest.mark.parametrize("drag", [0.0, 1.5])
 @pytest.mark.parametrize("basis", BASES)
 def test_jacobian_is_the_derivative_of_rhs(basis, drag):
-    pipe = pd.Pipe(0.4, gamma=-7.0, flow="aspirating", alpha=0.7, drag=drag, damping=0.01)
-    model = pd.Galerkin(pipe, 6, basis, ALL)
+    pipe = pp.Pipe(0.4, gamma=-7.0, flow="aspirating", alpha=0.7, drag=drag, damping=0.01)
+    model = pp.Galerkin(pipe, 6, basis, ALL)
     y = state(model, np.random.default_rng(7), 2.0)
     scale = np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
     found = model.jacobian(0.0, y, 5.0) * scale
@@ -606,7 +606,7 @@ def test_jacobian_is_the_derivative_of_rhs(basis, drag):
 
 @pytest.mark.parametrize("basis", BASES)
 def test_small_motions_are_those_of_the_operators(basis):
-    model = pd.Galerkin(EVERYTHING, 6, basis, ALL)
+    model = pp.Galerkin(EVERYTHING, 6, basis, ALL)
     mass, damping, stiffness = model.operators().at(5.0)
     linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
     jacobian = model.jacobian(0.0, np.zeros(12), 5.0)
@@ -642,8 +642,8 @@ def test_under_an_end_weight_the_pipe_is_the_elastica(degrees):
     whole, second = ellipk(k**2), ellipe(k**2)
     ends = []
     for share in (2e-4, 1e-4):
-        pipe = pd.Pipe(0.2, gamma=-share * whole**2)
-        model = pd.Galerkin(pipe, 12, "legendre", [pd.Fitting(1.0, mass=1.0 / share)])
+        pipe = pp.Pipe(0.2, gamma=-share * whole**2)
+        model = pp.Galerkin(pipe, 12, "legendre", [pp.Fitting(1.0, mass=1.0 / share)])
         rest = buckled(model, model.bent(lambda s: alpha * np.sin(0.5 * math.pi * s)))
         ends.append([*model.tip(rest), model.functions([1.0], 1)[0] @ rest])
     expected = [2.0 * k / whole, 2.0 * second / whole - 1.0, alpha]
@@ -653,11 +653,11 @@ def test_under_an_end_weight_the_pipe_is_the_elastica(degrees):
 def test_operators_about_a_bent_pipe_are_its_small_motions():
     """Standing under too much weight, held by springs, it rests bent."""
     fittings = (
-        pd.Fitting(0.4, stiffness=8.0),
-        pd.Fitting(0.7, mass=0.5),
-        pd.Fitting(1.0, mass=0.5, stiffness=0.5),
+        pp.Fitting(0.4, stiffness=8.0),
+        pp.Fitting(0.7, mass=0.5),
+        pp.Fitting(1.0, mass=0.5, stiffness=0.5),
     )
-    model = pd.Galerkin(pd.Pipe(0.3, gamma=-4.0, damping=0.02), 8, "legendre", fittings)
+    model = pp.Galerkin(pp.Pipe(0.3, gamma=-4.0, damping=0.02), 8, "legendre", fittings)
     rest = buckled(model, model.bent(lambda s: 2.0 * np.sin(0.5 * math.pi * s)))
     assert abs(model.tip(rest)[0]) > 0.3
     ops = model.operators(rest)
@@ -673,8 +673,8 @@ def test_operators_about_a_bent_pipe_are_its_small_motions():
 def test_quadrature_misses_less_than_it_says(m, basis, drag):
     """Against far more nodes on each panel; short panels and long ones."""
     rng = np.random.default_rng(8)
-    fittings = (pd.Fitting(0.5, mass=0.3), pd.Fitting(0.55, stiffness=200.0), pd.Fitting(1.0, 0.1))
-    model = pd.Galerkin(pd.Pipe(0.3, gamma=5.0, drag=drag), m, basis, fittings)
+    fittings = (pp.Fitting(0.5, mass=0.3), pp.Fitting(0.55, stiffness=200.0), pp.Fitting(1.0, 0.1))
+    model = pp.Galerkin(pp.Pipe(0.3, gamma=5.0, drag=drag), m, basis, fittings)
     fine = _core.FittedMotion(
         pipe=core_pipe(model.pipe),
         legendre=basis == "legendre",
@@ -693,7 +693,7 @@ def test_quadrature_misses_less_than_it_says(m, basis, drag):
 
 def test_a_batch_is_its_members_and_carries_the_work_done():
     rng = np.random.default_rng(9)
-    model = pd.Galerkin(EVERYTHING, 5, "legendre", ALL)
+    model = pp.Galerkin(EVERYTHING, 5, "legendre", ALL)
     y = np.stack([state(model, rng, angle) for angle in (0.0001, 0.3, 1.0, 3.0)], axis=1)
     u = np.array([0.0, 2.0, 4.0, 6.0])
     single = np.stack([model.rhs(0.0, y[:, k], u[k]) for k in range(4)], axis=1)
@@ -708,18 +708,18 @@ def test_a_batch_is_its_members_and_carries_the_work_done():
 
 @pytest.mark.parametrize("damping", [0.0, 5e-3])
 def test_simulated_motions_balance_their_energy_in_either_basis(damping):
-    pipe = pd.Pipe(0.2, gamma=3.0, drag=0.5, damping=damping)
-    fittings = (pd.Fitting(0.6, stiffness=20.0), pd.Fitting(1.0, mass=0.2))
+    pipe = pp.Pipe(0.2, gamma=3.0, drag=0.5, damping=damping)
+    fittings = (pp.Fitting(0.6, stiffness=20.0), pp.Fitting(1.0, mass=0.2))
     angle = lambda s: 0.8 * np.sin(0.5 * math.pi * s)  # noqa: E731
     legendre, beam = (
-        pd.simulate(pd.Galerkin(pipe, m, basis, fittings), 4.0, 1.0, angle, samples=21, rtol=1e-7)
+        pp.simulate(pp.Galerkin(pipe, m, basis, fittings), 4.0, 1.0, angle, samples=21, rtol=1e-7)
         for m, basis in ((8, "legendre"), (8, "beam"))
     )
     assert legendre.audit < 1e-6
     assert beam.audit < 1e-6
     np.testing.assert_allclose(legendre.tip, beam.tip, atol=5e-3)
     speeds = [3.0, 4.0]
-    members = pd.simulate_many(legendre.model, speeds, 1.0, angle, samples=21, rtol=1e-7)
+    members = pp.simulate_many(legendre.model, speeds, 1.0, angle, samples=21, rtol=1e-7)
     np.testing.assert_allclose(members.motions[1].tip, legendre.tip, atol=1e-6)
 
 
@@ -727,79 +727,79 @@ def test_simulated_motions_balance_their_energy_in_either_basis(damping):
 
 
 def test_models_keep_show_and_pickle_their_fittings():
-    pipe, other = pd.Pipe(0.2), pd.Pipe(0.3, gamma=1.0)
-    continuum = pd.Continuum(pipe, list(ALL))
+    pipe, other = pp.Pipe(0.2), pp.Pipe(0.3, gamma=1.0)
+    continuum = pp.Continuum(pipe, list(ALL))
     model = continuum.frozen(9)
     for one in (continuum, model, pickle.loads(pickle.dumps(model)), continuum.with_pipe(other)):
         assert one.fittings == ALL
         assert "Fitting(0.25, mass=0.4), Fitting(0.6, stiffness=50)" in repr(one)
     assert continuum.with_pipe(other).pipe == model.with_pipe(other).pipe == other
     assert model.with_pipe(other).fittings == ALL
-    assert (model.panels, pd.Galerkin(pipe, 9, "beam", ALL).panels) == (3, 1)
+    assert (model.panels, pp.Galerkin(pipe, 9, "beam", ALL).panels) == (3, 1)
     assert pickle.loads(pickle.dumps(ALL[0])) == ALL[0]
-    assert "fittings" not in repr(pd.Galerkin(pipe, 3)) + repr(pd.Continuum(pipe))
-    assert pd.modes(continuum, 1.0, 4).converged.all()
-    loci = pd.root_loci(continuum, [0.0, 1.0, 2.0], 4)
+    assert "fittings" not in repr(pp.Galerkin(pipe, 3)) + repr(pp.Continuum(pipe))
+    assert pp.modes(continuum, 1.0, 4).converged.all()
+    loci = pp.root_loci(continuum, [0.0, 1.0, 2.0], 4)
     values = np.concatenate([loci.eigenvalues[-1], loci.partners[-1]])
-    found = pd.eigenvalues(continuum, 2.0, 8)
+    found = pp.eigenvalues(continuum, 2.0, 8)
     assert max(np.abs(values - one).min() for one in found) < 1e-7
 
 
 NAN, INF = math.nan, math.inf
-PIPE = pd.Pipe(0.2)
+PIPE = pp.Pipe(0.2)
 
 
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (lambda: pd.Fitting(0.0, mass=1.0), ValueError, "at must lie in (0, 1], got 0.0"),
-        (lambda: pd.Fitting(1.1, mass=1.0), ValueError, "at must lie in (0, 1], got 1.1"),
-        (lambda: pd.Fitting(NAN, mass=1.0), ValueError, "at must lie in (0, 1], got nan"),
-        (lambda: pd.Fitting("end", mass=1.0), TypeError, "at must be a real number, got 'end'"),
-        (lambda: pd.Fitting(0.5, mass=-1.0), ValueError, "mass must lie in [0, 1e+06], got -1.0"),
-        (lambda: pd.Fitting(0.5, mass=INF), ValueError, "mass must lie in [0, 1e+06], got inf"),
-        (lambda: pd.Fitting(0.5, mass=True), TypeError, "mass must be a real number, got True"),
+        (lambda: pp.Fitting(0.0, mass=1.0), ValueError, "at must lie in (0, 1], got 0.0"),
+        (lambda: pp.Fitting(1.1, mass=1.0), ValueError, "at must lie in (0, 1], got 1.1"),
+        (lambda: pp.Fitting(NAN, mass=1.0), ValueError, "at must lie in (0, 1], got nan"),
+        (lambda: pp.Fitting("end", mass=1.0), TypeError, "at must be a real number, got 'end'"),
+        (lambda: pp.Fitting(0.5, mass=-1.0), ValueError, "mass must lie in [0, 1e+06], got -1.0"),
+        (lambda: pp.Fitting(0.5, mass=INF), ValueError, "mass must lie in [0, 1e+06], got inf"),
+        (lambda: pp.Fitting(0.5, mass=True), TypeError, "mass must be a real number, got True"),
         (
-            lambda: pd.Fitting(0.5, stiffness=-2.0),
+            lambda: pp.Fitting(0.5, stiffness=-2.0),
             ValueError,
             "stiffness must lie in [0, 1e+09], got -2.0",
         ),
         (
-            lambda: pd.Fitting(0.5, stiffness=NAN),
+            lambda: pp.Fitting(0.5, stiffness=NAN),
             ValueError,
             "stiffness must lie in [0, 1e+09], got nan",
         ),
-        (lambda: pd.Fitting(0.5), ValueError, "mass or stiffness must be > 0, got 0 for both"),
+        (lambda: pp.Fitting(0.5), ValueError, "mass or stiffness must be > 0, got 0 for both"),
         *(
             (lambda make=make, v=v: make(v), TypeError, "fittings must be a tuple or list, got ")
             for make in (
-                lambda v: pd.Galerkin(PIPE, 3, fittings=v),
-                lambda v: pd.Continuum(PIPE, v),
+                lambda v: pp.Galerkin(PIPE, 3, fittings=v),
+                lambda v: pp.Continuum(PIPE, v),
             )
             for v in (None, ALL[0], "mass", iter(ALL))
         ),
         (
-            lambda: pd.Continuum(PIPE, [ALL[0], (0.5, 1.0)]),
+            lambda: pp.Continuum(PIPE, [ALL[0], (0.5, 1.0)]),
             TypeError,
             "fittings[1] must be a Fitting, got (0.5, 1.0)",
         ),
         (
-            lambda: pd.Continuum(PIPE, 401 * ALL[:1]),
+            lambda: pp.Continuum(PIPE, 401 * ALL[:1]),
             ValueError,
             "fittings must be at most 400, got 401",
         ),
         (
-            lambda: pd.Galerkin(PIPE, 2, "legendre", ALL),
+            lambda: pp.Galerkin(PIPE, 2, "legendre", ALL),
             ValueError,
             "m must be at least 3, the number of panels between fittings, got 2",
         ),
         (
-            lambda: pd.Galerkin(PIPE, 4, fittings=ALL).operators(np.zeros(5)),
+            lambda: pp.Galerkin(PIPE, 4, fittings=ALL).operators(np.zeros(5)),
             ValueError,
             "q must have 4 entries, got 5",
         ),
         (
-            lambda: pd.Galerkin(PIPE, 4, fittings=ALL).rhs(0.0, np.zeros(7), 1.0),
+            lambda: pp.Galerkin(PIPE, 4, fittings=ALL).rhs(0.0, np.zeros(7), 1.0),
             ValueError,
             "y must have shape (8,) or (8, k), got (7,)",
         ),

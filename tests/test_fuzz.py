@@ -9,10 +9,10 @@ from types import FunctionType
 import fuzz
 import pytest
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import modular, plot
 
-MADE_BY_USERS = {pd.Pipe, pd.Chain, pd.Galerkin, pd.Continuum, pd.Fitting}
+MADE_BY_USERS = {pp.Pipe, pp.Chain, pp.Galerkin, pp.Continuum, pp.Fitting}
 MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != "Mechanism"}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
@@ -23,14 +23,14 @@ CALLED_WITH_CHECKED |= {"unbalanced"}
 
 def public_calls():
     """Names of all functions, constructors and methods that users give arguments to."""
-    for module, prefix in ((pd, ""), (modular, "modular."), (plot, "plot.")):
+    for module, prefix in ((pp, ""), (modular, "modular."), (plot, "plot.")):
         for name in module.__all__:
             item = getattr(module, name)
             if not getattr(item, "__module__", "").startswith("pipedyn"):
                 continue  # what plot hands on from matplotlib
             if isinstance(item, FunctionType) or item in MADE_BY_USERS:
                 yield prefix + name
-            if isinstance(item, type) and item is not pd.Model:
+            if isinstance(item, type) and item is not pp.Model:
                 yield from (f"{prefix}{name}.{method}" for method in methods_with_arguments(item))
 
 
@@ -61,7 +61,7 @@ def test_malformed_arguments_are_refused_by_name_and_good_ones_answered():
         (lambda u: int("x" * 500), ["u"], "refused without the argument's name"),
         (lambda u: math.nan, [], "not finite: result"),
         (lambda u: (0.0, [complex(0.0, math.inf)]), [], "not finite: result[1][0]"),
-        (lambda u: pd.Pipe(2.0), [], "refused good arguments"),
+        (lambda u: pp.Pipe(2.0), [], "refused good arguments"),
         (lambda u: "x".encode("ascii").decode("utf-16"), ["u"], "raised UnicodeDecodeError"),
         (lambda u: next(i for i in iter(int, 1) if i), ["u"], "took more than 0.2 s"),
     ],

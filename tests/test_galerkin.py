@@ -11,7 +11,7 @@ from numpy.polynomial import Legendre, Polynomial
 from scipy.integrate import quad
 from scipy.special import eval_legendre
 
-import pipedyn as pd
+import pipedyn as pp
 
 
 def gauss(count):
@@ -44,7 +44,7 @@ def beam_mode(i, s, derivative=0):
 def test_beam_modes_are_good_at_any_number(number):
     """Against the textbook formula with as many digits as it needs."""
     s = np.array([0.0, 1e-3, 0.02, 0.3, 0.5, 0.77, 0.999, 1.0])
-    model = pd.Galerkin(pd.Pipe(0.2), number)
+    model = pp.Galerkin(pp.Pipe(0.2), number)
     with mpmath.workdps(int(30 + number * math.pi)):
         root = float(beam_root(number))
         for derivative in range(3):
@@ -57,12 +57,12 @@ def test_beam_modes_are_good_at_any_number(number):
 
 def test_beam_modes_reach_two_at_the_free_end_with_alternating_sign():
     """A unit-mass mode of a cantilever has |w(1)| = 2."""
-    ends = pd.Galerkin(pd.Pipe(0.2), 400).functions([1.0])[0]
+    ends = pp.Galerkin(pp.Pipe(0.2), 400).functions([1.0])[0]
     np.testing.assert_allclose(ends, 2.0 * (-1.0) ** np.arange(400), atol=1e-11)
 
 
 def test_beam_modes_are_orthogonal_with_unit_mass():
-    model = pd.Galerkin(pd.Pipe(0.2), 60)
+    model = pp.Galerkin(pp.Pipe(0.2), 60)
     nodes, weights = gauss(240)
     values = model.functions(nodes)
     curvatures = model.functions(nodes, 2)
@@ -75,7 +75,7 @@ def test_beam_modes_are_orthogonal_with_unit_mass():
 
 
 def test_legendre_functions_have_legendre_polynomials_for_curvature():
-    model = pd.Galerkin(pd.Pipe(0.2), 30, "legendre")
+    model = pp.Galerkin(pp.Pipe(0.2), 30, "legendre")
     s = np.linspace(0.0, 1.0, 41)
     for i in range(30):
         expected = math.sqrt(2 * i + 1) * eval_legendre(i, 2.0 * s - 1.0)
@@ -87,7 +87,7 @@ def test_legendre_functions_have_legendre_polynomials_for_curvature():
 
 def test_legendre_functions_integrate_their_curvature_twice():
     """Exact series: w'' -> w' -> w with w(0) = w'(0) = 0."""
-    model = pd.Galerkin(pd.Pipe(0.2), 20, "legendre")
+    model = pp.Galerkin(pp.Pipe(0.2), 20, "legendre")
     s = np.linspace(0.0, 1.0, 23)
     for i in range(20):
         curvature = math.sqrt(2 * i + 1) * Legendre.basis(i, domain=[0.0, 1.0])
@@ -98,21 +98,21 @@ def test_legendre_functions_integrate_their_curvature_twice():
 
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 def test_every_function_is_clamped(basis):
-    model = pd.Galerkin(pd.Pipe(0.2), 200, basis)
+    model = pp.Galerkin(pp.Pipe(0.2), 200, basis)
     slope_size = np.abs(model.functions(np.linspace(0, 1, 401), 1)).max(axis=0)
     np.testing.assert_allclose(model.functions([0.0])[0], 0.0, atol=1e-12)
     np.testing.assert_allclose(model.functions([0.0], 1)[0] / slope_size, 0.0, atol=1e-12)
 
 
 def test_beam_modes_carry_no_moment_at_the_free_end():
-    model = pd.Galerkin(pd.Pipe(0.2), 200)
+    model = pp.Galerkin(pp.Pipe(0.2), 200)
     roots = np.sqrt(np.sqrt(np.diag(model.operators().stiffness)))
     np.testing.assert_allclose(model.functions([1.0], 2)[0] / roots**2, 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 def test_slopes_and_curvatures_are_derivatives(basis):
-    model = pd.Galerkin(pd.Pipe(0.2), 9, basis)
+    model = pp.Galerkin(pp.Pipe(0.2), 9, basis)
     s, h = np.linspace(0.1, 0.9, 9), 1e-4
     for order in (0, 1):
         difference = (model.functions(s + h, order) - model.functions(s - h, order)) / (2 * h)
@@ -128,9 +128,9 @@ def test_slopes_and_curvatures_are_derivatives(basis):
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 def test_operators_are_the_weak_form_of_the_pipes_equation(basis):
     """Each term of the equation, integrated by scipy.quad from mpmath or polynomial functions."""
-    pipe = pd.Pipe(0.3, gamma=2.0, damping=0.01)
+    pipe = pp.Pipe(0.3, gamma=2.0, damping=0.01)
     m = 4
-    ops = pd.Galerkin(pipe, m, basis).operators()
+    ops = pp.Galerkin(pipe, m, basis).operators()
     if basis == "beam":
         with mpmath.workdps(30):
             samples, weights = gauss(60)
@@ -184,7 +184,7 @@ def test_operators_are_the_weak_form_of_the_pipes_equation(basis):
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 def test_operators_hold_the_strong_form_for_a_smooth_motion(basis, flow):
     """Every term of the equation, for w = s^4 - 4 s^3 + 6 s^2 (no force or moment at the end)."""
-    pipe = pd.Pipe(0.4, gamma=3.0, flow=flow, alpha=0.7, damping=0.02)
+    pipe = pp.Pipe(0.4, gamma=3.0, flow=flow, alpha=0.7, damping=0.02)
     u, rate = 2.0, 1.3
     w = Polynomial([0.0, 0.0, 6.0, -4.0, 1.0])
     first, second, fourth = w.deriv(), w.deriv(2), w.deriv(4)
@@ -199,7 +199,7 @@ def test_operators_hold_the_strong_form_for_a_smooth_motion(basis, flow):
         return bend + tension * second(s) + 3.0 * first(s) + coriolis + rate**2 * w(s)
 
     m = 40 if basis == "beam" else 6
-    model = pd.Galerkin(pipe, m, basis)
+    model = pp.Galerkin(pipe, m, basis)
     nodes, weights = gauss(200)
     # Coordinates of w by its curvature, in which both families are orthogonal.
     curvature = model.functions(nodes, 2)
@@ -215,7 +215,7 @@ def test_operators_hold_the_strong_form_for_a_smooth_motion(basis, flow):
 
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 def test_coriolis_is_skew_and_the_end_flux_has_rank_one(basis):
-    ops = pd.Galerkin(pd.Pipe(0.6, gamma=-4.0, damping=0.1), 9, basis).operators()
+    ops = pp.Galerkin(pp.Pipe(0.6, gamma=-4.0, damping=0.1), 9, basis).operators()
     np.testing.assert_array_equal(ops.gyroscopic, -ops.gyroscopic.T)
     assert np.linalg.matrix_rank(ops.end_flux) == 1
     for name in ("mass", "end_flux", "damping", "stiffness"):
@@ -225,8 +225,8 @@ def test_coriolis_is_skew_and_the_end_flux_has_rank_one(basis):
 
 
 def test_aspirating_reverses_the_speed_and_alpha_multiplies_the_centrifugal_term_only():
-    out = pd.Galerkin(pd.Pipe(0.3), 5).operators()
-    back = pd.Galerkin(pd.Pipe(0.3, flow="aspirating", alpha=0.25), 5).operators()
+    out = pp.Galerkin(pp.Pipe(0.3), 5).operators()
+    back = pp.Galerkin(pp.Pipe(0.3, flow="aspirating", alpha=0.25), 5).operators()
     for name in ("mass", "gyroscopic", "end_flux", "stiffness", "flux"):
         np.testing.assert_array_equal(getattr(out, name), getattr(back, name))
     _, c_out, k_out = out.at(4.0)
@@ -237,7 +237,7 @@ def test_aspirating_reverses_the_speed_and_alpha_multiplies_the_centrifugal_term
 
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 def test_elastic_coordinates_tell_the_same_pipe(basis):
-    model = pd.Galerkin(pd.Pipe(0.3, gamma=1.0, damping=0.01), 8, basis)
+    model = pp.Galerkin(pp.Pipe(0.3, gamma=1.0, damping=0.01), 8, basis)
     transform = model.from_elastic(np.eye(8))
     plain, elastic = model.operators(), model.elastic_operators()
     for name in ("mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"):
@@ -250,7 +250,7 @@ def test_elastic_coordinates_tell_the_same_pipe(basis):
 
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 def test_the_centreline_keeps_its_length_at_any_amplitude(basis):
-    model = pd.Galerkin(pd.Pipe(0.2), 4, basis)
+    model = pp.Galerkin(pp.Pipe(0.2), 4, basis)
     q = np.array([0.4, -0.1, 0.05, 0.02])
     s = np.linspace(0.0, 1.0, 2001)
     steps = np.hypot(*np.diff(model.shape(q, s), axis=0).T)
@@ -261,7 +261,7 @@ def test_the_centreline_keeps_its_length_at_any_amplitude(basis):
 
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 def test_deflection_is_the_shape_at_small_amplitudes(basis):
-    model = pd.Galerkin(pd.Pipe(0.2), 4, basis)
+    model = pp.Galerkin(pp.Pipe(0.2), 4, basis)
     q, s = np.array([0.4, -0.1, 0.05, 0.02]), np.linspace(0.0, 1.0, 11)
     np.testing.assert_allclose(
         model.shape(1e-6 * q, s)[:, 0] / 1e-6, model.deflection(q, s), atol=1e-9
@@ -270,7 +270,7 @@ def test_deflection_is_the_shape_at_small_amplitudes(basis):
 
 
 def test_reduced_models_pickle():
-    model = pd.Galerkin(pd.Pipe(0.2, gamma=1.0), 5, "legendre")
+    model = pp.Galerkin(pp.Pipe(0.2, gamma=1.0), 5, "legendre")
     model.operators()
     same = pickle.loads(pickle.dumps(model))
     assert (same.pipe, same.dof, same.basis) == (model.pipe, 5, "legendre")

@@ -12,9 +12,9 @@ from numpy.polynomial import Legendre
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import _core
-from pipedyn.model import core_pipe
+from pipedyn.models.base import core_pipe
 
 BASES = ["beam", "legendre"]
 FLOWS = ["ejecting", "aspirating"]
@@ -109,8 +109,8 @@ def test_pipe_and_fluid_obey_dalembert(m, basis, flow):
     the centrifugal force, multiplies that part of the particle's acceleration.
     """
     rng = np.random.default_rng(m)
-    pipe = pd.Pipe(0.3, gamma=4.0, flow=flow, alpha=0.6, drag=0.8, damping=0.02)
-    model = pd.Galerkin(pipe, m, basis)
+    pipe = pp.Pipe(0.3, gamma=4.0, flow=flow, alpha=0.6, drag=0.8, damping=0.02)
+    model = pp.Galerkin(pipe, m, basis)
     u = 5.0
     sign, centrifugal = (1.0, 1.0) if flow == "ejecting" else (-1.0, 0.6)
     turn, bend = textbook_slopes(basis, m)
@@ -157,7 +157,7 @@ def test_pipe_and_fluid_obey_dalembert(m, basis, flow):
 def test_power_is_the_energys_rate_with_every_effect_on_and_off(effects, basis, flow):
     rng = np.random.default_rng(effects)
     gravity, drag, damping, flowing = (bool(effects >> bit & 1) for bit in range(4))
-    pipe = pd.Pipe(
+    pipe = pp.Pipe(
         0.4,
         gamma=-7.0 if gravity else 0.0,
         flow=flow,
@@ -165,7 +165,7 @@ def test_power_is_the_energys_rate_with_every_effect_on_and_off(effects, basis, 
         drag=1.5 if drag else 0.0,
         damping=0.01 if damping else 0.0,
     )
-    model = pd.Galerkin(pipe, 5, basis)
+    model = pp.Galerkin(pipe, 5, basis)
     u = 6.0 if flowing else 0.0
     for angle in (0.5, 3.0):
         y = state(model, rng, angle)
@@ -185,7 +185,7 @@ def test_power_is_the_energys_rate_with_every_effect_on_and_off(effects, basis, 
 @pytest.mark.parametrize("flow", FLOWS)
 def test_the_flow_works_at_the_free_end_only(flow):
     rng = np.random.default_rng(3)
-    model = pd.Galerkin(pd.Pipe(0.25, gamma=2.0, flow=flow, alpha=0.7), 4, "legendre")
+    model = pp.Galerkin(pp.Pipe(0.25, gamma=2.0, flow=flow, alpha=0.7), 4, "legendre")
     y, u = state(model, rng, 1.5), 4.0
     q, rate = y[:4], y[4:]
     velocity = derivative(lambda t: model.tip(q + t * rate), 1e-3)
@@ -200,7 +200,7 @@ def test_the_flow_works_at_the_free_end_only(flow):
 def test_energy_is_that_of_the_shape(basis):
     """Bending, weight and kinetic energy of the drawn centreline; zero at rest."""
     rng = np.random.default_rng(4)
-    model = pd.Galerkin(pd.Pipe(0.3, gamma=6.0), 4, basis)
+    model = pp.Galerkin(pp.Pipe(0.3, gamma=6.0), 4, basis)
     y = state(model, rng, 2.0)
     q, rate = y[:4], y[4:]
     s, weights = gauss(60)
@@ -224,8 +224,8 @@ def test_energy_is_that_of_the_shape(basis):
 def test_jacobian_is_the_derivative_of_rhs(drag, basis, flow):
     rng = np.random.default_rng(5)
     m, u = 5, 5.0
-    pipe = pd.Pipe(0.4, gamma=-7.0, flow=flow, alpha=0.7, drag=drag, damping=0.01)
-    model = pd.Galerkin(pipe, m, basis)
+    pipe = pp.Pipe(0.4, gamma=-7.0, flow=flow, alpha=0.7, drag=drag, damping=0.01)
+    model = pp.Galerkin(pipe, m, basis)
     scale = np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
     for angle in (0.5, 2.0):
         y = state(model, rng, angle)
@@ -245,14 +245,14 @@ def test_jacobian_is_the_derivative_of_rhs(drag, basis, flow):
 def test_small_motions_are_those_of_the_operators(basis, flow):
     """Drag included: it has no linear part, and a Jacobian at rest."""
     rng = np.random.default_rng(6)
-    pipe = pd.Pipe(0.4, gamma=5.0, flow=flow, alpha=0.7, drag=2.0, damping=0.01)
-    model = pd.Galerkin(pipe, 6, basis)
+    pipe = pp.Pipe(0.4, gamma=5.0, flow=flow, alpha=0.7, drag=2.0, damping=0.01)
+    model = pp.Galerkin(pipe, 6, basis)
     mass, damping, stiffness = model.operators().at(5.0)
     linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
     jacobian = model.jacobian(0.0, np.zeros(12), 5.0)
     np.testing.assert_allclose(jacobian[6:], linear, atol=1e-10 * np.abs(linear).max())
     np.testing.assert_array_equal(jacobian[:6], np.eye(12)[6:])
-    smooth = pd.Galerkin(pd.Pipe(0.4, gamma=5.0, flow=flow, alpha=0.7, damping=0.01), 6, basis)
+    smooth = pp.Galerkin(pp.Pipe(0.4, gamma=5.0, flow=flow, alpha=0.7, damping=0.01), 6, basis)
     y = state(model, rng, 1.0)
     errors = [
         np.abs(smooth.rhs(0.0, size * y, 5.0)[6:] / size - linear @ y).max() for size in (0.1, 0.01)
@@ -263,7 +263,7 @@ def test_small_motions_are_those_of_the_operators(basis, flow):
 @pytest.mark.parametrize("basis", BASES)
 def test_operators_about_a_buckled_pipe_are_its_small_motions(basis):
     """Standing under too much weight it rests bent; there the Jacobian is that of the operators."""
-    model = pd.Galerkin(pd.Pipe(0.3, gamma=-12.0, damping=0.02), 5, basis)
+    model = pp.Galerkin(pp.Pipe(0.3, gamma=-12.0, damping=0.02), 5, basis)
 
     def force(q):
         return model.rhs(0.0, np.concatenate([q, np.zeros(5)]), 1.0)[5:]
@@ -296,7 +296,7 @@ def test_operators_about_a_buckled_pipe_are_its_small_motions(basis):
 def test_quadrature_misses_less_than_it_says(m, basis, drag):
     """Against far more nodes, from small angles to pi, in low functions and in all of them."""
     rng = np.random.default_rng(7)
-    model = pd.Galerkin(pd.Pipe(0.3, gamma=5.0, drag=drag), m, basis)
+    model = pp.Galerkin(pp.Pipe(0.3, gamma=5.0, drag=drag), m, basis)
     reference = fine(model, 400 if drag else 250)
     worst = 0.0
     for angle in (0.3, 1.0, 2.0, math.pi):
@@ -311,10 +311,10 @@ def test_quadrature_misses_less_than_it_says(m, basis, drag):
 
 def test_nodes_follow_functions_and_amplitude():
     counts = [
-        pd.Galerkin(pd.Pipe(0.2), m, "legendre").motion.nodes(np.zeros(m)) for m in (2, 8, 24)
+        pp.Galerkin(pp.Pipe(0.2), m, "legendre").motion.nodes(np.zeros(m)) for m in (2, 8, 24)
     ]
     assert counts == sorted(set(counts))
-    model = pd.Galerkin(pd.Pipe(0.2), 8, "legendre")
+    model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre")
     curled = np.eye(8)[0]
     counts = [model.motion.nodes(size * curled) for size in (0.0, 3.0, 30.0, 1e6)]
     assert counts == sorted(set(counts))
@@ -331,7 +331,7 @@ def test_a_batch_is_its_members(m, basis, level, at_level):
     """At every width, whatever the neighbours' amplitudes."""
     at_level(level)
     rng = np.random.default_rng(8)
-    model = pd.Galerkin(pd.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), m, basis)
+    model = pp.Galerkin(pp.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), m, basis)
     angles = rng.choice([0.0, 0.1, 1.0, 3.0], 20)
     states = np.stack([state(model, rng, angle) for angle in angles], axis=1)
     speeds = rng.uniform(0.0, 7.0, 20)
@@ -356,7 +356,7 @@ def test_a_batch_is_its_members(m, basis, level, at_level):
 
 
 def test_an_empty_batch_is_empty():
-    model = pd.Galerkin(pd.Pipe(0.4, drag=0.7), 3)
+    model = pp.Galerkin(pp.Pipe(0.4, drag=0.7), 3)
     assert model.rhs(0.0, np.zeros((6, 0)), 1.0).shape == (6, 0)
     assert model.rhs(0.0, np.zeros((6, 0)), np.zeros(0)).shape == (6, 0)
     assert model.energy(np.zeros((6, 0))).shape == (0,)
@@ -367,7 +367,7 @@ def test_an_empty_batch_is_empty():
 @pytest.mark.parametrize("m", [1, 3, 9])
 def test_levels_agree(m, basis, at_level):
     rng = np.random.default_rng(12)
-    model = pd.Galerkin(pd.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), m, basis)
+    model = pp.Galerkin(pp.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), m, basis)
     y = np.stack([state(model, rng, angle) for angle in (0.3, 1.0, 2.0)], axis=1)
     found = []
     for level in LEVELS:
@@ -380,7 +380,7 @@ def test_levels_agree(m, basis, at_level):
 
 def test_rates_with_the_work_done_are_rhs_and_power():
     rng = np.random.default_rng(13)
-    model = pd.Galerkin(pd.Pipe(0.4, gamma=2.0, drag=0.7, damping=0.01), 4, "legendre")
+    model = pp.Galerkin(pp.Pipe(0.4, gamma=2.0, drag=0.7, damping=0.01), 4, "legendre")
     y = np.stack([state(model, rng, 1.0) for _ in range(5)], axis=1)
     u = np.linspace(0.0, 6.0, 5)
     found = model.motion.rhs_and_power(0.0, np.vstack([y, np.ones(5)]), u)
@@ -390,8 +390,8 @@ def test_rates_with_the_work_done_are_rhs_and_power():
 
 def test_one_model_serves_many_threads():
     rng = np.random.default_rng(9)
-    pipe = pd.Pipe(0.3, gamma=1.0, drag=0.5)
-    model, fresh = pd.Galerkin(pipe, 6, "legendre"), pd.Galerkin(pipe, 6, "legendre")
+    pipe = pp.Pipe(0.3, gamma=1.0, drag=0.5)
+    model, fresh = pp.Galerkin(pipe, 6, "legendre"), pp.Galerkin(pipe, 6, "legendre")
     states = [state(model, rng, angle) for angle in rng.uniform(0.0, 3.0, 64)]
     batch = np.stack(states, axis=1)
 
@@ -417,7 +417,7 @@ def test_one_model_serves_many_threads():
 @pytest.mark.parametrize("basis", BASES)
 def test_the_mirror_image_moves_as_the_mirror_image(basis):
     rng = np.random.default_rng(10)
-    model = pd.Galerkin(pd.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), 5, basis)
+    model = pp.Galerkin(pp.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), 5, basis)
     y = state(model, rng, 2.0)
     slope = model.rhs(0.0, y, 5.0)
     size = np.abs(slope).max()
@@ -427,8 +427,8 @@ def test_the_mirror_image_moves_as_the_mirror_image(basis):
 def test_reversing_time_turns_the_flow():
     """Ejecting, seen backwards, is aspirating with the inlet coefficient 1."""
     rng = np.random.default_rng(11)
-    out = pd.Galerkin(pd.Pipe(0.4, gamma=2.0), 4, "legendre")
-    back = pd.Galerkin(pd.Pipe(0.4, gamma=2.0, flow="aspirating"), 4, "legendre")
+    out = pp.Galerkin(pp.Pipe(0.4, gamma=2.0), 4, "legendre")
+    back = pp.Galerkin(pp.Pipe(0.4, gamma=2.0, flow="aspirating"), 4, "legendre")
     y = state(out, rng, 1.5)
     turned = np.concatenate([y[:4], -y[4:]])
     forward = out.rhs(0.0, y, 3.0)[4:]
@@ -479,7 +479,7 @@ def limit_cycle(model, u, frequency, angle):
 )
 def test_the_settled_cycle_at_beta_one_fifth(damping, amplitude, frequency, tolerance):
     """u = 6, gamma = 0, 8 functions; values of an independent shooting and of finite elements."""
-    model = pd.Galerkin(pd.Pipe(0.2, damping=damping), 8, "legendre")
+    model = pp.Galerkin(pp.Pipe(0.2, damping=damping), 8, "legendre")
     y, period = limit_cycle(model, 6.0, 13.8, 1.0)
     assert 2.0 * math.pi / period == pytest.approx(frequency, abs=tolerance)
     times = np.linspace(0.0, period, 65)
@@ -496,7 +496,7 @@ def test_the_settled_cycle_at_beta_one_fifth(damping, amplitude, frequency, tole
 def test_first_lyapunov_coefficient_at_beta_one_fifth():
     """-3.20501 for |tip| = 1, from cubic differences of rhs at the critical speed."""
     m, u, omega = 10, 5.591404378, 13.71469980
-    model = pd.Galerkin(pd.Pipe(0.2), m, "legendre")
+    model = pp.Galerkin(pp.Pipe(0.2), m, "legendre")
     linear = model.jacobian(0.0, np.zeros(2 * m), u)
 
     def critical(matrix):
@@ -523,7 +523,7 @@ def test_first_lyapunov_coefficient_at_beta_one_fifth():
 
 # --------------------------------------------------------------------------------- arguments
 
-MODEL = pd.Galerkin(pd.Pipe(0.2, gamma=1.0, drag=0.3), 3)
+MODEL = pp.Galerkin(pp.Pipe(0.2, gamma=1.0, drag=0.3), 3)
 GOOD = np.linspace(0.1, 0.6, 6)
 
 
@@ -590,15 +590,15 @@ def test_other_bad_arguments_are_refused():
         MODEL.operators([0.0, math.nan, 0.0])
 
 
-@pytest.mark.parametrize("fittings", [(), (pd.Fitting(0.5, mass=1.0),)], ids=["plain", "fitted"])
+@pytest.mark.parametrize("fittings", [(), (pp.Fitting(0.5, mass=1.0),)], ids=["plain", "fitted"])
 def test_a_coil_beyond_the_quadrature_is_told_and_not_integrated_wrongly(fittings):
     """50 turns of 8 functions are resolved, 500 are not, nor 150 of 3: NaN, and no motion."""
-    model = pd.Galerkin(pd.Pipe(0.2), 8, "legendre", fittings=fittings)
+    model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre", fittings=fittings)
     for turns, resolved in ((50, True), (500, False)):
         q = model.bent(lambda s, turns=turns: 2.0 * np.pi * turns * s)
         y = np.concatenate([q, np.zeros(8)])
         assert np.isfinite(model.rhs(0.0, y, 1.0)).all() == resolved
         assert np.isfinite(model.jacobian(0.0, y, 1.0)).all() == resolved
-    few = pd.Galerkin(pd.Pipe(0.2), 3, "legendre", fittings=fittings)
-    with pytest.raises(pd.MotionStopped, match=r"shrank to nothing|finite"):
-        pd.simulate(few, 1.0, 0.1, lambda s: 900.0 * s)
+    few = pp.Galerkin(pp.Pipe(0.2), 3, "legendre", fittings=fittings)
+    with pytest.raises(pp.MotionStopped, match=r"shrank to nothing|finite"):
+        pp.simulate(few, 1.0, 0.1, lambda s: 900.0 * s)

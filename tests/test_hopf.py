@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import pipedyn as pd
-from pipedyn.hopf import NormalForm, normal_form
+import pipedyn as pp
+from pipedyn.bifurcation.hopf import NormalForm, normal_form
 
-PIPE = pd.Pipe(0.2)
-ASPIRATING = pd.Pipe(0.2, flow="aspirating", damping=0.01)
+PIPE = pp.Pipe(0.2)
+ASPIRATING = pp.Pipe(0.2, flow="aspirating", damping=0.01)
 
 
 def largest(q):
@@ -89,20 +89,20 @@ def test_a_force_without_a_third_derivative_is_not_taken_for_a_smooth_one():
     def jacobian(y):
         return np.array([[0.0, 1.0], [-4.0, -2.0 * abs(y[1])]])
 
-    with pytest.raises(pd.NotConverged, match="do not settle"):
+    with pytest.raises(pp.NotConverged, match="do not settle"):
         normal_form(jacobian, np.zeros(2), 2.0, lambda q: q[0], largest)
 
 
 def test_two_pairs_at_one_place_are_refused():
     block = np.array([[0.0, -1.0], [1.0, 0.0]])
     twice = np.block([[block, np.eye(2)], [np.zeros((2, 2)), block]])
-    with pytest.raises(pd.NoHopf, match="two pairs"):
+    with pytest.raises(pp.NoHopf, match="two pairs"):
         normal_form(lambda y: twice, np.zeros(4), 1.0, lambda q: q[0], largest)
 
 
 def test_a_free_end_that_stands_still_measures_nothing():
     turning = np.array([[0.0, -1.0], [1.0, 0.0]])
-    with pytest.raises(pd.NoHopf, match="stands still"):
+    with pytest.raises(pp.NoHopf, match="stands still"):
         normal_form(lambda y: turning, np.zeros(2), 1.0, lambda q: 0.0, largest)
 
 
@@ -111,7 +111,7 @@ def test_a_free_end_that_stands_still_measures_nothing():
 
 def test_the_continuous_pipe_has_the_known_coefficient():
     # physics.md: -3.20501 and 0.20520 (l_1 to some 3e-5, as differences and chains show).
-    found = pd.hopf(pd.Galerkin(PIPE, 12, "legendre"))
+    found = pp.hopf(pp.Galerkin(PIPE, 12, "legendre"))
     assert found.speed == pytest.approx(5.591404378, abs=1e-8)
     assert found.frequency == pytest.approx(13.71469980, abs=1e-7)
     assert found.lyapunov == pytest.approx(-3.20501, rel=5e-5)
@@ -127,23 +127,23 @@ def test_the_continuous_pipe_has_the_known_coefficient():
 
 
 def test_every_model_tends_to_one_coefficient():
-    exact = pd.hopf(pd.Galerkin(PIPE, 12, "legendre")).lyapunov
-    beams = [abs(pd.hopf(pd.Galerkin(PIPE, m)).lyapunov - exact) for m in (4, 8, 16)]
+    exact = pp.hopf(pp.Galerkin(PIPE, 12, "legendre")).lyapunov
+    beams = [abs(pp.hopf(pp.Galerkin(PIPE, m)).lyapunov - exact) for m in (4, 8, 16)]
     assert beams[0] > 5 * beams[1] > 25 * beams[2]
     assert beams[2] < 1e-4
-    chains = np.array([pd.hopf(pd.Chain(PIPE, n)).lyapunov - exact for n in (10, 20, 40)])
+    chains = np.array([pp.hopf(pp.Chain(PIPE, n)).lyapunov - exact for n in (10, 20, 40)])
     assert np.log2(chains[:-1] / chains[1:]) == pytest.approx(2.0, abs=0.15)
-    scene = pd.hopf(pd.modular.chain(PIPE, n=10))
+    scene = pp.hopf(pp.modular.chain(PIPE, n=10))
     assert scene.lyapunov - exact == pytest.approx(chains[0], rel=1e-5)
 
 
 def test_growth_is_the_slope_of_the_real_part():
-    for model in (pd.Chain(ASPIRATING, 6), pd.Galerkin(pd.Pipe(0.3, gamma=5.0, damping=1e-3), 6)):
-        found = pd.hopf(model)
+    for model in (pp.Chain(ASPIRATING, 6), pp.Galerkin(pp.Pipe(0.3, gamma=5.0, damping=1e-3), 6)):
+        found = pp.hopf(model)
         h = 1e-3 * found.speed
 
         def real_part(u, model=model, near=found.frequency):
-            values = pd.eigenvalues(model, u)
+            values = pp.eigenvalues(model, u)
             return values[np.argmin(np.abs(values - 1j * near))].real
 
         slope = (real_part(found.speed + h) - real_part(found.speed - h)) / (2 * h)
@@ -153,23 +153,23 @@ def test_growth_is_the_slope_of_the_real_part():
 @pytest.mark.parametrize(
     ("model", "side"),
     [
-        (pd.Galerkin(PIPE, 8, "legendre"), 1),
-        (pd.Galerkin(PIPE, 5), 1),
-        (pd.Chain(PIPE, 8), 1),
-        (pd.Chain(pd.Pipe(0.3, gamma=10.0, damping=2e-3), 5), 1),
-        (pd.Chain(ASPIRATING, 6), 1),
-        (pd.Galerkin(ASPIRATING, 6, "legendre"), 1),
-        (pd.Chain(pd.Pipe(0.7), 3), -1),
-        (pd.modular.chain(PIPE, n=3).plus(pd.modular.TransverseSpring(node=3, stiffness=3.0)), 1),
-        (pd.modular.chain(PIPE, n=4).plus(pd.modular.Guide(node=1)), 1),
+        (pp.Galerkin(PIPE, 8, "legendre"), 1),
+        (pp.Galerkin(PIPE, 5), 1),
+        (pp.Chain(PIPE, 8), 1),
+        (pp.Chain(pp.Pipe(0.3, gamma=10.0, damping=2e-3), 5), 1),
+        (pp.Chain(ASPIRATING, 6), 1),
+        (pp.Galerkin(ASPIRATING, 6, "legendre"), 1),
+        (pp.Chain(pp.Pipe(0.7), 3), -1),
+        (pp.modular.chain(PIPE, n=3).plus(pp.modular.TransverseSpring(node=3, stiffness=3.0)), 1),
+        (pp.modular.chain(PIPE, n=4).plus(pp.modular.Guide(node=1)), 1),
     ],
     ids=repr,
 )
 def test_the_law_is_that_of_the_cycles_just_past_onset(model, side):
-    onset = pd.hopf(model)
+    onset = pp.hopf(model)
     assert onset.criticality == ("supercritical" if side > 0 else "subcritical")
     distances = side * min(1.0, onset.speed) * np.array([1e-4, 5e-5])
-    cycles = [pd.limit_cycle(model, onset.speed + d, rtol=1e-8) for d in distances]
+    cycles = [pp.limit_cycle(model, onset.speed + d, rtol=1e-8) for d in distances]
     ratios = np.array([c.amplitude**2 for c in cycles]) / distances
     turned = np.array([c.frequency - onset.frequency for c in cycles]) / distances
     # What is left goes with the distance: halved, it vanishes.
@@ -182,20 +182,20 @@ def test_the_law_is_that_of_the_cycles_just_past_onset(model, side):
 @pytest.mark.parametrize(
     "model",
     [
-        pd.Chain(pd.Pipe(0.2, drag=1.0), 6),
-        pd.Galerkin(pd.Pipe(0.2, drag=0.5), 6, "legendre"),
-        pd.Chain(pd.Pipe(0.2, flow="aspirating", damping=0.01, drag=2.0), 4),
-        pd.modular.chain(pd.Pipe(0.2, drag=1.0), n=2),
+        pp.Chain(pp.Pipe(0.2, drag=1.0), 6),
+        pp.Galerkin(pp.Pipe(0.2, drag=0.5), 6, "legendre"),
+        pp.Chain(pp.Pipe(0.2, flow="aspirating", damping=0.01, drag=2.0), 4),
+        pp.modular.chain(pp.Pipe(0.2, drag=1.0), n=2),
     ],
     ids=repr,
 )
 def test_with_drag_the_amplitude_itself_grows_with_the_speed(model):
-    onset = pd.hopf(model)
+    onset = pp.hopf(model)
     assert onset.exponent == 1.0
     assert onset.criticality == "supercritical"
     assert onset.amplitude_error < 2e-4 * onset.amplitude_law
     distances = min(1.0, onset.speed) * np.array([2e-3, 1e-3])
-    cycles = [pd.limit_cycle(model, onset.speed + d, rtol=1e-5) for d in distances]
+    cycles = [pp.limit_cycle(model, onset.speed + d, rtol=1e-5) for d in distances]
     ratios = np.array([c.amplitude for c in cycles]) / distances
     turned = np.array([c.frequency - onset.frequency for c in cycles]) / distances
     assert 2 * ratios[1] - ratios[0] == pytest.approx(onset.amplitude_law, rel=1e-3)
@@ -218,10 +218,10 @@ def test_with_drag_the_amplitude_itself_grows_with_the_speed(model):
     ],
 )
 def test_drag_and_cubic_terms_together_give_the_amplitude(n, beta, drag, distance):
-    model = pd.Chain(pd.Pipe(beta, drag=drag), n)
-    onset = pd.hopf(model)
+    model = pp.Chain(pp.Pipe(beta, drag=drag), n)
+    onset = pp.hopf(model)
     u = onset.speed + distance
-    cycle = pd.limit_cycle(model, u, rtol=1e-5)
+    cycle = pp.limit_cycle(model, u, rtol=1e-5)
     assert onset.amplitude(u) < 0.02
     assert onset.amplitude(u) == pytest.approx(cycle.amplitude, rel=6e-3)
     assert onset.pace(u) - onset.frequency == pytest.approx(
@@ -230,13 +230,13 @@ def test_drag_and_cubic_terms_together_give_the_amplitude(n, beta, drag, distanc
 
 
 def test_faint_drag_decides_at_amplitudes_as_faint_only():
-    plain = pd.hopf(pd.Chain(PIPE, 3))
+    plain = pp.hopf(pp.Chain(PIPE, 3))
     assert plain.balance == 0.0
     for drag in (1e-12, 1e-6, 1e-3):
-        faint = pd.hopf(pd.Chain(pd.Pipe(0.2, drag=drag), 3))
+        faint = pp.hopf(pp.Chain(pp.Pipe(0.2, drag=drag), 3))
         assert faint.lyapunov == pytest.approx(plain.lyapunov, rel=1e-9)
         assert faint.balance == pytest.approx(0.2631 * drag, rel=1e-3)
-    nothing = pd.hopf(pd.Chain(pd.Pipe(0.2, drag=3e-311), 3))
+    nothing = pp.hopf(pp.Chain(pp.Pipe(0.2, drag=3e-311), 3))
     assert nothing.amplitude_law == pytest.approx(plain.amplitude_law, rel=1e-12)
     assert nothing.exponent == 0.5
     # Far below the balance the law with drag holds, far above it the one without.
@@ -247,34 +247,34 @@ def test_faint_drag_decides_at_amplitudes_as_faint_only():
 
 def test_drag_may_drive_flutter():
     # As damping does in follower-force systems: it bends the mode, and the flow feeds it more.
-    drive, resist = (pd.hopf(pd.Chain(pd.Pipe(beta, drag=1e-2), 3)) for beta in (0.7, 0.2))
+    drive, resist = (pp.hopf(pp.Chain(pp.Pipe(beta, drag=1e-2), 3)) for beta in (0.7, 0.2))
     assert resist.quadratic.real < 0.0 < drive.quadratic.real
     assert (resist.criticality, drive.criticality) == ("supercritical", "subcritical")
     # Less of a kick is survived with drag than without.
     u = drive.speed - 1e-4
-    plain = pd.limit_cycle(pd.Chain(pd.Pipe(0.7), 3), u)
-    dragged = pd.limit_cycle(drive.model, u)
+    plain = pp.limit_cycle(pp.Chain(pp.Pipe(0.7), 3), u)
+    dragged = pp.limit_cycle(drive.model, u)
     assert not dragged.stable
     assert dragged.amplitude < 0.9 * plain.amplitude
 
 
 def test_drag_holds_a_snapping_pipe_up_to_a_fold():
-    model = pd.Chain(pd.Pipe(0.05, drag=0.1), 2)
-    onset = pd.hopf(model)
+    model = pp.Chain(pp.Pipe(0.05, drag=0.1), 2)
+    onset = pp.hopf(model)
     beyond = onset.fold - onset.speed
     assert onset.criticality == "supercritical"
     assert onset.cubic.real > 0.0
     assert beyond == pytest.approx(1.23e-4, rel=1e-2)
     assert onset.amplitude(onset.fold) == pytest.approx(0.5 * onset.balance)
-    held = pd.limit_cycle(model, onset.speed + 0.9 * beyond)
-    gone = pd.limit_cycle(model, onset.speed + 1.1 * beyond)
+    held = pp.limit_cycle(model, onset.speed + 0.9 * beyond)
+    gone = pp.limit_cycle(model, onset.speed + 1.1 * beyond)
     assert held.stable
     assert held.amplitude < 0.5 * onset.balance
     assert gone.amplitude > 10.0 * held.amplitude
     with pytest.raises(ValueError, match=r"u must be below the fold at 3\.1339978"):
         onset.amplitude(onset.speed + 1.1 * beyond)
     # Without drag it snaps at once.
-    assert pd.hopf(pd.Chain(pd.Pipe(0.05), 2)).fold is None
+    assert pp.hopf(pp.Chain(pp.Pipe(0.05), 2)).fold is None
 
 
 @pytest.mark.parametrize("growth", [2.0, -2.0])
@@ -282,7 +282,7 @@ def test_drag_holds_a_snapping_pipe_up_to_a_fold():
 @pytest.mark.parametrize("cubic", [0.7, -0.7])
 def test_amplitudes_solve_the_amplitude_equation(growth, quadratic, cubic):
     onset = replace(
-        pd.hopf(pd.Chain(PIPE, 2)), growth=growth, quadratic=complex(quadratic), cubic=cubic + 1j
+        pp.hopf(pp.Chain(PIPE, 2)), growth=growth, quadratic=complex(quadratic), cubic=cubic + 1j
     )
     found = 0
     for u in onset.speed + np.array([-1.0, -1e-2, -1e-5, 1e-5, 1e-2, 1.0]):
@@ -308,16 +308,16 @@ def test_amplitudes_solve_the_amplitude_equation(growth, quadratic, cubic):
 
 def test_the_law_of_higher_modes_does_not_depend_on_the_functions():
     # Beam functions count their higher modes' angles in tens of their coordinates.
-    pipe = pd.Pipe(0.41, gamma=31.0, flow="aspirating", alpha=0.79, damping=1e-2)
-    exact = pd.Galerkin(pipe, 14, "legendre")
+    pipe = pp.Pipe(0.41, gamma=31.0, flow="aspirating", alpha=0.79, damping=1e-2)
+    exact = pp.Galerkin(pipe, 14, "legendre")
     for model, tolerance in (
-        (pd.Galerkin(pipe, 14), 2e-2),
-        (pd.Galerkin(pipe, 12, "legendre"), 1e-6),
+        (pp.Galerkin(pipe, 14), 2e-2),
+        (pp.Galerkin(pipe, 12, "legendre"), 1e-6),
     ):
         # At the first, of a speed near 0, hardly anything but linear terms is felt.
-        passages = zip(pd.crossings(exact, 6.0)[1:], pd.crossings(model, 6.0)[1:], strict=True)
+        passages = zip(pp.crossings(exact, 6.0)[1:], pp.crossings(model, 6.0)[1:], strict=True)
         for a, b in passages:
-            one, other = pd.hopf(exact, a), pd.hopf(model, b)
+            one, other = pp.hopf(exact, a), pp.hopf(model, b)
             assert one.lyapunov_error < 1e-6 * abs(one.lyapunov)
             assert other.lyapunov == pytest.approx(one.lyapunov, rel=tolerance)
 
@@ -325,20 +325,20 @@ def test_the_law_of_higher_modes_does_not_depend_on_the_functions():
 @pytest.mark.parametrize(
     ("model", "last"),
     [
-        (pd.Chain(pd.Pipe(0.8, flow="aspirating", alpha=0.5, damping=0.02), 3), 10.0),
-        (pd.Galerkin(pd.Pipe(0.4, flow="aspirating", damping=0.02), 4, "legendre"), 15.0),
-        (pd.modular.chain(pd.Pipe(0.3, flow="aspirating", damping=0.02), n=3), 10.0),
+        (pp.Chain(pp.Pipe(0.8, flow="aspirating", alpha=0.5, damping=0.02), 3), 10.0),
+        (pp.Galerkin(pp.Pipe(0.4, flow="aspirating", damping=0.02), 4, "legendre"), 15.0),
+        (pp.modular.chain(pp.Pipe(0.3, flow="aspirating", damping=0.02), n=3), 10.0),
     ],
     ids=repr,
 )
 def test_cycles_follow_the_law_at_onsets_beside_other_unstable_modes(model, last):
-    passages = [c for c in pd.crossings(model, last) if c.kind == "flutter" and c.speed > 0.0]
-    onsets = [pd.hopf(model, c) for c in passages]
+    passages = [c for c in pp.crossings(model, last) if c.kind == "flutter" and c.speed > 0.0]
+    onsets = [pp.hopf(model, c) for c in passages]
     assert [h.growth > 0.0 for h in onsets] == [c.destabilising for c in passages]
     assert any(h.unstable_beside for h in onsets)
     for onset in onsets:
         speeds = onset.speed + np.array([4e-4, 1e-4]) / onset.amplitude_law
-        cycles = [pd.limit_cycle(model, u, onset, rtol=1e-5) for u in speeds]
+        cycles = [pp.limit_cycle(model, u, onset, rtol=1e-5) for u in speeds]
         ratios = [c.amplitude / onset.amplitude(u) for c, u in zip(cycles, speeds, strict=True)]
         assert (4.0 * ratios[1] - ratios[0]) / 3.0 == pytest.approx(1.0, abs=2e-3)
         assert ratios[1] == pytest.approx(1.0, abs=2e-2)
@@ -346,21 +346,21 @@ def test_cycles_follow_the_law_at_onsets_beside_other_unstable_modes(model, last
 
 
 def test_every_flutter_of_a_pipe_that_turns_stable_again_has_its_law():
-    model = pd.Galerkin(pd.Pipe(0.295), 12, "legendre")
-    passages = pd.crossings(model, 9.0)
-    found = [pd.hopf(model, c) for c in passages]
+    model = pp.Galerkin(pp.Pipe(0.295), 12, "legendre")
+    passages = pp.crossings(model, 9.0)
+    found = [pp.hopf(model, c) for c in passages]
     assert [round(h.speed, 3) for h in found] == [7.261, 7.852, 8.189]
     assert [h.growth > 0 for h in found] == [True, False, True]
     # Between the first and the second the cycle is born and dies: it lives where rest is unstable.
     assert [h.amplitude_law > 0 for h in found] == [True, False, True]
     for onset, d in zip(found[:2], (1e-3, -1e-3), strict=True):
-        cycle = pd.limit_cycle(model, onset.speed + d)
+        cycle = pp.limit_cycle(model, onset.speed + d)
         assert cycle.amplitude == pytest.approx(onset.amplitude(onset.speed + d), rel=0.05)
 
 
 def test_a_subcritical_onset_tells_the_size_of_a_kick_that_rest_survives():
-    model = pd.Chain(pd.Pipe(0.8), 4)
-    onset = pd.hopf(model)
+    model = pp.Chain(pp.Pipe(0.8), 4)
+    onset = pp.hopf(model)
     u = onset.speed - 2e-2
     assert onset.criticality == "subcritical"
     assert onset.lyapunov > 0.0 > onset.amplitude_law
@@ -378,52 +378,53 @@ def test_a_subcritical_onset_tells_the_size_of_a_kick_that_rest_survives():
 
 
 def test_where_there_is_no_flutter_there_is_no_hopf_point():
-    with pytest.raises(pd.NoHopf, match="divergence at u = "):
-        pd.hopf(pd.modular.chain(PIPE, n=6).plus(pd.modular.Guide(node=6)))
-    with pytest.raises(pd.NoHopf, match="unstable from u = 0 on"):
-        pd.hopf(pd.Chain(pd.Pipe(0.2, flow="aspirating"), 4))
-    with pytest.raises(pd.NoCrossing):
-        pd.hopf(pd.Chain(pd.Pipe(0.0, flow="aspirating", alpha=0.0), 4))
-    with pytest.raises(pd.NoHopf, match=r"two pairs|touches"):
-        pd.hopf(pd.Chain(pd.Pipe(0.0), 4))  # Beck's column: two frequencies meet
-    with pytest.raises(pd.NoCrossing):
-        pd.hopf(pd.Chain(PIPE, 1))
-    with pytest.raises(pd.NotConverged, match="terms of higher degree decide"):
+    with pytest.raises(pp.NoHopf, match="divergence at u = "):
+        pp.hopf(pp.modular.chain(PIPE, n=6).plus(pp.modular.Guide(node=6)))
+    with pytest.raises(pp.NoHopf, match="unstable from u = 0 on"):
+        pp.hopf(pp.Chain(pp.Pipe(0.2, flow="aspirating"), 4))
+    with pytest.raises(pp.NoCrossing):
+        pp.hopf(pp.Chain(pp.Pipe(0.0, flow="aspirating", alpha=0.0), 4))
+    with pytest.raises(pp.NoHopf, match=r"two pairs|touches"):
+        pp.hopf(pp.Chain(pp.Pipe(0.0), 4))  # Beck's column: two frequencies meet
+    with pytest.raises(pp.NoCrossing):
+        pp.hopf(pp.Chain(PIPE, 1))
+    with pytest.raises(pp.NotConverged, match="terms of higher degree decide"):
         # One segment without gravity is a linear oscillator, whatever its angle.
-        pd.hopf(pd.Chain(ASPIRATING, 1))
+        pp.hopf(pp.Chain(ASPIRATING, 1))
 
 
 def test_a_pair_that_only_touches_the_axis_is_no_hopf_point(monkeypatch):
     monkeypatch.setattr(
-        "pipedyn.field.Field.jacobian_by_speed", lambda motion, y, u: np.zeros((8, 8))
+        "pipedyn.bifurcation.vector_field.Field.jacobian_by_speed",
+        lambda motion, y, u: np.zeros((8, 8)),
     )
-    with pytest.raises(pd.NoHopf, match="touches the axis"):
-        pd.hopf(pd.Chain(PIPE, 4))
+    with pytest.raises(pp.NoHopf, match="touches the axis"):
+        pp.hopf(pp.Chain(PIPE, 4))
 
 
 def test_a_coefficient_that_is_lost_in_its_error_is_not_given(monkeypatch):
-    model = pd.Chain(PIPE, 4)
+    model = pp.Chain(PIPE, 4)
 
     def blurred(*args, **kwargs):
         form = normal_form(*args, **kwargs)
         return NormalForm(form.frequency, form.right, form.left, 1e-9 + 1j, 1e-8)
 
-    monkeypatch.setattr(sys.modules["pipedyn.hopf"], "normal_form", blurred)
-    with pytest.raises(pd.NotConverged, match="0 within its error"):
-        pd.hopf(model)
+    monkeypatch.setattr(sys.modules["pipedyn.bifurcation.hopf"], "normal_form", blurred)
+    with pytest.raises(pp.NotConverged, match="0 within its error"):
+        pp.hopf(model)
 
 
 def test_a_crossing_that_is_not_the_models_own_is_refused():
-    model = pd.Chain(PIPE, 4)
-    divergence = pd.crossings(pd.Chain(pd.Pipe(0.2, gamma=-10.0), 4), 4.0)[0]
-    other = pd.crossings(pd.Chain(PIPE, 5), 6.0)[0]
+    model = pp.Chain(PIPE, 4)
+    divergence = pp.crossings(pp.Chain(pp.Pipe(0.2, gamma=-10.0), 4), 4.0)[0]
+    other = pp.crossings(pp.Chain(PIPE, 5), 6.0)[0]
     with pytest.raises(ValueError, match="crossing must be a flutter, got a divergence"):
-        pd.hopf(model, divergence)
+        pp.hopf(model, divergence)
     with pytest.raises(ValueError, match="crossing must be one of the model's"):
-        pd.hopf(model, other)
+        pp.hopf(model, other)
     with pytest.raises(TypeError, match="crossing must be a Crossing"):
-        pd.hopf(model, 5.6)
+        pp.hopf(model, 5.6)
     with pytest.raises(TypeError, match="model must be"):
-        pd.hopf(pd.Continuum(PIPE))
+        pp.hopf(pp.Continuum(PIPE))
     with pytest.raises(ValueError, match="model must have at most"):
-        pd.hopf(pd.Chain(PIPE, 501))
+        pp.hopf(pp.Chain(PIPE, 501))

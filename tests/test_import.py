@@ -4,29 +4,29 @@
 import subprocess
 import sys
 
-import pipedyn as pd
+import pipedyn as pp
 
 PROGRAM = """
 import sys
 import pipedyn
-import pipedyn.stability
+import pipedyn.linear.stability_curve
 print(",".join({"matplotlib", "tqdm", "IPython"} & set(sys.modules)))
 """
 
 
 FEATURES = """
 import sys
-import pipedyn as pd
+import pipedyn as pp
 effects = {"gamma": 3.0, "drag": 1.0, "damping": 0.01}
-pipes = [pd.Pipe(0.2), *(pd.Pipe(0.2, **{name: value}) for name, value in effects.items())]
-pipes.append(pd.Pipe(0.2, flow="aspirating", alpha=0.5, **effects))
+pipes = [pp.Pipe(0.2), *(pp.Pipe(0.2, **{name: value}) for name, value in effects.items())]
+pipes.append(pp.Pipe(0.2, flow="aspirating", alpha=0.5, **effects))
 for pipe in pipes:
-    for model in (pd.Chain(pipe, 3), pd.Galerkin(pipe, 3), pd.Galerkin(pipe, 3, "legendre")):
-        pd.simulate(model, 1.0, 0.1, [0.1, 0.0, 0.0])
+    for model in (pp.Chain(pipe, 3), pp.Galerkin(pipe, 3), pp.Galerkin(pipe, 3, "legendre")):
+        pp.simulate(model, 1.0, 0.1, [0.1, 0.0, 0.0])
         model.operators()
-        pd.eigenvalues(model, 1.0)
-        pd.critical_speed(model)
-pd.relevant(pipe, 1.0, "frequencies", count=2)
+        pp.eigenvalues(model, 1.0)
+        pp.critical_speed(model)
+pp.relevant(pipe, 1.0, "frequencies", count=2)
 print(",".join(sorted({"matplotlib", "tqdm", "IPython", "mpmath", "sympy"} & set(sys.modules))))
 """
 
@@ -51,14 +51,14 @@ def test_no_effect_needs_an_optional_package():
 
 
 def test_every_name_of_the_package_is_there_and_documented():
-    for name in pd.__all__:
-        assert getattr(pd, name).__doc__, name
+    for name in pp.__all__:
+        assert getattr(pp, name).__doc__, name
 
 
 def test_progress_needs_no_progress_bar(monkeypatch, capsys):
     """Without tqdm a plain count goes to stderr."""
     monkeypatch.setitem(sys.modules, "tqdm", None)
-    pd.root_loci(pd.Chain(pd.Pipe(0.2), 3), [0.0, 1.0, 2.0], count=2, progress=True)
+    pp.root_loci(pp.Chain(pp.Pipe(0.2), 3), [0.0, 1.0, 2.0], count=2, progress=True)
     err = capsys.readouterr().err
     assert "root loci" in err
     assert "2/2" in err

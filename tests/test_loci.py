@@ -11,9 +11,9 @@ from independent import (
 )
 from scipy.optimize import linear_sum_assignment
 
-import pipedyn as pd
+import pipedyn as pp
 
-PIPE = pd.Pipe(0.2)
+PIPE = pp.Pipe(0.2)
 
 
 def followed_by_tiny_steps(model, speeds, step, count):
@@ -48,10 +48,10 @@ def followed_by_tiny_steps(model, speeds, step, count):
 @pytest.mark.parametrize(
     ("model", "end"),
     [
-        (pd.Chain(PIPE, 6), 9.0),
-        (pd.Galerkin(PIPE, 8), 13.0),
-        (pd.Chain(pd.Pipe(0.5, gamma=10.0, damping=1e-3), 7), 12.0),
-        (pd.Chain(pd.Pipe(0.3, flow="aspirating", alpha=0.5, damping=1e-3), 8), 8.0),
+        (pp.Chain(PIPE, 6), 9.0),
+        (pp.Galerkin(PIPE, 8), 13.0),
+        (pp.Chain(pp.Pipe(0.5, gamma=10.0, damping=1e-3), 7), 12.0),
+        (pp.Chain(pp.Pipe(0.3, flow="aspirating", alpha=0.5, damping=1e-3), 8), 8.0),
     ],
     ids=["chain", "beam modes", "heavy", "aspirating"],
 )
@@ -59,7 +59,7 @@ def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
     """Pairs compared by sum and product, which run smoothly where a pair turns real."""
     speeds = np.linspace(0.0, end, 15)
     expected = followed_by_tiny_steps(model, speeds, 4e-3, 4)
-    loci = pd.root_loci(model, speeds, count=4)
+    loci = pp.root_loci(model, speeds, count=4)
     sums, products = loci.eigenvalues + loci.partners, loci.eigenvalues * loci.partners
     np.testing.assert_allclose(sums, expected.sum(axis=2), atol=1e-6)
     np.testing.assert_allclose(products, expected.prod(axis=2), rtol=1e-7)
@@ -67,14 +67,14 @@ def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
 
 @pytest.mark.parametrize(
     "model",
-    [pd.Continuum(PIPE), pd.Chain(PIPE, 20), pd.Chain(PIPE, 70), pd.Galerkin(PIPE, 12)],
+    [pp.Continuum(PIPE), pp.Chain(PIPE, 20), pp.Chain(PIPE, 70), pp.Galerkin(PIPE, 12)],
     ids=["continuum", "chain", "long chain", "beam"],
 )
 def test_branches_do_not_depend_on_the_speeds_asked_for(model):
     fine = np.linspace(0.0, 14.0, 29)
-    every = pd.root_loci(model, fine, count=4)
+    every = pp.root_loci(model, fine, count=4)
     for stride in (4, 14, 28):
-        some = pd.root_loci(model, fine[::stride], count=4)
+        some = pp.root_loci(model, fine[::stride], count=4)
         np.testing.assert_array_equal(some.speeds, fine[::stride])
         np.testing.assert_allclose(some.eigenvalues, every.eigenvalues[::stride], atol=1e-6)
         np.testing.assert_allclose(some.partners, every.partners[::stride], atol=1e-6)
@@ -82,13 +82,13 @@ def test_branches_do_not_depend_on_the_speeds_asked_for(model):
 
 @pytest.mark.parametrize(
     "model",
-    [pd.Continuum(PIPE), pd.Chain(PIPE, 30), pd.Chain(PIPE, 70)],
+    [pp.Continuum(PIPE), pp.Chain(PIPE, 30), pp.Chain(PIPE, 70)],
     ids=["continuum", "chain", "long chain"],
 )
 def test_a_pair_turns_real_and_back_without_a_jump(model):
     """beta = 0.2 near u = 8: a branch meets its conjugate on the real axis."""
     speeds = np.linspace(6.0, 10.0, 81)
-    loci = pd.root_loci(model, speeds, count=4)
+    loci = pp.root_loci(model, speeds, count=4)
     real = (loci.eigenvalues.imag == 0.0) & (loci.partners.imag == 0.0)
     at_8 = np.argmin(np.abs(speeds - 8.0))
     assert real[at_8].sum() == 1
@@ -105,15 +105,15 @@ def test_a_pair_turns_real_and_back_without_a_jump(model):
         assert (second < 0.25 * first).all()
     greater, lesser = loci.eigenvalues[:, branch].real, loci.partners[:, branch].real
     assert (greater >= lesser).all()
-    if isinstance(model, pd.Continuum):
+    if isinstance(model, pp.Continuum):
         assert greater[at_8] == pytest.approx(-15.871, rel=0, abs=5.1e-4)
         assert lesser[at_8] == pytest.approx(-24.153, rel=0, abs=5.1e-4)
 
 
 def test_branches_are_roots_at_every_speed_and_partners_make_up_the_pair():
-    model = pd.Chain(pd.Pipe(0.2, damping=1e-3), 12)
+    model = pp.Chain(pp.Pipe(0.2, damping=1e-3), 12)
     speeds = np.linspace(0.0, 12.0, 49)
-    loci = pd.root_loci(model, speeds, count=12)
+    loci = pp.root_loci(model, speeds, count=12)
     assert loci.converged.all()
     for u, values, partners in zip(speeds, loci.eigenvalues, loci.partners, strict=True):
         reference = companion_eigenvalues(*model.operators().at(u))
@@ -128,7 +128,7 @@ def test_branches_are_roots_at_every_speed_and_partners_make_up_the_pair():
 
 def test_sorting_would_have_exchanged_the_branches():
     """Between u = 8 and 9 the second branch passes the third, by magnitude and by frequency."""
-    loci = pd.root_loci(pd.Continuum(PIPE), [0.0, 8.0, 9.0], count=3)
+    loci = pp.root_loci(pp.Continuum(PIPE), [0.0, 8.0, 9.0], count=3)
     second, third = loci.eigenvalues[:, 1], loci.eigenvalues[:, 2]
     for size in (np.abs, np.imag):
         np.testing.assert_array_equal(size(second) < size(third), [True, True, False])
@@ -139,14 +139,14 @@ def test_sorting_would_have_exchanged_the_branches():
 
 def test_the_flutter_branch_is_the_one_that_crosses_at_the_critical_speed():
     """Second mode at beta = 0.2, as the paper says, at 5.591404378."""
-    loci = pd.root_loci(pd.Continuum(PIPE), [0.0, 5.591404, 5.591405], count=4)
+    loci = pp.root_loci(pp.Continuum(PIPE), [0.0, 5.591404, 5.591405], count=4)
     crossing = (loci.eigenvalues[1].real < 0.0) & (loci.eigenvalues[2].real > 0.0)
     np.testing.assert_array_equal(crossing, [False, True, False, False])
 
 
 def test_loci_meet_the_printed_benchmark():
     """physics.md, section 6, as omega = -i lambda at u = 4 and 6, three decimals."""
-    loci = pd.root_loci(pd.Continuum(PIPE), [0.0, 4.0, 6.0], count=4)
+    loci = pp.root_loci(pp.Continuum(PIPE), [0.0, 4.0, 6.0], count=4)
     omega = -1j * loci.eigenvalues[1:]
     printed = np.array(
         [
@@ -161,14 +161,14 @@ def test_loci_meet_the_printed_benchmark():
 @pytest.mark.parametrize("rule", ["consistent", "midpoint"])
 def test_a_long_chains_branches_are_those_of_the_continuous_pipe(rule):
     speeds = np.linspace(0.0, 6.0, 3)
-    exact = pd.root_loci(pd.Continuum(PIPE), speeds, count=3).eigenvalues
-    chain = pd.root_loci(pd.Chain(PIPE, 1000, springs=rule), speeds, count=3).eigenvalues
+    exact = pp.root_loci(pp.Continuum(PIPE), speeds, count=3).eigenvalues
+    chain = pp.root_loci(pp.Chain(PIPE, 1000, springs=rule), speeds, count=3).eigenvalues
     np.testing.assert_allclose(chain, exact, rtol=1e-4)
 
 
 def test_a_buckled_column_starts_with_its_real_pair():
     """gamma = -10: the first pair is real at rest, one root unstable, until 1.797."""
-    loci = pd.root_loci(pd.Continuum(pd.Pipe(0.2, gamma=-10.0)), [0.0, 1.7, 1.9, 4.0], count=2)
+    loci = pp.root_loci(pp.Continuum(pp.Pipe(0.2, gamma=-10.0)), [0.0, 1.7, 1.9, 4.0], count=2)
     first, partner = loci.eigenvalues[:, 0], loci.partners[:, 0]
     assert first[0].imag == partner[0].imag == 0.0
     assert first[0].real > 0.0 > partner[0].real
@@ -178,7 +178,7 @@ def test_a_buckled_column_starts_with_its_real_pair():
 
 def test_a_pipe_without_fluid_mass_keeps_to_the_axis_until_two_branches_meet():
     """beta = 0 (Beck's column): frequencies meet at 4.47783, then one grows and one decays."""
-    loci = pd.root_loci(pd.Continuum(pd.Pipe(0.0)), [0.0, 2.0, 4.47, 4.49, 5.0], count=3)
+    loci = pp.root_loci(pp.Continuum(pp.Pipe(0.0)), [0.0, 2.0, 4.47, 4.49, 5.0], count=3)
     assert not loci.eigenvalues[:3].real.any()
     assert np.sort(loci.eigenvalues[3:, :2].real, axis=1)[:, 0].max() < 0.0
     assert np.sort(loci.eigenvalues[3:, :2].real, axis=1)[:, 1].min() > 0.0
@@ -186,17 +186,17 @@ def test_a_pipe_without_fluid_mass_keeps_to_the_axis_until_two_branches_meet():
 
 
 def test_one_speed_is_a_locus_of_one_point():
-    loci = pd.root_loci(pd.Chain(PIPE, 5), [3.0], count=5)
+    loci = pp.root_loci(pp.Chain(PIPE, 5), [3.0], count=5)
     assert loci.eigenvalues.shape == loci.partners.shape == (1, 5)
-    assert distances(loci.eigenvalues[0], pd.eigenvalues(pd.Chain(PIPE, 5), 3.0)).max() < 1e-12
+    assert distances(loci.eigenvalues[0], pp.eigenvalues(pp.Chain(PIPE, 5), 3.0)).max() < 1e-12
     assert loci.size == 5
 
 
 def test_progress_changes_nothing_but_stderr(capsys):
     speeds = np.linspace(0.0, 8.0, 9)
-    quiet = pd.root_loci(pd.Chain(PIPE, 5), speeds)
+    quiet = pp.root_loci(pp.Chain(PIPE, 5), speeds)
     assert capsys.readouterr().err == ""
-    shown = pd.root_loci(pd.Chain(PIPE, 5), speeds, progress=True)
+    shown = pp.root_loci(pp.Chain(PIPE, 5), speeds, progress=True)
     assert "root loci" in capsys.readouterr().err
     np.testing.assert_array_equal(shown.eigenvalues, quiet.eigenvalues)
 
@@ -204,24 +204,24 @@ def test_progress_changes_nothing_but_stderr(capsys):
 @pytest.mark.parametrize("damping", [0.01, 0.05, 0.5])
 def test_overdamped_modes_do_not_hide_those_asked_for(damping):
     """Roots crowd at -1 / delta below the frequencies of the modes; w1^2 = 12.362 at rest."""
-    loci = pd.root_loci(pd.Continuum(pd.Pipe(0.2, damping=damping)), np.linspace(0.0, 9.0, 46), 4)
+    loci = pp.root_loci(pp.Continuum(pp.Pipe(0.2, damping=damping)), np.linspace(0.0, 9.0, 46), 4)
     products = (loci.eigenvalues[0] * loci.partners[0]).real
     squares = np.array([1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349]) ** 4
     np.testing.assert_allclose(products, squares, rtol=1e-6)
-    critical = pd.critical_speed(pd.Continuum(pd.Pipe(0.2, damping=damping)), 20.0)
+    critical = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, damping=damping)), 20.0)
     unstable = (loci.eigenvalues.real > 0.0).any(axis=1)
     np.testing.assert_array_equal(unstable, loci.speeds > critical.speed)
 
 
 @pytest.mark.parametrize(
     ("pipe", "n", "end", "count"),
-    [(pd.Pipe(0.2, damping=0.05), 66, 14.0, 1), (pd.Pipe(0.2, -100.0), 66, 30.0, 1)],
+    [(pp.Pipe(0.2, damping=0.05), 66, 14.0, 1), (pp.Pipe(0.2, -100.0), 66, 30.0, 1)],
     ids=["damped", "standing"],
 )
 def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(pipe, n, end, count):
     speeds = np.linspace(0.0, end, 41)
-    long = pd.root_loci(pd.Chain(pipe, n), speeds, count)
-    short = pd.root_loci(pd.Chain(pipe, 60), speeds, count)
+    long = pp.root_loci(pp.Chain(pipe, n), speeds, count)
+    short = pp.root_loci(pp.Chain(pipe, 60), speeds, count)
     assert long.converged.all()
     for loci in (long, short):
         steps = np.abs(np.diff(loci.eigenvalues, axis=0))
@@ -229,11 +229,11 @@ def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(pip
 
 
 @pytest.mark.parametrize("n", [6, 30, 100])
-@pytest.mark.parametrize("pipe", [PIPE, pd.Pipe(0.5, gamma=300.0), pd.Pipe(0.3, damping=0.02)])
+@pytest.mark.parametrize("pipe", [PIPE, pp.Pipe(0.5, gamma=300.0), pp.Pipe(0.3, damping=0.02)])
 def test_the_errors_of_a_chains_branches_cover_their_distance_to_exact_roots(pipe, n):
     """Newton's corrections of the chain's equations in 40 digits."""
-    chain = pd.Chain(pipe, n)
-    loci = pd.root_loci(chain, [0.0, 3.0, 7.0], 4)
+    chain = pp.Chain(pipe, n)
+    loci = pp.root_loci(chain, [0.0, 3.0, 7.0], 4)
     assert loci.errors.shape == loci.eigenvalues.shape
     for i, u in enumerate(loci.speeds):
         for k in (0, 3):
@@ -244,11 +244,11 @@ def test_the_errors_of_a_chains_branches_cover_their_distance_to_exact_roots(pip
 
 def test_the_errors_of_the_pipes_branches_cover_their_distance_to_exact_roots():
     """Newton's corrections from power series; those of crowding roots are not told."""
-    for pipe in (PIPE, pd.Pipe(0.9, gamma=50.0)):
-        loci = pd.root_loci(pd.Continuum(pipe), [1.0, 6.0], 3)
+    for pipe in (PIPE, pp.Pipe(0.9, gamma=50.0)):
+        loci = pp.root_loci(pp.Continuum(pipe), [1.0, 6.0], 3)
         for i, u in enumerate(loci.speeds):
             for value, error in zip(loci.eigenvalues[i], loci.errors[i], strict=True):
                 assert abs(series_newton_step(pipe, complex(value), u)) <= error < 1e-7 * abs(value)
-    crowding = pd.root_loci(pd.Continuum(pd.Pipe(0.2, damping=0.1)), [1.0], 3).errors
+    crowding = pp.root_loci(pp.Continuum(pp.Pipe(0.2, damping=0.1)), [1.0], 3).errors
     assert np.isfinite(crowding).any(axis=1).all()
     assert np.isinf(crowding[:, -1]).all()

@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
-import pipedyn as pd
-from pipedyn.lyapunov import largest_exponent
+import pipedyn as pp
+from pipedyn.motion.lyapunov import largest_exponent
 
-CHAIN = pd.Chain(pd.Pipe(0.2), 3)
+CHAIN = pp.Chain(pp.Pipe(0.2), 3)
 
 
 def lorenz(y):
@@ -44,11 +44,11 @@ def test_linear_system_has_its_largest_eigenvalue():
 
 @pytest.mark.parametrize("method", ["variational", "pair"])
 def test_exponent_at_rest_is_the_largest_real_part(method):
-    pipe = pd.Pipe(0.2, -10.0, damping=0.02)  # buckled, and more than one mode decays slowly
-    chain = pd.Chain(pipe, 3)
-    rest = pd.equilibria(chain, 1.0)
+    pipe = pp.Pipe(0.2, -10.0, damping=0.02)  # buckled, and more than one mode decays slowly
+    chain = pp.Chain(pipe, 3)
+    rest = pp.equilibria(chain, 1.0)
     k = int(np.argmax(rest.tips[:, 0]))
-    found = pd.lyapunov_exponent(
+    found = pp.lyapunov_exponent(
         chain, 1.0, rest.q[k] + 0.05, duration=60.0, transient=40.0, method=method
     )
     assert abs(found.value - rest.growth[k]) < 2.0 * found.spread + 1e-3
@@ -58,7 +58,7 @@ def test_exponent_at_rest_is_the_largest_real_part(method):
 
 @pytest.mark.parametrize("method", ["variational", "pair"])
 def test_exponent_of_a_cycle_is_zero_within_its_spread(method):
-    found = pd.lyapunov_exponent(CHAIN, 5.5, duration=60.0, transient=30.0, method=method)
+    found = pp.lyapunov_exponent(CHAIN, 5.5, duration=60.0, transient=30.0, method=method)
     assert abs(found.value) < 2.0 * found.spread
     assert abs(found.value) < 0.05
     assert not found.chaotic
@@ -68,7 +68,7 @@ def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
     # The cycle gives way to a torus near u = 8.35 and that to chaos: the largest multipliers and
     # brute force say the same.
     first, second = (
-        pd.lyapunov_exponent(CHAIN, 11.0, duration=25.0, transient=10.0, method=method)
+        pp.lyapunov_exponent(CHAIN, 11.0, duration=25.0, transient=10.0, method=method)
         for method in ("variational", "pair")
     )
     assert first.chaotic
@@ -78,10 +78,10 @@ def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
 
 
 def test_both_routes_agree_along_the_same_motion():
-    pipe = pd.Pipe(0.2, -20.0)
+    pipe = pp.Pipe(0.2, -20.0)
     first, second = (
-        pd.lyapunov_exponent(
-            pd.Chain(pipe, 2), 4.0, duration=20.0, transient=10.0, method=method, rtol=1e-10
+        pp.lyapunov_exponent(
+            pp.Chain(pipe, 2), 4.0, duration=20.0, transient=10.0, method=method, rtol=1e-10
         )
         for method in ("variational", "pair")
     )
@@ -89,14 +89,14 @@ def test_both_routes_agree_along_the_same_motion():
 
 
 def test_stiff_pipe_is_followed_by_an_implicit_method():
-    model = pd.Galerkin(pd.Pipe(0.2, damping=0.05), 8, "legendre")
-    found = pd.lyapunov_exponent(model, 2.0, duration=10.0, transient=10.0, rtol=1e-6)
-    assert found.value == pytest.approx(pd.eigenvalues(model, 2.0).real.max(), abs=0.3)
+    model = pp.Galerkin(pp.Pipe(0.2, damping=0.05), 8, "legendre")
+    found = pp.lyapunov_exponent(model, 2.0, duration=10.0, transient=10.0, rtol=1e-6)
+    assert found.value == pytest.approx(pp.eigenvalues(model, 2.0).real.max(), abs=0.3)
 
 
 def test_motion_goes_on_from_where_another_ended():
-    motion = pd.simulate(CHAIN, 5.5, 30.0, lambda s: 0.1 * s)
-    found = pd.lyapunov_exponent(CHAIN, 5.5, motion, duration=20.0, transient=5.0)
+    motion = pp.simulate(CHAIN, 5.5, 30.0, lambda s: 0.1 * s)
+    found = pp.lyapunov_exponent(CHAIN, 5.5, motion, duration=20.0, transient=5.0)
     assert abs(found.value) < 0.2
     assert found.history.shape == found.t.shape
     assert found.history[-1] == pytest.approx(found.value, abs=1e-12)
@@ -106,30 +106,30 @@ def test_motion_goes_on_from_where_another_ended():
 
 def test_exponent_may_be_taken_along_a_cycle():
     # Two cycles at one speed: on the unstable one the exponent is that of its multiplier.
-    model = pd.Chain(pd.Pipe(0.7), 3)
-    onset = pd.hopf(model)
+    model = pp.Chain(pp.Pipe(0.7), 3)
+    onset = pp.hopf(model)
     u = onset.speed - 2e-3
-    repelling = pd.limit_cycle(model, u, onset, rtol=1e-8)
+    repelling = pp.limit_cycle(model, u, onset, rtol=1e-8)
     growth = math.log(abs(repelling.multipliers[0])) / repelling.period
-    found = pd.lyapunov_exponent(model, u, repelling, duration=40.0, transient=80.0)
+    found = pp.lyapunov_exponent(model, u, repelling, duration=40.0, transient=80.0)
     assert found.value == pytest.approx(growth, rel=0.1)
-    stable = pd.limit_cycle(CHAIN, 5.5)
-    along = pd.lyapunov_exponent(CHAIN, 5.5, stable, duration=20.0, transient=0.5)
+    stable = pp.limit_cycle(CHAIN, 5.5)
+    along = pp.lyapunov_exponent(CHAIN, 5.5, stable, duration=20.0, transient=0.5)
     assert abs(along.value) < 3.0 * along.spread
 
 
 def test_exponent_goes_on_from_the_state_at_its_end():
-    first = pd.lyapunov_exponent(CHAIN, 5.5, duration=10.0, transient=10.0)
-    again = pd.lyapunov_exponent(CHAIN, 5.5, first.end, duration=10.0, transient=0.0)
-    motion = pd.simulate(CHAIN, 5.5, 10.0, first.end[:3], first.end[3:], rtol=1e-9)
+    first = pp.lyapunov_exponent(CHAIN, 5.5, duration=10.0, transient=10.0)
+    again = pp.lyapunov_exponent(CHAIN, 5.5, first.end, duration=10.0, transient=0.0)
+    motion = pp.simulate(CHAIN, 5.5, 10.0, first.end[:3], first.end[3:], rtol=1e-9)
     np.testing.assert_allclose(again.end, motion.y[:, -1], atol=1e-6)
 
 
 def test_scene_agrees_with_its_chain():
-    pipe = pd.Pipe(0.2)
-    scene, chain = pd.modular.chain(pipe, n=2), pd.Chain(pipe, 2)
+    pipe = pp.Pipe(0.2)
+    scene, chain = pp.modular.chain(pipe, n=2), pp.Chain(pipe, 2)
     a, b = (
-        pd.lyapunov_exponent(model, 5.0, duration=10.0, transient=5.0, method="pair")
+        pp.lyapunov_exponent(model, 5.0, duration=10.0, transient=5.0, method="pair")
         for model in (scene, chain)
     )
     np.testing.assert_allclose(a.blocks, b.blocks, atol=1e-5)
@@ -138,23 +138,23 @@ def test_scene_agrees_with_its_chain():
 @pytest.mark.parametrize(
     ("call", "kind", "message"),
     [
-        (lambda: pd.lyapunov_exponent(None, 1.0), TypeError, "model must be a Chain"),
-        (lambda: pd.lyapunov_exponent(CHAIN, -1.0), ValueError, "u must lie in"),
-        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, [1.0]), ValueError, "start must have 3"),
+        (lambda: pp.lyapunov_exponent(None, 1.0), TypeError, "model must be a Chain"),
+        (lambda: pp.lyapunov_exponent(CHAIN, -1.0), ValueError, "u must lie in"),
+        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, [1.0]), ValueError, "start must have 3"),
         (
-            lambda: pd.lyapunov_exponent(CHAIN, 1.0, "x"),
+            lambda: pp.lyapunov_exponent(CHAIN, 1.0, "x"),
             TypeError,
             "start must be a LimitCycle, a Mo",
         ),
-        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, pd.hopf(CHAIN)), TypeError, "start must be a L"),
-        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, duration=0.0), ValueError, "duration must"),
-        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, transient=-1.0), ValueError, "transient must"),
-        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, blocks=2), ValueError, "blocks must"),
-        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, interval=math.nan), ValueError, "interval must"),
-        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, method="guess"), ValueError, "method must"),
-        (lambda: pd.lyapunov_exponent(CHAIN, 1.0, rtol=0.5), ValueError, "rtol must"),
+        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, pp.hopf(CHAIN)), TypeError, "start must be a L"),
+        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, duration=0.0), ValueError, "duration must"),
+        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, transient=-1.0), ValueError, "transient must"),
+        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, blocks=2), ValueError, "blocks must"),
+        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, interval=math.nan), ValueError, "interval must"),
+        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, method="guess"), ValueError, "method must"),
+        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, rtol=0.5), ValueError, "rtol must"),
         (
-            lambda: pd.lyapunov_exponent(CHAIN, 1.0, duration=1e6, interval=1e-6),
+            lambda: pp.lyapunov_exponent(CHAIN, 1.0, duration=1e6, interval=1e-6),
             ValueError,
             "interval must cut",
         ),
@@ -166,13 +166,13 @@ def test_bad_arguments_are_refused_by_name(call, kind, message):
 
 
 def test_motion_of_another_model_is_refused():
-    motion = pd.simulate(pd.Chain(pd.Pipe(0.2), 2), 1.0, 1.0, [0.1, 0.1])
+    motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 2), 1.0, 1.0, [0.1, 0.1])
     with pytest.raises(ValueError, match="start must be a motion of the model, with 3"):
-        pd.lyapunov_exponent(CHAIN, 1.0, motion)
+        pp.lyapunov_exponent(CHAIN, 1.0, motion)
 
 
 def test_motion_that_leaves_numbers_says_so():
-    with pytest.raises(pd.NotConverged, match="the motion stopped"):
+    with pytest.raises(pp.NotConverged, match="the motion stopped"):
         largest_exponent(
             lambda y: y**2, lambda y: np.diag(2.0 * y), np.array([1.0]), 4.0, 0.0, 4, 1.0
         )
@@ -180,6 +180,6 @@ def test_motion_that_leaves_numbers_says_so():
 
 @pytest.mark.parametrize(("n", "u"), [(2, 5.0), (3, 6.0)])
 def test_a_stable_cycle_is_not_chaotic(n, u):
-    found = pd.lyapunov_exponent(pd.Chain(pd.Pipe(0.2), n), u, duration=60.0, transient=30.0)
+    found = pp.lyapunov_exponent(pp.Chain(pp.Pipe(0.2), n), u, duration=60.0, transient=30.0)
     assert abs(found.value) < 3.0 * found.spread
     assert not found.chaotic

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from independent import collocation_eigenvalues, collocation_matrices
 
-import pipedyn as pd
+import pipedyn as pp
 
-LIGHT = pd.Pipe(0.00023, gamma=61.1)
-HEAVY = pd.Pipe(0.00203, gamma=42.4)
+LIGHT = pp.Pipe(0.00023, gamma=61.1)
+HEAVY = pp.Pipe(0.00203, gamma=42.4)
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,7 @@ HEAVY = pd.Pipe(0.00203, gamma=42.4)
 def test_undamped_theory_meets_what_was_published_and_falls_short_of_what_was_measured(
     pipe, speed, frequency, published, measured
 ):
-    found = pd.critical_speed(pd.Continuum(pipe))
+    found = pp.critical_speed(pp.Continuum(pipe))
     assert found.kind == "flutter"
     assert found.speed == pytest.approx(speed, rel=0, abs=5.1e-6)
     assert found.frequency == pytest.approx(frequency, rel=0, abs=5.1e-5)
@@ -39,7 +39,7 @@ def test_undamped_theory_meets_what_was_published_and_falls_short_of_what_was_me
 
 @pytest.mark.parametrize("pipe", [LIGHT, HEAVY], ids=["light", "heavy"])
 def test_undamped_theory_of_the_measured_pipes_has_a_root_of_the_strong_form_on_the_axis(pipe):
-    found = pd.critical_speed(pd.Continuum(pipe))
+    found = pp.critical_speed(pp.Continuum(pipe))
     values = collocation_eigenvalues(pipe, found.speed, size=48)
     assert np.abs(values - 1j * found.frequency).min() < 1e-7
 
@@ -49,7 +49,7 @@ def test_hysteretic_damping_meets_the_published_theory_of_the_second_pipe():
 
     No parameter of a Pipe says that; the operators do.
     """
-    ops = pd.Galerkin(HEAVY, 16, "legendre").operators()
+    ops = pp.Galerkin(HEAVY, 16, "legendre").operators()
     bending = np.eye(16)
 
     def on_the_axis(u):
@@ -74,8 +74,8 @@ def test_hysteretic_damping_meets_the_published_theory_of_the_second_pipe():
 
 def test_a_hanging_chain_of_few_segments_diverges_where_the_pipe_only_flutters():
     """The 'paradox' of Paidoussis and Deksnis: the divergence retreats as segments become more."""
-    pipe = pd.Pipe(0.5, gamma=50.0)
-    exact = pd.critical_speed(pd.Continuum(pipe))
+    pipe = pp.Pipe(0.5, gamma=50.0)
+    exact = pp.critical_speed(pp.Continuum(pipe))
     assert exact.kind == "flutter"
     # det K of the strong form keeps its sign: no divergence at any of these speeds.
     signs = [
@@ -85,10 +85,10 @@ def test_a_hanging_chain_of_few_segments_diverges_where_the_pipe_only_flutters()
     assert np.ptp(signs) == 0.0
 
     def divergence(n):
-        found = pd.crossings(pd.Chain(pipe, n), 40.0)
+        found = pp.crossings(pp.Chain(pipe, n), 40.0)
         return min(crossing.speed for crossing in found if crossing.kind == "divergence")
 
-    two = pd.critical_speed(pd.Chain(pipe, 2))
+    two = pp.critical_speed(pp.Chain(pipe, 2))
     assert two.kind == "divergence"
     assert two.speed < 0.7 * exact.speed
     retreat = [divergence(n) for n in (2, 4, 8, 16)]
@@ -96,5 +96,5 @@ def test_a_hanging_chain_of_few_segments_diverges_where_the_pipe_only_flutters()
     assert (np.diff(retreat) > 2.0).all()
     assert retreat[-1] > 2.0 * exact.speed
     for n in (8, 16):
-        assert pd.critical_speed(pd.Chain(pipe, n)).kind == "flutter"
-    assert pd.critical_speed(pd.Chain(pipe, 16)).speed == pytest.approx(exact.speed, rel=0.03)
+        assert pp.critical_speed(pp.Chain(pipe, n)).kind == "flutter"
+    assert pp.critical_speed(pp.Chain(pipe, 16)).speed == pytest.approx(exact.speed, rel=0.03)

@@ -11,15 +11,15 @@ import pytest
 import scipy.linalg
 from numpy.typing import NDArray
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import modular as md
-from pipedyn.motion import checked_task, integrate
+from pipedyn.motion.simulate import checked_task, integrate
 
 CLAMPED_PINNED = 4.493409457909064
 """First root of tan u = u: the clamped-pinned column (physics.md, section 4: 4.4934)."""
 
-EJECTING = pd.Pipe(0.3, 12.0, drag=0.7, damping=0.01)
-ASPIRATING = pd.Pipe(0.4, -3.0, "aspirating", 0.7, drag=1.5)
+EJECTING = pp.Pipe(0.3, 12.0, drag=0.7, damping=0.01)
+ASPIRATING = pp.Pipe(0.4, -3.0, "aspirating", 0.7, drag=1.5)
 
 UNEQUAL = {
     "lengths": [0.2, 0.25, 0.15, 0.3],
@@ -36,7 +36,7 @@ def own_parts(seed: int = 3) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return rng.normal(size=400), rng.normal(size=400)
 
 
-def slack(n: int, pipe: pd.Pipe = EJECTING, y: float = 0.9) -> md.Assembly:
+def slack(n: int, pipe: pp.Pipe = EJECTING, y: float = 0.9) -> md.Assembly:
     """A chain whose free end is pinned nearer to the clamp than its length."""
     return md.chain(pipe, n).plus(md.Pin(n, 0.0, y))
 
@@ -131,7 +131,7 @@ def test_redundant_constraints_change_nothing() -> None:
     expected = plain.rhs(0.0, y, 2.0)
     np.testing.assert_allclose(again.rhs(0.0, y, 2.0), expected, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(
-        pd.eigenvalues(again, 2.0, 4), pd.eigenvalues(plain, 2.0, 4), rtol=1e-11
+        pp.eigenvalues(again, 2.0, 4), pp.eigenvalues(plain, 2.0, 4), rtol=1e-11
     )
 
 
@@ -147,8 +147,8 @@ def test_redundant_constraints_change_nothing() -> None:
         (ASPIRATING, {"n": 1}),
     ],
 )
-def test_the_plain_chain_moves_like_chain(pipe: pd.Pipe, given: dict) -> None:
-    chain, scene = pd.Chain(pipe, **given), md.chain(pipe, **given)
+def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
+    chain, scene = pp.Chain(pipe, **given), md.chain(pipe, **given)
     n = chain.dof
     rng = np.random.default_rng(2)
     for u in (0.0, 5.5):
@@ -169,7 +169,7 @@ def test_the_plain_chain_moves_like_chain(pipe: pd.Pipe, given: dict) -> None:
 
 @pytest.mark.parametrize("angles", [None, "bent"])
 def test_the_plain_chain_has_the_operators_of_chain(angles: str | None) -> None:
-    chain, scene = pd.Chain(EJECTING, **UNEQUAL), md.chain(EJECTING, **UNEQUAL)
+    chain, scene = pp.Chain(EJECTING, **UNEQUAL), md.chain(EJECTING, **UNEQUAL)
     q = None if angles is None else np.array([0.3, -0.5, 0.8, 0.2])
     mine, theirs = scene.operators(q), chain.operators(q)
     names = ["mass", "gyroscopic", "end_flux", "damping"]
@@ -182,19 +182,19 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None) -> None:
 
 
 @pytest.mark.parametrize("n", [8, 130])
-@pytest.mark.parametrize("pipe", [EJECTING, pd.Pipe(0.2), pd.Pipe(0.5, damping=0.002)])
-def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pd.Pipe, n: int) -> None:
+@pytest.mark.parametrize("pipe", [EJECTING, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
+def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> None:
     for u in (0.0, 6.0):
-        mine = pd.eigenvalues(md.chain(pipe, n), u, 8)
-        theirs = pd.eigenvalues(pd.Chain(pipe, n), u, 8)
+        mine = pp.eigenvalues(md.chain(pipe, n), u, 8)
+        theirs = pp.eigenvalues(pp.Chain(pipe, n), u, 8)
         np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-8)
 
 
 @pytest.mark.parametrize("n", [6, 66])
 def test_the_plain_chain_has_the_passages_of_chain(n: int) -> None:
-    for pipe in (pd.Pipe(0.2), pd.Pipe(0.3, -12.0), pd.Pipe(0.3, flow="aspirating", damping=0.02)):
-        mine = pd.crossings(md.chain(pipe, n), 9.0)
-        theirs = pd.crossings(pd.Chain(pipe, n), 9.0)
+    for pipe in (pp.Pipe(0.2), pp.Pipe(0.3, -12.0), pp.Pipe(0.3, flow="aspirating", damping=0.02)):
+        mine = pp.crossings(md.chain(pipe, n), 9.0)
+        theirs = pp.crossings(pp.Chain(pipe, n), 9.0)
         assert [(c.kind, c.mode, c.unstable_after) for c in mine] == [
             (c.kind, c.mode, c.unstable_after) for c in theirs
         ]
@@ -209,11 +209,11 @@ def test_the_plain_chain_has_the_passages_of_chain(n: int) -> None:
 
 def test_root_loci_of_a_scene_are_those_of_the_chain() -> None:
     speeds = np.linspace(0.0, 8.0, 17)
-    mine = pd.root_loci(md.chain(pd.Pipe(0.2), 12), speeds, 3)
-    theirs = pd.root_loci(pd.Chain(pd.Pipe(0.2), 12), speeds, 3)
+    mine = pp.root_loci(md.chain(pp.Pipe(0.2), 12), speeds, 3)
+    theirs = pp.root_loci(pp.Chain(pp.Pipe(0.2), 12), speeds, 3)
     np.testing.assert_allclose(mine.eigenvalues, theirs.eigenvalues, rtol=1e-9, atol=1e-9)
-    modes = pd.modes(md.chain(pd.Pipe(0.2), 12), 5.0, 4)
-    plain = pd.modes(pd.Chain(pd.Pipe(0.2), 12), 5.0, 4)
+    modes = pp.modes(md.chain(pp.Pipe(0.2), 12), 5.0, 4)
+    plain = pp.modes(pp.Chain(pp.Pipe(0.2), 12), 5.0, 4)
     s = np.linspace(0.0, 1.0, 13)
     for a, b in zip(modes.shapes, plain.shapes, strict=True):
         np.testing.assert_allclose(a(s), b(s), atol=1e-9)
@@ -254,7 +254,7 @@ def test_small_motions_obey_the_operators(name: str) -> None:
     u = 2.5
     q = scene.equilibrium(scene.bent(lambda s: 0.8 * np.sin(2.0 * math.pi * s)), u)
     rested = scene.about(q)
-    found = np.sort_complex(pd.eigenvalues(rested, u))
+    found = np.sort_complex(pp.eigenvalues(rested, u))
     start = np.concatenate([scene.angles(q), np.zeros(scene.moving)])
     assert np.abs(scene.motion.rhs_and_power(0.0, np.append(start, 0.0), u)).max() < 1e-9
     every = np.linalg.eigvals(scene.motion_jacobian(start, u))
@@ -267,19 +267,19 @@ def test_small_motions_obey_the_operators(name: str) -> None:
 def test_the_arch_is_stable_and_keeps_its_shape_in_the_flow() -> None:
     """A pinned inextensible arch: thrust is taken up by its length, Coriolis forces do no work."""
     for n in (8, 16):
-        scene = slack(n, pd.Pipe(0.3))
+        scene = slack(n, pp.Pipe(0.3))
         q = scene.equilibrium(scene.bent(lambda s: np.sin(2.0 * math.pi * s)))
         assert abs(q[3 * (n // 2) - 3]) > 0.05
         for u in (3.0, 15.0):
             np.testing.assert_allclose(scene.equilibrium(q, u), q, atol=1e-9)
-            values = pd.eigenvalues(scene.about(q), u)
+            values = pp.eigenvalues(scene.about(q), u)
             assert np.abs(values.real).max() < 1e-7 * np.abs(values).max()
-        assert pd.crossings(scene.about(q), 20.0) == ()
-        with pytest.raises(pd.NoCrossing):
-            pd.critical_speed(scene.about(q), 20.0)
+        assert pp.crossings(scene.about(q), 20.0) == ()
+        with pytest.raises(pp.NoCrossing):
+            pp.critical_speed(scene.about(q), 20.0)
     # The straight pipe is no configuration of this scene.
     with pytest.raises(ValueError, match=r"the straight pipe misses Pin\(node=16"):
-        pd.eigenvalues(scene, 1.0)
+        pp.eigenvalues(scene, 1.0)
 
 
 # ------------------------------------------------------------------------------------ known answers
@@ -289,8 +289,8 @@ def test_a_guided_end_diverges_like_the_clamped_pinned_column() -> None:
     errors = []
     sizes = np.array([10, 20, 40, 80])
     for n in sizes.tolist():
-        scene = md.chain(pd.Pipe(0.2), n).plus(md.Guide(n))
-        critical = pd.critical_speed(scene)
+        scene = md.chain(pp.Pipe(0.2), n).plus(md.Guide(n))
+        critical = pp.critical_speed(scene)
         assert critical.kind == "divergence"
         errors.append(critical.speed - CLAMPED_PINNED)
     order = -np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]
@@ -303,8 +303,8 @@ def test_a_guided_end_diverges_like_the_clamped_pinned_column() -> None:
 @pytest.mark.parametrize("beta", [0.05, 0.5, 0.9])
 def test_passages_of_a_guided_pipe_meet_the_eigenvalues_on_either_side(beta: float) -> None:
     """Divergence, gyroscopic stabilisation and the meeting of modes, counted by numpy."""
-    scene = md.chain(pd.Pipe(beta, 20.0), 10).plus(md.Guide(10))
-    passages = pd.crossings(scene, 12.0)
+    scene = md.chain(pp.Pipe(beta, 20.0), 10).plus(md.Guide(10))
+    passages = pp.crossings(scene, 12.0)
     assert {"flutter", "divergence"} >= {c.kind for c in passages}
     operators, n = scene.operators(), scene.dof
     for u in np.arange(0.13, 12.0, 0.37):
@@ -318,8 +318,8 @@ def test_passages_of_a_guided_pipe_meet_the_eigenvalues_on_either_side(beta: flo
 
 
 def test_the_divergence_of_a_conservative_pipe_knows_what_moves_it() -> None:
-    def critical(gamma: float) -> pd.CriticalSpeed:
-        return pd.critical_speed(md.chain(pd.Pipe(0.5, gamma), 8).plus(md.Guide(8)))
+    def critical(gamma: float) -> pp.CriticalSpeed:
+        return pp.critical_speed(md.chain(pp.Pipe(0.5, gamma), 8).plus(md.Guide(8)))
 
     h = 1e-4
     measured = (critical(20.0 + h).speed - critical(20.0 - h).speed) / (2.0 * h)
@@ -327,10 +327,10 @@ def test_the_divergence_of_a_conservative_pipe_knows_what_moves_it() -> None:
 
 
 def test_equal_spans_have_passages_though_their_modes_are_close() -> None:
-    scene = md.chain(pd.Pipe(0.2), 100).plus(*(md.Guide(j) for j in (25, 50, 75, 100)))
-    critical = pd.critical_speed(scene)
-    dense = pd.critical_speed(
-        md.chain(pd.Pipe(0.2), 60).plus(*(md.Guide(j) for j in (15, 30, 45, 60)))
+    scene = md.chain(pp.Pipe(0.2), 100).plus(*(md.Guide(j) for j in (25, 50, 75, 100)))
+    critical = pp.critical_speed(scene)
+    dense = pp.critical_speed(
+        md.chain(pp.Pipe(0.2), 60).plus(*(md.Guide(j) for j in (15, 30, 45, 60)))
     )
     assert critical.kind == dense.kind == "divergence"
     assert critical.speed == pytest.approx(dense.speed, rel=5e-3)
@@ -343,11 +343,11 @@ def test_a_double_pendulum_swings_at_the_textbook_frequencies() -> None:
     """
     gamma, heavy = 1.0, 1e6
     scene = md.Assembly(
-        pd.Pipe(0.0, gamma),
+        pp.Pipe(0.0, gamma),
         [md.Segment(0.5), md.Segment(0.5), md.PointMass(1, heavy), md.PointMass(2, heavy)],
         [md.Clamp(), md.Joint(2)],
     )
-    values = pd.eigenvalues(scene, 0.0)
+    values = pp.eigenvalues(scene, 0.0)
     squares = np.sort(np.unique(np.round(np.abs(values), 9))) ** 2
     np.testing.assert_allclose(
         squares, (2.0 + np.array([-1.0, 1.0]) * math.sqrt(2.0)) * 2.0, rtol=2e-6
@@ -357,20 +357,20 @@ def test_a_double_pendulum_swings_at_the_textbook_frequencies() -> None:
 def test_two_uniform_rods_swing_at_the_textbook_frequencies() -> None:
     """Two hinged uniform rods of length l: omega^2 = (3 -+ 6 / sqrt 7) g / l."""
     scene = md.Assembly(
-        pd.Pipe(0.0, 4.0), [md.Segment(0.5), md.Segment(0.5)], [md.Clamp(), md.Joint(2)]
+        pp.Pipe(0.0, 4.0), [md.Segment(0.5), md.Segment(0.5)], [md.Clamp(), md.Joint(2)]
     )
-    values = pd.eigenvalues(scene, 0.0)
+    values = pp.eigenvalues(scene, 0.0)
     squares = np.sort(np.abs(values[values.imag > 0.0])) ** 2
     expected = (3.0 + np.array([-1.0, 1.0]) * 6.0 / math.sqrt(7.0)) * 8.0
     np.testing.assert_allclose(squares, expected, rtol=1e-12)
 
 
 FITTED = {
-    "end mass": ((pd.Fitting(1.0, mass=0.2),), pd.Pipe(0.2, 10.0)),
-    "inner spring": ((pd.Fitting(0.6, stiffness=60.0),), pd.Pipe(0.3)),
+    "end mass": ((pp.Fitting(1.0, mass=0.2),), pp.Pipe(0.2, 10.0)),
+    "inner spring": ((pp.Fitting(0.6, stiffness=60.0),), pp.Pipe(0.3)),
     "both": (
-        (pd.Fitting(0.4, stiffness=30.0), pd.Fitting(0.8, mass=0.1), pd.Fitting(1.0, mass=0.05)),
-        pd.Pipe(0.25, 5.0, damping=0.001),
+        (pp.Fitting(0.4, stiffness=30.0), pp.Fitting(0.8, mass=0.1), pp.Fitting(1.0, mass=0.05)),
+        pp.Pipe(0.25, 5.0, damping=0.001),
     ),
 }
 
@@ -378,11 +378,11 @@ FITTED = {
 @pytest.mark.parametrize("name", FITTED)
 def test_fittings_move_the_critical_speed_of_scene_and_continuum_alike(name: str) -> None:
     fittings, pipe = FITTED[name]
-    exact = pd.critical_speed(pd.Continuum(pipe, fittings=fittings))
-    bare = pd.critical_speed(pd.Continuum(pipe))
+    exact = pp.critical_speed(pp.Continuum(pipe, fittings=fittings))
+    bare = pp.critical_speed(pp.Continuum(pipe))
     assert abs(exact.speed - bare.speed) > 0.1
     sizes = np.array([20, 40, 80])
-    found = [pd.critical_speed(md.chain(pipe, n, fittings=fittings)) for n in sizes.tolist()]
+    found = [pp.critical_speed(md.chain(pipe, n, fittings=fittings)) for n in sizes.tolist()]
     errors = np.array([critical.speed - exact.speed for critical in found])
     order = -np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]
     assert 1.8 < order < 2.2
@@ -412,11 +412,11 @@ def drifting(scene: md.Assembly, u: float, duration: float, method: str) -> floa
 
 
 def test_constraints_do_not_drift_over_a_hundred_periods() -> None:
-    guided = md.chain(pd.Pipe(0.2, 5.0, drag=0.5), 4).plus(md.Guide(4))
-    lowest = np.abs(pd.eigenvalues(guided, 2.0, 2)).min()
+    guided = md.chain(pp.Pipe(0.2, 5.0, drag=0.5), 4).plus(md.Guide(4))
+    lowest = np.abs(pp.eigenvalues(guided, 2.0, 2)).min()
     duration = 100.0 * 2.0 * math.pi / lowest
     start = guided.bent(lambda s: 0.5 * np.sin(2.0 * math.pi * s))
-    motion = pd.simulate(guided, 2.0, duration, start, samples=2001)
+    motion = pp.simulate(guided, 2.0, duration, start, samples=2001)
     assert np.abs(motion.q[-200:]).max() > 1e-3
     drift = [np.abs(guided.core.constraints(y)[0]).max() for y in motion.y.T]
     assert max(drift) < 1e-12
@@ -428,21 +428,21 @@ def test_constraints_do_not_drift_over_a_hundred_periods() -> None:
 
 @pytest.mark.parametrize("method", ["dop853", "lsoda"])
 def test_pinned_and_fluttering_scenes_keep_their_constraints(method: str) -> None:
-    tied = md.chain(pd.Pipe(0.2, drag=0.3), 4).plus(md.Guide(2))  # it flutters beyond the guide
-    for scene, u in ((slack(5, pd.Pipe(0.3, 2.0, drag=0.3, damping=1e-3)), 4.0), (tied, 8.0)):
+    tied = md.chain(pp.Pipe(0.2, drag=0.3), 4).plus(md.Guide(2))  # it flutters beyond the guide
+    for scene, u in ((slack(5, pp.Pipe(0.3, 2.0, drag=0.3, damping=1e-3)), 4.0), (tied, 8.0)):
         assert drifting(scene, u, 5.0, method) < 1e-6
         start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
-        motion = pd.simulate(scene, u, 5.0, start, samples=101, rtol=1e-5, method=method)
+        motion = pp.simulate(scene, u, 5.0, start, samples=101, rtol=1e-5, method=method)
         assert max(np.abs(scene.core.constraints(y)[0]).max() for y in motion.y.T) < 1e-12
 
 
 def test_a_scene_flutters_as_the_chain_does() -> None:
-    pipe = pd.Pipe(0.2, drag=0.2)
-    mine = pd.simulate(md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
-    theirs = pd.simulate(pd.Chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
+    pipe = pp.Pipe(0.2, drag=0.2)
+    mine = pp.simulate(md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
+    theirs = pp.simulate(pp.Chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
     np.testing.assert_allclose(mine.tip, theirs.tip, atol=1e-7)
     np.testing.assert_allclose(mine.energy, theirs.energy, atol=1e-6)
-    stiff = pd.simulate(md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9, method="lsoda")
+    stiff = pp.simulate(md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9, method="lsoda")
     np.testing.assert_allclose(stiff.tip, theirs.tip, atol=1e-6)
 
 
@@ -450,7 +450,7 @@ def test_implicit_steps_take_the_scenes_own_jacobian() -> None:
     for scene in (md.chain(EJECTING, 4).plus(md.Guide(4)), SCENES["fitted"]()):
         start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
         runs = [
-            pd.simulate(scene, 2.0, 2.0, start, rtol=1e-8, method=method, samples=51)
+            pp.simulate(scene, 2.0, 2.0, start, rtol=1e-8, method=method, samples=51)
             for method in ("dop853", "lsoda")
         ]
         np.testing.assert_allclose(runs[0].tip, runs[1].tip, atol=1e-5)
@@ -477,9 +477,9 @@ def test_many_scenes_move_at_once() -> None:
     scene = md.chain(EJECTING, 3).plus(md.Guide(3))
     start = scene.bent(lambda s: 0.4 * np.sin(2.0 * math.pi * s))
     speeds = [0.0, 1.0, 2.0]
-    many = pd.simulate_many(scene, speeds, 1.0, start, samples=11, rtol=1e-9)
+    many = pp.simulate_many(scene, speeds, 1.0, start, samples=11, rtol=1e-9)
     for u, motion in zip(speeds, many.motions, strict=True):
-        one = pd.simulate(scene, u, 1.0, start, samples=11, rtol=1e-9)
+        one = pp.simulate(scene, u, 1.0, start, samples=11, rtol=1e-9)
         np.testing.assert_allclose(motion.q, one.q, atol=1e-7)
 
 
@@ -487,7 +487,7 @@ def test_both_enforcements_give_one_motion() -> None:
     parts = md.chain(EJECTING, 3).plus(md.Guide(3), md.PointMass(2, 0.3))
     start = parts.bent(lambda s: 0.4 * np.sin(2.0 * math.pi * s))
     motions = [
-        pd.simulate(
+        pp.simulate(
             md.Assembly(EJECTING, parts.modules, parts.constraints, enforcement),
             *(2.0, 0.5, start),
             samples=6,
@@ -499,20 +499,20 @@ def test_both_enforcements_give_one_motion() -> None:
 
 
 def test_initial_states_are_angles_or_coordinates_that_meet_the_constraints() -> None:
-    scene = md.chain(pd.Pipe(0.2), 4).plus(md.Guide(4))
+    scene = md.chain(pp.Pipe(0.2), 4).plus(md.Guide(4))
     angles = scene.closed([0.3, 0.1, -0.2, 0.0])
     y = scene.state(angles)
-    by_angles = pd.simulate(scene, 1.0, 0.1, angles, samples=3)
-    by_coordinates = pd.simulate(scene, 1.0, 0.1, y[:12], samples=3)
+    by_angles = pp.simulate(scene, 1.0, 0.1, angles, samples=3)
+    by_coordinates = pp.simulate(scene, 1.0, 0.1, y[:12], samples=3)
     np.testing.assert_allclose(by_angles.q, by_coordinates.q, atol=1e-13)
     np.testing.assert_allclose(scene.angles(y), angles, atol=1e-15)
     with pytest.raises(ValueError, match=r"q0 must meet Guide\(node=4\), got .*e-02 beside it"):
-        pd.simulate(scene, 1.0, 0.1, [0.3, 0.1, -0.2, 0.1])
+        pp.simulate(scene, 1.0, 0.1, [0.3, 0.1, -0.2, 0.1])
     torn = y[:12].copy()
     torn[3] += 0.01
     with pytest.raises(ValueError, match=r"q0 must meet the constraints, got .* beside Joint"):
-        pd.simulate(scene, 1.0, 0.1, torn)
+        pp.simulate(scene, 1.0, 0.1, torn)
     with pytest.raises(ValueError, match=r"qdot0 must keep Guide\(node=4\)"):
-        pd.simulate(scene, 1.0, 0.1, angles, [1.0, 0.0, 0.0, 0.0])
+        pp.simulate(scene, 1.0, 0.1, angles, [1.0, 0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match=r"q0 must have shape \(4,\) or \(12,\), got \(5,\)"):
-        pd.simulate(scene, 1.0, 0.1, np.zeros(5))
+        pp.simulate(scene, 1.0, 0.1, np.zeros(5))

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import modular as md
 from pipedyn import plot
 
-PIPE = pd.Pipe(0.3, 5.0, drag=0.4)
+PIPE = pp.Pipe(0.3, 5.0, drag=0.4)
 
 
 def wave(s: np.ndarray) -> np.ndarray:
@@ -60,16 +60,16 @@ def test_a_module_in_python_is_the_built_in_one(n: int) -> None:
         own.jacobian(0.0, y, 3.0), expected, atol=1e-10 * np.abs(expected).max()
     )
     np.testing.assert_allclose(
-        pd.eigenvalues(own, 4.0, 6), pd.eigenvalues(built_in, 4.0, 6), rtol=1e-9
+        pp.eigenvalues(own, 4.0, 6), pp.eigenvalues(built_in, 4.0, 6), rtol=1e-9
     )
-    assert pd.critical_speed(own).speed == pytest.approx(pd.critical_speed(built_in).speed, 1e-10)
+    assert pp.critical_speed(own).speed == pytest.approx(pp.critical_speed(built_in).speed, 1e-10)
 
 
 def test_a_motion_with_a_module_in_python_is_that_with_the_built_in_one() -> None:
     plain = md.chain(PIPE, 3)
     for method in ("dop853", "lsoda"):
         own, built_in = (
-            pd.simulate(scene, 3.0, 0.5, wave, samples=11, rtol=1e-9, method=method)
+            pp.simulate(scene, 3.0, 0.5, wave, samples=11, rtol=1e-9, method=method)
             for scene in (
                 plain.plus(own_spring(2, 30.0, 0.7)),
                 plain.plus(md.TransverseSpring(2, 30.0), md.Dashpot(2, 0.7)),
@@ -96,13 +96,13 @@ def test_an_energy_alone_gives_force_and_operators() -> None:
     assert measured == pytest.approx(power.total, rel=1e-7)
     # It bends the hose: the straight pipe is no equilibrium, another is found.
     with pytest.raises(ValueError, match="the model must rest at u = 1 where it is linearised"):
-        pd.eigenvalues(scene, 1.0)
+        pp.eigenvalues(scene, 1.0)
     q = scene.equilibrium(np.zeros(5), 1.0)
     assert scene.tip(q)[0] > 0.01
     rested = scene.about(q)
     start = np.concatenate([scene.angles(q), np.zeros(5)])
     every = np.linalg.eigvals(scene.motion_jacobian(start, 1.0))
-    found = pd.eigenvalues(rested, 1.0)
+    found = pp.eigenvalues(rested, 1.0)
     assert np.abs(every[:, None] - found[None, :]).min(axis=0).max() < 1e-6
 
 
@@ -112,9 +112,9 @@ def test_a_module_ties_far_nodes_together() -> None:
     rod = md.Custom(
         nodes=(10, 66), energy=lambda q: 20.0 * (q[0] - q[2]) ** 2, mass=mass, name="rod"
     )
-    scene = md.chain(pd.Pipe(0.2), 70).plus(rod)
-    sparse = pd.eigenvalues(scene, 4.0, 6)
-    dense = pd.modes(scene, 4.0, 6)
+    scene = md.chain(pp.Pipe(0.2), 70).plus(rod)
+    sparse = pp.eigenvalues(scene, 4.0, 6)
+    dense = pp.modes(scene, 4.0, 6)
     assert dense.residuals.max() < 1e-10
     ops = scene.operators()
     m, c, k = ops.at(4.0)
@@ -132,10 +132,10 @@ def test_a_module_ties_far_nodes_together() -> None:
 
 def test_a_joint_of_ones_own_is_a_torsional_spring() -> None:
     own = md.Custom(joints=(2, 3), energy=lambda q: 0.5 * (4.0 * q[0] ** 2 + 6.0 * q[1] ** 2))
-    plain = md.chain(pd.Pipe(0.2), 4)
+    plain = md.chain(pp.Pipe(0.2), 4)
     built_in = plain.plus(md.TorsionalSpring(2, 4.0), md.TorsionalSpring(3, 6.0))
     np.testing.assert_allclose(
-        pd.eigenvalues(plain.plus(own), 3.0), pd.eigenvalues(built_in, 3.0), rtol=1e-10
+        pp.eigenvalues(plain.plus(own), 3.0), pp.eigenvalues(built_in, 3.0), rtol=1e-10
     )
 
 
@@ -214,14 +214,14 @@ def test_functions_of_ones_own_are_tried(functions: dict, error: type, message: 
 
 
 def test_a_force_that_only_places_tell_resists_no_velocity() -> None:
-    plain = md.chain(pd.Pipe(0.0), 4)
+    plain = md.chain(pp.Pipe(0.0), 4)
     by_force = plain.plus(
         md.Custom(nodes=(3,), force=lambda q, v: np.array([-30.0 * q[0], 0.0 * q[1]]))
     )
     built_in = plain.plus(md.TransverseSpring(3, 30.0))
     assert not by_force.resisted
     assert by_force.plus(own_spring(2, 0.0, 0.7)).resisted
-    mine, theirs = (pd.crossings(scene, 8.0) for scene in (by_force, built_in))
+    mine, theirs = (pp.crossings(scene, 8.0) for scene in (by_force, built_in))
     assert [(c.kind, c.mode) for c in mine] == [(c.kind, c.mode) for c in theirs]
     np.testing.assert_allclose([c.speed for c in mine], [c.speed for c in theirs], rtol=1e-10)
 
@@ -255,7 +255,7 @@ def test_scenes_tell_what_they_are() -> None:
     scene = md.chain(PIPE, 3).plus(md.TorsionalSpring(2, 1.0, rest_angle=0.4), md.Guide(3))
     assert "TorsionalSpring(joint=2, stiffness=1, rest_angle=0.4)" in repr(scene)
     assert "Guide(node=3)" in repr(scene)
-    bent = md.chain(pd.Pipe(0.2), 3).about([0.1, 0.2, 0.3])
+    bent = md.chain(pp.Pipe(0.2), 3).about([0.1, 0.2, 0.3])
     assert "about array([0.1, 0.2, 0.3])" in repr(bent)
     assert "about" in repr(bent.plus(md.PointMass(3, 0.1)))
     assert "about" not in repr(bent.plus(md.Guide(3)))
@@ -264,7 +264,7 @@ def test_scenes_tell_what_they_are() -> None:
 
 
 def test_dense_results_have_their_limits() -> None:
-    scene = md.chain(pd.Pipe(0.2), 1400)
+    scene = md.chain(pp.Pipe(0.2), 1400)
     y = np.zeros(6 * 1400)
     for ask in (
         lambda: scene.jacobian(0.0, y, 1.0),
@@ -276,16 +276,16 @@ def test_dense_results_have_their_limits() -> None:
 
 
 def test_angles_are_found_though_segments_are_in_line_with_the_pin() -> None:
-    scene = md.chain(pd.Pipe(0.2, damping=1e-3), 10).plus(md.Pin(2, 0.05, 0.15))
+    scene = md.chain(pp.Pipe(0.2, damping=1e-3), 10).plus(md.Pin(2, 0.05, 0.15))
     angles = scene.closed(np.zeros(10))
     np.testing.assert_allclose(scene.state(angles)[3:5], [0.05, 0.15], atol=1e-12)
 
 
 def test_fittings_side_by_side_share_a_node() -> None:
-    pair = [pd.Fitting(0.5, mass=0.1), pd.Fitting(0.5 + 1e-8, stiffness=30.0)]
-    scene = md.chain(pd.Pipe(0.2), 6, fittings=pair)
-    one = md.chain(pd.Pipe(0.2), 6, fittings=[pd.Fitting(0.5, mass=0.1, stiffness=30.0)])
-    np.testing.assert_allclose(pd.eigenvalues(scene, 3.0), pd.eigenvalues(one, 3.0), rtol=1e-7)
+    pair = [pp.Fitting(0.5, mass=0.1), pp.Fitting(0.5 + 1e-8, stiffness=30.0)]
+    scene = md.chain(pp.Pipe(0.2), 6, fittings=pair)
+    one = md.chain(pp.Pipe(0.2), 6, fittings=[pp.Fitting(0.5, mass=0.1, stiffness=30.0)])
+    np.testing.assert_allclose(pp.eigenvalues(scene, 3.0), pp.eigenvalues(one, 3.0), rtol=1e-7)
 
 
 def test_derivatives_that_are_given_need_no_complex_step() -> None:
@@ -297,7 +297,7 @@ def test_derivatives_that_are_given_need_no_complex_step() -> None:
         name="sail",
     )
     scene = md.chain(PIPE, 4).plus(drag)
-    motion = pd.simulate(scene, 6.0, 1.0, wave, rtol=1e-8)
+    motion = pp.simulate(scene, 6.0, 1.0, wave, rtol=1e-8)
     assert motion.audit < 1e-5
     assert scene.power(motion.y[:, -1], 6.0).others < 0.0
 
@@ -327,22 +327,22 @@ def test_scenes_pickle() -> None:
 
 
 def test_another_pipe_is_told_to_every_part() -> None:
-    pipe = pd.Pipe(0.1, -2.0, "aspirating", 0.8, 0.3, 0.02)
+    pipe = pp.Pipe(0.1, -2.0, "aspirating", 0.8, 0.3, 0.02)
     changed = md.chain(PIPE, 4).plus(md.PointMass(3, 0.2)).with_pipe(pipe)
     fresh = md.chain(pipe, 4).plus(md.PointMass(3, 0.2))
     y = fresh.state([0.1, 0.4, -0.3, 0.6], [1.0, -2.0, 0.5, 1.0])
     np.testing.assert_allclose(changed.rhs(0.0, y, 3.0), fresh.rhs(0.0, y, 3.0), rtol=1e-13)
-    np.testing.assert_allclose(pd.eigenvalues(changed, 3.0), pd.eigenvalues(fresh, 3.0))
+    np.testing.assert_allclose(pp.eigenvalues(changed, 3.0), pp.eigenvalues(fresh, 3.0))
 
 
 def test_a_point_mass_weighs_and_a_rest_angle_bends() -> None:
-    heavy = md.chain(pd.Pipe(0.2, 10.0), 3).plus(md.PointMass(3, 0.5))
+    heavy = md.chain(pp.Pipe(0.2, 10.0), 3).plus(md.PointMass(3, 0.5))
     turned = heavy.state([0.5, 0.5, 0.5])
-    light = md.chain(pd.Pipe(0.2, 10.0), 3)
+    light = md.chain(pp.Pipe(0.2, 10.0), 3)
     lifted = 0.5 * 10.0 * (1.0 - math.cos(0.5))
     assert heavy.energy(turned) - light.energy(turned) == pytest.approx(lifted, rel=1e-12)
     bent = md.Assembly(
-        pd.Pipe(0.2),
+        pp.Pipe(0.2),
         [
             md.Segment(0.5),
             md.Segment(0.5),
@@ -367,16 +367,16 @@ def test_without_internal_flow_the_speed_does_nothing() -> None:
     y = still.state([0.1, 0.2, 0.3], [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(still.rhs(0.0, y, 0.0), still.rhs(0.0, y, 9.0))
     assert still.power(y, 9.0).flow == 0.0
-    assert pd.crossings(still, 10.0) == ()
+    assert pp.crossings(still, 10.0) == ()
 
 
 def test_motions_of_scenes_are_drawn_though_their_ends_are_held() -> None:
-    pipe = pd.Pipe(0.2, 2.0, drag=0.2)
+    pipe = pp.Pipe(0.2, 2.0, drag=0.2)
     guided = md.chain(pipe, 4).plus(md.Guide(4))
     arch = md.chain(pipe, 4).plus(md.Pin(4, 0.0, 0.9))
     for scene in (guided, arch):
         start = scene.bent(lambda s: 0.4 * np.sin(2.0 * math.pi * s))
-        motion = pd.simulate(scene, 2.0, 2.0, start, samples=801)
+        motion = pp.simulate(scene, 2.0, 2.0, start, samples=801)
         axes = [
             plot.time_history(motion),
             plot.phase_portrait(motion, 3),
@@ -392,8 +392,8 @@ def test_motions_of_scenes_are_drawn_though_their_ends_are_held() -> None:
 
 def test_a_stability_curve_of_scenes_is_one_of_models() -> None:
     masses = np.array([0.05, 0.1, 0.2])
-    curve = pd.stability_curve(lambda m: md.chain(PIPE, 6).plus(md.PointMass(6, m)), masses)
-    direct = [pd.critical_speed(md.chain(PIPE, 6).plus(md.PointMass(6, m))).speed for m in masses]
+    curve = pp.stability_curve(lambda m: md.chain(PIPE, 6).plus(md.PointMass(6, m)), masses)
+    direct = [pp.critical_speed(md.chain(PIPE, 6).plus(md.PointMass(6, m))).speed for m in masses]
     np.testing.assert_allclose([c.speed for c in curve.critical], direct, rtol=1e-12)
     assert not curve.failures
 
@@ -402,8 +402,8 @@ def test_scenes_serve_processes() -> None:
     scene = md.chain(PIPE, 3).plus(md.Guide(3), md.PointMass(2, 0.1))
     start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        many = pd.simulate_many(scene, [1.0, 2.0], 0.2, start, samples=5, executor=pool)
-    alone = pd.simulate_many(scene, [1.0, 2.0], 0.2, start, samples=5)
+        many = pp.simulate_many(scene, [1.0, 2.0], 0.2, start, samples=5, executor=pool)
+    alone = pp.simulate_many(scene, [1.0, 2.0], 0.2, start, samples=5)
     for a, b in zip(many.motions, alone.motions, strict=True):
         np.testing.assert_array_equal(a.q, b.q)
 
@@ -412,7 +412,7 @@ def test_scenes_serve_processes() -> None:
 
 
 def scene(*parts: Any) -> Callable[[], Any]:
-    return lambda: md.chain(pd.Pipe(0.2), 4).plus(*parts)
+    return lambda: md.chain(pp.Pipe(0.2), 4).plus(*parts)
 
 
 SEGMENTS = [md.Segment(0.5), md.Segment(0.5)]
@@ -484,12 +484,12 @@ SEGMENTS = [md.Segment(0.5), md.Segment(0.5)]
         (scene(md.Drag()), "modules must hold at most one Drag, got 2"),
         (
             lambda: md.chain(
-                pd.Pipe(0.2), 2, fittings=[pd.Fitting(0.3, 1.0), pd.Fitting(0.5, 1.0)]
+                pp.Pipe(0.2), 2, fittings=[pp.Fitting(0.3, 1.0), pp.Fitting(0.5, 1.0)]
             ),
             "n must be more than 2, the fittings inside the pipe, got 2",
         ),
         (
-            lambda: md.chain(pd.Pipe(0.2), lengths=[0.5, 0.5], fittings=[pd.Fitting(0.3, 1.0)]),
+            lambda: md.chain(pp.Pipe(0.2), lengths=[0.5, 0.5], fittings=[pp.Fitting(0.3, 1.0)]),
             "fittings must be at nodes, got Fitting(0.3, mass=1); the nearest is at 0.5",
         ),
         (lambda: md.Assembly(PIPE, SEGMENTS, [], "baumgarte"), "enforcement must be one of"),

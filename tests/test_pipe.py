@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import pipedyn as pd
+import pipedyn as pp
 
 HOSE = {
     "length": 0.68,
@@ -26,7 +26,7 @@ HOSE = {
 
 
 def test_units_of_a_pipe_from_si_follow_from_length_mass_and_stiffness():
-    pipe = pd.Pipe.from_si(**HOSE)
+    pipe = pp.Pipe.from_si(**HOSE)
     mass = HOSE["pipe_mass"] + HOSE["fluid_mass"]
     stiffness, length = HOSE["bending_stiffness"], HOSE["length"]
     assert pipe.beta == pytest.approx(HOSE["fluid_mass"] / mass, rel=1e-15)
@@ -42,7 +42,7 @@ def test_units_of_a_pipe_from_si_follow_from_length_mass_and_stiffness():
 
 
 def test_the_centrifugal_force_of_a_speed_in_si_is_u_squared_in_units_of_the_beam():
-    pipe = pd.Pipe.from_si(**HOSE)
+    pipe = pp.Pipe.from_si(**HOSE)
     speed = 11.0
     thrust = HOSE["fluid_mass"] * speed**2 * HOSE["length"] ** 2 / HOSE["bending_stiffness"]
     assert pipe.speed(speed) ** 2 == pytest.approx(thrust, rel=1e-14)
@@ -50,7 +50,7 @@ def test_the_centrifugal_force_of_a_speed_in_si_is_u_squared_in_units_of_the_bea
 
 @given(st.floats(1e-6, 1e6))
 def test_what_goes_to_si_comes_back(number):
-    pipe = pd.Pipe.from_si(**HOSE)
+    pipe = pp.Pipe.from_si(**HOSE)
     for there, back in (
         (pipe.speed_si, pipe.speed),
         (pipe.time_si, pipe.time),
@@ -62,7 +62,7 @@ def test_what_goes_to_si_comes_back(number):
 
 
 def test_arrays_convert_elementwise_and_numbers_stay_numbers():
-    pipe = pd.Pipe.from_si(**HOSE)
+    pipe = pp.Pipe.from_si(**HOSE)
     speeds = pipe.speed_si([0.0, 1.0, 2.0])
     assert isinstance(speeds, np.ndarray)
     np.testing.assert_allclose(speeds, pipe.scales.speed * np.arange(3.0), rtol=1e-15)
@@ -70,7 +70,7 @@ def test_arrays_convert_elementwise_and_numbers_stay_numbers():
 
 
 def test_a_period_in_si_belongs_to_the_frequency_in_si():
-    pipe = pd.Pipe.from_si(**HOSE)
+    pipe = pp.Pipe.from_si(**HOSE)
     omega = 13.7147
     period = pipe.time_si(2.0 * math.pi / omega)
     assert period * pipe.frequency_si(omega) == pytest.approx(2.0 * math.pi, rel=1e-14)
@@ -78,21 +78,21 @@ def test_a_period_in_si_belongs_to_the_frequency_in_si():
 
 def test_a_pipe_without_gravity_or_surroundings_has_neither_weight_nor_drag():
     few = {name: HOSE[name] for name in ("length", "bending_stiffness", "pipe_mass", "fluid_mass")}
-    pipe = pd.Pipe.from_si(**few, gravity=0.0)
+    pipe = pp.Pipe.from_si(**few, gravity=0.0)
     assert (pipe.gamma, pipe.drag, pipe.damping) == (0.0, 0.0, 0.0)
-    assert pd.Pipe.from_si(**few, gravity=-9.81).gamma == -pd.Pipe.from_si(**few).gamma
+    assert pp.Pipe.from_si(**few, gravity=-9.81).gamma == -pp.Pipe.from_si(**few).gamma
 
 
 def test_pipes_with_equal_numbers_are_equal_and_hash_alike():
-    one, other = pd.Pipe(0.2, gamma=1), pd.Pipe(beta=0.2, gamma=1.0)
+    one, other = pp.Pipe(0.2, gamma=1), pp.Pipe(beta=0.2, gamma=1.0)
     assert one == other
     assert hash(one) == hash(other)
-    assert one != pd.Pipe(0.2, gamma=2.0)
-    assert pd.Pipe.from_si(**HOSE) == pd.Pipe.from_si(**HOSE)
+    assert one != pp.Pipe(0.2, gamma=2.0)
+    assert pp.Pipe.from_si(**HOSE) == pp.Pipe.from_si(**HOSE)
 
 
 def test_a_pipe_is_frozen_and_pickles():
-    pipe = pd.Pipe.from_si(**HOSE)
+    pipe = pp.Pipe.from_si(**HOSE)
     with pytest.raises(dataclasses.FrozenInstanceError):
         pipe.beta = 0.3
     assert pickle.loads(pickle.dumps(pipe)) == pipe
@@ -100,28 +100,28 @@ def test_a_pipe_is_frozen_and_pickles():
 
 
 def test_every_number_of_a_pipe_is_stored_as_a_float():
-    pipe = pd.Pipe(np.float32(0.25), gamma=np.int64(3), alpha=1, drag=2, damping=np.array(0.5))
+    pipe = pp.Pipe(np.float32(0.25), gamma=np.int64(3), alpha=1, drag=2, damping=np.array(0.5))
     numbers = (pipe.beta, pipe.gamma, pipe.alpha, pipe.drag, pipe.damping)
     assert numbers == (0.25, 3.0, 1.0, 2.0, 0.5)
     assert {type(number) for number in numbers} == {float}
 
 
 def test_repr_shows_the_numbers_that_a_pipe_has_and_no_others():
-    assert repr(pd.Pipe(0.2)) == "Pipe(beta=0.2)"
-    shown = repr(pd.Pipe(0.3, gamma=-1.5, flow="aspirating", alpha=0.5, damping=1e-3))
+    assert repr(pp.Pipe(0.2)) == "Pipe(beta=0.2)"
+    shown = repr(pp.Pipe(0.3, gamma=-1.5, flow="aspirating", alpha=0.5, damping=1e-3))
     assert "drag" not in shown
-    same = eval(shown, {"Pipe": pd.Pipe})
-    assert same == pd.Pipe(0.3, gamma=-1.5, flow="aspirating", alpha=0.5, damping=1e-3)
-    assert "0.68 m" in repr(pd.Pipe.from_si(**HOSE))
+    same = eval(shown, {"Pipe": pp.Pipe})
+    assert same == pp.Pipe(0.3, gamma=-1.5, flow="aspirating", alpha=0.5, damping=1e-3)
+    assert "0.68 m" in repr(pp.Pipe.from_si(**HOSE))
 
 
 def test_drag_has_no_part_in_the_linear_analysis():
-    calm, dragged = pd.Pipe(0.2), pd.Pipe(0.2, drag=3.0)
-    for make in (lambda pipe: pd.Chain(pipe, 5), lambda pipe: pd.Galerkin(pipe, 5)):
+    calm, dragged = pp.Pipe(0.2), pp.Pipe(0.2, drag=3.0)
+    for make in (lambda pipe: pp.Chain(pipe, 5), lambda pipe: pp.Galerkin(pipe, 5)):
         for a, b in zip(
             make(calm).operators().at(4.0), make(dragged).operators().at(4.0), strict=True
         ):
             np.testing.assert_array_equal(a, b)
     assert (
-        pd.critical_speed(pd.Chain(dragged, 5)).speed == pd.critical_speed(pd.Chain(calm, 5)).speed
+        pp.critical_speed(pp.Chain(dragged, 5)).speed == pp.critical_speed(pp.Chain(calm, 5)).speed
     )

@@ -11,15 +11,15 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import plot
 
-PIPE = pd.Pipe(0.2)
-CHAIN = pd.Chain(PIPE, 3)
-LOCI = pd.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
-MODES = pd.modes(CHAIN, 1.0)
-CRITICAL = pd.critical_speed(CHAIN)
-CURVE = pd.stability_curve(lambda beta: pd.Chain(pd.Pipe(beta), 3), [0.1, 0.2], 8.0)
+PIPE = pp.Pipe(0.2)
+CHAIN = pp.Chain(PIPE, 3)
+LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
+MODES = pp.modes(CHAIN, 1.0)
+CRITICAL = pp.critical_speed(CHAIN)
+CURVE = pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 3), [0.1, 0.2], 8.0)
 
 
 def axes(layout=None):
@@ -68,7 +68,7 @@ def test_a_picture_refuses_what_it_cannot_show_by_name(call, message):
 
 
 NOTHING = dataclasses.replace(LOCI, converged=np.zeros_like(LOCI.converged))
-AT_REST = pd.root_loci(CHAIN, [0.0], 2)
+AT_REST = pp.root_loci(CHAIN, [0.0], 2)
 
 
 @pytest.mark.parametrize(

@@ -8,16 +8,16 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import plot
-from pipedyn.branches import CycleEvent
+from pipedyn.bifurcation.branches import CycleEvent
 
-TWO = pd.Chain(pd.Pipe(0.2, -20.0), 2)
-DIAGRAM = pd.bifurcation_diagram(
+TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
+DIAGRAM = pp.bifurcation_diagram(
     TWO, [0.5, 3.5], cycles=0, brute_force=2, transient=20.0, duration=5.0
 )
 SPEEDS = np.linspace(2.0, 3.0, 5)
-BRANCH = pd.CycleBranch(
+BRANCH = pp.CycleBranch(
     speeds=SPEEDS,
     amplitudes=0.1 * SPEEDS,
     highest=0.1 * SPEEDS,
@@ -33,7 +33,7 @@ BRANCH = pd.CycleBranch(
 class Circle:
     stable: bool = True
     u: float = 5.0
-    model: pd.Model = TWO
+    model: pp.Model = TWO
 
     @property
     def t(self):

@@ -13,30 +13,30 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import plot
-from pipedyn.plot.between import coordinates_at, last_cycle, tip_of
+from pipedyn.plot.interpolation import coordinates_at, last_cycle, tip_of
 
 
 def bend(s):
     return 0.05 * s**2
 
 
-CHAIN = pd.Chain(pd.Pipe(0.2), 6)
-CYCLE = pd.simulate(CHAIN, 6.0, 30.0, bend, samples=1201, rtol=1e-8)
-FINE = pd.simulate(CHAIN, 6.0, 30.0, bend, samples=12001, rtol=1e-8)
-DECAY = pd.simulate(CHAIN, 2.0, 10.0, bend, samples=4001)
-COARSE = pd.simulate(CHAIN, 6.0, 30.0, bend, samples=201)
-REST = pd.simulate(CHAIN, 1.0, 1.0, np.zeros(6), samples=11)
-REDUCED = pd.simulate(pd.Galerkin(pd.Pipe(0.2), 6), 6.5, 20.0, bend, samples=1601)
-SHORT = pd.simulate(CHAIN, 1.0, 1.0, bend, samples=2)
-MANY = pd.simulate_many(CHAIN, [5.5, 6.0], 5.0, bend, samples=401)
+CHAIN = pp.Chain(pp.Pipe(0.2), 6)
+CYCLE = pp.simulate(CHAIN, 6.0, 30.0, bend, samples=1201, rtol=1e-8)
+FINE = pp.simulate(CHAIN, 6.0, 30.0, bend, samples=12001, rtol=1e-8)
+DECAY = pp.simulate(CHAIN, 2.0, 10.0, bend, samples=4001)
+COARSE = pp.simulate(CHAIN, 6.0, 30.0, bend, samples=201)
+REST = pp.simulate(CHAIN, 1.0, 1.0, np.zeros(6), samples=11)
+REDUCED = pp.simulate(pp.Galerkin(pp.Pipe(0.2), 6), 6.5, 20.0, bend, samples=1601)
+SHORT = pp.simulate(CHAIN, 1.0, 1.0, bend, samples=2)
+MANY = pp.simulate_many(CHAIN, [5.5, 6.0], 5.0, bend, samples=401)
 PIPES = {
-    "hanging": pd.Pipe(0.2, 10.0),
-    "standing": pd.Pipe(0.2, -5.0),
-    "level": pd.Pipe(0.2),
-    "hanging, aspirating": pd.Pipe(0.2, 10.0, "aspirating", damping=0.02),
-    "standing, aspirating": pd.Pipe(0.2, -5.0, "aspirating", damping=0.02),
+    "hanging": pp.Pipe(0.2, 10.0),
+    "standing": pp.Pipe(0.2, -5.0),
+    "level": pp.Pipe(0.2),
+    "hanging, aspirating": pp.Pipe(0.2, 10.0, "aspirating", damping=0.02),
+    "standing, aspirating": pp.Pipe(0.2, -5.0, "aspirating", damping=0.02),
 }
 
 
@@ -103,7 +103,7 @@ def test_samples_once_a_cycle_are_no_pipe_at_rest():
     start, end = last_cycle(FINE)
     state = coordinates_at(FINE, np.array([start]))[0]
     rates = (coordinates_at(FINE, np.array([start + 1e-4]))[0] - state) / 1e-4
-    motion = pd.simulate(CHAIN, 6.0, 10 * (end - start), state, rates, samples=11, rtol=1e-8)
+    motion = pp.simulate(CHAIN, 6.0, 10 * (end - start), state, rates, samples=11, rtol=1e-8)
     assert np.ptp(motion.tip[:, 0]) < 0.01
     for draw in plot.time_history, plot.phase_portrait:
         with pytest.raises(ValueError, match="at least six times a cycle"):
@@ -113,7 +113,7 @@ def test_samples_once_a_cycle_are_no_pipe_at_rest():
 def test_the_tip_moves_as_its_velocity_says():
     step = 1e-6
     generator = np.random.default_rng(5)
-    for model in CHAIN, pd.Chain(pd.Pipe(0.2), 5, springs="midpoint"), pd.Galerkin(pd.Pipe(0.2), 6):
+    for model in CHAIN, pp.Chain(pp.Pipe(0.2), 5, springs="midpoint"), pp.Galerkin(pp.Pipe(0.2), 6):
         q, qdot = generator.normal(size=(2, model.dof, 4))
         moved = model.tips(q + step * qdot) - model.tips(q - step * qdot)
         np.testing.assert_allclose(model.tip_velocities(q, qdot), moved / (2 * step), atol=2e-8)
@@ -122,7 +122,7 @@ def test_the_tip_moves_as_its_velocity_says():
     )
 
 
-@pytest.mark.parametrize("model", [CHAIN, pd.Galerkin(pd.Pipe(0.2), 6)], ids=["chain", "reduced"])
+@pytest.mark.parametrize("model", [CHAIN, pp.Galerkin(pp.Pipe(0.2), 6)], ids=["chain", "reduced"])
 @pytest.mark.parametrize(
     ("q", "qdot", "message"),
     [
@@ -157,8 +157,8 @@ def test_the_last_cycle_is_a_period_of_the_settled_motion():
 
 def test_a_cycle_with_three_passages_is_shown_whole():
     """A standing pipe that whips: each cycle of its tip holds several passages of the middle."""
-    pipe = pd.Pipe(0.2, -10.0, "aspirating", drag=1.0, damping=0.02)
-    motion = pd.simulate(pd.Chain(pipe, 12), 3.0, 20.0, bend, samples=2001)
+    pipe = pp.Pipe(0.2, -10.0, "aspirating", drag=1.0, damping=0.02)
+    motion = pp.simulate(pp.Chain(pipe, 12), 3.0, 20.0, bend, samples=2001)
     start, end = last_cycle(motion)
     first, last = coordinates_at(motion, np.array([start, end]))
     np.testing.assert_allclose(first, last, atol=0.05)
@@ -170,7 +170,7 @@ def test_a_cycle_with_three_passages_is_shown_whole():
 @pytest.mark.parametrize("name", PIPES)
 def test_gravity_points_down_the_page_and_the_arrow_along_the_flow(name):
     pipe = PIPES[name]
-    motion = pd.simulate(pd.Chain(pipe, 6), 1.0, 1.0, bend, samples=201)
+    motion = pp.simulate(pp.Chain(pipe, 6), 1.0, 1.0, bend, samples=201)
     ax = axes()
     assert plot.snapshots(motion, (0.0, 1.0), 5, ax) is ax
     ax.figure.canvas.draw()

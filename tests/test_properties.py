@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import modular
 
 RULES = ["consistent", "midpoint", "uniform", "frequency", "rayleigh"]
@@ -33,7 +33,7 @@ def pipes(**given):
         "drag": mixed([0.0, 1e-9, 1e4], 0.0, 5.0),
         "damping": mixed([0.0, 1e-12, 1e-4, 1e3], 0.0, 0.1),
     }
-    return st.builds(pd.Pipe, **{**parameters, **given})
+    return st.builds(pp.Pipe, **{**parameters, **given})
 
 
 def calm_pipes(**given):
@@ -56,13 +56,13 @@ def chains(draw, pipe, wild=True):
     if draw(st.booleans()):
         rule = draw(st.sampled_from(RULES))
         base = 0.0 if rule == "midpoint" else draw(st.sampled_from([0.0, 0.1, 0.9]))
-        return pd.Chain(draw(pipe), n, springs=rule, base=base)
+        return pp.Chain(draw(pipe), n, springs=rule, base=base)
     dice = np.random.default_rng(draw(SEEDS))
     span = 6.0 if wild else 0.7
     lengths = 10.0 ** dice.uniform(-span, 0.0, n)
     base = dice.choice([0.0, 0.2])
     springs = n * 10.0 ** dice.uniform(-1.0, 8.0 if wild else 1.0, n)
-    return pd.Chain(
+    return pp.Chain(
         draw(pipe),
         lengths=lengths * (1.0 - base) / lengths.sum(),
         springs=springs * dice.choice([0.0, 1.0], n, p=[0.05, 0.95]),
@@ -74,7 +74,7 @@ def chains(draw, pipe, wild=True):
 
 
 FITTINGS = st.builds(
-    pd.Fitting,
+    pp.Fitting,
     at=mixed([1.0, 0.5], 0.01, 1.0),
     mass=mixed([1e-6, 1.0, 10.0], 0.001, 1.0),
     stiffness=mixed([0.0, 1e4], 0.0, 50.0),
@@ -84,7 +84,7 @@ FITTINGS = st.builds(
 def reduced(pipe):
     """Either basis, with fittings or without."""
     return st.builds(
-        pd.Galerkin,
+        pp.Galerkin,
         pipe,
         st.integers(3, 8),
         st.sampled_from(["beam", "legendre"]),
@@ -151,7 +151,7 @@ def norm(matrix):
 @given(models(pipes()), SPEEDS)
 def test_every_mode_solves_the_operators(model, u):
     """M, C and K in the user's coordinates share nothing with the pencil that was solved."""
-    found = pd.modes(model, u)
+    found = pp.modes(model, u)
     assert found.eigenvalues.shape == (2 * model.dof,)
     mass, velocity, stiffness = model.operators().at(u)
     for value, shape, good in zip(found.eigenvalues, found.shapes, found.converged, strict=True):
@@ -169,11 +169,11 @@ def test_every_mode_solves_the_operators(model, u):
 def test_every_branch_is_made_of_eigenvalues(model, speeds, count):
     speeds = sorted(speeds)
     assume(min(np.diff(speeds), default=1.0) > 0.0)
-    loci = pd.root_loci(model, speeds, min(count, model.dof))
+    loci = pp.root_loci(model, speeds, min(count, model.dof))
     for u, row, partners, good in zip(
         speeds, loci.eigenvalues, loci.partners, loci.converged, strict=True
     ):
-        whole = pd.modes(model, u).eigenvalues
+        whole = pp.modes(model, u).eigenvalues
         for value in (*row[good], *partners[good]):
             assert np.abs(whole - value).min() <= 1e-5 * (1.0 + abs(value))
 
@@ -182,16 +182,16 @@ def test_every_branch_is_made_of_eigenvalues(model, speeds, count):
 @given(models(pipes()), mixed([1e-3, 30.0], 0.1, 15.0))
 def test_every_crossing_has_an_eigenvalue_on_the_axis(model, max_speed):
     try:
-        found = pd.crossings(model, max_speed)
-        critical = pd.critical_speed(model, max_speed)
-    except pd.PipedynError:
+        found = pp.crossings(model, max_speed)
+        critical = pp.critical_speed(model, max_speed)
+    except pp.PipedynError:
         return
     first = next(crossing for crossing in found if crossing.destabilising)
     assert critical.speed == first.speed
     for crossing in found:
         assert 0.0 <= crossing.speed <= max_speed
         assert abs(crossing.unstable_after - crossing.unstable_before) >= 1
-        values = pd.modes(model, crossing.speed).eigenvalues
+        values = pp.modes(model, crossing.speed).eigenvalues
         miss = np.abs(values - 1j * crossing.frequency).min()
         assert miss <= 1e-4 * (1.0 + crossing.frequency)
 
@@ -260,7 +260,7 @@ def test_the_mirror_image_moves_as_the_mirror_image(model, u, seed):
 def test_aspirating_with_full_inlet_is_ejecting_the_other_way(model, u, seed):
     """Turned back in time, with damping and drag left out, the one motion is the other."""
     pipe = model.pipe
-    drawn, blown = (pd.Pipe(pipe.beta, pipe.gamma, flow) for flow in ("aspirating", "ejecting"))
+    drawn, blown = (pp.Pipe(pipe.beta, pipe.gamma, flow) for flow in ("aspirating", "ejecting"))
     y = state(model, np.random.default_rng(seed))
     assume(not model.resisted)
     back = np.repeat([1.0, -1.0], y.size // 2)
@@ -317,8 +317,8 @@ def test_a_short_motion_keeps_its_books(model, u, seed):
     dice = np.random.default_rng(seed)
     start = model.bent(bend(dice, 0.5))
     try:
-        motion = pd.simulate(model, u, 0.05, start, samples=5, rtol=1e-8)
-    except pd.MotionStopped:
+        motion = pp.simulate(model, u, 0.05, start, samples=5, rtol=1e-8)
+    except pp.MotionStopped:
         return
     assert motion.audit < 1e-4
     assert np.isfinite(motion.y).all()
@@ -334,8 +334,8 @@ def test_a_short_motion_keeps_its_books(model, u, seed):
 @given(models(calm_pipes(), wild=False), mixed([0.0], 0.0, 8.0))
 def test_every_equilibrium_stays_at_rest(model, u):
     try:
-        found = pd.equilibria(model, u)
-    except pd.PipedynError:
+        found = pp.equilibria(model, u)
+    except pp.PipedynError:
         return
     for q, growth, stable in zip(found.q, found.growth, found.stable, strict=True):
         rates = model.rhs(0.0, np.concatenate([q, 0.0 * q]), u)
@@ -352,13 +352,13 @@ def test_every_equilibrium_stays_at_rest(model, u):
 )
 def test_an_onset_has_a_pair_on_the_axis_and_a_law(model):
     try:
-        onset = pd.hopf(model)
-    except pd.PipedynError:
+        onset = pp.hopf(model)
+    except pp.PipedynError:
         return
-    whole = pd.modes(model, onset.speed).eigenvalues
+    whole = pp.modes(model, onset.speed).eigenvalues
     assert np.abs(whole - 1j * onset.frequency).min() <= 1e-5 * (1.0 + onset.frequency)
     step = 1e-5 * onset.speed
-    ahead, behind = (pd.modes(model, onset.speed + sign * step).eigenvalues for sign in (1.0, -1.0))
+    ahead, behind = (pp.modes(model, onset.speed + sign * step).eigenvalues for sign in (1.0, -1.0))
     near = [values[np.abs(values - 1j * onset.frequency).argmin()] for values in (ahead, behind)]
     slope = (near[0] - near[1]) / (2.0 * step)
     assert abs(slope - complex(onset.growth, onset.detuning)) <= 1e-2 * abs(slope)
@@ -367,16 +367,16 @@ def test_an_onset_has_a_pair_on_the_axis_and_a_law(model):
 
 @settings(max_examples=6)
 @given(
-    st.builds(pd.Chain, calm_pipes(beta=st.floats(0.1, 0.6), flow=st.just("ejecting")), st.just(3)),
+    st.builds(pp.Chain, calm_pipes(beta=st.floats(0.1, 0.6), flow=st.just("ejecting")), st.just(3)),
     st.floats(1.02, 1.2),
 )
 def test_a_cycle_comes_round(model, beyond):
     try:
-        critical = pd.critical_speed(model, 30.0)
-        cycle = pd.limit_cycle(model, max(beyond * critical.speed, 0.1), samples=17)
-    except pd.PipedynError:
+        critical = pp.critical_speed(model, 30.0)
+        cycle = pp.limit_cycle(model, max(beyond * critical.speed, 0.1), samples=17)
+    except pp.PipedynError:
         return
-    motion = pd.simulate(model, cycle.u, cycle.period, cycle.q[0], cycle.qdot[0], rtol=1e-10)
+    motion = pp.simulate(model, cycle.u, cycle.period, cycle.q[0], cycle.qdot[0], rtol=1e-10)
     worst = max(1.0, float(np.abs(cycle.multipliers).max()))
     miss = np.abs(motion.q[-1] - cycle.q[0]).max()
     assert miss <= worst * (1e-4 + 10.0 * cycle.error) * np.abs(cycle.q).max()
@@ -389,14 +389,14 @@ def test_a_curve_tells_what_failed_as_the_packages_own(pipe, name, n, seed):
 
     def made(value):
         given = {key: getattr(pipe, key) for key in ("beta", "gamma", "flow", "alpha", "damping")}
-        return pd.Chain(pd.Pipe(**{**given, name: value}), n)
+        return pp.Chain(pp.Pipe(**{**given, name: value}), n)
 
-    curve = pd.stability_curve(made, values, max_speed=9.0)
-    assert all(isinstance(failure.error, pd.PipedynError) for failure in curve.failures)
+    curve = pp.stability_curve(made, values, max_speed=9.0)
+    assert all(isinstance(failure.error, pp.PipedynError) for failure in curve.failures)
     failed = {failure.index for failure in curve.failures}
     for i, critical in enumerate(curve.critical):
         if i not in failed and critical is not None:
-            assert critical == pd.critical_speed(made(values[i]), 9.0)
+            assert critical == pp.critical_speed(made(values[i]), 9.0)
 
 
 @settings(max_examples=15)
@@ -404,13 +404,13 @@ def test_a_curve_tells_what_failed_as_the_packages_own(pipe, name, n, seed):
 def test_a_choice_is_as_good_as_it_says_or_the_packages_own_exception(pipe, u, count):
     """Its roots below those that crowd at -1 / delta are roots of a far larger model."""
     try:
-        choice = pd.choose(pipe, "frequencies", 1e-3, u=u, count=count)
-    except pd.PipedynError:
+        choice = pp.choose(pipe, "frequencies", 1e-3, u=u, count=count)
+    except pp.PipedynError:
         return
     assert choice.error <= 1e-3
-    larger = pd.modes(pd.Galerkin(pipe, 40, "legendre"), u)
+    larger = pp.modes(pp.Galerkin(pipe, 40, "legendre"), u)
     fine = larger.eigenvalues[: 2 * count]
-    found = pd.modes(choice.model, u).eigenvalues
+    found = pp.modes(choice.model, u).eigenvalues
     for value in fine[pipe.damping * np.abs(fine) < 0.5]:
         assert np.abs(found - value).min() <= choice.error * max(abs(value), 1.0) + 1e-9
 
@@ -452,8 +452,8 @@ def test_one_pipe_has_one_set_of_numbers_in_any_units(
         "external_density": kg / m**3,
         "damping_time": s,
     }
-    one = pd.Pipe.from_si(**metres)
-    other = pd.Pipe.from_si(**{name: value / units[name] for name, value in metres.items()})
+    one = pp.Pipe.from_si(**metres)
+    other = pp.Pipe.from_si(**{name: value / units[name] for name, value in metres.items()})
     for name in ("beta", "gamma", "drag", "damping"):
         assert math.isclose(getattr(one, name), getattr(other, name), rel_tol=1e-12)
     assert math.isclose(one.gamma, gravity, rel_tol=1e-12)

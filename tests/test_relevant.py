@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from independent import determinant, determinant_crossing
 
-import pipedyn as pd
-from pipedyn.relevant import _without
+import pipedyn as pp
+from pipedyn.accuracy.effects import _without
 
 HOSE = {
     "length": 1.0,
@@ -27,13 +27,13 @@ HOSE = {
 @pytest.fixture(scope="module")
 def horizontal():
     """beta = 0.2 without gravity, damping or drag: Gregory and Paidoussis' pipe."""
-    return pd.relevant(pd.Pipe(0.2), 5.0)
+    return pp.relevant(pp.Pipe(0.2), 5.0)
 
 
 @pytest.fixture(scope="module")
 def hose():
-    pipe = pd.Pipe.from_si(**HOSE)
-    return pd.relevant(pipe, pipe.speed(4.0))
+    pipe = pp.Pipe.from_si(**HOSE)
+    return pp.relevant(pipe, pipe.speed(4.0))
 
 
 # ----------------------------------------------------------------------------------- critical speed
@@ -54,7 +54,7 @@ def test_the_limit_of_faint_coriolis_force_is_told_where_it_is_another(horizonta
 
 
 def test_the_faintest_coriolis_force_matters_to_an_undamped_pipe():
-    effect = pd.relevant(pd.Pipe(1e-10), 4.0)["Coriolis"]
+    effect = pp.relevant(pp.Pipe(1e-10), 4.0)["Coriolis"]
     assert effect.size == pytest.approx(4.47783 / 4.190241 - 1.0, rel=1e-4)
     assert effect.verdict == "relevant"
 
@@ -65,7 +65,7 @@ def test_without_centrifugal_force_no_ejecting_pipe_loses_stability(horizontal):
     assert effect.size == math.inf
     assert effect.without == "no loss of stability at any speed"
     for u in (3.0, 10.0, 30.0):
-        quiet = pd.relevant(pd.Pipe(0.2), u, "frequencies", count=2)["centrifugal"]
+        quiet = pp.relevant(pp.Pipe(0.2), u, "frequencies", count=2)["centrifugal"]
         assert quiet.growth < 0.0
         for value in quiet.answer.values[:4]:
             with mpmath.workdps(30):
@@ -82,35 +82,35 @@ def test_a_horizontal_pipe_flutters_and_never_diverges(horizontal):
     for effect in horizontal.effects:
         assert "divergence" not in effect.without
     for n in (2, 3, 5):
-        chain = pd.Chain(pd.Pipe(0.5), n)
-        assert {one.kind for one in pd.crossings(chain, 30.0)} == {"flutter"}
+        chain = pp.Chain(pp.Pipe(0.5), n)
+        assert {one.kind for one in pp.crossings(chain, 30.0)} == {"flutter"}
         ops = chain.operators()
         rest, flowing = (np.linalg.det(ops.at(u)[2]) for u in (0.0, 4.0))
         assert flowing == pytest.approx(rest, rel=1e-10)
 
 
 def test_drag_has_no_part_in_linear_questions():
-    pipe = pd.Pipe(0.2, drag=3.0)
+    pipe = pp.Pipe(0.2, drag=3.0)
     for quantity, conditions in (
         ("critical_speed", {}),
         ("frequencies", {"count": 2}),
         ("root_loci", {"speeds": [1.0, 2.0], "count": 1}),
     ):
-        effect = pd.relevant(pipe, 4.0, quantity, **conditions)["drag"]
+        effect = pp.relevant(pipe, 4.0, quantity, **conditions)["drag"]
         assert (effect.size, effect.error, effect.verdict) == (0.0, 0.0, "negligible")
 
 
 def test_gravity_is_as_large_as_the_published_critical_speeds_say():
     """beta = 0.2: 6.3398 at gamma = 10, 5.591404 at 0 (physics, section 6)."""
-    found = pd.relevant(pd.Pipe(0.2, gamma=10.0, damping=1e-5), 5.0)
+    found = pp.relevant(pp.Pipe(0.2, gamma=10.0, damping=1e-5), 5.0)
     assert found["gravity"].size == pytest.approx(1.0 - 5.591404 / 6.3398, abs=2e-5)
 
 
 def test_small_effects_are_as_large_as_the_sensitivity_of_the_onset_says():
     """To the first order in gamma and delta, whose derivatives come from the pencil."""
-    pipe = pd.Pipe(0.3, gamma=1e-3, damping=1e-5)
-    found = pd.relevant(pipe, 5.0)
-    critical = pd.critical_speed(pd.Continuum(pipe))
+    pipe = pp.Pipe(0.3, gamma=1e-3, damping=1e-5)
+    found = pp.relevant(pipe, 5.0)
+    critical = pp.critical_speed(pp.Continuum(pipe))
     for name, number in (("gravity", "gamma"), ("damping", "damping")):
         slope = getattr(critical.sensitivity.speed, number)
         expected = abs(slope) * getattr(pipe, number) / critical.speed
@@ -119,26 +119,26 @@ def test_small_effects_are_as_large_as_the_sensitivity_of_the_onset_says():
 
 
 def test_only_damping_keeps_an_aspirating_pipe_from_instability_at_the_smallest_flow():
-    found = pd.relevant(pd.Pipe(0.2, flow="aspirating", alpha=0.5, damping=1e-3), 1.0)
+    found = pp.relevant(pp.Pipe(0.2, flow="aspirating", alpha=0.5, damping=1e-3), 1.0)
     damping = found["damping"]
     assert damping.size == math.inf
     assert damping.without == "unstable from the smallest flow on"
-    undamped = pd.relevant(pd.Pipe(0.2, 5.0, flow="aspirating"), 1.0)
+    undamped = pp.relevant(pp.Pipe(0.2, 5.0, flow="aspirating"), 1.0)
     assert undamped.full == "unstable from the smallest flow on"
     assert undamped["gravity"].size == 0.0
     assert undamped["Coriolis"].size == math.inf
 
 
 def test_damping_without_coriolis_force_moves_an_aspirating_pipes_onset_as_the_determinant_says():
-    found = pd.relevant(pd.Pipe(0.3, flow="aspirating", damping=0.05), 1.0)["Coriolis"]
+    found = pp.relevant(pp.Pipe(0.3, flow="aspirating", damping=0.05), 1.0)["Coriolis"]
     u = found.answer.values[0]
-    guess = pd.critical_speed(pd.Continuum(pd.Pipe(0.0, flow="aspirating", damping=0.05)))
+    guess = pp.critical_speed(pp.Continuum(pp.Pipe(0.0, flow="aspirating", damping=0.05)))
     exact, _ = determinant_crossing(0, guess.speed, guess.frequency, damping=0.05)
     assert u == pytest.approx(exact, rel=1e-8)
 
 
 def test_a_pipe_that_buckles_under_its_weight_is_another_pipe_without_it():
-    found = pd.relevant(pd.Pipe(0.2, gamma=-10.0), 3.0)
+    found = pp.relevant(pp.Pipe(0.2, gamma=-10.0), 3.0)
     assert found.full.startswith("buckled at rest, flutter at u = 4.86")
     assert found["gravity"].size == math.inf
     assert found["gravity"].without.startswith("flutter at u = 5.59")
@@ -149,7 +149,7 @@ def test_a_pipe_that_buckles_under_its_weight_is_another_pipe_without_it():
 
 def test_frequencies_without_flow_are_the_beams():
     """(1.8751, 4.69409)^2 of the cantilever, Blevins' table."""
-    found = pd.relevant(pd.Pipe(0.2), 4.0, "frequencies", count=2)
+    found = pp.relevant(pp.Pipe(0.2), 4.0, "frequencies", count=2)
     upper = found["flow"].answer.values.imag
     expected = np.array([1.87510407, 4.69409113]) ** 2
     np.testing.assert_allclose(np.sort(upper[upper > 0.0])[:2], expected, rtol=1e-7)
@@ -160,46 +160,46 @@ def test_frequencies_without_flow_are_the_beams():
 @pytest.mark.parametrize(
     ("pipe", "u", "count"),
     [
-        (pd.Pipe(0.2), 6.0, 24),
-        (pd.Pipe(0.2, 10.0, damping=0.2), 12.0, None),  # the lowest all crowd at -5
-        (pd.Pipe(0.2, -400.0), 1.0, 24),
-        (pd.Pipe(0.2, flow="aspirating"), 3.0, 24),
+        (pp.Pipe(0.2), 6.0, 24),
+        (pp.Pipe(0.2, 10.0, damping=0.2), 12.0, None),  # the lowest all crowd at -5
+        (pp.Pipe(0.2, -400.0), 1.0, 24),
+        (pp.Pipe(0.2, flow="aspirating"), 3.0, 24),
     ],
 )
 def test_the_growth_beside_is_that_of_a_chains_least_damped_mode(pipe, u, count):
-    growth = pd.relevant(pipe, u, "root_loci", speeds=[1.0], count=1).growth
-    values = pd.eigenvalues(pd.Chain(pipe, 100), u, count)
+    growth = pp.relevant(pipe, u, "root_loci", speeds=[1.0], count=1).growth
+    values = pp.eigenvalues(pp.Chain(pipe, 100), u, count)
     assert growth == pytest.approx(values.real.max(), rel=5e-3)
 
 
 def test_no_flow_effect_acts_on_a_pipe_at_rest():
-    found = pd.relevant(pd.Pipe(0.2, 5.0), 0.0, "frequencies", count=3)
+    found = pp.relevant(pp.Pipe(0.2, 5.0), 0.0, "frequencies", count=3)
     assert found.negligible == ("Coriolis", "centrifugal", "flow")
     assert all(found[name].size == 0.0 for name in found.negligible)
 
 
 def test_an_aspirating_pipe_drops_its_centrifugal_part_by_alpha():
     """The private pipe that has none and alpha = 0 are one."""
-    pipe = pd.Pipe(0.2, flow="aspirating", alpha=0.7, damping=1e-3)
-    effect = pd.relevant(pipe, 3.0, "frequencies", count=2)["centrifugal"]
-    plain = pd.eigenvalues(pd.Continuum(dataclasses.replace(pipe, alpha=0.0)), 3.0, 4)
+    pipe = pp.Pipe(0.2, flow="aspirating", alpha=0.7, damping=1e-3)
+    effect = pp.relevant(pipe, 3.0, "frequencies", count=2)["centrifugal"]
+    plain = pp.eigenvalues(pp.Continuum(dataclasses.replace(pipe, alpha=0.0)), 3.0, 4)
     np.testing.assert_allclose(effect.answer.values[:4], plain, rtol=1e-9)
-    private = _without(pd.Pipe(0.2, alpha=0.7), {"centrifugal"})
+    private = _without(pp.Pipe(0.2, alpha=0.7), {"centrifugal"})
     assert (private.centrifugal, private.alpha, private.flow) == (0.0, 0.7, "ejecting")
 
 
 def test_drag_matters_to_a_motion_and_not_in_thin_air():
-    found = pd.relevant(pd.Pipe(0.2, drag=1e-3, damping=2e-3), 5.0, "motion", duration=0.4)
+    found = pp.relevant(pp.Pipe(0.2, drag=1e-3, damping=2e-3), 5.0, "motion", duration=0.4)
     assert found["drag"].verdict == "negligible"
     assert 0.0 < found["drag"].size < 1e-4
-    strong = pd.relevant(pd.Pipe(0.2, drag=10.0, damping=2e-3), 5.0, "motion", duration=0.4)
+    strong = pp.relevant(pp.Pipe(0.2, drag=10.0, damping=2e-3), 5.0, "motion", duration=0.4)
     assert strong["drag"].size > 1e3 * found["drag"].size
 
 
 def test_without_damping_a_limit_cycle_is_the_undamped_pipes():
     """Amplitudes 0.262918 and 0.276611 at u = 6, frequencies 13.69632 and 13.79155."""
     loose = {"tolerance": 1e-2, "rtol": 1e-6}
-    found = pd.relevant(pd.Pipe(0.2, damping=1e-3), 6.0, "limit_cycle", **loose)
+    found = pp.relevant(pp.Pipe(0.2, damping=1e-3), 6.0, "limit_cycle", **loose)
     damping = found["damping"]
     np.testing.assert_allclose(damping.answer.values, [0.276611, 13.79155], rtol=1e-3)
     assert abs(damping.size - (0.276611 / 0.262918 - 1.0)) <= damping.error < 1e-3
@@ -209,7 +209,7 @@ def test_without_damping_a_limit_cycle_is_the_undamped_pipes():
 
 def test_what_cannot_be_found_counts_as_relevant():
     """Without Coriolis force the undamped pipe grows without a cycle that the search would find."""
-    effect = pd.relevant(pd.Pipe(0.2), 5.0, "limit_cycle", tolerance=1e-2)["Coriolis"]
+    effect = pp.relevant(pp.Pipe(0.2), 5.0, "limit_cycle", tolerance=1e-2)["Coriolis"]
     assert math.isnan(effect.size)
     assert effect.growth > 0.0
     assert (effect.verdict, effect.without) == ("relevant", "not found")
@@ -236,15 +236,15 @@ def test_dropping_all_that_is_negligible_changes_as_little_as_is_told(hose):
     assert (hose.simplified.damping, hose.simplified.drag) == (0.0, 0.0)
     assert hose.simplified.gamma == hose.pipe.gamma
     before, after = (
-        pd.critical_speed(pd.Continuum(pipe)).speed for pipe in (hose.pipe, hose.simplified)
+        pp.critical_speed(pp.Continuum(pipe)).speed for pipe in (hose.pipe, hose.simplified)
     )
     assert hose.together.size == pytest.approx(abs(after / before - 1.0), rel=1e-3)
 
 
 def test_an_effect_within_its_error_of_the_tolerance_is_kept(hose):
     for verdict, share in (("relevant", 1.0), ("negligible", 1.01)):
-        size = pd.relevant(hose.pipe, 4.0, "frequencies", count=2)["damping"].size
-        edge = pd.relevant(hose.pipe, 4.0, "frequencies", count=2, tolerance=share * size)
+        size = pp.relevant(hose.pipe, 4.0, "frequencies", count=2)["damping"].size
+        edge = pp.relevant(hose.pipe, 4.0, "frequencies", count=2, tolerance=share * size)
         assert edge["damping"].error > 0.0
         assert edge["damping"].verdict == verdict
 
@@ -270,18 +270,18 @@ def test_results_print_as_text_and_as_a_table(horizontal):
     ("arguments", "conditions", "error", "message"),
     [
         ((0.2, 1.0), {}, TypeError, "pipe must be a Pipe"),
-        ((pd.Pipe(0.2), -1.0), {}, ValueError, "u must"),
-        ((pd.Pipe(0.2), math.nan), {}, ValueError, "u must"),
-        ((pd.Pipe(0.2), 1.0, "colour"), {}, ValueError, "quantity must"),
-        ((pd.Pipe(0.2), 1.0), {"tolerance": 0.0}, ValueError, "tolerance must"),
-        ((pd.Pipe(0.2), 1.0, "motion"), {}, TypeError, "lacks duration"),
-        ((pd.Pipe(0.2), 1.0), {"colour": 1}, TypeError, "takes max_speed"),
-        ((pd.Pipe(0.2), 0.0, "limit_cycle"), {}, ValueError, "u must"),
+        ((pp.Pipe(0.2), -1.0), {}, ValueError, "u must"),
+        ((pp.Pipe(0.2), math.nan), {}, ValueError, "u must"),
+        ((pp.Pipe(0.2), 1.0, "colour"), {}, ValueError, "quantity must"),
+        ((pp.Pipe(0.2), 1.0), {"tolerance": 0.0}, ValueError, "tolerance must"),
+        ((pp.Pipe(0.2), 1.0, "motion"), {}, TypeError, "lacks duration"),
+        ((pp.Pipe(0.2), 1.0), {"colour": 1}, TypeError, "takes max_speed"),
+        ((pp.Pipe(0.2), 0.0, "limit_cycle"), {}, ValueError, "u must"),
     ],
 )
 def test_bad_arguments_are_named(arguments, conditions, error, message):
     with pytest.raises(error, match=message):
-        pd.relevant(*arguments, **conditions)
+        pp.relevant(*arguments, **conditions)
 
 
 def test_an_unknown_effect_is_named(horizontal):
@@ -293,17 +293,17 @@ def test_an_unknown_effect_is_named(horizontal):
 
 
 MODELS = {
-    "chain": lambda pipe: pd.Chain(pipe, 6),
-    "beam": lambda pipe: pd.Galerkin(pipe, 4),
-    "legendre": lambda pipe: pd.Galerkin(pipe, 4, "legendre"),
-    "modules": lambda pipe: pd.modular.chain(pipe, 6),
+    "chain": lambda pipe: pp.Chain(pipe, 6),
+    "beam": lambda pipe: pp.Galerkin(pipe, 4),
+    "legendre": lambda pipe: pp.Galerkin(pipe, 4, "legendre"),
+    "modules": lambda pipe: pp.modular.chain(pipe, 6),
 }
 
 
 @pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
 def test_effects_that_are_absent_add_no_terms(make):
     """Their operators are zero to the last entry; the stiffness is the springs' alone."""
-    bare, hung = (make(pd.Pipe(0.0, gamma=gamma)) for gamma in (0.0, 3.0))
+    bare, hung = (make(pp.Pipe(0.0, gamma=gamma)) for gamma in (0.0, 3.0))
     for name in ("damping", "gyroscopic", "end_flux"):
         assert not np.any(getattr(bare.operators(), name))
     assert np.any(bare.operators().stiffness != hung.operators().stiffness)
@@ -311,13 +311,13 @@ def test_effects_that_are_absent_add_no_terms(make):
     assert not np.any(velocity)
     np.testing.assert_array_equal(stiffness, bare.operators().stiffness)
     np.testing.assert_array_equal(mass, hung.operators().mass)
-    both = make(pd.Pipe(0.0, damping=0.5)).operators()
+    both = make(pp.Pipe(0.0, damping=0.5)).operators()
     np.testing.assert_allclose(both.damping, 0.5 * stiffness, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
 def test_effects_that_are_absent_do_no_work(make):
-    model = make(pd.Pipe(0.3))
+    model = make(pp.Pipe(0.3))
     rng = np.random.default_rng(1)
     y = model.state(*rng.normal(size=(2, 6))) if hasattr(model, "state") else None
     y = rng.normal(size=2 * model.dof) if y is None else y
@@ -326,30 +326,30 @@ def test_effects_that_are_absent_do_no_work(make):
 
 
 def test_the_centrifugal_factor_is_one_ejecting_and_alpha_aspirating():
-    assert pd.Pipe(0.2, alpha=0.4).centrifugal == 1.0
-    pipe = pd.Pipe(0.2, flow="aspirating", alpha=0.4)
+    assert pp.Pipe(0.2, alpha=0.4).centrifugal == 1.0
+    pipe = pp.Pipe(0.2, flow="aspirating", alpha=0.4)
     assert pipe.centrifugal == 0.4
-    assert pd.Chain(pipe, 3).operators().centrifugal == 0.4
+    assert pp.Chain(pipe, 3).operators().centrifugal == 0.4
 
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_as_many_frequencies_are_told_as_were_asked_for(count):
     """Two roots of another set lie beside the last, and are no part of the answer."""
-    found = pd.relevant(pd.Pipe(0.3, 5.0, damping=1e-3), 3.0, "frequencies", count=count)
+    found = pp.relevant(pp.Pipe(0.3, 5.0, damping=1e-3), 3.0, "frequencies", count=count)
     assert found.full.count(",") == count - 1
     assert all(one.without.count(",") <= count - 1 for one in found.effects)
 
 
 def test_changes_of_roots_are_said_to_be_of_the_complex_ones():
     """Damping of 0.001 moves the third frequency by 2e-3, and its root by 3e-2."""
-    found = pd.relevant(pd.Pipe(0.3, 5.0, damping=1e-3), 3.0, "frequencies", count=3)
+    found = pp.relevant(pp.Pipe(0.3, 5.0, damping=1e-3), 3.0, "frequencies", count=3)
     assert found["damping"].size > 0.02
     assert "of the complex root" in str(found)
     assert "of the complex root" in found._repr_html_()
-    assert "complex" not in str(pd.relevant(pd.Pipe(0.3), 3.0))
+    assert "complex" not in str(pp.relevant(pp.Pipe(0.3), 3.0))
 
 
 def test_growth_that_is_rounding_is_told_as_zero():
     """Without flow an undamped pipe neither grows nor decays."""
-    found = pd.relevant(pd.Pipe(0.3), 0.0, "root_loci", speeds=[0.0], count=2)
+    found = pp.relevant(pp.Pipe(0.3), 0.0, "root_loci", speeds=[0.0], count=2)
     assert found.full == "growth up to 0"

@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import numpy as np
 import pytest
 
-import pipedyn as pd
+import pipedyn as pp
 
 BETAS = [0.1, 0.2, 0.5, 0.65]
 PRINTED = [4.749897, 5.591404, 9.322418, 10.405319]
@@ -16,7 +16,7 @@ PRINTED = [4.749897, 5.591404, 9.322418, 10.405319]
 
 
 def test_a_curve_over_the_mass_ratio_meets_the_printed_table():
-    curve = pd.stability_curve(lambda beta: pd.Continuum(pd.Pipe(beta)), BETAS)
+    curve = pp.stability_curve(lambda beta: pp.Continuum(pp.Pipe(beta)), BETAS)
     np.testing.assert_array_equal(curve.values, BETAS)
     np.testing.assert_allclose(curve.speeds, PRINTED, rtol=0, atol=5.1e-7)
     assert curve.failures == ()
@@ -28,17 +28,17 @@ def test_a_curve_over_the_mass_ratio_meets_the_printed_table():
 
 
 def test_a_curve_through_the_fold_holds_every_passage():
-    curve = pd.stability_curve(
-        lambda beta: pd.Continuum(pd.Pipe(beta)), [0.28, 0.295, 0.31], max_speed=9.0
+    curve = pp.stability_curve(
+        lambda beta: pp.Continuum(pp.Pipe(beta)), [0.28, 0.295, 0.31], max_speed=9.0
     )
     assert [len(crossings) for crossings in curve.crossings] == [1, 3, 1]
     assert curve.speeds[1] == curve.crossings[1][0].speed
 
 
 def test_any_parameter_will_do():
-    curve = pd.stability_curve(lambda gamma: pd.Chain(pd.Pipe(0.2, gamma=gamma), 8), [0.0, 10.0])
+    curve = pp.stability_curve(lambda gamma: pp.Chain(pp.Pipe(0.2, gamma=gamma), 8), [0.0, 10.0])
     assert curve.speeds[0] < curve.speeds[1]
-    sizes = pd.stability_curve(lambda n: pd.Chain(pd.Pipe(0.2), int(n)), [2, 4, 10])
+    sizes = pp.stability_curve(lambda n: pp.Chain(pp.Pipe(0.2), int(n)), [2, 4, 10])
     np.testing.assert_allclose(sizes.speeds, [3.5927, 4.9493, 5.4857], rtol=0, atol=5.1e-5)
 
 
@@ -48,12 +48,12 @@ def test_a_point_that_fails_is_recorded_and_the_others_kept():
     def make_model(value):
         if value == 3.0:
             return "no model"
-        return pd.Chain(pd.Pipe(1.5 if value == 1.0 else 0.2), 1 if value == 2.0 else 6)
+        return pp.Chain(pp.Pipe(1.5 if value == 1.0 else 0.2), 1 if value == 2.0 else 6)
 
-    curve = pd.stability_curve(make_model, [0.0, 1.0, 2.0, 3.0, 4.0])
+    curve = pp.stability_curve(make_model, [0.0, 1.0, 2.0, 3.0, 4.0])
     assert [failure.index for failure in curve.failures] == [1, 2, 3]
     assert [failure.value for failure in curve.failures] == [1.0, 2.0, 3.0]
-    assert [type(f.error) for f in curve.failures] == [ValueError, pd.NoCrossing, TypeError]
+    assert [type(f.error) for f in curve.failures] == [ValueError, pp.NoCrossing, TypeError]
     assert "beta" in str(curve.failures[0].error)
     assert curve.speeds[0] == curve.speeds[4]
     assert np.isnan(curve.speeds[1:4]).all()
@@ -62,32 +62,32 @@ def test_a_point_that_fails_is_recorded_and_the_others_kept():
 
 
 def test_a_pipe_that_stays_stable_is_no_failure_up_to_a_bound():
-    curve = pd.stability_curve(lambda beta: pd.Chain(pd.Pipe(beta), 6), [0.2, 0.5], max_speed=6.0)
+    curve = pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 6), [0.2, 0.5], max_speed=6.0)
     assert curve.failures == ()
     assert curve.critical[1] is None
     assert curve.critical[0] is not None
 
 
 def test_threads_change_nothing():
-    make_model = lambda beta: pd.Chain(pd.Pipe(beta), 8)  # noqa: E731
-    alone = pd.stability_curve(make_model, BETAS)
+    make_model = lambda beta: pp.Chain(pp.Pipe(beta), 8)  # noqa: E731
+    alone = pp.stability_curve(make_model, BETAS)
     with ThreadPoolExecutor(2) as executor:
-        together = pd.stability_curve(make_model, BETAS, executor=executor)
+        together = pp.stability_curve(make_model, BETAS, executor=executor)
     np.testing.assert_array_equal(together.speeds, alone.speeds)
 
 
 def test_a_process_pool_takes_a_lambda_and_keeps_failures():
     """Models are made here and pickled; spawned processes share nothing with this one."""
     make_model = lambda beta: (  # noqa: E731
-        pd.Continuum(pd.Pipe(beta)) if beta < 0.3 else pd.Chain(pd.Pipe(0.2), 1)
+        pp.Continuum(pp.Pipe(beta)) if beta < 0.3 else pp.Chain(pp.Pipe(0.2), 1)
     )
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as executor:
-        curve = pd.stability_curve(make_model, [0.1, 0.2, 0.4], executor=executor)
+        curve = pp.stability_curve(make_model, [0.1, 0.2, 0.4], executor=executor)
     np.testing.assert_allclose(curve.speeds[:2], PRINTED[:2], rtol=0, atol=5.1e-7)
     (failure,) = curve.failures
     assert failure.index == 2
-    assert isinstance(failure.error, pd.NoCrossing)
+    assert isinstance(failure.error, pp.NoCrossing)
     assert failure.error.max_speed == 100.0
     assert curve.critical[0].sensitivity.speed.gamma > 0.0
 
@@ -95,36 +95,36 @@ def test_a_process_pool_takes_a_lambda_and_keeps_failures():
 @pytest.mark.parametrize(
     "model",
     [
-        pd.Chain(pd.Pipe(0.2), 6),
-        pd.Chain(pd.Pipe(0.2), springs=[3.0, 4.0, 5.0]),
-        pd.Chain(pd.Pipe(0.2), 70),
-        pd.Galerkin(pd.Pipe(0.2), 6),
-        pd.Galerkin(pd.Pipe(0.2), 6, "legendre"),
-        pd.Continuum(pd.Pipe(0.2)),
+        pp.Chain(pp.Pipe(0.2), 6),
+        pp.Chain(pp.Pipe(0.2), springs=[3.0, 4.0, 5.0]),
+        pp.Chain(pp.Pipe(0.2), 70),
+        pp.Galerkin(pp.Pipe(0.2), 6),
+        pp.Galerkin(pp.Pipe(0.2), 6, "legendre"),
+        pp.Continuum(pp.Pipe(0.2)),
     ],
     ids=repr,
 )
 def test_models_and_their_answers_pickle(model):
-    found = pd.critical_speed(model)
+    found = pp.critical_speed(model)
     same = pickle.loads(pickle.dumps(model))
-    assert pd.critical_speed(same).speed == found.speed
+    assert pp.critical_speed(same).speed == found.speed
     again = pickle.loads(pickle.dumps(found))
     assert (again.speed, again.frequency, again.kind) == (found.speed, found.frequency, found.kind)
     assert again.sensitivity.speed.beta == found.sensitivity.speed.beta
-    modes = pickle.loads(pickle.dumps(pd.modes(model, 3.0, 4)))
-    assert modes.shapes[0]([1.0]) == pd.modes(model, 3.0, 4).shapes[0]([1.0])
+    modes = pickle.loads(pickle.dumps(pp.modes(model, 3.0, 4)))
+    assert modes.shapes[0]([1.0]) == pp.modes(model, 3.0, 4).shapes[0]([1.0])
 
 
 def test_exceptions_pickle_with_what_they_carry():
     """Else a process pool would hang or lose them."""
-    missing = pickle.loads(pickle.dumps(pd.NoCrossing("none up to 3", 3.0)))
+    missing = pickle.loads(pickle.dumps(pp.NoCrossing("none up to 3", 3.0)))
     assert (str(missing), missing.max_speed) == ("none up to 3", 3.0)
-    unfinished = pickle.loads(pickle.dumps(pd.NotConverged("still moves", [1, 2])))
+    unfinished = pickle.loads(pickle.dumps(pp.NotConverged("still moves", [1, 2])))
     assert (str(unfinished), unfinished.result) == ("still moves", [1, 2])
 
 
 def test_progress_is_counted_on_stderr_only(capsys):
-    pd.stability_curve(lambda beta: pd.Chain(pd.Pipe(beta), 4), [0.1, 0.2], progress=True)
+    pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 4), [0.1, 0.2], progress=True)
     out, err = capsys.readouterr()
     assert out == ""
     assert "stability curve" in err

@@ -14,16 +14,22 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
-import pipedyn as pd
+import pipedyn as pp
 from pipedyn import plot
-from pipedyn.effort import TookTooLong, counted, limited
-from pipedyn.families import FAMILIES, expected_size
-from pipedyn.nearby import onset_near
-from pipedyn.quantity import CriticalSpeedOf, Frequencies, LimitCycleAt, MotionOf, RootLociOver
-from pipedyn.trade import measured
+from pipedyn.accuracy.families import FAMILIES, expected_size
+from pipedyn.accuracy.nearby import onset_near
+from pipedyn.accuracy.quantities import (
+    CriticalSpeedOf,
+    Frequencies,
+    LimitCycleAt,
+    MotionOf,
+    RootLociOver,
+)
+from pipedyn.accuracy.trade import measured
+from pipedyn.util.counters import TookTooLong, counted, limited
 
-PIPE = pd.Pipe(0.2)
-DAMPED = pd.Pipe(0.2, damping=1e-3)
+PIPE = pp.Pipe(0.2)
+DAMPED = pp.Pipe(0.2, damping=1e-3)
 EXACT = 5.591404377827069
 """Root of the determinant at beta = 0.2, to rounding (see the first test)."""
 
@@ -38,7 +44,7 @@ def critical():
         "beam": (8, 11, 16, 22),
         "legendre": (2, 6, 7, 8, 9, 10, 16),
     }
-    return pd.trade(PIPE, "critical_speed", families=families, sizes=sizes, repeats=1)
+    return pp.trade(PIPE, "critical_speed", families=families, sizes=sizes, repeats=1)
 
 
 # ----------------------------------------------------------------------------------- references
@@ -47,7 +53,7 @@ def critical():
 def test_the_reference_of_a_critical_speed_is_a_root_of_the_determinant():
     rng = np.random.default_rng(3)
     for beta in rng.uniform(0.02, 0.98, 4):
-        reference = CriticalSpeedOf().reference(pd.Pipe(beta), 1e-10)
+        reference = CriticalSpeedOf().reference(pp.Pipe(beta), 1e-10)
         onset = reference.answer.onset
         speed, _ = determinant_crossing(beta, onset.speed, onset.frequency, digits=35)
         assert abs(onset.speed / speed - 1.0) <= reference.error <= 1e-9
@@ -57,12 +63,12 @@ def test_the_reference_of_a_critical_speed_is_a_root_of_the_determinant():
 
 @pytest.mark.parametrize(
     "pipe",
-    [pd.Pipe(0.0), pd.Pipe(0.3, flow="aspirating")],
+    [pp.Pipe(0.0), pp.Pipe(0.3, flow="aspirating")],
     ids=["Beck's column", "unstable from u = 0 on"],
 )
 def test_where_an_onset_cannot_be_followed_the_continuous_pipe_is_the_reference(pipe):
     reference = CriticalSpeedOf().reference(pipe, 1e-8)
-    exact = pd.critical_speed(pd.Continuum(pipe))
+    exact = pp.critical_speed(pp.Continuum(pipe))
     assert reference.source == "Continuum"
     assert reference.answer.values[0] == exact.speed
 
@@ -70,14 +76,14 @@ def test_where_an_onset_cannot_be_followed_the_continuous_pipe_is_the_reference(
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize(
     "pipe",
-    [pd.Pipe(0.9, gamma=-4.0), pd.Pipe(0.5, damping=0.03), pd.Pipe(0.1, 20.0, flow="aspirating")],
+    [pp.Pipe(0.9, gamma=-4.0), pp.Pipe(0.5, damping=0.03), pp.Pipe(0.1, 20.0, flow="aspirating")],
     ids=["undamped", "overdamped", "aspirating"],
 )
 def test_linear_references_bound_their_own_error(pipe, tolerance):
     """Against 48 functions, twice as many as any of these references takes."""
     for quantity in (Frequencies(u=6.0), RootLociOver(speeds=[0.0, 3.0, 6.0], count=2)):
         reference = quantity.reference(pipe, tolerance)
-        sharp = quantity.shared(quantity.answer(pd.Galerkin(pipe, 48, "legendre")))
+        sharp = quantity.shared(quantity.answer(pp.Galerkin(pipe, 48, "legendre")))
         assert reference.error <= tolerance
         # What is left of the overdamped crowd by 48 functions is no better than 1e-12.
         assert quantity.distance(quantity.shared(reference.answer), sharp) <= (
@@ -89,7 +95,7 @@ def test_linear_references_bound_their_own_error(pipe, tolerance):
     ("pipe", "quantity", "larger"),
     [
         (DAMPED, MotionOf(u=6.0, duration=2.0), 14),
-        (pd.Pipe(0.3, damping=1e-3, drag=1.0), MotionOf(u=8.0, duration=1.5), 16),
+        (pp.Pipe(0.3, damping=1e-3, drag=1.0), MotionOf(u=8.0, duration=1.5), 16),
         (DAMPED, LimitCycleAt(u=6.0), 13),
     ],
     ids=["motion", "motion under drag", "cycle"],
@@ -98,15 +104,15 @@ def test_nonlinear_references_bound_their_own_error(pipe, quantity, larger):
     """Against more functions than the reference has, solved ten times as sharply."""
     asked = quantity.sharpened(1e-3).prepared(pipe)
     reference = asked.reference(pipe, 1e-4)
-    sharp = asked.sharpened(1e-6).answer(pd.Galerkin(pipe, larger, "legendre"))
+    sharp = asked.sharpened(1e-6).answer(pp.Galerkin(pipe, larger, "legendre"))
     assert reference.error <= 1e-4
     assert asked.distance(reference.answer, sharp) <= reference.error
 
 
 def test_a_chain_pair_agrees_with_the_reference_of_a_motion_under_drag():
     """Nothing of a chain's drag is integrated by the reduced model's quadrature."""
-    pipe = pd.Pipe(0.3, damping=1e-3, drag=1.0)
-    found = pd.trade(
+    pipe = pp.Pipe(0.3, damping=1e-3, drag=1.0)
+    found = pp.trade(
         *(pipe, "motion"),
         families=["consistent", "consistent pair"],
         sizes=[16, 32],
@@ -123,8 +129,8 @@ def test_a_chain_pair_agrees_with_the_reference_of_a_motion_under_drag():
 def test_without_a_start_a_motion_sets_out_on_the_least_damped_mode():
     """With its rates as well: at small amplitudes the free end goes as exp(lambda t)."""
     asked = MotionOf(u=6.0, duration=0.5).prepared(DAMPED)
-    tip = asked.answer(pd.Galerkin(DAMPED, 10, "legendre")).values[:, 0]
-    values = pd.eigenvalues(pd.Continuum(DAMPED), 6.0, 8)
+    tip = asked.answer(pp.Galerkin(DAMPED, 10, "legendre")).values[:, 0]
+    values = pp.eigenvalues(pp.Continuum(DAMPED), 6.0, 8)
     least = values[np.argmax(values.real)]
     t = np.linspace(0.0, 0.5, tip.size)
     expected = 0.05 * np.real(np.exp(least * t))
@@ -148,7 +154,7 @@ def test_errors_fall_as_the_families_do(critical):
 
 def test_an_error_is_the_distance_from_the_determinant(critical):
     row = critical.of("consistent")[-1]
-    speed = pd.critical_speed(pd.Chain(PIPE, row.size)).speed
+    speed = pp.critical_speed(pp.Chain(PIPE, row.size)).speed
     assert row.error == pytest.approx(abs(speed / EXACT - 1.0), rel=1e-9)
     assert row.resolved
 
@@ -162,15 +168,15 @@ def test_what_the_reference_cannot_tell_is_a_bound(critical):
 
 
 def test_a_model_of_another_kind_of_instability_is_infinitely_wrong():
-    answers = [CriticalSpeedOf().answer(pd.Chain(pd.Pipe(0.3, gamma=g), 2)) for g in (0.0, 60.0)]
+    answers = [CriticalSpeedOf().answer(pp.Chain(pp.Pipe(0.3, gamma=g), 2)) for g in (0.0, 60.0)]
     assert {answer.kind for answer in answers} == {"flutter", "divergence"}
     assert CriticalSpeedOf().distance(*answers) == math.inf
 
 
 def test_a_model_that_fails_stays_as_a_row_that_says_why():
-    with pytest.raises(pd.NoCrossing, match="no loss of stability up to u = 5"):
-        pd.trade(PIPE, "critical_speed", families="consistent", sizes=[8], max_speed=5.0)
-    found = pd.trade(
+    with pytest.raises(pp.NoCrossing, match="no loss of stability up to u = 5"):
+        pp.trade(PIPE, "critical_speed", families="consistent", sizes=[8], max_speed=5.0)
+    found = pp.trade(
         DAMPED, "limit_cycle", families=["beam", "legendre"], sizes=[2], repeats=1, u=6.0, rtol=1e-3
     )
     assert len(found.rows) == 2
@@ -178,12 +184,12 @@ def test_a_model_that_fails_stays_as_a_row_that_says_why():
     assert (row.family, row.cells[3]) == ("legendre", "failed")
     assert f"legendre {row.size} failed: {row.failure}" in str(found)
     assert math.isnan(row.error)
-    assert isinstance(row.failure, pd.NoCycle)
+    assert isinstance(row.failure, pp.NoCycle)
     assert str(row.failure) in found.to_csv().replace('""', '"')
 
 
 def test_a_model_too_small_for_the_question_is_a_row_that_says_so():
-    found = pd.trade(PIPE, "frequencies", families="beam", sizes=[3, 6], repeats=1, count=4)
+    found = pp.trade(PIPE, "frequencies", families="beam", sizes=[3, 6], repeats=1, count=4)
     small, enough = found.rows
     assert "size must be at least 4" in str(small.failure)
     assert enough.failure is None
@@ -199,12 +205,12 @@ def test_none_beats_the_front(critical):
 
 
 def test_one_size_may_be_given_as_a_number():
-    found = pd.trade(PIPE, "critical_speed", families="legendre", sizes=8, repeats=1)
+    found = pp.trade(PIPE, "critical_speed", families="legendre", sizes=8, repeats=1)
     assert [row.size for row in found.rows] == [8]
 
 
 def test_sizes_go_by_the_words_for_families():
-    found = pd.trade(
+    found = pp.trade(
         PIPE,
         "frequencies",
         families=["legendre", "chain"],
@@ -216,9 +222,9 @@ def test_sizes_go_by_the_words_for_families():
     assert [row.size for row in found.of("rayleigh")] == [4, 5]
 
 
-@pytest.mark.parametrize("ask", [pd.trade, pd.choose])
+@pytest.mark.parametrize("ask", [pp.trade, pp.choose])
 def test_a_start_that_does_not_move_is_refused(ask):
-    asked = {"tolerance": 1e-2} if ask is pd.choose else {}
+    asked = {"tolerance": 1e-2} if ask is pp.choose else {}
     with pytest.raises(ValueError, match="start must bend the pipe"):
         ask(PIPE, "motion", u=6.0, duration=1.0, start=lambda s: 0.0 * s, **asked)
 
@@ -227,18 +233,18 @@ def test_a_start_that_does_not_move_is_refused(ask):
 
 
 def test_a_motion_counts_what_its_integrator_does():
-    chain = pd.Chain(DAMPED, 6)
+    chain = pp.Chain(DAMPED, 6)
     with counted() as effort:
-        motion = pd.simulate(chain, 6.0, 1.0, lambda s: 0.05 * s**2, method="dop853")
+        motion = pp.simulate(chain, 6.0, 1.0, lambda s: 0.05 * s**2, method="dop853")
     assert effort.right_hand_sides == motion.evaluations
     assert effort.factorisations == 0
 
 
 @pytest.mark.parametrize("method", ["lsoda", "Radau"])
 def test_an_implicit_motion_counts_its_factorisations(method):
-    chain = pd.Chain(pd.Pipe(0.2, damping=0.1), 6)
+    chain = pp.Chain(pp.Pipe(0.2, damping=0.1), 6)
     with counted() as effort:
-        pd.simulate(*(chain, 6.0, 1.0, lambda s: 0.05 * s**2), method=method, rtol=1e-8, atol=1e-10)
+        pp.simulate(*(chain, 6.0, 1.0, lambda s: 0.05 * s**2), method=method, rtol=1e-8, atol=1e-10)
     start = np.concatenate([chain.bent(lambda s: 0.05 * s**2), np.zeros(6)])
     peer = solve_ivp(
         *(lambda t, y: chain.rhs(t, y, 6.0), (0.0, 1.0), start),
@@ -262,7 +268,7 @@ def test_a_row_has_the_counts_of_one_answer():
 
 def test_a_cycle_counts_its_right_hand_sides_and_factorisations():
     with counted() as effort:
-        cycle = pd.limit_cycle(pd.Galerkin(DAMPED, 3, "legendre"), 6.0)
+        cycle = pp.limit_cycle(pp.Galerkin(DAMPED, 3, "legendre"), 6.0)
     assert effort.right_hand_sides >= cycle.evaluations
     assert effort.factorisations > cycle.phases
 
@@ -270,8 +276,8 @@ def test_a_cycle_counts_its_right_hand_sides_and_factorisations():
 def test_an_eigenvalue_problem_is_a_factorisation_and_itself():
     with counted() as outer:
         with counted() as inner:
-            pd.eigenvalues(pd.Galerkin(PIPE, 6), 3.0)
-        pd.eigenvalues(pd.Galerkin(PIPE, 6), 3.0)
+            pp.eigenvalues(pp.Galerkin(PIPE, 6), 3.0)
+        pp.eigenvalues(pp.Galerkin(PIPE, 6), 3.0)
     assert inner.factorisations == outer.factorisations == 2
 
 
@@ -282,13 +288,13 @@ def test_a_followed_onset_is_what_a_search_finds():
     for family in ("consistent", "midpoint", "beam", "legendre"):
         for model in (FAMILIES[family].make(PIPE, size) for size in (8, 20)):
             onset = onset_near(model, EXACT, 13.7)
-            found = pd.critical_speed(model)
+            found = pp.critical_speed(model)
             assert abs(onset.speed - found.speed) <= onset.error + found.error + 1e-12
             assert onset.frequency == pytest.approx(found.frequency, rel=1e-9)
 
 
 def test_a_followed_onset_that_is_lost_is_none():
-    assert onset_near(pd.Chain(PIPE, 2), 40.0, 300.0) is None
+    assert onset_near(pp.Chain(PIPE, 2), 40.0, 300.0) is None
 
 
 @pytest.mark.parametrize(
@@ -368,63 +374,63 @@ def test_a_picture_has_no_front_where_the_best_has_no_such_cost(critical):
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: pd.trade(3, "motion"), TypeError, "pipe must be"),
-        (lambda: pd.trade(PIPE, "speed"), ValueError, "quantity must be one of 'critical_speed'"),
-        (lambda: pd.trade(PIPE, 3), TypeError, "quantity must be one of"),
-        (lambda: pd.trade(PIPE, "motion"), TypeError, "'motion' takes u, .* lacks u, duration"),
-        (lambda: pd.trade(PIPE, "frequencies", v=1.0), TypeError, "takes u, count, got 'v'"),
-        (lambda: pd.trade(PIPE, "frequencies", u=-1.0), ValueError, "u must lie in"),
-        (lambda: pd.trade(PIPE, "frequencies", count=0), ValueError, "count must be from 1"),
-        (lambda: pd.trade(PIPE, "root_loci", speeds=[2.0, 1.0]), ValueError, "strictly increasing"),
-        (lambda: pd.trade(PIPE, "critical_speed", max_speed=0.0), ValueError, "max_speed must"),
+        (lambda: pp.trade(3, "motion"), TypeError, "pipe must be"),
+        (lambda: pp.trade(PIPE, "speed"), ValueError, "quantity must be one of 'critical_speed'"),
+        (lambda: pp.trade(PIPE, 3), TypeError, "quantity must be one of"),
+        (lambda: pp.trade(PIPE, "motion"), TypeError, "'motion' takes u, .* lacks u, duration"),
+        (lambda: pp.trade(PIPE, "frequencies", v=1.0), TypeError, "takes u, count, got 'v'"),
+        (lambda: pp.trade(PIPE, "frequencies", u=-1.0), ValueError, "u must lie in"),
+        (lambda: pp.trade(PIPE, "frequencies", count=0), ValueError, "count must be from 1"),
+        (lambda: pp.trade(PIPE, "root_loci", speeds=[2.0, 1.0]), ValueError, "strictly increasing"),
+        (lambda: pp.trade(PIPE, "critical_speed", max_speed=0.0), ValueError, "max_speed must"),
         (
-            lambda: pd.trade(PIPE, "motion", u=1.0, duration=1.0, start=[0.1]),
+            lambda: pp.trade(PIPE, "motion", u=1.0, duration=1.0, start=[0.1]),
             TypeError,
             "start must be a function of arc lengths",
         ),
         (
-            lambda: pd.trade(PIPE, "motion", u=1.0, duration=1.0, rates=np.sin),
+            lambda: pp.trade(PIPE, "motion", u=1.0, duration=1.0, rates=np.sin),
             ValueError,
             "rates must come with a start",
         ),
         (
-            lambda: pd.trade(PIPE, "motion", u=1.0, duration=1.0, rtol=1.0),
+            lambda: pp.trade(PIPE, "motion", u=1.0, duration=1.0, rtol=1.0),
             ValueError,
             "rtol must lie in",
         ),
-        (lambda: pd.trade(PIPE, "limit_cycle", u=0.0), ValueError, "u must lie in"),
-        (lambda: pd.trade(PIPE, "limit_cycle", u=6.0, rtol="x"), TypeError, "rtol must be a real"),
+        (lambda: pp.trade(PIPE, "limit_cycle", u=0.0), ValueError, "u must lie in"),
+        (lambda: pp.trade(PIPE, "limit_cycle", u=6.0, rtol="x"), TypeError, "rtol must be a real"),
         (
-            lambda: pd.trade(PIPE, "critical_speed", families="rod"),
+            lambda: pp.trade(PIPE, "critical_speed", families="rod"),
             ValueError,
             "families must be one of 'chain'",
         ),
-        (lambda: pd.trade(PIPE, "critical_speed", families=3), TypeError, "families must be words"),
-        (lambda: pd.trade(PIPE, "critical_speed", families=[]), ValueError, "at least one family"),
-        (lambda: pd.trade(PIPE, "critical_speed", sizes=[3, 2]), ValueError, "sizes must be whole"),
-        (lambda: pd.trade(PIPE, "critical_speed", sizes=[0.5]), TypeError, "sizes must be whole"),
+        (lambda: pp.trade(PIPE, "critical_speed", families=3), TypeError, "families must be words"),
+        (lambda: pp.trade(PIPE, "critical_speed", families=[]), ValueError, "at least one family"),
+        (lambda: pp.trade(PIPE, "critical_speed", sizes=[3, 2]), ValueError, "sizes must be whole"),
+        (lambda: pp.trade(PIPE, "critical_speed", sizes=[0.5]), TypeError, "sizes must be whole"),
         (
-            lambda: pd.trade(PIPE, "critical_speed", sizes=np.array([3, 2], dtype=np.uint8)),
+            lambda: pp.trade(PIPE, "critical_speed", sizes=np.array([3, 2], dtype=np.uint8)),
             ValueError,
             "sizes must be whole",
         ),
         (
-            lambda: pd.trade(PIPE, "critical_speed", families="beam", sizes={"legendre": [0]}),
+            lambda: pp.trade(PIPE, "critical_speed", families="beam", sizes={"legendre": [0]}),
             ValueError,
             "sizes must be whole",
         ),
         (
-            lambda: pd.trade(PIPE, "critical_speed", families=np.array("beam")),
+            lambda: pp.trade(PIPE, "critical_speed", families=np.array("beam")),
             TypeError,
             "families must be words",
         ),
         (
-            lambda: pd.trade(PIPE, "critical_speed", sizes={"rod": [2]}),
+            lambda: pp.trade(PIPE, "critical_speed", sizes={"rod": [2]}),
             ValueError,
             "sizes must be one of",
         ),
-        (lambda: pd.trade(PIPE, "critical_speed", repeats=0), ValueError, "repeats must be from 1"),
-        (lambda: pd.trade(PIPE, "critical_speed", progress=1), TypeError, "progress must be True"),
+        (lambda: pp.trade(PIPE, "critical_speed", repeats=0), ValueError, "repeats must be from 1"),
+        (lambda: pp.trade(PIPE, "critical_speed", progress=1), TypeError, "progress must be True"),
         (lambda: plot.trade(3), TypeError, "found must be of type Trade"),
     ],
 )
@@ -454,8 +460,8 @@ def test_a_reference_that_takes_too_long_serves_as_far_as_it_got(monkeypatch):
         return answers[-1]
 
     monkeypatch.setattr(MotionOf, "answer", slow)
-    pipe = pd.Pipe(0.2, damping=1e-3)
-    table = pd.trade(pipe, "motion", families="legendre", sizes=5, u=7.0, duration=1.0)
+    pipe = pp.Pipe(0.2, damping=1e-3)
+    table = pp.trade(pipe, "motion", families="legendre", sizes=5, u=7.0, duration=1.0)
     moved = table.quantity.distance(answers[0], answers[1])
     assert table.reference.error == pytest.approx(moved, rel=1e-6)
     assert "functions, as that of" in table.reference.source
@@ -463,24 +469,24 @@ def test_a_reference_that_takes_too_long_serves_as_far_as_it_got(monkeypatch):
 
 
 def test_a_reference_of_which_nothing_is_known_in_time_is_refused(monkeypatch):
-    monkeypatch.setattr("pipedyn.quantity.LONGEST_REFERENCE", 0.0)
-    with pytest.raises(pd.NotConverged, match="functions was not done in 0 s"):
-        pd.trade(pd.Pipe(0.2), "motion", u=4.0, duration=1.0)
-    with pytest.raises(pd.NotConverged, match="functions was not done in 0 s"):
-        pd.choose(pd.Pipe(0.2), "limit_cycle", 1e-2, u=6.0)
+    monkeypatch.setattr("pipedyn.accuracy.quantities.LONGEST_REFERENCE", 0.0)
+    with pytest.raises(pp.NotConverged, match="functions was not done in 0 s"):
+        pp.trade(pp.Pipe(0.2), "motion", u=4.0, duration=1.0)
+    with pytest.raises(pp.NotConverged, match="functions was not done in 0 s"):
+        pp.choose(pp.Pipe(0.2), "limit_cycle", 1e-2, u=6.0)
 
 
 def test_a_reference_that_no_larger_model_confirms_is_refused():
     """At u = 50 the pipe coils at once, and 20 functions do not follow."""
-    with pytest.raises(pd.NotConverged, match=r"not known: Galerkin, 20 .* moved it by"):
-        pd.trade(pd.Pipe(0.2), "motion", u=50.0, duration=0.1, rtol=1e-3)
+    with pytest.raises(pp.NotConverged, match=r"not known: Galerkin, 20 .* moved it by"):
+        pp.trade(pp.Pipe(0.2), "motion", u=50.0, duration=0.1, rtol=1e-3)
 
 
 @pytest.mark.parametrize("method", ["dop853", "lsoda"])
 def test_a_computation_ends_with_its_time(method):
-    chain = pd.Chain(pd.Pipe(0.2, damping=1e-3), 20)
+    chain = pp.Chain(pp.Pipe(0.2, damping=1e-3), 20)
     with pytest.raises(TookTooLong, match=r"more than 0\.1 s"), limited(60.0), limited(0.1):
-        pd.simulate(chain, 6.0, 1e3, 0.1 * np.ones(20), samples=2, method=method)
+        pp.simulate(chain, 6.0, 1e3, 0.1 * np.ones(20), samples=2, method=method)
     with pytest.raises(TookTooLong), limited(0.1):
-        pd.limit_cycle(pd.Galerkin(pd.Pipe(0.2), 16, "legendre"), 6.0)
-    pd.limit_cycle(pd.Chain(pd.Pipe(0.2), 2), 6.0)
+        pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2), 16, "legendre"), 6.0)
+    pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 6.0)

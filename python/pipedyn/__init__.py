@@ -1,37 +1,40 @@
 # SPDX-License-Identifier: MIT
 """Dynamics of a pipe conveying fluid: chain, reduced-order and continuous models on one footing."""
 
-from pipedyn import modular
-from pipedyn.branches import CycleBranch
-from pipedyn.chain import Chain
-from pipedyn.changes import CycleEvent
-from pipedyn.choose import Choice, NoModel, choose
-from pipedyn.continuum import Continuum
-from pipedyn.critical import CriticalSpeed, NoCrossing, critical_speed, crossings
-from pipedyn.criticality import CriticalityCurve, criticality_curve
-from pipedyn.cycles import LimitCycle, NoCycle, limit_cycle
-from pipedyn.diagram import BifurcationDiagram, bifurcation_diagram
-from pipedyn.ensemble import Ensemble, MemberFailure, simulate_many
-from pipedyn.equilibria import (
+from importlib import import_module as _import_module
+from types import ModuleType as _ModuleType
+
+from pipedyn.accuracy.choose import Choice, NoModel, choose
+from pipedyn.accuracy.effects import Effect, Relevance, relevant
+from pipedyn.accuracy.trade import Trade, TradeRow, trade
+from pipedyn.bifurcation.branches import CycleBranch
+from pipedyn.bifurcation.brute_force import Ended
+from pipedyn.bifurcation.criticality import CriticalityCurve, criticality_curve
+from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
+from pipedyn.bifurcation.equilibria import (
     BranchPoint,
     Equilibria,
     EquilibriumBranch,
     equilibria,
     equilibrium_branch,
 )
-from pipedyn.fitting import Fitting
-from pipedyn.galerkin import Galerkin
-from pipedyn.hopf import Hopf, NoHopf, hopf
-from pipedyn.lyapunov import LyapunovExponent, lyapunov_exponent
-from pipedyn.modal import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
-from pipedyn.model import Model, NotConverged, Operators, PipedynError, Power
-from pipedyn.motion import Motion, MotionStopped, simulate
-from pipedyn.pipe import Pipe, Scales, inlet_coefficient
-from pipedyn.relevant import Effect, Relevance, relevant
-from pipedyn.sections import Ended
-from pipedyn.sensitivity import Crossing, Derivatives, Sensitivity
-from pipedyn.stability import Failure, StabilityCurve, stability_curve
-from pipedyn.trade import Trade, TradeRow, trade
+from pipedyn.bifurcation.events import CycleEvent
+from pipedyn.bifurcation.hopf import Hopf, NoHopf, hopf
+from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
+from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
+from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
+from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
+from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
+from pipedyn.models import modular
+from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
+from pipedyn.models.chain import Chain
+from pipedyn.models.continuum import Continuum
+from pipedyn.models.fitting import Fitting
+from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.pipe import Pipe, Scales, inlet_coefficient
+from pipedyn.motion.ensemble import Ensemble, MemberFailure, simulate_many
+from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
+from pipedyn.motion.simulate import Motion, MotionStopped, simulate
 
 __version__ = "0.1.0"
 
@@ -94,6 +97,7 @@ __all__ = [
     "lyapunov_exponent",
     "modes",
     "modular",
+    "plot",
     "relevant",
     "root_loci",
     "simulate",
@@ -101,3 +105,13 @@ __all__ = [
     "stability_curve",
     "trade",
 ]
+
+
+def __getattr__(name: str) -> _ModuleType:
+    if name == "plot":  # matplotlib is imported only where something is drawn
+        return _import_module("pipedyn.plot")
+    raise AttributeError(f"module 'pipedyn' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

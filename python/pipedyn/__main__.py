@@ -23,11 +23,11 @@ from typing import NoReturn
 import numpy as np
 
 from pipedyn import plot
-from pipedyn.chain import SPRING_RULES
-from pipedyn.galerkin import BASES
-from pipedyn.paper import HIGHEST_SPEED, LEAST_HIGHEST, Case, Findings, gather
-from pipedyn.pipe import FLOWS, Pipe
-from pipedyn.report import HEADER, draw, report, table
+from pipedyn.models.chain import SPRING_RULES
+from pipedyn.models.galerkin import BASES
+from pipedyn.models.pipe import FLOWS, Pipe
+from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Case, Findings, gather
+from pipedyn.paper.report import HEADER, draw, report, table
 
 LARGEST_CHAIN, LARGEST_REDUCED, MOST_PANELS = 1000, 200, 5
 MOST_SPEEDS = 5001

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from pipedyn.plot.bifurcation import bifurcation_diagram, multipliers, orbit
 from pipedyn.plot.boundary import boundaries, stability_map
-from pipedyn.plot.histories import phase_portrait, time_history
 from pipedyn.plot.linear import (
     FAMILY_STYLES,
     NEUTRAL,
@@ -20,7 +19,8 @@ from pipedyn.plot.linear import (
     mode_shapes,
     root_loci,
 )
-from pipedyn.plot.look import (
+from pipedyn.plot.pipes import animate, snapshots
+from pipedyn.plot.style import (
     BETA_LABEL,
     BLACK,
     BLUE,
@@ -40,7 +40,7 @@ from pipedyn.plot.look import (
     panels,
     style,
 )
-from pipedyn.plot.pipes import animate, snapshots
+from pipedyn.plot.time_series import phase_portrait, time_history
 from pipedyn.plot.trade import trade
 
 __all__ = [

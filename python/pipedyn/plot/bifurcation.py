@@ -12,14 +12,12 @@ from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-from pipedyn import _check
-from pipedyn._check import Array
-from pipedyn.branches import CycleBranch
-from pipedyn.changes import nontrivial
-from pipedyn.diagram import BifurcationDiagram
-from pipedyn.model import Model
-from pipedyn.plot.between import finer
-from pipedyn.plot.look import (
+from pipedyn.bifurcation.branches import CycleBranch
+from pipedyn.bifurcation.diagram import BifurcationDiagram
+from pipedyn.bifurcation.events import nontrivial
+from pipedyn.models.base import Model
+from pipedyn.plot.interpolation import finer
+from pipedyn.plot.style import (
     BLACK,
     BLUE,
     GREEN,
@@ -32,6 +30,8 @@ from pipedyn.plot.look import (
     check_type,
     cycled_styles,
 )
+from pipedyn.util import check
+from pipedyn.util.check import Array
 
 MARKS: dict[str, dict[str, Any]] = {
     "fold": {"marker": "<", "color": VERMILION},
@@ -101,9 +101,9 @@ def bifurcation_diagram(
     check_type("diagram", diagram, BifurcationDiagram)
     index: int | None = None
     if isinstance(coordinate, str):
-        _check.choice("coordinate", coordinate, ("tip",))
+        check.choice("coordinate", coordinate, ("tip",))
     else:
-        index = _check.count("coordinate", coordinate, low=0, high=diagram.model.coordinates - 1)
+        index = check.count("coordinate", coordinate, low=0, high=diagram.model.coordinates - 1)
     ax = axes_or_new(ax, 6.4, 4.2)
     used: dict[str, Line2D] = {}
 
@@ -312,5 +312,5 @@ def _checked_cycles(cycles: Any) -> list[Any]:
         raise ValueError("cycles must hold at least one, got none")
     for cycle in several:
         if not all(hasattr(cycle, name) for name in ("t", "q", "qdot", "multipliers", "stable")):
-            raise TypeError(f"cycles must be limit cycles, got {_check.shown(cycle)}")
+            raise TypeError(f"cycles must be limit cycles, got {check.shown(cycle)}")
     return several

@@ -12,10 +12,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.optimize import linear_sum_assignment
 
-from pipedyn import _check
-from pipedyn._check import Array
-from pipedyn.critical import CriticalSpeed
-from pipedyn.plot.look import (
+from pipedyn.linear.critical_speed import CriticalSpeed
+from pipedyn.linear.sensitivity import Crossing
+from pipedyn.linear.stability_curve import StabilityCurve
+from pipedyn.plot.style import (
     BETA_LABEL,
     SPEED_LABEL,
     check_axes,
@@ -24,8 +24,8 @@ from pipedyn.plot.look import (
     cycled_styles,
     notice,
 )
-from pipedyn.sensitivity import Crossing
-from pipedyn.stability import StabilityCurve
+from pipedyn.util import check
+from pipedyn.util.check import Array
 
 
 def stability_map(
@@ -52,7 +52,7 @@ def stability_map(
     for label, curve in curves.items():
         check_type(f"curves[{label!r}]", curve, StabilityCurve)
     if highest is not None:
-        highest = _check.real("highest", highest, low=0.0, open_low=True)
+        highest = check.real("highest", highest, low=0.0, open_low=True)
     if marked is not None:
         check_type("marked", marked, CriticalSpeed)
     tallest = 0.0
@@ -102,7 +102,7 @@ def stability_map(
 def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
     """Passages at which the pipe gains or loses stability altogether."""
     if not np.iterable(found):
-        raise TypeError(f"found must be passages in a sequence, got {_check.shown(found)}")
+        raise TypeError(f"found must be passages in a sequence, got {check.shown(found)}")
     passages = list(found)
     for i, passage in enumerate(passages):
         check_type(f"found[{i}]", passage, Crossing)

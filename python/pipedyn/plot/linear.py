@@ -16,11 +16,10 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from pipedyn import _check
-from pipedyn._check import Array
-from pipedyn.critical import CriticalSpeed
-from pipedyn.modal import Modes, RootLoci
-from pipedyn.plot.look import (
+from pipedyn.accuracy.convergence import own_error, relative_errors, trend
+from pipedyn.linear.critical_speed import CriticalSpeed
+from pipedyn.linear.modes import Modes, RootLoci
+from pipedyn.plot.style import (
     BLACK,
     BLUE,
     FREQUENCY_LABEL,
@@ -39,7 +38,8 @@ from pipedyn.plot.look import (
     notice,
     percent,
 )
-from pipedyn.trend import own_error, relative_errors, trend
+from pipedyn.util import check
+from pipedyn.util.check import Array
 
 NEUTRAL = 1e-9
 """Real parts up to this are rounding of undamped motion."""
@@ -83,7 +83,7 @@ def root_loci(
     _check_loci(ax, loci, benchmark)
     end = float(loci.speeds[-1])
     if highest is not None:
-        end = _check.real("highest", highest, low=0.0, open_low=True)
+        end = check.real("highest", highest, low=0.0, open_low=True)
     norm = Normalize(0.0, end or 1.0)
     middle = 0.5 * (loci.speeds[1:] + loci.speeds[:-1])
     for branch in _branches(loci):
@@ -123,7 +123,7 @@ def frequencies(
     branches = _branches(loci)
     if largest is None:
         largest = max((float(abs(x)) for x in np.ravel(branches).real if x == x), default=0.0)
-    largest = _check.real("largest", largest, low=0.0)
+    largest = check.real("largest", largest, low=0.0)
     norm = SymLogNorm(1.0, vmin=-max(largest, 2.0), vmax=max(largest, 2.0))
     pieces, means = [], []
     for branch in branches:

@@ -24,17 +24,17 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 
-from pipedyn import _check
-from pipedyn._check import Array
-from pipedyn.motion import Motion
-from pipedyn.plot.between import (
+from pipedyn.motion.simulate import Motion
+from pipedyn.plot.interpolation import (
     checked_motion,
     checked_span,
     coordinates_at,
     refuse_coarse_tip,
     upward_passages,
 )
-from pipedyn.plot.look import BLACK, BLUE, VERMILION, axes_or_new, check_axes
+from pipedyn.plot.style import BLACK, BLUE, VERMILION, axes_or_new, check_axes
+from pipedyn.util import check
+from pipedyn.util.check import Array
 
 MOST_SHAPES = 1000
 MOST_FRAMES = 2000
@@ -78,7 +78,7 @@ def snapshots(
     """
     motion = checked_motion(motion)
     start, end, cycle = checked_span(span, motion)
-    count = _check.count("count", count, low=2, high=MOST_SHAPES)
+    count = check.count("count", count, low=2, high=MOST_SHAPES)
     refuse_coarse_tip("motion", motion, (start, end))
     ax = axes_or_new(ax, 4.4, 5.0)
     times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
@@ -138,9 +138,9 @@ def animate(
     motion = checked_motion(motion)
     start, end, cycle = checked_span(span, motion)
     target = _checked_path(path)
-    fps = _check.real("fps", fps, low=1.0, high=50.0)
+    fps = check.real("fps", fps, low=1.0, high=50.0)
     if speed is not None:
-        speed = _check.real("speed", speed, low=0.0, open_low=True)
+        speed = check.real("speed", speed, low=0.0, open_low=True)
     if ax is not None:
         check_axes(ax)
     refuse_coarse_tip("motion", motion, (start, end))
@@ -185,11 +185,11 @@ def _checked_path(path: Any) -> Path | None:
     if path is None:
         return None
     if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
-        raise TypeError(f"path must be a path of a file, got {_check.shown(path)}")
+        raise TypeError(f"path must be a path of a file, got {check.shown(path)}")
     target = Path(path)
     if target.suffix.lower() != ".gif" or not target.parent.is_dir():
         raise ValueError(
-            f"path must end with .gif and lie in a folder that exists, got {_check.shown(path)}"
+            f"path must end with .gif and lie in a folder that exists, got {check.shown(path)}"
         )
     return target
 

@@ -11,10 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from pipedyn import _check
+from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
 from pipedyn.plot.linear import FAMILY_STYLES
-from pipedyn.plot.look import axes_or_new, check_type, law_label, notice
-from pipedyn.trade import COSTS, Trade, TradeRow
+from pipedyn.plot.style import axes_or_new, check_type, law_label, notice
+from pipedyn.util import check
 
 COST_LABELS = {
     "seconds": "time of an answer (s)",
@@ -48,7 +48,7 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
         ValueError, TypeError: for bad arguments.
     """
     check_type("found", found, Trade)
-    cost = _check.choice("cost", cost, COSTS)
+    cost = check.choice("cost", cost, COSTS)
     ax = axes_or_new(ax, 6.4, 4.8)
     ax.set_xlabel(COST_LABELS[cost])
     ax.set_ylabel(ERROR_LABELS[found.quantity.name])

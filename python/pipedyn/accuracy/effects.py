@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: MIT
+"""Which effects a scene requires: each switched off in turn, and how far the answer moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from pipedyn.accuracy.quantities import QUANTITIES, Answer, Frequencies, Quantity, checked_quantity
+from pipedyn.bifurcation.limit_cycle import NoCycle
+from pipedyn.linear.critical_speed import NoCrossing
+from pipedyn.linear.modes import modes
+from pipedyn.models.base import PipedynError, checked_pipe
+from pipedyn.models.continuum import LARGEST, Continuum
+from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+from pipedyn.util.table import Table
+
+SHARPNESS = 0.1
+"""Error asked of each answer, in tolerances."""
+
+FAINT = 1e-9
+"""beta that stands for the limit beta -> 0."""
+
+ROUNDING = 1e-10
+"""Real parts below this share of the largest |lambda| count as 0."""
+
+OF_ROOTS = ("frequencies", "root_loci")
+"""Quantities that are eigenvalues."""
+
+HEADINGS = ("effect", "strength", "without it", "change", "growth at u", "verdict")
+
+
+class _WithoutCentrifugal(Pipe):
+    """An ejecting pipe whose flow turns corners without force, which no number of a pipe says."""
+
+    @property
+    def centrifugal(self) -> float:
+        return 0.0
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect, and what its absence changes.
+
+    Attributes:
+        name: "gravity", "drag", "damping", "Coriolis", "centrifugal" or "flow" (both of its parts);
+            several joined by " + ".
+        strength: the number it comes from, in words; empty where the pipe does not have it.
+        without: what the quantity is without it, in words.
+        answer: the same in numbers; None where there is no answer, or the effect is absent.
+        size: relative change of the quantity; infinite where its kind changes, NaN where it could
+            not be found.
+        error: bound on the error of size, from those of both answers.
+        growth: largest real part of an eigenvalue of the straight pipe at u without it, in 1 / T;
+            NaN where it was not found.
+        verdict: "relevant", "negligible" or "absent". Where size and its error together are not
+            within the tolerance, an effect counts as relevant.
+        note: what else to know.
+    """
+
+    name: str
+    strength: str
+    without: str
+    answer: Answer | None = field(repr=False)
+    size: float
+    error: float
+    growth: float
+    verdict: str
+    note: str = ""
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """What tables show of it."""
+        if self.verdict == "absent":
+            return (self.name, "", "", "", "", self.verdict)
+        size = "unknown" if math.isnan(self.size) else f"{self.size:.1e}"
+        if self.size == math.inf:
+            size = "infinite"
+        elif self.size < self.error:
+            size = f"<{self.size + self.error:.1e}"
+        growth = f"{self.growth:.4g}"
+        return (self.name, self.strength, self.without, size, growth, self.verdict)
+
+
+@dataclass(frozen=True)
+class Relevance:
+    """The size of each effect on one quantity of a pipe.
+
+    Attributes:
+        pipe: the pipe.
+        u: flow speed at which the growth is told, and at which the quantity is asked if it has one.
+        quantity: what was asked, with its conditions.
+        full: what it is with all effects, in words.
+        growth: largest real part of an eigenvalue of the straight pipe at u, in 1 / T.
+        tolerance: relative change up to which an effect is negligible.
+        effects: one for each, the largest first, those that the pipe does not have last.
+        together: all that are negligible switched off at once, if there are two or more.
+    """
+
+    pipe: Pipe
+    u: float
+    quantity: Quantity
+    full: str
+    growth: float
+    tolerance: float
+    effects: tuple[Effect, ...] = field(repr=False)
+    together: Effect | None = field(repr=False)
+
+    def __getitem__(self, name: str) -> Effect:
+        """One effect by its name."""
+        known = {effect.name: effect for effect in self.effects}
+        return known[check.choice("name", name, tuple(known))]
+
+    @property
+    def negligible(self) -> tuple[str, ...]:
+        """Names of the effects that the pipe has and the quantity does not feel."""
+        return tuple(effect.name for effect in self.effects if effect.verdict == "negligible")
+
+    @property
+    def simplified(self) -> Pipe:
+        """The pipe without what is negligible; an ejecting pipe keeps its centrifugal part."""
+        return _without(self.pipe, _droppable(self.pipe, self.negligible))
+
+    def _table(self) -> Table:
+        shown = self.effects if self.together is None else (*self.effects, self.together)
+        title = (
+            f"{self.quantity.name} of {self.pipe}: {self.full}\n"
+            f"at {_speed(self.u, self.pipe)} the straight pipe grows by {self.growth:.4g} / T; "
+            f"negligible is a change below {self.tolerance:g}"
+        )
+        notes = [f"{effect.name}: {effect.note}" for effect in shown if effect.note]
+        if self.quantity.name in OF_ROOTS:
+            notes.insert(0, "change: of the complex root, growth and frequency, beside its modulus")
+        return Table(title, HEADINGS, [effect.cells for effect in shown], notes=notes)
+
+    def __str__(self) -> str:
+        return self._table().text()
+
+    def _repr_html_(self) -> str:
+        return self._table().html()
+
+
+def relevant(
+    pipe: Pipe,
+    u: float,
+    quantity: str = "critical_speed",
+    *,
+    tolerance: float = 1e-3,
+    **conditions: Any,
+) -> Relevance:
+    """How much each effect matters to what is asked of a pipe.
+
+    Each effect is switched off in turn, and the continuous pipe asked again: gravity (gamma = 0),
+    drag (kappa = 0), damping (delta = 0), the flow's Coriolis part together with the momentum that
+    the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
+    centrifugal part (a = 0) and, except for the critical speed, the flow as a whole.
+
+    An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
+    loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
+    The limit beta -> 0 is not continuous: a pipe of the faintest Coriolis force loses stability
+    elsewhere than one of none, so that this part is never negligible to the critical speed of an
+    undamped ejecting pipe; a note tells the limit.
+
+    Args:
+        pipe: the pipe, whose numbers may come from `Pipe.from_si`.
+        u: flow speed, `pipe.speed(V)` from m/s: condition of "frequencies", "motion" and
+            "limit_cycle"; for all quantities also the speed at which the growth of the straight
+            pipe, the real part of its least damped eigenvalue, is listed beside.
+        quantity: "critical_speed", "frequencies", "root_loci", "motion" or "limit_cycle", as for
+            `trade`.
+        tolerance: relative change up to which an effect is negligible, in [1e-8, 1].
+        **conditions: of the quantity: max_speed, count, speeds, duration, ...
+
+    Returns:
+        Relevance.
+
+    Raises:
+        NotConverged, MotionStopped: if the pipe with all its effects cannot be solved. Where that
+            is so of one of them switched off, the effect says so and counts as relevant.
+        NoCycle: if the pipe does not rest, but no limit cycle was found.
+        ValueError, TypeError: for bad arguments.
+
+    Example:
+        A hose of 1 m, as heavy as the water in it, hanging in air at 4 m/s:
+
+        >>> hose = Pipe.from_si(length=1.0, bending_stiffness=0.1, pipe_mass=0.1, fluid_mass=0.1,
+        ...                     drag_coefficient=1.0, external_diameter=0.015,
+        ...                     external_density=1.2, damping_time=1e-4)
+        >>> relevant(hose, hose.speed(4.0)).negligible
+        ('damping', 'drag')
+    """
+    pipe = checked_pipe(pipe)
+    u = Frequencies(u).u
+    tolerance = check.real("tolerance", tolerance, low=1e-8, high=1.0)
+    kind = QUANTITIES[check.choice("quantity", quantity, tuple(QUANTITIES))]
+    if any(one.name == "u" for one in fields(kind)):  # type: ignore[arg-type]
+        conditions = {"u": u, **conditions}
+    asked = checked_quantity(quantity, conditions).prepared(pipe)
+    inquiry = _Inquiry(pipe, u, asked, tolerance, _outcome(asked, pipe, tolerance))
+    present = _strengths(pipe)
+    if asked.name == "critical_speed":
+        del present["flow"]
+    effects = sorted((inquiry.effect(name) for name in present), key=_rank)
+    small = [effect.name for effect in effects if effect.verdict == "negligible"]
+    dropped = _droppable(pipe, small)
+    return Relevance(
+        pipe=pipe,
+        u=u,
+        quantity=asked,
+        full=inquiry.full.words,
+        growth=_growth(pipe, u),
+        tolerance=tolerance,
+        effects=tuple(effects),
+        together=inquiry.effect(*dropped) if len(dropped) > 1 else None,
+    )
+
+
+def _rank(effect: Effect) -> tuple[bool, float]:
+    """Absent ones last; of the others the largest first, and the unknown with the infinite."""
+    size = math.inf if math.isnan(effect.size) else effect.size
+    return effect.verdict == "absent", -size
+
+
+def _strengths(pipe: Pipe) -> dict[str, str]:
+    """Effects by name, with the number that each comes from; empty where the pipe has it not."""
+    coriolis, centrifugal = f"beta = {pipe.beta:.4g}", f"a = {pipe.centrifugal:.4g}"
+    strengths = {
+        "gravity": f"gamma = {pipe.gamma:.4g}" if pipe.gamma else "",
+        "drag": f"kappa = {pipe.drag:.4g}" if pipe.drag else "",
+        "damping": f"delta = {pipe.damping:.4g}" if pipe.damping else "",
+        "Coriolis": coriolis if pipe.beta else "",
+        "centrifugal": centrifugal if pipe.centrifugal else "",
+    }
+    parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
+    return {**strengths, "flow": ", ".join(parts)}
+
+
+def _droppable(pipe: Pipe, names: Collection[str]) -> tuple[str, ...]:
+    """Those of some effects that numbers of the pipe switch off, one by one."""
+    kept = {"flow"} if pipe.flow == "aspirating" else {"flow", "centrifugal"}
+    return tuple(name for name in names if name not in kept)
+
+
+def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
+    """The pipe with some of its effects switched off."""
+    numbers = {"gravity": "gamma", "drag": "drag", "damping": "damping", "Coriolis": "beta"}
+    gone = {number: 0.0 for name, number in numbers.items() if name in names}
+    if "flow" in names:
+        gone["beta"] = 0.0
+    pipe = replace(pipe, **gone)  # type: ignore[arg-type]
+    if "centrifugal" not in names and "flow" not in names:
+        return pipe
+    if pipe.flow == "aspirating":
+        return replace(pipe, alpha=0.0)
+    return _WithoutCentrifugal(**{one.name: getattr(pipe, one.name) for one in fields(pipe)})
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """What a pipe answered: words, what must agree, and numbers with their error if there are."""
+
+    words: str
+    kind: str
+    answer: Answer | None = None
+    error: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Inquiry:
+    """A quantity asked of a pipe, to be asked again without some effects."""
+
+    pipe: Pipe
+    u: float
+    quantity: Quantity
+    tolerance: float
+    full: _Outcome
+
+    def effect(self, *names: str) -> Effect:
+        """Some effects, switched off at once."""
+        name, strengths = " + ".join(names), _strengths(self.pipe)
+        strength = ", ".join(strengths[one] for one in names)
+        if not strength:
+            return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
+        pipe = _without(self.pipe, names)
+        growth = _growth(pipe, self.u)
+        try:
+            found = _outcome(self.quantity, pipe, self.tolerance)
+        except PipedynError as failure:
+            unknown = (None, math.nan, math.nan, growth)
+            return Effect(name, strength, "not found", *unknown, "relevant", str(failure.args[0]))
+        size, error = self._change(found)
+        return Effect(
+            name=name,
+            strength=strength,
+            without=found.words,
+            answer=found.answer,
+            size=size,
+            error=error,
+            growth=growth,
+            verdict="negligible" if size + error <= self.tolerance else "relevant",
+            note=self._limit() if names == ("Coriolis",) else "",
+        )
+
+    def _change(self, found: _Outcome) -> tuple[float, float]:
+        """Relative change of the answer and its error."""
+        if found.kind != self.full.kind:
+            return math.inf, 0.0
+        if found.answer is None or self.full.answer is None:
+            return 0.0, 0.0
+        size = self.quantity.distance(found.answer, self.full.answer)
+        return size, (found.error + self.full.error) if size > 0.0 else 0.0
+
+    def _limit(self) -> str:
+        """The critical speed of an undamped pipe as beta -> 0, which is not that at 0."""
+        undamped = self.pipe.damping == 0.0 and self.pipe.flow == "ejecting"
+        if self.quantity.name != "critical_speed" or not undamped:
+            return ""
+        try:
+            limit = _outcome(self.quantity, replace(self.pipe, beta=FAINT), self.tolerance)
+        except PipedynError:
+            return ""
+        return f"as beta tends to 0 the pipe's is {limit.words}, not that at 0"
+
+
+def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> _Outcome:
+    """What a pipe answers, where "there is none" is an answer too."""
+    state = "buckled at rest, " if quantity.name == "critical_speed" and _is_buckled(pipe) else ""
+    if isinstance(pipe, _WithoutCentrifugal) and quantity.name == "critical_speed":
+        # Its stiffness is not the flow's, to which the free end only loses energy.
+        return _Outcome(f"{state}no loss of stability at any speed", f"{state}none")
+    try:
+        found = quantity.reference(pipe, SHARPNESS * tolerance)
+    except NoCrossing as none:
+        return _Outcome(f"{state}{none.args[0]}", f"{state}none")
+    except NoCycle as none:
+        if _growth(pipe, none.u) > 0.0:  # one may be there that no search found
+            raise
+        return _Outcome("no limit cycle, it rests", "none")
+    words, kind = _told(quantity, pipe, found.answer)
+    return _Outcome(state + words, state + kind, found.answer, found.error)
+
+
+def _told(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
+    """An answer in words, and its kind."""
+    values = quantity.shared(answer).values
+    if quantity.name == "critical_speed":
+        if values[0] == 0.0:
+            from_rest = "unstable from the smallest flow on"
+            return from_rest, from_rest
+        return f"{answer.kind} at {_speed(float(values[0]), pipe)}", answer.kind
+    if quantity.name == "limit_cycle":
+        return f"amplitude {values[0]:.4g}, frequency {values[1]:.4g}", ""
+    if quantity.name == "motion":
+        return f"free end to {np.abs(values[:, 0]).max():.4g} aside", ""
+    if quantity.name == "frequencies":
+        above = ", ".join(f"{value.imag:.4g}" for value in values if value.imag > 0.0)
+        return f"omega = {above}" if above else "no oscillation", ""
+    growth = float(values.real.max())
+    rounded = abs(growth) <= ROUNDING * float(np.abs(values).max())
+    return f"growth up to {0.0 if rounded else growth:.4g}", ""
+
+
+def _speed(u: float, pipe: Pipe) -> str:
+    given = f"u = {u:.6g}"
+    return given if pipe.scales is None else f"{given} ({pipe.speed_si(u):.4g} m/s)"
+
+
+def _is_buckled(pipe: Pipe) -> bool:
+    """Whether the straight pipe falls over without flow."""
+    return pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0
+
+
+def _growth(pipe: Pipe, u: float) -> float:
+    """Largest real part of an eigenvalue at a speed; NaN where none stands still.
+
+    Of the roots no larger than those of a wave number that neither flow nor weight can buckle:
+    not of the lowest few, which may all crowd at -1 / delta, nor of all that a reduced model has.
+    """
+    thrust = max(pipe.centrifugal, 1.0) * u**2 + max(-pipe.gamma, 0.0)
+    half_waves = 4 + math.ceil(math.sqrt(thrust) / math.pi)
+    wave = math.pi * half_waves
+    largest = wave * math.hypot(wave, math.sqrt(abs(pipe.gamma)))
+
+    def least_damped(rom: Galerkin) -> float:
+        values = modes(rom, u).eigenvalues
+        growth = float(values.real[np.abs(values) <= largest].max(initial=-math.inf))
+        return growth if abs(growth) > ROUNDING * largest else 0.0
+
+    try:
+        return (
+            Continuum(pipe)
+            .settle(
+                least_damped,
+                lambda a, b: abs(a - b) / max(abs(b), 1.0),
+                tolerance=1e-8,
+                smallest=min(max(16, 2 * half_waves), LARGEST),
+            )
+            .value
+        )
+    except PipedynError:
+        return math.nan

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: MIT
+"""Families of models of one pipe, each growing with a size, and how their errors fall."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.special import spherical_jn
+
+from pipedyn.models.base import Model
+from pipedyn.models.chain import Chain
+from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+
+
+@dataclass(frozen=True)
+class Family:
+    """Models of one kind and growing size.
+
+    Attributes:
+        name: a spring rule, a basis, or a spring rule and "pair".
+        make: the model of a pipe and a size.
+        order: of the error, n^-order; infinite where it falls exponentially, 0 where it stays.
+        sizes: that a measurement of the whole family takes.
+        paired: whether the answer is extrapolated from the models of one and of twice the size.
+    """
+
+    name: str
+    make: Callable[[Pipe, int], Model]
+    order: float
+    sizes: tuple[int, ...]
+    paired: bool = False
+
+    def models(self, pipe: Pipe, size: int) -> tuple[Model, ...]:
+        """One model, or two, the second of twice the size."""
+        members = (size, 2 * size) if self.paired else (size,)
+        return tuple(self.make(pipe, member) for member in members)
+
+    def dof(self, size: int) -> int:
+        """Degrees of freedom of the model, or of the two."""
+        return 3 * size if self.paired else size
+
+    def beyond(self, size: int) -> int:
+        """The next size at which an error that is small by luck is so no more."""
+        return size + 1 if self.order == math.inf else math.ceil(1.2 * size + 0.5)
+
+
+PAPERS_LIMIT = 0.0144
+"""Relative error to which the paper's rule tends."""
+
+WAVY = 128
+"""Legendre functions up to which their law is asked."""
+
+
+def expected_size(family: Family, wave: float, tolerance: float) -> float:
+    """About the size at which a family carries a wave to a tolerance; infinite where none does.
+
+    Of Legendre functions by what they leave of a wave, its share j_(m-1)(k / 2)^2; of chains of
+    second order, and of the paper's down to its limit, by the error of a discrete beam's frequency,
+    (k / n)^2 / 24. The others are fitted to critical speeds of pipes at beta = 0.2 to 0.95: within
+    a factor of two or so.
+
+    Args:
+        family: of models.
+        wave: wave number k, in 1 / L.
+        tolerance: relative error.
+    """
+    if family.order == math.inf:
+        sizes = np.arange(1, WAVY)
+        enough = spherical_jn(sizes - 1, 0.5 * wave) ** 2 <= tolerance
+        enough &= sizes > 0.5 * wave  # there the share falls, before it swings
+        fits = sizes[enough]
+        return float(fits[0]) if fits.size else math.inf
+    if family.order == 0.0 and tolerance <= PAPERS_LIMIT:
+        return math.inf
+    if family.name == "beam":
+        return max(wave / 9.0 / math.sqrt(math.sqrt(tolerance)), wave / math.pi)
+    if family.order == 1.0:
+        return 0.1 * wave / tolerance
+    if family.order in (0.0, 2.0):
+        return wave / math.sqrt(24.0 * tolerance)
+    return 0.14 * wave / math.sqrt(math.sqrt(tolerance))
+
+
+def _chain(rule: str, pipe: Pipe, n: int) -> Model:
+    return Chain(pipe, n, springs=rule)
+
+
+def _reduced(basis: str, pipe: Pipe, m: int) -> Model:
+    return Galerkin(pipe, m, basis)
+
+
+RULES = {"consistent": 2.0, "midpoint": 2.0, "rayleigh": 0.0, "uniform": 1.0, "frequency": 1.0}
+"""Spring rules and the order of their errors; the paper's tends to another limit."""
+
+DOUBLED = (2, 4, 8, 16, 32, 64)
+
+FAMILIES: dict[str, Family] = {
+    family.name: family
+    for family in (
+        *(Family(rule, partial(_chain, rule), RULES[rule], DOUBLED) for rule in RULES),
+        *(
+            Family(f"{rule} pair", partial(_chain, rule), 2.0 * order, DOUBLED[:-1], paired=True)
+            for rule, order in RULES.items()
+            if order
+        ),
+        Family("beam", partial(_reduced, "beam"), 4.0, (2, 3, 4, 6, 8, 12, 16, 24)),
+        Family("legendre", partial(_reduced, "legendre"), float("inf"), (2, 4, 6, 8, 10, 12, 16)),
+    )
+}
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "chain": tuple(RULES),
+    "pair": tuple(name for name in FAMILIES if name.endswith("pair")),
+    "reduced": ("beam", "legendre"),
+}
+"""Words for several families."""
+
+
+def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[Family, ...]:
+    """Families by their names or the words for several, each once.
+
+    Args:
+        name: of the argument.
+        given: a word, words or None.
+        default: where None is given.
+
+    Raises:
+        ValueError, TypeError: for what is no such word.
+    """
+    words = default if given is None else [given] if isinstance(given, str) else given
+    try:
+        several = iter(() if isinstance(words, dict) else words)
+    except TypeError:
+        raise TypeError(f"{name} must be words, got {check.shown(given)}") from None
+    found: dict[str, Family] = {}
+    for word in several:
+        one = check.choice(name, word, (*GROUPS, *FAMILIES))
+        found |= {member: FAMILIES[member] for member in GROUPS.get(one, (one,))}
+    if not found:
+        raise ValueError(f"{name} must name at least one family, got {check.shown(given)}")
+    return tuple(found.values())

@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: MIT
+"""Error against cost, measured: chains and reduced models of growing size against one reference."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn.accuracy.convergence import Trend, law_of
+from pipedyn.accuracy.families import GROUPS, Family, checked_families
+from pipedyn.accuracy.quantities import Answer, Quantity, Reference, checked_quantity
+from pipedyn.models.base import NotConverged, checked_pipe
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+from pipedyn.util.counters import clock, counted, limited
+from pipedyn.util.progress import track
+from pipedyn.util.table import Table
+
+SHARPER = 10.0
+"""By how much a reference must be sharper than an error that is held against it."""
+
+STALLED = 0.8
+"""Least share by which the error of some larger model must be smaller: else it falls no more."""
+
+ROUNDED = 1e-6
+"""Errors above this do not stall by rounding: a family that stalls there has another limit."""
+
+LONGEST = 10.0
+"""Seconds after which a measurement is not repeated, and an answer of a size that was not asked for
+is given up."""
+
+DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "beam", "legendre")
+"""Families that are measured where none are named."""
+
+
+@dataclass(frozen=True)
+class TradeRow:
+    """One model, or pair of models, measured.
+
+    Attributes:
+        family: its name.
+        size: segments or functions; of a pair those of the smaller.
+        dof: degrees of freedom; of a pair the sum.
+        error: of the answer, relative, as measured against the reference; NaN where it failed.
+        resolved: whether the reference is sharp enough to tell it, by a factor of ten.
+        seconds: least processor time of an answer from models freshly made.
+        spread: the longest of the repeated times beside the least, less 1.
+        right_hand_sides, factorisations: counts of one answer.
+        failure: what was raised, None where all went well.
+        values: the numbers answered, None where there are none.
+    """
+
+    family: str
+    size: int
+    dof: int
+    error: float
+    resolved: bool
+    seconds: float
+    spread: float
+    right_hand_sides: int
+    factorisations: int
+    failure: Exception | None = field(default=None, repr=False)
+    values: NDArray[Any] | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """What tables show of it."""
+        named = (self.family, str(self.size), str(self.dof))
+        if self.failure is not None:
+            return (*named, "failed", "", "", "", "")
+        bound = "" if self.resolved else "<"
+        return (
+            *named,
+            f"{bound}{self.error:.2e}",
+            f"{self.seconds:.2e}",
+            f"{100.0 * self.spread:.0f} %",
+            str(self.right_hand_sides),
+            str(self.factorisations),
+        )
+
+
+HEADINGS = ("family", "size", "dof", "error", "seconds", "spread", "rhs", "factorisations")
+
+
+@dataclass(frozen=True)
+class Trade:
+    """Error against cost of models of one pipe for one quantity.
+
+    Attributes:
+        pipe: the pipe.
+        quantity: what was asked, with its conditions.
+        reference: which model gave the reference, and a bound on its error, relative.
+        rows: one for each model, family after family, by size.
+    """
+
+    pipe: Pipe
+    quantity: Quantity
+    reference: Reference
+    rows: tuple[TradeRow, ...] = field(repr=False)
+
+    def of(self, family: str) -> tuple[TradeRow, ...]:
+        """The rows of one family, of `families`."""
+        family = check.choice("family", family, self.families)
+        return tuple(row for row in self.rows if row.family == family)
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Names of the families measured."""
+        return tuple(dict.fromkeys(row.family for row in self.rows))
+
+    @property
+    def failures(self) -> tuple[TradeRow, ...]:
+        """The rows that failed."""
+        return tuple(row for row in self.rows if row.failure is not None)
+
+    def pareto(self, cost: str = "seconds") -> tuple[TradeRow, ...]:
+        """The rows that no other beats in both error and cost, the cheapest first.
+
+        Args:
+            cost: "seconds", "dof", "right_hand_sides" or "factorisations".
+        """
+        cost = check.choice("cost", cost, COSTS)
+        good = [row for row in self.rows if math.isfinite(row.error)]
+        front: list[TradeRow] = []
+        for row in sorted(good, key=lambda row: (getattr(row, cost), row.error)):
+            if not front or row.error < front[-1].error:
+                front.append(row)
+        return tuple(front)
+
+    def orders(self) -> dict[str, Trend]:
+        """The law of each family's errors, fitted down to where they stop to fall."""
+        return {family: self._order(family) for family in self.families}
+
+    def _order(self, family: str) -> Trend:
+        floor = self.quantity.floor
+        rows = [row for row in self.of(family) if row.resolved and floor < row.error < math.inf]
+        errors = np.array([row.error for row in rows])
+        sizes = np.array([float(row.size) for row in rows])
+        for i in range(2, len(rows)):  # rounding
+            if errors[i - 1] < ROUNDED and errors[i:].min() > STALLED * errors[i - 1]:
+                return law_of(sizes[: i - 1], errors[: i - 1])
+        return law_of(sizes, errors)
+
+    def _table(self) -> Table:
+        title = (
+            f"{self.quantity} of {self.pipe}\n"
+            f"reference: {self.reference.source}, error below {self.reference.error:.1e}"
+        )
+        cells = [row.cells for row in self.rows]
+        notes = [f"{row.family} {row.size} failed: {row.failure}" for row in self.failures]
+        return Table(title, HEADINGS, cells, numbers=True, notes=notes)
+
+    def __str__(self) -> str:
+        return self._table().text()
+
+    def _repr_html_(self) -> str:
+        return self._table().html()
+
+    def to_csv(self, path: str | PathLike[str] | None = None) -> str:
+        """The rows as comma-separated values.
+
+        Args:
+            path: a file to write them to.
+
+        Returns:
+            The text.
+
+        Raises:
+            OSError: if it cannot be written.
+            TypeError: for what is no path.
+        """
+        if path is not None and not isinstance(path, str | PathLike):
+            raise TypeError(f"path must be a file's name, got {check.shown(path)}")
+        names = ("family", "size", "dof", "error", "resolved", *COSTS[:1], "spread", *COSTS[2:])
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([*names, "failure"])
+        for row in self.rows:
+            told = "" if row.failure is None else str(row.failure)
+            writer.writerow([*(getattr(row, name) for name in names), told])
+        if path is not None:
+            with open(path, "w", encoding="utf-8", newline="") as file:
+                file.write(text.getvalue())
+        return text.getvalue()
+
+
+COSTS = ("seconds", "dof", "right_hand_sides", "factorisations")
+
+
+def trade(
+    pipe: Pipe,
+    quantity: str,
+    *,
+    families: Any = None,
+    sizes: Mapping[str, ArrayLike] | ArrayLike | None = None,
+    repeats: int = 3,
+    progress: bool = False,
+    **conditions: Any,
+) -> Trade:
+    """Error against cost for chains and reduced models of growing size.
+
+    Args:
+        pipe: the pipe.
+        quantity: what is asked of it, and its conditions as further arguments:
+            "critical_speed" (max_speed=100: the lowest passage that destabilises),
+            "frequencies" (u=0, count=4: eigenvalues of the lowest modes, with damping delta those
+            below 0.9 / delta),
+            "root_loci" (speeds, count=4: branches of eigenvalues),
+            "motion" (u, duration, start=theta(s), rates=dtheta/dt(s), samples=201, rtol=1e-8: the
+            free end's path, from the least damped mode where no start is given),
+            "limit_cycle" (u, rtol=1e-8: amplitude and frequency).
+        families: what is measured: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
+            "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
+            and 2 n ("consistent pair", ...), or "chain", "reduced" or "pair" for all of a kind.
+        sizes: segments or functions, one or increasing; for all families or by the same words.
+            Where not given, an answer that takes more than 10 s of processor time is given up.
+        repeats: how often each answer is timed; the least counts.
+        progress: show progress on stderr.
+        **conditions: of the quantity.
+
+    Returns:
+        Trade; a model that fails, or is too small for the quantity, is a row that says so. Errors
+        less than ten times the reference's own are bounds (`resolved` is False). Counts of motions
+        may differ by a step from run to run, as rounding does.
+
+    Raises:
+        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer, or in half a
+            minute none is found that the next larger model confirms at all.
+        ValueError, TypeError: for bad arguments.
+    """
+    pipe = checked_pipe(pipe)
+    asked = checked_quantity(quantity, conditions).prepared(pipe)
+    chosen = checked_families("families", families, DEFAULT)
+    wanted = _sizes(sizes, chosen, asked.least)
+    every = [(family, size) for family in chosen for size in wanted[family.name]]
+    repeats = check.count("repeats", repeats, high=1000)
+    shown = check.flag("progress", progress)
+    reference = asked.reference(pipe, 1e-12)
+    if not reference.error < 1.0:
+        raise NotConverged(
+            f"the continuous pipe's answer is not known: {reference.source}, and the last step "
+            f"moved it by {reference.error:.1e}",
+            reference,
+        )
+    patience = math.inf if sizes is not None else LONGEST
+    rows = [
+        measured(pipe, asked, family, size, reference, repeats, patience)
+        for family, size in track(every, len(every), "models", shown)
+    ]
+    return Trade(pipe, asked, reference, tuple(rows))
+
+
+def _sizes(given: Any, families: Sequence[Family], least: int) -> dict[str, tuple[int, ...]]:
+    """Sizes by the names of families."""
+    own = {one.name: tuple(size for size in one.sizes if size >= least) for one in families}
+    if given is None:
+        return own
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(own, _increasing(given))
+    checked_families("sizes", tuple(given), ())
+    for word, sizes in given.items():
+        own |= dict.fromkeys(GROUPS.get(word, (word,)), _increasing(sizes))
+    return own
+
+
+def _increasing(given: Any) -> tuple[int, ...]:
+    raw = np.atleast_1d(check.numbers("sizes", given, "whole numbers", kinds="iu", longest=1000))
+    sizes = tuple(int(size) for size in raw.flat)  # differences of unsigned numbers wrap round
+    if raw.ndim != 1 or not sizes or sizes[0] < 1 or any(b <= a for a, b in pairwise(sizes)):
+        raise ValueError(
+            f"sizes must be whole numbers from 1 on, increasing, got {check.shown(given)}"
+        )
+    return sizes
+
+
+def measured(
+    pipe: Pipe,
+    quantity: Quantity,
+    family: Family,
+    size: int,
+    reference: Reference,
+    repeats: int,
+    patience: float = math.inf,
+) -> TradeRow:
+    """One model's error and cost; it fails where an answer takes longer than some seconds."""
+    times: list[float] = []
+    dof = 0
+    try:
+        while len(times) < repeats and sum(times) < LONGEST:
+            models = family.models(pipe, size)
+            dof = sum(model.dof for model in models)
+            if models[0].dof < quantity.least:
+                raise ValueError(f"size must be at least {quantity.least} for it, got {size}")
+            with counted() as effort, limited(patience):
+                start = clock()
+                answers = [quantity.answer(model) for model in models]
+                answer = _one(quantity, answers, family)
+                times.append(clock() - start)
+    except Exception as failure:
+        return TradeRow(family.name, size, dof, math.nan, False, math.nan, math.nan, 0, 0, failure)
+    error = quantity.distance(answer, reference.answer)
+    return TradeRow(
+        family=family.name,
+        size=size,
+        dof=dof,
+        error=max(error, reference.error) if error < SHARPER * reference.error else error,
+        resolved=error >= SHARPER * reference.error,
+        seconds=min(times),
+        spread=max(times) / min(times) - 1.0,
+        right_hand_sides=effort.right_hand_sides,
+        factorisations=effort.factorisations,
+        values=answer.values,
+    )
+
+
+def _one(quantity: Quantity, answers: list[Answer], family: Family) -> Answer:
+    if not family.paired:
+        return answers[0]
+    return quantity.extrapolated(answers[0], answers[1], 0.5 * family.order)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Beyond the onset: equilibria, Hopf points, periodic orbits and their branches."""

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""A model's motion as a vector field: many states a call, and derivatives by state and speed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pipedyn.models.base import Model
+from pipedyn.models.chain import Chain
+from pipedyn.models.modular.motion import SceneMotion
+from pipedyn.util.check import Array
+from pipedyn.util.counters import evaluated
+
+STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
+"""Central differences of sixth order, for 1, 2 and 3 steps to either side."""
+
+STEP, STEP_ACROSS_KINKS = 2e-3, 1e-4
+"""Step of the coordinates, where f is smooth and under drag, whose derivative has kinks; that of
+the rates is ten times as long, as rates are."""
+
+
+class Field:
+    """f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,).
+
+    Args:
+        model: chain, reduced model or scene.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.half = model.moving
+        self.size = 2 * model.moving
+        self.tied = model.moving != model.dof
+        """Whether constraints are met by a projection, and p' alone is not the rate of p."""
+        scene = model.motion if isinstance(model.motion, SceneMotion) else None
+        self.by_differences = self.tied or (scene is not None and scene.accelerations is None)
+        self.hidden_kinks = model.pipe.drag > 0.0 and not isinstance(model, Chain)
+        """Whether f's second derivative jumps where `drag_velocities` does not tell."""
+        self.evaluations = 0
+
+    def _count(self, states: int) -> None:
+        self.evaluations += states
+        evaluated(states)
+
+    def __call__(self, y: Array, u: float) -> Array:
+        """Rates of the states in the columns, shape (2 moving, k)."""
+        self._count(y.shape[1])
+        work = np.zeros((1, y.shape[1]))
+        rates: Array = self.model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
+        return rates
+
+    def jacobian(self, y: Array, u: float) -> Array:
+        """df/dy of one state, shape (2 moving, 2 moving)."""
+        one: Array = self.jacobians(y[:, None], u)[0]
+        return one
+
+    def jacobians(self, y: Array, u: float) -> Array:
+        """df/dy of the states in the columns, shape (k, 2 moving, 2 moving).
+
+        Analytic; of compiled scenes by differences in one batch, which take a tenth of the time
+        and, unlike the analytic one, hold the curvature of the projection onto guides and pins.
+        """
+        count = y.shape[1]
+        if not self.by_differences:
+            self._count(count)
+            columns = np.ascontiguousarray(y.T)
+            return np.array([self.model.motion_jacobian(column, u) for column in columns])
+        pipe = self.model.pipe
+        if pipe.drag and not y[self.half :].any():  # at rest drag has no derivative to differ
+            return Field(self.model.with_pipe(replace(pipe, drag=0.0))).jacobians(y, u)
+        scale = STEP_ACROSS_KINKS if pipe.drag else STEP
+        steps = np.repeat([scale, 10.0 * scale], self.half)
+        moves = np.concatenate([k * np.diag(steps) for k in (1, 2, 3)], axis=1)
+        found = np.empty((count, self.size, self.size))
+        piece = max(1, 30_000 // moves.shape[1])
+        for begin in range(0, count, piece):
+            here = y[:, begin : begin + piece, None]
+            ahead, behind = (
+                self((here + sign * moves[:, None, :]).reshape(self.size, -1), u)
+                for sign in (1.0, -1.0)
+            )
+            slopes = (ahead - behind).reshape(self.size, here.shape[1], 3, self.size)
+            found[begin : begin + piece] = np.einsum("ijkl,k->jil", slopes, STENCIL) / steps
+        return found
+
+    def by_speed(self, y: Array, u: float) -> Array:
+        """df/du of the states in the columns: exact, as f is of second degree in u."""
+        h = 0.5 * u if u > 0.0 else 1.0
+        if u > 0.0:
+            return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
+        return (4.0 * self(y, h) - self(y, 2.0 * h) - 3.0 * self(y, 0.0)) / (2.0 * h)
+
+    def jacobian_by_speed(self, y: Array, u: float) -> Array:
+        """d^2 f / dy du at u > 0, shape (2 moving, 2 moving); exact but for rounding."""
+        h = 0.5 * u
+        return (self.jacobian(y, u + h) - self.jacobian(y, u - h)) / (2.0 * h)
+
+    def resting(self) -> Array:
+        """The state at rest where the model is linearised."""
+        return np.concatenate([self.model.resting(), np.zeros(self.half)])
+
+    def drag_velocities(self, y: Array) -> Array:
+        """Normal velocities at whose zeros f's second derivative jumps, shape (points, k).
+
+        Of the drag points of a chain; none elsewhere, as of other models these are many and weak
+        or not known.
+        """
+        chain = self.model
+        if not isinstance(chain, Chain) or chain.pipe.drag == 0.0:
+            return np.empty((0, y.shape[1]))
+        angles, rates = y[: self.half], y[self.half :]
+        lengths, reach = chain.lengths[:, None] * rates, chain.drag_points * chain.lengths
+        across, down = (
+            np.cumsum(lengths * turned, axis=0) - lengths * turned
+            for turned in (np.cos(angles), np.sin(angles))
+        )
+        found: Array = across * np.cos(angles) + down * np.sin(angles) + reach[:, None] * rates
+        return found
+
+    def tip(self, y: Array) -> Array:
+        """Transverse position of the free end of the states in the columns, shape (k,)."""
+        q, _ = self.model.recorded(y[: self.half].T, y[self.half :].T)
+        across: Array = self.model.tips(q.T)[:, 0]
+        return across

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Linear analysis: eigenvalues, their tracking, crossings, critical speeds."""

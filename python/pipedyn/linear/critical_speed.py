@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: MIT
+"""Critical speeds: passages through the imaginary axis, and what moves them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+from pipedyn.linear.crossings import Hunt, Passage, Sweep, Untracked
+from pipedyn.linear.eigensolver import is_long, rows_of
+from pipedyn.linear.modes import CONTINUUM_SPEED, LARGEST_SPEED
+from pipedyn.linear.pencil import SparsePencil
+from pipedyn.linear.sensitivity import Crossing, Kind, Sensitivity, crossings_of
+from pipedyn.linear.special.deflation import sweeping_pencil
+from pipedyn.linear.special.undamped import CirculatoryHunt
+from pipedyn.linear.special.weak_damping import extrapolated, is_faint, strengthened
+from pipedyn.models.base import Model, PipedynError
+from pipedyn.models.continuum import AnyModel, Continuum, checked_model
+from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+from pipedyn.util.threads import one_thread
+
+LARGEST_SWEEP = 2000
+"""Degrees of freedom up to which passages are searched."""
+
+
+class NoCrossing(PipedynError):
+    """The pipe does not lose stability up to the end of the search.
+
+    Attributes:
+        max_speed: where the search ended.
+    """
+
+    def __init__(self, message: str, max_speed: float) -> None:
+        super().__init__(message, max_speed)
+        self.max_speed = max_speed
+
+
+@dataclass(frozen=True)
+class CriticalSpeed:
+    """The lowest passage that destabilises.
+
+    Attributes:
+        speed: u; 0 if the pipe is unstable from the smallest flow on.
+        frequency: angular, in 1 / T; 0 for divergence.
+        kind: "flutter" or "divergence".
+        error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
+        mode: which branch, counted from rest by frequency, from 1; a convention where damping is so
+            strong that the modes at rest do not oscillate.
+        stable_at_rest: False if the pipe is buckled without flow.
+        sensitivity: derivatives of speed and frequency, None as for `Crossing`.
+        size: degrees of freedom of the model solved.
+        pipe: the pipe.
+    """
+
+    speed: float
+    frequency: float
+    kind: Kind
+    error: float
+    mode: int
+    stable_at_rest: bool
+    sensitivity: Sensitivity | None = field(repr=False)
+    size: int
+    pipe: Pipe = field(repr=False)
+    _exact: Continuum | None = field(repr=False, compare=False, default=None)
+    _continuous: float | None = field(repr=False, default=None)
+    _max_speed: float = field(repr=False, default=100.0)
+
+    @cached_property
+    def discretisation(self) -> float | None:
+        """Bound on the distance of the speed to the continuous pipe's, absolute.
+
+        None for chains with springs or inertia of the user's own, infinite where the continuous
+        pipe has no critical speed. The continuous pipe is solved at the first request.
+        """
+        if self._exact is None:
+            return None
+        if self._continuous is not None:
+            return self._continuous
+        try:
+            exact = critical_speed(self._exact, self._max_speed)
+        except NoCrossing:
+            return math.inf
+        return abs(self.speed - exact.speed) + self.error + exact.error
+
+
+def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
+    """Every passage of an eigenvalue through the imaginary axis up to a flow speed.
+
+    None is missed between samples: see `pipedyn.linear.crossings`. A pipe that is unstable from the
+    smallest flow on has passages at speed 0, one for each mode that leaves the axis there (for
+    `Continuum`, those of its basis).
+
+    Args:
+        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
+        max_speed: end of the search, > 0.
+
+    Returns:
+        Passages in order of speed, flutter and divergence.
+
+    Raises:
+        NotConverged: if the passages found do not account for the unstable roots, or the continuous
+            pipe's do not stand still as the basis grows.
+        ValueError, TypeError: for bad arguments.
+    """
+    checked_model(model)
+    return _search(model, checked_end(max_speed, model)).crossings
+
+
+def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
+    """Lowest flow speed at which the number of unstable roots of the straight pipe grows.
+
+    Args:
+        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
+        max_speed: end of the search, in sqrt(EI / mu_f) / L.
+
+    Returns:
+        Speed, frequency, kind, mode and sensitivity, with the error of the speed.
+
+    Raises:
+        NoCrossing: if there is none up to max_speed.
+        NotConverged: as for `crossings`.
+        ValueError, TypeError: for bad arguments.
+    """
+    checked_model(model)
+    critical, _ = first_loss(model, checked_end(max_speed, model))
+    return critical
+
+
+def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
+    """The argument max_speed, if it can end a search in the model."""
+    high = CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
+    return check.real("max_speed", max_speed, low=0.0, high=high, open_low=True)
+
+
+def first_loss(
+    model: AnyModel, max_speed: float = 100.0
+) -> tuple[CriticalSpeed, tuple[Crossing, ...]]:
+    """The critical speed, and the passages up to it, from a search that ends there.
+
+    Raises:
+        NoCrossing: if there is none up to max_speed.
+    """
+    # A low critical speed needs no large basis and few modes of a long chain: the search grows
+    # from rest where that tells.
+    ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed and _grows(model, end)]
+    for end in [*ends, max_speed]:
+        found = _search(model, end, lambda passage: passage.change > 0)
+        critical = found.critical(max_speed)
+        if critical is not None:
+            return critical, found.crossings
+    raise NoCrossing(f"no loss of stability up to u = {max_speed:g}", max_speed)
+
+
+def all_losses(
+    model: AnyModel, max_speed: float
+) -> tuple[CriticalSpeed | None, tuple[Crossing, ...]]:
+    """Every passage up to max_speed, and the critical speed if there is one."""
+    found = _search(model, max_speed)
+    return found.critical(max_speed), found.crossings
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Passages, and how far the last growth of a Continuum moved them, relative."""
+
+    model: AnyModel
+    crossings: tuple[Crossing, ...]
+    size: int
+    moved: float | None = None
+
+    def critical(self, max_speed: float) -> CriticalSpeed | None:
+        """The first passage that destabilises."""
+        first = next((c for c in self.crossings if c.destabilising), None)
+        if first is None:
+            return None
+        return CriticalSpeed(
+            speed=first.speed,
+            frequency=first.frequency,
+            kind=first.kind,
+            error=first.error,
+            mode=first.mode,
+            stable_at_rest=self.crossings[0].unstable_before == 0,
+            sensitivity=first.sensitivity,
+            size=self.size,
+            pipe=self.model.pipe,
+            _exact=_exact(self.model),
+            _continuous=None if self.moved is None else first.error,
+            _max_speed=max_speed,
+        )
+
+
+def _search(
+    model: AnyModel, max_speed: float, until: Callable[[Passage], bool] | None = None
+) -> _Search:
+    pipe = model.pipe
+    if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
+        return _Search(model, (), 0)  # the flow acts on nothing
+    if not is_faint(pipe) or (isinstance(model, Model) and model.resisted):
+        return _search_once(model, max_speed, until)
+    solved = strengthened(model.pipe)
+    found = [_search_once(model.with_pipe(pipe), max_speed, until) for pipe in solved]
+    passages = extrapolated(model.pipe, solved, [search.crossings for search in found])
+    return replace(found[0], model=model, crossings=passages)
+
+
+def _exact(model: AnyModel) -> Continuum | None:
+    """The continuous pipe that a model stands for, fittings included."""
+    if isinstance(model, Model) and not model.approximates_pipe:
+        return None
+    return Continuum(model.pipe, getattr(model, "fittings", ()))
+
+
+def _search_once(
+    model: AnyModel, max_speed: float, until: Callable[[Passage], bool] | None
+) -> _Search:
+    if not isinstance(model, Continuum):
+        if model.dof > LARGEST_SWEEP:
+            raise ValueError(
+                f"model must have at most {LARGEST_SWEEP} degrees of freedom for crossings, "
+                f"got {model.dof}"
+            )
+        model.require_equilibrium(0.0, max_speed)
+        return _Search(model, crossings_of(model, _sweep(model, max_speed, until)), model.dof)
+    settled = model.settle(
+        lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _trusted(rom))),
+        _difference,
+        smallest=max(16, math.ceil(0.8 * max_speed) + 8),
+    )
+    moved = settled.error
+    found = tuple(replace(c, error=2.0 * c.error + moved * c.speed) for c in settled.value)
+    return _Search(model, found, settled.size, moved)
+
+
+def _trusted(rom: Galerkin) -> int | None:
+    """How many modes of a Legendre model to look at: three fifths are the pipe's to many digits.
+
+    All, if damping is so strong that the last of these do not oscillate: then those beyond are
+    overdamped too, however they would grow without damping, and cannot be told from the others.
+    """
+    trusted = (3 * rom.resolution) // 5
+    overdamped = rom.pipe.damping * (math.pi * trusted) ** 2 > 2.0
+    return None if overdamped else trusted
+
+
+def _feeling(max_speed: float) -> int:
+    """How many modes can meet a flow up to some speed: those up to k = pi u and twelve more."""
+    return 12 + math.ceil(max_speed)
+
+
+def _worth_following(followed: int, max_speed: float, dof: int) -> bool:
+    """Whether some modes of a long chain are computed faster than all."""
+    return followed <= dof // 4 and max_speed <= dof / 4
+
+
+def _grows(model: AnyModel, end: float) -> bool:
+    """Whether a search is the cheaper, the sooner it ends."""
+    if isinstance(model, Continuum):
+        return True
+    return is_long(model) and _worth_following(_feeling(end), end, model.dof)
+
+
+def _sweep(
+    model: Model,
+    max_speed: float,
+    until: Callable[[Passage], bool] | None,
+    trusted: int | None = None,
+) -> Sweep:
+    """Passages of one model.
+
+    Of a long chain only as many modes are followed as can meet the flow: a mode of wave number k
+    does where k is comparable to u. If a root beyond that turns unstable, more are followed.
+    """
+    pencil = sweeping_pencil(model)
+    followed: int | None = None
+    count: int | None = None
+    if isinstance(pencil, SparsePencil):
+        followed = _feeling(max_speed)
+        # Those before the crowd at -1 / delta, which no Krylov space can pass, may be enough.
+        delta = model.pipe.damping
+        before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else followed
+        if max_speed / math.pi + 1.0 <= before < followed:
+            followed, count = before, 2 * before + 2
+    while True:
+        if followed is not None and not _worth_following(followed, max_speed, pencil.dof):
+            pencil, followed = pencil.dense(), None
+        kind = CirculatoryHunt if pencil.velocity_free(1.0) else Hunt
+        try:
+            with one_thread(rows_of(pencil)):
+                return kind(pencil, max_speed, followed, trusted, count).run(until)
+        except Untracked:
+            assert followed is not None
+            followed, count = max(2 * followed, _feeling(max_speed)), None
+
+
+def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:
+    """Largest relative change of a speed beyond what the errors of either explain.
+
+    Infinite where passages differ in kind or number.
+    """
+    # Of modes that leave the axis at rest a larger model has more: the first stands for all.
+    a, b = (tuple(c for c in found if c.speed > 0.0 or c is found[0]) for found in (a, b))
+    kinds = [[(c.kind, c.destabilising) for c in found] for found in (a, b)]
+    if kinds[0] != kinds[1]:
+        return math.inf
+    moves = (
+        max(abs(x.speed - y.speed) - x.error - y.error, 0.0) / y.speed
+        for x, y in zip(a, b, strict=True)
+        if y.speed
+    )
+    return max(moves, default=0.0)

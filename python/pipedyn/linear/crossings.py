@@ -1,0 +1,560 @@
+# SPDX-License-Identifier: MIT
+"""Where eigenvalues pass through the imaginary axis as the flow speed grows.
+
+Each step of a followed sweep (see `tracking`) gives a cubic for the real part of a branch.
+The step is believed where no extremum of the cubic lies closer to the axis than the cubic's own
+error, and halved elsewhere; so a branch that touches the axis between two samples, or passes it
+twice, is found. Each passage is then polished by Newton's method with d lambda / du on the model.
+
+A real part within rounding of zero has no sign: such a branch stays what it was, stable or not,
+until its real part leaves the noise. `special.undamped` is for pipes without any term in the
+velocity.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from pipedyn.linear.pencil import Complex, Eigenpairs, Pencil
+from pipedyn.linear.tracking import LONGEST_STEP, Crowd, Indices, Sample, Step, march, sample
+from pipedyn.models.base import NotConverged
+from pipedyn.models.galerkin import Galerkin
+
+Flags = NDArray[np.bool_]
+
+WORST = 1e-3
+"""Relative error of a passage's speed beyond which it is no result."""
+
+HEAVY = 100.0
+"""gamma beyond which weight rather than stiffness tells at which speeds the flow is felt."""
+
+HIGH_DAMPING = 0.3
+"""Roots that need not be followed are not worth refining with Re < -0.3 |lambda| at both ends."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """One passage of a root, or a conjugate pair, through the imaginary axis.
+
+    Attributes:
+        speed: u.
+        value: i times the frequency there; 0 for divergence.
+        change: by how many the number of unstable roots grows, a pair being two.
+        mode: branch, counted from rest by frequency, from 1.
+        error: of the speed, absolute.
+        pair: eigenvalue with both vectors; None where two branches meet on the axis or at u = 0+.
+        slope: d lambda / du; None where pair is.
+    """
+
+    speed: float
+    value: complex
+    change: int
+    mode: int
+    error: float
+    pair: Eigenpairs | None = None
+    slope: complex | None = None
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Passages in order of speed, and the number of unstable roots at rest."""
+
+    unstable_at_rest: int
+    passages: tuple[Passage, ...]
+
+
+class Untracked(Exception):
+    """A root outside the followed set became unstable: more must be followed."""
+
+
+class Hunt:
+    """One sweep from rest, for pipes with flow or damping.
+
+    Args:
+        pencil: the model's.
+        max_speed: end of the search.
+        followed: how many modes are computed and followed; all without.
+        trusted: how many modes, counted from rest, are looked at; all without.
+        count: roots computed where not all; without, two for each mode followed and 16.
+    """
+
+    def __init__(
+        self,
+        pencil: Pencil,
+        max_speed: float,
+        followed: int | None = None,
+        trusted: int | None = None,
+        count: int | None = None,
+    ) -> None:
+        self.pencil = pencil
+        self.max_speed = max_speed
+        self.count = None if followed is None else (count or 2 * followed + 16)
+        self.followed = pencil.dof if followed is None else followed
+        self.trusted = self.followed if trusted is None else trusted
+        # Legendre's highest third is not the pipe's and heavily damped: matched, but not followed.
+        model, self.certain = pencil.model, self.followed
+        if isinstance(model, Galerkin) and model.basis == "legendre":
+            self.certain = max(1, (2 * model.resolution) // 3)
+        self.modes: Indices = np.zeros(0, dtype=np.intp)
+        self.unstable: Flags = np.zeros(0, dtype=np.bool_)
+
+    def run(self, until: Callable[[Passage], bool] | None = None) -> Sweep:
+        """All passages up to max_speed, or up to the first that `until` accepts.
+
+        Raises:
+            NotConverged: if the passages found do not account for the unstable roots.
+            Untracked: if a root beyond those followed turns unstable.
+        """
+        longest = longest_step(self.pencil.pipe.gamma)
+        steps = max(1, math.ceil(self.max_speed / longest))
+        speeds = np.linspace(0.0, self.max_speed, steps + 1).tolist()
+        first = self.take(0.0)
+        self.modes = self.ranked(first)
+        every = np.arange(first.values.size)
+        self.unstable = self.states(first, every, np.zeros(every.size, dtype=np.bool_))
+        at_rest = unstable = self.count_unstable()
+        passages: list[Passage] = []
+        followed = np.arange(min(self.wanted, first.values.size))
+        crowd = Crowd(self.pencil.pipe.damping, 0.9, self.pencil.stuck)
+        for step in march(self.take, first, speeds[1:], followed, crowd, self.sure, longest):
+            found = self.passages(step)
+            self.move(step)
+            found += self._collapse(step, unstable + sum(passage.change for passage in found))
+            for passage in sorted(found, key=lambda passage: passage.speed):
+                if passage.error > WORST * passage.speed + 1e-12:
+                    raise NotConverged(
+                        f"a passage near u = {passage.speed:.6g} is known to {passage.error:.1e} "
+                        "only: the real part of its eigenvalue hardly leaves rounding",
+                        Sweep(at_rest, tuple(passages)),
+                    )
+                passages.append(passage)
+                unstable += passage.change
+                if until is not None and until(passage):
+                    return Sweep(at_rest, tuple(passages))
+            if unstable != self.count_unstable():
+                raise NotConverged(
+                    f"{self.count_unstable()} unstable roots at u = {step.right.u:g}, where the "
+                    f"passages found account for {unstable}",
+                    Sweep(at_rest, tuple(passages)),
+                )
+        return Sweep(at_rest, tuple(passages))
+
+    @property
+    def wanted(self) -> int:
+        """Roots to follow with certainty: two a mode."""
+        return 2 * self.certain
+
+    def ranked(self, first: Sample) -> Indices:
+        """Mode of each root at rest, by frequency."""
+        return modes_of_pairs(first.values, self.pencil.pipe.damping)
+
+    def take(self, u: float) -> Sample:
+        """The sample at a speed; at rest zero is exact, and without damping the axis."""
+        at = sample(self.pencil, u, self.count)
+        if u == 0.0:
+            at.values[np.abs(at.values) < self.pencil.stuck] = 0.0
+        if u == 0.0 and not self.pencil.is_damped:
+            at.values.real[at.values.imag != 0.0] = 0.0
+        return at
+
+    def count_unstable(self) -> int:
+        """Number of unstable roots among the trusted."""
+        return int(np.sum(self.unstable & (self.modes >= 1) & (self.modes <= self.trusted)))
+
+    def move(self, step: Step) -> None:
+        """Take modes and states to the step's right sample; mode 0 for roots from outside."""
+        there = step.onto >= 0
+        onto = step.onto[there]
+        before_modes = self.modes
+        modes = np.zeros(step.right.values.size, dtype=np.intp)
+        before = np.zeros(modes.size, dtype=np.bool_)
+        modes[onto], before[onto] = self.modes[there], self.unstable[there]
+        self.modes = modes
+        self.unstable = self.states(step.right, np.arange(modes.size), before)
+        if self.count is not None:
+            if bool(step.lost(np.flatnonzero(there & (before_modes <= self.followed))).any()):
+                raise Untracked
+            loose = self.unstable & ((modes == 0) | (modes > self.followed))
+            if loose.any():
+                raise Untracked
+
+    def states(self, at: Sample, onto: Indices, before: Flags) -> Flags:
+        """Which roots are unstable: by the sign of Re lambda, or as before where it has none."""
+        values = at.values[onto]
+        known = (np.abs(values.real) > at.noise[onto]) & (np.abs(values) >= self.pencil.stuck)
+        known |= at.signatures[onto] != 0  # on the axis of a conservative system, where they stay
+        states: Flags = np.where(known, values.real > 0.0, before)
+        for i in np.flatnonzero(~known & (values.imag > 0.0)):  # a pair has one state
+            pair = (values == values[i]) | (values == values[i].conj())
+            states[pair] = before[pair].any()
+        return states
+
+    def rows(self, step: Step) -> Indices:
+        """Roots to look at: one of each conjugate pair, trusted, not heavily damped throughout."""
+        a, b = step.left.values, step.right.values[step.onto]
+        upper = np.where(a == 0.0, b, a).imag >= 0.0
+        mine = (self.modes >= 1) & (self.modes <= self.trusted) & (step.onto >= 0) & upper
+        damped = (a.real < -HIGH_DAMPING * np.abs(a)) & (b.real < -HIGH_DAMPING * np.abs(b))
+        mine &= ~(damped & (self.modes > self.certain))
+        return np.flatnonzero(mine)
+
+    def sure(self, step: Step) -> bool:
+        """Whether the step tells all passages in it."""
+        roots = self.rows(step)
+        met = step.meets[roots] >= 0
+        if self._scan(step, roots[~met]) is None:
+            return False
+        return all(self._is_clear_meeting(step, int(i)) for i in roots[met])
+
+    def _is_clear_meeting(self, step: Step, i: int) -> bool:
+        """Whether the signs before and after a meeting on the real axis tell what passed zero."""
+        if _meets_off_axis(step, i):
+            return True
+        if not self.pencil.is_conservative:
+            return False
+        # An imaginary pair that turns into opposite real roots, or back: at zero.
+        k, j = int(step.meets[i]), int(step.onto[i])
+        a, b = step.left.values, step.right.values
+        across = (a[i].imag == 0.0) != (b[j].imag == 0.0)
+        opposite = abs((a[i] + a[k]).real) + abs((b[j] + b[int(step.onto[k])]).real)
+        return bool(across and opposite < 1e-6 * (1.0 + abs(a[i]) + abs(b[j])))
+
+    def passages(self, step: Step) -> list[Passage]:
+        """Passages within a step."""
+        roots = self.rows(step)
+        met = step.meets[roots] >= 0
+        single = roots[~met]
+        found = []
+        for root in single[self._leaving(step, single)]:
+            value = complex(0.0, step.left.values[root].imag)
+            change = 2 if value.imag or step.right.values[step.onto[root]].imag else 1
+            found.append(Passage(0.0, value, change, int(self.modes[root]), 0.0))
+        scanned = self._scan(step, single)
+        for root, t, rising in self._ends(step, single) if scanned is None else scanned:
+            meeting = self._meeting_on_axis(step, root, rising)
+            found.append(meeting or self._polish(step, root, t, rising))
+        after = self.states(step.right, step.onto, self.unstable)
+        for i in roots[met]:
+            k = int(step.meets[i])
+            change = int(after[i]) + int(after[k]) - int(self.unstable[i]) - int(self.unstable[k])
+            if change and (i < k or k not in roots):
+                odd = change % 2 != 0  # one real root of the two passes zero
+                divergence = (
+                    self._divergence(step, 0.5, change, int(self.modes[i])) if odd else None
+                )
+                value = 0j if odd else complex(0.0, abs(step.left.values[i].imag))
+                middle = 0.5 * (step.left.u + step.right.u)
+                met_there = Passage(middle, value, change, int(self.modes[i]), step.length)
+                found.append(divergence or met_there)
+        _refuse_twins(found)
+        return found
+
+    def _collapse(self, step: Step, told: int) -> list[Passage]:
+        """Three roots that pass zero as one (two free joints), where the matching tells nothing."""
+        change = self.count_unstable() - told
+        if change % 2 == 0:
+            return []
+        mode = int(self.modes[np.argmin(np.abs(step.right.values))])
+        passage = self._divergence(step, 0.5, change, mode)
+        return [] if passage is None else [passage]
+
+    def _divergence(self, step: Step, t: float, change: int, mode: int) -> Passage | None:
+        """Where det K(u) changes sign within the step, near its fraction t; None if it does not."""
+        pencil = self.pencil.static()
+        expected = step.left.u + t * step.length
+        for where in (t, 0.0, 1.0, 0.5):
+            found = _singular_speed(
+                *(pencil, step, expected), near=step.left.u + where * step.length
+            )
+            if found is not None:
+                break
+        else:
+            return None
+        u, pair = found
+        assert pair.left is not None
+        h = 1e-5 * (1.0 + u)
+        rate = (pencil.stiffened(u + h, pair.right) - pencil.stiffened(u - h, pair.right)) / (2 * h)
+        change_of_zero = abs(complex(np.sum(pair.left.conj() * rate)))
+        uncertain = float(pair.residuals[0] + np.finfo(float).eps) * pencil.size(u)
+        error = uncertain / change_of_zero if change_of_zero else math.inf
+        error += 4e-16 * (1.0 + u)
+        own = pencil.original(u, pair)
+        slope = None if own is None else complex(pencil.slopes(u, own)[0])
+        return Passage(u, 0j, change, mode, error, own, slope)
+
+    def _leaving(self, step: Step, roots: Indices) -> Flags:
+        """Which roots lie on the axis at rest and turn unstable at once."""
+        if step.left.u > 0.0 or roots.size == 0:
+            return np.zeros(roots.size, dtype=np.bool_)
+        a = step.left.values[roots]
+        resting = a == 0.0  # joints without a spring
+        rises = step.left.slopes[roots].real * step.length > step.right.noise[step.onto[roots]]
+        ends = self.states(step.right, step.onto[roots], np.zeros(roots.size, dtype=np.bool_))
+        on_axis = (np.abs(a.real) <= step.left.noise[roots]) & (not self.pencil.is_conservative)
+        return np.where(resting, ends, on_axis & rises)
+
+    def _ends(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
+        """What a shortest step tells: the state at either end."""
+        before = self.unstable[roots] | self._leaving(step, roots)
+        after = self.states(step.right, step.onto, self.unstable)[roots]
+        return [(int(roots[r]), 0.5, bool(after[r])) for r in np.flatnonzero(before != after)]
+
+    def _scan(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]] | None:
+        """(root, t, rising) of every passage that the cubics show; None where unsure."""
+        if roots.size == 0:
+            return []
+        onto = step.onto[roots]
+        a, b = step.left.values[roots].real, step.right.values[onto].real
+        c1 = step.left.slopes[roots].real * step.length
+        end_slope = step.right.slopes[onto].real * step.length
+        c2, c3 = 3.0 * (b - a) - 2.0 * c1 - end_slope, 2.0 * (a - b) + c1 + end_slope
+        noise = np.maximum(step.left.noise[roots], step.right.noise[onto])
+        noise[step.left.values[roots] == 0.0] = np.inf
+        # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
+        misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
+        band = 2.0 * misfit + 1e-4 * step.error[roots]
+        if self.pencil.is_conservative:  # the axis is left by meeting there, which `follow` sees
+            ends = np.stack([a, b, c1, end_slope])
+            band[(np.abs(ends) <= noise).all(axis=0)] = 0.0
+
+        turns = c2**2 - 3.0 * c1 * c3
+        far = c2 + np.where(c2 >= 0.0, 1.0, -1.0) * np.sqrt(np.maximum(turns, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            extrema = np.stack([-c1 / far, -far / (3.0 * c3)])
+        extrema = np.where((extrema > 0.0) & (extrema < 1.0) & (turns > 0.0), extrema, np.nan)
+        values = a + extrema * (c1 + extrema * (c2 + extrema * c3))
+        if bool(((np.abs(values) <= band + noise) & (band > noise)).any()):
+            return None
+        states = self.unstable[roots] | self._leaving(step, roots)
+        after = self.states(step.right, step.onto, self.unstable)[roots]
+        clear = np.abs(values) > noise
+        turned = (states != after) | (clear & ((values > 0.0) != states)).any(axis=0)
+        found = []
+        for r in np.flatnonzero(turned):
+            inner = [(extrema[e, r], values[e, r] > 0.0) for e in (0, 1) if clear[e, r]]
+            points = [*sorted(inner), (1.0, bool(after[r]))]
+            cubic = (a[r], c1[r], c2[r], c3[r])
+            found += _sign_changes(int(roots[r]), bool(states[r]), cubic, points)
+        return found
+
+    def _polish(self, step: Step, root: int, t: float, rising: bool) -> Passage:
+        """A passage to rounding, by Newton's method on the model itself."""
+        pencil = self.pencil
+        real = step.left.values[root].imag == 0.0
+        if real:
+            divergence = self._divergence(step, t, 1 if rising else -1, int(self.modes[root]))
+            if divergence is not None:
+                return divergence
+        u = step.left.u + t * step.length
+        guess = complex(step.hermite(np.array([root]), np.array([t]))[0, 0])
+        vector = step.left.pairs.right[:, root]
+        slack = 1e-9 * (1.0 + u) + 0.1 * step.length
+        last = math.inf
+        for _ in range(12):
+            pair = pencil.refine(u, guess, vector)
+            slope = complex(pencil.slopes(u, pair)[0])
+            value = complex(pair.values[0])
+            change = -value.real / slope.real if slope.real else math.inf
+            if not step.left.u - slack <= u + change <= step.right.u + slack:
+                break
+            u, vector = max(u + change, 0.0), pair.right[:, 0]
+            guess = value + slope * change
+            if abs(change) <= 4e-16 * u or abs(change) >= last:
+                break
+            last = abs(change)
+        pair = pencil.refine(u, guess, vector)
+        slope = complex(pencil.slopes(u, pair)[0])
+        value = complex(pair.values[0])
+        there = step.hermite(np.array([root]), np.array([(u - step.left.u) / step.length]))[0, 0]
+        tolerance = 1e-6 * (1.0 + abs(value))
+        strayed = abs(value - there) > 4.0 * step.error[root] + tolerance
+        if (slope.real > 0.0) != rising or strayed or abs(value.real) > tolerance:
+            u = self._bisect(step, root)
+            near = self._nearest(u, step, root)
+            pair, slope = near.pairs, complex(near.slopes[0])
+            value = complex(pair.values[0])
+        if not pair.converged[0]:
+            raise NotConverged(
+                f"the eigenvalue near {value:.6g} that passes the axis at u = {u:g} failed its "
+                f"residual check with {pair.residuals[0]:.1e}"
+            )
+        assert pair.left is not None
+        uncertain = float(pencil.uncertainties(u, pair)[0]) + abs(value.real)
+        error = uncertain / abs(slope.real) if slope.real else math.inf
+        change_of_count = (1 if real else 2) * (1 if rising else -1)
+        frequency = 0.0 if real else abs(value.imag)
+        return Passage(
+            float(u),
+            complex(0.0, frequency),
+            change_of_count,
+            int(self.modes[root]),
+            error,
+            pencil.original(u, pair),
+            slope,
+        )
+
+    def _meeting_on_axis(self, step: Step, root: int, rising: bool) -> Passage | None:
+        """Where two pairs of a conservative system meet and leave the axis, or come back to it.
+
+        There the square of their difference is real, smooth in u and passes zero.
+        """
+        off = (step.right.values[step.onto[root]] if rising else step.left.values[root]).imag
+        if not (self.pencil.is_conservative and off):
+            return None
+
+        def square(u: float) -> float:
+            at = self.take(u)
+            t = np.array([(u - step.left.u) / step.length])
+            near = np.argsort(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0]))
+            one, other = at.values[near[:2]]
+            return float(((one - other) ** 2).real)
+
+        low, high = step.left.u, step.right.u
+        if square(low) * square(high) > 0.0:
+            return None
+        tolerance = 4e-16 * (1.0 + high)
+        u = float(brentq(square, low, high, xtol=tolerance, rtol=8.9e-16))
+        near = self._nearest(u, step, root)
+        spread = 0.1 * step.length
+        slope = abs(square(u + spread) - square(u - spread)) / (2.0 * spread)
+        frequency = abs(float(near.values[0].imag))
+        error = 1e-14 * frequency**2 / slope if slope else step.length
+        change = 2 if rising else -2
+        mode = int(self.modes[root])
+        return Passage(u, complex(0.0, frequency), change, mode, error + tolerance)
+
+    def _nearest(self, u: float, step: Step, root: int) -> Sample:
+        """The root's own eigenvalue at a speed within the step."""
+        at = self.take(u)
+        t = np.array([(u - step.left.u) / step.length])
+        where = int(np.argmin(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0])))
+        pairs, own = at.pairs.take([where]), [where]
+        return Sample(u, pairs, at.slopes[own], at.noise[own], at.signatures[own])
+
+    def _bisect(self, step: Step, root: int) -> float:
+        def real_part(u: float) -> float:
+            return float(self._nearest(u, step, root).values[0].real)
+
+        low, high = real_part(step.left.u), real_part(step.right.u)
+        if low * high >= 0.0:
+            return step.left.u if abs(low) < abs(high) else step.right.u
+        return float(brentq(real_part, step.left.u, step.right.u, xtol=1e-14, rtol=1e-14))
+
+
+def longest_step(gamma: float) -> float:
+    """Longest step of a sweep.
+
+    Near the free end of a heavy hanging pipe, where its weight no longer stretches it, lengths are
+    in gamma^(-1/3) and flow speeds in gamma^(1/3).
+    """
+    return LONGEST_STEP * float(np.cbrt(1.0 + max(gamma, 0.0) / HEAVY))
+
+
+def _refuse_twins(found: list[Passage]) -> None:
+    """Two real roots that are told to pass zero at one speed are one of them told twice."""
+    static = sorted(passage.speed for passage in found if passage.value == 0.0 < passage.speed)
+    for low, high in itertools.pairwise(static):
+        if high - low <= 1e-11 * high:
+            raise NotConverged(f"two divergences near u = {low:.9g} cannot be told apart")
+
+
+def _singular_speed(
+    pencil: Pencil, step: Step, expected: float, near: float
+) -> tuple[float, Eigenpairs] | None:
+    """Speed nearest to the expected one at which K(u) is singular, with its null vectors.
+
+    1 / (d^T K^-1 b) has the determinant's zeros, and no pole nearby if d and b are close to the
+    null vectors: they are those of the least singular value at a speed near by.
+    """
+    seed = np.linspace(1.0, 0.5, pencil.dof).reshape(-1, 1)
+    start = pencil.null_pair(near, seed, seed)
+    assert start.left is not None
+    dual, vector = start.left.real, start.right.real
+
+    def determinant(u: float) -> float:
+        return 1.0 / float((vector.T @ pencil.factor(0.0, u)(dual)).real[0, 0])
+
+    slack = 1e-9 * (1.0 + step.right.u) + 0.1 * step.length
+    least, most = max(step.left.u - slack, 0.0), step.right.u + slack
+    # Outwards from what is expected, so that of two zeros in a step each root finds its own.
+    reach = 1e-5 * step.length + 1e-12
+    while True:
+        low, high = max(expected - reach, least), min(expected + reach, most)
+        if determinant(low) * determinant(high) < 0.0:
+            break
+        if (low, high) == (least, most):
+            return None
+        reach *= 4.0
+    u = float(brentq(determinant, low, high, xtol=4e-16 * (1.0 + high), rtol=8.9e-16))
+    pair = pencil.null_pair(u, vector, dual)
+    return (u, pair) if pair.converged[0] else None
+
+
+def _sign_changes(
+    root: int, state: bool, c: tuple[float, float, float, float], points: list[tuple[float, bool]]
+) -> list[tuple[int, float, bool]]:
+    """Where a cubic changes sign between the points at which its sign is known."""
+
+    def cubic(t: float) -> float:
+        return c[0] + t * (c[1] + t * (c[2] + t * c[3]))
+
+    found, left = [], 0.0
+    for t, now in points:
+        if now != state:
+            low, high = cubic(left), cubic(t)
+            if low * high < 0.0:
+                where = float(brentq(cubic, left, t, xtol=1e-15))
+            else:  # one end lies in the noise
+                where = left if abs(low) < abs(high) else t
+            found.append((root, where, now))
+        state, left = now, t
+    return found
+
+
+def _meets_off_axis(step: Step, i: int) -> bool:
+    """Whether a pair that meets on the real axis within the step stays on one side of zero."""
+    k = int(step.meets[i])
+    a, b = step.left.values, step.right.values
+    da, db = step.left.slopes, step.right.slopes
+    j, m = step.onto[i], step.onto[k]
+    t = np.linspace(0.0, 1.0, 17)
+    weight = t * t * (3.0 - 2.0 * t)
+    total = (1.0 - weight) * (a[i] + a[k]).real + weight * (b[j] + b[m]).real
+    total += (
+        step.length * t * (1.0 - t) * ((1.0 - t) * (da[i] + da[k]).real - t * (db[j] + db[m]).real)
+    )
+    reach = max(abs((a[i] - a[k]).real), abs((b[j] - b[m]).real))
+    return bool((total + reach < 0.0).all() or (total - reach > 0.0).all())
+
+
+def modes_of_pairs(values: Complex, damping: float) -> Indices:
+    """Mode of each root, from 1, by the square of its undamped frequency at rest.
+
+    Conjugates share a mode; so do two real roots with 1/a + 1/b = -delta, which is exact for
+    opposite roots of an undamped buckled pipe and for overdamped modes without gravity.
+    """
+    modes = np.zeros(values.size, dtype=np.intp)
+    groups: list[tuple[float, list[int]]] = []
+    real = [i for i in range(values.size) if values[i].imag == 0.0]
+    for i in map(int, np.flatnonzero(values.imag > 0.0)):
+        twin = np.flatnonzero(values == values[i].conj())
+        groups.append((float(np.abs(values[i]) ** 2), [i, *map(int, twin[:1])]))
+    while real:
+        i = real.pop(0)
+        if not real:
+            groups.append((float(values[i].real ** 2), [i]))
+            break
+        inverse = -damping - (1.0 / values[i].real if values[i].real else 0.0)
+        misfit = [abs((1.0 / values[k].real if values[k].real else 0.0) - inverse) for k in real]
+        k = real.pop(int(np.argmin(misfit)))
+        groups.append((float((values[i] * values[k]).real), [i, k]))
+    for mode, (_, members) in enumerate(sorted(groups, key=lambda group: group[0]), start=1):
+        modes[members] = mode
+    return modes

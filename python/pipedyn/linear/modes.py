@@ -1,0 +1,410 @@
+# SPDX-License-Identifier: MIT
+"""Eigenvalues, modes and root loci of any model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn.linear.crossings import modes_of_pairs
+from pipedyn.linear.eigensolver import lowest, pencil_of, rows_of
+from pipedyn.linear.pencil import Complex, DensePencil, Eigenpairs, Pencil
+from pipedyn.linear.tracking import Crowd, march, sample
+from pipedyn.models.base import Model, NotConverged
+from pipedyn.models.continuum import AnyModel, Continuum, Settled, checked_model, relative
+from pipedyn.util import check
+from pipedyn.util.check import Array
+from pipedyn.util.progress import track
+from pipedyn.util.threads import one_thread
+
+LARGEST_SPEED = 1e4
+"""Flow speeds beyond are refused."""
+
+LARGEST_FULL = 2000
+"""Degrees of freedom up to which all eigenvalues are computed at once."""
+
+LARGEST_TABLE = 10_000_000
+"""Eigenvalues times degrees of freedom beyond which vectors are refused: 1 GB at work."""
+
+CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
+"""Largest u and count for a `Continuum`, whose basis grows with both."""
+
+
+def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
+    """Eigenvalues lambda of the straight pipe at flow speed u; motion ~ exp(lambda tau).
+
+    Args:
+        model: chain, reduced model or `Continuum`.
+        u: flow speed >= 0, in sqrt(EI / mu_f) / L.
+        count: how many, from the lowest |lambda|; all 2 dof where not given. Long chains (beyond
+            64 segments) are solved in O(n) for a small count. `Continuum` needs it.
+
+    Returns:
+        Complex array (count,), sorted by |lambda|; of a conjugate pair both stand side by side, the
+        upper first (an odd count may cut the last pair).
+
+    Raises:
+        NotConverged: if an eigenvalue fails the check of its residual; `result` holds the `Modes`,
+            of which `converged` says which.
+        ValueError, TypeError: for bad arguments.
+
+    Source: the inverse problem in joint angles, see `pipedyn.linear.eigensolver`.
+    """
+    return _good(modes(model, u, count)).eigenvalues
+
+
+@dataclass(frozen=True)
+class ModeShape:
+    """Transverse displacement of one mode, complex; its largest magnitude is 1, there it is real.
+
+    Attributes:
+        eigenvalue: lambda.
+        model: the model it belongs to.
+        coordinates: q, complex, shape (dof,).
+    """
+
+    eigenvalue: complex
+    model: Model = field(repr=False)
+    coordinates: Complex = field(repr=False, compare=False)
+
+    def __call__(self, s: ArrayLike) -> Complex:
+        """Complex displacement at arc lengths s in [0, 1], shape (len(s),).
+
+        The motion is Re(shape(s) exp(lambda tau)).
+
+        Raises:
+            NotConverged: if the mode was not found.
+            ValueError, TypeError: for bad arc lengths.
+        """
+        if not np.isfinite(self.coordinates).all():
+            raise NotConverged(f"the mode of eigenvalue {self.eigenvalue:g} was not found")
+        return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Eigenvalues and modes at one flow speed.
+
+    Attributes:
+        speed: u.
+        eigenvalues: lambda, complex, shape (count,), sorted by |lambda|; NaN where double precision
+            holds none.
+        shapes: one function of s for each eigenvalue.
+        residuals: relative residual of each pair, shape (count,).
+        converged: whether each passed the check of its residual, shape (count,).
+        size: degrees of freedom of the model solved.
+        discretisation: for `Continuum`, the largest change of an eigenvalue from the basis before
+            the last, relative to it or to 1, whichever is more; None for other models.
+    """
+
+    speed: float
+    eigenvalues: Complex
+    shapes: tuple[ModeShape, ...] = field(repr=False)
+    residuals: Array = field(repr=False)
+    converged: NDArray[np.bool_] = field(repr=False)
+    size: int
+    discretisation: float | None = None
+
+    @cached_property
+    def errors(self) -> Array:
+        """How far each eigenvalue may be from the exact one, absolute, shape (count,).
+
+        To first order: residual and rounding times the eigenvalue's condition, which takes left
+        vectors, computed at the first request; for `Continuum` with `discretisation`.
+        """
+        model = self.shapes[0].model
+        pencil = pencil_of(model)
+        with one_thread(rows_of(pencil)):
+            pairs = lowest(pencil, self.speed, self.eigenvalues.size, left=True)
+        errors = np.full(self.eigenvalues.size, np.inf)
+        good = np.flatnonzero(np.isfinite(self.eigenvalues))
+        values = self.eigenvalues[good]
+        there = np.nan_to_num(pairs.values)
+        same = [int(np.abs(there - value).argmin()) for value in values]
+        # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
+        found = replace(pairs.take(same), values=values, residuals=self.residuals[good])
+        errors[good] = pencil.uncertainties(self.speed, found)
+        errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
+        return errors
+
+
+def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
+    """Eigenvalues and complex mode shapes of the straight pipe at flow speed u.
+
+    Args:
+        model: chain, reduced model or `Continuum`.
+        u: flow speed >= 0, in sqrt(EI / mu_f) / L.
+        count: how many, from the lowest |lambda|, as for `eigenvalues`.
+
+    Returns:
+        Modes, in the order of `eigenvalues`; one that fails its residual check has converged False.
+
+    Raises:
+        NotConverged: if the continuous pipe's eigenvalues do not stand still as the basis grows.
+        ValueError, TypeError: for bad arguments.
+    """
+    checked_model(model)
+    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    if count is not None:
+        count = check.count("count", count, high=100_000)
+    if isinstance(model, Continuum):
+        if count is None:
+            raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
+        if count > CONTINUUM_COUNT:
+            raise ValueError(
+                f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}"
+            )
+        asked = count
+        settled = model.settle(
+            lambda rom: _modes(rom, u, asked),
+            lambda a, b: relative(a.eigenvalues, b.eigenvalues),
+            smallest=max(16, count),
+        )
+        found = settled.value
+        return Modes(
+            *(u, found.eigenvalues, found.shapes, found.residuals, found.converged),
+            *(settled.size, settled.error),
+        )
+    if count is not None and count > 2 * model.dof:
+        raise ValueError(f"count must be at most 2 dof = {2 * model.dof}, got {count}")
+    if count is None and model.dof > LARGEST_FULL:
+        raise ValueError(
+            f"count must be given beyond {LARGEST_FULL} degrees of freedom, got {model.dof}"
+        )
+    if count is not None:
+        _check_table(count, model)
+    model.require_equilibrium(u)
+    return _modes(model, u, count)
+
+
+def _check_table(count: int, model: Model) -> None:
+    if count * model.dof > LARGEST_TABLE:
+        raise ValueError(
+            f"count must be at most {LARGEST_TABLE // model.dof} for {model.dof} degrees of "
+            f"freedom, got {count}"
+        )
+
+
+def _modes(model: Model, u: float, count: int | None) -> Modes:
+    pencil = pencil_of(model)
+    with one_thread(rows_of(pencil)):
+        pairs = lowest(pencil, u, count)
+    coordinates = model.from_elastic(pairs.right)
+    peaks = _peaks(model, coordinates)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coordinates = coordinates / peaks
+    shapes = tuple(
+        ModeShape(complex(value), model, coordinates[:, i]) for i, value in enumerate(pairs.values)
+    )
+    return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
+
+
+def _peaks(model: Model, coordinates: Complex) -> Complex:
+    """Displacement of largest magnitude of each mode, shape (count,)."""
+    # A mode that failed is NaN.
+    displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
+    where = np.argmax(np.abs(displacement), axis=0)
+    peaks: Complex = displacement[where, np.arange(where.size)]
+    return peaks
+
+
+def _good(found: Modes) -> Modes:
+    if not found.converged.all():
+        bad = np.flatnonzero(~found.converged)
+        raise NotConverged(
+            f"{bad.size} of {found.converged.size} eigenvalues at u = {found.speed:g} failed their "
+            f"residual check, the first at index {bad[0]} with {found.residuals[bad[0]]:.1e}",
+            found,
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class RootLoci:
+    """Eigenvalues as functions of the flow speed, each column one branch.
+
+    Attributes:
+        speeds: u, shape (S,).
+        eigenvalues: lambda, complex, shape (S, count); a branch starts in the upper half plane, or
+            on the real axis with the greater of a pair.
+        partners: the other root of each pair, shape (S, count): the conjugate while the pair is
+            complex, the other real root while it is not.
+        converged: whether each eigenvalue passed the check of its residual, shape (S, count).
+        errors: how far each eigenvalue or its partner may be from the exact one, absolute, shape
+            (S, count). To first order: residual and rounding times the condition, so that it is
+            large where two roots meet; for `Continuum` with the largest change from the basis
+            before the last, and infinite for overdamped roots, which are not waited for.
+        size: degrees of freedom of the model solved.
+    """
+
+    speeds: Array
+    eigenvalues: Complex = field(repr=False)
+    partners: Complex = field(repr=False)
+    converged: NDArray[np.bool_] = field(repr=False)
+    errors: Array = field(repr=False)
+    size: int
+
+
+def root_loci(
+    model: AnyModel, speeds: ArrayLike, count: int = 4, progress: bool = False
+) -> RootLoci:
+    """Branches of eigenvalues followed along the flow speed, not sorted.
+
+    Between the speeds asked for, others are visited where a match would be doubtful.
+
+    Args:
+        model: chain, reduced model or `Continuum`.
+        speeds: flow speeds u >= 0, strictly increasing, shape (S,).
+        count: number of branches, the lowest pairs at the first speed.
+        progress: show progress on stderr.
+
+    Returns:
+        RootLoci, at the speeds asked for only.
+
+    Raises:
+        NotConverged: if the continuous pipe's branches do not stand still as the basis grows.
+        ValueError, TypeError: for bad arguments.
+    """
+    checked_model(model)
+    at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
+    if np.any(np.diff(at) <= 0.0):
+        raise ValueError("speeds must be strictly increasing")
+    count = check.count("count", count, high=1000)
+    shown = check.flag("progress", progress)
+    if isinstance(model, Continuum):
+        if at[-1] > CONTINUUM_SPEED:
+            raise ValueError(
+                f"speeds must be at most {CONTINUUM_SPEED:g} for a Continuum, got {at[-1]:g}"
+            )
+        if count > CONTINUUM_COUNT:
+            raise ValueError(
+                f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}"
+            )
+        smallest = max(16, 3 * count, math.ceil(at[-1]))
+        settled: Settled[RootLoci] = model.settle(
+            lambda rom: _root_loci(rom, at, count, shown),
+            partial(_moved, delta=model.pipe.damping),
+            tolerance=1e-8,
+            smallest=smallest,
+            largest=smallest + 32,
+        )
+        found = settled.value
+        scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
+        moved = np.where(_overdamped(found, model.pipe.damping), np.inf, settled.error * scale)
+        return replace(found, errors=found.errors + moved)
+    if count > model.dof:
+        raise ValueError(f"count must be at most dof = {model.dof}, got {count}")
+    _check_table(count, model)
+    model.require_equilibrium(float(at[0]), float(at[-1]))
+    return _root_loci(model, at, count, shown)
+
+
+def _moved(a: RootLoci, b: RootLoci, delta: float) -> float:
+    """Largest relative change of a root; with damping, of those that are not overdamped.
+
+    Overdamped roots of neighbouring modes meet and part in the crowd at -1 / delta, so that which
+    is which is a convention.
+    """
+    if delta == 0.0:
+        return max(relative(a.eigenvalues, b.eigenvalues), relative(a.partners, b.partners))
+    telling = ~(_overdamped(a, delta) & _overdamped(b, delta))
+    return relative(a.eigenvalues[telling], b.eigenvalues[telling])
+
+
+def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
+    """Which roots do not oscillate for their damping, or are in the crowd at -1 / delta."""
+    values = loci.eigenvalues
+    on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
+    return (on_axis | Crowd(delta).holds(values)) & (delta > 0.0)
+
+
+def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
+    # Where the modes asked for are overdamped, half of their roots lie beyond the crowd at
+    # -1 / delta, which only a dense solve can pass.
+    overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
+    pencil = pencil_of(model, dense=True if overdamped else None)
+    taken = 2 * count + 16
+    while True:
+        every = isinstance(pencil, DensePencil) or taken >= pencil.dof
+        with one_thread(rows_of(pencil)):
+            found = _followed(pencil, speeds, count, None if every else taken, shown)
+        if found is not None:
+            return found
+        taken *= 2  # a branch climbed out of the eigenvalues computed
+
+
+def _followed(
+    pencil: Pencil, speeds: Array, count: int, taken: int | None, shown: bool
+) -> RootLoci | None:
+    first = sample(pencil, float(speeds[0]), taken)
+    upper, lower = _pairs(first.values, count, pencil.pipe.damping)
+    if upper.size < count:
+        return None
+    # The crowd begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
+    delta = pencil.pipe.damping
+    beyond = delta * (math.pi * (count + 0.5)) ** 2
+    crowd = Crowd(delta, 0.5 / max(beyond, 1.0) ** 2, pencil.stuck)
+    values = np.empty((speeds.size, count), dtype=np.complex128)
+    partners = np.empty_like(values)
+    converged = np.empty(values.shape, dtype=np.bool_)
+    errors = np.empty(values.shape)
+    steps = march(
+        lambda u: sample(pencil, u, taken),
+        first,
+        map(float, speeds[1:]),
+        np.concatenate([upper, lower]),
+        crowd,
+    )
+
+    def store(row: int, pairs: Eigenpairs) -> None:
+        values[row], partners[row] = pairs.values[upper], pairs.values[lower]
+        converged[row] = pairs.converged[upper] & pairs.converged[lower]
+        uncertain = pencil.uncertainties(float(speeds[row]), pairs)
+        errors[row] = np.maximum(uncertain[upper], uncertain[lower])
+
+    store(0, first.pairs)
+    row = 1
+    ticks = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
+    for step in steps:
+        was_real = (step.left.values[upper].imag == 0.0) & (step.left.values[lower].imag == 0.0)
+        lost = bool(step.lost(upper).any())
+        upper, lower = step.onto[upper], step.onto[lower]
+        if (upper < 0).any() or (lower < 0).any() or (lost and taken is not None):
+            return None
+        # While a pair is complex its partner is the conjugate, whichever root of the crowd that is.
+        for i in np.flatnonzero(step.right.values[upper].imag != 0.0):
+            twin = np.flatnonzero(step.right.values == step.right.values[upper[i]].conj())
+            lower[i] = twin[0] if twin.size else lower[i]
+        # A branch that left the upper half plane comes back there.
+        swap = (was_real | crowd.holds(step.right.values[upper])) & (
+            step.right.values[upper].imag < 0.0
+        )
+        upper, lower = np.where(swap, lower, upper), np.where(swap, upper, lower)
+        if step.right.u == speeds[row]:
+            store(row, step.right.pairs)
+            row += 1
+            next(ticks)
+    for _ in ticks:
+        pass
+    return RootLoci(speeds, values, partners, converged, errors, pencil.dof)
+
+
+def _pairs(
+    values: Complex, count: int, damping: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Upper (or greater) and lower root of the `count` lowest modes, or of as many as there are."""
+    ranks = modes_of_pairs(values, damping)
+    upper: list[int] = []
+    lower: list[int] = []
+    for rank in range(1, count + 1):
+        members = np.flatnonzero(ranks == rank)
+        if members.size < 2:
+            break
+        first, second = sorted(members, key=lambda i: (values[i].imag, values[i].real))
+        upper.append(int(second))
+        lower.append(int(first))
+    return np.array(upper, dtype=np.intp), np.array(lower, dtype=np.intp)

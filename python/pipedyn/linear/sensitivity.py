@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: MIT
+"""Passages as users see them: with the number of unstable roots, and what moves them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from pipedyn.linear.crossings import Passage, Sweep
+from pipedyn.linear.eigensolver import pencil_of
+from pipedyn.models.base import Model
+from pipedyn.models.chain import Chain
+from pipedyn.util.check import Array
+
+Kind = Literal["flutter", "divergence"]
+
+LEAST_BETA = 1e-300
+"""Derivatives by a smaller beta, which grow like 1 / sqrt(beta), leave finite numbers."""
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """Derivatives of one quantity by the pipe's numbers and the springs.
+
+    Attributes:
+        beta: None at beta = 0 (below 1e-300), where the square root of beta has no derivative.
+        gamma, damping, alpha: alpha 0 for an ejecting pipe.
+        springs: by each k_j, shape (n,), the others held; None for reduced models and scenes.
+    """
+
+    beta: float | None
+    gamma: float
+    damping: float
+    alpha: float
+    springs: Array | None = field(default=None, repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How a passage moves with the pipe's numbers.
+
+    Attributes:
+        speed: derivatives of its speed.
+        frequency: derivatives of its frequency.
+    """
+
+    speed: Derivatives
+    frequency: Derivatives
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A passage of an eigenvalue, or of a conjugate pair, through the imaginary axis.
+
+    Attributes:
+        speed: u.
+        frequency: angular, in 1 / T; 0 for divergence, and at u = 0 for a pair that leaves zero.
+        kind: "flutter" (a pair) or "divergence" (a real root).
+        unstable_before, unstable_after: number of unstable roots on either side, a pair being two.
+        error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
+        mode: which branch passes, counted from rest by frequency, from 1; of two that meet on the
+            axis (beta = 0) the higher.
+        sensitivity: derivatives of speed and frequency; None at u = 0, at beta = 0 without
+            damping, at the divergence of a chain with a free joint, and about a bent pipe, whose
+            shape moves too.
+    """
+
+    speed: float
+    frequency: float
+    kind: Kind
+    unstable_before: int
+    unstable_after: int
+    error: float
+    mode: int
+    sensitivity: Sensitivity | None = field(default=None, repr=False)
+
+    @property
+    def destabilising(self) -> bool:
+        """Whether unstable roots become more."""
+        return self.unstable_after > self.unstable_before
+
+
+def crossings_of(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
+    """The passages of a sweep, with counts and sensitivities."""
+    found = []
+    unstable = swept.unstable_at_rest
+    for passage in swept.passages:
+        after = unstable + passage.change
+        found.append(
+            Crossing(
+                speed=passage.speed,
+                frequency=abs(passage.value.imag),
+                kind="flutter" if passage.change % 2 == 0 else "divergence",
+                unstable_before=unstable,
+                unstable_after=after,
+                error=passage.error,
+                mode=passage.mode,
+                sensitivity=_sensitivity(model, passage),
+            )
+        )
+        unstable = after
+    return tuple(found)
+
+
+def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
+    """From left and right eigenvectors, along P(i omega, u; p) x = 0 with Re lambda held at 0.
+
+    du/dp = -Re lambda_p / Re lambda_u and domega/dp = Im(lambda_p + lambda_u du/dp). At a
+    divergence all is real and y^H P_lambda x, by which both are divided, may be 0 (of a
+    conservative pipe zero is a double root): there du/dp = -y^H P_p x / y^H P_u x.
+    """
+    pair, slope = passage.pair, passage.slope
+    if pair is None or slope is None or pair.left is None or not model.rests_straight:
+        return None
+    pencil = pencil_of(model)
+    pipe, u, value = model.pipe, passage.speed, passage.value
+    x, y = pair.right, pair.left
+    if value:
+        down = complex(pencil.derivative(u, np.array([value]), x, y)[0])
+    else:
+        down = 1.0 + 0j
+        slope = -complex(np.sum(y.conj() * pencil.flux(x))) * 2.0 * pencil.centrifugal * u
+    if slope.real == 0.0:
+        return None
+
+    def moved(rows: Any) -> complex:
+        """D lambda / dp from (dP/dp) x."""
+        return -complex(np.sum(y.conj() * rows)) / down
+
+    def split(change: Any) -> tuple[Any, Any]:
+        speed = -np.real(change) / slope.real
+        frequency = np.imag(change + slope * speed) if passage.value.imag else 0.0 * speed
+        return (speed, frequency) if np.ndim(speed) else (float(speed), float(frequency))
+
+    beta: tuple[float | None, float | None] = (None, None)
+    if pipe.beta >= LEAST_BETA:
+        beta = split(moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta)))
+    gamma = split(moved(pencil.gravity(x)))
+    damping = split(moved(value * pencil.by_damping(x)))
+    alpha = (0.0, 0.0)
+    if pipe.flow == "aspirating":
+        alpha = split(moved(u**2 * pencil.flux(x)))
+    springs: tuple[Array | None, Array | None] = (None, None)
+    if isinstance(model, Chain):
+        scale = model.elastic_scale**2 * (1.0 + pipe.damping * value)
+        springs = split(-(y[:, 0].conj() * scale * x[:, 0]) / down)
+    speed, frequency = (
+        Derivatives(
+            beta=beta[i],
+            gamma=gamma[i],
+            damping=damping[i],
+            alpha=alpha[i],
+            springs=springs[i],
+        )
+        for i in (0, 1)
+    )
+    return Sensitivity(speed, frequency)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Cases in which the plain eigenvalue problem loses its digits."""

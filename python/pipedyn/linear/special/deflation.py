@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: MIT
+"""Chains whose stiffness is singular at every speed: the root that stands at zero, taken away.
+
+Without gravity det K(u) is the product of the springs. With a free joint (k_j = 0) lambda = 0 is an
+eigenvalue at every speed, and a real root that passes it makes a double zero there, which scatters
+by the square root of rounding. The null vectors X(u) of K are known, so with V^T X = I the pencil
+
+    P(lambda) (I + c/lambda X V^T) = P(lambda) + c (lambda M X + C X) V^T
+
+has the same eigenvalues, but -c in place of each that stands at zero, and -c is left out. Without a
+term in the velocity the same is done for lambda^2, and c M X V^T is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.linear.eigensolver import pencil_of
+from pipedyn.linear.pencil import BandPencil, Complex, DensePencil, Eigenpairs, Pencil, Vectors
+from pipedyn.models.base import Model
+from pipedyn.models.chain import Chain
+from pipedyn.util.check import Array
+
+MOVED = 4.321
+"""c; any number serves that is not small."""
+
+
+def sweeping_pencil(model: Model, dense: bool | None = None) -> Pencil:
+    """The model's pencil, deflated where a root stands at zero at every speed."""
+    pencil = pencil_of(model, dense)
+    if not (isinstance(model, Chain) and model.pipe.gamma == 0.0 and (model.springs == 0.0).any()):
+        return pencil
+    return DeflatedDense(model) if isinstance(pencil, DensePencil) else DeflatedBand(model)
+
+
+class Deflated(Pencil):
+    """What the two share; the model is a chain with a free joint, without gravity."""
+
+    model: Chain
+
+    def __init__(self, model: Chain) -> None:
+        super().__init__(model)
+        self.squared = super().velocity_free(1.0)
+        # Without fluid mass nothing but inertia holds the free joint: zero is double.
+        self.doubled = self.pipe.beta == 0.0 and not self.squared
+        self.known: tuple[float, Array, Array, Array, Array] | None = None
+
+    def null_vectors(self, u: float) -> Array:
+        """X with K X = 0, shape (dof, r).
+
+        Beyond the free joint nearest to the clamp, j, the chain turns as one straight line by phi_j
+        = 1; below it each spring balances the thrust, k_k phi_k = -a u^2 sum_{k <= i < j} l_i d_i,
+        with d_i = theta_n - theta_i and d_{i-1} = d_i + phi_i. Where no thrust ever acts (a = 0),
+        each free joint has a vector of its own.
+        """
+        chain = self.model
+        free = np.flatnonzero(chain.springs == 0.0)
+        if self.centrifugal == 0.0:
+            vectors = np.zeros((chain.dof, free.size))
+            vectors[free, np.arange(free.size)] = 1.0 / chain.elastic_scale[free]
+            return vectors
+        turns = np.zeros(chain.dof)
+        turns[free[0]] = deviation = 1.0
+        moment = 0.0
+        for k in range(int(free[0]) - 1, -1, -1):
+            moment -= self.centrifugal * u**2 * chain.lengths[k] * deviation
+            turns[k] = moment / chain.springs[k]
+            deviation += float(turns[k])
+        result: Array = (turns / chain.elastic_scale)[:, None]
+        return result
+
+    def standing(self, u: float) -> tuple[Array, Array, Array, Array]:
+        """X, V, and what is added at speed u: A_C V^T to C and A_K V^T to K; each (dof, r)."""
+        if self.known is None or self.known[0] != u:
+            x = self.null_vectors(u)
+            dual = x @ np.linalg.inv(x.T @ x)
+            inertia = MOVED * self.mass(x)
+            if self.squared:
+                self.known = u, x, dual, np.zeros_like(x), inertia
+            else:
+                self.known = u, x, dual, inertia, MOVED * super().damped(u, x)
+        return self.known[1:]
+
+    def damped(self, u: float, x: Vectors) -> Vectors:
+        _, dual, added, _ = self.standing(u)
+        result: Vectors = super().damped(u, x) + added @ (dual.T @ x)
+        return result
+
+    def stiffened(self, u: float, x: Vectors) -> Vectors:
+        _, dual, _, added = self.standing(u)
+        result: Vectors = super().stiffened(u, x) + added @ (dual.T @ x)
+        return result
+
+    def static(self) -> Pencil:
+        if not self.doubled:
+            return self
+        # P(lambda) X(a u^2 / (1 + delta lambda)) = lambda^2 M X: damping does not move the passage.
+        undamped = self.model.with_pipe(replace(self.pipe, damping=0.0))
+        return sweeping_pencil(undamped, isinstance(self, DensePencil))
+
+    def velocity_free(self, u: float) -> bool:
+        """The same at every speed, lest the deflation change at rest."""
+        return self.squared
+
+    def genuine(self, values: Complex, free: bool) -> NDArray[np.bool_]:
+        """All but those that were moved, and the second zero where it is double."""
+        away = np.abs(values**2 + MOVED) if free else np.abs(values + MOVED)
+        moved = np.argsort(away, kind="stable")[: self.moved_count * (2 if free else 1)]
+        mine = np.ones(values.size, dtype=np.bool_)
+        mine[moved[away[moved] < 1e-3]] = False
+        if self.doubled:
+            mine[np.argsort(np.abs(values), kind="stable")[: self.moved_count]] = False
+        return mine
+
+    @property
+    def moved_count(self) -> int:
+        """How many roots were moved."""
+        return int(self.standing(0.0)[0].shape[1])
+
+    def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
+        """D lambda / du of each pair; that of the pencil by central differences, to 1e-9."""
+        assert pairs.left is not None
+        h = 1e-5 * (1.0 + u)
+        change = pairs.values * (self.damped(u + h, pairs.right) - self.damped(u - h, pairs.right))
+        change = change + self.stiffened(u + h, pairs.right) - self.stiffened(u - h, pairs.right)
+        rate = np.sum(pairs.left.conj() * change, axis=0) / (2.0 * h)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: Complex = -rate / self.derivative(u, pairs.values, pairs.right, pairs.left)
+        self.tell(u, pairs.values, result, lambda pair: pair.slope)
+        return result
+
+    def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:
+        if (pairs.values == 0.0).any():
+            return None  # zero is double there: no derivative by gravity or the free spring
+        x, dual, _, _ = self.standing(u)
+        factor = pairs.values**2 if self.squared else pairs.values
+        right = pairs.right * factor + MOVED * (x @ (dual.T @ pairs.right))
+        return replace(pairs, right=right / np.linalg.norm(right, axis=0))
+
+
+class DeflatedDense(Deflated, DensePencil):
+    """Matrices; O(n^3)."""
+
+    def dense(self) -> DensePencil:
+        return self
+
+    def matrices(self, u: float) -> tuple[Array, Array]:
+        _, dual, to_velocity, to_stiffness = self.standing(u)
+        velocity, stiffness = super().matrices(u)
+        return velocity + to_velocity @ dual.T, stiffness + to_stiffness @ dual.T
+
+
+class DeflatedBand(Deflated, BandPencil):
+    """A long chain; O(n).
+
+    The band of P would be singular at lambda = 0: solved is that of the chain with its free joints
+    braced by springs, and the difference, of low rank, is added by Woodbury's formula.
+    """
+
+    def __init__(self, model: Chain) -> None:
+        super().__init__(model)
+        self.free = np.flatnonzero(model.springs == 0.0)
+        self.braces = np.zeros(model.dof)
+        self.braces[self.free] = 1.0 / model.elastic_scale[self.free] ** 2
+        self.braced = BandPencil(model)
+        self.braced.core = model.braced(self.braces)
+
+    def dense(self) -> DensePencil:
+        return DeflatedDense(self.model)
+
+    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        solve_braced = self.braced.factor(value, u)
+        _, dual, to_velocity, to_stiffness = self.standing(u)
+        brace = np.zeros((self.dof, self.free.size))
+        brace[self.free, np.arange(self.free.size)] = 1.0
+        by_braces = -(1.0 + self.pipe.damping * value) * brace
+        left = np.hstack([by_braces, value * to_velocity + to_stiffness])
+        right = np.hstack([brace, dual])
+        ways = {}
+        for adjoint, (outer, inner) in ((False, (left, right)), (True, (right, left))):
+            through = solve_braced(outer, adjoint)
+            small = np.eye(outer.shape[1]) + inner.conj().T @ through
+            if np.linalg.matrix_rank(small) < small.shape[0]:  # as a singular P is in DensePencil
+                small = small + np.finfo(float).eps * np.eye(outer.shape[1])
+            ways[adjoint] = through, np.linalg.inv(small), inner
+
+        def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
+            through, small, inner = ways[adjoint]
+            solution = solve_braced(rows, adjoint)
+            result: Vectors = solution - through @ (small @ (inner.conj().T @ solution))
+            return result
+
+        return solve

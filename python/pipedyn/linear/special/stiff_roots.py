@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: MIT
+"""Fast roots of chains whose segments differ by orders of magnitude, to rounding.
+
+A short segment that spins between long ones turns its two joints by nearly opposite angles, and the
+turn of a long neighbour, their difference, is lost in rounding: joint angles, which serve slow
+motion, cannot hold a fast one. Two things can:
+
+- displacements w of the nodes, made orthonormal to the mass, in which fast roots stand out as slow
+  ones do in joint angles: they give all roots but the slowest roughly;
+- the whole linear problem T(lambda) X = 0 with nothing eliminated (angles, displacements and forces
+  side by side; see `band` in cpp/pipedyn/chain.hpp), whose entries are no differences: Newton's
+  method on it ends within what rounding its entries does to a root, eps |y|^T |T| |x|.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr, solve_triangular
+
+from pipedyn.models.chain import Chain
+from pipedyn.util.band import band_solver
+from pipedyn.util.check import Array
+
+Complex = NDArray[np.complex128]
+Vectors = NDArray[Any]
+
+SLOW = 30.0
+"""|lambda| up to which joint angles serve: they lose eps |lambda|^2."""
+
+SPREAD, UNEQUAL = 1e4, 10.0
+"""A chain whose highest frequency is beyond both the one and the other times n^2 (equal segments
+have 3 n^2 by the estimate made, 7 n^2 in fact) has its fast roots from here."""
+
+STIFFER = 1e6
+"""So has one whose springs differ by such a factor."""
+
+ASTRAY = 1e-3
+"""Newton's method may leave its start by this share of it, or, to no more than `FARTHEST`, by a
+third of the distance to the next one."""
+
+FARTHEST = 0.1
+
+MOST_STEPS = 8
+"""Of Newton's method; two or three do from a good start."""
+
+LEAST = 1e-30
+"""Least size of an unknown beside the largest."""
+
+ENTRY = 8.0 * float(np.finfo(float).eps)
+"""Relative rounding of an entry of T, with room for what the products with it add."""
+
+
+@dataclass(frozen=True)
+class FastPair:
+    """A root with both vectors of T.
+
+    Attributes:
+        value: lambda.
+        right, left: X and Y with T X = 0 and Y^H T = 0, each of shape (4 n,).
+        residual: |Y|^T |T X| / (|Y|^T |T| |X|), |T| of the entries' terms.
+        uncertain: how far residual and rounding may have moved lambda.
+        slope: d lambda / du.
+    """
+
+    value: complex
+    right: Complex
+    left: Complex
+    residual: float
+    uncertain: float
+    slope: complex
+
+    @property
+    def conjugate(self) -> FastPair:
+        """The pair of the conjugate root."""
+        return FastPair(
+            *(self.value.conjugate(), self.right.conj(), self.left.conj()),
+            *(self.residual, self.uncertain, self.slope.conjugate()),
+        )
+
+
+def is_fast(values: Any) -> Any:
+    """Which roots are beyond `SLOW`."""
+    return np.isfinite(values) & (np.abs(values) > SLOW)
+
+
+def is_spread(chain: Chain) -> bool:
+    """Whether a chain is so unequal that joint angles do not serve all its roots.
+
+    Its highest frequency is estimated by Rayleigh quotients, of motions in which one node is
+    displaced or one segment turns.
+    """
+    length = chain.lengths
+    if chain.approximates_pipe and length.max() <= 2.0 * length.min():
+        return False
+    springs = np.append(chain.springs, [0.0, 0.0])
+    chi, eta = chain.centers, chain.gyration_radii
+    turn = 1.0 / np.append(length, np.inf)
+    elastic = springs[:-2] * turn[:-1] ** 2 + springs[1:-1] * (turn[:-1] + turn[1:]) ** 2
+    elastic += springs[2:] * turn[1:] ** 2
+    mass = length * (chi**2 + (eta / length) ** 2)
+    mass[:-1] += length[1:] * ((1.0 - chi[1:]) ** 2 + (eta[1:] / length[1:]) ** 2)
+    beyond = length[::-1].cumsum()[::-1] - length
+    turned = length**2 * beyond + length * ((chi * length) ** 2 + eta**2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = np.maximum(elastic / mass, (springs[:-2] + springs[1:-1]) / turned)
+    limit = max(SPREAD, UNEQUAL * length.size**2)
+    held = chain.springs[chain.springs > 0.0]
+    stiffer = held.size > 0 and held.max() > STIFFER * held.min()
+    # Infinite, or NaN, where a node has no mass.
+    return bool(squares.max() < np.inf and (stiffer or squares.max() > limit**2))
+
+
+class FastRoots:
+    """Roots of one chain beyond what its joint angles can tell."""
+
+    def __init__(self, chain: Chain) -> None:
+        self.chain = chain
+        self.core = chain.core
+        self.n = chain.dof
+        self.width = self.core.band_width
+        self.spring_rows, self.gravity_rows, self.flow, self.thrust = self._inertial()
+        self.known: dict[complex, FastPair] = {}
+        self.known_at = -1.0
+
+    def _inertial(self) -> tuple[Array, Array, Array, Array]:
+        """Rows F of the springs and P of gravity, V and A, where the mass is the identity.
+
+        The kinetic energy is |B w|^2 / 2, two rows a segment. The QR factor of B, largest rows
+        first and with pivoting, is as good in its small rows as in its large ones.
+        """
+        chain, n = self.chain, self.n
+        length = chain.lengths
+        node, before = np.eye(n), np.eye(n, k=-1)
+        step = node - before
+        angle = step / length[:, None]
+        root = np.sqrt(length)[:, None]
+        centre = (1.0 - chain.centers)[:, None] * before + chain.centers[:, None] * node
+        motion = np.vstack([root * centre, root * chain.gyration_radii[:, None] * angle])
+        motion = motion[np.argsort(-np.abs(motion).max(axis=1), kind="stable")]
+        triangle, order = qr(motion, mode="r", pivoting=True)[:2]
+        triangle = triangle[:n]
+
+        def rows(matrix: Array) -> Array:
+            solved: Array = solve_triangular(triangle, matrix[:, order].T, trans=1).T
+            return solved
+
+        beyond = length[::-1].cumsum()[::-1] - length
+        moment = length * (beyond + chain.centers * length)
+        joints = angle - np.vstack([np.zeros(n), angle[:-1]])
+        flow = np.eye(n, k=1) - before
+        flow[-1, -1] = 1.0
+        flow *= chain.pipe.direction * math.sqrt(chain.pipe.beta)
+        thrust = -step.T @ angle
+        thrust[-1] += angle[-1]
+        return (
+            rows(np.sqrt(chain.springs)[:, None] * joints),
+            rows(np.sqrt(moment)[:, None] * angle),
+            rows(rows(flow).T).T,
+            rows(rows(thrust).T).T,
+        )
+
+    def rough(self, u: float, free: bool) -> Complex:
+        """All roots by |lambda|, to eps times the greatest |lambda| (free: |lambda|^2)."""
+        pipe, n = self.chain.pipe, self.n
+        springs = self.spring_rows.T @ self.spring_rows
+        stiffness = springs + pipe.centrifugal * u**2 * self.thrust
+        if pipe.gamma:
+            stiffness += pipe.gamma * (self.gravity_rows.T @ self.gravity_rows)
+        if free:
+            squares = np.linalg.eigvals(-stiffness).astype(np.complex128)
+            roots = np.sqrt(squares)
+            values = np.concatenate([roots, -roots])
+        else:
+            velocity = u * self.flow + pipe.damping * springs
+            unit = max(math.sqrt(np.abs(stiffness).max()), float(np.abs(velocity).max()))
+            step = np.zeros((2 * n, 2 * n))
+            step[:n, n:] = np.eye(n)
+            step[n:] = np.hstack([-stiffness / unit**2, -velocity / unit])
+            values = unit * np.linalg.eigvals(step).astype(np.complex128)
+        result: Complex = values[np.argsort(np.abs(values), kind="stable")]
+        return result
+
+    def starts(self, u: float, values: Complex, free: bool) -> tuple[NDArray[np.intp], Complex]:
+        """Which of the inverse problem's roots to keep, and the rough ones in place of the others.
+
+        They part in the widest gap near the geometric mean of least and greatest |lambda|, where
+        both routes are equally good.
+        """
+        order = np.argsort(np.abs(values), kind="stable")
+        rough = self.rough(u, free)
+        sizes = np.abs(rough)
+        middle = max(math.sqrt(sizes[-1]), SLOW)
+        below = np.concatenate([sizes[:1], sizes[:-1]])
+        near = (sizes > max(0.1 * middle, SLOW)) & (below < 10.0 * middle)
+        near[0] = sizes[0] > SLOW
+        gaps = np.where(near, sizes / np.maximum(below, 1.0), 0.0)
+        cut = int(np.argmax(gaps)) if near.any() else rough.size
+        return order[:cut], rough[cut:]
+
+    def band(self, value: complex, u: float) -> Complex:
+        """T in LAPACK's storage."""
+        result: Complex = self.core.band(complex(value), u)
+        return result
+
+    def derivative(self, value: complex, u: float) -> Complex:
+        """dT/dlambda; T is a quadratic, of which a central difference is exact."""
+        result: Complex = (self.band(2.0 * value, u) - self.band(0.0, u)) / (2.0 * value)
+        return result
+
+    def at(
+        self, u: float, value: complex, vectors: tuple[Complex, Complex] | None = None
+    ) -> FastPair:
+        """Residual, uncertainty and slope at a root, as it is given, with vectors near its own."""
+        if u != self.known_at:
+            self.known, self.known_at = {}, u
+        if value not in self.known:
+            if value.imag < 0.0:
+                return self.at(u, value.conjugate()).conjugate
+            _, right, left = self._iterated(u, value, vectors)
+            self.known[value] = self._told(u, value, right, left)
+        return self.known[value]
+
+    def polished(self, u: float, values: Complex, free: bool) -> dict[int, FastPair]:
+        """The fast ones among all roots, by their indices, of conjugates the upper only.
+
+        Where Newton's method strays, or ends on another's root, the start remains, with the
+        residual that it has.
+        """
+        pairs: dict[int, FastPair] = {}
+        for i in map(int, np.flatnonzero(is_fast(values) & (values.imag >= 0.0))):
+            start = complex(values[i])
+            apart = np.abs(values - start)
+            room = float(apart[apart > 0.0].min(initial=np.inf)) / abs(start)
+            pair = self.near(u, start, max(ASTRAY, min(room / 3.0, FARTHEST)), free)
+            for k, other in pairs.items():
+                same = abs(pair.value - other.value) <= pair.uncertain + other.uncertain
+                if same and abs(start - values[k]) > pair.uncertain + other.uncertain:
+                    pair = self.at(u, start)
+                    break
+            pairs[i] = pair
+        return pairs
+
+    def near(self, u: float, start: complex, reach: float, free: bool = False) -> FastPair:
+        """The root next to a start and within a share of it, by Newton's method with both vectors.
+
+        The start itself where it strays.
+        """
+        value = start
+        last = math.inf
+        vectors: tuple[Complex, Complex] | None = None
+        for _ in range(MOST_STEPS):
+            change, *both = self._iterated(u, value, vectors)
+            if start.imag == 0.0:
+                change = complex(change.real)
+            elif free and start.real == 0.0:
+                change = 1j * change.imag
+            if not abs(value + change - start) <= reach * abs(start):
+                return self.at(u, start)
+            if abs(change) >= last:
+                break
+            value, last, vectors = value + change, abs(change), (both[0], both[1])
+            if last <= 1e-13 * abs(value):
+                break
+        return self.at(u, value, vectors)
+
+    def _iterated(
+        self, u: float, value: complex, vectors: tuple[Complex, Complex] | None = None
+    ) -> tuple[complex, Complex, Complex]:
+        """Newton's change of a value, X and Y after one inverse iteration at it."""
+        rate, here = self.derivative(value, u), self.band(value, u)
+        if vectors is None:
+            seed = np.linspace(1.0, 0.5, 4 * self.n).astype(np.complex128)
+            vectors = self._solved(here, np.ones(seed.size), seed, seed)
+        x, y = map(normed, vectors)
+        load = times(rate, x)
+        right, left = map(normed, self._solved(here, np.abs(x), load, adjoint_times(rate, y)))
+        pulled = np.vdot(left, times(rate, right))
+        with np.errstate(all="ignore"):
+            change = -complex(np.vdot(left, times(here, right)) / pulled)
+        return change, right, left
+
+    def _solved(
+        self, band: Complex, sizes: Array, load: Complex, dual: Complex
+    ) -> tuple[Complex, Complex]:
+        """T^-1 load and T^-H dual, for unknowns of about these sizes.
+
+        With these as units, and each equation's terms as its own, rounding of the factors is
+        small beside the terms of each equation, not only of the largest.
+        """
+        width = self.width
+        columns = sizes + LEAST
+        rows = 1.0 / times(np.abs(band), columns)
+        scaled = band.copy(order="F")
+        around = np.lib.stride_tricks.sliding_window_view(np.pad(rows, width), 2 * width + 1).T
+        scaled[width:] *= around * columns
+        solve = band_solver(scaled, width, width)
+        right: Complex = solve((rows * load)[:, None], False)[:, 0]
+        left: Complex = solve((columns * dual)[:, None], True)[:, 0]
+        return columns * right, rows * left
+
+    def _told(self, u: float, value: complex, right: Complex, left: Complex) -> FastPair:
+        here = self.band(value, u)
+        pulled = np.vdot(left, times(self.derivative(value, u), right))
+        by_speed = 0.5 * (self.band(value, u + 1.0) - self.band(value, u - 1.0))
+        weight = np.abs(left)
+        # |T| of an entry whose terms cancel, as 1 + delta lambda may, would hide their rounding.
+        terms = np.abs(self.band(abs(value), u)) + np.abs(self.band(1j * abs(value), u))
+        with np.errstate(all="ignore"):
+            rest = float(weight @ np.abs(times(here, right)))
+            size = float(weight @ times(terms, np.abs(right)))
+            uncertain = float((rest + ENTRY * size) / abs(pulled))
+            slope = -complex(np.vdot(left, times(by_speed, right)) / pulled)
+        if not uncertain < abs(value):
+            none = np.ones_like(right)
+            return FastPair(value, none, none, math.inf, math.inf, slope)
+        return FastPair(value, right, left, rest / size, uncertain, slope)
+
+
+def normed(x: Complex) -> Complex:
+    """A vector divided by its largest entry."""
+    with np.errstate(all="ignore"):
+        result: Complex = x / np.abs(x).max()
+    return result
+
+
+def times(band: Vectors, x: Vectors) -> Vectors:
+    """A band matrix in LAPACK's storage, times a vector."""
+    width = (band.shape[0] - 1) // 3
+    padded = np.zeros(x.size + 2 * width, dtype=np.result_type(band, x))
+    for k, diagonal in enumerate(band[width:]):
+        padded[k : k + x.size] += diagonal * x
+    return padded[width : width + x.size]
+
+
+def adjoint_times(band: Vectors, y: Vectors) -> Vectors:
+    """Its conjugate transpose, times a vector."""
+    width = (band.shape[0] - 1) // 3
+    padded = np.pad(y, width)
+    result: Vectors = sum(
+        diagonal.conj() * padded[k : k + y.size] for k, diagonal in enumerate(band[width:])
+    )
+    return result

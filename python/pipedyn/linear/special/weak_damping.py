@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: MIT
+"""Passages of pipes whose gyroscopic force and damping are so faint that rounding hides Re lambda.
+
+Both are odd under reversal of time, so with their ratio sqrt(beta) : delta held, passages are even
+functions of their size: u_c = F(ratio) + O(beta, delta^2). Solved is the same pipe with both made
+stronger, in three sizes, and the passages are extrapolated to the size asked for. (The limit is not
+the pipe with neither, which is circulatory: Ziegler's paradox.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
+from pipedyn.models.base import NotConverged
+from pipedyn.models.pipe import Pipe
+
+STRONG = 1e-4
+"""sqrt(beta) or delta of the least size solved: rounding then moves speeds by 1e-10 to 1e-8."""
+
+FAINT = 0.2
+"""Sizes below this share of it are extrapolated to."""
+
+SQUARES = (1.0, 2.0, 4.0)
+"""Squares of the sizes solved."""
+
+
+def _size(pipe: Pipe) -> float:
+    """Size of sqrt(beta) and delta, 1 at the least that is solved."""
+    return max(math.sqrt(pipe.beta), pipe.damping) / STRONG
+
+
+def is_faint(pipe: Pipe) -> bool:
+    """Whether rounding would hide what gyroscopic force and damping there is."""
+    return 0.0 < _size(pipe) < FAINT
+
+
+def strengthened(pipe: Pipe) -> list[Pipe]:
+    """The pipes to solve in its place."""
+    flow, damping, size = math.sqrt(pipe.beta), pipe.damping, _size(pipe)
+    factors = [math.sqrt(square) / size for square in SQUARES]
+    return [replace(pipe, beta=(f * flow) ** 2, damping=f * damping) for f in factors]
+
+
+def extrapolated(
+    pipe: Pipe, solved: Sequence[Pipe], found: Sequence[tuple[Crossing, ...]]
+) -> tuple[Crossing, ...]:
+    """The passages of the faint pipe from those of the pipes solved in its place.
+
+    Raises:
+        NotConverged: if these do not pass alike.
+    """
+    kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
+    if any(row != kinds[0] for row in kinds):
+        raise NotConverged(
+            f"passages at beta = {pipe.beta:g}, damping = {pipe.damping:g} tend to no limit that "
+            "larger values would show",
+            found[0],
+        )
+    x = _size(pipe) ** 2
+    weights = [
+        math.prod((x - other) / (own - other) for other in SQUARES if other != own)
+        for own in SQUARES
+    ]
+    line = [
+        (SQUARES[1] - x) / (SQUARES[1] - SQUARES[0]),
+        (x - SQUARES[0]) / (SQUARES[1] - SQUARES[0]),
+    ]
+    result = []
+    for same in zip(*found, strict=True):
+        speeds, frequencies = [c.speed for c in same], [c.frequency for c in same]
+        speed = float(np.dot(weights, speeds))
+        curved = abs(speed - float(np.dot(line, speeds[:2])))
+        error = curved + float(np.dot(np.abs(weights), [c.error for c in same]))
+        result.append(
+            replace(
+                same[0],
+                speed=speed,
+                frequency=float(np.dot(weights, frequencies)),
+                error=error,
+                sensitivity=_weakened(pipe, solved[0], same[0].sensitivity),
+            )
+        )
+    return tuple(result)
+
+
+def _weakened(pipe: Pipe, solved: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:
+    """Derivatives by beta and damping, as these shrink; the others tend to a limit."""
+    if sensitivity is None:
+        return None
+
+    def shrunk(by: Derivatives) -> Derivatives:
+        if by.beta is None:  # even in delta
+            return replace(by, damping=by.damping * (pipe.damping / solved.damping))
+        # u = F(sqrt(beta) / delta) + beta G: what comes from F grows like 1 / beta.
+        damping = by.damping * math.sqrt(solved.beta / pipe.beta)
+        across = 0.5 * by.damping * solved.damping
+        return replace(
+            by, beta=by.beta + across / solved.beta - across / pipe.beta, damping=damping
+        )
+
+    return Sensitivity(shrunk(sensitivity.speed), shrunk(sensitivity.frequency))

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: MIT
+"""Stability curves: critical speeds against any parameter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipedyn.linear.critical_speed import CriticalSpeed, all_losses, checked_end, first_loss
+from pipedyn.linear.sensitivity import Crossing
+from pipedyn.models.continuum import AnyModel, checked_model
+from pipedyn.util import check
+from pipedyn.util.check import Array
+from pipedyn.util.progress import track
+
+Point = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
+
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A point of a sweep that could not be computed.
+
+    Attributes:
+        index: its place in the sweep.
+        value: the parameter there.
+        error: what was raised.
+    """
+
+    index: int
+    value: float
+    error: Exception
+
+
+@dataclass(frozen=True)
+class StabilityCurve:
+    """Critical speed, and every passage, against a parameter.
+
+    Attributes:
+        values: the parameter, shape (S,).
+        critical: CriticalSpeed at each value, None where there is none or the point failed.
+        crossings: passages at each value; those up to the critical speed where no max_speed was
+            asked for; empty where the point failed.
+        failures: the points that failed, with what they raised.
+    """
+
+    values: Array
+    critical: tuple[CriticalSpeed | None, ...] = field(repr=False)
+    crossings: tuple[tuple[Crossing, ...], ...] = field(repr=False)
+    failures: tuple[Failure, ...]
+
+    @property
+    def speeds(self) -> Array:
+        """Critical speeds, shape (S,), NaN where there is none."""
+        return np.array([math.nan if c is None else c.speed for c in self.critical])
+
+    @property
+    def frequencies(self) -> Array:
+        """Critical frequencies, shape (S,), NaN where there is none."""
+        return np.array([math.nan if c is None else c.frequency for c in self.critical])
+
+
+def stability_curve(
+    make_model: Callable[[float], AnyModel],
+    values: ArrayLike,
+    max_speed: float | None = None,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> StabilityCurve:
+    """Critical speed against any parameter.
+
+    Args:
+        make_model: the model at a value of the parameter; called in this process, so a lambda will
+            do.
+        values: the parameter, shape (S,).
+        max_speed: collect every passage up to this speed; without it the search ends at the
+            critical speed.
+        executor: a `concurrent.futures.Executor` that takes the points.
+        progress: show progress on stderr.
+
+    Returns:
+        StabilityCurve; a point that fails is recorded in `failures` and the others are kept. A pipe
+        that stays stable is no failure if max_speed is given.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    if max_speed is not None:
+        max_speed = checked_end(max_speed)
+    at, answers, failures = swept(
+        make_model, values, partial(_point, max_speed=max_speed), executor, progress
+    )
+    none: Point = (None, ())
+    critical, found = zip(*(none if one is None else one for one in answers), strict=True)
+    return StabilityCurve(at, critical, found, failures)
+
+
+def swept(
+    make_model: Callable[[float], AnyModel],
+    values: ArrayLike,
+    solve: Callable[[Any], Answer],
+    executor: Executor | None,
+    progress: bool,
+    label: str = "stability curve",
+) -> tuple[Array, list[Answer | None], tuple[Failure, ...]]:
+    """A question asked of a model at each value of a parameter, what fails kept apart.
+
+    Args:
+        make_model: as for `stability_curve`, and so are values, executor and progress.
+        values: the parameter, shape (S,).
+        solve: the question; it pickles if an executor of processes takes it.
+        executor: takes the points.
+        progress: show progress on stderr.
+        label: of the progress bar.
+
+    Returns:
+        The values, shape (S,); the answers, None where the point failed; the failures, in order.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    if not callable(make_model):
+        raise TypeError(
+            f"make_model must be a function of the parameter, got {check.shown(make_model)}"
+        )
+    at = check.array("values", values, longest=100_000)
+    check.executor("executor", executor)
+    shown = check.flag("progress", progress)
+    failures: list[Failure] = []
+    answers: list[Answer | None] = [None] * at.size
+    points: list[tuple[int, AnyModel]] = []
+    for i, value in enumerate(at):
+        try:
+            model = make_model(float(value))
+            checked_model(model)
+            points.append((i, model))
+        except Exception as error:
+            failures.append(Failure(i, float(value), error))
+    for i, outcome in track(_outcomes(points, solve, executor), len(points), label, shown):
+        if isinstance(outcome, Exception):
+            failures.append(Failure(i, float(at[i]), outcome))
+        else:
+            answers[i] = outcome
+    return at, answers, tuple(sorted(failures, key=lambda failure: failure.index))
+
+
+def _outcomes(
+    points: list[tuple[int, AnyModel]],
+    solve: Callable[[Any], Answer],
+    executor: Executor | None,
+) -> Iterable[tuple[int, Answer | Exception]]:
+    if executor is None:
+        for i, model in points:
+            yield i, _outcome(partial(solve, model))
+        return
+    tasks = []
+    for i, model in points:
+        tasks.append((i, executor.submit(solve, model)))
+    for i, task in tasks:
+        yield i, _outcome(task.result)
+
+
+def _outcome(get: Callable[[], Answer]) -> Answer | Exception:
+    try:
+        return get()
+    except Exception as error:
+        return error
+
+
+def _point(model: AnyModel, max_speed: float | None) -> Point:
+    """What a stability curve keeps of one model."""
+    return first_loss(model) if max_speed is None else all_losses(model, max_speed)

@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: MIT
+"""Eigenvalues followed along the flow speed: which at one speed is which at the next.
+
+Two neighbouring samples are joined by cubic Hermite curves through eigenvalues and their slopes
+d lambda / du, which left and right eigenvectors give. How far the two slopes disagree about the
+middle of the step,
+
+    e = |lambda_0 + lambda_0' h/2 - (lambda_1 - lambda_1' h/2)| = O(h^3),
+
+measures how well a curve is known. A match is doubtful where two curves pass within a few e of one
+another; the step is then halved. A pair that meets on the real axis has no slope there, but its sum
+and product run smoothly through the meeting, and are compared instead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from pipedyn.linear.eigensolver import SHIFTS, lowest
+from pipedyn.linear.pencil import Complex, Eigenpairs, Pencil
+from pipedyn.models.base import NotConverged
+from pipedyn.util.check import Array
+
+LONGEST_STEP = 0.5
+"""Steps in u above this are split before anything is believed of them, of a pipe without weight."""
+
+SHORTEST_STEP = 1e-6
+"""Relative to 1 + u; below it the best match is taken as it is."""
+
+MOST_STEPS = 800
+"""Steps tried, beyond four times those needed, before roots are given up as too close."""
+
+ON_AXIS = 1e-10
+"""Real parts of conservative systems below this share of |lambda| are rounding."""
+
+JUMP = 0.1
+"""A root that moves by more than this share of 1 + |lambda| in a shortest step is another one."""
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """Overdamped roots of a Kelvin-Voigt pipe crowd at -1 / delta, where they need no names.
+
+    Attributes:
+        delta: the damping; without it there is no crowd.
+        radius: how far the crowd reaches, in 1 / delta.
+        stuck: |lambda| below which roots count as zero, where they need no names either.
+    """
+
+    delta: float
+    radius: float = 0.5
+    stuck: float = 0.0
+
+    def holds(self, values: Complex) -> NDArray[np.bool_]:
+        """Which roots belong to the crowd."""
+        result: NDArray[np.bool_] = np.abs(self.delta * values + 1.0) < self.radius
+        return result
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The lowest eigenvalues at one speed.
+
+    Attributes:
+        u: the speed.
+        pairs: eigenvalues with both vectors.
+        slopes: d lambda / du, shape (r,).
+        noise: how far rounding may have moved each eigenvalue, shape (r,).
+        signatures: Krein signature of each eigenvalue of a conservative system on the imaginary
+            axis, -1 or 1, and 0 for all others, shape (r,): two alike pass through each other
+            there and stay on the axis.
+    """
+
+    u: float
+    pairs: Eigenpairs
+    slopes: Complex
+    noise: Array
+    signatures: NDArray[np.int8]
+
+    @property
+    def values(self) -> Complex:
+        """lambda, shape (r,)."""
+        return self.pairs.values
+
+
+@dataclass(frozen=True)
+class Step:
+    """Two neighbouring samples and the root of `right` that continues each root of `left`.
+
+    Attributes:
+        left, right: the samples.
+        onto: index in `right` for each root of `left`, shape (r,), -1 where it left the sample.
+        error: e of each root of `left`, shape (r,).
+        meets: for each root, the one it meets on the real axis within the step, or -1.
+    """
+
+    left: Sample
+    right: Sample
+    onto: Indices
+    error: Array
+    meets: Indices
+
+    @property
+    def length(self) -> float:
+        """H = u_1 - u_0."""
+        return self.right.u - self.left.u
+
+    @property
+    def shortest(self) -> bool:
+        """Whether the step will not be halved again."""
+        return self.length <= 2.0 * SHORTEST_STEP * (1.0 + self.right.u)
+
+    def lost(self, roots: Indices) -> NDArray[np.bool_]:
+        """Which roots have left the eigenvalues computed and were matched to others."""
+        if not self.shortest:
+            return np.zeros(roots.size, dtype=np.bool_)
+        a, b = self.left.values[roots], self.right.values[self.onto[roots]]
+        jump: NDArray[np.bool_] = np.abs(b - a) > JUMP * (1.0 + np.abs(a))
+        return jump
+
+    def hermite(self, roots: Indices, t: Array) -> Complex:
+        """The cubics of some roots at fractions t of the step, shape (len(roots), len(t))."""
+        a, b = self.left.values[roots], self.right.values[self.onto[roots]]
+        da = self.left.slopes[roots] * self.length
+        db = self.right.slopes[self.onto[roots]] * self.length
+        return hermite(a, b, da, db, t)
+
+
+def hermite(a: Complex, b: Complex, da: Complex, db: Complex, t: Array) -> Complex:
+    """Cubics with values a, b and slopes da, db at t = 0 and 1, shape (len(a), len(t))."""
+    a, b, da, db = (np.asarray(v)[:, None] for v in (a, b, da, db))
+    result: Complex = (
+        a * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+        + b * (3.0 - 2.0 * t) * t**2
+        + da * t * (1.0 - t) ** 2
+        - db * t**2 * (1.0 - t)
+    )
+    return result
+
+
+def pairs_at(pencil: Pencil, u: float, count: int | None) -> Eigenpairs:
+    """The `count` lowest eigenvalues (all without) at speed u, with both vectors.
+
+    Raises:
+        NotConverged: if double precision does not hold one of them.
+    """
+    pairs = lowest(pencil, u, count, left=True, high=False)
+    if not np.isfinite(pairs.values).all():
+        raise NotConverged(f"an eigenvalue at u = {u:g} is beyond double precision")
+    return pairs
+
+
+def sample(pencil: Pencil, u: float, count: int | None) -> Sample:
+    """The `count` lowest eigenvalues (all without) at speed u, with slopes; no slope reads 0."""
+    pairs = pairs_at(pencil, u, count)
+    slopes = pencil.slopes(u, pairs)
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+    noise = _noise(pencil.uncertainties(u, pairs), pairs.values)
+    signatures = np.zeros(pairs.values.size, dtype=np.int8)
+    if pencil.is_conservative:
+        # Eigenvalues come in fours: what is on the axis is there exactly, and moves along it.
+        near = np.abs(pairs.values.real) <= noise + ON_AXIS * np.abs(pairs.values)
+        on_axis = near & (pairs.values.imag != 0.0)
+        pairs.values.real[on_axis], slopes.real[on_axis] = 0.0, 0.0
+        # The sign of x^H (2 omega M - i G) x, a mode's energy by its frequency.
+        energy = pencil.derivative(u, pairs.values, pairs.right, pairs.right).imag
+        signatures[on_axis] = np.sign(energy[on_axis])
+    return Sample(u, pairs, slopes, noise, signatures)
+
+
+def _noise(uncertain: Array, values: Complex) -> Array:
+    """Residuals and rounding, taken to lambda; where roots meet they scatter by its root."""
+    size = np.abs(values)
+    nearest = max(float(np.abs(values - SHIFTS[0]).min(initial=np.inf)), 1e-3)
+    of_mu = 1e-14 * size + 40.0 * np.finfo(float).eps * size**2 / nearest
+    noise: Array = np.maximum(of_mu, np.minimum(uncertain, 1e-7 * (1.0 + size)))
+    return noise
+
+
+def march(
+    take: Callable[[float], Sample],
+    first: Sample,
+    speeds: Iterable[float],
+    followed: Indices,
+    crowd: Crowd,
+    sure: Callable[[Step], bool] = lambda step: True,
+    longest: float = LONGEST_STEP,
+) -> Iterator[Step]:
+    """Steps from the first sample through all speeds, short enough to be believed.
+
+    Args:
+        take: gives the sample at a speed.
+        first: the sample to start from.
+        speeds: strictly increasing, above the first sample's.
+        followed: the roots of the first sample that must be followed with certainty; the others
+            are matched as well as they can be.
+        crowd: roots that need not be told apart.
+        sure: a further condition that a step must meet, unless it is the shortest.
+        longest: step in u above which it is split before anything is believed of it.
+
+    Raises:
+        NotConverged: if the steps become too many.
+    """
+    ahead = list(speeds)[::-1]
+    patience = MOST_STEPS + 4 * len(ahead)
+    if ahead:
+        patience += math.ceil(4.0 * (ahead[0] - first.u) / longest)
+    left = first
+    stack: list[Sample] = []
+    while ahead or stack:
+        if not stack:
+            stack.append(take(ahead.pop()))
+        right = stack[-1]
+        middle = 0.5 * (left.u + right.u)
+        if right.u - left.u > longest * (1.0 + 1e-12):
+            stack.append(take(middle))
+            continue
+        patience -= 1
+        if patience < 0:
+            raise NotConverged(f"eigenvalues near u = {left.u:.6g} are too close to be followed")
+        step, clear = _join(left, right, followed, crowd)
+        if not step.shortest and not (clear and sure(step)):
+            stack.append(take(middle))
+            continue
+        yield step
+        followed = step.onto[followed]
+        followed = followed[followed >= 0]
+        left = stack.pop()
+
+
+def _join(left: Sample, right: Sample, followed: Indices, crowd: Crowd) -> tuple[Step, bool]:
+    """The best match of two samples, and whether it is beyond doubt for the followed roots."""
+    h = right.u - left.u
+    ahead = left.values + 0.5 * h * left.slopes
+    behind = right.values - 0.5 * h * right.slopes
+    cost = np.abs(ahead[:, None] - behind[None, :])
+    # Values within the step's reach settle what slopes near a meeting cannot.
+    plain = np.abs(left.values[:, None] - right.values[None, :])
+    rows, columns = linear_sum_assignment(np.minimum(cost, plain))
+    onto = np.full(left.values.size, -1, dtype=np.intp)
+    onto[rows] = columns
+    error = np.full(left.values.size, np.inf)
+    error[rows] = cost[rows, columns]
+    meets = np.full(left.values.size, -1, dtype=np.intp)
+    step = Step(left, right, onto, error, meets)
+    matched = onto >= 0
+    if not matched[followed].all():
+        return step, False
+    # Zero roots at rest (free joints) are alike and have no slope of their own there: lambda leaves
+    # like u, lambda^2 like u^2.
+    resting = matched & (left.values == 0.0) & (left.u == 0.0)
+    if resting.any():
+        there, behind = right.values[onto[resting]], h * right.slopes[onto[resting]]
+        linear, square = 0.5 * np.abs(there - behind), np.abs(there - 0.5 * behind)
+        slopes = left.slopes.copy()
+        slopes[resting] = np.where(linear < square, there / h, 0.0)
+        step = replace(step, left=replace(left, slopes=slopes))
+        error[resting] = np.minimum(linear, square)
+    roots = np.flatnonzero(matched)
+    t = np.linspace(0.0, 1.0, 9)
+    curves = step.hermite(roots, t)
+    position = np.full(left.values.size, -1, dtype=np.intp)
+    position[roots] = np.arange(roots.size)
+    mine = position[followed]
+    gaps = np.full((mine.size, roots.size), np.inf)
+    for k in range(t.size):
+        apart = np.abs(curves[mine, None, k] - curves[None, :, k])
+        if t[k] == 0.0:
+            apart[resting[followed, None] & resting[None, roots]] = np.inf
+        np.minimum(gaps, apart, out=gaps)
+    doubt = gaps < 3.0 * (error[followed, None] + error[None, roots])
+    doubt[np.arange(mine.size), mine] = False
+    stuck = (np.abs(left.values) < crowd.stuck) & (np.abs(right.values[onto]) < crowd.stuck)
+    doubt &= ~(stuck[followed, None] & stuck[None, roots])
+    crowded = crowd.holds(left.values) & crowd.holds(right.values[onto])
+    doubt &= ~(crowded[followed, None] & crowded[None, roots])
+    before, after = left.signatures, right.signatures[onto]
+    same = (before[followed, None] == before[None, roots]) & (before[followed, None] != 0)
+    doubt &= ~(same & (after[followed, None] == after[None, roots]) & (after[followed, None] != 0))
+    for m, r in zip(*np.nonzero(doubt), strict=True):
+        i, k = int(followed[m]), int(roots[r])
+        if meets[i] < 0 and meets[k] < 0 and _meeting(step, i, k):
+            meets[i], meets[k] = k, i
+            _order_meeting(step, i, k)
+    met = meets >= 0
+    clear = not (doubt & ~met[followed, None] & ~met[None, roots]).any()
+    return step, clear
+
+
+def _twins(values: Complex, i: int, k: int) -> bool:
+    return bool(values[i].imag != 0.0 and values[i] == np.conj(values[k]))
+
+
+def _meeting(step: Step, i: int, k: int) -> bool:
+    """Whether roots i and k are one conjugate pair that turns real, or two reals that pair up."""
+    a, b = step.left.values, step.right.values
+    j, m = int(step.onto[i]), int(step.onto[k])
+    real_before = a[i].imag == 0.0 and a[k].imag == 0.0
+    real_after = b[j].imag == 0.0 and b[m].imag == 0.0
+    before, after = _twins(a, i, k), _twins(b, j, m)
+    if not ((before and after) or (before and real_after) or (real_before and after)):
+        return False
+    da, db = step.left.slopes, step.right.slopes
+    half = 0.5 * step.length
+    total = (a[i] + a[k]) - (b[j] + b[m]) + half * (da[i] + da[k] + db[j] + db[m])
+    product = a[i] * a[k] - b[j] * b[m]
+    product += half * (da[i] * a[k] + a[i] * da[k] + db[j] * b[m] + b[j] * db[m])
+    centre = 0.5 * (a[i] + a[k])
+    others = np.delete(a, [i, k])
+    room = float(np.abs(others - centre).min()) if others.size else max(abs(centre), 1.0)
+    return bool(abs(total) < 0.02 * room and abs(product) < 0.02 * room**2)
+
+
+def _order_meeting(step: Step, i: int, k: int) -> None:
+    """Which is which after a meeting is a convention: upper to upper, upper to the greater real."""
+    a, b = step.left.values, step.right.values
+    j, m = step.onto[i], step.onto[k]
+
+    def rank(value: complex) -> tuple[float, float]:
+        return (value.imag, value.real)
+
+    if (rank(a[i]) > rank(a[k])) != (rank(b[j]) > rank(b[m])):
+        step.onto[i], step.onto[k] = m, j

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The models of a pipe: chain, reduced model, continuous pipe and scenes from parts."""

@@ -1,0 +1,438 @@
+# SPDX-License-Identifier: MIT
+"""What every model answers: its size, its operators, its motion and the line it draws."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn import _core
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+DENSE_LIMIT = 4000
+"""Largest dof for which dense operators are made: six matrices of 128 MB."""
+
+
+LARGEST_RESULT = 1_000_000_000
+"""Numbers in one result: 8 GB, and twice that if they are complex."""
+
+
+BALANCED = 1e-7
+"""Force that may be left unbalanced at an equilibrium, beside 1 + |gamma| + a u^2."""
+
+
+LARGEST_ANGLE = 1e6
+"""Coordinates of a shape; sine and cosine of greater angles lose their digits."""
+
+
+class PipedynError(Exception):
+    """What the package could not compute; every other error it raises is about an argument.
+
+    The first argument is the message, those after it what comes along.
+    """
+
+    def __str__(self) -> str:
+        return str(self.args[0]) if self.args else ""
+
+
+class NotConverged(PipedynError):
+    """A result that did not meet its tolerance; what there is of it comes along.
+
+    Attributes:
+        result: the result as far as it got, or None.
+    """
+
+    def __init__(self, message: str, result: Any = None) -> None:
+        super().__init__(message, result)
+        self.result = result
+
+
+@dataclass(frozen=True)
+class Operators:
+    """Linear operators about a configuration at rest, each of shape (dof, dof).
+
+    M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
+    K = stiffness + a u^2 flux. gyroscopic is skew and end_flux symmetric of rank one, about a bent
+    pipe two; both carry sqrt(beta).
+
+    Attributes:
+        mass: M, symmetric and positive definite.
+        gyroscopic: Coriolis part, skew.
+        end_flux: flux through the free end, symmetric.
+        damping: Kelvin-Voigt damping, symmetric; of a scene also what else resists velocities.
+        stiffness: springs or bending, and gravity; symmetric unless a custom module is not.
+        flux: centrifugal force and the end's follower force.
+        direction: s, 1 ejecting and -1 aspirating.
+        centrifugal: a, 1 ejecting and alpha aspirating.
+    """
+
+    mass: Array
+    gyroscopic: Array
+    end_flux: Array
+    damping: Array
+    stiffness: Array
+    flux: Array
+    direction: float
+    centrifugal: float
+
+    def at(self, u: float) -> tuple[Array, Array, Array]:
+        """(M, C, K) at flow speed u >= 0."""
+        u = check.real("u", u, low=0.0, high=1e100)
+        velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
+        return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
+
+
+@dataclass(frozen=True)
+class Power:
+    """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
+
+    Attributes:
+        flow: of the flow, all of it at the free end.
+        joints: of Kelvin-Voigt damping, <= 0.
+        drag: of quadratic drag, <= 0.
+        others: of what is no part of a plain pipe.
+    """
+
+    flow: float | Array
+    joints: float | Array
+    drag: float | Array
+    others: float | Array
+
+    @property
+    def total(self) -> float | Array:
+        """dE/dt along the motion."""
+        return self.flow + self.joints + self.drag + self.others
+
+
+def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
+    """The core's matrices with the pipe's two flow factors."""
+    return Operators(
+        *(core.mass, core.gyroscopic, core.end_flux),
+        *(core.damping, core.stiffness, core.flux),
+        *(pipe.direction, pipe.centrifugal),
+    )
+
+
+def core_pipe(pipe: Pipe) -> _core.Pipe:
+    """The pipe's numbers as the core takes them."""
+    return _core.Pipe(
+        beta=pipe.beta,
+        gamma=pipe.gamma,
+        centrifugal=pipe.centrifugal,
+        drag=pipe.drag,
+        damping=pipe.damping,
+        aspirating=pipe.flow == "aspirating",
+    )
+
+
+def checked_pipe(pipe: Any) -> Pipe:
+    """The argument, if it is a pipe."""
+    if not isinstance(pipe, Pipe):
+        raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
+    return pipe
+
+
+class Moving(Protocol):
+    """Equations of motion as integrators take them."""
+
+    def rhs_and_power(self, t: Any, y: Any, u: Any) -> Array:
+        """Rates of [p, p', work done], shape (2 moving + 1,) or (2 moving + 1, k)."""
+
+    def energy(self, y: Any) -> float | Array:
+        """Energy of states [q, q'], a number or shape (k,)."""
+
+    def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
+        """Power of flow, joints, drag and, where there are any, other parts."""
+
+
+class Model(ABC):
+    """A pipe with a finite number of degrees of freedom. Immutable; models pickle.
+
+    Beside the coordinates q that users see, each model has elastic coordinates z, in which the
+    elastic energy is |z|^2 / 2: eigenvalues are computed there, where small ones survive rounding.
+    """
+
+    @property
+    @abstractmethod
+    def pipe(self) -> Pipe:
+        """The pipe."""
+
+    @property
+    @abstractmethod
+    def dof(self) -> int:
+        """Number of degrees of freedom."""
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates of a state; more than dof where constraints tie them."""
+        return self.dof
+
+    @property
+    def approximates_pipe(self) -> bool:
+        """Whether the model tends to the continuous pipe as it grows."""
+        return True
+
+    @property
+    def fitted_size(self) -> float:
+        """What other parts than the pipe add to the stiffness of elastic coordinates, about."""
+        return 0.0
+
+    @property
+    def rests_straight(self) -> bool:
+        """Whether linear questions are asked about the straight pipe."""
+        return True
+
+    @property
+    def resisted(self) -> bool:
+        """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
+        return False
+
+    @property
+    def elastic_share(self) -> Array:
+        """Elastic stiffness by the elastic coordinates: 1 each, less where a joint has none."""
+        return np.ones(self.dof)
+
+    @property
+    def stations(self) -> Array:
+        """Arc lengths among which the largest displacement of a mode is found."""
+        return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))
+
+    def unbalanced(self, u: float) -> float:
+        """Largest force at rest where the model is linearised, beside 1 + |gamma| + a u^2."""
+        return 0.0
+
+    def require_equilibrium(self, *speeds: float) -> None:
+        """Raises ValueError if the model cannot rest, where it is linearised, at a flow speed."""
+        for u in speeds:
+            rest = self.unbalanced(u)
+            if rest > BALANCED:
+                raise ValueError(
+                    f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
+                    f"force of {rest:.1e}; choose about(equilibrium(..., u))"
+                )
+
+    @abstractmethod
+    def with_pipe(self, pipe: Pipe) -> Model:
+        """The same discretisation, springs included, of another pipe."""
+
+    @abstractmethod
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """Linear operators in q about a configuration at rest, the straight pipe where not given.
+
+        Raises:
+            ValueError: for coordinates out of range or of another shape, or more than 4000 degrees
+                of freedom.
+            TypeError: for what is no array of real numbers.
+        """
+
+    @abstractmethod
+    def elastic_operators(self) -> Operators:
+        """The same operators in elastic coordinates z."""
+
+    @abstractmethod
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape.
+
+        Raises:
+            ValueError, TypeError: for z of another shape, or not of finite numbers.
+        """
+
+    @abstractmethod
+    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+        """dy/dt of the state y = [q, q'], shape (2 dof,) or (2 dof, k); u a number or (k,)."""
+
+    @abstractmethod
+    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
+        """Derivative of `rhs` with respect to the state, analytic, shape (2 dof, 2 dof)."""
+
+    @property
+    @abstractmethod
+    def motion(self) -> Moving:
+        """The equations of motion; `rhs_and_power` takes [p, p', work done]."""
+
+    @property
+    def moving(self) -> int:
+        """Number of coordinates p that an integrator advances."""
+        return self.coordinates
+
+    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        """[p, p'] to integrate from, shape (2 moving,), of what `simulate` is given."""
+        state = np.zeros(2 * self.dof)
+        state[: self.dof] = check.array("q0", q0, size=self.dof, low=-1e6, high=1e6)
+        if qdot0 is not None:
+            state[self.dof :] = check.array("qdot0", qdot0, size=self.dof, low=-1e6, high=1e6)
+        return state
+
+    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        """Coordinates and rates, (S, coordinates) each, of what is integrated, (S, moving)."""
+        return p, pdot
+
+    def resting(self) -> Array:
+        """Where p is at rest, shape (moving,)."""
+        return np.zeros(self.moving)
+
+    def motion_jacobian(self, y: Array, u: float) -> Array:
+        """Derivative of the rates of [p, p'], shape (2 moving, 2 moving)."""
+        return self.jacobian(0.0, y, u)
+
+    def energy(self, y: ArrayLike) -> float | Array:
+        """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
+
+        Args:
+            y: state [q, q'], shape (2 coordinates,) or (2 coordinates, k).
+
+        Returns:
+            A number, or for k states shape (k,).
+
+        Raises:
+            ValueError: for another shape, NaN or infinity.
+            TypeError: for what is no array of real numbers.
+        """
+        return self.motion.energy(y)
+
+    def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
+        """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
+
+        Args:
+            y: state [q, q'], shape (2 coordinates,) or (2 coordinates, k).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            Power by what does the work, numbers or shape (k,) each.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+        """
+        flow, joints, drag, *others = self.motion.power(y, u)
+        return Power(flow, joints, drag, others[0] if others else 0.0 * drag)
+
+    @abstractmethod
+    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
+        """Centreline (x, y) at arc lengths s, shape (len(s), 2); x transverse, y downward."""
+
+    @abstractmethod
+    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement for small q at arc lengths s.
+
+        Args:
+            q: coordinates, real or complex, shape (dof,) or (dof, k).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+
+        Returns:
+            Displacements, shape (p,) or (p, k).
+
+        Raises:
+            ValueError, TypeError: for coordinates or arc lengths that are not such.
+        """
+
+    @abstractmethod
+    def tips(self, q: ArrayLike) -> Array:
+        """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k)."""
+
+    @abstractmethod
+    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
+        """Velocities (x', y') of the free end, exact, (k, 2), for k states, (coordinates, k)."""
+
+    @abstractmethod
+    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        """Coordinates of a bent pipe, so that models may start alike.
+
+        Args:
+            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+
+        Returns:
+            q, shape (dof,).
+
+        Raises:
+            TypeError: if angle is no function.
+            ValueError: if it gives another shape, or no finite numbers.
+        """
+
+    @staticmethod
+    def _angles(angle: Callable[[Array], ArrayLike], s: Array) -> Array:
+        if not callable(angle):
+            raise TypeError(f"angle must be a function of arc length, got {check.shown(angle)}")
+        return check.array(
+            "angle(s)", angle(s), size=s.size, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
+        )
+
+    def tip(self, q: ArrayLike) -> Array:
+        """Position (x, y) of the free end, shape (2,)."""
+        tip: Array = self.shape(q, [1.0])[0]
+        return tip
+
+    def _check_dense(self) -> None:
+        if self.dof > DENSE_LIMIT:
+            raise ValueError(
+                f"dense operators need at most {DENSE_LIMIT} degrees of freedom, got {self.dof}; "
+                "eigenvalues, modes and root_loci take larger chains with count="
+            )
+
+    def _coordinates(self, q: ArrayLike) -> Array:
+        return check.array("q", q, size=self.dof, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+
+    def _columns(self, name: str, given: ArrayLike, size: int | None = None) -> NDArray[Any]:
+        """Numbers of one or several columns, shape (size, ...), dof by default; real or complex."""
+        size = self.dof if size is None else size
+        columns = check.numbers(
+            *(name, given, "an array of real or complex numbers"),
+            kinds="iufc",
+            longest=LARGEST_RESULT,
+        )
+        if columns.ndim == 0 or columns.shape[0] != size or columns.size == 0:
+            raise ValueError(f"{name} must have shape ({size}, ...), got {columns.shape}")
+        good = np.isfinite(columns)
+        if not good.all():
+            where = tuple(int(i) for i in np.unravel_index(np.argmin(good), good.shape))
+            index = where[0] if len(where) == 1 else where
+            raise ValueError(
+                f"{name} must be finite, got {columns[where].item()!r} at index {index}"
+            )
+        return columns
+
+    def _moving_columns(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
+        """Coordinates and rates of k states, (coordinates, k) each."""
+        columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
+        if columns.shape != rates.shape:
+            raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
+        return columns, rates
+
+    def _configurations(self, name: str, given: ArrayLike) -> Array:
+        """Coordinates of k configurations, (coordinates, k)."""
+        size = self.coordinates
+        columns = self._columns(name, given, size)
+        if columns.ndim != 2:
+            raise ValueError(f"{name} must have shape ({size}, k), got {columns.shape}")
+        if columns.dtype.kind == "c":
+            raise TypeError(f"{name} must be real, got complex numbers")
+        return columns
+
+    def _displaced(self, q: ArrayLike, points: int) -> NDArray[Any]:
+        """Coordinates to be displaced at so many points, shape (dof,) or (dof, k)."""
+        columns = self._columns("q", q)
+        if columns.ndim > 2:
+            rule = f"({self.dof},) or ({self.dof}, k)"
+            raise ValueError(f"q must have shape {rule}, got {columns.shape}")
+        wide = columns.size // self.dof
+        if wide * points > LARGEST_RESULT:
+            raise ValueError(
+                f"q and s must ask for at most {LARGEST_RESULT} numbers, got {wide} columns of q "
+                f"at {points} points"
+            )
+        return columns
+
+
+def arc_lengths(s: ArrayLike) -> Array:
+    """Points on the pipe, 0 <= s <= 1, shape (k,)."""
+    return check.array("s", s, low=0.0, high=1.0)
+
+
+__all__ = ["Model", "NotConverged", "Operators", "PipedynError", "Power"]

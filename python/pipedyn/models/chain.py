@@ -1,0 +1,468 @@
+# SPDX-License-Identifier: MIT
+"""The chain: n rigid segments joined by torsional springs, and the rules that set the springs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from pipedyn import _core
+from pipedyn.models.base import (
+    Model,
+    Operators,
+    arc_lengths,
+    checked_pipe,
+    core_pipe,
+    operators_from,
+)
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
+FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
+"""Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
+
+LARGEST_CHAIN = 1_000_000
+SHORTEST_SEGMENT = 1e-7
+"""Shorter segments, or a last one with less inertia, are lost in rounding beside the others."""
+
+
+class Chain(Model):
+    """A chain of n rigid segments, the lumped-parameter model of a pipe.
+
+    Coordinates: the angles theta_j of the segments from the straight pipe, shape (n,), from the
+    clamp to the free end.
+
+    Args:
+        pipe: the pipe.
+        n: number of segments; not needed where an array tells it.
+        springs: stiffness k_j of the joint at each segment's clamped side, in EI / L, shape (n,),
+            each >= 0; or a rule:
+            "consistent": 1 / k_j is the length that lies nearer to joint j than to any other, with
+            all of the base at the first; n on n equal segments, but 2 n at the clamp. Second order.
+            "midpoint": n equal cells with a joint in the middle of each, all springs n; half a
+            cell stays fixed at the clamp and the last segment is half a cell. Second order.
+            "uniform": all springs n. First order.
+            "frequency": all equal, the chain's first frequency without flow and gravity that of
+            the cantilever. First order.
+            "rayleigh" (the paper's): all equal; the Rayleigh quotient of the tip-load shape,
+            sampled at the joints, that of the cantilever's first frequency. It does not converge
+            to the continuous pipe: frequencies and critical speed end 1.44 % low.
+        lengths: of the segments in L, shape (n,), each > 0; equal where not given.
+        centers: centre of mass of each segment as a fraction chi_j of its length, shape (n,), in
+            [0, 1]; 1/2 where not given.
+        gyration_radii: eta_j in L, about the centre of mass, shape (n,), >= 0; l_j / sqrt(12),
+            that of a homogeneous segment, where not given.
+        drag_points: where drag acts, as a fraction xi_j of the length, shape (n,), in [0, 1]; 1/2
+            where not given.
+        base: length of the fixed part at the clamp, in L; base + sum(lengths) = 1.
+
+    Raises:
+        ValueError: for a number out of range, arrays that do not fit one another, lengths that do
+            not add up, more than a million segments, or "midpoint" with lengths or a base.
+        TypeError: for what is no number, array or pipe.
+
+    Source: Orsino and Di Giulio, eqs. (1)-(11) and the modal analysis; "midpoint" after Paidoussis
+    and Deksnis (1970).
+    """
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        n: int | None = None,
+        *,
+        springs: str | ArrayLike = "consistent",
+        lengths: ArrayLike | None = None,
+        centers: ArrayLike | None = None,
+        gyration_radii: ArrayLike | None = None,
+        drag_points: ArrayLike | None = None,
+        base: float = 0.0,
+    ) -> None:
+        self._pipe = checked_pipe(pipe)
+        rule = check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
+        base = check.real("base", base, low=0.0, high=1.0, open_high=True)
+        n = _segment_count(
+            n,
+            lengths=lengths,
+            springs=None if rule else springs,
+            centers=centers,
+            gyration_radii=gyration_radii,
+            drag_points=drag_points,
+        )
+        if lengths is not None:
+            self._lengths = check.array("lengths", lengths, size=n, low=0.0, open_low=True)
+        elif rule != "midpoint":
+            self._lengths = _frozen(np.full(n, (1.0 - base) / n))
+        if rule == "midpoint":
+            if lengths is not None or base != 0.0:
+                raise ValueError(
+                    "springs='midpoint' cuts the pipe itself: give neither lengths nor base"
+                )
+            base = 0.5 / n
+            cells = np.full(n, 1.0 / n)
+            cells[-1] = 0.5 / n
+            self._lengths = _frozen(cells)
+        total = base + math.fsum(self._lengths)
+        if abs(total - 1.0) > 1e-9:
+            raise ValueError(f"base + sum(lengths) must be 1, got {total!r}")
+        shortest = float(self._lengths.min())
+        if shortest < SHORTEST_SEGMENT:
+            raise ValueError(f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {shortest}")
+        self._base = base
+        self._centers = _fractions("centers", centers, n)
+        self._drag_points = _fractions("drag_points", drag_points, n)
+        if gyration_radii is None:
+            self._gyration_radii = _frozen(self._lengths / math.sqrt(12.0))
+        else:
+            self._gyration_radii = check.array(
+                "gyration_radii", gyration_radii, size=n, low=0.0, high=1e3
+            )
+        arm = self._centers[-1] * self._lengths[-1] + self._gyration_radii[-1]
+        if arm < 0.1 * SHORTEST_SEGMENT:
+            raise ValueError(
+                "centers and gyration_radii must not both be 0 at the last segment: "
+                "it would turn without inertia"
+            )
+        self._rule = rule
+        if rule is None:
+            self._springs = check.array("springs", springs, size=n, low=0.0, high=1e15)
+        else:
+            self._springs = _frozen(self._springs_by_rule(rule))
+        self._approximates = rule is not None and centers is None and gyration_radii is None
+
+    def _springs_by_rule(self, rule: str) -> Array:
+        n = self.dof
+        if rule == "consistent":
+            inner = np.concatenate([[2.0 * self._base], self._lengths[:-1]])
+            springs: Array = 2.0 / (inner + self._lengths)
+            return springs
+        if rule == "rayleigh":
+            joints = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])
+            joints[0] = 0.0  # a fixed part does not bend: the first angle is measured from the axis
+            tip_load = joints**2 * (3.0 - joints)
+            angles = np.diff(tip_load) / self._lengths
+            turns = np.diff(angles, prepend=0.0)
+            kinetic = angles @ self._with_springs(np.ones(n)).mass_times(angles[:, None])[:, 0]
+            return np.full(n, FIRST_BEAM_EIGENVALUE * kinetic / (turns @ turns))
+        if rule == "frequency":
+            return np.full(n, FIRST_BEAM_EIGENVALUE * self._largest_compliance())
+        return np.full(n, float(n))  # "uniform" and "midpoint"
+
+    def _largest_compliance(self) -> float:
+        """1 / omega_1^2 of the chain with unit springs, by Lanczos in joint angles, O(n) a step."""
+        chain = self._with_springs(np.ones(self.dof))
+
+        def inertia(joint_angles: Array) -> Array:
+            angles = np.cumsum(joint_angles.reshape(-1, 1), axis=0)
+            return np.cumsum(chain.mass_times(angles)[::-1, 0])[::-1]
+
+        if self.dof == 1:
+            return float(inertia(np.ones(1))[0])
+        operator = LinearOperator((self.dof, self.dof), matvec=inertia, dtype=np.float64)
+        start = np.linspace(1.0, 0.0, self.dof, endpoint=False)
+        return float(eigsh(operator, k=1, which="LA", v0=start, return_eigenvectors=False)[0])
+
+    def _with_springs(self, springs: Array) -> _core.Chain:
+        return _core.Chain(
+            pipe=core_pipe(self._pipe),
+            length=self._lengths,
+            center=self._centers,
+            gyration_radius=self._gyration_radii,
+            spring=springs,
+            drag_point=self._drag_points,
+            base=self._base,
+        )
+
+    @cached_property
+    def core(self) -> _core.Chain:
+        """The compiled chain."""
+        return self._with_springs(self._springs)
+
+    @property
+    def motion(self) -> _core.Chain:
+        """The compiled chain."""
+        return self.core
+
+    def braced(self, springs: Array) -> _core.Chain:
+        """The compiled chain with springs added to its own, shape (n,)."""
+        return self._with_springs(self._springs + springs)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "core"}
+
+    def __repr__(self) -> str:
+        rule = repr(self._rule) if self._rule else "array"
+        return f"Chain({self._pipe!r}, n={self.dof}, springs={rule})"
+
+    @property
+    def pipe(self) -> Pipe:
+        """The pipe."""
+        return self._pipe
+
+    @property
+    def dof(self) -> int:
+        """Number of segments n."""
+        return self._lengths.size
+
+    @property
+    def rule(self) -> str | None:
+        """Name of the spring rule, None for springs of the user's own."""
+        return self._rule
+
+    @property
+    def approximates_pipe(self) -> bool:
+        """Whether springs and inertia follow from the pipe, not from arrays of the user's."""
+        return self._approximates
+
+    @property
+    def lengths(self) -> Array:
+        """l_j, shape (n,)."""
+        return self._lengths
+
+    @property
+    def springs(self) -> Array:
+        """k_j, shape (n,)."""
+        return self._springs
+
+    @property
+    def centers(self) -> Array:
+        """chi_j, shape (n,)."""
+        return self._centers
+
+    @property
+    def gyration_radii(self) -> Array:
+        """eta_j, shape (n,)."""
+        return self._gyration_radii
+
+    @property
+    def drag_points(self) -> Array:
+        """xi_j, shape (n,)."""
+        return self._drag_points
+
+    @property
+    def base(self) -> float:
+        """Length of the fixed part at the clamp."""
+        return self._base
+
+    def with_pipe(self, pipe: Pipe) -> Chain:
+        """The same segments and springs with another pipe's numbers."""
+        other = Chain.__new__(Chain)
+        other.__dict__.update(self.__getstate__())
+        other._pipe = checked_pipe(pipe)
+        return other
+
+    @cached_property
+    def elastic_scale(self) -> Array:
+        """Joint angle of one elastic coordinate, shape (n,): 1 / sqrt(k_j)."""
+        return _frozen(elastic_scale(self._springs))
+
+    @property
+    def elastic_share(self) -> Array:
+        """Elastic stiffness of each elastic coordinate, shape (n,)."""
+        share: Array = self._springs * self.elastic_scale**2
+        return share
+
+    @property
+    def stations(self) -> Array:
+        """Arc lengths of the nodes: polylines peak there."""
+        return np.minimum(self._base + np.cumsum(self._lengths), 1.0)
+
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """Linear operators about a configuration at rest, in the angles theta.
+
+        Mass, gyroscopic, end_flux and damping are what multiplies theta'' and theta' there; at rest
+        drag has no linear part. stiffness is the derivative of the moments of springs and gravity,
+        flux that of the follower force's. Small motions about q obey them where q is an
+        equilibrium at the speed in question; elsewhere `jacobian` at rest has besides these the
+        derivative of the mass, -M^-1 (dM/dq q'').
+
+        Args:
+            q: angles theta, rad, shape (n,); the straight pipe where not given.
+
+        Returns:
+            Six matrices, each (n, n).
+
+        Raises:
+            ValueError: for angles out of range or of another shape, or more than 4000 segments.
+            TypeError: for what is no array of real numbers.
+        """
+        self._check_dense()
+        if q is None:
+            return operators_from(self.core.operators(), self._pipe)
+        return operators_from(self.core.operators(self._coordinates(q)), self._pipe)
+
+    def elastic_operators(self) -> Operators:
+        """The same operators in the joint angles divided by `elastic_scale`."""
+        self._check_dense()
+        return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
+
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        """Angles, shape (n, ...), from elastic coordinates of the same shape.
+
+        Raises:
+            ValueError, TypeError: for z of another shape, or not of finite numbers.
+        """
+        joints = (self.elastic_scale * self._columns("z", z).T).T
+        return np.cumsum(joints, axis=0, out=joints)
+
+    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+        """Rate of the state, exact at any amplitude, in O(n).
+
+        Flow, gravity, springs, joint damping and quadratic drag at the drag points, each only where
+        the pipe has it. A batch is one call; its members go through the processor's vectors
+        together. Several threads may call one chain at once.
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [theta, theta'], rad and rad per unit time, shape (2 n,), or (2 n, k) for k
+                states; k may be 0.
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            dy/dt = [theta', theta''], of the shape of y.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+
+        Source: Orsino and Di Giulio, eqs. (1)-(11), solved by recursion over the segments.
+        """
+        return self.core.rhs(t, y, u)
+
+    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
+        """Derivative of `rhs` with respect to the state, analytic, in O(n^2).
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [theta, theta'], shape (2 n,).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
+
+        Returns:
+            d(dy/dt)/dy, shape (2 n, 2 n). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 4000
+                segments.
+            TypeError: for what is no array of real numbers.
+        """
+        self._check_dense()
+        return self.core.jacobian(t, y, u)
+
+    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
+        """Centreline (x, y) at arc lengths s, shape (len(s), 2).
+
+        Args:
+            q: angles theta, rad, shape (n,).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
+
+        Raises:
+            ValueError: for angles or arc lengths out of range or of another shape.
+        """
+        angles = self._coordinates(q)
+        at = arc_lengths(s)
+        x = self._along(self._lengths * np.sin(angles), at)
+        y = self._along(self._lengths * np.cos(angles), at) + np.minimum(at, self._base)
+        return np.stack([x, y], axis=-1)
+
+    def tips(self, q: ArrayLike) -> Array:
+        """Positions (x, y) of the free end, shape (k, 2), for k configurations, angles (n, k)."""
+        angles = self._configurations("q", q)
+        down = self._base + self._lengths @ np.cos(angles)
+        return np.stack([self._lengths @ np.sin(angles), down], axis=-1)
+
+    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
+        """Velocities (x', y') of the free end in L / T, exact.
+
+        Args:
+            q: angles theta of k states, rad, shape (n, k).
+            qdot: their rates, rad / T, shape (n, k).
+
+        Returns:
+            Shape (k, 2).
+
+        Raises:
+            ValueError, TypeError: for what has another shape, or is not of finite real numbers.
+        """
+        angles, rates = self._moving_columns(q, qdot)
+        across = self._lengths @ (rates * np.cos(angles))
+        return np.stack([across, -self._lengths @ (rates * np.sin(angles))], axis=-1)
+
+    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        """Angles of the segments of a bent pipe, shape (n,): theta(s) at their middles.
+
+        Args:
+            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+
+        Raises:
+            TypeError: if angle is no function.
+            ValueError: if it gives another shape, or no finite numbers.
+        """
+        ends = self._base + np.cumsum(self._lengths)
+        return self._angles(angle, ends - 0.5 * self._lengths)
+
+    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement for small angles at arc lengths s.
+
+        Args:
+            q: angles theta, rad, real or complex, shape (n,) or (n, k).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+
+        Returns:
+            Displacements, shape (p,) or (p, k).
+
+        Raises:
+            ValueError, TypeError: for angles or arc lengths that are not such.
+        """
+        at = arc_lengths(s)
+        return self._along((self._lengths * self._displaced(q, at.size).T).T, at)
+
+    def _along(self, steps: NDArray[Any], s: Array) -> NDArray[Any]:
+        return along(steps, self._base, self._lengths, s)
+
+
+def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
+    """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base."""
+    ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
+    nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
+    j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
+    part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)
+    result: NDArray[Any] = nodes[j] + (part * steps[j].T).T
+    return result
+
+
+def elastic_scale(springs: Array) -> Array:
+    """Joint angle of one elastic coordinate, shape (n,): 1 / sqrt(k_j).
+
+    A joint with no spring, or one far below the mean, takes a scale from the mean instead.
+    """
+    mean = float(springs.mean())
+    floor = 1e-3 * mean if mean > 1e-100 else float(springs.size)  # squares of the scale are taken
+    scale: Array = 1.0 / np.sqrt(np.maximum(springs, floor))
+    return scale
+
+
+def _segment_count(n: int | None, **arrays: Any) -> int:
+    if n is not None:
+        return check.count("n", n, high=LARGEST_CHAIN)
+    for name, given in arrays.items():
+        if given is not None:
+            return check.array(name, given, longest=LARGEST_CHAIN).size
+    raise ValueError("n or lengths must be given")
+
+
+def _frozen(values: Array) -> Array:
+    values.flags.writeable = False
+    return values
+
+
+def _fractions(name: str, values: ArrayLike | None, n: int) -> Array:
+    if values is None:
+        return _frozen(np.full(n, 0.5))
+    return check.array(name, values, size=n, low=0.0, high=1.0)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""The continuous pipe: a reduced model grown until the answer asked for stands still."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any, Generic, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.models.base import Model, NotConverged, checked_pipe
+from pipedyn.models.fitting import Fitting, basis_joints, checked_fittings
+from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+
+Answer = TypeVar("Answer")
+
+SMALLEST, LARGEST = 16, 240
+"""Sizes between which the basis grows."""
+
+FUNCTIONS_A_JOINT = 4
+"""By which both are larger for each joint between panels."""
+
+
+@dataclass(frozen=True)
+class Settled(Generic[Answer]):
+    """An answer that stood still.
+
+    Attributes:
+        value: the answer at the larger of the last two sizes.
+        size: number of functions.
+        error: how far it moved from the size before, relative; a bound on its error where
+            convergence is exponential.
+    """
+
+    value: Answer
+    size: int
+    error: float
+
+
+class Continuum:
+    """The continuous pipe (the partial differential equation), for linear questions.
+
+    It answers with Legendre reduced models of growing size: `pipedyn.eigenvalues`, `modes`,
+    `root_loci`, `crossings`, `critical_speed` and `stability_curve` take it like any other model
+    and report size and error where their results have a place for them.
+
+    Args:
+        pipe: the pipe.
+        fittings: point masses and springs.
+
+    Raises:
+        TypeError: for what is no pipe or no sequence of fittings.
+
+    Source: Gregory and Paidoussis (1966).
+    """
+
+    def __init__(self, pipe: Pipe, fittings: Sequence[Fitting] = ()) -> None:
+        self._pipe = checked_pipe(pipe)
+        self._fittings = checked_fittings(fittings)
+
+    @property
+    def pipe(self) -> Pipe:
+        """The pipe."""
+        return self._pipe
+
+    @property
+    def fittings(self) -> tuple[Fitting, ...]:
+        """Point masses and springs."""
+        return self._fittings
+
+    def with_pipe(self, pipe: Pipe) -> Continuum:
+        """Another pipe with the same fittings."""
+        return Continuum(pipe, self._fittings)
+
+    def __repr__(self) -> str:
+        more = f", fittings={list(self._fittings)!r}" if self._fittings else ""
+        return f"Continuum({self._pipe!r}{more})"
+
+    def frozen(self, m: int) -> Galerkin:
+        """The reduced model with m Legendre functions.
+
+        Raises:
+            ValueError, TypeError: for m that is no whole number from 1, or one for each panel
+                between fittings, to 2000.
+        """
+        return Galerkin(self._pipe, m, "legendre", self._fittings)
+
+    def settle(
+        self,
+        question: Callable[[Galerkin], Answer],
+        distance: Callable[[Answer, Answer], float],
+        tolerance: float = 1e-10,
+        smallest: int = SMALLEST,
+        largest: int = LARGEST,
+    ) -> Settled[Answer]:
+        """The answer to a question, from a basis grown until the answer stands still.
+
+        Args:
+            question: asked of reduced models of growing size.
+            distance: relative distance between two answers; infinite where they differ in kind.
+            tolerance: distance at which the answer stands still, > 0.
+            smallest: first size, from 1 to 1992.
+            largest: last size, up to 2000, or one step above the first. Fittings inside the pipe
+                add four to either size for each joint that they make.
+
+        Raises:
+            NotConverged: if it still moves at the last size; carries the last answer.
+            ValueError, TypeError: for bad arguments.
+        """
+        for name, given in (("question", question), ("distance", distance)):
+            if not callable(given):
+                raise TypeError(f"{name} must be a function, got {check.shown(given)}")
+        tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
+        smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
+        largest = check.count("largest", largest, high=LARGEST_BASIS)
+        joints = FUNCTIONS_A_JOINT * basis_joints(self._fittings).size
+        size = smallest = min(smallest + joints, LARGEST_BASIS - 8)
+        largest = min(largest + joints, LARGEST_BASIS)
+        before = question(self.frozen(size))
+        while True:
+            size = min(max(size + 8, (5 * size) // 4), max(largest, smallest + 8))
+            answer = question(self.frozen(size))
+            error = distance(before, answer)
+            if not isinstance(error, Real):
+                raise TypeError(f"distance must return a number, got {check.shown(error)}")
+            if error <= tolerance:
+                return Settled(answer, size, error)
+            if size >= largest:
+                raise NotConverged(
+                    f"the continuous pipe's answer still moves by {error:.1e} at {size} functions",
+                    answer,
+                )
+            before = answer
+
+
+AnyModel: TypeAlias = Model | Continuum
+
+
+def checked_model(model: Any) -> AnyModel:
+    """The argument, if it is a model."""
+    if not isinstance(model, Model | Continuum):
+        raise TypeError(f"model must be a Chain, Galerkin or Continuum, got {check.shown(model)}")
+    return model
+
+
+def relative(a: NDArray[Any], b: NDArray[Any]) -> float:
+    """Largest distance of two arrays' entries, relative to the entry or 1; inf if shapes differ."""
+    if a.shape != b.shape or not (np.isfinite(a).all() and np.isfinite(b).all()):
+        return np.inf
+    if a.size == 0:
+        return 0.0
+    return float(np.max(np.abs(a - b) / np.maximum(np.abs(b), 1.0)))

@@ -1,0 +1,413 @@
+# SPDX-License-Identifier: MIT
+"""The reduced model: the pipe's equation projected onto m functions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cached_property, lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import roots_legendre
+
+from pipedyn import _core
+from pipedyn.models.base import (
+    Model,
+    Operators,
+    arc_lengths,
+    checked_pipe,
+    core_pipe,
+    operators_from,
+)
+from pipedyn.models.fitting import (
+    Fitting,
+    basis_joints,
+    checked_fittings,
+    core_fittings,
+    on_panels,
+    panel_ends,
+)
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+BASES = ("beam", "legendre")
+LARGEST_BASIS = 2000
+
+JOINT_COST = 3
+"""Functions that a joint between panels takes from what resolves modes: with 2 to 20 panels three
+fifths of the rest are the pipe's modes to some 1e-4, as of all on one panel."""
+
+MOST_TURNING = 1000.0
+"""Angle, rad, through which a shape may turn along the pipe: its quadrature grows with it."""
+
+LARGEST_TABLE = 100_000_000
+"""Values of functions handed out at once: 800 MB."""
+
+
+@lru_cache(maxsize=32)
+def gauss_nodes(count: int) -> tuple[Array, Array]:
+    """Nodes and weights of Gauss-Legendre quadrature on [0, 1], each of shape (count,)."""
+    nodes, weights = roots_legendre(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+class Galerkin(Model):
+    """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
+
+    The functions satisfy the clamp; the free end's conditions follow from the projection.
+
+    Args:
+        pipe: the pipe.
+        m: number of functions, from 1 to 2000.
+        basis: "beam" (the cantilever's own modes, unit mass; the critical speed's error falls like
+            m^-4) or "legendre" (w_i'' a normalised Legendre polynomial, unit stiffness; the error
+            falls exponentially, but the highest third of the eigenvalues is not the pipe's).
+        fittings: point masses and springs. Where one is, the shear jumps: Legendre polynomials then
+            live on the panels between, to which functions are dealt out, some to each and the
+            others in proportion to length, and converge exponentially as before. Beam modes stay
+            what they are; their error falls like a power of m.
+
+    Raises:
+        ValueError: for m out of range or less than the number of panels, or an unknown basis.
+        TypeError: for what is no whole number, word, pipe or sequence of fittings.
+
+    Source: Gregory and Paidoussis (1966) for the equation; Orsino and Pesce (2018) for reduced
+    models of this pipe.
+    """
+
+    def __init__(
+        self, pipe: Pipe, m: int, basis: str = "beam", fittings: Sequence[Fitting] = ()
+    ) -> None:
+        self._pipe = checked_pipe(pipe)
+        self._size = check.count("m", m, high=LARGEST_BASIS)
+        self._basis = check.choice("basis", basis, BASES)
+        self._fittings = checked_fittings(fittings)
+        if self._size < self.panels:
+            raise ValueError(
+                f"m must be at least {self.panels}, the number of panels between fittings, "
+                f"got {self._size}"
+            )
+
+    @cached_property
+    def core(self) -> _core.Galerkin:
+        """The compiled model."""
+        # Legendre products are polynomials of twice a panel's functions and 2; beam mode m has
+        # about m / 2 waves and a layer of width 1 / (m pi) at either end.
+        count = self._most + 3 if self._basis == "legendre" else 2 * self._size + 30
+        nodes, weights = self._rule(count)
+        return _core.Galerkin(
+            pipe=core_pipe(self._pipe),
+            legendre=self._basis == "legendre",
+            size=self._size,
+            joints=self._joints,
+            nodes=nodes,
+            weights=weights,
+            fittings=core_fittings(self._fittings),
+        )
+
+    @cached_property
+    def motion(self) -> _core.GalerkinMotion | _core.FittedMotion:
+        """The compiled equations of motion."""
+        if not self._fittings:
+            return _core.GalerkinMotion(
+                pipe=core_pipe(self._pipe), legendre=self._basis == "legendre", size=self._size
+            )
+        return _core.FittedMotion(
+            pipe=core_pipe(self._pipe),
+            legendre=self._basis == "legendre",
+            size=self._size,
+            joints=self._joints,
+            fittings=core_fittings(self._fittings),
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        compiled = ("core", "motion")
+        return {name: value for name, value in self.__dict__.items() if name not in compiled}
+
+    def __repr__(self) -> str:
+        more = f", fittings={list(self._fittings)!r}" if self._fittings else ""
+        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r}{more})"
+
+    @property
+    def pipe(self) -> Pipe:
+        """The pipe."""
+        return self._pipe
+
+    @property
+    def dof(self) -> int:
+        """Number of functions m."""
+        return self._size
+
+    @property
+    def basis(self) -> str:
+        """Name of the basis."""
+        return self._basis
+
+    @property
+    def fittings(self) -> tuple[Fitting, ...]:
+        """Point masses and springs."""
+        return self._fittings
+
+    @property
+    def panels(self) -> int:
+        """Number of panels on which curvatures are smooth: 1 without fittings inside the pipe."""
+        return self._joints.size + 1
+
+    @property
+    def resolution(self) -> int:
+        """Number of functions on one panel that would resolve as many modes."""
+        return max(self._size - JOINT_COST * (self.panels - 1), self._size // 2)
+
+    @property
+    def fitted_size(self) -> float:
+        """Bound on the norm of what fittings add to the stiffness in elastic coordinates.
+
+        In these |w(s)|^2 <= s^3 / 3 and |w'(s)|^2 <= s of all functions together.
+        """
+        weight = 0.5 * abs(self._pipe.gamma)
+        return sum(f.stiffness * f.at**3 / 3.0 + weight * f.mass * f.at**2 for f in self._fittings)
+
+    def with_pipe(self, pipe: Pipe) -> Galerkin:
+        """The same functions and fittings for another pipe."""
+        return Galerkin(pipe, self._size, self._basis, self._fittings)
+
+    @cached_property
+    def _joints(self) -> Array:
+        """Inner ends of the basis' panels; the beam modes have none."""
+        return basis_joints(self._fittings if self._basis == "legendre" else ())
+
+    @cached_property
+    def _ends(self) -> Array:
+        """Ends of the panels on which integrands are smooth, from 0 to 1."""
+        return panel_ends(self._fittings)
+
+    @cached_property
+    def _most(self) -> int:
+        """Number of functions on the panel that has most."""
+        return _core.most_on_a_panel(self._size, self._joints)
+
+    def _rule(self, count: int) -> tuple[Array, Array]:
+        """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
+        return on_panels(self._ends, *gauss_nodes(count))
+
+    def functions(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """The functions w_i, their slopes or curvatures.
+
+        Args:
+            s: arc lengths in L, each in [0, 1], shape (k,).
+            derivative: 0, 1 or 2.
+
+        Returns:
+            Values, shape (k, m).
+
+        Raises:
+            ValueError: for arc lengths or a derivative out of range.
+        """
+        order = check.count("derivative", derivative, low=0, high=2)
+        at = arc_lengths(s)
+        if at.size * self._size > LARGEST_TABLE:
+            raise ValueError(
+                f"s must have at most {LARGEST_TABLE // self._size} entries for {self._size} "
+                f"functions, got {at.size}"
+            )
+        return self.core.basis(at, order)
+
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """Linear operators about a configuration at rest, in the amplitudes q.
+
+        Mass, gyroscopic, end_flux and damping are what multiplies q'' and q' there; at rest drag
+        has no linear part. stiffness is the derivative of the forces of bending and gravity, flux
+        that of the follower force's. Small motions about q obey them where q is an equilibrium at
+        the speed in question; elsewhere `jacobian` at rest has besides these the derivative of the
+        mass, -M^-1 (dM/dq q'').
+
+        Args:
+            q: amplitudes, shape (m,); the straight pipe where not given.
+
+        Returns:
+            Six matrices, each (m, m).
+
+        Raises:
+            ValueError: for amplitudes out of range or of another shape.
+            TypeError: for what is no array of real numbers.
+        """
+        if q is None:
+            return operators_from(self.core.operators(), self._pipe)
+        return operators_from(self.motion.operators(self._coordinates(q)), self._pipe)
+
+    @cached_property
+    def elastic_scale(self) -> Array:
+        """Amplitude q_i of one elastic coordinate, shape (m,)."""
+        scale: Array = 1.0 / np.sqrt(self.core.elastic_stiffness())
+        return scale
+
+    def elastic_operators(self) -> Operators:
+        """The same operators in the amplitudes divided by `elastic_scale`."""
+        ops = self.operators()
+        both = np.outer(self.elastic_scale, self.elastic_scale)
+        return Operators(
+            *(both * ops.mass, both * ops.gyroscopic, both * ops.end_flux),
+            *(both * ops.damping, both * ops.stiffness, both * ops.flux),
+            *(ops.direction, ops.centrifugal),
+        )
+
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        """Amplitudes, shape (m, ...), from elastic coordinates of the same shape.
+
+        Raises:
+            ValueError, TypeError: for z of another shape, or not of finite numbers.
+        """
+        result: NDArray[Any] = (self.elastic_scale * self._columns("z", z).T).T
+        return result
+
+    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+        """Rate of the state, geometrically exact at any amplitude.
+
+        Flow, gravity, bending, Kelvin-Voigt damping, quadratic drag and fittings, each only where
+        the pipe has it. A batch is one call; its members go through the processor's vectors
+        together, with fittings one after another. Several threads may call one model at once.
+
+        The integrals along the pipe are taken with as many nodes as the configuration needs: what
+        they miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for
+        angles up to pi in any of the functions. Configurations wilder than that are given the
+        largest number of nodes, some 16 m + 96, beyond 250 functions fewer. With fittings all this
+        holds for each panel between them.
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [q, q'], shape (2 m,), or (2 m, k) for k states; k may be 0.
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            dy/dt = [q', q''], of the shape of y; NaN where the mass matrix is singular to rounding,
+            or where q coils the pipe more often (some 100 turns of 8 functions) than the quadrature
+            resolves.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, a speed below 0, or so many functions
+                that they depend on one another to rounding.
+            TypeError: for what is no array of real numbers.
+
+        Source: virtual work along the inextensible centreline; the flow's forces are those of
+        Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
+        """
+        return self.motion.rhs(t, y, u)
+
+    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
+        """Derivative of `rhs` with respect to the state, analytic.
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [q, q'], shape (2 m,).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
+
+        Returns:
+            d(dy/dt)/dy, shape (2 m, 2 m). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+        """
+        return self.motion.jacobian(t, y, u)
+
+    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
+        """Centreline (x, y) at arc lengths s, shape (len(s), 2), inextensible at any amplitude.
+
+        The angle of the centreline is sum_i q_i w_i'(s).
+
+        Args:
+            q: amplitudes, shape (m,).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
+
+        Raises:
+            ValueError: for amplitudes or arc lengths out of range or of another shape.
+        """
+        amplitudes = self._coordinates(q)
+        at = arc_lengths(s)
+        nodes, weights = gauss_nodes(self._count_for(amplitudes[:, None]))
+        # In pieces: a table of the functions at every node of every s may not fit into memory.
+        pieces = math.ceil(at.size * nodes.size * self._size / 1e7)
+        line = np.zeros((at.size, 2))
+        for piece in np.array_split(np.arange(at.size), min(pieces, at.size)):
+            for low, high in pairwise(self._ends.tolist()):
+                length = np.clip(at[piece], low, high) - low
+                points = low + np.outer(length, nodes)
+                angles = (self.core.basis(points.ravel(), 1) @ amplitudes).reshape(points.shape)
+                line[piece, 0] += length * (np.sin(angles) @ weights)
+                line[piece, 1] += length * (np.cos(angles) @ weights)
+        return line
+
+    def tips(self, q: ArrayLike) -> Array:
+        """Positions (x, y) of the free end, shape (k, 2), for k configurations, q (m, k)."""
+        amplitudes = self._configurations("q", q)
+        nodes, weights = self._rule(self._count_for(amplitudes))
+        angles = self.core.basis(nodes, 1) @ amplitudes
+        return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)
+
+    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
+        """Velocities (x', y') of the free end in L / T, exact.
+
+        Args:
+            q: amplitudes of k states, shape (m, k).
+            qdot: their rates, shape (m, k).
+
+        Returns:
+            Shape (k, 2).
+
+        Raises:
+            ValueError, TypeError: for what has another shape, or is not of finite real numbers.
+        """
+        amplitudes, rates = self._moving_columns(q, qdot)
+        nodes, weights = self._rule(self._count_for(amplitudes))
+        slopes = self.core.basis(nodes, 1)
+        angles, turning = slopes @ amplitudes, slopes @ rates
+        across = weights @ (turning * np.cos(angles))
+        return np.stack([across, -weights @ (turning * np.sin(angles))], axis=-1)
+
+    def _count_for(self, amplitudes: Array) -> int:
+        """Nodes on each panel that integrate sine and cosine of the angle, for columns (m, k)."""
+        count = 2 * self._most + 60
+        turns = np.abs(np.diff(self.core.basis(self._rule(count)[0], 1) @ amplitudes, axis=0))
+        most = float(turns.sum(axis=0).max(initial=0.0))
+        if most > MOST_TURNING:
+            raise ValueError(
+                f"q must bend the pipe by at most {MOST_TURNING:g} rad in all, got {most:.3g} rad"
+            )
+        return count + math.ceil(most)
+
+    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        """Amplitudes of a bent pipe, shape (m,): theta(s) fitted by least squares.
+
+        Args:
+            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+
+        Raises:
+            TypeError: if angle is no function.
+            ValueError: if it gives another shape, or no finite numbers.
+        """
+        nodes, weights = self._rule(4 * self._most + 60)
+        root = np.sqrt(weights)
+        table = root[:, None] * self.core.basis(nodes, 1)
+        fitted = np.linalg.lstsq(table, root * self._angles(angle, nodes))[0]
+        return np.asarray(fitted, dtype=np.float64)
+
+    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement for small amplitudes at arc lengths s.
+
+        Args:
+            q: amplitudes, real or complex, shape (m,) or (m, k).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+
+        Returns:
+            Displacements, shape (p,) or (p, k).
+
+        Raises:
+            ValueError, TypeError: for amplitudes or arc lengths that are not such.
+        """
+        at = arc_lengths(s)
+        result: NDArray[Any] = self.functions(at) @ self._displaced(q, at.size)
+        return result

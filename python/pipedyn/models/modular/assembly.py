@@ -1,0 +1,776 @@
+# SPDX-License-Identifier: MIT
+"""Scenes from parts: modules in redundant coordinates, tied together by constraints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn import _core
+from pipedyn.models.base import (
+    LARGEST_ANGLE,
+    LARGEST_RESULT,
+    Model,
+    NotConverged,
+    Operators,
+    arc_lengths,
+    checked_pipe,
+)
+from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
+from pipedyn.models.modular.custom import CustomForce, extra_forces
+from pipedyn.models.modular.derivatives import acceleration_jacobian, matrix, scene_matrices
+from pipedyn.models.modular.enforcement import (
+    Group,
+    by_orthonormal_basis,
+    by_udwadia_kalaba,
+    projection,
+)
+from pipedyn.models.modular.layout import KINDS, MODULES, Closing, Layout
+from pipedyn.models.modular.linearisation import Linear, Tree
+from pipedyn.models.modular.motion import SceneMotion
+from pipedyn.models.modular.parts import Constraint, Module, Part, Segment, TorsionalSpring, told
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+ENFORCEMENTS = ("orthonormal", "udwadia-kalaba")
+
+LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
+"""Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
+
+MET = 1e-9
+"""How closely given states must meet the constraints, in L, rad, and these per T."""
+
+
+class Assembly(Model):
+    """A scene from parts: a pipe of rigid segments with whatever else stands in it.
+
+    Every part writes its inertia and forces in redundant coordinates; constraints are enforced
+    afterwards, group by group. States live in these coordinates, q = (x_1, y_1, phi_1, x_2, ...),
+    shape (3 n,): x_j transverse and y_j downward is where node j, the end of segment j, stands
+    from the clamp, phi_j the angle of joint j. Operators live in the degrees of freedom that the
+    constraints leave: the angles of the segments, theta_j = phi_1 + .. + phi_j, or, where guides
+    and pins tie them, coordinates along an orthonormal basis of what these leave.
+
+    Immutable; `plus` makes another.
+
+    Args:
+        pipe: the pipe; all of flow, gravity, drag and Kelvin-Voigt damping take its numbers.
+        modules: parts with inertia or forces, the segments in their order from the clamp.
+        constraints: one group each, in any order: `Clamp` and for each further segment its `Joint`,
+            and what else holds the pipe. Redundant ones are accepted.
+        enforcement: "orthonormal" (a basis built group by group, O(n)) or "udwadia-kalaba" (dense,
+            to compare); both give the same motion.
+
+    Raises:
+        ValueError: for parts that do not fit one another: nodes or segments that are not there,
+            lengths that do not add up to 1, constraints that contradict one another or leave
+            nothing that moves, a span that is taut, a direction without inertia.
+        TypeError: for what is no pipe, module or constraint.
+
+    Source: Orsino and Di Giulio, eqs. (1)-(11); Orsino (2017) for the recursion.
+    """
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        modules: Iterable[Module],
+        constraints: Iterable[Constraint],
+        enforcement: str = "orthonormal",
+    ) -> None:
+        self._pipe = checked_pipe(pipe)
+        self._enforcement = check.choice("enforcement", enforcement, ENFORCEMENTS)
+        self._layout = Layout(
+            _parts("modules", modules, Module), _parts("constraints", constraints, Constraint)
+        )
+        self._customs = tuple(CustomForce(module) for module in self._layout.customs)
+        rest = self._layout.rest
+        q = self._configuration(rest)
+        for custom in self._customs:
+            custom.tried(q)
+        lacking = self.core.lacking(q)
+        if lacking >= 0:
+            raise ValueError(
+                f"{self._layout.coordinate(lacking)} moves without inertia: give its segment a "
+                "gyration radius, or the node a mass"
+            )
+        straight = np.zeros_like(rest)
+        self._reference: Array | None = None
+        if np.abs(self._layout.missed(straight)).max(initial=0.0) <= MET:
+            self._reference = straight
+
+    @cached_property
+    def core(self) -> _core.Scene:
+        """The compiled scene."""
+        return self._layout.compiled(self._pipe)
+
+    @cached_property
+    def motion(self) -> SceneMotion:
+        """The equations of motion in the angles of the segments, as integrators take them."""
+        plain = not self._customs and self._enforcement == "orthonormal"
+        accelerations = None if plain else self._accelerations
+        return SceneMotion(self.core, self._layout, self._customs, accelerations)
+
+    def __getstate__(self) -> dict[str, Any]:
+        compiled = ("core", "motion", "_linear", "resisted")
+        return {name: value for name, value in self.__dict__.items() if name not in compiled}
+
+    def __repr__(self) -> str:
+        layout = self._layout
+        plain = [p for p in self.modules if _is_plain_spring(p)]
+        parts = [f"n={layout.size}", f"{len(plain)} springs"]
+        if layout.base:
+            parts.append(f"base={layout.base:g}")
+        others = [p for p in self.modules if not (isinstance(p, Segment) or _is_plain_spring(p))]
+        ties = dict.fromkeys(closing.part for closing in layout.closings)
+        parts += [told(part) for part in (*others, *ties)]
+        if self._enforcement != ENFORCEMENTS[0]:
+            parts.append(repr(self._enforcement))
+        if self._reference is not None and self._reference.any():
+            parts.append(f"about {check.shown(self._reference)}")
+        return f"Assembly({self._pipe!r}, {', '.join(parts)})"
+
+    @property
+    def pipe(self) -> Pipe:
+        """The pipe."""
+        return self._pipe
+
+    @property
+    def modules(self) -> tuple[Module, ...]:
+        """The parts with inertia or forces."""
+        return self._layout.modules
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """The constraints, in the order in which they are enforced."""
+        return self._layout.constraints
+
+    @property
+    def enforcement(self) -> str:
+        """How accelerations are found."""
+        return self._enforcement
+
+    @property
+    def dof(self) -> int:
+        """Number of degrees of freedom that the constraints leave."""
+        return self._layout.size - len(self._layout.kept)
+
+    @property
+    def coordinates(self) -> int:
+        """Number of redundant coordinates, 3 n."""
+        return 3 * self._layout.size
+
+    @property
+    def moving(self) -> int:
+        """Number of angles that an integrator advances, n."""
+        return self._layout.size
+
+    @property
+    def approximates_pipe(self) -> bool:
+        """False: what the parts tend to is the user's."""
+        return False
+
+    @property
+    def fitted_size(self) -> float:
+        """What gravity, springs across and custom modules add to the elastic stiffness, about."""
+        return self._linear.added
+
+    @property
+    def rests_straight(self) -> bool:
+        """Whether linear questions are asked about the straight pipe."""
+        return self._reference is not None and not self._reference.any()
+
+    @cached_property
+    def resisted(self) -> bool:
+        """Whether dashpots, joints of their own damping or custom modules resist velocities."""
+        q = self._configuration(self.resting())
+        own = (custom.by_qdot(q, np.zeros_like(q)) for custom in self._customs)
+        return self._layout.resisted or any(bool(block.any()) for block in own)
+
+    @property
+    def elastic_share(self) -> Array:
+        """Elastic stiffness by the scaled joint angles, shape (n,)."""
+        springs = self._layout.springs
+        share: Array = springs * elastic_scale(springs) ** 2
+        return share
+
+    @property
+    def stations(self) -> Array:
+        """Arc lengths of the nodes."""
+        return np.minimum(self._layout.ends[1:], 1.0)
+
+    def plus(self, *parts: Part) -> Assembly:
+        """Another scene, with further modules and constraints.
+
+        What `about` chose stays where the configuration meets the constraints, old and new.
+
+        Raises:
+            TypeError: for what is neither.
+            ValueError: as for `Assembly`.
+        """
+        for part in parts:
+            if not isinstance(part, Module | Constraint):
+                raise TypeError(f"parts must be modules or constraints, got {check.shown(part)}")
+        more = Assembly(
+            self._pipe,
+            (*self.modules, *(part for part in parts if isinstance(part, Module))),
+            (*self.constraints, *(part for part in parts if isinstance(part, Constraint))),
+            self._enforcement,
+        )
+        chosen = self._reference
+        if chosen is not None and chosen.any() and chosen.size == more.moving:
+            met = np.abs(more._layout.missed(chosen)).max(initial=0.0) <= MET
+            more._reference = chosen if met else more._reference
+        return more
+
+    def with_pipe(self, pipe: Pipe) -> Assembly:
+        """The same parts on another pipe."""
+        other = Assembly.__new__(Assembly)
+        other.__dict__.update(self.__getstate__())
+        other._pipe = checked_pipe(pipe)
+        return other
+
+    def about(self, q: ArrayLike) -> Assembly:
+        """The same scene, whose linear questions are asked about another configuration at rest.
+
+        `eigenvalues`, `root_loci`, `crossings` and `critical_speed` take it; they refuse it at flow
+        speeds at which the configuration is no equilibrium.
+
+        Args:
+            q: the configuration: angles of the segments, shape (n,), or redundant coordinates,
+                shape (3 n,), such as `equilibrium` gives.
+
+        Raises:
+            ValueError, TypeError: for what is no such array, or misses a constraint.
+        """
+        other = self.with_pipe(self._pipe)
+        other._reference = self._angles_of("q", q)
+        return other
+
+    # ------------------------------------------------------------------------------------ states
+
+    def state(self, angles: ArrayLike, rates: ArrayLike | None = None) -> Array:
+        """The redundant state y = [q, q'], from the angles of the segments.
+
+        Args:
+            angles: theta_j from the axis, rad, shape (n,).
+            rates: theta_j', rad / T, shape (n,); at rest where not given.
+
+        Returns:
+            Shape (6 n,).
+
+        Raises:
+            ValueError: for other shapes, or a guide or pin that is missed by more than 1e-9; see
+                `closed`.
+            TypeError: for what is no array of real numbers.
+        """
+        theta = self._angles_of("angles", angles, sizes=(self.moving,))
+        omega = self._rates_of("rates", rates, theta, sizes=(self.moving,))
+        return self.core.from_angles(theta, omega)
+
+    def _configuration(self, theta: Array) -> Array:
+        q: Array = self.core.from_angles(theta, np.zeros_like(theta))[: self.coordinates]
+        return q
+
+    def angles(self, y: ArrayLike) -> Array:
+        """Angles of the segments from redundant coordinates or states.
+
+        Args:
+            y: q or [q, q'], shape (3 n, ...) or (6 n, ...).
+
+        Returns:
+            theta_j, rad, shape (n, ...).
+
+        Raises:
+            ValueError, TypeError: for another shape, or not of finite numbers.
+        """
+        size = self.coordinates
+        raw = check.numbers("y", y, "an array of real numbers", longest=LARGEST_RESULT)
+        given = self._columns("y", raw, 2 * size if raw.shape[:1] == (2 * size,) else size)
+        theta: Array = np.cumsum(given[2:size:3], axis=0)
+        return theta
+
+    def closed(self, angles: ArrayLike) -> Array:
+        """Angles close to those given at which guides and pins are met.
+
+        Args:
+            angles: theta_j, rad, shape (n,).
+
+        Returns:
+            Shape (n,).
+
+        Raises:
+            NotConverged: if none are found from there.
+            ValueError, TypeError: for another shape, or not of finite numbers.
+        """
+        given = check.array(
+            "angles", angles, size=self.moving, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
+        )
+        theta, missed = self._layout.closed(given)
+        if missed > 1e-12:
+            raise NotConverged(f"no angles close to those given meet {self._layout.ties()}", theta)
+        return theta
+
+    def equilibrium(self, start: ArrayLike, u: float = 0.0) -> Array:
+        """A configuration at which all forces balance, stable or not, by Newton's method.
+
+        Args:
+            start: where to begin, angles (n,) or redundant coordinates (3 n,); guides and pins need
+                not be met.
+            u: flow speed >= 0, in sqrt(EI / mu_f) / L.
+
+        Returns:
+            Redundant coordinates, shape (3 n,).
+
+        Raises:
+            NotConverged: if none is found from there.
+            ValueError, TypeError: for bad arguments.
+        """
+        u = check.real("u", u, low=0.0, high=1e4)
+        given = self._rows("start", start, (self.moving, self.coordinates))
+        if given.size == self.coordinates:
+            given = np.cumsum(given[2::3])
+        theta = self.closed(given)
+        size = 1.0 + abs(self._pipe.gamma) + self._pipe.centrifugal * u**2
+        last = math.inf
+        for _ in range(100):
+            linear = self._linear_about(theta)
+            rest = linear.unbalanced(u)
+            step = linear.factor(0.0, u)(rest[:, None])
+            turn = np.cumsum(linear.joint_angles(step)[:, 0])
+            largest = float(np.abs(turn).max())
+            if not math.isfinite(largest):
+                break
+            unbalanced = float(np.abs(rest).max())
+            if largest < 1e-9 and (unbalanced <= 1e-13 * size or unbalanced >= last):
+                return self._configuration(theta)
+            last = unbalanced
+            theta = self.closed(theta + turn * min(1.0, 0.3 / max(largest, 1e-300)))
+        raise NotConverged(f"no equilibrium was found at u = {u:g} from there")
+
+    # ------------------------------------------------------------------------------ linear motion
+
+    @cached_property
+    def _linear(self) -> Linear:
+        if self._reference is None:
+            raise ValueError(
+                f"the straight pipe misses {self._layout.ties()}: choose a configuration with "
+                "about(q), for example about(equilibrium(...))"
+            )
+        return self._linear_about(self._reference)
+
+    @property
+    def linear(self) -> Linear:
+        """Small motions about the reference configuration, in elastic coordinates."""
+        return self._linear
+
+    def _linear_about(self, theta: Array) -> Linear:
+        layout = self._layout
+        q = self._configuration(theta)
+        return Linear(
+            Tree(layout.lengths, theta),
+            scene_matrices(self.core, self._pipe, layout, self._customs, q),
+            elastic_scale(layout.springs),
+            np.array([closing.coordinate for closing in layout.closings], dtype=np.intp),
+        )
+
+    def unbalanced(self, u: float) -> float:
+        """Largest force at rest in the reference configuration, beside 1 + |gamma| + a u^2."""
+        size = 1.0 + abs(self._pipe.gamma) + self._linear.parts.centrifugal * u**2
+        return float(np.abs(self._linear.unbalanced(u)).max()) / size
+
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """Linear operators about a configuration at rest, in the degrees of freedom.
+
+        Where no guide or pin is there these are the angles of the segments; else their columns are
+        those of `basis`. stiffness contains the forces of all modules but the flow's and what the
+        constraint forces add to it on a bent pipe, flux the flow's with its share of them; small
+        motions about q obey the operators where q is an equilibrium at the speed in question.
+
+        Args:
+            q: angles (n,) or redundant coordinates (3 n,); where not given, the configuration of
+                `about`, else the straight pipe.
+
+        Returns:
+            Six matrices, each (dof, dof).
+
+        Raises:
+            ValueError: for what misses a constraint or has another shape, or more than 4000 degrees
+                of freedom.
+            TypeError: for what is no array of real numbers.
+        """
+        self._check_dense()
+        linear = self._linear if q is None else self._linear_about(self._angles_of("q", q))
+        to_elastic = np.diff(self._basis_of(linear), axis=0, prepend=0.0) / linear.scale
+        zeta = linear.basis.gather(to_elastic)
+        return self._dense(linear, zeta)
+
+    def basis(self, q: ArrayLike | None = None) -> Array:
+        """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
+
+        The identity without guides and pins; else its columns are orthonormal.
+
+        Args, Raises: as for `operators`.
+        """
+        self._check_dense()
+        linear = self._linear if q is None else self._linear_about(self._angles_of("q", q))
+        return self._basis_of(linear)
+
+    def _basis_of(self, linear: Linear) -> Array:
+        return linear.angle_basis.spread(np.eye(linear.dof))
+
+    def elastic_operators(self) -> Operators:
+        """The same operators in elastic coordinates, see `pipedyn.modular.linear`."""
+        self._check_dense()
+        return self._dense(self._linear, np.eye(self.dof))
+
+    @staticmethod
+    def _dense(linear: Linear, zeta: Array) -> Operators:
+        mass, gyroscopic, end_flux, damping, stiffness, flux = (
+            zeta.T @ product(zeta)
+            for product in (
+                *(linear.mass, linear.gyroscopic, linear.end_flux),
+                *(linear.damping, linear.stiffness, linear.flux),
+            )
+        )
+        return Operators(
+            *(0.5 * (mass + mass.T), 0.5 * (gyroscopic - gyroscopic.T)),
+            *(0.5 * (end_flux + end_flux.T), damping, stiffness, flux),
+            *(linear.parts.direction, linear.parts.centrifugal),
+        )
+
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        """Degrees of freedom, shape (dof, ...), from elastic coordinates of the same shape.
+
+        Raises:
+            ValueError, TypeError: for z of another shape, or not of finite numbers.
+        """
+        columns = self._columns("z", z)
+        linear = self._linear
+        flat = columns.reshape(self.dof, -1)
+        theta = np.cumsum(linear.joint_angles(flat), axis=0)
+        result: NDArray[Any] = linear.angle_basis.gather(theta).reshape(columns.shape)
+        return result
+
+    # -------------------------------------------------------------------------- nonlinear motion
+
+    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+        """Rate of the state, exact at any amplitude, in O(n).
+
+        The redundant state need not meet the constraints exactly; its accelerations do.
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [q, q'], shape (6 n,), or (6 n, k) for k states.
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            dy/dt = [q', q''], of the shape of y; NaN where a direction has lost its inertia.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+        """
+        if not self._customs and self._enforcement == "orthonormal":
+            return self.core.rhs(t, y, u)
+        state = check.doubles("y", y, "an array of real numbers")
+        self.core.energy(state)  # checks it
+        return self._accelerations(state, u)
+
+    def _accelerations(self, y: Array, u: Any) -> Array:
+        """`rhs` of checked states."""
+        size = self.coordinates
+        force = extra_forces(self._customs, y[:size], y[size:])
+        rates = self.core.rhs(0.0, y, u, force)
+        if self._enforcement == "orthonormal":
+            return rates
+        columns = y.reshape(2 * size, -1)
+        speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), columns.shape[1:])
+        forces = np.zeros_like(columns[:size]) if force is None else force.reshape(size, -1)
+        found = np.empty_like(columns)
+        found[:size] = columns[size:]
+        for j in range(columns.shape[1]):
+            found[size:, j] = self._dense_accelerations(
+                by_udwadia_kalaba, columns[:, j].copy(), float(speeds[j]), forces[:, j]
+            )
+        return found.reshape(y.shape)
+
+    def _dense_accelerations(
+        self,
+        enforce: Callable[[Array, Array, Sequence[Group]], Array],
+        y: Array,
+        u: float,
+        extra: Array,
+    ) -> Array:
+        size = self.coordinates
+        mass = matrix(self.core.operators()["mass"], size, size).toarray()
+        return enforce(mass, np.asarray(self.core.forces(y, u)) + extra, self._groups(y))
+
+    def _groups(self, y: Array) -> list[Group]:
+        """A_r and b_r of each constraint at a state."""
+        _, triplets, wanted, group = self.core.constraints(y)
+        rows = matrix(triplets, wanted.size, self.coordinates).toarray()
+        return [(rows[group == r], wanted[group == r]) for r in np.unique(group)]
+
+    def projection(self, q: ArrayLike | None = None) -> Array:
+        """C_R of the recursion at a configuration: what the constraints leave, group by group.
+
+        Args:
+            q: angles (n,) or redundant coordinates (3 n,); where not given, the configuration of
+                `about`, else the straight pipe or, where that misses a constraint, one that does
+                not.
+
+        Returns:
+            Shape (3 n, dof), with orthonormal columns.
+
+        Raises:
+            ValueError, TypeError: for what is no such configuration.
+        """
+        self._check_size(LARGEST_RECURSION)
+        theta = self.resting() if q is None else self._angles_of("q", q)
+        still = self.core.from_angles(theta, np.zeros_like(theta))
+        return projection(self._groups(still), self.coordinates)[0]
+
+    def accelerations(self, y: ArrayLike, u: float, enforcement: str) -> Array:
+        """Accelerations q'' by one of the dense recursions, to compare with `rhs`; O(n^3).
+
+        Args:
+            y: state [q, q'], shape (6 n,).
+            u: flow speed >= 0.
+            enforcement: "orthonormal" or "udwadia-kalaba".
+
+        Returns:
+            Shape (3 n,).
+
+        Raises:
+            Mechanism: if a direction has no inertia there.
+            ValueError, TypeError: for bad arguments.
+        """
+        name = check.choice("enforcement", enforcement, ENFORCEMENTS)
+        u = check.real("u", u, low=0.0, high=1e100)
+        self._check_size(LARGEST_RECURSION)
+        size = self.coordinates
+        state = check.array("y", y, size=2 * size).copy()
+        enforce = by_orthonormal_basis if name == "orthonormal" else by_udwadia_kalaba
+        extra = extra_forces(self._customs, state[:size], state[size:])
+        forces = np.zeros(size) if extra is None else extra
+        return self._dense_accelerations(enforce, state, u, forces)
+
+    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
+        """Derivative of `rhs` with respect to the redundant state, analytic, in O(n^2).
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [q, q'], shape (6 n,).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
+
+        Returns:
+            d(dy/dt)/dy, shape (6 n, 6 n). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 1300
+                segments.
+            TypeError: for what is no array of real numbers.
+        """
+        self._check_size(LARGEST_JACOBIAN)
+        size = self.coordinates
+        state = check.doubles("y", y, "an array of real numbers")
+        if state.shape != (2 * size,):
+            raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
+        u = check.real("u", u, low=0.0, high=1e100)
+        self.core.energy(state)  # finite numbers only
+        whole = np.zeros((2 * size, 2 * size))
+        whole[:size, size:] = np.eye(size)
+        whole[size:] = self._acceleration_jacobian(state, u)
+        return whole
+
+    def _acceleration_jacobian(self, y: Array, u: float) -> Array:
+        return acceleration_jacobian(self.core, self._customs, self._layout.kept_rows, y, u)
+
+    # ------------------------------------------------------------------------- what is integrated
+
+    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        """[theta, theta'] to integrate from, shape (2 n,), of what `simulate` is given."""
+        theta = self._angles_of("q0", q0)
+        return np.concatenate([theta, self._rates_of("qdot0", qdot0, theta)])
+
+    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        """Redundant coordinates and rates, (S, 3 n) each, of integrated angles (S, n)."""
+        y = self.motion.states(p.T, pdot.T)
+        return y[: self.coordinates].T, y[self.coordinates :].T
+
+    def resting(self) -> Array:
+        """Angles about which the motion's frequencies are estimated, shape (n,)."""
+        return self._layout.rest if self._reference is None else self._reference
+
+    def motion_jacobian(self, y: Array, u: float) -> Array:
+        """Derivative of the integrated angles' rates, (2 n, 2 n)."""
+        return self.motion.jacobian(y, u, self._acceleration_jacobian)
+
+    # ---------------------------------------------------------------------------------- geometry
+
+    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
+        """Centreline (x, y) at arc lengths s, shape (len(s), 2).
+
+        Args:
+            q: angles (n,) or redundant coordinates (3 n,), whose nodes are joined as they stand.
+            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
+
+        Raises:
+            ValueError: for coordinates or arc lengths out of range or of another shape.
+        """
+        rows = self._rows("q", q, (self.moving, self.coordinates))
+        at, base = arc_lengths(s), self._layout.base
+        places = self._configuration(rows) if rows.size == self.moving else rows
+        nodes = np.stack([places[0::3], places[1::3]], axis=1)
+        line = self._along(np.diff(nodes, axis=0, prepend=[[0.0, base]]), at)
+        line[:, 1] += np.minimum(at, base)
+        return line
+
+    def tips(self, q: ArrayLike) -> Array:
+        """Positions (x, y) of the free end, shape (k, 2), for k configurations, (3 n, k)."""
+        rows = self._configurations("q", q)
+        tips: Array = rows[-3:-1].T
+        return tips.copy()
+
+    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
+        """Velocities (x', y') of the free end in L / T, (k, 2), for k states, (3 n, k) each."""
+        _, rates = self._moving_columns(q, qdot)
+        velocities: Array = rates[-3:-1].T
+        return velocities.copy()
+
+    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        """Redundant coordinates of a bent pipe, shape (3 n,): theta(s) at the segments' middles.
+
+        Where guides and pins are there, of angles close to these that meet them.
+
+        Args:
+            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+
+        Raises:
+            TypeError: if angle is no function.
+            ValueError: if it gives another shape, or no finite numbers.
+            NotConverged: if no angles close to these meet the constraints.
+        """
+        ends = self._layout.ends
+        theta = self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
+        return self._configuration(self.closed(theta))
+
+    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+        """Transverse displacement along x for small motions at arc lengths s.
+
+        Args:
+            q: degrees of freedom as those of `operators`, real or complex, (dof,) or (dof, k).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+
+        Returns:
+            Displacements, shape (p,) or (p, k).
+
+        Raises:
+            ValueError, TypeError: for coordinates or arc lengths that are not such.
+        """
+        at = arc_lengths(s)
+        given = self._displaced(q, at.size)
+        linear = self._linear
+        theta = linear.angle_basis.spread(given.reshape(self.dof, -1))
+        moved = self._along(linear.tree.across * theta, at)
+        return moved.reshape(at.size, *given.shape[1:])
+
+    def _along(self, steps: NDArray[Any], s: Array) -> NDArray[Any]:
+        return along(steps, self._layout.base, self._layout.lengths, s)
+
+    # ----------------------------------------------------------------------------------- arguments
+
+    def _check_size(self, most: int) -> None:
+        if self.moving > most:
+            raise ValueError(f"dense results need at most {most} segments, got {self.moving}")
+
+    @staticmethod
+    def _rows(
+        name: str, given: ArrayLike, sizes: tuple[int, ...], high: float = LARGEST_ANGLE
+    ) -> Array:
+        rows = check.array(name, given, low=-high, high=high)
+        if rows.size not in sizes:
+            listed = " or ".join(f"({size},)" for size in sizes)
+            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
+        return rows
+
+    def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
+        """Angles of the segments from angles or redundant coordinates that meet the constraints."""
+        rows = self._rows(name, given, sizes or (self.moving, self.coordinates))
+        theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
+        if rows.size == self.coordinates:
+            off = np.abs(self._configuration(theta) - rows)
+            self._refuse(name, off, rows)
+        missed = np.abs(self._layout.missed(theta))
+        if missed.max(initial=0.0) > MET:
+            worst = self._layout.closings[int(np.argmax(missed))]
+            raise ValueError(
+                f"{name} must meet {told(worst.part)}, got {missed.max():.1e} beside it; "
+                "closed(angles) gives angles that do"
+            )
+        return np.array(theta)
+
+    def _refuse(self, name: str, off: Array, rows: Array) -> None:
+        if off.max() > MET:
+            still = np.concatenate([rows, np.zeros_like(rows)])
+            values, _, _, group = self.core.constraints(still)
+            worst = self.constraints[int(group[int(np.argmax(np.abs(values)))])]
+            raise ValueError(
+                f"{name} must meet the constraints, got {np.abs(values).max():.1e} beside "
+                f"{told(worst)}"
+            )
+
+    def _rates_of(
+        self, name: str, given: ArrayLike | None, theta: Array, sizes: tuple[int, ...] = ()
+    ) -> Array:
+        """Rates of the angles, from those or redundant rates that keep the constraints."""
+        if given is None:
+            return np.zeros(self.moving)
+        rows = self._rows(name, given, sizes or (self.moving, self.coordinates), 1e6)
+        omega = rows if rows.size == self.moving else np.cumsum(rows[2::3])
+        y = self.core.from_angles(theta, omega)
+        fast = 1.0 + float(np.abs(omega).max())
+        if rows.size == self.coordinates:
+            off = float(np.abs(y[self.coordinates :] - rows).max())
+            if off > MET * fast:
+                raise ValueError(
+                    f"{name} must keep the joints together, got {off:.1e} that pulls them apart"
+                )
+        closings: Sequence[Closing] = self._layout.closings
+        drift = [abs(float(y[self.coordinates + closing.coordinate])) for closing in closings]
+        if drift and max(drift) > MET * fast:
+            worst = closings[int(np.argmax(drift))]
+            raise ValueError(
+                f"{name} must keep {told(worst.part)}, got {max(drift):.1e} away from it"
+            )
+        return np.array(omega)
+
+
+def _is_plain_spring(part: Module) -> bool:
+    """Whether it is a joint's spring with the pipe's damping, straight at rest."""
+    return isinstance(part, TorsionalSpring) and part.damping is None and part.rest_angle == 0.0
+
+
+def _parts(name: str, given: Any, kind: type[Any]) -> tuple[Any, ...]:
+    if isinstance(given, str | bytes) or not np.iterable(given):
+        raise TypeError(f"{name} must be parts in a sequence, got {check.shown(given)}")
+    parts = tuple(given)
+    for part in parts:
+        if not isinstance(part, kind):
+            raise TypeError(
+                f"{name} must hold {kind.__name__.lower()}s only, got {check.shown(part)}"
+            )
+        if type(part) not in KINDS and type(part) not in MODULES:
+            raise TypeError(
+                f"{name} must hold this package's parts, got {check.shown(part)}; what a module "
+                "of your own does is told by a Custom"
+            )
+    if len(parts) > 10 * LARGEST_CHAIN:
+        raise ValueError(f"{name} must be at most {10 * LARGEST_CHAIN}, got {len(parts)}")
+    return parts

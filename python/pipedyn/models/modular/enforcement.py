@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: MIT
+"""Constraints enforced group by group, written as the method reads: dense, for any scene.
+
+Free modules obey M q'' = f; constraints A_r q'' = b_r, r = 1 .. R, enter in groups, in any order.
+Two recursions give the accelerations. The default route does the first of them in O(n), see
+cpp/pipedyn/enforcement.hpp; here both are O(n^3), to read, to compare and to teach.
+
+Orthonormal basis. C_0 = I; S_r spans the null space of A_r C_{r-1}, and C_r = C_{r-1} S_r. Then
+q'' = p + C_R a with any p that meets the constraints (kept by the same recursion), and
+C_R^T (M q'' - f) = 0.
+
+Udwadia-Kalaba. With P_0 = M^-1 and q''_0 = M^-1 f, each group corrects what the groups before it
+left,
+
+    G = P A_r^T (A_r P A_r^T)^+,   q'' <- q'' + G (b_r - A_r q''),   P <- P - G A_r P,
+
+which is the Kalman filter's update for a measurement without noise. The angles phi_j have no
+inertia, M^-1 does not exist, and P_0 = P + kappa W W^T with W the directions without inertia and
+kappa without bound: the filter's exact diffuse start. In the limit a group first settles those
+directions that it reaches, A_r W != 0, and then corrects the others.
+
+Source: Orsino (2017) for the recursion; Udwadia and Kalaba (1992); Durbin and Koopman (2012),
+section 5.2, for the diffuse start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipedyn.models.base import PipedynError
+from pipedyn.util.check import Array
+
+RANK = 1e-10
+"""Singular values of a group below this share of its rows' size are redundant."""
+
+Group = tuple[Array, Array]
+"""A_r, shape (m, N), and b_r, shape (m,)."""
+
+
+class Mechanism(PipedynError):
+    """A scene that can move in some direction without inertia."""
+
+
+def projection(groups: Sequence[Group], size: int) -> tuple[Array, Array]:
+    """C_R and p: what the constraints leave free, group by group.
+
+    Args:
+        groups: A_r and b_r, in the order in which they are enforced.
+        size: number N of redundant coordinates.
+
+    Returns:
+        C_R, shape (N, dof), with orthonormal columns; p, shape (N,), of all that meet the
+        constraints the one that each group adds least to.
+    """
+    basis, particular = np.eye(size), np.zeros(size)
+    for rows, wanted in groups:
+        left, values, right = np.linalg.svd(rows @ basis)
+        rank = _rank(values, rows)
+        missing = left[:, :rank].T @ (wanted - rows @ particular)
+        particular = particular + basis @ (right[:rank].T @ (missing / values[:rank]))
+        basis = basis @ right[rank:].T
+    return basis, particular
+
+
+def by_orthonormal_basis(mass: Array, force: Array, groups: Sequence[Group]) -> Array:
+    """Accelerations q'' by the recursive orthonormal basis.
+
+    Args:
+        mass: M, shape (N, N), symmetric and positive semidefinite.
+        force: f, shape (N,).
+        groups: A_r and b_r.
+
+    Returns:
+        Shape (N,).
+
+    Raises:
+        Mechanism: if a direction that is left free has no inertia.
+    """
+    basis, particular = projection(groups, force.size)
+    reduced = basis.T @ mass @ basis
+    try:
+        factor = np.linalg.cholesky(reduced)
+    except np.linalg.LinAlgError:
+        raise Mechanism("a direction that the constraints leave free has no inertia") from None
+    rest = np.linalg.solve(factor, basis.T @ (force - mass @ particular))
+    accelerations: Array = particular + basis @ np.linalg.solve(factor.T, rest)
+    return accelerations
+
+
+def by_udwadia_kalaba(mass: Array, force: Array, groups: Sequence[Group]) -> Array:
+    """Accelerations q'' by recursive Udwadia-Kalaba with an exact start for a singular mass.
+
+    Args, Returns, Raises: as for `by_orthonormal_basis`.
+    """
+    values, vectors = np.linalg.eigh(mass)
+    light = values <= RANK * values[-1]
+    heavy = vectors[:, ~light]
+    compliance = heavy @ (heavy / values[~light]).T
+    stiffest = float(np.abs(compliance).max(initial=0.0))
+    accelerations: Array = compliance @ force
+    # A force along a direction without inertia is carried by the constraints that end it: it is
+    # kept until then, as what would accelerate that direction in unit compliance.
+    loose, pull = vectors[:, light], vectors[:, light].T @ force
+    for rows, wanted in groups:
+        reach = rows @ loose
+        left, singular, right = np.linalg.svd(reach)
+        rank = _rank(singular, rows)
+        if rank:
+            # Coordinates of W: those that the group settles, and those that it does not reach.
+            settled, free = loose @ right[:rank].T, loose @ right[rank:].T
+            first, rest = left[:, :rank].T @ rows, left[:, rank:].T @ rows
+            # Settled directions follow from the others: w = D^-1 (b - A q''), a lever D^-1 A.
+            lever = settled @ (first / singular[:rank, None])
+            target = settled @ ((left[:, :rank].T @ wanted) / singular[:rank])
+            onto = np.eye(force.size) - lever
+            burden, pull = right[:rank] @ pull, right[rank:] @ pull
+            bent = compliance @ onto.T
+            pushed = -(first / singular[:rank, None]).T @ burden
+            accelerations = onto @ (accelerations + compliance @ pushed) + target
+            compliance = onto @ bent
+            loose = free - lever @ free
+            rows, wanted = rest, left[:, rank:].T @ wanted
+        spread = compliance @ rows.T
+        gain = spread @ _pseudo_inverse(rows @ spread, stiffest * float(np.sum(rows**2)))
+        accelerations = accelerations + gain @ (wanted - rows @ accelerations)
+        compliance = compliance - gain @ spread.T
+        compliance = 0.5 * (compliance + compliance.T)
+    if loose.shape[1]:
+        raise Mechanism("a direction that the constraints leave free has no inertia")
+    return accelerations
+
+
+def _rank(values: Array, rows: Array) -> int:
+    size = float(np.linalg.norm(rows, axis=1).max(initial=0.0))
+    return int(np.sum(values > RANK * size))
+
+
+def _pseudo_inverse(matrix: Array, size: float) -> Array:
+    """Of a symmetric matrix whose eigenvalues below RANK of a size are rounding."""
+    values, vectors = np.linalg.eigh(matrix)
+    good = values > RANK * size
+    inverse: Array = vectors[:, good] @ (vectors[:, good] / values[good]).T
+    return inverse

@@ -1,0 +1,405 @@
+# SPDX-License-Identifier: MIT
+"""The pipe: a handful of nondimensional numbers, from SI and back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.integrate import quad_vec
+from scipy.interpolate import PchipInterpolator
+from scipy.special import roots_legendre
+
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+Flow = Literal["ejecting", "aspirating"]
+FLOWS = ("ejecting", "aspirating")
+
+RANGES: dict[str, dict[str, Any]] = {
+    "beta": {"low": 0.0, "high": 1.0, "open_high": True},
+    "gamma": {"low": -1e6, "high": 1e6},
+    "alpha": {"low": 0.0, "high": 1e6},
+    "drag": {"low": 0.0, "high": 1e9},
+    "damping": {"low": 0.0, "high": 1e6},
+}
+"""What `check.real` asks of a pipe's numbers."""
+
+LARGEST_CONVERSION = 10_000_000
+"""Numbers converted at once."""
+
+PANELS = 1024
+"""Into which the radius of an inlet is cut before its velocity is integrated."""
+
+
+class Scales(NamedTuple):
+    """SI value of one nondimensional unit."""
+
+    length: float
+    """L, m"""
+    mass: float
+    """mu_p + mu_f, kg/m"""
+    time: float
+    """L^2 sqrt((mu_p + mu_f) / EI), s"""
+    speed: float
+    """sqrt(EI / mu_f) / L, m/s"""
+
+
+@dataclass(frozen=True)
+class Pipe:
+    """A cantilevered pipe conveying fluid, in units in which L, mu_p + mu_f and EI are 1.
+
+    Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L.
+
+    Attributes:
+        beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
+        gamma: gravity g L^3 (mu_p + mu_f) / EI; negative when the free end stands above the clamp.
+        flow: "ejecting" (out of the free end) or "aspirating" (into it).
+        alpha: inlet coefficient >= 0 of the aspirating pipe, see `inlet_coefficient`; the ejecting
+            pipe does not use it.
+        drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it has no part in the
+            linear analysis.
+        damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
+        scales: SI value of one unit, or None for a pipe not made with `from_si`.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+
+    Source: Orsino and Di Giulio, eqs. (1)-(9); delta is not in the paper.
+    """
+
+    beta: float
+    gamma: float = 0.0
+    flow: Flow = "ejecting"
+    alpha: float = 1.0
+    drag: float = 0.0
+    damping: float = 0.0
+    scales: Scales | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        checked: dict[str, Any] = {
+            "flow": check.choice("flow", self.flow, FLOWS),
+            **{name: check.real(name, getattr(self, name), **RANGES[name]) for name in RANGES},
+        }
+        if self.scales is not None:
+            if not isinstance(self.scales, tuple) or len(self.scales) != 4:
+                raise TypeError(f"scales must be a Scales, got {check.shown(self.scales)}")
+            parts = zip(Scales._fields, self.scales, strict=True)
+            checked["scales"] = Scales(
+                *(check.real(f"scales.{k}", v, low=0.0, open_low=True) for k, v in parts)
+            )
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_si(
+        cls,
+        *,
+        length: float,
+        bending_stiffness: float,
+        pipe_mass: float,
+        fluid_mass: float,
+        gravity: float = 9.81,
+        drag_coefficient: float = 0.0,
+        external_diameter: float = 0.0,
+        external_density: float = 0.0,
+        damping_time: float = 0.0,
+        flow: Flow = "ejecting",
+        alpha: float = 1.0,
+    ) -> Pipe:
+        """A pipe from measured quantities.
+
+        Args:
+            length: L, m.
+            bending_stiffness: EI, N m^2.
+            pipe_mass: mu_p, kg/m.
+            fluid_mass: mu_f, kg/m, > 0: without fluid there is no unit of flow speed.
+            gravity: m/s^2; negative when the free end stands above the clamp, 0 for a pipe that
+                moves in a horizontal plane.
+            drag_coefficient: C_D of the pipe's outside.
+            external_diameter: d_e, m.
+            external_density: rho_e of the surrounding fluid, kg/m^3.
+            damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
+            flow: "ejecting" or "aspirating".
+            alpha: inlet coefficient, see `inlet_coefficient`.
+
+        Raises:
+            ValueError: for a number out of its range, or drag given in part: of drag_coefficient,
+                external_diameter and external_density all three or none.
+            TypeError: for what is no number.
+        """
+        length = check.real("length", length, low=0.0, high=1e12, open_low=True)
+        stiffness = check.real(
+            "bending_stiffness", bending_stiffness, low=0.0, high=1e12, open_low=True
+        )
+        pipe_mass = check.real("pipe_mass", pipe_mass, low=0.0, high=1e12, open_low=True)
+        fluid_mass = check.real("fluid_mass", fluid_mass, low=0.0, high=1e12, open_low=True)
+        gravity = check.real("gravity", gravity, low=-1e12, high=1e12)
+        drag = [
+            check.real("drag_coefficient", drag_coefficient, low=0.0),
+            check.real("external_diameter", external_diameter, low=0.0),
+            check.real("external_density", external_density, low=0.0),
+        ]
+        if any(drag) and not all(drag):
+            raise ValueError(
+                "drag_coefficient, external_diameter and external_density must be given together, "
+                f"got {drag[0]!r}, {drag[1]!r} and {drag[2]!r}"
+            )
+        damping_time = check.real("damping_time", damping_time, low=0.0)
+        mass = pipe_mass + fluid_mass
+        time = length**2 * math.sqrt(mass / stiffness)
+        speed = math.sqrt(stiffness / fluid_mass) / length
+        scales = (length, mass, time, speed)
+        if not all(0.0 < scale < math.inf for scale in scales):
+            raise ValueError(
+                "length, bending_stiffness, pipe_mass and fluid_mass must give finite units, "
+                f"got {dict(zip(Scales._fields, scales, strict=True))}"
+            )
+        numbers = {
+            ("beta", "pipe_mass and fluid_mass"): fluid_mass / mass,
+            (
+                "gamma",
+                "gravity, length, pipe_mass, fluid_mass and bending_stiffness",
+            ): gravity * length**3 * mass / stiffness,
+            (
+                "drag",
+                "drag_coefficient, external_diameter, external_density, length and the masses",
+            ): math.prod(drag) * length / (2.0 * mass),
+            (
+                "damping",
+                "damping_time, length, bending_stiffness and the masses",
+            ): damping_time / time,
+        }
+        return cls(
+            **{
+                name: check.real(f"{name} from {causes}", value, **RANGES[name])
+                for (name, causes), value in numbers.items()
+            },
+            flow=flow,
+            alpha=alpha,
+            scales=Scales(*scales),
+        )
+
+    @property
+    def direction(self) -> float:
+        """s, the sign of the flow's velocity: 1 ejecting, -1 aspirating."""
+        return -1.0 if self.flow == "aspirating" else 1.0
+
+    @property
+    def centrifugal(self) -> float:
+        """a, the factor of u^2 in the centrifugal term: 1 ejecting, alpha aspirating."""
+        return self.alpha if self.flow == "aspirating" else 1.0
+
+    def __repr__(self) -> str:
+        parts = [f"beta={self.beta:.12g}"]
+        for item in fields(self)[1:-1]:
+            value = getattr(self, item.name)
+            if value != item.default:
+                parts.append(
+                    f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
+                )
+        if self.scales is not None:
+            units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
+            parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
+        return f"Pipe({', '.join(parts)})"
+
+    def _scale(self, name: str) -> float:
+        if self.scales is None:
+            raise ValueError(f"{name} in SI needs a pipe made with Pipe.from_si, got {self!r}")
+        return float(getattr(self.scales, name))
+
+    def speed_si(self, u: ArrayLike) -> Any:
+        """Flow speed in m/s from the nondimensional u; a number or an array."""
+        return _converted("u", u, np.multiply, self._scale("speed"))
+
+    def speed(self, V: ArrayLike) -> Any:
+        """Nondimensional flow speed u from V in m/s; a number or an array."""
+        return _converted("V", V, np.divide, self._scale("speed"))
+
+    def time_si(self, tau: ArrayLike) -> Any:
+        """Time in s from the nondimensional tau; a number or an array."""
+        return _converted("tau", tau, np.multiply, self._scale("time"))
+
+    def time(self, t: ArrayLike) -> Any:
+        """Nondimensional time tau from t in s; a number or an array."""
+        return _converted("t", t, np.divide, self._scale("time"))
+
+    def frequency_si(self, omega: ArrayLike) -> Any:
+        """Angular frequency in rad/s from the nondimensional omega; a number or an array."""
+        return _converted("omega", omega, np.divide, self._scale("time"))
+
+    def frequency(self, omega_si: ArrayLike) -> Any:
+        """Nondimensional angular frequency from rad/s; a number or an array."""
+        return _converted("omega_si", omega_si, np.multiply, self._scale("time"))
+
+    def length_si(self, s: ArrayLike) -> Any:
+        """Length in m from a fraction of the pipe's; a number or an array."""
+        return _converted("s", s, np.multiply, self._scale("length"))
+
+    def length(self, x: ArrayLike) -> Any:
+        """Length as a fraction of the pipe's from m; a number or an array."""
+        return _converted("x", x, np.divide, self._scale("length"))
+
+
+def _converted(name: str, value: ArrayLike, by: np.ufunc, scale: float) -> Any:
+    numbers = check.numbers(
+        name, value, "a number or an array of numbers", longest=LARGEST_CONVERSION
+    )
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{name} must be finite, got {check.shown(value)}")
+    with np.errstate(over="ignore", under="ignore"):
+        result = by(numbers.astype(np.float64), scale)
+    if not np.isfinite(result).all():
+        raise ValueError(f"{name} must be finite after conversion, got {check.shown(value)}")
+    return result if numbers.ndim else float(result)
+
+
+def inlet_coefficient(
+    velocity: Callable[[float], float] | ArrayLike,
+    *,
+    radius: float = 1.0,
+    radii: ArrayLike | None = None,
+    areas: ArrayLike | None = None,
+    section: float | None = None,
+) -> float:
+    """Inlet coefficient alpha = A int V_i^2 dS / (int V_i dS)^2 of an aspirating pipe.
+
+    V_i is the velocity normal to the inlet surface, A the pipe's section. alpha is 1 for a uniform
+    inlet over A, 4/3 for a parabolic profile over A, 1/2 for a uniform inlet over 2 A. Any
+    consistent units will do.
+
+    Args:
+        velocity: an axisymmetric profile V_i(r), called with some 50,000 floats 0 <= r <= radius,
+            jumps allowed, detail finer than 1e-4 of the radius not certain to be seen; or samples
+            of V_i, shape (k,), with either their radii or the areas they stand for.
+        radius: radius of the inlet, for a function.
+        radii: increasing radii of the samples, shape (k,), k >= 2, the first 0 and the last the
+            inlet's; between samples the profile is interpolated by monotone cubics.
+        areas: area of the patch that each sample stands for, shape (k,), > 0.
+        section: the pipe's section A; the area of the inlet where it is not given.
+
+    Raises:
+        ValueError: for numbers out of range, an inlet through which nothing flows on balance, or
+            a function that cannot be integrated.
+        TypeError: for what is neither a function nor an array, or not a number.
+
+    Source: Orsino and Di Giulio, eqs. (7)-(8).
+    """
+    radius = check.real("radius", radius, low=0.0, open_low=True)
+    if section is not None:
+        section = check.real("section", section, low=0.0, open_low=True)
+    if callable(velocity):
+        if radii is not None or areas is not None:
+            raise ValueError("radii and areas must go with samples, not with a function")
+        mean, square = _means_of_function(velocity, radius)
+        return _coefficient(mean, square, section, radius, math.pi * radius)
+    if radii is None and areas is None:
+        raise ValueError(
+            "velocity must be a function, or come with either radii or areas, "
+            f"got {check.shown(velocity)} alone"
+        )
+    if radii is not None and areas is not None:
+        raise ValueError("velocity must come with either radii or areas, got both")
+    if radii is not None:
+        at = check.array("radii", radii, low=0.0)
+        samples = check.array("velocity", velocity, size=at.size)
+        least = 1e-30 * at[-1]
+        if at.size < 2 or at[0] != 0.0 or np.any(np.diff(at) <= least):
+            raise ValueError(
+                "radii must increase from 0, by more than 1e-30 of the last, "
+                f"got {check.shown(radii)}"
+            )
+        mean, square = _means_of_rings(samples, at / at[-1])
+        return _coefficient(mean, square, section, float(at[-1]), math.pi * float(at[-1]))
+    patches = check.array("areas", areas, low=0.0, open_low=True)
+    samples = check.array("velocity", velocity, size=patches.size)
+    largest = float(patches.max())
+    parts = patches / largest
+    whole = float(parts.sum())
+    scaled = samples / _peak(samples)
+    mean, square = float(parts @ scaled) / whole, float(parts @ scaled**2) / whole
+    return _coefficient(mean, square, section, largest, whole)
+
+
+def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple[float, float]:
+    """Mean over the inlet of V and of V^2, V in units of the largest |V| that a first look sees.
+
+    From panels so narrow that a jet of 1e-4 of the radius holds a node of the first of them, and
+    halved where the 10 and 21 points of Gauss and Kronrod disagree.
+    """
+
+    def at(x: float) -> float:
+        r = x * radius
+        value = velocity(r)
+        if isinstance(value, float) and math.isfinite(value):
+            return float(value)
+        return check.real(f"velocity({r:g})", value)
+
+    # Beside the wall and the centre the panels narrow further.
+    near = 0.5 ** np.arange(11, 41)
+    edges = np.concatenate([[0.0], near[::-1], np.arange(1, PANELS) / PANELS, 1.0 - near, [1.0]])
+    look = edges[:-1, None] + np.diff(edges)[:, None] * (np.arange(16) + 0.5) / 16
+    peak = _peak(np.array([at(float(x)) for x in look.flat]))
+
+    def ring(x: float) -> Array:
+        value = at(x) / peak
+        if abs(value) > 1e100:
+            raise ValueError(f"velocity({x * radius:g}) must not be 1e100 times that elsewhere")
+        return np.array([2.0 * x * value, 2.0 * x * value**2])
+
+    means, error = quad_vec(
+        ring, 0.0, 1.0, epsabs=0.0, epsrel=1e-12, norm="max", limit=8000, points=edges[1:-1]
+    )
+    mean, square = map(float, means)
+    if not _vanishes(mean, square):
+        uncertain = error * (1.0 / square + 2.0 / abs(mean))
+        if not uncertain <= 1e-7:
+            raise ValueError(
+                "velocity must be a profile that can be integrated, got one whose coefficient "
+                f"is known to {uncertain:.0e} only"
+            )
+    return mean, square
+
+
+def _means_of_rings(samples: Array, x: Array) -> tuple[float, float]:
+    """The same of samples at x from 0 to 1 joined by monotone cubics, exact by four points each."""
+    profile = PchipInterpolator(x, samples / _peak(samples))
+    nodes, weights = roots_legendre(4)
+    half = 0.5 * np.diff(x)[:, None]
+    at = x[:-1, None] + half * (1.0 + nodes)
+    values = profile(at)
+    rings = 2.0 * at * half * weights
+    return float(np.sum(rings * values)), float(np.sum(rings * values**2))
+
+
+def _peak(velocity: Array) -> float:
+    """Largest magnitude: squares of velocities in this unit neither overflow nor vanish."""
+    peak = float(np.abs(velocity).max())
+    if peak == 0.0:
+        raise ValueError("velocity must carry fluid through the inlet, got 0 everywhere")
+    return peak
+
+
+def _vanishes(mean: float, square: float) -> bool:
+    # Cauchy and Schwarz bound mean^2 by square.
+    return not mean**2 > 1e-24 * square
+
+
+def _coefficient(
+    mean: float, square: float, section: float | None, length: float, width: float
+) -> float:
+    """From means of V and V^2 over an inlet of area length * width."""
+    if _vanishes(mean, square):
+        raise ValueError(f"velocity must carry fluid through the inlet, got a mean of {mean:.1e}")
+    part = 1.0 if section is None else section / length / width
+    alpha = part * (square / mean**2)
+    if not 0.0 < alpha < math.inf:
+        raise ValueError(
+            f"section must be comparable with the inlet's area, got {part!r} times that"
+        )
+    return alpha

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: MIT
+"""Many motions at once: members of one model advance together in one batch.
+
+A batch costs one call a right-hand side for all its members, and the call goes through the
+processor's vectors. The integrator's steps are common, and its error norm is a mean over the
+batch: the tolerance is sharpened by the root of the members, so that each meets its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipedyn.linear.modes import LARGEST_SPEED
+from pipedyn.models.base import Model
+from pipedyn.motion.simulate import (
+    LARGEST_SAMPLES,
+    MOST_CALLS,
+    Motion,
+    MotionStopped,
+    Start,
+    Task,
+    checked_model_in_motion,
+    checked_task,
+    integrate,
+    motion_of,
+)
+from pipedyn.util import check
+from pipedyn.util.progress import track
+
+LARGEST_ENSEMBLE = 1_000_000
+BATCH = 64
+"""Members of a batch: measured, the cost of a member falls little beyond."""
+
+
+@dataclass(frozen=True)
+class MemberFailure:
+    """A member whose motion stopped.
+
+    Attributes:
+        index: of the member.
+        error: why, with the motion up to there.
+    """
+
+    index: int
+    error: MotionStopped
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Motions of many members.
+
+    Attributes:
+        motions: one a member, in order; of one that failed, up to where it stopped.
+        failures: the members that stopped early.
+    """
+
+    motions: tuple[Motion, ...] = field(repr=False)
+    failures: tuple[MemberFailure, ...]
+
+    def __len__(self) -> int:
+        return len(self.motions)
+
+
+def simulate_many(
+    models: Model | Sequence[Model],
+    speeds: float | ArrayLike,
+    duration: float,
+    q0: Start | Sequence[Start],
+    qdot0: ArrayLike | Sequence[ArrayLike] | None = None,
+    *,
+    samples: int | None = None,
+    times: ArrayLike | None = None,
+    rtol: float = 1e-6,
+    atol: float | None = None,
+    method: str = "auto",
+    most: float = MOST_CALLS,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> Ensemble:
+    """Motions of many members, which may differ in model, flow speed and initial state.
+
+    Whatever is given once holds for all members; what is given k times, for each its own. Members
+    with the same model object are integrated in batches where the method is "dop853".
+
+    Args:
+        models: one model or k.
+        speeds: flow speed >= 0, a number or shape (k,).
+        duration: in T, from 1e-12 to 1e9.
+        q0: initial coordinates (dof,) or an angle theta(s), as for `simulate`; or k of them, e.g.
+            shape (k, dof).
+        qdot0: initial rates, shape (dof,) or k of them; at rest where not given.
+        samples: number of evenly spaced samples, as for `simulate`.
+        times: samples at these times instead.
+        rtol: relative tolerance of the error of each member's steps.
+        atol: absolute tolerance; rtol / 100 where not given.
+        method: as for `simulate`.
+        most: right-hand sides that each batch may take, as for `simulate`.
+        executor: a `concurrent.futures.Executor`; batches are its tasks.
+        progress: show progress on stderr.
+
+    Returns:
+        Ensemble; a member that stops early is reported in `failures`, the others are kept.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    chosen = list(models) if isinstance(models, Sequence) else [models]
+    for i, model in enumerate(chosen):
+        checked_model_in_motion(model, f"models[{i}]" if isinstance(models, Sequence) else "models")
+    at = np.atleast_1d(check.numbers("speeds", speeds, "a number or an array of real numbers"))
+    if at.ndim != 1:
+        raise ValueError(f"speeds must be a number or one-dimensional, got shape {at.shape}")
+    at = check.array("speeds", at, low=0.0, high=LARGEST_SPEED)
+    starts, rates = _each("q0", q0), _each("qdot0", qdot0)
+    given: dict[str, Any] = {"models": chosen, "speeds": at, "q0": starts, "qdot0": rates}
+    members = max(len(values) for values in given.values())
+    for name, values in given.items():
+        if len(values) not in (1, members):
+            raise ValueError(
+                f"{name} must be one or as many as the others, {members}, got {len(values)}"
+            )
+    if members > LARGEST_ENSEMBLE:
+        raise ValueError(f"speeds must ask for at most {LARGEST_ENSEMBLE} members, got {members}")
+    check.executor("executor", executor)
+    shown = check.flag("progress", progress)
+    tasks = []
+    methods: dict[int, str] = {}
+    for i in range(members):
+        model, u, start, rate = (values[i % len(values)] for values in given.values())
+        try:
+            task = checked_task(
+                *(model, u.item(), duration, start, rate),
+                samples=samples,
+                times=times,
+                rtol=rtol,
+                atol=atol,
+                method=methods.get(id(model), method),
+                most=most,
+            )
+        except (ValueError, TypeError) as error:
+            raise type(error)(f"{error} (member {i})") from error
+        methods[id(model)] = task.method
+        tasks.append(task)
+    if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
+        raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
+    return _solved(tasks, executor, shown)
+
+
+def _each(name: str, given: Any) -> list[Any]:
+    """What is given for each member, or once: a list of k, or of 1."""
+    if given is None or callable(given):
+        return [given]
+    if isinstance(given, Sequence) and not isinstance(given, str) and len(given):
+        if all(callable(one) or np.ndim(one) == 1 for one in given):
+            return list(given)
+        return [given]
+    if isinstance(given, np.ndarray) and given.ndim == 2:
+        if not len(given):
+            raise ValueError(f"{name} must not be empty, got shape {given.shape}")
+        return list(given)
+    return [given]
+
+
+def _solved(tasks: list[Task], executor: Executor | None, shown: bool) -> Ensemble:
+    blocks = _blocks(tasks)
+    joined = [_joined([tasks[i] for i in block]) for block in blocks]
+    answers: Iterable[list[tuple[Motion, str | None]]]
+    if executor is None:
+        answers = map(_motions, joined)
+    else:
+        futures = [executor.submit(_motions, task) for task in joined]
+        answers = (future.result() for future in futures)
+    motions: list[Any] = [None] * len(tasks)
+    failures = []
+    for block, found in zip(track(blocks, len(blocks), "batches", shown), answers, strict=True):
+        for i, (motion, why) in zip(block, found, strict=True):
+            motions[i] = motion
+            if why is not None:
+                message = f"member {i} stopped {motion.reached}: {why}"
+                failures.append(MemberFailure(i, MotionStopped(message, motion)))
+    return Ensemble(tuple(motions), tuple(sorted(failures, key=lambda failure: failure.index)))
+
+
+def _blocks(tasks: list[Task]) -> list[list[int]]:
+    """Members to integrate together: of one model and an explicit method, up to BATCH."""
+    alike: dict[tuple[int, str], list[int]] = {}
+    for i, task in enumerate(tasks):
+        alike.setdefault((id(task.model), task.method), []).append(i)
+    blocks = []
+    for (_, method), members in alike.items():
+        size = BATCH if method == "dop853" else 1
+        parts = math.ceil(len(members) / size)
+        blocks += [part.tolist() for part in np.array_split(np.array(members), parts)]
+    return blocks
+
+
+def _joined(tasks: list[Task]) -> Task:
+    """One task of several."""
+    first = tasks[0]
+    if len(tasks) == 1:
+        return first
+    sharper = math.sqrt(len(tasks))
+    return replace(
+        first,
+        u=np.array([float(task.u) for task in tasks]),
+        start=np.stack([task.start for task in tasks], axis=1),
+        rtol=max(first.rtol / sharper, 1e-14),
+        atol=first.atol / sharper,
+    )
+
+
+def _motions(task: Task) -> list[tuple[Motion, str | None]]:
+    """Motion of each member of a task, and why it stopped early.
+
+    A batch that stops is halved, unless it took all the right-hand sides that it may.
+    """
+    rows, evaluations, why = integrate(task)
+    if task.start.ndim == 1:
+        return [(motion_of(task, rows, evaluations), why)]
+    members = task.start.shape[1]
+    if why is not None and evaluations < task.most:
+        half = members // 2
+        return _motions(_part(task, slice(0, half))) + _motions(_part(task, slice(half, members)))
+    return [
+        (motion_of(_part(task, slice(j, j + 1)), rows[:, :, j].copy(), evaluations), why)
+        for j in range(members)
+    ]
+
+
+def _part(task: Task, which: slice) -> Task:
+    speeds, start = np.asarray(task.u)[which], task.start[:, which]
+    if speeds.size == 1:
+        return replace(task, u=float(speeds[0]), start=start[:, 0].copy())
+    return replace(task, u=speeds, start=np.ascontiguousarray(start))

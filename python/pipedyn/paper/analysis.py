@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: MIT
+"""The paper's modal analysis: what its figures and its table show, gathered on a few processes.
+
+What cannot be computed is left out and named; the rest is kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipedyn import plot
+from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
+from pipedyn.linear.modes import RootLoci, root_loci
+from pipedyn.linear.sensitivity import Crossing
+from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
+from pipedyn.models.base import Model
+from pipedyn.models.chain import SPRING_RULES, Chain
+from pipedyn.models.continuum import Continuum
+from pipedyn.models.galerkin import BASES, Galerkin
+from pipedyn.models.pipe import Pipe
+from pipedyn.util.progress import track
+
+BRANCHES = 4
+LEAST_HIGHEST, HIGHEST_SPEED = 8.0, 100.0
+CHAIN_LADDER = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
+REDUCED_LADDER = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
+"""Sizes of the convergence picture, beside those of the panels."""
+
+MAP_GAMMAS = (-10.0, 0.0, 10.0, 100.0)
+MAP_BETAS = np.linspace(0.01, 0.98, 25)
+MAP_SPEEDS = 20.0, 30.0
+"""Highest speed of the map, and how far it may be raised to hold the case itself."""
+MAP_JUMP, MAP_STEP = 0.04, 0.002
+"""Where boundaries jump by more than this part of the highest speed, steps in beta are halved, down
+to MAP_STEP."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What was asked for on the command line; highest None: chosen from the critical speed."""
+
+    pipe: Pipe
+    springs: tuple[str, ...]
+    chain_sizes: tuple[int, ...]
+    basis: str
+    reduced_sizes: tuple[int, ...]
+    highest: float | None
+    speeds: int
+    output: Path
+    format: str
+    workers: int
+    progress: bool
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: a model and its critical speed, or a remark why there is none."""
+
+    kind: str
+    family: str
+    size: int
+    critical: CriticalSpeed | None
+    remark: str = ""
+
+
+@dataclass
+class Findings:
+    """All that the pictures and the table show; what failed is missing and named in `failures`.
+
+    Attributes:
+        highest: end of the speeds in figures 2 and 3.
+        exact: critical speed of the continuous pipe; None with a remark that says why.
+        crossings: passages of the continuous pipe up to `highest`.
+        benchmark: root loci of the continuous pipe.
+        panels: titles and root loci of the models, a list for each row of panels.
+        rows: the table, without the continuous pipe.
+        curves: stability over beta, by gamma.
+        map_error: largest distance of the map's boundaries from the continuous pipe's.
+        failures: what could not be computed, and why.
+    """
+
+    highest: float
+    exact: CriticalSpeed | None = None
+    remark: str = ""
+    crossings: tuple[Crossing, ...] = ()
+    benchmark: RootLoci | None = None
+    panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    curves: dict[float, StabilityCurve] = field(default_factory=dict)
+    map_error: float = 0.0
+    failures: list[str] = field(default_factory=list)
+
+
+Job = Callable[[], Any]
+
+
+def _outcomes(jobs: Sequence[Job], executor: Executor | None) -> Iterator[Any]:
+    """What each job gave, or the exception that it raised, in order."""
+    futures = [None if executor is None else executor.submit(job) for job in jobs]
+    for job, future in zip(jobs, futures, strict=True):
+        try:
+            yield job() if future is None else _result(job, future)
+        except Exception as error:
+            yield error
+
+
+def _result(job: Job, future: Future[Any]) -> Any:
+    """The future's result; where its processes died, the job is done here."""
+    try:
+        return future.result()
+    except BrokenExecutor:
+        return job()
+
+
+def gather(case: Case, executor: Executor | None = None) -> Findings:
+    """Everything the pictures and the table show."""
+    exact = Continuum(case.pipe)
+    (first,) = _outcomes([partial(critical_speed, exact)], None)
+    critical = first if isinstance(first, CriticalSpeed) else None
+    findings = Findings(_highest(case, critical), critical)
+    if critical is None:
+        findings.remark = _remark(first)
+        if not isinstance(first, NoCrossing):
+            findings.failures.append(f"critical speed, continuous pipe: {findings.remark}")
+
+    speeds = np.linspace(0.0, findings.highest, case.speeds)
+    panels, families = _panels(case), _families(case)
+    pictured = [model for row in panels for _, model in row]
+    jobs: list[Job] = [
+        partial(root_loci, exact, speeds, BRANCHES),
+        partial(crossings, exact, findings.highest),
+        *(partial(root_loci, model, speeds, min(BRANCHES, model.dof)) for model in pictured),
+        *(partial(critical_speed, model) for _, _, model in families),
+    ]
+    every = track(_outcomes(jobs, executor), len(jobs), "models", case.progress)
+    outcomes = iter(list(every))
+
+    def next_of(what: str) -> tuple[Any, str]:
+        """The next outcome, or None and why; a failure is noted."""
+        outcome = next(outcomes)
+        if not isinstance(outcome, Exception):
+            return outcome, ""
+        if not isinstance(outcome, NoCrossing):
+            findings.failures.append(f"{what}: {_remark(outcome)}")
+        return None, _remark(outcome)
+
+    findings.benchmark, _ = next_of("root loci, continuous pipe")
+    findings.crossings = next_of("crossings, continuous pipe")[0] or ()
+    findings.panels = [
+        [(title, next_of(f"root loci, {title}")[0]) for title, _ in row] for row in panels
+    ]
+    findings.rows = [
+        Row(kind, family, model.dof, *next_of(f"critical speed, {kind}, {family}, {model.dof}"))
+        for kind, family, model in families
+    ]
+    others = sorted({*MAP_GAMMAS} - {case.pipe.gamma}, reverse=True)
+    gammas = [case.pipe.gamma, *others]
+    for gamma in track(gammas, len(gammas), "stability map", case.progress):
+        pipe = replace(case.pipe, gamma=gamma)
+        try:
+            curve, difference = mapped(pipe, map_top(critical), executor)
+        except BrokenExecutor:
+            executor = None
+            curve, difference = mapped(pipe, map_top(critical), executor)
+        findings.curves[gamma] = curve
+        findings.map_error = max(findings.map_error, difference)
+        if math.isinf(difference):
+            what = f"stability map, gamma = {gamma:g}"
+            findings.failures.append(f"{what}: boundaries differ from the continuous pipe's")
+        findings.failures += [
+            f"stability map, gamma = {gamma:g}, beta = {failure.value:g}: {_remark(failure.error)}"
+            for failure in curve.failures
+        ]
+    return findings
+
+
+def _highest(case: Case, critical: CriticalSpeed | None) -> float:
+    if case.highest is not None:
+        return case.highest
+    wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
+    return float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
+
+
+def map_top(critical: CriticalSpeed | None) -> float:
+    """End of the map's speeds: low where the pipe loses stability by the least flow."""
+    usual, farthest = MAP_SPEEDS
+    if critical is None:
+        return usual
+    if critical.speed < 1.0:
+        return 5.0 * critical.speed or 1.0
+    return min(max(usual, 1.1 * critical.speed), farthest)
+
+
+def _remark(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text if isinstance(error, NoCrossing) else f"{type(error).__name__}: {text}"
+
+
+def _panels(case: Case) -> list[list[tuple[str, Model]]]:
+    """Title and model of each panel: a row for each spring rule, and one for the basis."""
+    rows: list[list[tuple[str, Model]]] = []
+    for rule in case.springs:
+        named = "rayleigh (the paper's)" if rule == "rayleigh" else f"{rule} springs"
+        chains = [Chain(case.pipe, n, springs=rule) for n in case.chain_sizes]
+        rows.append([(f"chain, n = {chain.dof}, {named}", chain) for chain in chains])
+    rows.append(
+        [
+            (f"reduced, m = {m}, {case.basis} basis", Galerkin(case.pipe, m, case.basis))
+            for m in case.reduced_sizes
+        ]
+    )
+    return rows
+
+
+def _families(case: Case) -> list[tuple[str, str, Model]]:
+    """Kind, rule or basis, and model of each line of the table but the first."""
+    chains = sorted({*CHAIN_LADDER, *case.chain_sizes})
+    reduced = sorted({*REDUCED_LADDER, *case.reduced_sizes})
+    return [
+        *(("chain", k, Chain(case.pipe, n, springs=k)) for k in SPRING_RULES for n in chains),
+        *(("reduced", k, Galerkin(case.pipe, m, k)) for k in BASES for m in reduced),
+    ]
+
+
+def mapped(pipe: Pipe, top: float, executor: Executor | None) -> tuple[StabilityCurve, float]:
+    """All passages over beta, and how far they are from the continuous pipe's where compared.
+
+    Legendre functions enough for the highest speed stand in for the continuous pipe, and take a
+    third of its time; at three values of beta both are computed.
+    """
+    end = 1.02 * top
+    size = math.ceil(0.8 * top) + 4
+
+    def stand_in(beta: float) -> Galerkin:
+        return Continuum(replace(pipe, beta=beta)).frozen(size)
+
+    def continuous(beta: float) -> Continuum:
+        return Continuum(replace(pipe, beta=beta))
+
+    curve = stability_curve(stand_in, MAP_BETAS, max_speed=end, executor=executor)
+    few = slice(None, None, MAP_BETAS.size // 2)
+    exact = stability_curve(continuous, MAP_BETAS[few], max_speed=end, executor=executor)
+    difference = _difference(curve.crossings[few], exact)
+    while True:
+        between = [
+            0.5 * (curve.values[i] + curve.values[i + 1])
+            for i, (left, right) in enumerate(pairwise(curve.crossings))
+            if curve.values[i + 1] - curve.values[i] > MAP_STEP
+            and _jumps(left, right, MAP_JUMP * top)
+        ]
+        if not between:
+            return curve, difference
+        more = stability_curve(stand_in, between, max_speed=end, executor=executor)
+        curve = _merged(curve, more)
+
+
+def _jumps(left: Sequence[Crossing], right: Sequence[Crossing], most: float) -> bool:
+    a, b = plot.boundaries(left), plot.boundaries(right)
+    pairs = zip(a, b, strict=False)
+    return len(a) != len(b) or any(abs(p.speed - q.speed) > most for p, q in pairs)
+
+
+def _difference(found: Sequence[Sequence[Crossing]], exact: StabilityCurve) -> float:
+    """Largest distance of boundaries of stability, in speed; infinite where not the same ones."""
+    failed = {failure.index for failure in exact.failures}
+    largest = 0.0
+    for i, (ours, theirs) in enumerate(zip(found, exact.crossings, strict=True)):
+        a, b = plot.boundaries(ours), plot.boundaries(theirs)
+        if i in failed:
+            continue
+        if len(a) != len(b):
+            return math.inf
+        largest = max([largest, *(abs(p.speed - q.speed) for p, q in zip(a, b, strict=True))])
+    return largest
+
+
+def _merged(a: StabilityCurve, b: StabilityCurve) -> StabilityCurve:
+    values = np.concatenate([a.values, b.values])
+    order = np.argsort(values)
+    places = np.argsort(order)
+    critical, found = a.critical + b.critical, a.crossings + b.crossings
+    failures = [*a.failures, *(replace(f, index=f.index + a.values.size) for f in b.failures)]
+    moved = [replace(failure, index=int(places[failure.index])) for failure in failures]
+    return StabilityCurve(
+        values[order],
+        tuple(critical[i] for i in order),
+        tuple(found[i] for i in order),
+        tuple(sorted(moved, key=lambda failure: failure.index)),
+    )

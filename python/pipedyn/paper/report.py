@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: MIT
+"""The paper's modal analysis on paper: the figures, the table and what they say."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from pipedyn import plot
+from pipedyn.accuracy.convergence import trend
+from pipedyn.linear.critical_speed import CriticalSpeed
+from pipedyn.linear.modes import RootLoci
+from pipedyn.linear.stability_curve import StabilityCurve
+from pipedyn.models.pipe import Pipe
+from pipedyn.paper.analysis import CHAIN_LADDER, REDUCED_LADDER, Case, Findings, Row, map_top
+
+
+def draw(case: Case, findings: Findings) -> dict[str, plot.Figure]:
+    """The four figures by file name."""
+    with plot.style():
+        return {
+            "figure-2-root-loci": _figure_2(case, findings),
+            "figure-3-frequencies": _figure_3(case, findings),
+            "convergence": _convergence(case, findings),
+            "stability-map": _map(case, findings),
+        }
+
+
+def _figure_2(case: Case, findings: Findings) -> plot.Figure:
+    figure, axes = _grid(case, findings)
+    for ax, loci in _filled(axes, findings):
+        plot.root_loci(ax, loci, findings.benchmark, findings.highest)
+    _labelled(axes)
+    left, right, top = _ranges(findings)
+    axes[0, 0].set_xlim(left, right)
+    axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
+    plot.colour_bar(figure, axes, plot.SPEED_LABEL)
+    return figure
+
+
+def _figure_3(case: Case, findings: Findings) -> plot.Figure:
+    figure, axes = _grid(case, findings, "; dotted line: its critical speed")
+    left, right, top = _ranges(findings)
+    for ax, loci in _filled(axes, findings):
+        plot.frequencies(ax, loci, findings.benchmark, max(-left, right))
+        if findings.exact is not None:
+            ax.axvline(findings.exact.speed, color="0.4", linestyle=":", linewidth=0.9, zorder=0.6)
+    _labelled(axes)
+    axes[0, 0].set_xlim(-0.02 * findings.highest, 1.02 * findings.highest)
+    axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
+    plot.colour_bar(figure, axes, f"{plot.REAL_LABEL}; unstable: black outline, onset: diamond")
+    return figure
+
+
+def _grid(case: Case, findings: Findings, more: str = "") -> tuple[plot.Figure, Any]:
+    rows, columns = len(findings.panels), max(len(row) for row in findings.panels)
+    figure, axes = plot.panels(rows, columns, 1.5 + 2.05 * columns, 0.7 + 2.1 * rows)
+    title = _heading(case.pipe)
+    if findings.benchmark is not None:
+        step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
+        title += f"\nblack dots: continuous pipe, at steps of {step:.3g} in $u$"
+        title += more if findings.exact is not None else ""
+    figure.suptitle(title, fontsize=9.0)
+    return figure, axes
+
+
+def _filled(axes: Any, findings: Findings) -> Iterator[tuple[Any, RootLoci]]:
+    """Axes with their loci; the others are hidden, or say that there is nothing to show."""
+    for panels, row in zip(findings.panels, axes, strict=True):
+        for ax in row[len(panels) :]:
+            ax.set_visible(False)
+        for ax, (title, loci) in zip(row, panels, strict=False):
+            ax.set_title(title)
+            if loci is None:
+                ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
+            else:
+                yield ax, loci
+
+
+def _labelled(axes: Any) -> None:
+    """Labels at the left, and below the lowest panel of each column, only."""
+    for (i, j), ax in np.ndenumerate(axes):
+        lowest = not any(below.get_visible() for below in axes[i + 1 :, j])
+        ax.tick_params(labelbottom=lowest)
+        if not lowest:
+            ax.set_xlabel("")
+        if j > 0:
+            ax.set_ylabel("")
+
+
+def _ranges(findings: Findings) -> tuple[float, float, float]:
+    """Least and greatest real part and greatest |Im| to show.
+
+    They hold every panel, unless one reaches far beyond the benchmark.
+    """
+    every = [loci for row in findings.panels for _, loci in row if loci is not None]
+    if findings.benchmark is not None:
+        every.insert(0, findings.benchmark)
+    if not every:
+        return -1.0, 1.0, 1.0
+    values = [np.concatenate([loci.eigenvalues, loci.partners]) for loci in every]
+    left, right = float(np.nanmin(values[0].real)), float(np.nanmax(values[0].real))
+    top, room = float(np.nanmax(values[0].imag)), right - left
+    left = max(left - room, min(float(np.nanmin(v.real)) for v in values))
+    right = min(right + room, max(float(np.nanmax(v.real)) for v in values))
+    top = min(1.5 * top, max(float(np.nanmax(v.imag)) for v in values))
+    margin = 0.04 * max(right - left, 1.0)
+    return left - margin, right + margin, max(top, 1.0)
+
+
+def _convergence(case: Case, findings: Findings) -> plot.Figure:
+    figure, axes = plot.panels(1, 1, 6.4, 5.2)
+    ax = axes[0, 0]
+    if findings.exact is None:
+        plot.notice(ax, findings.remark)
+    else:
+        plot.convergence(ax, _by_family(findings), findings.exact)
+    sentence = textwrap.fill(verdict(findings), 105).replace("-", "\u2212")
+    ax.set_title(f"{_heading(case.pipe)}\n{sentence}", loc="left")
+    return figure
+
+
+def _map(case: Case, findings: Findings) -> plot.Figure:
+    figure, axes = plot.panels(1, 1, 6.4, 4.8)
+    ax = axes[0, 0]
+    curves = {rf"$\gamma = {gamma:g}$": curve for gamma, curve in findings.curves.items()}
+    plot.stability_map(ax, curves, map_top(findings.exact), findings.exact)
+    ax.set_xlim(0.0, 1.0)
+    ax.set_title(f"Boundaries of stability of the continuous pipe, {_flow(case.pipe)}")
+    return figure
+
+
+def _heading(pipe: Pipe) -> str:
+    return rf"$\beta = {pipe.beta:g}$, $\gamma = {pipe.gamma:g}$, {_flow(pipe)}"
+
+
+def _flow(pipe: Pipe) -> str:
+    inlet = rf" ($\alpha = {pipe.alpha:g}$)" if pipe.flow == "aspirating" else ""
+    damped = rf"damping $\delta = {pipe.damping:g}$" if pipe.damping else "undamped"
+    return f"{pipe.flow}{inlet}, {damped}"
+
+
+def verdict(findings: Findings) -> str:
+    """What becomes of the paper's spring rule, in one sentence."""
+    exact = findings.exact
+    if exact is None:
+        return "There is no critical speed of the continuous pipe to compare with."
+    if exact.speed == 0.0:
+        return "The pipe is unstable from the smallest flow on: there is nothing to converge to."
+    fitted = trend(_by_family(findings)["rayleigh"], exact)
+    if fitted.law == "flat":
+        sizes = ", ".join(f"{size:g}" for size in fitted.sizes)
+        return (
+            "The paper's spring rule (rayleigh) does not converge to the continuous pipe: its "
+            f"critical speed tends to {exact.speed * (1.0 + fitted.limit):.5g}, "
+            f"{100.0 * fitted.limit:+.2f} % from the exact {exact.speed:.5g} (extrapolated from "
+            f"n = {sizes})."
+        )
+    return "Where the paper's spring rule (rayleigh) leads cannot be told from the sizes computed."
+
+
+def passages(findings: Findings) -> str:
+    """What the continuous pipe does as the flow grows."""
+    exact = findings.exact
+    start = ""
+    if exact is not None and not exact.stable_at_rest:
+        start = "The pipe is buckled at rest. "
+    elif exact is not None and exact.speed == 0.0:
+        start = "The pipe is unstable from the smallest flow on. "
+    told = [
+        f"u = {c.speed:.5g} ({c.kind}, mode {c.mode}, {'begins' if c.destabilising else 'ends'}"
+        f"{'' if c.unstable_after else '; stable beyond'})"
+        for c in findings.crossings
+        if c.speed > 0.0
+    ]
+    if len(told) > 8:
+        told[8:] = [f"and {len(told) - 8} more"]
+    listed = ", ".join(told) or "none"
+    return f"{start}Instabilities of the continuous pipe, 0 < u <= {findings.highest:g}: {listed}."
+
+
+def second_mode(findings: Findings) -> list[str]:
+    """Whether the instability is in the second mode, from the table and from the map."""
+    lines = []
+    exact = findings.exact
+    if exact is not None:
+        answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
+        modes = [(row, row.critical.mode) for row in findings.rows if row.critical is not None]
+        others = [f"{row.family} {row.size} (mode {k})" for row, k in modes if k != exact.mode]
+        count = len(others)
+        others[10:] = [f"and {count - 10} more"] if count > 10 else []
+        named = f"; not so: {', '.join(others)}" if others else ""
+        lines.append(
+            "Is the instability in the second mode (branches counted from rest)? Continuous pipe: "
+            f"{answer}; {len(modes) - count} of {len(modes)} models agree{named}."
+        )
+    for gamma, curve in findings.curves.items():
+        if runs := _mode_runs(curve):
+            lines.append(f"  On the map, gamma = {gamma:g}: {', '.join(runs)}.")
+    return lines
+
+
+def _mode_runs(curve: StabilityCurve) -> list[str]:
+    pairs = zip(curve.values, curve.critical, strict=True)
+    known = [(float(beta), found.mode) for beta, found in pairs if found is not None]
+    runs = []
+    for mode, group in groupby(known, key=lambda point: point[1]):
+        betas = [f"{beta:.3g}" for beta, _ in group]
+        runs.append(f"mode {mode} at beta {' to '.join(dict.fromkeys((betas[0], betas[-1])))}")
+    return runs
+
+
+def _by_family(findings: Findings) -> dict[str, list[CriticalSpeed]]:
+    families: dict[str, list[CriticalSpeed]] = {row.family: [] for row in findings.rows}
+    for row in findings.rows:
+        if row.critical is not None:
+            families[row.family].append(row.critical)
+    return families
+
+
+HEADER = (
+    *("model", "springs or basis", "size", "speed", "frequency", "kind", "mode"),
+    *("stable at rest", "error %", "own error", "remark"),
+)
+
+
+def table(findings: Findings) -> list[tuple[str, ...]]:
+    """Lines of the table under HEADER, the continuous pipe first; speeds with all their digits."""
+    exact = findings.exact
+    size = 0 if exact is None else exact.size
+    first = Row("continuous", "", size, exact, findings.remark)
+    lines: list[tuple[str, ...]] = []
+    for row in (first, *findings.rows):
+        found = row.critical
+        if found is None:
+            lines.append((row.kind, row.family, str(row.size), *[""] * 7, row.remark))
+            continue
+        error = ""
+        if row is not first and exact is not None and exact.speed > 0.0:
+            error = f"{100.0 * (found.speed / exact.speed - 1.0):+.6g}"
+        lines.append(
+            (
+                *(row.kind, row.family, str(row.size), repr(found.speed), repr(found.frequency)),
+                *(found.kind, str(found.mode), "yes" if found.stable_at_rest else "no"),
+                *(error, f"{found.error:.1e}", row.remark),
+            )
+        )
+    return lines
+
+
+def report(case: Case, findings: Findings) -> str:
+    """What is printed: the table for the sizes of the panels and the largest, and what it says."""
+    shown = {
+        "chain": {*case.chain_sizes, max((*CHAIN_LADDER, *case.chain_sizes))},
+        "reduced": {*case.reduced_sizes, max((*REDUCED_LADDER, *case.reduced_sizes))},
+    }
+    pipe = case.pipe
+    text = [
+        f"Critical speeds: beta = {pipe.beta:g}, gamma = {pipe.gamma:g}, {pipe.flow}, "
+        f"alpha = {pipe.alpha:g}, damping = {pipe.damping:g}",
+        "",
+        f"{'model':11}{'springs, basis':16}{'size':>5}{'u_c':>13}{'omega_c':>12}  {'kind':11}"
+        f"{'mode':>4}{'error %':>12}",
+    ]
+    for kind, family, size, speed, frequency, how, mode, _, error, own, remark in table(findings):
+        if kind in shown and int(size) not in shown[kind]:
+            continue
+        start = f"{kind:11}{family:16}{size:>5}"
+        if not speed:
+            text.append(f"{start}  {remark}")
+            continue
+        if kind == "continuous" and float(speed) > 0.0:
+            error = f"+- {100.0 * float(own) / float(speed):.0e}"
+        elif error:
+            small = abs(float(error)) < 1e-3
+            error = f"{float(error):+.2e}" if small else f"{float(error):+.4f}"
+        text.append(
+            f"{start}{float(speed):13.7f}{float(frequency):12.6f}  {how:11}{mode:>4}{error:>12}"
+        )
+    compared = (
+        f"  The map's boundaries are within {findings.map_error:.0e} of the continuous pipe's, "
+        "where compared."
+    )
+    text += ["", verdict(findings), passages(findings), *second_mode(findings), compared]
+    return "\n".join(text)

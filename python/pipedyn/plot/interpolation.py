@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: MIT
+"""A motion between its samples: cubics through positions and velocities, and its last cycle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from pipedyn.models.modular import Assembly
+from pipedyn.motion.ensemble import Ensemble
+from pipedyn.motion.simulate import Motion
+from pipedyn.plot.style import check_type
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+COARSE, COARSE_RATE = 0.05, 0.25
+"""By how much every other sample may miss those left out: of the range of positions, and of the
+largest velocity. Six samples a cycle meet this; from all samples a sine is then known to 0.4 %."""
+
+INVISIBLE = 1e-4
+"""Positions in L that no picture of a pipe tells apart."""
+
+STILL = 1e-6
+"""A tip that moves by less, in L, has no cycle to show."""
+
+HELD = 1e-9
+"""What moves by less, in L, is held, and how it moves is rounding."""
+
+WIGGLE = 0.1
+"""What moves the tip by less, as a part of its late motion, is no cycle."""
+
+ALIKE, MOST_PASSAGES = 0.03, 50
+"""Heights in L and velocities, in the largest, that are the same again after a cycle; how many
+passages one may hold."""
+
+POINTS = 4000
+"""Points of a curve that is drawn through fewer samples."""
+
+
+def checked_motion(motion: Any, name: str = "motion") -> Motion:
+    """The argument, if it is a motion with samples to draw."""
+    check_type(name, motion, Motion)
+    checked: Motion = motion
+    if checked.t.size < 3:
+        raise ValueError(f"{name} must have at least 3 samples, got {checked.t.size}")
+    return checked
+
+
+def checked_motions(motions: Any) -> list[Motion]:
+    """The argument, if it is a motion, several or an ensemble."""
+    if isinstance(motions, Motion):
+        return [checked_motion(motions, "motions")]
+    several = motions.motions if isinstance(motions, Ensemble) else motions
+    if not isinstance(several, Sequence) or isinstance(several, str):
+        raise TypeError(
+            f"motions must be a Motion, several of them or an Ensemble, got {check.shown(motions)}"
+        )
+    if not several:
+        raise ValueError("motions must hold at least one, got none")
+    return [checked_motion(motion, f"motions[{i}]") for i, motion in enumerate(several)]
+
+
+def tip_of(motion: Motion, first: int = 0, stop: int | None = None) -> CubicHermiteSpline:
+    """Position (x, y) of the free end at any time between two samples."""
+    part = slice(first, stop)
+    velocity = motion.model.tip_velocities(motion.q[part].T, motion.qdot[part].T)
+    return CubicHermiteSpline(motion.t[part], motion.tip[part], velocity)
+
+
+def marker_of(motion: Motion, first: int = 0, stop: int | None = None) -> CubicHermiteSpline:
+    """Position (x, y) of the point whose passages tell cycles: the free end, unless it is held.
+
+    Then it is the node of the scene that moves farthest across.
+    """
+    scene = motion.model
+    if not isinstance(scene, Assembly) or np.ptp(motion.tip[:, 0]) > HELD:
+        return tip_of(motion, first, stop)
+    part = slice(first, stop)
+    x = 3 * int(np.argmax(np.ptp(motion.q[:, 0::3], axis=0)))
+    own = slice(x, x + 2)
+    return CubicHermiteSpline(motion.t[part], motion.q[part, own], motion.qdot[part, own])
+
+
+def coordinates_at(motion: Motion, times: Array) -> Array:
+    """Coordinates at times within the motion's, shape (len(times), coordinates)."""
+    first, stop = _around(motion, float(times.min()), float(times.max()))
+    part = slice(first, stop)
+    return np.asarray(CubicHermiteSpline(motion.t[part], motion.q[part], motion.qdot[part])(times))
+
+
+def _around(motion: Motion, start: float, end: float) -> tuple[int, int]:
+    """The samples that hold a span, two more on either side where there are."""
+    first = int(np.searchsorted(motion.t, start, side="right")) - 3
+    stop = int(np.searchsorted(motion.t, end, side="left")) + 3
+    return max(first, 0), min(stop, motion.t.size)
+
+
+def refuse_coarse_tip(name: str, motion: Motion, span: tuple[float, float]) -> None:
+    """Refuse a motion whose free end is not known between samples, as far as a span needs it."""
+    first, stop = _around(motion, *span)
+    spline = tip_of(motion, first, stop)
+    refuse_coarse(name, spline.x, spline(spline.x), spline(spline.x, 1), invisible=INVISIBLE)
+
+
+def refuse_coarse(
+    name: str,
+    t: Array,
+    positions: Array,
+    velocities: Array,
+    *,
+    invisible: float = 0.0,
+    rates_shown: bool = False,
+) -> None:
+    """Refuse samples so few that what lies between them is a guess.
+
+    Args:
+        name: of the argument that is refused.
+        t: times, shape (k,), k >= 3.
+        positions: shape (k,) or (k, d).
+        velocities: of the same shape.
+        invisible: a miss of positions that does not matter.
+        rates_shown: whether velocities are shown, too.
+    """
+    if np.ptp(positions, axis=0).max() < HELD:
+        return
+    kept = slice(0, None, 2) if t.size % 2 else slice(0, -1, 2)
+    left = slice(1, 2 * t[kept].size - 1, 2)
+    every_other = CubicHermiteSpline(t[kept], positions[kept], velocities[kept])
+    missed = np.abs(every_other(t[left]) - positions[left]).max()
+    missed_rate = np.abs(every_other(t[left], 1) - velocities[left]).max()
+    # Once a cycle, samples are all alike: what a wrong velocity does to a cubic tells.
+    missed = max(missed, 0.125 * missed_rate * np.diff(t[kept]).max())
+    lost = missed > max(invisible, COARSE * np.ptp(positions, axis=0).max())
+    if lost or (rates_shown and missed_rate > COARSE_RATE * np.abs(velocities).max()):
+        raise ValueError(
+            f"{name} must be sampled at least six times a cycle of the fastest that shows, got "
+            f"samples {np.diff(t).max():.3g} T apart that do not tell what lies between"
+        )
+
+
+def upward_passages(motion: Motion, start: float, end: float) -> Array:
+    """Times in a span when the free end (or `marker_of`) passes its late middle to the right.
+
+    Late is the last quarter of the span, the middle the median of its transverse displacement there
+    and a passage counts if the tip moves by a tenth of its late range before the next that counts.
+    """
+    first, stop = _around(motion, start, end)
+    tip = marker_of(motion, first, stop)
+    x = CubicHermiteSpline(tip.x, tip(tip.x)[:, 0], tip(tip.x, 1)[:, 0])
+    late = x(np.linspace(end - 0.25 * (end - start), end, POINTS))
+    passages = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
+    passages = passages[(passages >= start) & (passages <= end)]  # NaN: where it stands still
+    passages = passages[x(passages, 1) > 0.0]
+    counted: list[float] = []
+    low, high = math.inf, -math.inf
+    at = x(x.x)
+    stops = np.append(np.searchsorted(x.x, passages), x.x.size)
+    for i in reversed(range(passages.size)):
+        between = at[stops[i] : stops[i + 1]]
+        low, high = between.min(initial=low), between.max(initial=high)
+        if not counted or high - low > WIGGLE * np.ptp(late):
+            counted.append(float(passages[i]))
+            low, high = math.inf, -math.inf
+    return np.array(counted[::-1])
+
+
+def last_cycle(motion: Motion) -> tuple[float, float] | None:
+    """Start and end of the last whole cycle, or None if there is none.
+
+    It ends at the last upward passage of the free end and starts at the latest before at which the
+    free end was as high and as fast; where there is none, as while motion grows, at the one before.
+    """
+    begin, finish = float(motion.t[0]), float(motion.t[-1])
+    late = motion.t >= finish - 0.25 * (finish - begin)
+    passages = upward_passages(motion, begin, finish)
+    tip = marker_of(motion)
+    if np.ptp(tip(motion.t[late])[:, 0]) < STILL or passages.size < 2:
+        return None
+    passages = passages[-MOST_PASSAGES - 1 :]
+    swift = np.abs(tip(motion.t[late], 1)).max()
+    there = np.column_stack([tip(passages)[:, 1], tip(passages, 1) / swift])
+    alike = np.flatnonzero(np.abs(there[:-1] - there[-1]).max(axis=1) < ALIKE)
+    start = passages[alike[-1]] if alike.size else passages[-2]
+    return float(start), float(passages[-1])
+
+
+def checked_span(span: Any, motion: Motion) -> tuple[float, float, bool]:
+    """Start and end of what is shown, and whether that is the last cycle."""
+    begin, finish = float(motion.t[0]), float(motion.t[-1])
+    if span is None:
+        cycle = last_cycle(motion)
+        return (begin, finish, False) if cycle is None else (*cycle, True)
+    start, end = check.array("span", span, size=2)
+    if not begin <= start < end <= finish:
+        raise ValueError(
+            f"span must be a start and a later end within the motion's times, "
+            f"[{begin:g}, {finish:g}], got {check.shown(span)}"
+        )
+    return float(start), float(end), False
+
+
+def finer(t: Array) -> Array:
+    """Times between which a straight line does for a curve, the samples' own among them."""
+    parts = min(8, -(-POINTS // t.size))
+    steps = np.arange(parts) / parts
+    return np.append((t[:-1, None] + np.diff(t)[:, None] * steps).ravel(), t[-1])

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""What every layer uses: argument checks, counters, threads, progress, tables."""

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: MIT
+"""Band matrices, factored by LAPACK."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from pipedyn.util.counters import factorised
+
+Rows = NDArray[Any]
+
+
+def band_solver(band: Rows, below: int, above: int) -> Callable[[Rows, bool], Rows]:
+    """solve(rows, adjoint) with a real or complex band matrix, or its conjugate transpose.
+
+    An exactly singular matrix gets the LU factors of one that differs in rounding.
+
+    Args:
+        band: entry (i, j) at [below + above + i - j, j], shape (2 below + above + 1, n); it may be
+            overwritten, and so may the rows that solve is given.
+        below: number of diagonals below the main one.
+        above: number above.
+    """
+    factorised()
+    real = not np.iscomplexobj(band)
+    factorise, substitute = (
+        (lapack.dgbtrf, lapack.dgbtrs) if real else (lapack.zgbtrf, lapack.zgbtrs)
+    )
+    lu, pivots, singular = factorise(band, kl=below, ku=above, overwrite_ab=True)
+    if singular > 0:
+        pivot = lu[below + above]
+        pivot[pivot == 0.0] = np.finfo(float).eps
+
+    def solve(rows: Rows, adjoint: bool) -> Rows:
+        if real and np.iscomplexobj(rows):
+            return solve(rows.real, adjoint) + 1j * solve(rows.imag, adjoint)
+        right = np.asarray(rows, dtype=lu.dtype, order="F")
+        trans = 2 if adjoint else 0
+        solution: Rows = substitute(lu, below, above, right, pivots, trans=trans, overwrite_b=True)[
+            0
+        ]
+        return solution
+
+    return solve
