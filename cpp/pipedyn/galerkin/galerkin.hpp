@@ -15,8 +15,8 @@
 //   gamma int_0^1 (1 - s + sum of mu_f beyond s) w_i' w_j'.
 #pragma once
 
-#include "pipedyn/basis.hpp"
-#include "pipedyn/fitting.hpp"
+#include "pipedyn/galerkin/basis.hpp"
+#include "pipedyn/galerkin/fitting.hpp"
 
 namespace pipedyn {
 

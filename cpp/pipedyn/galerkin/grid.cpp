@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/grid.hpp"
+#include "pipedyn/galerkin/grid.hpp"
 
 #include <Eigen/Cholesky>
 #include <algorithm>

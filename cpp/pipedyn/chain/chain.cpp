@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/chain.hpp"
+#include "pipedyn/chain/chain.hpp"
 
 #include <stdexcept>
 #include <string>
 #include <utility>
 
-#include "pipedyn/levels.hpp"
-#include "pipedyn/scratch.hpp"
+#include "pipedyn/vector/levels.hpp"
+#include "pipedyn/vector/scratch.hpp"
 
 namespace pipedyn {
 

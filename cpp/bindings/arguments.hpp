@@ -12,8 +12,8 @@
 #include <optional>
 #include <string>
 
-#include "pipedyn/levels.hpp"
-#include "pipedyn/motion.hpp"
+#include "pipedyn/chain/motion.hpp"
+#include "pipedyn/vector/levels.hpp"
 
 namespace pipedyn {
 

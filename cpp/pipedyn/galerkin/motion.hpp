@@ -26,7 +26,7 @@
 // exactly (quadrature.hpp). The drag's integrand is cut at the zeros of v_n (signed_weights).
 #pragma once
 
-#include "pipedyn/grid.hpp"
+#include "pipedyn/galerkin/grid.hpp"
 
 namespace pipedyn {
 

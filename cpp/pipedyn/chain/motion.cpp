@@ -6,12 +6,12 @@
 // Energy: kinetic + sum k_j phi_j^2 / 2 + gamma sum p_j (1 - cos theta_j). Power, with the velocity
 // v of the free end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2 t_n . v, joints
 // -delta sum k_j phi_j'^2, drag -kappa sum l_j |v_j|^3.
-#include "pipedyn/motion.hpp"
+#include "pipedyn/chain/motion.hpp"
 
-#include "pipedyn/derivative.hpp"
-#include "pipedyn/galerkin_kernel.hpp"
-#include "pipedyn/pack.hpp"
-#include "pipedyn/sweeps.hpp"
+#include "pipedyn/chain/derivative.hpp"
+#include "pipedyn/chain/sweeps.hpp"
+#include "pipedyn/galerkin/kernel.hpp"
+#include "pipedyn/vector/pack.hpp"
 
 namespace {
 

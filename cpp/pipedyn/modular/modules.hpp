@@ -8,8 +8,8 @@
 
 #include <vector>
 
-#include "pipedyn/enforcement.hpp"
-#include "pipedyn/redundant.hpp"
+#include "pipedyn/modular/enforcement.hpp"
+#include "pipedyn/modular/redundant.hpp"
 
 namespace pipedyn {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/modules.hpp"
+#include "pipedyn/modular/modules.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/enforcement.hpp"
+#include "pipedyn/modular/enforcement.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -6,7 +6,7 @@
 
 #include <vector>
 
-#include "pipedyn/redundant.hpp"
+#include "pipedyn/modular/redundant.hpp"
 
 namespace pipedyn {
 

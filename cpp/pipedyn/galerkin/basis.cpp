@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/basis.hpp"
+#include "pipedyn/galerkin/basis.hpp"
 
 #include <algorithm>
 #include <numbers>

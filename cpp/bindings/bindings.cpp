@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// With arguments.hpp the only file that knows Python: names and checks the arguments, releases the
-// interpreter lock, computes nothing.
+// With bindings/arguments.hpp the only file that knows Python: names and checks the arguments,
+// releases the interpreter lock, computes nothing.
 #include <pybind11/complex.h>
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
@@ -9,12 +9,12 @@
 #include <pybind11/typing.h>
 
 #include "arguments.hpp"
-#include "pipedyn/chain.hpp"
-#include "pipedyn/fitted_motion.hpp"
-#include "pipedyn/galerkin.hpp"
-#include "pipedyn/galerkin_motion.hpp"
-#include "pipedyn/levels.hpp"
-#include "pipedyn/modular.hpp"
+#include "pipedyn/chain/chain.hpp"
+#include "pipedyn/galerkin/fitted_motion.hpp"
+#include "pipedyn/galerkin/galerkin.hpp"
+#include "pipedyn/galerkin/motion.hpp"
+#include "pipedyn/modular/scene.hpp"
+#include "pipedyn/vector/levels.hpp"
 #include "pipedyn/work.hpp"
 
 namespace py = pybind11;

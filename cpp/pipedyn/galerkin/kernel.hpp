@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 //
-// Motion of the reduced model (equations in galerkin_motion.hpp): the tables of one quadrature, and
+// Motion of the reduced model (equations in galerkin/motion.hpp): the tables of one quadrature, and
 // the functions that each vector level compiles. Includes no other library.
 #pragma once
 
 #include <cstddef>
 
-#include "pipedyn/motion.hpp"
+#include "pipedyn/chain/motion.hpp"
 
 namespace pipedyn {
 

@@ -3,9 +3,9 @@
 // The reduced model's functions of one vector level. Compiled once for each, like motion.cpp. One
 // member goes through with its vectors along the pipe or the functions, a block with one member a
 // lane.
-#include "pipedyn/galerkin_kernel.hpp"
+#include "pipedyn/galerkin/kernel.hpp"
 
-#include "pipedyn/pack.hpp"
+#include "pipedyn/vector/pack.hpp"
 
 namespace {
 

@@ -9,10 +9,10 @@
 #include <tuple>
 #include <vector>
 
-#include "pipedyn/chain.hpp"
-#include "pipedyn/constraint.hpp"
-#include "pipedyn/enforcement.hpp"
-#include "pipedyn/modules.hpp"
+#include "pipedyn/chain/chain.hpp"
+#include "pipedyn/modular/constraint.hpp"
+#include "pipedyn/modular/enforcement.hpp"
+#include "pipedyn/modular/modules.hpp"
 
 namespace pipedyn {
 

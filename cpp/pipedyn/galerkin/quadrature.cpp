@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/quadrature.hpp"
+#include "pipedyn/galerkin/quadrature.hpp"
 
 #include <numbers>
 #include <stdexcept>

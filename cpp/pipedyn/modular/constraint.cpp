@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/constraint.hpp"
+#include "pipedyn/modular/constraint.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/levels.hpp"
+#include "pipedyn/vector/levels.hpp"
 
 #include <atomic>
 #include <cstdlib>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/galerkin_motion.hpp"
+#include "pipedyn/galerkin/motion.hpp"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -8,9 +8,9 @@
 #include <utility>
 #include <vector>
 
-#include "pipedyn/levels.hpp"
 #include "pipedyn/products.hpp"
-#include "pipedyn/scratch.hpp"
+#include "pipedyn/vector/levels.hpp"
+#include "pipedyn/vector/scratch.hpp"
 
 namespace pipedyn {
 

@@ -19,9 +19,9 @@
 #include <mutex>
 #include <vector>
 
-#include "pipedyn/fitting.hpp"
-#include "pipedyn/grid.hpp"
-#include "pipedyn/motion.hpp"
+#include "pipedyn/chain/motion.hpp"
+#include "pipedyn/galerkin/fitting.hpp"
+#include "pipedyn/galerkin/grid.hpp"
 
 namespace pipedyn {
 

@@ -22,7 +22,7 @@
 #include <complex>
 #include <vector>
 
-#include "pipedyn/motion.hpp"
+#include "pipedyn/chain/motion.hpp"
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/fitted_motion.hpp"
+#include "pipedyn/galerkin/fitted_motion.hpp"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -8,9 +8,9 @@
 #include <string>
 #include <utility>
 
-#include "pipedyn/levels.hpp"
 #include "pipedyn/products.hpp"
-#include "pipedyn/scratch.hpp"
+#include "pipedyn/vector/levels.hpp"
+#include "pipedyn/vector/scratch.hpp"
 
 namespace pipedyn {
 

@@ -18,7 +18,7 @@
 // Local to each translation unit, like pack.hpp.
 #pragma once
 
-#include "pipedyn/sweeps.hpp"
+#include "pipedyn/chain/sweeps.hpp"
 
 namespace {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/galerkin.hpp"
+#include "pipedyn/galerkin/galerkin.hpp"
 
 #include <stdexcept>
 #include <utility>

@@ -27,8 +27,8 @@
 // members; a single state takes its sines by packs of segments.
 #pragma once
 
-#include "pipedyn/motion.hpp"
-#include "pipedyn/pack.hpp"
+#include "pipedyn/chain/motion.hpp"
+#include "pipedyn/vector/pack.hpp"
 
 namespace {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/modular.hpp"
+#include "pipedyn/modular/scene.hpp"
 
 #include <Eigen/QR>
 #include <algorithm>

@@ -18,9 +18,9 @@
 #include <mutex>
 #include <vector>
 
-#include "pipedyn/basis.hpp"
-#include "pipedyn/galerkin_kernel.hpp"
-#include "pipedyn/quadrature.hpp"
+#include "pipedyn/galerkin/basis.hpp"
+#include "pipedyn/galerkin/kernel.hpp"
+#include "pipedyn/galerkin/quadrature.hpp"
 
 namespace pipedyn {
 
