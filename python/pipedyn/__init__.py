@@ -8,7 +8,7 @@ from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
 from pipedyn.bifurcation.branches import CycleBranch
-from pipedyn.bifurcation.brute_force import Ended
+from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.criticality import CriticalityCurve, criticality_curve
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
 from pipedyn.bifurcation.equilibria import (
@@ -39,6 +39,7 @@ from pipedyn.motion.simulate import Motion, MotionStopped, simulate
 __version__ = "0.1.0"
 
 __all__ = [
+    "Attractor",
     "BifurcationDiagram",
     "BranchPoint",
     "Chain",
@@ -51,7 +52,6 @@ __all__ = [
     "CycleEvent",
     "Derivatives",
     "Effect",
-    "Ended",
     "Ensemble",
     "Equilibria",
     "EquilibriumBranch",
