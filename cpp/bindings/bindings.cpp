@@ -27,6 +27,9 @@ using pipedyn::Batch, pipedyn::FittedMotion, pipedyn::Fitting, pipedyn::Fittings
 
 namespace {
 
+/// Name of the law, arc length, the law's numbers.
+using TermArguments = std::tuple<std::string, double, std::vector<double>>;
+
 using Unlocked = py::call_guard<py::gil_scoped_release>;
 
 /// Work of a state, in that of a chain's segment.
@@ -372,10 +375,15 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
 
   py::class_<Pipe>(m, "Pipe")
       .def(py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
-                       bool aspirating) {
-             return Pipe{beta, gamma, centrifugal, drag, damping, aspirating};
+                       bool aspirating, const std::vector<TermArguments>& terms) {
+             Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating};
+             for (const auto& [law, at, numbers] : terms) {
+               pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
+             }
+             return pipe;
            }),
-           "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a)
+           "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
+           "terms"_a = std::vector<TermArguments>{})
       .def_property_readonly("direction", &Pipe::direction);
 
   py::class_<Operators>(m, "Operators")
