@@ -19,8 +19,9 @@ from pipedyn.bifurcation.equilibria import (
     equilibrium_branch,
 )
 from pipedyn.bifurcation.events import CycleEvent
-from pipedyn.bifurcation.hopf import Hopf, NoHopf, hopf
+from pipedyn.bifurcation.hopf import Hopf, hopf
 from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
+from pipedyn.bifurcation.normal_form import NoHopf
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity

@@ -285,7 +285,7 @@ class Model(ABC):
         """Where p is at rest, shape (moving,)."""
         return np.zeros(self.moving)
 
-    def largest_angle(self, p: Array) -> float:
+    def largest_angle(self, p: NDArray[Any]) -> float:
         """Largest angle of the pipe displaced by p, shape (moving,), maybe complex; to first order.
 
         Coordinates are angles where a model says nothing else.
