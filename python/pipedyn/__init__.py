@@ -31,7 +31,9 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.fitting import Fitting
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import Pipe, Scales, inlet_coefficient
+from pipedyn.models.inlet import inlet_coefficient
+from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.terms import PointMass, Spring, Term
 from pipedyn.motion.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import Motion, MotionStopped, simulate
@@ -75,12 +77,15 @@ __all__ = [
     "Operators",
     "Pipe",
     "PipedynError",
+    "PointMass",
     "Power",
     "Relevance",
     "RootLoci",
     "Scales",
     "Sensitivity",
+    "Spring",
     "StabilityCurve",
+    "Term",
     "Trade",
     "TradeRow",
     "bifurcation_diagram",
