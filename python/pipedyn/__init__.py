@@ -33,6 +33,7 @@ from pipedyn.models.fitting import Fitting
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.terms import PointMass, Spring, Term
 from pipedyn.motion.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import Motion, MotionStopped, simulate
@@ -76,12 +77,15 @@ __all__ = [
     "Operators",
     "Pipe",
     "PipedynError",
+    "PointMass",
     "Power",
     "Relevance",
     "RootLoci",
     "Scales",
     "Sensitivity",
+    "Spring",
     "StabilityCurve",
+    "Term",
     "Trade",
     "TradeRow",
     "bifurcation_diagram",

@@ -8,11 +8,12 @@ is none, a cycle leaves a few values, a torus or chaos many.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -23,9 +24,7 @@ from pipedyn.motion.ensemble import BATCH, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, exponent_from
 from pipedyn.motion.simulate import LARGEST_SAMPLES, Motion
 from pipedyn.util.check import Array
-from pipedyn.util.progress import track
-
-Answer = TypeVar("Answer")
+from pipedyn.util.parallel import parallel
 
 Ending = Literal["rest", "periodic", "settling", "irregular", "failed"]
 
@@ -129,17 +128,20 @@ def endings(
     ]
     ended: list[Ended] = []
     failures: list[Failure] = []
-    answers = each(executor, _ended, [(model, part, starts, plan) for part in parts])
-    for answer in track(answers, len(parts), "brute force", shown):
+    jobs = [partial(_ended, model, part, starts, plan) for part in parts]
+    answers = parallel(jobs, executor, label="brute force", progress=shown)
+    for part, answer in zip(parts, answers, strict=True):
+        if isinstance(answer, Exception):
+            answer = [(_failed(u, k), answer) for u, k in part]
         for one, error in answer:
             if error is not None:
                 failures.append(_failure(speeds, one, error))
             ended.append(one)
     if plan.exponents:
         asked = [i for i, one in enumerate(ended) if one.ending == "irregular"]
-        tasks = [(model, ended[i].speed, ended[i].end, plan) for i in asked]
-        found = each(executor, _exponent, tasks)
-        for i, exponent in zip(asked, track(found, len(tasks), "exponents", shown), strict=True):
+        exponents = [partial(_exponent, model, ended[i].speed, ended[i].end, plan) for i in asked]
+        found = parallel(exponents, executor, label="exponents", progress=shown)
+        for i, exponent in zip(asked, found, strict=True):
             if isinstance(exponent, Exception):
                 failures.append(_failure(speeds, ended[i], exponent))
             else:
@@ -147,27 +149,18 @@ def endings(
     return tuple(ended), tuple(failures)
 
 
-def each(
-    executor: Executor | None, work: Callable[..., Answer], tasks: list[tuple[Any, ...]]
-) -> Iterator[Answer]:
-    """Answers to tasks, in order."""
-    if executor is None:
-        yield from (work(*task) for task in tasks)
-        return
-    submitted = [executor.submit(work, *task) for task in tasks]
-    yield from (one.result() for one in submitted)
+def _failed(u: float, k: int) -> Ended:
+    nothing = np.zeros(0)
+    return Ended(u, k, "failed", 0, nothing, nothing)
 
 
 def _failure(speeds: Array, one: Ended, error: Exception) -> Failure:
     return Failure(int(np.searchsorted(speeds, one.speed)), one.speed, error)
 
 
-def _exponent(model: Model, u: float, state: Array, plan: Plan) -> LyapunovExponent | PipedynError:
+def _exponent(model: Model, u: float, state: Array, plan: Plan) -> LyapunovExponent:
     """Of an irregular motion, from where it ended."""
-    try:
-        return exponent_from(model, u, state, 2.0 * plan.duration, 20.0)
-    except PipedynError as error:
-        return error
+    return exponent_from(model, u, state, 2.0 * plan.duration, 20.0)
 
 
 def _ended(
@@ -191,10 +184,9 @@ def _told(
     motions: Iterable[Motion],
     errors: Mapping[int, Exception],
 ) -> Iterator[tuple[Ended, Exception | None]]:
-    nothing = np.zeros(0)
     for i, ((u, k), motion) in enumerate(zip(members, motions, strict=True)):
         if i in errors:
-            yield Ended(u, k, "failed", 0, nothing, nothing), errors[i]
+            yield _failed(u, k), errors[i]
             continue
         x, velocity = motion.tip[:, 0], motion.tip_velocity[:, 0]
         turnings = turning_points(motion.t, x, velocity)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -22,7 +23,7 @@ from pipedyn.bifurcation.branches import (
     same_cycle,
     traced,
 )
-from pipedyn.bifurcation.brute_force import AGAIN, SAMPLES_A_TIME, Ended, Plan, bends, each, endings
+from pipedyn.bifurcation.brute_force import AGAIN, SAMPLES_A_TIME, Ended, Plan, bends, endings
 from pipedyn.bifurcation.continuation import Lost, solve
 from pipedyn.bifurcation.equilibria import (
     EquilibriumBranch,
@@ -41,6 +42,7 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import LARGEST_SAMPLES
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.parallel import parallel
 from pipedyn.util.progress import track
 from pipedyn.util.threads import one_thread
 
@@ -329,9 +331,13 @@ class _Cycles:
                 else:
                     self.fail(*birth)
         self.asked = replace(self.asked, onsets=tuple(birth.speed for birth in begun))
-        answers = each(executor, traced, [(self.model, birth, self.asked) for birth in begun])
-        for answer in track(answers, len(begun), "cycles", shown):
-            self.add(answer)
+        jobs = [partial(traced, self.model, birth, self.asked) for birth in begun]
+        answers = parallel(jobs, executor, label="cycles", progress=shown)
+        for birth, answer in zip(begun, answers, strict=True):
+            if isinstance(answer, Exception):
+                self.fail(birth.speed, answer)
+            else:
+                self.add(answer)
 
     def through(self, u: float, state: Array) -> None:
         """Through the cycle at one of the speeds that a motion from a state ends on."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.terms import core_terms
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -129,6 +130,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
+        terms=core_terms(pipe.terms),
     )
 
 

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.models.terms import Term, checked_terms
 from pipedyn.util import check
 
 Flow = Literal["ejecting", "aspirating"]
@@ -56,6 +58,8 @@ class Pipe:
         drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it has no part in the
             linear analysis.
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
+        terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
+            400 terms, kept as a tuple.
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
 
     Raises:
@@ -71,12 +75,14 @@ class Pipe:
     alpha: float = 1.0
     drag: float = 0.0
     damping: float = 0.0
+    terms: tuple[Term, ...] = field(default=(), kw_only=True)
     scales: Scales | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
             "flow": check.choice("flow", self.flow, FLOWS),
             **{name: check.real(name, getattr(self, name), **RANGES[name]) for name in RANGES},
+            "terms": checked_terms(self.terms),
         }
         if self.scales is not None:
             if not isinstance(self.scales, tuple) or len(self.scales) != 4:
@@ -103,6 +109,7 @@ class Pipe:
         damping_time: float = 0.0,
         flow: Flow = "ejecting",
         alpha: float = 1.0,
+        terms: Sequence[Term] = (),
     ) -> Pipe:
         """A pipe from measured quantities.
 
@@ -119,10 +126,12 @@ class Pipe:
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
             flow: "ejecting" or "aspirating".
             alpha: inlet coefficient, see `inlet_coefficient`.
+            terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
+                them back.
 
         Raises:
-            ValueError: for a number out of its range, or drag given in part: of drag_coefficient,
-                external_diameter and external_density all three or none.
+            ValueError: for a number out of its range, a term beyond the free end, or drag given in
+                part: of drag_coefficient, external_diameter and external_density all three or none.
             TypeError: for what is no number.
         """
         length = check.real("length", length, low=0.0, high=1e12, open_low=True)
@@ -152,6 +161,7 @@ class Pipe:
                 "length, bending_stiffness, pipe_mass and fluid_mass must give finite units, "
                 f"got {dict(zip(Scales._fields, scales, strict=True))}"
             )
+        units = Scales(*scales)
         numbers = {
             ("beta", "pipe_mass and fluid_mass"): fluid_mass / mass,
             (
@@ -174,7 +184,8 @@ class Pipe:
             },
             flow=flow,
             alpha=alpha,
-            scales=Scales(*scales),
+            terms=tuple(term.from_si(units) for term in checked_terms(terms, end=length)),
+            scales=units,
         )
 
     @property
@@ -189,16 +200,29 @@ class Pipe:
 
     def __repr__(self) -> str:
         parts = [f"beta={self.beta:.12g}"]
-        for item in fields(self)[1:-1]:
+        for item in fields(self)[1:-2]:
             value = getattr(self, item.name)
             if value != item.default:
                 parts.append(
                     f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
                 )
+        if self.terms:
+            parts.append(f"terms={self.terms!r}")
         if self.scales is not None:
             units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
             parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
         return f"Pipe({', '.join(parts)})"
+
+    @property
+    def terms_si(self) -> tuple[Term, ...]:
+        """The terms with their numbers in SI units.
+
+        Raises:
+            ValueError: for a pipe not made with `from_si`.
+        """
+        if self.scales is None:
+            raise ValueError(f"terms in SI need a pipe made with Pipe.from_si, got {self!r}")
+        return tuple(term.in_si(self.scales) for term in self.terms)
 
     def _scale(self, name: str) -> float:
         if self.scales is None:

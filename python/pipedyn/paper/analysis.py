@@ -7,8 +7,8 @@ They are computed on a few processes. What fails is left out and named; the rest
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future
+from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -27,6 +27,7 @@ from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import BASES, Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.util.parallel import Job, parallel
 from pipedyn.util.progress import track
 
 BRANCHES = 4
@@ -113,25 +114,13 @@ class Findings:
     failures: list[str] = field(default_factory=list)
 
 
-Job = Callable[[], Any]
-
-
-def _outcomes(jobs: Sequence[Job], executor: Executor | None) -> Iterator[Any]:
-    """The result of each job in order, or the exception that it raised."""
-    futures = [None if executor is None else executor.submit(job) for job in jobs]
-    for job, future in zip(jobs, futures, strict=True):
-        try:
-            yield job() if future is None else _result(job, future)
-        except Exception as error:
-            yield error
-
-
-def _result(job: Job, future: Future[Any]) -> Any:
-    """The future's result; the job is done here if the worker processes have died."""
-    try:
-        return future.result()
-    except BrokenExecutor:
-        return job()
+def _outcomes(jobs: Sequence[Job[Any]], executor: Executor | None, shown: bool) -> Iterator[Any]:
+    """The result of each job or what it raised; if the worker processes died, the job runs here."""
+    outcomes = parallel(jobs, executor, label="models", progress=shown)
+    for job, outcome in zip(jobs, outcomes, strict=True):
+        if isinstance(outcome, BrokenExecutor):
+            (outcome,) = parallel([job])
+        yield outcome
 
 
 def gather(case: Case, executor: Executor | None = None) -> Findings:
@@ -142,7 +131,8 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
         executor: takes the models; without one they are computed in this process.
     """
     exact = Continuum(case.pipe)
-    (first,) = _outcomes([partial(critical_speed, exact)], None)
+    first: Any
+    (first,) = parallel([partial(critical_speed, exact)])
     critical = first if isinstance(first, CriticalSpeed) else None
     findings = Findings(_highest(case, critical), critical)
     if critical is None:
@@ -153,14 +143,13 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
     speeds = np.linspace(0.0, findings.highest, case.speeds)
     panels, families = _panels(case), _families(case)
     pictured = [model for row in panels for _, model in row]
-    jobs: list[Job] = [
+    jobs: list[Job[Any]] = [
         partial(root_loci, exact, speeds, BRANCHES),
         partial(crossings, exact, findings.highest),
         *(partial(root_loci, model, speeds, min(BRANCHES, model.dof)) for model in pictured),
         *(partial(critical_speed, model) for _, _, model in families),
     ]
-    every = track(_outcomes(jobs, executor), len(jobs), "models", case.progress)
-    outcomes = iter(list(every))
+    outcomes = iter(list(_outcomes(jobs, executor, case.progress)))
 
     def next_of(what: str) -> tuple[Any, str]:
         """The next outcome, or None and the reason; a failure is recorded."""
