@@ -147,9 +147,9 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
     measure_.segment(first, block) << weight_.segment(first, nodes), 1.0;
     mass_.segment(first, block) << (1.0 + panels.mass_per_length) * weight_.segment(first, nodes),
         panels.mass[panel];
-    folded_mass_.segment(first, block) = 2.0 * mass_.segment(first, block);
-    folded_mass_[first + middle] *= 0.5;
-    folded_mass_[end] *= 2.0;  // its row has half of what is there
+    const auto before = mass_.segment(first, middle);  // a panel's end has half a row
+    folded_mass_.segment(first, block) << 2.0 * before, mass_[first + middle], 2.0 * before,
+        4.0 * mass_[end];
   }
   for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(s[p]);
   slope_ = basis.evaluate(s, 1);

@@ -470,9 +470,10 @@ struct Block {
   }
 
   void power(const Batch& batch, const PowerParts& out) {
-    const Count row = velocities(batch), end = points - 1, first = points - block;
+    const Count row = velocities(batch), end = points - 1;
     const Real u = load<Real>(batch.u);
-    const Real x = moment(row, 0, first, end), y = moment(row, 1, first, end);
+    const double* const half_of_end = moments + end * row;
+    const Real x = 2.0 * at<Real>(half_of_end, 0), y = 2.0 * at<Real>(half_of_end, 1);
     const Real along = at<Real>(sine, end) * x + at<Real>(cosine, end) * y;
     const Real flux = 0.5 * effects.coriolis * u, thrust = effects.centrifugal * (u * u);
     Real joints{}, dragged{}, others{};
