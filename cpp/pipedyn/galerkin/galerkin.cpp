@@ -91,7 +91,8 @@ Operators Galerkin::operators() const {
     Vector tension = pipe_.gamma * weights_.array() * (1.0 - nodes_.array());
     if (!pipe_.terms.empty()) {
       const Quadrature rule(load_nodes);
-      for (Index p = 0; p < nodes_.size(); ++p) tension[p] += weights_[p] * hanging(pipe_, rule, nodes_[p]);
+      for (Index p = 0; p < nodes_.size(); ++p)
+        tension[p] += weights_[p] * hanging(pipe_, rule, nodes_[p]);
     }
     ops.stiffness = inner(slope, tension, slope);
   }

@@ -26,8 +26,8 @@ struct Block {
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
-  // then y; acceleration at q'' = 0; velocity, where drag or a term reads it; position, where a term
-  // does. Energy and power take the last two alone.
+  // then y; acceleration at q'' = 0; velocity, where drag or a term reads it; position, where a
+  // term does. Energy and power take the last two alone.
   const Count bias = 2 * padded;
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
   double *sums, *moments;                 // rows of columns: see GridTables
@@ -206,8 +206,8 @@ struct Block {
   void for_each_station(Count row, Count column, const Body& body) const {
     const auto station = [&](Count first, Count p) {
       const auto entry = [&](Count k) { return moment(row, column + k, first, p); };
-      return Station<Real>{entry(2),          entry(3), at<Real>(sine, p), at<Real>(cosine, p),
-                           entry(0),          entry(1), at<Real>(omega, p)};
+      return Station<Real>{entry(2), entry(3), at<Real>(sine, p), at<Real>(cosine, p),
+                           entry(0), entry(1), at<Real>(omega, p)};
     };
     for (Count k = 0; k < effects.load_count; ++k) {
       const PlacedTerm& placed = effects.loads[k];

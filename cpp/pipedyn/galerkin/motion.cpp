@@ -423,8 +423,7 @@ Operators GalerkinMotion::operators(const Vector& q) const {
   ops.end_flux = pipe_.sqrt_beta() * (end_x.transpose() * end_x + end_y.transpose() * end_y);
   // J_i turns by -t Theta_i Theta_j: its projection on the end's tangent is that of two tangents.
   const Vector shortening = -(weight * (s[last] * s + c[last] * c)).matrix();
-  ops.flux =
-      across.row(last).transpose() * slope.row(last) + integral(slope, shortening, slope);
+  ops.flux = across.row(last).transpose() * slope.row(last) + integral(slope, shortening, slope);
   ops.damping.diagonal() = pipe_.damping * stiffness;
   Vector tension = pipe_.gamma * weight * beyond.array() * c;
   if (!grids_.panels().loads.empty()) {

@@ -50,8 +50,8 @@ class GalerkinMotion {
 
   Index dof() const { return grids_.basis().size(); }
 
-  /// Quadrature nodes on each panel that a configuration is given. Throws std::invalid_argument unless q has m
-  /// entries.
+  /// Quadrature nodes on each panel that a configuration is given. Throws std::invalid_argument
+  /// unless q has m entries.
   Index nodes(const Vector& q) const;
 
   /// dy/dtau (2 m, members), O(N Q m + N m^2 + m^3) a member with N points, Q nodes a panel. NaN
@@ -68,8 +68,8 @@ class GalerkinMotion {
   void power(const Batch& batch, const PowerParts& out) const;
 
   /// Operators about a configuration q at rest; stiffness and flux are the derivatives of the
-  /// forces of bending, gravity and terms and of the follower force. Throws std::invalid_argument unless q
-  /// has m entries.
+  /// forces of bending, gravity and terms and of the follower force. Throws std::invalid_argument
+  /// unless q has m entries.
   Operators operators(const Vector& q) const;
 
  private:

@@ -36,8 +36,9 @@ double cubic_zero(const double* x, const double* v, Count stride, double low, do
   return zero;
 }
 
-/// Of one panel, v and weights at its points; scratch: 3 Q Reals. From a zero on, twice the integral up to it less twice the whole turns the
-/// sign; the zeros of all members are turned together, the first of each and so on.
+/// Of one panel, v and weights at its points; scratch: 3 Q Reals. From a zero on, twice the
+/// integral up to it less twice the whole turns the sign; the zeros of all members are turned
+/// together, the first of each and so on.
 template <class Real>
 void signed_weights_of(const GridTables& grid, Count panel, const double* v, double* weights,
                        double* scratch) {
