@@ -90,6 +90,12 @@ class Dice {
                 .damping = between(0.0, 0.1),
                 .aspirating = aspirating};
   }
+  pipedyn::Terms terms() {
+    const auto one = [&](const char* law) {
+      return pipedyn::make_term(law, between(0.01, 1.0), {between(0.1, 9.0)});
+    };
+    return {one("point_mass"), one("spring"), one("spring"), one("point_mass")};
+  }
   Segments segments(Index n) {
     Segments segments{.length = vector(n, 0.2, 1.0),
                       .center = vector(n, 0.0, 1.0),
@@ -214,6 +220,20 @@ void check_band(const Pipe& pipe, const Chain& chain, const Segments& segments,
   check_close_complex(unknown(2), reach * angles, tolerance, "displacements of the band solve");
 }
 
+/// The routes to the operators agree for a pipe with terms, and the products with them.
+void check_terms(const Pipe& pipe, const Chain& chain, const Segments& segments, Dice& dice) {
+  const Operators dense = chain.operators();
+  check_joint_operators(chain, dense, dice);
+  check_band(pipe, chain, segments, dense, dice);
+  const Matrix x = dice.matrix(chain.dof(), 3);
+  const Matrix springs = chain.springs_times(lower_ones(chain.dof()).inverse() * x);
+  const Matrix terms = chain.terms_stiffness_times(x), weight = pipe.gamma * chain.gravity_times(x);
+  check_close(springs + weight + terms, dense.stiffness * x, 1e-12, "K x with terms");
+  check_close(pipe.damping * springs + chain.terms_damping_times(x), dense.damping * x, 1e-12,
+              "D x with terms");
+  check_close(chain.mass_times(x), dense.mass * x, 1e-12, "M x with terms");
+}
+
 void check_chains() {
   Dice dice;
   for (const Index n : {1, 2, 3, 50}) {
@@ -232,6 +252,9 @@ void check_chains() {
       check_joint_operators(chain, dense, dice);
       check_physics(pipe, segments, dense, weightless, dice);
       check_band(pipe, chain, segments, dense, dice);
+      Pipe laden = pipe;
+      laden.terms = dice.terms();
+      check_terms(laden, Chain(laden, segments), segments, dice);
     }
   }
 }
@@ -350,14 +373,16 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
   }
   check_close(jacobian, differences, 1e-7, "the derivative by differences");
 
-  Vector flow(19), joints(19), drag(19);
-  chain.power({y.data(), speeds.data(), 19, 1}, {flow.data(), joints.data(), drag.data()});
+  Vector flow(19), joints(19), drag(19), others(19);
+  chain.power({y.data(), speeds.data(), 19, 1},
+              {flow.data(), joints.data(), drag.data(), others.data()});
   const auto change = [&](double h) -> Vector {
     return (energies_of(chain, y + h * rates) - energies_of(chain, y - h * rates)) / (2.0 * h);
   };
   const double small = 1e-3 / rates.cwiseAbs().maxCoeff();
   const Vector fed = (4.0 * change(0.5 * small) - change(small)) / 3.0;
   const double size = energies_of(chain, y).maxCoeff() / small;  // of what cancels in a difference
+  check(others.isZero(0.0), "nothing else has power");
   check((flow + joints + drag - fed).cwiseAbs().maxCoeff() < 1e-9 * size, "energy's rate is power");
 
   std::vector<double> worked(y.data(), y.data() + y.size());
@@ -589,9 +614,9 @@ void check_reduced_motion_of(const Model& model, const Pipe& pipe, Family family
   Matrix together(2 * m, members), jacobian(2 * m, 2 * m);
   const pipedyn::Batch batch{y.data(), u.data(), members, 1};
   model.rhs(batch, together.data());
-  Vector energies(members), flow(members), joints(members), drag(members);
+  Vector energies(members), flow(members), joints(members), drag(members), others(members);
   model.energy(batch, energies.data());
-  model.power(batch, {flow.data(), joints.data(), drag.data()});
+  model.power(batch, {flow.data(), joints.data(), drag.data(), others.data()});
   for (Index k = 0; k < members; ++k) {
     const Vector state = y.col(k);
     const auto rhs = [&](const Vector& at) -> Vector {
@@ -849,13 +874,13 @@ void check_wild_motion(const Model& model, Wild& wild) {
   const double u = wild.speed();
   const pipedyn::Batch batch{y.data(), &u, members, 0};
   Vector total = Vector::Constant(members + 1, untouched), flow = total, joints = total;
-  Vector drag = total;
+  Vector drag = total, others = total;
   Vector all = Vector::Constant((rows + 1) * members + 1, untouched);
   pipedyn::rhs_and_power(model, batch, all.data());
   model.energy(batch, total.data());
-  model.power(batch, {flow.data(), joints.data(), drag.data()});
+  model.power(batch, {flow.data(), joints.data(), drag.data(), others.data()});
   check(all[(rows + 1) * members] == untouched, "rates stay within their array");
-  for (const Vector* const out : {&total, &flow, &joints, &drag}) {
+  for (const Vector* const out : {&total, &flow, &joints, &drag, &others}) {
     check((*out)[members] == untouched, "energy and power stay within their arrays");
   }
   Matrix jacobian(rows, rows);

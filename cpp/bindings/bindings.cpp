@@ -92,8 +92,8 @@ NumberOrArray energy(const Model& model, const py::object& y) {
   return number_or_array(result, states.one);
 }
 
-/// (flow, joints, drag)
-using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray>;
+/// (flow, joints, drag, others)
+using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
 
 template <class Model>
 Parts power(const Model& model, const py::object& y, const py::object& u) {
@@ -101,10 +101,13 @@ Parts power(const Model& model, const py::object& y, const py::object& u) {
   const Speeds speeds("u", u, states);
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   Numbers flow(states.members), joints(states.members), drag(states.members);
-  const pipedyn::PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data()};
+  Numbers others(states.members);
+  const pipedyn::PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data(),
+                                  others.mutable_data()};
+  std::fill_n(parts.others, states.members, 0.0);
   pipedyn::run(work_of(model) * states.members, [&] { model.power(batch, parts); });
   return py::make_tuple(number_or_array(flow, states.one), number_or_array(joints, states.one),
-                        number_or_array(drag, states.one));
+                        number_or_array(drag, states.one), number_or_array(others, states.one));
 }
 
 template <class Model>
@@ -414,6 +417,10 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("flux_times", &Chain::flux_times, "x"_a, "transposed"_a = false, Unlocked())
       .def("gravity_times", &Chain::gravity_times, "x"_a, Unlocked())
       .def("springs_times", &Chain::springs_times, "joint_angles"_a, Unlocked())
+      .def("terms_stiffness_times", &Chain::terms_stiffness_times, "x"_a, Unlocked())
+      .def("terms_damping_times", &Chain::terms_damping_times, "x"_a, Unlocked())
+      .def("bodies", &Chain::bodies, Unlocked())
+      .def("resistances", &Chain::resistances, Unlocked())
       .def("band", &Chain::band, "lambda_"_a, "u"_a, Unlocked())
       .def_readonly_static("band_width", &Chain::band_width);
   define_motion(chain);

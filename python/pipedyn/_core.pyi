@@ -76,6 +76,7 @@ class Chain:
         lambda_: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
         u: typing.SupportsFloat | typing.SupportsIndex,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def flux_times(
         self,
@@ -106,7 +107,9 @@ class Chain:
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
     ]: ...
+    def resistances(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def rhs(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -115,6 +118,12 @@ class Chain:
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def springs_times(
         self, joint_angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def terms_damping_times(
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def terms_stiffness_times(
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def velocity_times(
         self,
@@ -175,6 +184,7 @@ class GalerkinMotion:
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
     ]: ...
     def rhs(
         self, t: typing.Any, y: typing.Any, u: typing.Any
@@ -206,6 +216,7 @@ class FittedMotion:
     def power(
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
