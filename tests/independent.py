@@ -128,26 +128,19 @@ def lagrangian_accelerations(states, *numbers, **more):
 
 
 def places(chain, at):
-    """(lever, weight) of a place of a chain, or of Simpson's points all along it."""
-    ends = np.cumsum(chain.lengths)
-    if at is not None:
-        rest = at - chain.base
-        if rest <= 0.0:
-            return []
-        j = min(int(np.searchsorted(ends, rest)), chain.dof - 1)
-        points = [(j, rest - ends[j] + chain.lengths[j], 1.0)]
-    else:
-        points = [
-            (j, part * size, weight * size / 6.0)
-            for j, size in enumerate(chain.lengths)
+    """(segment, arm, weight) of a place of a chain, or of Simpson's points all along it."""
+    if at is None:
+        return [
+            (j, part * length, weight * length / 6.0)
+            for j, length in enumerate(chain.lengths)
             for part, weight in ((0.0, 1.0), (0.5, 4.0), (1.0, 1.0))
         ]
-    result = []
-    for j, arm, weight in points:
-        lever = np.where(np.arange(chain.dof) < j, chain.lengths, 0.0)
-        lever[j] = arm
-        result.append((lever, weight))
-    return result
+    rest = at - chain.base
+    for j, length in enumerate(chain.lengths):
+        if 0.0 < rest <= length or (rest > length and j == chain.dof - 1):
+            return [(j, min(rest, length), 1.0)]
+        rest -= length
+    return []
 
 
 def dense_rates(chain, y, u):
@@ -172,7 +165,9 @@ def dense_rates(chain, y, u):
     across_axis = np.zeros(n, dtype=y.dtype)
     for term in pipe.terms:
         (number,) = term.numbers.values()
-        for lever, weight in places(chain, term.place):
+        for j, arm, weight in places(chain, term.place):
+            lever = np.where(np.arange(n) < j, length, 0.0)
+            lever[j] = arm
             if term.law == "point_mass":
                 coupling += number * np.outer(lever, lever)
                 moment = moment + number * lever
@@ -544,8 +539,17 @@ def clamp_misfit(chain, value, u):
             total += coriolis * length * (length * angle + 2 * (tip - node))
             total += thrust * length * (tip_angle - angle)
             total += pipe.gamma * length * (beyond + arm) * angle
+            mass = length
+            for term in pipe.terms:
+                (number,) = term.numbers.values()
+                for _, at, weight in (p for p in places(chain, term.place) if p[0] == k):
+                    heavy = number if term.law == "point_mass" else 0
+                    pull = {"point_mass": square, "damper": value}.get(term.law, weight) * number
+                    pull *= clamped_side + at * angle
+                    inertia, mass = inertia + pull, mass + heavy
+                    total += at * pull + pipe.gamma * heavy * at * angle
             moment -= total
-            force, node, beyond = force + inertia, clamped_side, beyond + length
+            force, node, beyond = force + inertia, clamped_side, beyond + mass
             angle -= moment / (elastic * spring)
         columns.append((angle, node))
     (a, b), (c, d) = columns

@@ -98,7 +98,7 @@ void Chain::place_terms() {
       } else if (term.at > segments_.base) {
         const auto beyond = std::lower_bound(ends.begin(), ends.end(), term.at);
         const Index j = std::min<Index>(beyond - ends.begin(), n - 1);
-        place(j, std::min(term.at - (ends[j] - l[j]), l[j]), 1.0);
+        place(j, std::min(term.at - (j > 0 ? ends[j - 1] : segments_.base), l[j]), 1.0);
       }
     });
   }

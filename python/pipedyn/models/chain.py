@@ -353,8 +353,8 @@ class Chain(Model):
         """Rate of the state, exact at any amplitude, in O(n).
 
         Flow, gravity, springs, joint damping, quadratic drag at the drag points and the pipe's
-        terms, each only where the pipe has it. A batch is one call; its members go through the processor's vectors
-        together. Several threads may call one chain at once.
+        terms, each only where the pipe has it. A batch is one call; its members go through the
+        processor's vectors together. Several threads may call one chain at once.
 
         Args:
             t: time; nothing depends on it.

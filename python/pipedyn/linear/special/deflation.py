@@ -2,9 +2,9 @@
 """Chains whose stiffness is singular at every speed: the root that stands at zero, taken away.
 
 Without gravity det K(u) is the product of the springs. With a free joint (k_j = 0) lambda = 0 is an
-eigenvalue at every speed, and a real root that passes it makes a double zero there, which scatters
-by the square root of rounding. (A term of the pipe that pulls back what is beyond the joint ends
-this; one nearer to the clamp does not.) The null vectors X(u) of K are known, so with V^T X = I the pencil
+eigenvalue at every speed, unless a term of the pipe resists what is beyond the joint. A real root
+that passes it makes a double zero there, which scatters by the square root of rounding. The null
+vectors X(u) of K are known, so with V^T X = I the pencil
 
     P(lambda) (I + c/lambda X V^T) = P(lambda) + c (lambda M X + C X) V^T
 
