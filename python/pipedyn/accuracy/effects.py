@@ -26,7 +26,7 @@ SHARPNESS = 0.1
 """Error asked of each answer, in tolerances: a change of one tolerance is then known to a fifth."""
 
 LIMIT_BETA = 1e-9
-"""beta that stands for the limit beta -> 0: the critical speed differs from its limit by 1.1 beta."""
+"""beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
 
 ROUNDING = 1e-10
 """Real parts below this share of the largest |lambda| count as 0: the solver's residuals."""

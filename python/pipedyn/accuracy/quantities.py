@@ -20,15 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn.accuracy.families import FAMILIES, expected_size
-from pipedyn.accuracy.onset import Onset, onset_near
 from pipedyn.accuracy.reference import (
     EPS,
     FEWEST,
     LEAST_ERROR,
     STEP,
     Answer,
+    Onset,
     Reference,
     grown_reference,
+    onset_near,
     onset_reference,
     wave_number,
 )
@@ -63,6 +64,10 @@ BEAM_ORDER, DRAG_ORDER = 4.0, 3.0
 """Powers of the size with which errors fall: of beam modes, and of functions under drag, as |v| v
 has a kink."""
 
+LONGEST_REFERENCE = 30.0
+"""Seconds of processor time after which a nonlinear reference grows no more: half of what a search
+waits for one answer."""
+
 STARTING = 24
 """Legendre functions at the least for the mode from which a motion starts: those of it and of its
 neighbours are exact then."""
@@ -85,16 +90,13 @@ class Quantity(ABC):
     is_linear: ClassVar[bool] = True
     """Whether an answer's cost depends on little else than the degrees of freedom."""
 
-    is_even: ClassVar[bool] = False
-    """Whether neighbouring sizes cost alike; a search for crossings may take thrice as long."""
-
     least: int = 1
     """Degrees of freedom that a model must have to answer."""
 
     most: ClassVar[int] = 2000
     """Degrees of freedom beyond which models are not asked."""
 
-    growth: ClassVar[float] = 0.0
+    growth: ClassVar[float] = 1.0
     """Power of the size with which the cost of an answer grows at the least."""
 
     cheaper_share: ClassVar[float] = 1.5
@@ -218,7 +220,6 @@ class CriticalSpeedOf(Quantity):
 class _Roots(Quantity):
     """Eigenvalues, each held against its own; those that cluster at -1 / delta are left out."""
 
-    is_even: ClassVar[bool] = True
     cheaper_share: ClassVar[float] = 0.5
     count: int
 
@@ -466,7 +467,9 @@ class _Integrated(Quantity):
             first = int(min(max(expected, FIRST), MOST - 2))
             sizes = tuple(range(first, MOST + 1, 2))
         asks = (self.sharpened(tolerance).answer, self.sharpened(0.25 * tolerance).answer)
-        found = grown_reference(pipe, family, sizes, asks, self.distance, tolerance, order)
+        found = grown_reference(
+            *(pipe, family, sizes, asks, self.distance, tolerance, order, LONGEST_REFERENCE)
+        )
         root = self._root(found.answer) or second_mode
         return replace(found, wave_number=wave_number(pipe, self.u, root))
 
@@ -583,7 +586,6 @@ class LimitCycleAt(_Integrated):
 
     name: ClassVar[str] = "limit_cycle"
     most: ClassVar[int] = LARGEST_CYCLE
-    growth: ClassVar[float] = 1.0
     cheaper_share: ClassVar[float] = 1.0
     sharpest: ClassVar[float] = 1e-10
     share: ClassVar[float] = 0.1
