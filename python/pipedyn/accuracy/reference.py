@@ -153,7 +153,7 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
 
 
 def onset_reference(
-    pipe: Pipe, ask: Callable[[AnyModel], Answer], tolerance: float
+    pipe: Pipe, more: int, ask: Callable[[AnyModel], Answer], tolerance: float
 ) -> Reference | None:
     """A critical speed searched in a reduced model, its onset then tracked into larger ones.
 
@@ -161,11 +161,12 @@ def onset_reference(
 
     Args:
         pipe: the pipe.
+        more: functions that it takes beside, for its terms.
         ask: a model for its critical speed.
         tolerance: bound on the error.
     """
-    size = FEWEST
-    while size <= ENOUGH:
+    size = FEWEST + more
+    while size <= ENOUGH + more:
         try:
             before = ask(Galerkin(pipe, size, "legendre")).onset
         except PipedynError:
@@ -173,18 +174,18 @@ def onset_reference(
         if before is None:
             return None
         larger = max(size + STEP, math.ceil(0.8 * before.speed))
-        for more in (STEP, 2 * STEP):
-            model = Galerkin(pipe, size + more, "legendre")
+        for step in (STEP, 2 * STEP):
+            model = Galerkin(pipe, size + step, "legendre")
             onset = onset_near(model, before.speed, before.frequency)
             moved = math.inf if onset is None else abs(onset.speed - before.speed) / onset.speed
             if onset is None or moved > ALIKE:
                 break
             error = moved + (before.error + onset.error) / onset.speed + EPS
-            if error <= tolerance or more > STEP:
+            if error <= tolerance or step > STEP:
                 return Reference(
                     Answer(np.array([onset.speed]), "flutter", error, onset),
                     error,
-                    f"search with {size} Legendre functions, tracked to {size + more}",
+                    f"search with {size} Legendre functions, tracked to {size + step}",
                     wave_number(pipe, onset.speed, 1j * onset.frequency),
                     is_estimable=True,
                 )

@@ -321,15 +321,21 @@ class Search:
         """Families in the order of asking: those of which errors are known, then the small."""
 
         def turn(family: Family) -> tuple[bool, bool, float]:
-            size = expected_size(family, self.reference.wave_number, tolerance)
+            size = self._expected(family, tolerance)
             return family.name != self.reference.family, family.order == 0.0, family.dof(1) * size
 
         return sorted(self.families, key=turn)
 
+    def _expected(self, family: Family, tolerance: float) -> float:
+        """About the size that the tolerance takes."""
+        size = expected_size(family, self.reference.wave_number, tolerance)
+        return size + family.for_terms(self.pipe)
+
     def _range(self, family: Family) -> tuple[int, int]:
         """The least and the largest size of a family that may be asked."""
         least, most = max(1, self.quantity.least), self.quantity.most
-        most = min(LARGEST.get(family.name, most), most // 2 if family.paired else most)
+        largest = LARGEST.get(family.name, most) + family.for_terms(self.pipe)
+        most = min(largest, most // 2 if family.paired else most)
         why = self.quantity.excluded(self.pipe, family.name)
         if most < least:
             why = f"the question takes {least} degrees of freedom, models have up to {most}"
@@ -364,7 +370,7 @@ class Search:
             least, most = self._range(family)
             if room < math.inf:
                 most = min(most, max(math.floor(room / family.dof(1)), least))
-            expected = expected_size(family, self.reference.wave_number, tolerance)
+            expected = self._expected(family, tolerance)
             start = max(math.ceil(min(expected, most if estimable else CHEAP)), least)
             apart = 0.0 if self.quantity.is_linear else NEIGHBOURS
             found = climb()
@@ -438,7 +444,7 @@ class Search:
         Always ends with the reason why no other size is asked.
         """
         least, most = self._range(family)
-        wave_number, growth = self.reference.wave_number, self.quantity.growth
+        growth = self.quantity.growth
         known, dear = self._seconds(family), SCATTER * min(budget, PATIENCE)
         sizes = range(1, most + 1)
         last = bisect_right(sizes, dear, key=lambda n: price(known, family.dof(n), growth))
@@ -451,7 +457,7 @@ class Search:
             error = self.error(family, last)
             if error >= self.bound(best):
                 raise _Stop(f"size {last}, the most in this time, has an error of {error:.1e}")
-        elif best is not None and expected_size(family, wave_number, self.bound(best)) > last:
+        elif best is not None and self._expected(family, self.bound(best)) > last:
             raise _Stop(f"no smaller error is expected up to size {last}")
 
         def value(size: int) -> float:
@@ -465,7 +471,7 @@ class Search:
                 raise _Stop(described(row))
             return SPENT * budget / row.seconds if row.failure is None else math.inf
 
-        wanted = min(expected_size(family, wave_number, aim), most)
+        wanted = min(self._expected(family, aim), most)
         start = max(math.ceil(min(wanted, last / SCATTER if last < most else CHEAP)), least)
         ladder(value, 1.0, growth, start, (least, most), {}, 1.0 - SPENT)
         size = max(size for name, size in self.rows if name == family.name)
