@@ -340,6 +340,41 @@ def test_an_answer_has_the_roots_that_were_asked_for(among, count):
         np.testing.assert_allclose(np.sort(last.imag), np.sort(exact.imag), rtol=2e-2)
 
 
+# ----------------------------------------------------------------------------------------- terms
+
+
+@pytest.mark.parametrize(
+    ("name", "conditions"),
+    [
+        ("critical_speed", {}),
+        ("frequencies", {"u": 3.0, "count": 3}),
+        ("root_loci", {"speeds": [0.0, 2.0, 4.0], "count": 2}),
+        ("motion", {"u": 4.0, "duration": 0.3}),
+    ],
+)
+def test_terms_of_the_pipe_are_in_the_models_and_in_the_reference(name, conditions):
+    """Without the mass and the spring the answer is another."""
+    terms = (pp.PointMass(0.4, 0.1), pp.Spring(0.7, 5.0))
+    pipe = pp.Pipe(0.2, 10.0, damping=1e-3, terms=terms)
+    choice = pp.choose(pipe, name, 1e-3, among="reduced", **conditions)
+    asked = choice.quantity.sharpened(1e-6)
+    exact = asked.answer(pp.Galerkin(pipe, 30, "legendre"))
+    assert asked.distance(asked.answer(choice.model), exact) <= 1e-3
+    bare = asked.answer(pp.Galerkin(dataclasses.replace(pipe, terms=()), 20, "legendre"))
+    assert asked.distance(bare, exact) > 3e-3
+
+
+def test_a_basis_has_functions_for_each_panel_between_terms():
+    """Ten springs make eleven panels, more than the functions that the plain pipe would take."""
+    terms = tuple(pp.Spring(at, 0.1) for at in np.linspace(0.05, 0.95, 10))
+    pipe = pp.Pipe(0.2, damping=1e-3, terms=terms)
+    speed = pp.choose(pipe, "critical_speed", 1e-6, among="legendre")
+    assert speed.size >= 11
+    assert abs(speed.answer[0] / exact_speed(pipe).speed - 1.0) <= 1e-6
+    motion = pp.choose(pipe, "motion", 1e-2, among="legendre", u=3.0, duration=0.05)
+    assert motion.size >= 11
+
+
 # ------------------------------------------------------------------------------------------ luck
 
 
