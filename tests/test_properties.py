@@ -92,19 +92,29 @@ def reduced(pipe):
     )
 
 
+def dashpot(node, coefficient):
+    """A user's own module: the force -coefficient x' on a node."""
+    return modular.Custom(
+        nodes=(node,),
+        force=lambda q, v: np.array([-coefficient * v[0], 0.0 * v[1]]),
+        name="dashpot",
+    )
+
+
 @st.composite
 def scenes(draw, pipe, guided=False):
     """Chains from parts, with further parts."""
     n = draw(st.integers(2, 5))
     scene = modular.chain(draw(pipe), n, draw(st.sampled_from(RULES)))
     node = st.integers(1, n)
+    place = mixed([1.0, 1.0 / n], 0.01, 1.0)
     size = mixed([0.0], 0.0, 3.0)
     more = draw(
         st.lists(
             st.one_of(
-                st.builds(modular.PointMass, node, size),
-                st.builds(modular.TransverseSpring, node, size),
-                st.builds(modular.Dashpot, node, size),
+                st.builds(pp.PointMass, place, size),
+                st.builds(pp.Spring, place, size),
+                st.builds(dashpot, node, size),
                 st.builds(modular.TorsionalSpring, node, size, size),
             ),
             max_size=2,

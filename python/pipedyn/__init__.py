@@ -30,7 +30,6 @@ from pipedyn.models import modular
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
-from pipedyn.models.fitting import Fitting
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
@@ -59,7 +58,6 @@ __all__ = [
     "Equilibria",
     "EquilibriumBranch",
     "Failure",
-    "Fitting",
     "Galerkin",
     "Hopf",
     "LimitCycle",
