@@ -6,11 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from pipedyn import _core
 from pipedyn.util import check
-from pipedyn.util.check import Array
 
 RANGES: dict[str, dict[str, Any]] = {
     "at": {"low": 0.0, "high": 1.0, "open_low": True},
@@ -18,11 +14,6 @@ RANGES: dict[str, dict[str, Any]] = {
     "stiffness": {"low": 0.0, "high": 1e9},
 }
 """What `check.real` asks of a fitting's numbers."""
-
-SHORTEST_PANEL = 1e-4
-"""Length of the shortest panel of a basis. To leave out a joint at the distance d from another
-costs d^3, 1e-11 of a critical speed at this length; on panels below a third of it functions move
-so little mass that rounding makes their eigenvalues any."""
 
 MOST_FITTINGS = 400
 
@@ -77,29 +68,3 @@ def checked_fittings(fittings: Any) -> tuple[Fitting, ...]:
     if len(fittings) > MOST_FITTINGS:
         raise ValueError(f"fittings must be at most {MOST_FITTINGS}, got {len(fittings)}")
     return tuple(fittings)
-
-
-def core_fittings(fittings: tuple[Fitting, ...]) -> list[_core.Fitting]:
-    """The fittings as the core takes them."""
-    return [_core.Fitting(at=f.at, mass=f.mass, stiffness=f.stiffness) for f in fittings]
-
-
-def panel_ends(fittings: tuple[Fitting, ...]) -> Array:
-    """Ends of the panels between fittings, from 0 to 1: integrands are smooth on each."""
-    return np.unique([0.0, *(fitting.at for fitting in fittings), 1.0])
-
-
-def basis_joints(fittings: tuple[Fitting, ...]) -> Array:
-    """Inner ends of the panels of a basis: those of the above that leave none too short."""
-    joints: list[float] = []
-    for end in panel_ends(fittings)[1:-1].tolist():
-        low = joints[-1] if joints else 0.0
-        if end - low >= SHORTEST_PANEL and 1.0 - end >= SHORTEST_PANEL:
-            joints.append(end)
-    return np.array(joints)
-
-
-def on_panels(ends: Array, nodes: Array, weights: Array) -> tuple[Array, Array]:
-    """Nodes and weights of a quadrature on [0, 1] carried to each panel between the ends."""
-    lengths = np.diff(ends)[:, None]
-    return (ends[:-1, None] + lengths * nodes).ravel(), (lengths * weights).ravel()
