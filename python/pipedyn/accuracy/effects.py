@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipedyn.accuracy.quantities import QUANTITIES, Answer, Frequencies, Quantity, checked_quantity
-from pipedyn.bifurcation.limit_cycle import NoCycle
+from pipedyn.bifurcation.cycles import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import modes
 from pipedyn.models.base import PipedynError, checked_pipe

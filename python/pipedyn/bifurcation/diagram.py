@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.bifurcation.arcs import Birth
 from pipedyn.bifurcation.branches import (
     Asked,
     CycleBranch,
@@ -23,7 +22,8 @@ from pipedyn.bifurcation.branches import (
     traced,
 )
 from pipedyn.bifurcation.brute_force import AGAIN, SAMPLES_A_TIME, Ended, Plan, bends, each, endings
-from pipedyn.bifurcation.continuation import Lost, solve
+from pipedyn.bifurcation.continuation import solve
+from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
 from pipedyn.bifurcation.equilibria import (
     EquilibriumBranch,
     Rest,
@@ -31,16 +31,16 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
-from pipedyn.bifurcation.fourier import Elsewhere
-from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
-from pipedyn.bifurcation.mesh import orbit_of
-from pipedyn.bifurcation.vector_field import Field
+from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
+from pipedyn.bifurcation.orbit_continuation import HopfPoint
+from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import LARGEST_SAMPLES
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.progress import track
 from pipedyn.util.threads import one_thread
 
@@ -257,7 +257,7 @@ def _passing(rest: Rest, branch: EquilibriumBranch, u: float) -> Iterator[Array]
             share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
             try:
                 yield solve(rest, a + share * (b - a), u)[0]
-            except Lost:
+            except NewtonFailed:
                 continue
 
 
@@ -321,10 +321,10 @@ class _Cycles:
         self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
     ) -> None:
         """From the onsets of flutter."""
-        begun: list[Birth] = []
+        begun: list[HopfPoint] = []
         with one_thread(self.model.dof):
             for birth in births(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
-                if isinstance(birth, Birth):
+                if isinstance(birth, HopfPoint):
                     begun.append(birth)
                 else:
                     self.fail(*birth)
@@ -335,13 +335,12 @@ class _Cycles:
 
     def through(self, u: float, state: Array) -> None:
         """Through the cycle at one of the speeds that a motion from a state ends on."""
-        motion = Field(self.model)
+        motion = VectorField(self.model)
         try:
             with one_thread(motion.size):
-                course, _ = cycle_from(motion, u, state)
-                amplitude, _ = amplitude_of(motion, course)
-                orbit = orbit_of(motion, course)
-        except Elsewhere as reason:
+                orbit, _ = cycle_from(motion, u, state)
+                amplitude, _ = amplitude_of(motion, orbit)
+        except NewtonFailed as reason:
             self.fail(u, NoCycle(f"the cycle at u = {u:g} was not followed: {reason}", u))
             return
         except PipedynError as error:

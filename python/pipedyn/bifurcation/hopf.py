@@ -43,7 +43,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from pipedyn.bifurcation.equilibria import BranchPoint, Rest
-from pipedyn.bifurcation.vector_field import STENCIL, Field
+from pipedyn.bifurcation.vector_field import STENCIL, VectorField
 from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.linear.pencil import Complex
 from pipedyn.linear.sensitivity import Crossing
@@ -166,7 +166,7 @@ class Hopf:
         """Number of eigenvalues with positive real part at the onset, beside the pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
-        values = np.linalg.eigvals(Field(self.model).jacobian(self.rest, self.speed))
+        values = np.linalg.eigvals(VectorField(self.model).jacobian(self.rest, self.speed))
         pair = np.minimum(*(np.abs(values - sign * 1j * self.frequency) for sign in (1.0, -1.0)))
         return int(np.count_nonzero(values[np.argsort(pair)[2:]].real > 0.0))
 
@@ -274,7 +274,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
             "the pipe is unstable from u = 0 on: all its modes lie on the axis there, and no cycle "
             "belongs to one of them"
         )
-    motion = Field(model)
+    motion = VectorField(model)
     if isinstance(crossing, BranchPoint):
         start = Rest(model).from_start("crossing", crossing.q)
         rest = np.concatenate([start, np.zeros(motion.half)])
@@ -307,9 +307,9 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
     return _described(model, crossing, rest, form, slope, drag * mean, drag * spread)
 
 
-def with_drag(model: Model, drag: float) -> Field:
+def with_drag(model: Model, drag: float) -> VectorField:
     """The motion of a model with another drag."""
-    return Field(model.with_pipe(replace(model.pipe, drag=drag)))
+    return VectorField(model.with_pipe(replace(model.pipe, drag=drag)))
 
 
 def _first(model: Model) -> Crossing:
@@ -372,7 +372,7 @@ def _described(
     )
 
 
-def tip_of(motion: Field, rest: Array, q: Complex) -> complex:
+def tip_of(motion: VectorField, rest: Array, q: Complex) -> complex:
     """Transverse displacement of the free end, to first order."""
     size = angle_of(motion.model, q)
     parts = []
@@ -392,7 +392,7 @@ def angle_of(model: Model, q: Complex) -> float:
     return float(np.abs(np.diff(across)).max()) * (PLACES - 1)
 
 
-def _slope(motion: Field, rest: Array, u: float, form: NormalForm) -> complex:
+def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> complex:
     """Derivative of lambda by u of the pair, the rest moving with the speed where it does."""
     by_speed = motion.jacobian_by_speed(rest, u)
     moved = motion.by_speed(rest[:, None], u)[:, 0]
@@ -546,7 +546,7 @@ def _extrapolated(values: list[complex]) -> tuple[complex, float]:
 
 
 def averaged(
-    motion: Field, bare: Field, rest: Array, u: float, form: NormalForm
+    motion: VectorField, bare: VectorField, rest: Array, u: float, form: NormalForm
 ) -> tuple[complex, float]:
     """Mean of drag's force over one turn of the mode, d of the module's head, and its error.
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.integrate import ode
 from scipy.linalg import block_diag
 
-from pipedyn.bifurcation.limit_cycle import LimitCycle
+from pipedyn.bifurcation.cycles import LimitCycle
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import (
