@@ -286,7 +286,9 @@ def test_a_search_may_start_from_an_onset():
     assert pp.limit_cycle(model, 8.3, third).amplitude == pytest.approx(
         pp.limit_cycle(model, 8.3).amplitude, rel=1e-5
     )
-    with pytest.raises(pp.NoCycle, match=r"of the Hopf point at u = 7\.26.* does not come to u = 7"):
+    with pytest.raises(
+        pp.NoCycle, match=r"of the Hopf point at u = 7\.26.* does not come to u = 7"
+    ):
         pp.limit_cycle(model, 7.0, first)
     with pytest.raises(pp.NoCycle, match="does not come to"):
         pp.limit_cycle(model, third.speed, third)  # where it has no size
@@ -312,7 +314,9 @@ def test_below_the_fold_of_cycles_the_search_says_where_it_lies():
     model = pp.Chain(pp.Pipe(0.05), 2)
     onset = pp.hopf(model)
     assert onset.criticality == "subcritical"
-    with pytest.raises(pp.NoCycle, match=r"of the Hopf point at u = 3\.13387 reaches down to u = 3\.12922 only"):
+    with pytest.raises(
+        pp.NoCycle, match=r"of the Hopf point at u = 3\.13387 reaches down to u = 3\.12922 only"
+    ):
         pp.limit_cycle(model, 3.12)
     with pytest.raises(pp.NoCycle, match=r"reaches down to u = 3\.12922 only"):
         pp.limit_cycle(model, 3.12, onset)
