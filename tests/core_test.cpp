@@ -14,12 +14,12 @@
 #include <string>
 #include <utility>
 
-#include "pipedyn/chain.hpp"
-#include "pipedyn/fitted_motion.hpp"
-#include "pipedyn/galerkin.hpp"
-#include "pipedyn/galerkin_motion.hpp"
-#include "pipedyn/levels.hpp"
-#include "pipedyn/modular.hpp"
+#include "pipedyn/chain/chain.hpp"
+#include "pipedyn/galerkin/fitted_motion.hpp"
+#include "pipedyn/galerkin/galerkin.hpp"
+#include "pipedyn/galerkin/motion.hpp"
+#include "pipedyn/modular/scene.hpp"
+#include "pipedyn/vector/levels.hpp"
 #include "pipedyn/work.hpp"
 
 namespace {

@@ -4,6 +4,8 @@
 #include <Eigen/Core>
 #include <cmath>
 
+#include "pipedyn/terms/term.hpp"
+
 namespace pipedyn {
 
 using Index = Eigen::Index;
@@ -18,6 +20,7 @@ struct Pipe {
   double drag = 0.0;         // kappa, quadratic drag
   double damping = 0.0;      // delta, Kelvin-Voigt damping
   bool aspirating = false;   // flow enters at the free end
+  Terms terms{};             // what else acts on the pipe
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// s: U = s u is the flow speed counted towards the free end.

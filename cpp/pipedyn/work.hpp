@@ -6,7 +6,7 @@
 
 #include <vector>
 
-#include "pipedyn/motion.hpp"
+#include "pipedyn/chain/motion.hpp"
 
 namespace pipedyn {
 

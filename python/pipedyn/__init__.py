@@ -8,7 +8,7 @@ from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
 from pipedyn.bifurcation.branches import CycleBranch
-from pipedyn.bifurcation.brute_force import Ended
+from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.criticality import CriticalityCurve, criticality_curve
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
@@ -20,8 +20,9 @@ from pipedyn.bifurcation.equilibria import (
     equilibrium_branch,
 )
 from pipedyn.bifurcation.events import CycleEvent
-from pipedyn.bifurcation.hopf import Hopf, NoHopf, hopf
+from pipedyn.bifurcation.hopf import Hopf, hopf
 from pipedyn.bifurcation.limit_cycle import limit_cycle
+from pipedyn.bifurcation.normal_form import NoHopf
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
@@ -32,7 +33,9 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.fitting import Fitting
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import Pipe, Scales, inlet_coefficient
+from pipedyn.models.inlet import inlet_coefficient
+from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.terms import PointMass, Spring, Term
 from pipedyn.motion.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import Motion, MotionStopped, simulate
@@ -40,6 +43,7 @@ from pipedyn.motion.simulate import Motion, MotionStopped, simulate
 __version__ = "0.1.0"
 
 __all__ = [
+    "Attractor",
     "BifurcationDiagram",
     "BranchPoint",
     "Chain",
@@ -52,7 +56,6 @@ __all__ = [
     "CycleEvent",
     "Derivatives",
     "Effect",
-    "Ended",
     "Ensemble",
     "Equilibria",
     "EquilibriumBranch",
@@ -76,12 +79,15 @@ __all__ = [
     "Operators",
     "Pipe",
     "PipedynError",
+    "PointMass",
     "Power",
     "Relevance",
     "RootLoci",
     "Scales",
     "Sensitivity",
+    "Spring",
     "StabilityCurve",
+    "Term",
     "Trade",
     "TradeRow",
     "bifurcation_diagram",

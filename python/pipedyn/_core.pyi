@@ -34,6 +34,13 @@ class Pipe:
         drag: typing.SupportsFloat | typing.SupportsIndex,
         damping: typing.SupportsFloat | typing.SupportsIndex,
         aspirating: bool,
+        terms: collections.abc.Sequence[
+            tuple[
+                str,
+                typing.SupportsFloat | typing.SupportsIndex,
+                collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+            ]
+        ] = [],
     ) -> None: ...
     @property
     def direction(self) -> float: ...

@@ -24,7 +24,8 @@ from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finish
 from pipedyn.bifurcation.equilibria import EquilibriumBranch, Rest
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, excess, outside, passage
 from pipedyn.bifurcation.floquet import returns, shortened
-from pipedyn.bifurcation.hopf import tip_of, vectors
+from pipedyn.bifurcation.hopf import tip_of
+from pipedyn.bifurcation.normal_form import vectors
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     Breaking,

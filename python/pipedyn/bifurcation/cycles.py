@@ -20,6 +20,7 @@ from pipedyn.bifurcation.periodic_orbit import MOST_INTERVALS, PeriodicOrbit, re
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.pencil import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.motion.simulate import Trajectory
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 
@@ -48,7 +49,7 @@ PEAKS = 2048
 
 
 @dataclass(frozen=True)
-class LimitCycle:
+class LimitCycle(Trajectory):
     """One period of a periodic motion.
 
     Attributes:
@@ -91,11 +92,6 @@ class LimitCycle:
     phases: int
     evaluations: int
     method: str
-
-    @property
-    def y(self) -> Array:
-        """States [q, q'] at the times, shape (2 coordinates, S)."""
-        return np.concatenate([self.q, self.qdot], axis=1).T
 
     @property
     def tip(self) -> Array:

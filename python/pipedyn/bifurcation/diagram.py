@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -21,7 +22,14 @@ from pipedyn.bifurcation.branches import (
     same_cycle,
     traced,
 )
-from pipedyn.bifurcation.brute_force import AGAIN, SAMPLES_A_TIME, Ended, Plan, bends, each, endings
+from pipedyn.bifurcation.brute_force import (
+    RECURRENCE,
+    SAMPLES_A_TIME,
+    Attractor,
+    Plan,
+    attractors,
+    initial_bends,
+)
 from pipedyn.bifurcation.continuation import solve
 from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
 from pipedyn.bifurcation.equilibria import (
@@ -41,6 +49,7 @@ from pipedyn.motion.simulate import LARGEST_SAMPLES
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import parallel
 from pipedyn.util.progress import track
 from pipedyn.util.threads import one_thread
 
@@ -76,11 +85,11 @@ class BifurcationDiagram:
     speeds: Array
     equilibria: tuple[EquilibriumBranch, ...]
     cycles: tuple[CycleBranch, ...]
-    motions: tuple[Ended, ...] = field(repr=False)
+    motions: tuple[Attractor, ...] = field(repr=False)
     failures: tuple[Failure, ...]
     model: Model
 
-    def at(self, u: float) -> tuple[Ended, ...]:
+    def at(self, u: float) -> tuple[Attractor, ...]:
         """Where motions end at the speed nearest to u >= 0.
 
         Raises:
@@ -172,10 +181,10 @@ def bifurcation_diagram(
     found = _Cycles(model, Asked(at, plan.rtol, steps), failures)
     if steps:
         found.born(branches, executor, shown)
-    motions: tuple[Ended, ...] = ()
+    motions: tuple[Attractor, ...] = ()
     if count:
-        starts = bends(model, count, seed)
-        motions, failed = endings(model, at, starts, plan, executor, shown)
+        starts = initial_bends(model, count, seed)
+        motions, failed = attractors(model, at, starts, plan, executor, shown)
         failures += failed
     if steps:
         found.from_motions(motions)
@@ -329,9 +338,13 @@ class _Cycles:
                 else:
                     self.fail(*birth)
         self.asked = replace(self.asked, onsets=tuple(birth.speed for birth in begun))
-        answers = each(executor, traced, [(self.model, birth, self.asked) for birth in begun])
-        for answer in track(answers, len(begun), "cycles", shown):
-            self.add(answer)
+        jobs = [partial(traced, self.model, birth, self.asked) for birth in begun]
+        answers = parallel(jobs, executor, label="cycles", progress=shown)
+        for birth, answer in zip(begun, answers, strict=True):
+            if isinstance(answer, Exception):
+                self.fail(birth.speed, answer)
+            else:
+                self.add(answer)
 
     def through(self, u: float, state: Array) -> None:
         """Through the cycle at one of the speeds that a motion from a state ends on."""
@@ -350,7 +363,7 @@ class _Cycles:
         if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
             self.add(traced(self.model, orbit, self.asked))
 
-    def from_motions(self, motions: tuple[Ended, ...]) -> None:
+    def from_motions(self, motions: tuple[Attractor, ...]) -> None:
         """Through cycles on which motions end and that lie on no branch."""
         left = MOST_LED
         for one in motions:
@@ -358,7 +371,7 @@ class _Cycles:
                 continue
             half = 0.5 * float(np.ptp(one.turnings))
             known = [c for branch in self.branches for c in branch.at(one.speed)]
-            if any(abs(c.amplitude / half - 1.0) < AGAIN for c in known):
+            if any(abs(c.amplitude / half - 1.0) < RECURRENCE for c in known):
                 continue
             if left == 0:
                 told = f"motions end on more than {MOST_LED} cycles that lie on no branch"
@@ -375,7 +388,7 @@ class _Cycles:
                 continue
             if any(_rests(branch, u) for branch in equilibria):
                 continue
-            (bend,) = bends(self.model, 1, 0)
+            (bend,) = initial_bends(self.model, 1, 0)
             self.through(u, _state(self.model, self.model.start(bend, None)))
 
 

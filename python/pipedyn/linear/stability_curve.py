@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,7 +18,7 @@ from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.util import check
 from pipedyn.util.check import Array
-from pipedyn.util.progress import track
+from pipedyn.util.parallel import parallel
 
 Point = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
 
@@ -144,35 +144,14 @@ def swept(
             points.append((i, model))
         except Exception as error:
             failures.append(Failure(i, float(value), error))
-    for i, outcome in track(_outcomes(points, solve, executor), len(points), label, shown):
+    jobs = [partial(solve, model) for _, model in points]
+    outcomes = parallel(jobs, executor, label=label, progress=shown)
+    for (i, _), outcome in zip(points, outcomes, strict=True):
         if isinstance(outcome, Exception):
             failures.append(Failure(i, float(at[i]), outcome))
         else:
             answers[i] = outcome
     return at, answers, tuple(sorted(failures, key=lambda failure: failure.index))
-
-
-def _outcomes(
-    points: list[tuple[int, AnyModel]],
-    solve: Callable[[Any], Answer],
-    executor: Executor | None,
-) -> Iterable[tuple[int, Answer | Exception]]:
-    if executor is None:
-        for i, model in points:
-            yield i, _outcome(partial(solve, model))
-        return
-    tasks = []
-    for i, model in points:
-        tasks.append((i, executor.submit(solve, model)))
-    for i, task in tasks:
-        yield i, _outcome(task.result)
-
-
-def _outcome(get: Callable[[], Answer]) -> Answer | Exception:
-    try:
-        return get()
-    except Exception as error:
-        return error
 
 
 def _point(model: AnyModel, max_speed: float | None) -> Point:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.terms import core_terms
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -129,6 +130,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
+        terms=core_terms(pipe.terms),
     )
 
 
@@ -178,6 +180,11 @@ class Model(ABC):
     def approximates_pipe(self) -> bool:
         """Whether the model tends to the continuous pipe as it grows."""
         return True
+
+    @property
+    def linear_cost(self) -> bool:
+        """Whether a right-hand side costs O(dof), so that a Jacobian is dear beside it."""
+        return False
 
     @property
     def fitted_size(self) -> float:
@@ -277,6 +284,13 @@ class Model(ABC):
     def resting(self) -> Array:
         """Where p is at rest, shape (moving,)."""
         return np.zeros(self.moving)
+
+    def largest_angle(self, p: NDArray[Any]) -> float:
+        """Largest angle of the pipe displaced by p, shape (moving,), maybe complex; to first order.
+
+        Coordinates are angles where a model says nothing else.
+        """
+        return float(np.abs(p).max())
 
     def motion_jacobian(self, y: Array, u: float) -> Array:
         """Derivative of the rates of [p, p'], shape (2 moving, 2 moving)."""

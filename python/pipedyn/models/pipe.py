@@ -4,18 +4,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import quad_vec
-from scipy.interpolate import PchipInterpolator
-from scipy.special import roots_legendre
 
+from pipedyn.models.terms import Term, checked_terms
 from pipedyn.util import check
-from pipedyn.util.check import Array
 
 Flow = Literal["ejecting", "aspirating"]
 FLOWS = ("ejecting", "aspirating")
@@ -31,9 +28,6 @@ RANGES: dict[str, dict[str, Any]] = {
 
 LARGEST_CONVERSION = 10_000_000
 """Numbers converted at once."""
-
-PANELS = 1024
-"""Into which the radius of an inlet is cut before its velocity is integrated."""
 
 
 class Scales(NamedTuple):
@@ -64,6 +58,8 @@ class Pipe:
         drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it has no part in the
             linear analysis.
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
+        terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
+            400 terms, kept as a tuple.
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
 
     Raises:
@@ -79,12 +75,14 @@ class Pipe:
     alpha: float = 1.0
     drag: float = 0.0
     damping: float = 0.0
+    terms: tuple[Term, ...] = field(default=(), kw_only=True)
     scales: Scales | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
             "flow": check.choice("flow", self.flow, FLOWS),
             **{name: check.real(name, getattr(self, name), **RANGES[name]) for name in RANGES},
+            "terms": checked_terms(self.terms),
         }
         if self.scales is not None:
             if not isinstance(self.scales, tuple) or len(self.scales) != 4:
@@ -111,6 +109,7 @@ class Pipe:
         damping_time: float = 0.0,
         flow: Flow = "ejecting",
         alpha: float = 1.0,
+        terms: Sequence[Term] = (),
     ) -> Pipe:
         """A pipe from measured quantities.
 
@@ -127,10 +126,12 @@ class Pipe:
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
             flow: "ejecting" or "aspirating".
             alpha: inlet coefficient, see `inlet_coefficient`.
+            terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
+                them back.
 
         Raises:
-            ValueError: for a number out of its range, or drag given in part: of drag_coefficient,
-                external_diameter and external_density all three or none.
+            ValueError: for a number out of its range, a term beyond the free end, or drag given in
+                part: of drag_coefficient, external_diameter and external_density all three or none.
             TypeError: for what is no number.
         """
         length = check.real("length", length, low=0.0, high=1e12, open_low=True)
@@ -160,6 +161,7 @@ class Pipe:
                 "length, bending_stiffness, pipe_mass and fluid_mass must give finite units, "
                 f"got {dict(zip(Scales._fields, scales, strict=True))}"
             )
+        units = Scales(*scales)
         numbers = {
             ("beta", "pipe_mass and fluid_mass"): fluid_mass / mass,
             (
@@ -182,7 +184,8 @@ class Pipe:
             },
             flow=flow,
             alpha=alpha,
-            scales=Scales(*scales),
+            terms=tuple(term.from_si(units) for term in checked_terms(terms, end=length)),
+            scales=units,
         )
 
     @property
@@ -197,16 +200,29 @@ class Pipe:
 
     def __repr__(self) -> str:
         parts = [f"beta={self.beta:.12g}"]
-        for item in fields(self)[1:-1]:
+        for item in fields(self)[1:-2]:
             value = getattr(self, item.name)
             if value != item.default:
                 parts.append(
                     f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
                 )
+        if self.terms:
+            parts.append(f"terms={self.terms!r}")
         if self.scales is not None:
             units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
             parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
         return f"Pipe({', '.join(parts)})"
+
+    @property
+    def terms_si(self) -> tuple[Term, ...]:
+        """The terms with their numbers in SI units.
+
+        Raises:
+            ValueError: for a pipe not made with `from_si`.
+        """
+        if self.scales is None:
+            raise ValueError(f"terms in SI need a pipe made with Pipe.from_si, got {self!r}")
+        return tuple(term.in_si(self.scales) for term in self.terms)
 
     def _scale(self, name: str) -> float:
         if self.scales is None:
@@ -257,149 +273,3 @@ def _converted(name: str, value: ArrayLike, by: np.ufunc, scale: float) -> Any:
     if not np.isfinite(result).all():
         raise ValueError(f"{name} must be finite after conversion, got {check.shown(value)}")
     return result if numbers.ndim else float(result)
-
-
-def inlet_coefficient(
-    velocity: Callable[[float], float] | ArrayLike,
-    *,
-    radius: float = 1.0,
-    radii: ArrayLike | None = None,
-    areas: ArrayLike | None = None,
-    section: float | None = None,
-) -> float:
-    """Inlet coefficient alpha = A int V_i^2 dS / (int V_i dS)^2 of an aspirating pipe.
-
-    V_i is the velocity normal to the inlet surface, A the pipe's section. alpha is 1 for a uniform
-    inlet over A, 4/3 for a parabolic profile over A, 1/2 for a uniform inlet over 2 A. Any
-    consistent units will do.
-
-    Args:
-        velocity: an axisymmetric profile V_i(r), called with some 50,000 floats 0 <= r <= radius,
-            jumps allowed, detail finer than 1e-4 of the radius not certain to be seen; or samples
-            of V_i, shape (k,), with either their radii or the areas they stand for.
-        radius: radius of the inlet, for a function.
-        radii: increasing radii of the samples, shape (k,), k >= 2, the first 0 and the last the
-            inlet's; between samples the profile is interpolated by monotone cubics.
-        areas: area of the patch that each sample stands for, shape (k,), > 0.
-        section: the pipe's section A; the area of the inlet where it is not given.
-
-    Raises:
-        ValueError: for numbers out of range, an inlet through which nothing flows on balance, or
-            a function that cannot be integrated.
-        TypeError: for what is neither a function nor an array, or not a number.
-
-    Source: Orsino and Di Giulio, eqs. (7)-(8).
-    """
-    radius = check.real("radius", radius, low=0.0, open_low=True)
-    if section is not None:
-        section = check.real("section", section, low=0.0, open_low=True)
-    if callable(velocity):
-        if radii is not None or areas is not None:
-            raise ValueError("radii and areas must go with samples, not with a function")
-        mean, square = _means_of_function(velocity, radius)
-        return _coefficient(mean, square, section, radius, math.pi * radius)
-    if radii is None and areas is None:
-        raise ValueError(
-            "velocity must be a function, or come with either radii or areas, "
-            f"got {check.shown(velocity)} alone"
-        )
-    if radii is not None and areas is not None:
-        raise ValueError("velocity must come with either radii or areas, got both")
-    if radii is not None:
-        at = check.array("radii", radii, low=0.0)
-        samples = check.array("velocity", velocity, size=at.size)
-        least = 1e-30 * at[-1]
-        if at.size < 2 or at[0] != 0.0 or np.any(np.diff(at) <= least):
-            raise ValueError(
-                "radii must increase from 0, by more than 1e-30 of the last, "
-                f"got {check.shown(radii)}"
-            )
-        mean, square = _means_of_rings(samples, at / at[-1])
-        return _coefficient(mean, square, section, float(at[-1]), math.pi * float(at[-1]))
-    patches = check.array("areas", areas, low=0.0, open_low=True)
-    samples = check.array("velocity", velocity, size=patches.size)
-    largest = float(patches.max())
-    parts = patches / largest
-    whole = float(parts.sum())
-    scaled = samples / _peak(samples)
-    mean, square = float(parts @ scaled) / whole, float(parts @ scaled**2) / whole
-    return _coefficient(mean, square, section, largest, whole)
-
-
-def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple[float, float]:
-    """Mean over the inlet of V and of V^2, V in units of the largest |V| that a first look sees.
-
-    From panels so narrow that a jet of 1e-4 of the radius holds a node of the first of them, and
-    halved where the 10 and 21 points of Gauss and Kronrod disagree.
-    """
-
-    def at(x: float) -> float:
-        r = x * radius
-        value = velocity(r)
-        if isinstance(value, float) and math.isfinite(value):
-            return float(value)
-        return check.real(f"velocity({r:g})", value)
-
-    # Beside the wall and the centre the panels narrow further.
-    near = 0.5 ** np.arange(11, 41)
-    edges = np.concatenate([[0.0], near[::-1], np.arange(1, PANELS) / PANELS, 1.0 - near, [1.0]])
-    look = edges[:-1, None] + np.diff(edges)[:, None] * (np.arange(16) + 0.5) / 16
-    peak = _peak(np.array([at(float(x)) for x in look.flat]))
-
-    def ring(x: float) -> Array:
-        value = at(x) / peak
-        if abs(value) > 1e100:
-            raise ValueError(f"velocity({x * radius:g}) must not be 1e100 times that elsewhere")
-        return np.array([2.0 * x * value, 2.0 * x * value**2])
-
-    means, error = quad_vec(
-        ring, 0.0, 1.0, epsabs=0.0, epsrel=1e-12, norm="max", limit=8000, points=edges[1:-1]
-    )
-    mean, square = map(float, means)
-    if not _vanishes(mean, square):
-        uncertain = error * (1.0 / square + 2.0 / abs(mean))
-        if not uncertain <= 1e-7:
-            raise ValueError(
-                "velocity must be a profile that can be integrated, got one whose coefficient "
-                f"is known to {uncertain:.0e} only"
-            )
-    return mean, square
-
-
-def _means_of_rings(samples: Array, x: Array) -> tuple[float, float]:
-    """The same of samples at x from 0 to 1 joined by monotone cubics, exact by four points each."""
-    profile = PchipInterpolator(x, samples / _peak(samples))
-    nodes, weights = roots_legendre(4)
-    half = 0.5 * np.diff(x)[:, None]
-    at = x[:-1, None] + half * (1.0 + nodes)
-    values = profile(at)
-    rings = 2.0 * at * half * weights
-    return float(np.sum(rings * values)), float(np.sum(rings * values**2))
-
-
-def _peak(velocity: Array) -> float:
-    """Largest magnitude: squares of velocities in this unit neither overflow nor vanish."""
-    peak = float(np.abs(velocity).max())
-    if peak == 0.0:
-        raise ValueError("velocity must carry fluid through the inlet, got 0 everywhere")
-    return peak
-
-
-def _vanishes(mean: float, square: float) -> bool:
-    # Cauchy and Schwarz bound mean^2 by square.
-    return not mean**2 > 1e-24 * square
-
-
-def _coefficient(
-    mean: float, square: float, section: float | None, length: float, width: float
-) -> float:
-    """From means of V and V^2 over an inlet of area length * width."""
-    if _vanishes(mean, square):
-        raise ValueError(f"velocity must carry fluid through the inlet, got a mean of {mean:.1e}")
-    part = 1.0 if section is None else section / length / width
-    alpha = part * (square / mean**2)
-    if not 0.0 < alpha < math.inf:
-        raise ValueError(
-            f"section must be comparable with the inlet's area, got {part!r} times that"
-        )
-    return alpha

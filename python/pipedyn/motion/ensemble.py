@@ -9,9 +9,10 @@ batch: the tolerance is sharpened by the root of the members, so that each meets
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,20 +20,18 @@ from numpy.typing import ArrayLike
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model
+from pipedyn.motion.integrator import MOST_CALLS, Task, integrate
 from pipedyn.motion.simulate import (
     LARGEST_SAMPLES,
-    MOST_CALLS,
     Motion,
     MotionStopped,
     Start,
-    Task,
     checked_model_in_motion,
     checked_task,
-    integrate,
     motion_of,
 )
 from pipedyn.util import check
-from pipedyn.util.progress import track
+from pipedyn.util.parallel import parallel
 
 LARGEST_ENSEMBLE = 1_000_000
 BATCH = 64
@@ -170,16 +169,14 @@ def _each(name: str, given: Any) -> list[Any]:
 
 def _solved(tasks: list[Task], executor: Executor | None, shown: bool) -> Ensemble:
     blocks = _blocks(tasks)
-    joined = [_joined([tasks[i] for i in block]) for block in blocks]
-    answers: Iterable[list[tuple[Motion, str | None]]]
-    if executor is None:
-        answers = map(_motions, joined)
-    else:
-        futures = [executor.submit(_motions, task) for task in joined]
-        answers = (future.result() for future in futures)
+    jobs = [partial(_motions, _joined([tasks[i] for i in block])) for block in blocks]
+    answers = parallel(jobs, executor, label="batches", progress=shown)
     motions: list[Any] = [None] * len(tasks)
     failures = []
-    for block, found in zip(track(blocks, len(blocks), "batches", shown), answers, strict=True):
+    for block, found in zip(blocks, answers, strict=True):
+        if isinstance(found, Exception):
+            found.add_note(f"in the motions of members {', '.join(map(str, block))}")
+            raise found
         for i, (motion, why) in zip(block, found, strict=True):
             motions[i] = motion
             if why is not None:

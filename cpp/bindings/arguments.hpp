@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: MIT
+//
+// States and speeds as they come from Python, checked: TypeError for what is no array of real
+// numbers, ValueError for a wrong shape, NaN, infinity or a speed out of range. Each message names
+// the argument, the rule and what came.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <cmath>
+#include <optional>
+#include <string>
+
+#include "pipedyn/chain/motion.hpp"
+#include "pipedyn/vector/levels.hpp"
+
+namespace pipedyn {
+
+namespace py = pybind11;
+
+using Numbers = py::array_t<double, py::array::c_style>;
+
+constexpr double highest_speed = 1e100;  // its square is finite
+
+inline std::string shown(py::handle value) {
+  const std::string text = py::repr(value);
+  return text.size() <= 60 ? text : text.substr(0, 57) + "...";
+}
+
+inline std::string shape_of(const py::array& array) { return py::repr(array.attr("shape")); }
+
+/// The argument as contiguous numbers: as it is where it is that already, else as Python's own
+/// check of arguments reads it (lists, other numbers, other layouts; masks and booleans are
+/// refused).
+inline Numbers numbers_argument(const char* name, const char* kind, py::handle value) {
+  const auto& api = py::detail::npy_api::get();
+  const bool plain = Py_TYPE(value.ptr()) == api.PyArray_Type_;  // no masked array, for one
+  if (plain && Numbers::check_(value)) return py::reinterpret_borrow<Numbers>(value);
+  return py::module_::import("pipedyn.util.check").attr("doubles")(name, value, kind);
+}
+
+inline void require_finite(const char* name, const Numbers& array) {
+  const double* const data = array.data();
+  const py::ssize_t count = array.size();
+  if (motion_kernel().finite(data, count)) return;
+  py::ssize_t at = 0;
+  while (std::isfinite(data[at])) ++at;
+  std::string index = std::to_string(at);
+  if (array.ndim() == 2) {
+    const py::ssize_t columns = array.shape(1);
+    index = "(" + std::to_string(at / columns) + ", " + std::to_string(at % columns) + ")";
+  }
+  throw py::value_error(std::string(name) + " must be finite, got " +
+                        std::string(py::repr(py::float_(data[at]))) + " at index " + index);
+}
+
+/// States of a model, one (rows,) or one a column (rows, members).
+struct States {
+  Numbers values;
+  bool one;  // shape (rows,)
+  py::ssize_t members;
+
+  States(const char* name, py::handle value, py::ssize_t rows, bool batches = true)
+      : values(numbers_argument(name, "an array of real numbers", value)),
+        one(values.ndim() == 1),
+        members(one                  ? 1
+                : values.ndim() == 2 ? values.shape(1)
+                                     : 0) {
+    const bool fits = (one || (batches && values.ndim() == 2)) && values.shape(0) == rows;
+    if (!fits) {
+      const std::string size = std::to_string(rows);
+      throw py::value_error(std::string(name) + " must have shape (" + size + ",)" +
+                            (batches ? " or (" + size + ", k)" : "") + ", got " + shape_of(values));
+    }
+    require_finite(name, values);
+  }
+};
+
+/// Flow speed of each member, or one for all.
+struct Speeds {
+  double one = 0.0;
+  std::optional<Numbers> each;  // a Numbers made for nothing would cost as much as the call
+
+  /// A number, or where states is a batch also shape (members,).
+  Speeds(const char* name, py::handle value, const States& states) {
+    if (PyFloat_Check(value.ptr())) {
+      one = PyFloat_AS_DOUBLE(value.ptr());
+    } else if (PyLong_Check(value.ptr()) && !PyBool_Check(value.ptr())) {
+      one = PyLong_AsDouble(value.ptr());
+      if (PyErr_Occurred() != nullptr) {  // more than a double holds
+        PyErr_Clear();
+        one = HUGE_VAL;
+      }
+    } else {
+      const char* const kind = states.one ? "a real number" : "a real number or an array of them";
+      if (PyBool_Check(value.ptr())) {
+        throw py::type_error(std::string(name) + " must be " + kind + ", got " + shown(value));
+      }
+      each = numbers_argument(name, kind, value);
+      if (each->ndim() == 0) {
+        one = *each->data();
+        each.reset();
+      } else if (states.one || each->ndim() != 1 || each->shape(0) != states.members) {
+        const std::string rule =
+            states.one ? "a number"
+                       : "a number or have shape (" + std::to_string(states.members) + ",)";
+        throw py::value_error(std::string(name) + " must be " + rule + ", got shape " +
+                              shape_of(*each));
+      }
+    }
+    if (!each) {
+      require_range(name, one, "");
+      return;
+    }
+    for (py::ssize_t j = 0; j < states.members; ++j) {
+      const double u = each->data()[j];
+      if (!in_range(u)) require_range(name, u, " at index " + std::to_string(j));
+    }
+  }
+
+  const double* data() const { return each ? each->data() : &one; }
+  py::ssize_t step() const { return each ? 1 : 0; }
+
+ private:
+  static bool in_range(double u) { return u >= 0.0 && u <= highest_speed; }
+
+  static void require_range(const char* name, double u, const std::string& where) {
+    if (in_range(u)) return;
+    throw py::value_error(std::string(name) + " must lie in [0, 1e+100], got " +
+                          std::string(py::repr(py::float_(u))) + where);
+  }
+};
+
+/// An array to be written, (rows,) or (rows, columns). pybind11's own constructor computes strides
+/// first, which numpy does better.
+inline Numbers new_numbers(py::ssize_t rows, py::ssize_t columns, bool one) {
+  const auto& api = py::detail::npy_api::get();
+  const Py_intptr_t shape[] = {rows, columns};
+  PyObject* const made =
+      api.PyArray_NewFromDescr_(api.PyArray_Type_, py::dtype::of<double>().release().ptr(),
+                                one ? 1 : 2, shape, nullptr, nullptr, 0, nullptr);
+  if (made == nullptr) throw py::error_already_set();
+  return py::reinterpret_steal<Numbers>(made);
+}
+
+/// Works without the interpreter lock where the work outweighs giving it up and taking it again.
+/// amount: in units of one segment's share of a chain's rhs.
+template <class Work>
+void run(py::ssize_t amount, const Work& work) {
+  constexpr py::ssize_t worth_it = 64;
+  if (amount < worth_it) {
+    work();
+    return;
+  }
+  const py::gil_scoped_release unlocked;
+  work();
+}
+
+}  // namespace pipedyn

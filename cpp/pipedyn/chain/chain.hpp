@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: MIT
+//
+// Chain of n rigid segments joined by torsional springs (Orsino and Di Giulio, eqs. (1)-(11)).
+// Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
+// + chi_k l_k^2, row k reads
+//
+//   sum_i M_ki theta_i'' + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i theta_i')
+//     + a U^2 l_k (theta_n - theta_k) + gamma p_k theta_k
+//     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = 0,     phi_j = theta_j - theta_{j-1},
+//
+// U = s u. Two coordinates are used: the angles theta, and the joint angles phi, in which the
+// elastic stiffness is diagonal and small eigenvalues survive rounding at any n.
+//
+// At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i), c_kk = M_kk, t the tangents,
+//   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
+//     + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i cos(theta_k - theta_i) theta_i')
+//     + a U^2 l_k sin(theta_n - theta_k) + gamma p_k sin theta_k
+//     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = drag_k,
+// where the force -kappa l_j |v_j| v_j acts across each segment at its drag point; solved in O(n).
+#pragma once
+
+#include <complex>
+#include <vector>
+
+#include "pipedyn/chain/motion.hpp"
+#include "pipedyn/pipe.hpp"
+
+namespace pipedyn {
+
+/// The segments of a chain, one entry a segment, from the clamp to the free end.
+struct Segments {
+  Vector length;           // l_j; with the base they sum to 1
+  Vector center;           // chi_j, centre of mass as a fraction of the length
+  Vector gyration_radius;  // eta_j, about the centre of mass
+  Vector spring;           // k_j, joint at the segment's clamped side
+  Vector drag_point;       // xi_j, as a fraction of the length
+  double base = 0.0;       // length of the fixed part at the clamp
+};
+
+/// Immutable; one chain may serve many threads.
+class Chain {
+ public:
+  /// Throws std::invalid_argument if the arrays differ in length or are empty.
+  Chain(const Pipe& pipe, Segments segments);
+
+  Index dof() const { return segments_.length.size(); }
+
+  /// Operators in the angles theta about the straight pipe, O(n^2).
+  Operators operators() const;
+
+  /// The same about a configuration at rest with the given angles (n): what multiplies theta'' and
+  /// theta' there, and the derivatives of the moments of springs and gravity (stiffness) and of the
+  /// follower force (flux). Throws std::invalid_argument unless there is one angle a segment.
+  Operators operators(const Vector& angles) const;
+
+  /// Operators in the joint angles divided by scale, phi = scale * z, O(n^2). Every entry is a sum
+  /// of terms of one sign, so none loses digits to cancellation. Throws std::invalid_argument
+  /// unless scale has one entry a segment.
+  Operators joint_operators(const Vector& scale) const;
+
+  // Products in O(n): x (n, k) holds angles (for springs_times: joint angles) in its columns, the
+  // result (n, k) is the operator of the straight pipe in the angles times x. Each throws
+  // std::invalid_argument unless x has one row a segment.
+  Matrix mass_times(const Matrix& x) const;
+  Matrix velocity_times(const Matrix& x, bool transposed) const;  // gyroscopic + end_flux
+  Matrix flux_times(const Matrix& x, bool transposed) const;
+  Matrix gravity_times(const Matrix& x) const;  // for gamma = 1
+  Matrix springs_times(const Matrix& joint_angles) const;
+
+  /// Band matrix of the whole linear problem at one lambda and u, in the unknowns (phi_j, theta_j,
+  /// w_j, Q_j) of each segment: joint angle, angle, transverse displacement of the end, and the
+  /// force that all beyond the end exerts. Four equations a segment, in this order:
+  ///   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,   row j above,
+  ///   Q_j = Q_{j+1} + (inertia and Coriolis of segment j + 1),   Q_n = a U^2 theta_n.
+  /// No entry is a difference of nearly equal numbers, so a solution is good at any n. LAPACK's
+  /// storage for gbtrf with kl = ku = band_width: A(i, j) at [2 kl + i - j, j], shape (13, 4 n).
+  using ComplexMatrix =
+      Eigen::Matrix<std::complex<double>, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor>;
+  static constexpr Index band_width = 4;
+  ComplexMatrix band(std::complex<double> lambda, double u) const;
+
+  // Motion, with the vectors that the processor has (levels.hpp). A state y = [theta, theta'] has
+  // 2 n entries; a batch holds one a column. The arrays are the caller's and of the sizes given;
+  // scratch belongs to the thread and is allocated by its first call for a size.
+
+  /// dy/dtau (2 n, members), O(n) a member.
+  void rhs(const Batch& batch, double* rates) const;
+  /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0.
+  void jacobian(const double* y, double u, double* out) const;
+  /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
+  void energy(const Batch& batch, double* out) const;
+  /// What flow, joints and drag add to the energy in unit time; their sum is dE/dtau.
+  void power(const Batch& batch, const PowerParts& out) const;
+
+ private:
+  Pipe pipe_;
+  Segments segments_;
+  Vector mass_beyond_;   // sum_{i > k} l_i
+  Vector first_moment_;  // p_k
+  std::vector<Link> links_;
+
+  MotionModel motion() const;
+};
+
+}  // namespace pipedyn

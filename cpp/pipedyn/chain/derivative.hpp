@@ -1,0 +1,267 @@
+// SPDX-License-Identifier: MIT
+//
+// Derivative of the chain's motion in O(n^2): the sweeps (sweeps.hpp) differentiated with respect
+// to the angle or the rate of one segment m, a column each. With D for that derivative, in the
+// frame of the clamp,
+//   D a_j = D a_{j-1} + l_j D theta_j'' n_j + [j = m] jump_m,
+//   D theta_j'' = g_j - e_j . D a_{j-1},
+//   jump_m = -l_m (theta_m'' t_m + w_m^2 n_m) for the angle, -2 l_m w_m t_m for the rate,
+// and the force that all beyond node j needs is A_j D a_j + b_j, with this column's
+//   g_j = (tau_j - l_j n_j . b_j) / H_j,   b_{j-1} = b_j + c_j g_j   for j < m,
+// where tau_j, of the spring between them, acts on the neighbours of m alone. Beyond m everything
+// moves with V_m = -l_m w_m t_m or l_m n_m, so that only drag acts there, r_j = 2 kappa l_j |v_j|:
+//   b_j = R_j V_m,   g_j = q_j . V_m,   q_j = -(l_j R_j^T n_j + xi_j l_j r_j n_j) / H_j,
+//   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = 0,
+// one (2, 2) matrix R_j for all columns. Row m, where all of it changes, starts the column. The
+// rows go from the tip to the clamp and back, each over its columns as vectors.
+//
+// Local to each translation unit, like pack.hpp.
+#pragma once
+
+#include "pipedyn/chain/sweeps.hpp"
+
+namespace {
+
+struct Plane {
+  double x, y;
+};
+
+inline double dot(const Plane& a, const Plane& b) { return a.x * b.x + a.y * b.y; }
+
+/// Directions along and across a segment.
+struct Frame {
+  Plane t, n;
+
+  Frame(double sine, double cosine) : t{sine, cosine}, n{cosine, -sine} {}
+  Plane plane(double along, double across) const {
+    return {along * t.x + across * n.x, along * t.y + across * n.y};
+  }
+};
+
+/// The sweeps of one row over the columns, the parts of the derivative that cost O(n^2).
+inline void row_inward(Count count, Plane moment, Plane force, double* __restrict bx,
+                       double* __restrict by, double* __restrict row) {
+  for (Count m = 0; m < count; ++m) {
+    const double g = moment.x * bx[m] + moment.y * by[m];
+    row[m] = g;
+    bx[m] += force.x * g;
+    by[m] += force.y * g;
+  }
+}
+
+inline void row_of_motion(Count count, Plane answer, const double* __restrict vx,
+                          const double* __restrict vy, double* __restrict row) {
+  for (Count m = 0; m < count; ++m) row[m] = answer.x * vx[m] + answer.y * vy[m];
+}
+
+inline void row_outward(Count count, Plane e, Plane step, double* __restrict ax,
+                        double* __restrict ay, double* __restrict row) {
+  for (Count m = 0; m < count; ++m) {
+    const double acceleration = row[m] - e.x * ax[m] - e.y * ay[m];
+    row[m] = acceleration;
+    ax[m] += step.x * acceleration;
+    ay[m] += step.y * acceleration;
+  }
+}
+
+/// What a column starts from: segment m itself changes, in angle or in rate.
+struct Source {
+  double jump_t, jump_n;    // of the acceleration from one end to the other
+  double force_t, force_n;  // on the segment
+  double moment;            // in its own row
+  double spring;            // in its neighbours' rows
+  double v_t, v_n;          // change of velocity of all beyond
+  double end;               // change of the follower force, across the last segment
+};
+
+Source angle_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {
+  const Link& link = model.links[m];
+  const double l = link.length, square = w * w, thrust = model.centrifugal * u * u;
+  const double force =
+      here.tt * (here.at - l * square) + here.tn * (here.an + l * here.acceleration) + here.bt;
+  const double speed = model.drag ? std::fabs(here.v) : 0.0;
+  const double slope = model.drag ? -2.0 * link.drag * speed * here.vt : 0.0;
+  const double pull = model.drag ? link.drag * speed * here.v : 0.0;
+  const double beyond = m + 1 < model.size ? model.links[m + 1].spring : 0.0;
+  Source source;
+  source.jump_t = -l * here.acceleration;
+  source.jump_n = -l * square;
+  source.force_t = -(2.0 * model.coriolis * u * l * w + pull);
+  source.force_n = slope;
+  source.moment = l * force + link.first_moment * here.at - link.drag_arm * slope;
+  source.moment -= link.spring + beyond;
+  source.spring = 1.0;
+  source.v_t = -l * w;
+  source.v_n = 0.0;
+  source.end = m + 1 < model.size ? 0.0 : thrust;
+  return source;
+}
+
+Source rate_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {
+  const Link& link = model.links[m];
+  const double l = link.length, coriolis = model.coriolis * u;
+  const double slope = model.drag ? 2.0 * link.drag * std::fabs(here.v) * link.drag_arm : 0.0;
+  const double beyond = m + 1 < model.size ? model.links[m + 1].spring : 0.0;
+  Source source;
+  source.jump_t = -2.0 * l * w;
+  source.jump_n = 0.0;
+  source.force_t = 0.0;
+  source.force_n = 2.0 * coriolis * l + slope;
+  source.moment = -coriolis * l * l - link.drag_arm * slope;
+  source.moment -= model.damping * (link.spring + beyond);
+  source.spring = model.damping;
+  source.v_t = 0.0;
+  source.v_n = l;
+  source.end = 0.0;
+  return source;
+}
+
+/// Scratch: n columns for the angles, then n for the rates.
+struct Columns {
+  double *bx, *by;          // force b
+  double *ax, *ay;          // change of the node's acceleration
+  double *vx, *vy;          // V
+  double *jump_x, *jump_y;  // jump
+  double *sine, *cosine;    // of each segment's angle
+  double* sweeps;
+  Plane* answer;  // q of each segment
+  Kept* kept;
+
+  Columns(double* scratch, Count n) {
+    bx = scratch;
+    by = bx + 2 * n;
+    ax = by + 2 * n;
+    ay = ax + 2 * n;
+    vx = ay + 2 * n;
+    vy = vx + 2 * n;
+    jump_x = vy + 2 * n;
+    jump_y = jump_x + 2 * n;
+    sine = jump_y + 2 * n;
+    cosine = sine + whole_packs(n);
+    sweeps = cosine + whole_packs(n);
+    answer = reinterpret_cast<Plane*>(sweeps + Sweep<double>::size(n));
+    kept = reinterpret_cast<Kept*>(answer + n);
+  }
+  static Count size(Count n) {
+    const Count numbers_kept = static_cast<Count>((sizeof(Plane) + sizeof(Kept)) / sizeof(double));
+    return 16 * n + 2 * whole_packs(n) + Sweep<double>::size(n) + numbers_kept * n;
+  }
+  Frame frame(Count k) const { return Frame(sine[k], cosine[k]); }
+};
+
+/// Starts the column of a source in segment k; b: what the segments beyond need of k.
+void start_column(const Columns& columns, const Link& link, Count k, Count column,
+                  const Source& source, Plane b, Plane c, double* row) {
+  const Kept& here = columns.kept[k];
+  const Frame frame = columns.frame(k);
+  const double pull_t = here.tt * source.jump_t + here.tn * source.jump_n;
+  const double pull_n = here.tn * source.jump_t + here.nn * source.jump_n;
+  const double g = (source.moment - link.length * (pull_n + dot(frame.n, b))) * here.inverse;
+  const double lever = link.first_moment / link.length;  // m chi
+  const Plane force = frame.plane(pull_t + lever * source.jump_t + source.force_t,
+                                  pull_n + lever * source.jump_n + source.force_n);
+  const Plane v = frame.plane(source.v_t, source.v_n);
+  const Plane jump = frame.plane(source.jump_t, source.jump_n);
+  row[column] = g;
+  columns.bx[column] = b.x + force.x + c.x * g;
+  columns.by[column] = b.y + force.y + c.y * g;
+  columns.vx[column] = v.x;
+  columns.vy[column] = v.y;
+  columns.jump_x[column] = jump.x;
+  columns.jump_y[column] = jump.y;
+}
+
+/// From the tip to the clamp: leaves g_k of the columns m >= k in row n + k of out.
+void columns_inward(const MotionModel& model, const Columns& columns, const double* rates, double u,
+                    double* out) {
+  const Count n = model.size;
+  double rxx = 0.0, rxy = 0.0, ryx = 0.0, ryy = 0.0;  // R
+  Plane e_beyond{0.0, 0.0};                           // e of the segment beyond
+  double spring_beyond = 0.0;
+  for (Count k = n - 1; k >= 0; --k) {
+    const Link& link = model.links[k];
+    const Kept& here = columns.kept[k];
+    const Frame frame = columns.frame(k);
+    const double l = link.length, inverse = here.inverse;
+    const Plane c = frame.plane(l * here.tn, l * here.nn + link.first_moment);
+    const Plane moment{-l * inverse * frame.n.x, -l * inverse * frame.n.y};
+    double* const row = out + (n + k) * 2 * n;
+    for (Count block = 0; block <= n; block += n) {
+      const bool angle = block == 0;
+      const Count next = block + k + 1;
+      row_inward(n - k - 1, moment, c, columns.bx + next, columns.by + next, row + next);
+      if (k + 1 < n) {
+        const double g = (angle ? 1.0 : model.damping) * spring_beyond * inverse;
+        row[next] += g;
+        columns.bx[next] += c.x * g;
+        columns.by[next] += c.y * g;
+      }
+      const Source source = angle ? angle_source(model, here, k, rates[k], u)
+                                  : rate_source(model, here, k, rates[k], u);
+      const Plane v = frame.plane(source.v_t, source.v_n);
+      const double spring = source.spring * spring_beyond;
+      const Plane b{rxx * v.x + rxy * v.y + e_beyond.x * spring + source.end * frame.n.x,
+                    ryx * v.x + ryy * v.y + e_beyond.y * spring + source.end * frame.n.y};
+      start_column(columns, link, k, block + k, source, b, c, row);
+    }
+    e_beyond = {c.x * inverse, c.y * inverse};
+    spring_beyond = link.spring;
+    if (!model.drag) continue;
+    const Plane across = frame.n;
+    const double r = 2.0 * link.drag * std::fabs(here.v), own = link.drag_arm * r;
+    const Plane q{-(l * (across.x * rxx + across.y * ryx) + own * across.x) * inverse,
+                  -(l * (across.x * rxy + across.y * ryy) + own * across.y) * inverse};
+    rxx += r * across.x * across.x + c.x * q.x;
+    rxy += r * across.x * across.y + c.x * q.y;
+    ryx += r * across.y * across.x + c.y * q.x;
+    ryy += r * across.y * across.y + c.y * q.y;
+    columns.answer[k] = q;
+  }
+}
+
+/// From the clamp to the tip: turns the g of every column into the change of theta''.
+void columns_outward(const MotionModel& model, const Columns& columns, double* out) {
+  const Count n = model.size;
+  for (Count m = 0; m < 2 * n; ++m) columns.ax[m] = columns.ay[m] = 0.0;
+  for (Count k = 0; k < n; ++k) {
+    const Link& link = model.links[k];
+    const Kept& here = columns.kept[k];
+    const Frame frame = columns.frame(k);
+    const double l = link.length, inverse = here.inverse;
+    const Plane e = frame.plane(l * here.tn * inverse, (l * here.nn + link.first_moment) * inverse);
+    double* const row = out + (n + k) * 2 * n;
+    for (Count block = 0; block <= n; block += n) {
+      if (model.drag) {
+        row_of_motion(k, columns.answer[k], columns.vx + block, columns.vy + block, row + block);
+      } else {
+        std::memset(row + block, 0, static_cast<std::size_t>(k) * sizeof(double));
+      }
+      if (k > 0) row[block + k - 1] += (block == 0 ? 1.0 : model.damping) * link.spring * inverse;
+    }
+    row_outward(2 * n, e, {l * frame.n.x, l * frame.n.y}, columns.ax, columns.ay, row);
+    for (Count m = k; m < 2 * n; m += n) {
+      columns.ax[m] += columns.jump_x[m];
+      columns.ay[m] += columns.jump_y[m];
+    }
+  }
+}
+
+Count jacobian_scratch_size(Count n) { return Columns::size(n); }
+
+void jacobian(const MotionModel& model, const double* y, double u, double* out, double* scratch) {
+  const Count n = model.size;
+  const Columns columns(scratch, n);
+  const Batch one{y, &u, 1, 0};
+  accelerations_of<double, true>(model, Members<double>{one, 0, 1}, nullptr, columns.sweeps,
+                                 columns.kept);
+  double* const angles = columns.sweeps;
+  for (Count j = 0; j < whole_packs(n); ++j) angles[j] = j < n ? y[j] : 0.0;
+  sincos(angles, n, columns.sine, columns.cosine);
+
+  std::memset(out, 0, static_cast<std::size_t>(2 * n * n) * sizeof(double));
+  for (Count j = 0; j < n; ++j) out[j * 2 * n + n + j] = 1.0;
+  columns_inward(model, columns, y + n, u, out);
+  columns_outward(model, columns, out);
+}
+
+}  // namespace

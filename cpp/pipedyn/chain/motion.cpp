@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: MIT
+//
+// The functions of one vector level. This source is compiled once for each, with PIPEDYN_LEVEL and
+// PIPEDYN_WIDTH set.
+//
+// Energy: kinetic + sum k_j phi_j^2 / 2 + gamma sum p_j (1 - cos theta_j). Power, with the velocity
+// v of the free end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2 t_n . v, joints
+// -delta sum k_j phi_j'^2, drag -kappa sum l_j |v_j|^3.
+#include "pipedyn/chain/motion.hpp"
+
+#include "pipedyn/chain/derivative.hpp"
+#include "pipedyn/chain/sweeps.hpp"
+#include "pipedyn/galerkin/kernel.hpp"
+#include "pipedyn/vector/pack.hpp"
+
+namespace {
+
+using pipedyn::PowerParts;
+
+template <class Real>
+void energy_of(const MotionModel& model, const Members<Real>& members, double* out,
+               double* scratch) {
+  const Count n = model.size;
+  const Sweep<Real> sweep(scratch, n);
+  Real twice{};
+  if (model.gravity != 0.0) {  // 1 - cos theta = 2 sin^2 (theta / 2)
+    for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, 0.5 * members.row(j));
+    sincos(sweep.turn, n * lanes<Real>, sweep.sine, sweep.cosine);
+    for (Count j = 0; j < n; ++j) {
+      const Real s = sweep.at(sweep.sine, j);
+      twice += 4.0 * model.links[j].weight * (s * s);
+    }
+  }
+  read_state(members, n, sweep);
+  Real end_along, end_across;
+  for_each_velocity(
+      model, sweep,
+      [&](Count j, const Real& along, const Real& across, const Real& w) {
+        const Link& link = model.links[j];
+        const Real turn = sweep.at(sweep.turn, j);
+        twice += link.mass * (along * along + across * across);
+        twice += w * (2.0 * link.first_moment * across + link.inertia * w);
+        twice += link.spring * (turn * turn);
+      },
+      end_along, end_across);
+  members.write(out + members.first, 0.5 * twice);
+}
+
+template <class Real>
+void power_of(const MotionModel& model, const Members<Real>& members, const PowerParts& out,
+              double* scratch) {
+  const Count n = model.size;
+  const Sweep<Real> sweep(scratch, n);
+  read_state(members, n, sweep);
+  Real joints{}, drag{}, rate_before{}, vt, vn;
+  for_each_velocity(
+      model, sweep,
+      [&](Count j, const Real&, const Real& across, const Real& w) {
+        const Link& link = model.links[j];
+        if (model.damping != 0.0) {
+          const Real turning = w - rate_before;
+          joints -= model.damping * link.spring * (turning * turning);
+          rate_before = w;
+        }
+        if (model.drag) {
+          const Real v = across + link.drag_arm * w;
+          drag -= link.drag * (absolute(v) * (v * v));
+        }
+      },
+      vt, vn);
+  const Real u = members.speed();
+  const Real flow =
+      -(model.coriolis * u) * (vt * vt + vn * vn) - (model.centrifugal * (u * u)) * vt;
+  members.write(out.flow + members.first, flow);
+  members.write(out.joints + members.first, joints);
+  members.write(out.drag + members.first, drag);
+}
+
+// ---------------------------------------------------------------------------------------- entry
+
+Count scratch_size(Count n, Count members) {
+  return members == 1 ? Sweep<double>::size(n) : Sweep<Pack>::size(n);
+}
+
+void rhs(const MotionModel& model, const Batch& batch, double* rates, double* scratch) {
+  if (batch.members == 1) {
+    accelerations_of<double, false>(model, Members<double>{batch, 0, 1}, rates, scratch, nullptr);
+    return;
+  }
+  for_each_block<Pack>(batch, [&](const Members<Pack>& members) {
+    accelerations_of<Pack, false>(model, members, rates, scratch, nullptr);
+  });
+}
+
+void energy(const MotionModel& model, const Batch& batch, double* out, double* scratch) {
+  if (batch.members == 1) {
+    energy_of(model, Members<double>{batch, 0, 1}, out, scratch);
+    return;
+  }
+  for_each_block<Pack>(
+      batch, [&](const Members<Pack>& members) { energy_of(model, members, out, scratch); });
+}
+
+void power(const MotionModel& model, const Batch& batch, const PowerParts& out, double* scratch) {
+  if (batch.members == 1) {
+    power_of(model, Members<double>{batch, 0, 1}, out, scratch);
+    return;
+  }
+  for_each_block<Pack>(
+      batch, [&](const Members<Pack>& members) { power_of(model, members, out, scratch); });
+}
+
+bool all_finite(const double* x, Count count) {
+  Pack sum{};
+  Count i = 0;
+  for (; i + width <= count; i += width) sum += 0.0 * load<Pack>(x + i);
+  double each[width], rest = 0.0;
+  store(each, sum);
+  for (const double lane : each) rest += lane;
+  for (; i < count; ++i) rest += 0.0 * x[i];
+  return rest == 0.0;
+}
+
+void sincos_of(const double* x, Count count, double* sine, double* cosine, double* scratch) {
+  double* const s = scratch + width;
+  double* const c = s + width;
+  for (Count i = 0; i < count; i += width) {
+    for (Count lane = 0; lane < width; ++lane) scratch[lane] = i + lane < count ? x[i + lane] : 0.0;
+    sincos(scratch, width, s, c);
+    for (Count lane = 0; lane < width && i + lane < count; ++lane) {
+      sine[i + lane] = s[lane];
+      cosine[i + lane] = c[lane];
+    }
+  }
+}
+
+}  // namespace
+
+#define PIPEDYN_QUOTED(level) #level
+#define PIPEDYN_TEXT(level) PIPEDYN_QUOTED(level)
+
+namespace pipedyn {
+
+const MotionKernel PIPEDYN_NAMED(motion) = {
+    .name = PIPEDYN_TEXT(PIPEDYN_LEVEL),
+    .width = width,
+    .scratch_size = ::scratch_size,
+    .jacobian_scratch_size = ::jacobian_scratch_size,
+    .rhs = ::rhs,
+    .jacobian = ::jacobian,
+    .energy = ::energy,
+    .power = ::power,
+    .finite = ::all_finite,
+    .sincos = ::sincos_of,
+    .galerkin = &PIPEDYN_NAMED(galerkin),
+};
+
+}  // namespace pipedyn

@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: MIT
+//
+// The chain's motion in O(n) a state, in the frames of the segments: t_j along segment j, n_j
+// across it, phi_j = theta_j - theta_{j-1} from one to the next. Whatever turns with no bend in the
+// chain takes the sine of a small angle, not a difference of large ones.
+//
+// With w_j = theta_j' and the acceleration a_j of node j, gravity as an acceleration of the clamp,
+//   a_j = a_{j-1} + l_j (theta_j'' n_j - w_j^2 t_j),   a_0 = -gamma (0, 1).
+// All beyond node j answers a_j with the force A_j a_j + b_j, A_j symmetric (2, 2), A_n = 0,
+// b_n = a U^2 t_n (follower force). The moments about the joint of segment j give
+//   theta_j'' = g_j - e_j . a_{j-1},   e_j = c_j / H_j,   c_j = l_j A_j n_j + m_j chi_j l_j n_j,
+//   H_j = l_j^2 n_j . A_j n_j + m_j (chi_j^2 l_j^2 + eta_j^2),
+//   g_j = (tau_j - l_j n_j . (b_j - l_j w_j^2 A_j t_j)) / H_j,
+//   tau_j = K_{j+1} - K_j - sqrt(beta) U l_j^2 w_j - xi_j l_j d_j,
+// with the joint's moment K_j = k_j (phi_j + delta phi_j') and the drag d_j = kappa l_j |v_j| v_j,
+// and one segment nearer to the clamp
+//   A_{j-1} = A_j + m_j - c_j e_j^T,
+//   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
+//             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
+// These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip (velocities, only
+// with drag), one back and one out. Across the segment, differences of nearly equal numbers are
+// taken by hand: with I_j the inertia about the joint,
+//   n . A_{j-1} n = m_j (n . A_j n ((1 - chi_j)^2 l_j^2 + eta_j^2) + m_j eta_j^2) / H_j,
+//   t . A_{j-1} n = t . A_j n (I_j - m_j chi_j l_j^2) / H_j,   and n . b_{j-1} likewise.
+//
+// Local to each translation unit, like pack.hpp. A batch goes through in blocks of one pack of
+// members; a single state takes its sines by packs of segments.
+#pragma once
+
+#include "pipedyn/chain/motion.hpp"
+#include "pipedyn/vector/pack.hpp"
+
+namespace {
+
+using pipedyn::Batch, pipedyn::Link, pipedyn::MotionModel;
+
+/// Some members of a batch, as many as a Real holds or, in a narrow batch, fewer.
+template <class Real>
+struct Members {
+  const Batch& batch;
+  Count first, used;
+
+  Real read(const double* from) const {
+    if (used == lanes<Real>) return load<Real>(from);
+    double each[lanes<Real>];
+    for (Count i = 0; i < lanes<Real>; ++i) each[i] = from[i < used ? i : used - 1];
+    return load<Real>(each);
+  }
+  void write(double* to, const Real& x) const {
+    if (used == lanes<Real>) {
+      store(to, x);
+      return;
+    }
+    double each[lanes<Real>];
+    store(each, x);
+    for (Count i = 0; i < used; ++i) to[i] = each[i];
+  }
+  Real row(Count j) const { return read(batch.y + j * batch.members + first); }
+  void set_row(double* out, Count j, const Real& x) const {
+    write(out + j * batch.members + first, x);
+  }
+  Real speed() const { return batch.u_step == 0 ? all<Real>(batch.u[0]) : read(batch.u + first); }
+};
+
+/// Calls body for every block of members; the last one overlaps its neighbour to be whole.
+template <class Real, class Body>
+void for_each_block(const Batch& batch, const Body& body) {
+  for (Count first = 0; first < batch.members; first += lanes<Real>) {
+    const Count left = batch.members - first;
+    if (left >= lanes<Real>) {
+      body(Members<Real>{batch, first, lanes<Real>});
+    } else if (first > 0) {
+      body(Members<Real>{batch, batch.members - lanes<Real>, lanes<Real>});
+    } else {
+      body(Members<Real>{batch, 0, left});
+    }
+  }
+}
+
+/// Scratch of the sweeps, one Real a segment in each; two serve twice.
+template <class Real>
+struct Sweep {
+  double *turn, *rate, *sine, *cosine, *drag, *free;
+
+  Sweep(double* scratch, Count n) {
+    const Count stride = whole_packs(n * lanes<Real>);
+    turn = scratch;
+    rate = turn + stride;
+    sine = rate + stride;
+    cosine = sine + stride;
+    drag = cosine + stride;
+    free = drag + stride;
+    for (Count i = n * lanes<Real>; i < stride; ++i) turn[i] = 0.0;
+  }
+  static Count size(Count n) { return 6 * whole_packs(n * lanes<Real>); }
+
+  static Real at(const double* array, Count j) { return load<Real>(array + j * lanes<Real>); }
+  static void set(double* array, Count j, const Real& x) { store(array + j * lanes<Real>, x); }
+};
+
+/// What the derivative needs of the sweeps: A_j and b_j . t_j, a_{j-1} and the velocities.
+struct Kept {
+  double tt, tn, nn, inverse, bt, at, an, vt, v, acceleration;
+};
+
+template <class Real>
+void read_state(const Members<Real>& members, Count n, const Sweep<Real>& sweep) {
+  Real before{};
+  for (Count j = 0; j < n; ++j) {
+    const Real angle = members.row(j);
+    sweep.set(sweep.turn, j, angle - before);
+    sweep.set(sweep.rate, j, members.row(n + j));
+    before = angle;
+  }
+  sincos(sweep.turn, n * lanes<Real>, sweep.sine, sweep.cosine);
+}
+
+/// Calls body(j, vt, vn, w) with the velocity of the clamped side of each segment in its frame,
+/// from the clamp on; returns that of the free end through the last two arguments.
+template <class Real, class Body>
+void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const Body& body,
+                       Real& vt, Real& vn) {
+  vt = vn = Real{};
+  for (Count j = 0; j < model.size; ++j) {
+    const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
+    const Real w = sweep.at(sweep.rate, j);
+    const Real along = c * vt + s * vn;
+    const Real across = c * vn - s * vt;
+    body(j, along, across, w);
+    vt = along;
+    vn = across + model.links[j].length * w;
+  }
+}
+
+template <class Real, bool drag, bool damped, bool flowing, bool keep>
+void accelerations(const MotionModel& model, const Members<Real>& members, double* rates,
+                   double* scratch, Kept* kept) {
+  const Count n = model.size;
+  const Sweep<Real> sweep(scratch, n);
+  read_state(members, n, sweep);
+
+  if constexpr (drag) {
+    Real end_along, end_across;
+    for_each_velocity(
+        model, sweep,
+        [&](Count j, const Real& along, const Real& across, const Real& w) {
+          const Link& link = model.links[j];
+          const Real v = across + link.drag_arm * w;
+          sweep.set(sweep.drag, j, link.drag * (absolute(v) * v));
+          if constexpr (keep) {
+            kept[j].vt = along;
+            kept[j].v = v;
+          }
+        },
+        end_along, end_across);
+  }
+
+  Real tt{}, tn{}, nn{}, bt{}, bn{}, moment_beyond{}, coriolis{};
+  if constexpr (flowing) {
+    const Real u = members.speed();
+    coriolis = model.coriolis * u;
+    bt = model.centrifugal * (u * u);
+  }
+  for (Count j = n - 1; j >= 0; --j) {
+    const Link& link = model.links[j];
+    const double l = link.length;
+    const Real w = sweep.at(sweep.rate, j);
+    Real strain = sweep.at(sweep.turn, j);
+    if constexpr (damped) {
+      const Real before = j > 0 ? sweep.at(sweep.rate, j - 1) : Real{};
+      strain += model.damping * (w - before);
+    }
+    const Real moment = link.spring * strain;
+    Real tau = moment_beyond - moment;
+    moment_beyond = moment;
+    Real across{};  // force that acts across the segment at its clamped side
+    if constexpr (flowing) {
+      const Real momentum = coriolis * (l * w);
+      tau -= l * momentum;
+      across += 2.0 * momentum;
+    }
+    if constexpr (drag) {
+      const Real force = sweep.at(sweep.drag, j);
+      tau -= link.drag_arm * force;
+      across += force;
+    }
+    const Real square = w * w;
+    const Real centripetal = l * square;
+    const Real b = bn - centripetal * tn;
+    const Real inverse = 1.0 / (link.length_square * nn + link.inertia);
+    const Real ct = l * tn;
+    const Real cn = l * nn + link.first_moment;
+    const Real et = ct * inverse;
+    const Real g = (tau - l * b) * inverse;
+    if constexpr (keep) {
+      Kept& here = kept[j];
+      here.tt = tt;
+      here.tn = tn;
+      here.nn = nn;
+      here.inverse = inverse;
+      here.bt = bt;
+    }
+    sweep.set(sweep.turn, j, et);
+    sweep.set(sweep.drag, j, cn * inverse);
+    sweep.set(sweep.free, j, g);
+
+    const Real force_along = bt - centripetal * tt - link.first_moment * square + ct * g;
+    const Real force_across = (link.exchange * b + cn * tau) * inverse + across;
+    const Real along_along = (tt + link.mass) - ct * et;
+    const Real along_across = (link.exchange * tn) * inverse;
+    const Real across_across = (link.end_inertia * nn + link.own_inertia) * inverse;
+    const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
+    const Real ss = s * s, cc = c * c, sc = s * c;
+    const Real twice = 2.0 * sc * along_across;
+    tt = cc * along_along - twice + ss * across_across;
+    nn = ss * along_along + twice + cc * across_across;
+    tn = sc * (along_along - across_across) + (cc - ss) * along_across;
+    bt = c * force_along - s * force_across;
+    bn = s * force_along + c * force_across;
+  }
+
+  Real at = all<Real>(-model.gravity), an{};
+  for (Count j = 0; j < n; ++j) {
+    const double l = model.links[j].length;
+    const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
+    const Real w = sweep.at(sweep.rate, j);
+    const Real along = c * at + s * an;
+    const Real across = c * an - s * at;
+    const Real acceleration = sweep.at(sweep.free, j) - sweep.at(sweep.turn, j) * along -
+                              sweep.at(sweep.drag, j) * across;
+    if constexpr (keep) {
+      Kept& here = kept[j];
+      here.at = along;
+      here.an = across;
+      here.acceleration = acceleration;
+    } else {
+      members.set_row(rates, j, w);
+      members.set_row(rates, n + j, acceleration);
+    }
+    at = along - l * (w * w);
+    an = across + l * acceleration;
+  }
+}
+
+template <class Real, bool keep>
+void accelerations_of(const MotionModel& model, const Members<Real>& members, double* rates,
+                      double* scratch, Kept* kept) {
+  using Function = void (*)(const MotionModel&, const Members<Real>&, double*, double*, Kept*);
+  static constexpr Function table[8] = {
+      accelerations<Real, false, false, false, keep>, accelerations<Real, true, false, false, keep>,
+      accelerations<Real, false, true, false, keep>,  accelerations<Real, true, true, false, keep>,
+      accelerations<Real, false, false, true, keep>,  accelerations<Real, true, false, true, keep>,
+      accelerations<Real, false, true, true, keep>,   accelerations<Real, true, true, true, keep>};
+  const Batch& batch = members.batch;
+  bool flowing = batch.u[0] != 0.0;
+  if (batch.u_step != 0) {
+    for (Count i = 0; i < members.used; ++i) flowing |= batch.u[members.first + i] != 0.0;
+  }
+  const int which = (model.drag ? 1 : 0) + (model.damping != 0.0 ? 2 : 0) + (flowing ? 4 : 0);
+  table[which](model, members, rates, scratch, kept);
+}
+
+}  // namespace

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: MIT
+//
+// Motion of the reduced model, geometrically exact. The inextensible centreline is described by its
+// angle from the downward vertical, theta(s) = sum_i q_i Theta_i(s) with Theta_i = w_i' of a basis,
+//
+//   t = (sin theta, cos theta),  n = (cos theta, -sin theta),  r(s) = int_0^s t,
+//   J_i(s) = dr/dq_i = int_0^s n Theta_i,   velocity v = sum_i J_i q_i'.
+//
+// Virtual work, with U = s u and the forces per length of Orsino and Di Giulio in the limit of
+// short segments (no expansion in the amplitude anywhere):
+//
+//   int J_i . a + k_i (q_i + delta q_i')                                        inertia, bending
+//     + 2 sqrt(beta) U int J_i . n theta'                                       Coriolis, end flux
+//     + a U^2 t(1) . J_i(1)                                                     follower force
+//     - gamma int J_i . (0, 1)                                                  gravity
+//     + kappa int |v_n| v_n n . J_i = 0,   v_n = n . v,                         drag
+//   a(s) = sum_i J_i q_i'' - int_0^s t theta'^2,
+//
+// (theta' here is the rate), k_i the integral of Theta_i'^2. As v' = n theta', the Coriolis term's
+// power is -sqrt(beta) U |v(1)|^2:
+//
+//   dE/dtau = -sqrt(beta) U |v(1)|^2 - a U^2 t(1) . v(1) - delta sum k_i q_i'^2 - kappa int
+//   |v_n|^3,
+//
+// and this holds to rounding at any number of nodes, since the quadrature integrates by parts
+// exactly (quadrature.hpp). The drag's integrand is cut at the zeros of v_n (signed_weights).
+#pragma once
+
+#include "pipedyn/galerkin/grid.hpp"
+
+namespace pipedyn {
+
+/// Immutable; one model may serve many threads. Moves with the vectors that the processor has
+/// (levels.hpp). A state y = [q, q'] has 2 m entries; a batch holds one a column. The arrays are
+/// the caller's and of the sizes given; scratch belongs to the thread and is allocated by its first
+/// call for a size.
+class GalerkinMotion {
+ public:
+  /// least_nodes: use at least so many quadrature nodes, to measure what fewer miss. Throws
+  /// std::invalid_argument where the basis is dependent to rounding.
+  GalerkinMotion(const Pipe& pipe, Basis basis, Index least_nodes = 0);
+
+  Index dof() const { return grids_.basis().size(); }
+
+  /// Quadrature nodes that a configuration is given. Throws std::invalid_argument unless q has m
+  /// entries.
+  Index nodes(const Vector& q) const;
+
+  /// dy/dtau (2 m, members), O(Q^2 m + Q m^2 + m^3) a member. NaN where the mass matrix is singular
+  /// to rounding, or q bends more than the largest grid resolves.
+  void rhs(const Batch& batch, double* rates) const;
+  /// d(dy/dtau)/dy (2 m, 2 m), row-major, at the same order of cost. Drag's share is 2 |v_n| dv_n,
+  /// 0 where v_n = 0.
+  void jacobian(const double* y, double u, double* out) const;
+  /// Kinetic, elastic and gravity's energy of each member, O(Q^2); 0 at rest on the straight pipe.
+  void energy(const Batch& batch, double* out) const;
+  /// What flow, damping (joints) and drag add to the energy in unit time, O(Q^2) a member; their
+  /// sum is dE/dtau.
+  void power(const Batch& batch, const PowerParts& out) const;
+
+  /// Operators about a configuration q at rest; stiffness and flux are the derivatives of the
+  /// bending and gravity forces and of the follower force. Throws std::invalid_argument unless q
+  /// has m entries.
+  Operators operators(const Vector& q) const;
+
+ private:
+  MotionEffects effects() const;
+
+  Pipe pipe_;
+  Grids grids_;
+};
+
+}  // namespace pipedyn

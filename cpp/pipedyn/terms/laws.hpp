@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: MIT
+//
+// The table of the laws: a new one is a header and a row here. Local to each translation unit, like
+// vector/pack.hpp.
+#pragma once
+
+#include "pipedyn/terms/point_mass.hpp"
+#include "pipedyn/terms/spring.hpp"
+
+namespace {
+
+template <class... Rows>
+struct LawTable {
+  /// Calls body with the law of a term.
+  template <class Body>
+  static void with(const pipedyn::Term& term, const Body& body) {
+    int row = 0;
+    static_cast<void>(((row++ == term.law ? (body(Rows(term)), true) : false) || ...));
+  }
+
+  /// Row of a name, -1 where there is none.
+  template <class Same>
+  static int row_of(const Same& same) {
+    int row = 0;
+    return ((same(Rows::name) || (++row, false)) || ...) ? row : -1;
+  }
+};
+
+using Laws = LawTable<PointMass,  //
+                      Spring>;
+
+}  // namespace

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+//
+// A spring to the axis at one place of the pipe: force -k x along x alone, energy k x^2 / 2. It is
+// linear at any amplitude and does not feel what its place moves along the axis.
+#pragma once
+
+#include "pipedyn/terms/station.hpp"
+#include "pipedyn/terms/term.hpp"
+
+namespace {
+
+struct Spring : NoLaw {
+  static constexpr const char* name = "spring";
+  static constexpr bool loads = true;
+  double k;
+
+  explicit Spring(const pipedyn::Term& term) : k(term.numbers[0]) {}
+  template <class Real>
+  Load<Real> load(const Station<Real>& at) const {
+    return {-k * at.x, Real{}};
+  }
+  Slopes slopes(const Station<double>&) const { return {.by_position = {{-k, 0.0}, {0.0, 0.0}}}; }
+  template <class Real>
+  Real energy(const Station<Real>& at) const {
+    return 0.5 * k * (at.x * at.x);
+  }
+};
+
+}  // namespace

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: MIT
+//
+// What a law of force knows of the pipe, and what it answers. A term is a law at one place of the
+// pipe, or per length all along it. It knows nothing of chains, functions or scenes: each of these
+// says once where its stations are and how it takes loads, slopes and mass.
+//
+// x is across the straight pipe and y along it, downward; t = (sin theta, cos theta). At a station
+// with virtual displacement dr a term does the virtual work load . dr; with the velocity v and the
+// acceleration a it adds mass a . dr to the inertia's, and its mass has weight like the pipe's.
+//
+// Local to each translation unit, like vector/pack.hpp, since the kernels of all vector levels
+// include it.
+#pragma once
+
+namespace {
+
+/// A place of the moving pipe. Real is a number or a pack of them.
+template <class Real>
+struct Station {
+  Real x, y;          // position
+  Real sine, cosine;  // of the angle theta, so the tangent
+  Real vx, vy;        // velocity
+  Real omega;         // theta'
+};
+
+/// A force, or a force per length.
+template <class Real>
+struct Load {
+  Real x, y;
+};
+
+/// Derivatives of a load; rows are its components.
+struct Slopes {
+  double by_position[2][2] = {};  // by x, by y
+  double by_velocity[2][2] = {};  // by vx, by vy
+  double by_angle[2] = {};        // by theta, position and velocity held
+};
+
+/// No share in anything; a law hides those of these in which it has one.
+struct NoLaw {
+  static constexpr bool along = false;  // acts per length, all along the pipe
+  static constexpr bool loads = false;  // has a load
+
+  double mass() const { return 0.0; }  // or mass per length
+  template <class Real>
+  Load<Real> load(const Station<Real>&) const {
+    return {Real{}, Real{}};
+  }
+  Slopes slopes(const Station<double>&) const { return {}; }
+  /// Potential of the load, 0 on the straight pipe.
+  template <class Real>
+  Real energy(const Station<Real>&) const {
+    return Real{};
+  }
+  /// Power of what the potential does not have.
+  template <class Real>
+  Real power(const Station<Real>&) const {
+    return Real{};
+  }
+};
+
+}  // namespace

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/terms/term.hpp"
+
+#include <algorithm>
+#include <iterator>
+#include <stdexcept>
+
+#include "pipedyn/terms/laws.hpp"
+
+namespace pipedyn {
+
+Term make_term(const std::string& law, double at, const std::vector<double>& numbers) {
+  Term term;
+  term.law = Laws::row_of([&](const char* name) { return law == name; });
+  if (term.law < 0) throw std::invalid_argument("no law of force has the name '" + law + "'");
+  if (numbers.size() > std::size(term.numbers)) {
+    throw std::invalid_argument("a term must have at most 3 numbers, got " +
+                                std::to_string(numbers.size()));
+  }
+  term.at = at;
+  std::copy(numbers.begin(), numbers.end(), term.numbers);
+  Laws::with(term, [&](const auto& which) {
+    if (!which.along && !(at > 0.0 && at <= 1.0)) {
+      throw std::invalid_argument("at must lie in (0, 1], got " + std::to_string(at));
+    }
+  });
+  return term;
+}
+
+}  // namespace pipedyn

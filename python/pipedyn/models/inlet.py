@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: MIT
+"""The inlet of an aspirating pipe: how much momentum the entering fluid brings along."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.integrate import quad_vec
+from scipy.interpolate import PchipInterpolator
+from scipy.special import roots_legendre
+
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+PANELS = 1024
+"""Into which the radius is cut before a velocity is integrated: the widest gap between the 21 nodes
+in a panel is then 7.3e-5 of the radius, and no jet of 1e-4 lies between two of them."""
+
+FINEST_PANEL = 40
+"""Halvings of the unit radius down to the last panel at the wall and at the centre: 2^-40, so that
+a profile with an infinite slope there is known to TOLERANCE before any panel is divided."""
+
+TOLERANCE = 1e-12
+"""Relative error asked of both integrals; rounding in 23,000 terms leaves 1e-13."""
+
+MOST_PANELS = 8000
+"""Where the division of panels gives up: a jump needs 50 more for TOLERANCE, a profile like
+(1 - r)^-0.4 needs 840, and noise would never end."""
+
+UNCERTAIN = 1e-7
+"""Error of a coefficient that is refused: jumps leave 3e-12 and (1 - r)^-0.4 leaves 9e-9, while
+noise of a millionth of the velocity leaves 1e-5."""
+
+BALANCED = 1e-24
+"""A square of the mean velocity below this part of the mean square is no flow: the mean is then
+below TOLERANCE of the root mean square, and its sign is not known."""
+
+LARGEST_RATIO = 1e100
+"""Of a velocity to the largest one sampled: the squares, 1e200, still stay far from overflow."""
+
+CLOSEST_RADII = 1e-30
+"""Least distance of two radii, in the last one: a cubic's coefficients grow with its third power,
+and 1e90 stays far from overflow."""
+
+
+def inlet_coefficient(
+    velocity: Callable[[float], float] | ArrayLike,
+    *,
+    radius: float = 1.0,
+    radii: ArrayLike | None = None,
+    areas: ArrayLike | None = None,
+    section: float | None = None,
+) -> float:
+    """Inlet coefficient alpha = A int V_i^2 dS / (int V_i dS)^2 of an aspirating pipe.
+
+    V_i is the velocity normal to the inlet surface, A the pipe's section. alpha is 1 for a uniform
+    inlet over A, 4/3 for a parabolic profile over A, 1/2 for a uniform inlet over 2 A. Any
+    consistent units will do.
+
+    Args:
+        velocity: an axisymmetric profile V_i(r), called with some 50,000 floats 0 <= r <= radius,
+            which may jump (a jet narrower than 1e-4 of the radius may be missed); or samples
+            of V_i, shape (k,), with either their radii or the areas they stand for.
+        radius: radius of the inlet, for a function.
+        radii: increasing radii of the samples, shape (k,), k >= 2, the first 0 and the last the
+            inlet's; between samples the profile is interpolated by monotone cubics.
+        areas: area of the patch that each sample stands for, shape (k,), > 0.
+        section: the pipe's section A; the area of the inlet where it is not given.
+
+    Raises:
+        ValueError: for numbers out of range, an inlet through which nothing flows on balance, or
+            a function that cannot be integrated.
+        TypeError: for what is neither a function nor an array, or not a number.
+
+    Source: Orsino and Di Giulio, eqs. (7)-(8).
+    """
+    radius = check.real("radius", radius, low=0.0, open_low=True)
+    if section is not None:
+        section = check.real("section", section, low=0.0, open_low=True)
+    if callable(velocity):
+        if radii is not None or areas is not None:
+            raise ValueError("radii and areas must go with samples, not with a function")
+        mean, square = _means_of_function(velocity, radius)
+        return _coefficient(mean, square, section, radius, math.pi * radius)
+    if radii is None and areas is None:
+        raise ValueError(
+            "velocity must be a function, or come with either radii or areas, "
+            f"got {check.shown(velocity)} alone"
+        )
+    if radii is not None and areas is not None:
+        raise ValueError("velocity must come with either radii or areas, got both")
+    if radii is not None:
+        at = check.array("radii", radii, low=0.0)
+        samples = check.array("velocity", velocity, size=at.size)
+        least = CLOSEST_RADII * at[-1]
+        if at.size < 2 or at[0] != 0.0 or np.any(np.diff(at) <= least):
+            raise ValueError(
+                f"radii must increase from 0, by more than {CLOSEST_RADII:g} of the last, "
+                f"got {check.shown(radii)}"
+            )
+        mean, square = _means_of_rings(samples, at / at[-1])
+        return _coefficient(mean, square, section, float(at[-1]), math.pi * float(at[-1]))
+    patches = check.array("areas", areas, low=0.0, open_low=True)
+    samples = check.array("velocity", velocity, size=patches.size)
+    largest = float(patches.max())
+    parts = patches / largest
+    whole = float(parts.sum())
+    scaled = samples / _peak(samples)
+    mean, square = float(parts @ scaled) / whole, float(parts @ scaled**2) / whole
+    return _coefficient(mean, square, section, largest, whole)
+
+
+def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple[float, float]:
+    """Mean over the inlet of V and of V^2, V in units of the largest |V| of a first sampling.
+
+    Panels are halved where the 10 Gauss and 21 Kronrod nodes in them disagree.
+    """
+
+    def at(x: float) -> float:
+        r = x * radius
+        value = velocity(r)
+        if isinstance(value, float) and math.isfinite(value):
+            return float(value)
+        return check.real(f"velocity({r:g})", value)
+
+    # The first and the last panel, 2^-10 wide, are halved towards the centre and the wall.
+    near = 0.5 ** np.arange(11, FINEST_PANEL + 1)
+    edges = np.concatenate([[0.0], near[::-1], np.arange(1, PANELS) / PANELS, 1.0 - near, [1.0]])
+    samples = edges[:-1, None] + np.diff(edges)[:, None] * (np.arange(16) + 0.5) / 16
+    peak = _peak(np.array([at(float(x)) for x in samples.flat]))
+
+    def ring(x: float) -> Array:
+        value = at(x) / peak
+        if abs(value) > LARGEST_RATIO:
+            raise ValueError(
+                f"velocity({x * radius:g}) must be at most {LARGEST_RATIO:g} times the others"
+            )
+        return np.array([2.0 * x * value, 2.0 * x * value**2])
+
+    means, error = quad_vec(
+        *(ring, 0.0, 1.0),
+        epsabs=0.0,
+        epsrel=TOLERANCE,
+        norm="max",
+        limit=MOST_PANELS,
+        points=edges[1:-1],
+    )
+    mean, square = map(float, means)
+    if not _vanishes(mean, square):
+        uncertain = error * (1.0 / square + 2.0 / abs(mean))
+        if not uncertain <= UNCERTAIN:
+            raise ValueError(
+                "velocity must be a profile that can be integrated, got one whose coefficient "
+                f"has an error of {uncertain:.0e}"
+            )
+    return mean, square
+
+
+def _means_of_rings(samples: Array, x: Array) -> tuple[float, float]:
+    """Mean of V and of V^2 for samples at x from 0 to 1, joined by monotone cubics."""
+    profile = PchipInterpolator(x, samples / _peak(samples))
+    nodes, weights = roots_legendre(4)  # exact up to degree 7, which x times a cubic's square has
+    half = 0.5 * np.diff(x)[:, None]
+    at = x[:-1, None] + half * (1.0 + nodes)
+    values = profile(at)
+    rings = 2.0 * at * half * weights
+    return float(np.sum(rings * values)), float(np.sum(rings * values**2))
+
+
+def _peak(velocity: Array) -> float:
+    """Largest magnitude: squares of velocities in this unit neither overflow nor vanish."""
+    peak = float(np.abs(velocity).max())
+    if peak == 0.0:
+        raise ValueError("velocity must carry fluid through the inlet, got 0 everywhere")
+    return peak
+
+
+def _vanishes(mean: float, square: float) -> bool:
+    # Cauchy and Schwarz: mean^2 <= square. Written so that NaN vanishes, too.
+    return not mean**2 > BALANCED * square
+
+
+def _coefficient(
+    mean: float, square: float, section: float | None, length: float, width: float
+) -> float:
+    """Inlet coefficient from means of V and V^2 over an inlet of area length * width."""
+    if _vanishes(mean, square):
+        raise ValueError(f"velocity must carry fluid through the inlet, got a mean of {mean:.1e}")
+    part = 1.0 if section is None else section / length / width
+    alpha = part * (square / mean**2)
+    if not 0.0 < alpha < math.inf:
+        raise ValueError(
+            f"section must be comparable with the inlet's area, got {part!r} times that"
+        )
+    return alpha

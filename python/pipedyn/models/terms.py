@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: MIT
+"""Terms: laws of force that act on a pipe beside its own elasticity, gravity, drag and flow.
+
+A term is a frozen dataclass: the place where it acts, if it acts at one, and the numbers of its
+law. The law itself, load, slopes, mass, energy and power at a station of the pipe, stands in the
+core under the term's name, cpp/pipedyn/terms/. Terms belong to the pipe, so that every model has
+them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from pipedyn.util import check
+
+if TYPE_CHECKING:
+    from pipedyn.models.pipe import Scales
+
+MOST_TERMS = 400
+"""A reduced model has a panel between each two places, with matrices of as many functions."""
+
+
+def number(high: float, *, mass: int = 0, length: int = 0, time: int = 0, low: float = 0.0) -> Any:
+    """A field of a term: its range and the powers of the pipe's units that its SI value has.
+
+    Args:
+        high: largest value.
+        mass: power of the mass per length, mu_p + mu_f in kg/m.
+        length: power of the length L in m.
+        time: power of the time L^2 sqrt((mu_p + mu_f) / EI) in s.
+        low: smallest value.
+    """
+    return field(metadata={"range": {"low": low, "high": high}, "powers": (mass, length, time)})
+
+
+def place() -> Any:
+    """The field `at` of a term that acts at one place; the pipe checks that it lies on it."""
+    rule = {"low": 0.0, "open_low": True}
+    return field(metadata={"range": rule, "powers": (0, 1, 0)})
+
+
+@dataclass(frozen=True)
+class Term:
+    """A law of force on the pipe. Subclasses are laws; this one is not made.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+    """
+
+    law: ClassVar[str]
+    """Its name in the core."""
+
+    def __post_init__(self) -> None:
+        if type(self) is Term:
+            raise TypeError("Term must be one of its laws, such as PointMass, got Term itself")
+        for item in fields(self):
+            value = check.real(item.name, getattr(self, item.name), **item.metadata["range"])
+            object.__setattr__(self, item.name, value)
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{item.name}={getattr(self, item.name):.12g}" for item in fields(self))
+        return f"{type(self).__name__}({values})"
+
+    @property
+    def place(self) -> float | None:
+        """Arc length where it acts, in L; None where it acts all along the pipe."""
+        return getattr(self, "at", None)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Its numbers by name, without the place."""
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
+
+    def in_si(self, scales: Scales) -> Self:
+        """The same term with its numbers in SI units.
+
+        Args:
+            scales: SI values of the pipe's units.
+        """
+        units = self._units(scales)
+        return replace(self, **{name: getattr(self, name) * unit for name, unit in units.items()})
+
+    def from_si(self, scales: Scales) -> Self:
+        """The same term in the pipe's units, where its numbers are in SI.
+
+        Args:
+            scales: SI values of the pipe's units.
+        """
+        units = self._units(scales)
+        return replace(self, **{name: getattr(self, name) / unit for name, unit in units.items()})
+
+    def _units(self, scales: Scales) -> dict[str, float]:
+        powers = {item.name: item.metadata["powers"] for item in fields(self)}
+        return {
+            name: scales.mass**mass * scales.length**length * scales.time**time
+            for name, (mass, length, time) in powers.items()
+        }
+
+
+@dataclass(frozen=True, repr=False)
+class PointMass(Term):
+    """A mass without extent at one place of the pipe, with its weight.
+
+    It has no rotary inertia and no part in the flow: the jet leaves through the pipe's own section.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        mass: >= 0, in the pipe's whole mass (mu_p + mu_f) L.
+
+    In `Pipe.from_si`: at in m, mass in kg.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+
+    Source: d'Alembert's principle, mass * (acceleration - gamma) at the place.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, gamma=10.0, terms=[pp.PointMass(at=1.0, mass=0.1)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.3497
+    """
+
+    law: ClassVar[str] = "point_mass"
+    at: float = place()
+    mass: float = number(1e6, mass=1, length=1)
+
+
+@dataclass(frozen=True, repr=False)
+class Spring(Term):
+    """A spring between one place of the pipe and the axis of the straight pipe.
+
+    Its force -stiffness * x acts along x alone, x the transverse displacement of the place; it is
+    linear at any amplitude and does not feel what the place moves along the axis.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        stiffness: >= 0, in EI / L^3.
+
+    In `Pipe.from_si`: at in m, stiffness in N/m.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+
+    Source: energy stiffness * x^2 / 2.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Spring(at=0.5, stiffness=20.0)])
+        >>> pipe.terms
+        (Spring(at=0.5, stiffness=20),)
+    """
+
+    law: ClassVar[str] = "spring"
+    at: float = place()
+    stiffness: float = number(1e9, mass=1, length=1, time=-2)
+
+
+def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
+    """The argument as a tuple, if it is a sequence of terms that lie on the pipe.
+
+    Args:
+        terms: any.
+        end: arc length of the free end.
+
+    Raises:
+        ValueError: for more than 400, or a place beyond the free end.
+        TypeError: for what is no sequence of terms.
+    """
+    if isinstance(terms, Term) or not isinstance(terms, tuple | list):
+        raise TypeError(f"terms must be a tuple or list of terms, got {check.shown(terms)}")
+    if len(terms) > MOST_TERMS:
+        raise ValueError(f"terms must be at most {MOST_TERMS}, got {len(terms)}")
+    for i, term in enumerate(terms):
+        if not isinstance(term, Term):
+            raise TypeError(
+                f"terms[{i}] must be a term, such as PointMass or Spring, got {check.shown(term)}"
+            )
+        if term.place is not None and term.place > end:
+            raise ValueError(f"terms[{i}].at must lie in (0, {end:g}], got {term.place!r}")
+    return tuple(terms)
+
+
+def core_terms(terms: tuple[Term, ...]) -> list[tuple[str, float, list[float]]]:
+    """The terms as the core takes them: law, arc length (0 where it acts all along), numbers."""
+    return [(term.law, term.place or 0.0, list(term.numbers.values())) for term in terms]
