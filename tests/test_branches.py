@@ -367,7 +367,7 @@ def test_an_onset_that_fails_is_marked_and_the_equilibria_kept(monkeypatch):
     def fails(*given):
         raise pp.NoHopf("two pairs meet")
 
-    monkeypatch.setattr(module, "born", fails)
+    monkeypatch.setattr(module, "hopf_point", fails)
     found = pp.bifurcation_diagram(THREE, [4.0, 5.0])
     (branch,) = found.cycles
     assert branch.origin == "motion"

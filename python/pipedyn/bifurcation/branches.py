@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.continuation import Point, Segment, folds
@@ -55,12 +56,16 @@ FOLD = 1e-5
 """Share of a step to which the place of a fold is known; its speed is so to the square of that."""
 
 BESIDE = 0.02
-"""Share of a step around a fold in which its multiplier is not told from the trivial one."""
+"""Share of a step around a fold in which its multiplier is too near to the trivial one."""
+
+MOST_PASSAGES = 6
+"""Passages of multipliers on one step: more at once have not been met, and each costs some ten
+orbits."""
 
 SLOW = 0.5
 """Share of a branch's highest frequency below which, still falling, it falls towards 0."""
 
-TOLD = 1e-3
+DOUBTFUL = 1e-3
 """Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends."""
 
 SAMPLES = 65
@@ -78,7 +83,7 @@ Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
 @dataclass(frozen=True)
 class CycleBranch:
-    """Cycles along a branch, which may turn in the flow speed, in order from where it is born.
+    """Cycles along a branch, which may turn in the flow speed, in order from where it begins.
 
     Attributes:
         speeds: u, shape (S,).
@@ -93,10 +98,10 @@ class CycleBranch:
         cycles: the cycles themselves; those at the speeds asked for meet the tolerance of
             `limit_cycle` or are listed as failures, those between some 1e-5.
         mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
-        origin: where it is born: "hopf" (at an equilibrium), "pitchfork" or "period doubling" (of a
+        origin: where it begins: "hopf" (at an equilibrium), "pitchfork" or "period doubling" (of a
             branch of cycles), or "motion": a motion ended on it, from where it was followed both
             ways, and it is listed from its end on the side of lower speeds.
-        onset: flow speed at which it is born, NaN if that is unknown.
+        onset: flow speed at which it begins, NaN if that is unknown.
     """
 
     speeds: Array
@@ -174,7 +179,7 @@ def _same(a: CycleEvent | None, b: CycleEvent | None) -> bool:
     return a is not None and b is not None and a.same(b)
 
 
-def births(
+def hopf_points(
     model: Model, branches: tuple[EquilibriumBranch, ...], highest: float
 ) -> Iterator[HopfPoint | Failed]:
     """Hopf points of equilibria, of mirror images one, or what fails.
@@ -206,12 +211,12 @@ def births(
             continue
         known.append((u, frequency))
         try:
-            yield born(motion, np.concatenate([x, np.zeros(motion.half)]), u, frequency)
+            yield hopf_point(motion, np.concatenate([x, np.zeros(motion.half)]), u, frequency)
         except (PipedynError, ValueError) as error:
             yield u, error
 
 
-def born(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
+def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
     """The pair on the axis at an equilibrium.
 
     Args:
@@ -221,7 +226,7 @@ def born(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPo
         frequency: of the pair.
 
     Raises:
-        ValueError, PipedynError: if there is no such pair, or two, or the free end stands still.
+        ValueError, PipedynError: if there is no such pair, or two, or the free end does not move.
     """
     mode, _ = vectors(motion.jacobian(rest, u), frequency)
     mode = mode / tip_of(motion, rest, mode)
@@ -269,9 +274,9 @@ def _trace(
     generations: int,
 ) -> None:
     """A branch one way from an event or both ways from a cycle, and those that leave it."""
-    ways: list[_Followed] = []
+    ways: list[_Follower] = []
     for start in starts:
-        ways.append(_Followed(motion, start, begin, asked, failed))
+        ways.append(_Follower(motion, start, begin, asked, failed))
         ways[-1].run()
         if ways[-1].closed:
             ways = ways[-1:]
@@ -286,13 +291,13 @@ def _trace(
         try:
             leaving = [from_change(motion, orbit, kind)]
         except NewtonFailed as reason:
-            told = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
-            failed.append((event.speed, NoCycle(told, event.speed)))
+            report = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
+            failed.append((event.speed, NoCycle(report, event.speed)))
             continue
         _trace(motion, leaving, event, asked, found, failed, generations - 1)
 
 
-def _joined(ways: list[_Followed]) -> Traced:
+def _joined(ways: list[_Follower]) -> Traced:
     """What was followed one way, or both ways from the same cycle."""
     way = ways[-1]
     cycles, events, begin = way.cycles, way.events, way.begin
@@ -319,13 +324,30 @@ def _joined(ways: list[_Followed]) -> Traced:
     return Traced(branch, begin, way.end)
 
 
-class _Followed:
+@dataclass(frozen=True)
+class _Place:
+    """A point of a step.
+
+    Attributes:
+        length: from the step's beginning.
+        point: the solution.
+        cycle: with its multipliers.
+        event: what happens there.
+    """
+
+    length: float
+    point: Point
+    cycle: LimitCycle
+    event: CycleEvent | None = None
+
+
+class _Follower:
     """A branch in the making, one way.
 
     Args:
         motion: the model's.
         start: where it sets out.
-        begin: the event at which it is born, if that is known.
+        begin: the event at which it begins, if that is known.
         asked: what is asked of it.
         failed: takes what fails.
     """
@@ -342,12 +364,11 @@ class _Followed:
         self.failed = failed
         self.origin: Origin = "motion"
         self.onset = math.nan
-        told = f"a motion at u = {start.orbit.u:.6g}"
+        self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
         if begin is not None:
             self.origin, self.onset = _origin(begin), begin.speed
-            told = "onset" if begin.kind == "hopf" else begin.kind
-            told = f"the {told} at u = {begin.speed:.6g}"
-        self.how = f"followed from {told}"
+            where = "onset" if begin.kind == "hopf" else begin.kind
+            self.how = f"followed from the {where} at u = {begin.speed:.6g}"
         self.events = [] if begin is None else [begin]
         self.cycles: list[LimitCycle] = []
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
@@ -361,7 +382,7 @@ class _Followed:
     def run(self) -> None:
         """Follows the branch until it ends, is far from the speeds or its steps run out.
 
-        Beyond the speeds asked for nothing is told of it, so that multipliers are spared.
+        Beyond the speeds asked for multipliers are not computed.
         """
         here, last, beyond = self.start.orbit, None, 0
         try:
@@ -374,7 +395,7 @@ class _Followed:
                 self.pace.append(here.frequency)
                 if self._asked_for(step):
                     last, beyond = self.noted(step, last), 0
-                    if last.multiplier_error > TOLD:
+                    if last.multiplier_error > DOUBTFUL:
                         raise NewtonFailed(
                             f"its multipliers are known to {last.multiplier_error:.1e} only"
                         )
@@ -399,7 +420,7 @@ class _Followed:
         return bool(low <= self.asked.speeds[-1] and high >= self.asked.speeds[0])
 
     def _first(self) -> LimitCycle | None:
-        """Cycles at speeds asked for up to the first of the arc; that itself if it is one."""
+        """Cycles at speeds asked for up to the branch's first; that itself if its speed is one."""
         base, first = self.start.base, self.start.orbit
         if base is None:
             cycle = self._finished(first.u, lambda: first)
@@ -433,7 +454,7 @@ class _Followed:
     def _finished(self, u: float, orbit: Callable[[], PeriodicOrbit]) -> LimitCycle | None:
         """The cycle at a speed asked for; None where there is none.
 
-        What fails to meet the tolerance is told, and kept for what it is.
+        What fails to meet the tolerance is a failure, and kept for what it is.
         """
         try:
             return finished(self.motion, orbit(), self.asked.rtol, SAMPLES, self.how)
@@ -456,7 +477,7 @@ class _Followed:
 
     def keep(self, cycle: LimitCycle) -> None:
         """Takes a cycle whose multipliers can be believed."""
-        if cycle.multiplier_error <= TOLD:
+        if cycle.multiplier_error <= DOUBTFUL:
             self.cycles.append(cycle)
 
     def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float) -> None:
@@ -469,8 +490,8 @@ class _Followed:
         """Tells that the branch was not followed further."""
         size = amplitude_of(self.motion, orbit)[0]
         self.events.append(CycleEvent("end", orbit.u, 0.0, 1.0 + 0j, size))
-        told = f"the cycles {self.how} were not followed beyond u = {orbit.u:g}: {why}"
-        self.failed.append((orbit.u, NotConverged(told)))
+        report = f"the cycles {self.how} were not followed beyond u = {orbit.u:g}: {why}"
+        self.failed.append((orbit.u, NotConverged(report)))
 
     # ----------------------------------------------------------------------- how it may end
 
@@ -517,109 +538,92 @@ class _Followed:
     # ---------------------------------------------------------------------- what lies on it
 
     def noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
-        """Keeps what lies on a step, and what changes there; the cycle at its end.
+        """Keeps what lies on a step and its events; the cycle at its end.
 
         Args:
             step: the step.
             last: the cycle at its beginning, if that is known and kept.
         """
+        segment = step.segment
         if last is None:
             last = self.described(step.begin)
             self.keep(last)
-        end = self.described(step.end)
-        if max(end.multiplier_error, last.multiplier_error) > TOLD:
-            self.keep(end)
-            return end
-        marked: list[tuple[float, LimitCycle, CycleEvent | None]] = [(step.length, end, None)]
-        segment = step.segment
-        ends, low, before = [segment.begin], 0.0, last
+        end = self._place(step, step.length, segment.end)
+        if max(end.cycle.multiplier_error, last.multiplier_error) > DOUBTFUL:
+            self.keep(end.cycle)
+            return end.cycle
+        low, beside = _Place(0.0, segment.begin, last), BESIDE * step.length
+        places, ends = [end], [segment.begin]
         for length in folds(segment, FOLD):
-            ends.append(segment.at(length))
-            cycle = self.described(step.problem.orbit(ends[-1].z))
-            marked.append((length, cycle, self._fold(step, length, cycle)))
-            beside = BESIDE * step.length
-            if length - beside > low:
-                after = self.described(step.at(length - beside))
-                marked += self._changes(step, low, length - beside, before, after)
-            low = min(length + beside, step.length)
-            before = self.described(step.at(low))
-        if low < step.length:
-            marked += self._changes(step, low, step.length, before, end)
+            top = self._place(step, length)
+            places.append(replace(top, event=self._fold(step, top)))
+            ends.append(top.point)
+            if length - beside > low.length:
+                places += self._passages(step, low, self._place(step, length - beside))
+            low = self._place(step, min(length + beside, step.length))
+        if low.length < step.length:
+            places += self._passages(step, low, end)
         for a, b in pairwise([*ends, segment.end]):
-            marked += self._landed(step, segment.part(a, b))
-        for _, cycle, told in sorted(marked, key=lambda one: one[0]):
-            self.keep(cycle)
-            if told is not None:
-                self.events.append(told)
-        return end
+            places += self._at_speeds(step, segment.part(a, b))
+        for place in sorted(places, key=lambda one: one.length):
+            self.keep(place.cycle)
+            if place.event is not None:
+                self.events.append(place.event)
+        return end.cycle
 
-    def _fold(self, step: Step, length: float, cycle: LimitCycle) -> CycleEvent:
+    def _place(self, step: Step, length: float, point: Point | None = None) -> _Place:
+        """A point of a step, solved for where it is not given, and its cycle."""
+        point = step.segment.at(length) if point is None else point
+        return _Place(length, point, self.described(step.problem.orbit(point.z)))
+
+    def _fold(self, step: Step, top: _Place) -> CycleEvent:
         """Where the branch turns."""
-        beside = step.at(length + 1e-3 * step.length)
+        cycle = top.cycle
+        beside = step.at(top.length + 1e-3 * step.length)
         error = max(abs(beside.u - cycle.u), 1e-9)
         return CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
 
-    def _changes(
-        self, step: Step, low: float, high: float, a: LimitCycle, b: LimitCycle
-    ) -> Iterator[tuple[float, LimitCycle, CycleEvent | None]]:
-        """Passages of multipliers through the unit circle between two lengths.
+    def _passages(self, step: Step, low: _Place, high: _Place) -> Iterator[_Place]:
+        """Where multipliers pass the unit circle between two places, but for folds.
 
-        One through 1 is that of a fold, which the tangent tells.
+        Those show in the tangent.
         """
-        end = outside(b.multipliers)
-        for _ in range(6):
-            begin = outside(a.multipliers)
-            if begin == end:
+        for _ in range(MOST_PASSAGES):
+            if outside(low.cycle.multipliers) == outside(high.cycle.multipliers):
                 return
-            low, before, a, orbit = self._narrowed(step, low, high, a, b)
+            before, low = self._narrowed(step, low, high)
+            orbit = step.problem.orbit(low.point.z)
             roots = returns(self.motion, shortened(self.motion, orbit))
             kind, multiplier = passage(roots, orbit.symmetric)
             if kind == "fold":
                 continue
-            speed, error = 0.5 * (before.u + a.u), 0.5 * abs(before.u - a.u)
-            size = 0.5 * (before.amplitude + a.amplitude)
-            event = CycleEvent(kind, speed, error, multiplier, size)
+            a, b = before.cycle, low.cycle
+            speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
+            event = CycleEvent(kind, speed, error, multiplier, 0.5 * (a.amplitude + b.amplitude))
             if kind != "torus" and self.asked.holds(speed):
-                self.forks.append((event, orbit, before.stable or a.stable))
-            yield low, a, event
+                self.forks.append((event, orbit, a.stable or b.stable))
+            yield replace(low, event=event)
 
-    def _narrowed(
-        self, step: Step, low: float, high: float, a: LimitCycle, b: LimitCycle
-    ) -> tuple[float, LimitCycle, LimitCycle, PeriodicOrbit]:
-        """Where the number of multipliers outside the circle first differs from that at `low`.
+    def _narrowed(self, step: Step, low: _Place, high: _Place) -> tuple[_Place, _Place]:
+        """Places right before and beyond the first passage of a multiplier through the circle.
 
-        The modulus that passes 1 is a smooth function of the length, unless others pass as well:
-        false position, with the end that stays put weighed down, or else halving.
-
-        Returns:
-            The length beyond the passage, the cycles on both sides and the orbit beyond.
+        The modulus that passes 1 is a smooth function of the length, unless others pass as well.
         """
-        begin = outside(a.multipliers)
-        passing = begin - (outside(b.multipliers) < begin)
-        orbit, stayed = step.end, -1
-        sides = [excess(cycle.multipliers, passing) for cycle in (a, b)]
-        for turn in range(40):
-            if high - low <= NARROW * step.length:
-                break
-            share = 0.5 if turn % 4 == 3 else sides[0] / (sides[0] - sides[1])
-            middle = low + min(max(share, 0.02), 0.98) * (high - low)
-            found = step.at(middle)
-            cycle = self.described(found)
-            value = excess(cycle.multipliers, passing)
-            before = outside(cycle.multipliers) == begin
-            if before:
-                low, a = middle, cycle
-            else:
-                high, b, orbit = middle, cycle, found
-            stays = 1 if before else 0
-            sides[1 - stays] = value
-            sides[stays] *= 0.5 if stays == stayed else 1.0
-            stayed = stays
-        return high, a, b, orbit
+        begin = outside(low.cycle.multipliers)
+        passing = begin - (outside(high.cycle.multipliers) < begin)
+        known = {place.length: place for place in (low, high)}
 
-    def _landed(
-        self, step: Step, part: Segment
-    ) -> Iterator[tuple[float, LimitCycle, CycleEvent | None]]:
+        def value(length: float) -> float:
+            if length not in known:
+                known[length] = self._place(step, length)
+            return excess(known[length].cycle.multipliers, passing)
+
+        brentq(value, low.length, high.length, xtol=NARROW * step.length)
+        places = sorted(known.values(), key=lambda one: one.length)
+        beyond = next(i for i, one in enumerate(places) if outside(one.cycle.multipliers) != begin)
+        return places[beyond - 1], places[beyond]
+
+    def _at_speeds(self, step: Step, part: Segment) -> Iterator[_Place]:
         """The cycles at the speeds asked for."""
         low, high = sorted((part.begin.p, part.end.p))
         speeds = self.asked.speeds
@@ -627,17 +631,16 @@ class _Followed:
         if len(self.pace) == 1 and self.start.base is None:  # the first orbit is kept already
             passed &= ~np.isclose(speeds, self.start.orbit.u, rtol=1e-7, atol=0.0)
         for u in map(float, speeds[passed]):
-            places: list[Point] = []
+            points: list[Point] = []
 
-            def landing(u: float = u, places: list[Point] = places) -> PeriodicOrbit:
-                places.append(part.where(u))
-                return step.problem.orbit(places[0].z)
+            def landing(u: float = u, points: list[Point] = points) -> PeriodicOrbit:
+                points.append(part.where(u))
+                return step.problem.orbit(points[0].z)
 
             cycle = self._finished(u, landing)
-            if cycle is None:
-                continue
-            yield step.segment.reach(places[0].z), cycle, None
-            self.closed = self.closed or self._is_first(cycle)
+            if cycle is not None:
+                yield _Place(step.segment.reach(points[0].z), points[0], cycle)
+                self.closed = self.closed or self._is_first(cycle)
 
     def _is_first(self, cycle: LimitCycle) -> bool:
         """Whether a cycle is that from which the branch set out: it is closed."""

@@ -307,7 +307,7 @@ class OrbitProblem:
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
         by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * unit**2)
         self.weights[-2:] = start.frequency**-2, start.u**-2
-        # The least change: none of it along the motion, on which the same orbit begins elsewhere.
+        # The least change: none of it along the motion, which is a mere shift of the phase.
         row = np.zeros_like(self.weights)
         rates = motion(np.ascontiguousarray(start.starts.T), start.u).T
         row[: rates.size] = self.weights[: rates.size] * rates.ravel()
@@ -386,7 +386,7 @@ def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
     share = np.concatenate([[0.0], RADAU.nodes])
     share = 0.5 * (share[:-1] + share[1:])
     between = legendre.legvander(2.0 * share - 1.0, STAGES - 1) @ RADAU.to_legendre
-    told = (between @ orbit.rates)[:, :, -motion.half :]
+    given = (between @ orbit.rates)[:, :, -motion.half :]
     phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share
     true = motion(orbit.states(phase.ravel()), orbit.u)[motion.half :]
-    return float(np.abs(told.reshape(true.T.shape) - true.T).max() / np.abs(true).max())
+    return float(np.abs(given.reshape(true.T.shape) - true.T).max() / np.abs(true).max())

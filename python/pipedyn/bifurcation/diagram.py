@@ -18,7 +18,7 @@ from pipedyn.bifurcation.branches import (
     CycleBranch,
     Failed,
     Traced,
-    births,
+    hopf_points,
     same_cycle,
     traced,
 )
@@ -332,17 +332,17 @@ class _Cycles:
         """From the onsets of flutter."""
         begun: list[HopfPoint] = []
         with one_thread(self.model.dof):
-            for birth in births(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
-                if isinstance(birth, HopfPoint):
-                    begun.append(birth)
+            for point in hopf_points(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
+                if isinstance(point, HopfPoint):
+                    begun.append(point)
                 else:
-                    self.fail(*birth)
-        self.asked = replace(self.asked, onsets=tuple(birth.speed for birth in begun))
-        jobs = [partial(traced, self.model, birth, self.asked) for birth in begun]
+                    self.fail(*point)
+        self.asked = replace(self.asked, onsets=tuple(point.speed for point in begun))
+        jobs = [partial(traced, self.model, point, self.asked) for point in begun]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
-        for birth, answer in zip(begun, answers, strict=True):
+        for point, answer in zip(begun, answers, strict=True):
             if isinstance(answer, Exception):
-                self.fail(birth.speed, answer)
+                self.fail(point.speed, answer)
             else:
                 self.add(answer)
 

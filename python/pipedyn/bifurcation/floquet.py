@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Floquet multipliers of a cycle: the variational equation along it.
 
-It is solved on panels (`panels.through`), other ones than the cycle was: short enough for the modes
-that are fast and live on, and then halves of these. No monodromy matrix is formed: the multipliers
-mu are those of the pencil L + mu R, so that neither modes that decay at once nor multipliers of a
-thousand cost digits of the trivial one.
+It is solved by the same collocation (`collocation.through`) as the cycle, on another mesh: fine
+enough for the modes that are fast and do not decay at once, and then on meshes twice as fine. No
+monodromy matrix is formed: the multipliers mu are those of the pencil L + mu R, so that neither
+modes that decay at once nor multipliers of a thousand cost digits of the trivial one.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
 
-SETTLED, MOST_HALVINGS, MOST = 1e-7, 4, 4000
-"""Error of a multiplier, relative if above 1; halvings of the panels, and panels, to come there."""
+TOLERANCE, MOST_HALVINGS, MOST = 1e-7, 4, 4000
+"""Error of a multiplier, relative if above 1: a tenth of what the trivial one may be off; halvings
+of mesh intervals to come there, of which one mostly does, and intervals: 2 GB for 100 segments."""
 
 LARGEST = 1e150
 """Modulus of a multiplier, whose square is finite still."""
 
 TURN = 4.0
-"""|lambda| h of a panel at most, for modes that live on: its error is 3e-8, of a half 5e-13."""
+"""|lambda| h of an interval at most, for modes that persist: its error is 3e-8, of a half 5e-13."""
 
-LIVES = 25.0
-"""Decrements by which a mode has decayed so that it has no part in what a cycle leaves."""
+PERSISTS = 25.0
+"""Decrements over a cycle with which a mode persists: with more it ends below 1e-11 of its size."""
 
 LEFT, LEFT_ACROSS_KINKS = 1e-3, 0.25
 """Share of the error that halving leaves at most: 2^-15 where f is smooth, 2^-3 across kinks."""
@@ -54,12 +55,12 @@ def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, float]:
     orbit = shortened(motion, orbit)
     values, error = _multipliers(motion, orbit), math.inf
     for _ in range(MOST_HALVINGS):
-        if error <= SETTLED or 2 * len(orbit.starts) > MOST:
+        if error <= TOLERANCE or 2 * len(orbit.starts) > MOST:
             break
         orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
         coarser, values = values, _multipliers(motion, orbit)
         last, error = error, left * _apart(coarser, values)
-        if error > 0.5 * last:  # two that meet at 1, as where a cycle is born, know half the digits
+        if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
             break
     # Rounded, as the moduli of a pair differ by rounding.
     sizes = np.log(np.maximum(np.abs(values), 1e-300)).round(11)
@@ -80,7 +81,7 @@ def returns(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
 
     Args:
         motion: the model's.
-        orbit: the periodic orbit, on panels that are short for what lives on.
+        orbit: the periodic orbit, on a mesh that is fine enough for modes that persist.
 
     Raises:
         NewtonFailed: if they are beyond LARGEST, as where R is singular to rounding.
@@ -103,12 +104,12 @@ def returns(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
 
 
 def shortened(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """The same on panels that are short for every mode that lives on."""
+    """The same on a mesh that is fine enough for every mode that persists."""
     some = np.ascontiguousarray(orbit.starts[:: len(orbit.starts) // 4].T)
     factorised(some.shape[1])
     rates = np.linalg.eigvals(motion.jacobians(some, orbit.u))
-    lives = rates.real > -LIVES * orbit.frequency / orbit.span
-    turns = orbit.durations * np.abs(rates[lives]).max(initial=0.0)
+    persist = rates.real > -PERSISTS * orbit.frequency / orbit.span
+    turns = orbit.durations * np.abs(rates[persist]).max(initial=0.0)
     parts = np.ceil(np.maximum(turns / TURN, 1.0)).astype(int)
     return refined(motion, orbit, parts) if 2 * parts.sum() <= MOST else orbit
 

@@ -7,6 +7,7 @@ A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle,
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, TypeAlias
@@ -42,7 +43,7 @@ from pipedyn.util.threads import one_thread
 
 LARGEST_CYCLE = 100
 """Degrees of freedom. An undamped chain of 20 takes 0.8 s, of 40 ten, of 60 a minute, nearly all
-for the multipliers, whose panels the fastest mode that lives on sets."""
+for the multipliers, whose mesh the fastest mode that persists decides."""
 
 FIRST_DEFECT, FIRST_STEP = 1e-3, 1e-5
 """Largest defect of the orbit and last step of Newton's method where a cycle is looked for: near
@@ -52,7 +53,7 @@ LIGHT = 0.2
 """Damping beside sqrt(beta) u with which an aspirating pipe's onset is at about 0.6 u: one third of
 what the flow gives its first mode, 2 sqrt(beta) u, against delta omega^2 / 2."""
 
-SETTLED = 0.01
+NEAR = 0.01
 """How far beside its size a cycle may be from a simulated motion that is on its way to it."""
 
 MOST_ONSETS = 4
@@ -60,14 +61,14 @@ MOST_ONSETS = 4
 
 FEW, PATIENT = 6, 6
 """Degrees of freedom up to which motions are cheap, and by how much they are then given more time:
-beside a fold of cycles a motion takes long to settle."""
+beside a fold of cycles a motion takes long to converge."""
 
 CHUNK, LONGEST_CHUNK, SEARCH = 4.0, 32.0, 300_000
 """Time after which a simulated motion is looked at, doubled where it comes back to no state, up to
 two of the longest periods; right-hand sides after which a search ends."""
 
-PURSUIT = 100_000
-"""The same of a search along a branch, where each comes with a Jacobian."""
+MOST_EVALUATIONS = 100_000
+"""Right-hand sides after which a search along a branch ends, where each comes with a Jacobian."""
 
 TURNS = LONGEST_PERIOD
 """Returns of the free end, at most, that a simulated motion's period may have."""
@@ -97,8 +98,8 @@ def limit_cycle(
             another speed, or of another pipe); a `Hopf` of the model, whose cycle is followed to u;
             a `Motion` that ends near the cycle; or what a simulation sets out from, as for
             `lyapunov_exponent`: an angle theta(s) or coordinates (at rest), or a state [q, q'],
-            shape (2 coordinates,). Where not given, the cycles born at the model's flutter onsets
-            are followed to u, the nearest onset first; where that leads nowhere and rest is
+            shape (2 coordinates,). Where not given, the cycles of the model's flutter onsets are
+            followed to u, the nearest onset first; where that leads nowhere and rest is
             unstable, a simulation from near rest; and of pipes with drag that are unstable without
             an onset, the cycle of a damped pipe, whose damping is taken away. What is found so may
             be unstable, as `stable` says: then a `Motion` or a state leads to what motions end on.
@@ -109,7 +110,7 @@ def limit_cycle(
         LimitCycle.
 
     Raises:
-        NoCycle: if rest is stable and no cycle comes from an onset, or the search ends elsewhere:
+        NoCycle: if rest is stable and no cycle comes from an onset, or the search ends
             at rest, in motion without a period, or with no motion at all; the message says which,
             and at which speed the cycle of an onset turns back.
         NotConverged: if a cycle was found, but not to the tolerance; `result` holds it.
@@ -136,7 +137,7 @@ def limit_cycle(
 
 
 def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit, str]:
-    """A cycle on few panels, and how it was found."""
+    """A cycle on a coarse mesh, and how it was found."""
     if start is None:
         return _unguided(motion, u)
     if isinstance(start, LimitCycle):
@@ -167,43 +168,42 @@ def _keeps_volumes(model: Model) -> bool:
 
 def _unguided(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     """From the onsets of flutter, the nearest first, then by simulation."""
-    model, told = motion.model, list[str]()
+    model, reasons = motion.model, list[str]()
     try:
         model.require_equilibrium(u)
-        passages = [c for c in crossings(model, 1.5 * u) if c.kind == "flutter" and c.speed > 0.0]
+        onsets = [c for c in crossings(model, 1.5 * u) if c.kind == "flutter" and c.speed > 0.0]
         unstable = _unstable(motion, u)
     except (NotConverged, ValueError):
-        passages, unstable = [], True
-    born: list[Hopf] = []
-    for crossing in sorted(passages, key=lambda c: abs(c.speed - u))[:MOST_ONSETS]:
+        onsets, unstable = [], True
+    points: list[Hopf] = []
+    for crossing in sorted(onsets, key=lambda c: abs(c.speed - u))[:MOST_ONSETS]:
         try:
             onset = hopf(model, crossing)
         except (PipedynError, ValueError):  # two that meet lie off the axis by a root of rounding
             continue
-        born.append(onset)
+        points.append(onset)
         if _may_reach(onset, u):
             with suppress(NewtonFailed):
-                return _from_normal_form(
-                    motion, onset, u
-                ), f"from the onset at u = {onset.speed:.6g}"
-    for onset in born:
+                found = _from_normal_form(motion, onset, u)
+                return found, f"from the onset at u = {onset.speed:.6g}"
+    for onset in points:
         if _may_reach(onset, u) or onset.criticality == "subcritical":
             try:
-                found = continued(motion, hopf_point(onset), u, PURSUIT)
+                found = continued(motion, hopf_point(onset), u, MOST_EVALUATIONS)
                 return found, f"followed from the onset at u = {onset.speed:.6g}"
             except NewtonFailed as reason:
-                told.append(str(reason))
+                reasons.append(str(reason))
     if unstable and not _keeps_volumes(model):
-        return _far(motion, u, told, not passages)
+        return _far(motion, u, reasons, not onsets)
     if unstable:
         raise NoCycle(
             f"at u = {u:g} no force depends on velocities, so that volumes in state space last: no "
             "cycle attracts, and none comes from an onset",
             u,
         )
-    first = min((c.speed for c in passages if c.destabilising), default=math.nan)
+    first = min((c.speed for c in onsets if c.destabilising), default=math.nan)
     where = f": flutter sets in at u = {first:.6g}" if first > u else ""
-    why = f" ({'; '.join(told)})" if told else ""
+    why = f" ({'; '.join(reasons)})" if reasons else ""
     raise NoCycle(
         f"the pipe rests stably at u = {u:g}{where}, and no cycle comes from an onset{why}; "
         "one far from rest may be found with start=",
@@ -230,35 +230,38 @@ def _from_onset(motion: VectorField, u: float, onset: Hopf) -> tuple[PeriodicOrb
     with suppress(NewtonFailed):
         return _from_normal_form(motion, onset, u), how
     try:
-        return continued(motion, hopf_point(onset), u, PURSUIT), f"followed {how}"
+        return continued(motion, hopf_point(onset), u, MOST_EVALUATIONS), f"followed {how}"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
 
-def _far(motion: VectorField, u: float, told: list[str], alone: bool) -> tuple[PeriodicOrbit, str]:
+def _far(
+    motion: VectorField, u: float, reasons: list[str], alone: bool
+) -> tuple[PeriodicOrbit, str]:
     """Where no onset leads: by simulation or, under drag alone, from a damped pipe's cycle.
 
     All modes of a pipe under drag alone grow, about as fast: a chain's motions are cheap and come
-    to a cycle that attracts, if late; a reduced model's are dear.
+    to a cycle that attracts, if late; a reduced model's are costly.
     """
     pipe = motion.model.pipe
     bounded = alone and pipe.drag > 0.0 and pipe.damping == 0.0
-    if bounded and isinstance(motion.model, Galerkin):
+    by_damping = "followed from a damped pipe's"
+    ways: list[tuple[str, Callable[[], PeriodicOrbit]]] = [
+        (
+            "simulation",
+            lambda: _simulated(motion, u, *_near_rest(motion, u), SEARCH * (2 if bounded else 1)),
+        )
+    ]
+    if bounded:
+        first = 0 if isinstance(motion.model, Galerkin) else 1
+        ways.insert(first, (by_damping, lambda: _undamped(motion, u)))
+    failed = []
+    for how, search in ways:
         try:
-            return _undamped(motion, u), "followed from a damped pipe's"
-        except NewtonFailed as reason:
-            told.append(str(reason))
-    try:
-        limit = 2 * SEARCH if bounded else SEARCH
-        return _simulated(motion, u, *_near_rest(motion, u), limit), "simulation"
-    except NoCycle as reason:
-        told.insert(0, str(reason))
-    if bounded and not isinstance(motion.model, Galerkin):
-        try:
-            return _undamped(motion, u), "followed from a damped pipe's"
-        except NewtonFailed as reason:
-            told.append(str(reason))
-    raise NoCycle("; ".join(dict.fromkeys(told)), u)
+            return search(), how
+        except (NewtonFailed, NoCycle) as reason:
+            failed.append(str(reason))
+    raise NoCycle("; ".join(dict.fromkeys([*failed, *reasons])), u)
 
 
 def _undamped(motion: VectorField, u: float) -> PeriodicOrbit:
@@ -275,11 +278,11 @@ def _undamped(motion: VectorField, u: float) -> PeriodicOrbit:
     share, step = 1.0, 0.25
     here = damped(share)
     try:
-        passages = [c for c in crossings(here.model, u) if c.destabilising and c.kind == "flutter"]
-        onset = hopf(here.model, max(passages, key=lambda c: c.speed))
+        onsets = [c for c in crossings(here.model, u) if c.destabilising and c.kind == "flutter"]
+        onset = hopf(here.model, max(onsets, key=lambda c: c.speed))
     except (PipedynError, ValueError) as reason:
         raise NewtonFailed(f"with damping of {damping:.2g} no onset is found") from reason
-    orbit = continued(here, hopf_point(onset), u, PURSUIT)
+    orbit = continued(here, hopf_point(onset), u, MOST_EVALUATIONS)
     while share > 0.0:
         here = damped(max(share - step, 0.0))
         try:
@@ -357,11 +360,8 @@ def _integrated(motion: VectorField, q: Array, qdot: Array) -> Array:
 def _resampled(
     motion: VectorField, u: float, t: Array, p: Array, period: float, likeness: float
 ) -> PeriodicOrbit:
-    """A orbit through samples that span at least one period from t[0] on."""
-    rates = motion(np.ascontiguousarray(p.T), u)
-    # Constraints by projection: p' is not the rate of p there.
-    slopes = np.concatenate([p[:, motion.half :], rates[motion.half :].T], axis=1)
-    spline = CubicHermiteSpline(t, p, slopes)
+    """An orbit through samples that span at least one period from t[0] on."""
+    spline = _spline(motion, u, t, p)
     odd = False
     if motion.is_odd(u):
         probe = t[0] + period * np.arange(32) / 64.0
@@ -374,6 +374,12 @@ def _resampled(
         return np.ascontiguousarray(spline(t[0] + phase / omega).T)
 
     return resolved(motion, states, omega, u, odd, FIRST_DEFECT)
+
+
+def _spline(motion: VectorField, u: float, t: Array, p: Array) -> CubicHermiteSpline:
+    """[p, p'] over time; with constraints by projection f's own rate of p is not p'."""
+    rates = motion(np.ascontiguousarray(p.T), u)[motion.half :].T
+    return CubicHermiteSpline(t, p, np.concatenate([p[:, motion.half :], rates], axis=1))
 
 
 def _improved(motion: VectorField, guess: PeriodicOrbit, u: float) -> PeriodicOrbit:
@@ -399,7 +405,7 @@ def _near_rest(motion: VectorField, u: float) -> tuple[Array, Array]:
 def _simulated(
     motion: VectorField, u: float, q0: Array, qdot0: Array, limit: int = SEARCH
 ) -> PeriodicOrbit:
-    """From where a motion settles."""
+    """The cycle on which a motion ends."""
     model = motion.model
     reason = "the motion comes back to no state it had before"
     first = motion.resting()
@@ -429,19 +435,19 @@ def _simulated(
             continue
         try:
             found = solved(motion, guess, FIRST_STEP)
-        except NewtonFailed as told:
-            reason = str(told)
+        except NewtonFailed as failure:
+            reason = str(failure)
             continue
         # One far from the motion may be any, and one that repels a motion only passes by.
         away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
-        reason = "the motion does not settle"
-        if away < SETTLED * found.size:
+        reason = "the motion does not converge"
+        if away < NEAR * found.size:
             if passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6:
                 continue
             try:
                 multipliers, _ = floquet(motion, found)
-            except NewtonFailed as told:
-                reason = str(told)
+            except NewtonFailed as failure:
+                reason = str(failure)
                 continue
             if np.count_nonzero(np.abs(multipliers) > 1.0 + 1e-3) == 0:
                 return found
@@ -461,9 +467,7 @@ def _from_motion(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit 
     up = np.flatnonzero((across[:-1] < 0.0) & (across[1:] >= 0.0))
     if up.size < 2:
         return None
-    half = motion.half
-    rates = motion(np.ascontiguousarray(p.T), u)[half:].T
-    spline = CubicHermiteSpline(t, p, np.concatenate([p[:, half:], rates], axis=1))
+    spline = _spline(motion, u, t, p)
     times = t[up] - across[up] * (t[up + 1] - t[up]) / (across[up + 1] - across[up])
     states = spline(times)
     last = states[-1]

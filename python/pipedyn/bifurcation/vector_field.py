@@ -118,7 +118,7 @@ class VectorField:
     def drag_velocities(self, y: Array) -> Array:
         """Normal velocities at whose zeros f's second derivative jumps, shape (points, k).
 
-        Of the drag points of a chain; none elsewhere, as of other models these are many and weak
+        Of the drag points of a chain; none of other models, where these are many and weak
         or not known.
         """
         chain = self.model
