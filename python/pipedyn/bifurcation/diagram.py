@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.bifurcation.arcs import Birth
 from pipedyn.bifurcation.branches import (
     Asked,
     CycleBranch,
     Failed,
     Traced,
-    births,
+    hopf_points,
     same_cycle,
     traced,
 )
@@ -31,7 +30,8 @@ from pipedyn.bifurcation.brute_force import (
     attractors,
     initial_bends,
 )
-from pipedyn.bifurcation.continuation import Lost, solve
+from pipedyn.bifurcation.continuation import solve
+from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
 from pipedyn.bifurcation.equilibria import (
     EquilibriumBranch,
     Rest,
@@ -39,16 +39,16 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
-from pipedyn.bifurcation.fourier import Elsewhere
-from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
-from pipedyn.bifurcation.mesh import orbit_of
-from pipedyn.bifurcation.vector_field import Field
+from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
+from pipedyn.bifurcation.orbit_continuation import HopfPoint
+from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import LARGEST_SAMPLES
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
 from pipedyn.util.progress import track
 from pipedyn.util.threads import one_thread
@@ -266,7 +266,7 @@ def _passing(rest: Rest, branch: EquilibriumBranch, u: float) -> Iterator[Array]
             share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
             try:
                 yield solve(rest, a + share * (b - a), u)[0]
-            except Lost:
+            except NewtonFailed:
                 continue
 
 
@@ -330,31 +330,30 @@ class _Cycles:
         self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
     ) -> None:
         """From the onsets of flutter."""
-        begun: list[Birth] = []
+        begun: list[HopfPoint] = []
         with one_thread(self.model.dof):
-            for birth in births(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
-                if isinstance(birth, Birth):
-                    begun.append(birth)
+            for point in hopf_points(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
+                if isinstance(point, HopfPoint):
+                    begun.append(point)
                 else:
-                    self.fail(*birth)
-        self.asked = replace(self.asked, onsets=tuple(birth.speed for birth in begun))
-        jobs = [partial(traced, self.model, birth, self.asked) for birth in begun]
+                    self.fail(*point)
+        self.asked = replace(self.asked, onsets=tuple(point.speed for point in begun))
+        jobs = [partial(traced, self.model, point, self.asked) for point in begun]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
-        for birth, answer in zip(begun, answers, strict=True):
+        for point, answer in zip(begun, answers, strict=True):
             if isinstance(answer, Exception):
-                self.fail(birth.speed, answer)
+                self.fail(point.speed, answer)
             else:
                 self.add(answer)
 
     def through(self, u: float, state: Array) -> None:
         """Through the cycle at one of the speeds that a motion from a state ends on."""
-        motion = Field(self.model)
+        motion = VectorField(self.model)
         try:
             with one_thread(motion.size):
-                course, _ = cycle_from(motion, u, state)
-                amplitude, _ = amplitude_of(motion, course)
-                orbit = orbit_of(motion, course)
-        except Elsewhere as reason:
+                orbit, _ = cycle_from(motion, u, state)
+                amplitude, _ = amplitude_of(motion, orbit)
+        except NewtonFailed as reason:
             self.fail(u, NoCycle(f"the cycle at u = {u:g} was not followed: {reason}", u))
             return
         except PipedynError as error:

@@ -18,7 +18,16 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from pipedyn.bifurcation.continuation import Lost, Path, Point, solve
+from pipedyn.bifurcation.continuation import (
+    Continuation,
+    Control,
+    DenseProblem,
+    Point,
+    Segment,
+    change,
+    folds,
+    solve,
+)
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError
 from pipedyn.models.modular.assembly import Assembly
@@ -26,6 +35,7 @@ from pipedyn.motion.simulate import Start, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.threads import one_thread
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
@@ -47,6 +57,9 @@ FAR = 60.0
 
 MOST_POINTS = 4000
 """Points of one branch."""
+
+FOLD = 1e-12
+"""Share of a step to which the place of a fold is known: all that rounding leaves."""
 
 LEAVING = 0.02
 """Distance from a branch point, in rad, at which a branch that leaves it is taken up."""
@@ -219,8 +232,8 @@ def equilibrium_branch(
         try:
             x, _ = solve(rest, start, u0)
             if rest.unbalanced(x, u0) > BALANCED:
-                raise Lost("forces are left")
-        except Lost as error:
+                raise NewtonFailed("forces are left")
+        except NewtonFailed as error:
             raise NotConverged(f"no equilibrium was found near q0 at u = {u0:g}") from error
         away = rest.rms(x - start)
         if away > NEAR:
@@ -393,8 +406,8 @@ class Rest:
         """Equilibria at a speed on branches that leave the straight pipe as the speed changes."""
         highest = 2.0 * u + 10.0
         for speed, direction in self.pitchforks(highest):
-            path = Path(self, 0.1 * highest)
-            yield from _met(path, self.resting, speed, direction, u, (0.0, highest))
+            problem = DenseProblem(self, self.size, 0.1 * highest)
+            yield from _met(problem, self.resting, speed, direction, u, (0.0, highest))
 
     def out_of_gravity(self, u: float) -> Iterator[Array]:
         """Equilibria on branches that leave the straight pipe as gravity grows from nothing."""
@@ -406,9 +419,8 @@ class Rest:
         for share in _singular(none, problem.jacobian(self.resting, 1.0) - none):
             if 0.0 < share < 1.0:
                 direction = _null(problem.jacobian(self.resting, share))
-                yield from _met(
-                    *(Path(problem, 0.5), self.resting, share, direction, 1.0, (0.0, 2.0))
-                )
+                dense = DenseProblem(problem, self.size, 0.5)
+                yield from _met(dense, self.resting, share, direction, 1.0, (0.0, 2.0))
 
     def bent_starts(self) -> Iterator[Array]:
         """Bends of growing amplitude in three shapes."""
@@ -469,7 +481,7 @@ def _null(matrix: Array) -> Array:
 
 
 def _met(
-    path: Path,
+    problem: DenseProblem,
     x: Array,
     p: float,
     direction: Array,
@@ -477,20 +489,23 @@ def _met(
     ends: tuple[float, float],
 ) -> Iterator[Array]:
     """Solutions at a parameter on the branch that leaves a branch point, one half of it."""
+    branch = Continuation(problem, Control(longest=0.4))
+    begin = branch.starting(np.append(x, p), np.append(direction, 0.0))
     try:
-        point = path.leaving(x, p, direction, LEAVING)
-    except Lost:
+        point = branch.at(begin, LEAVING)
+    except NewtonFailed:
         return
     step = 0.05
     for _ in range(MOST_POINTS):
         try:
-            found, _, step = path.following(point, step, 0.4)
-        except Lost:
+            segment, step = branch.next(point, step)
+        except NewtonFailed:
             return
+        found = segment.end
         if (point.p - target) * (found.p - target) <= 0.0 and point.p != found.p:
             share = (target - point.p) / (found.p - point.p)
-            with suppress(Lost):
-                yield solve(path.problem, point.x + share * (found.x - point.x), target)[0]
+            with suppress(NewtonFailed):
+                yield solve(problem.equations, point.x + share * (found.x - point.x), target)[0]
         away = found.x - x
         back = float(away @ direction) / math.sqrt(x.size)
         if abs(back) < 0.5 * LEAVING and float(np.linalg.norm(away)) < LEAVING * math.sqrt(x.size):
@@ -531,7 +546,7 @@ class _Found:
             found = root(rest.residual, x, args=(u,), jac=rest.jacobian, method="hybr")
             if float(np.abs(found.x).max()) <= FAR:
                 self.add(solve(rest, found.x, u)[0])
-        except (Lost, ValueError):
+        except (NewtonFailed, ValueError):
             pass
 
     def sorted(self) -> list[Array]:
@@ -553,15 +568,15 @@ def _branch(
 ) -> EquilibriumBranch:
     """The branch through an equilibrium, both ways."""
     still = rest.rms(x - rest.resting) < 1e-9 and rest.rests(0.0) and rest.rests(1.0)
-    path = (_Still if still else Path)(rest, 0.1 * (ends[1] - ends[0]))
-    if still:
-        x = rest.resting
+    problem = DenseProblem(rest, rest.size, 0.1 * (ends[1] - ends[0]))
+    branch = (_Straight if still else Continuation)(problem, Control(longest=step))
+    falling = np.append(np.zeros_like(x), -1.0)
     try:
-        down = path.heading(x, u, -1.0)
-    except Lost as error:
+        down = branch.point(np.append(rest.resting if still else x, u), falling)
+    except NewtonFailed as error:
         raise NotConverged(f"the equilibrium at u = {u:g} is a branch point") from error
-    up = Point(x, u, -down.tangent)
-    halves = [_Half(rest, path, start, ends, step) for start in (down, up)]
+    up = Point(down.z, -down.tangent)
+    halves = [_Half(rest, branch, start, ends) for start in (down, up)]
     for half in halves:
         half.run()
         if half.end == "closed":
@@ -589,23 +604,28 @@ def _branch(
     )
 
 
-class _Still(Path):
-    """The path of a configuration that rests at any speed: nothing needs to be solved."""
+class _Straight(Continuation):
+    """The branch of a configuration that rests at any speed: nothing needs to be solved."""
 
-    def heading(self, x: Array, p: float, sign: float) -> Point:
-        return Point(x, p, np.append(np.zeros_like(x), sign * self.scale))
+    def point(self, z: Array, towards: Array) -> Point:
+        return self.starting(z, towards)
 
-    def stepped(self, start: Point, ds: float) -> Point:
-        return Point(start.x, start.p + ds * float(start.tangent[-1]), start.tangent)
+    def at(self, start: Point, ds: float, guess: Array | None = None) -> Point:
+        return Point(start.z + ds * start.tangent, start.tangent)
+
+    def fixed(self, guess: Array, p: float) -> Point:
+        z = np.append(guess[:-1], p)
+        return self.starting(z, np.append(np.zeros_like(z[:-1]), 1.0))
 
 
 class _Half:
     """A branch from one of its points on, one way."""
 
     def __init__(
-        self, rest: Rest, path: Path, start: Point, ends: tuple[float, float], longest: float
+        self, rest: Rest, branch: Continuation, start: Point, ends: tuple[float, float]
     ) -> None:
-        self.rest, self.path, self.ends, self.longest = rest, path, ends, longest
+        self.rest, self.branch, self.ends = rest, branch, ends
+        self.longest = branch.control.longest
         self.points, self.counts = [start], [self.count(start)]
         self.changes: list[BranchPoint] = []
         self.end = "points"
@@ -623,17 +643,18 @@ class _Half:
                 self.end = "range"
                 return
             try:
-                found, ds, step = self.path.following(a, step, self.longest)
-                if not low <= found.p <= high and a.p != (edge := min(max(found.p, low), high)):
-                    found, ds = self.path.landing(a, ds, edge)
-                    found = Point(found.x, edge, found.tangent)
-                joined = self._noted(a, found, ds)
-            except Lost:
+                segment, step = self.branch.next(a, step)
+                end = segment.end.p
+                if not low <= end <= high and a.p != (edge := min(max(end, low), high)):
+                    segment = segment.part(a, segment.where(edge))
+                joined = self._noted(segment)
+            except NewtonFailed:
                 self.end = "lost"
                 return
             if joined:
                 self.end = "pitchfork"
                 return
+            found, ds = segment.end, segment.length
             self.points.append(found)
             self.counts.append(self.count(found))
             gone += ds
@@ -646,45 +667,43 @@ class _Half:
 
     def _around(self, found: Point, ds: float) -> bool:
         start = self.points[0]
-        away = np.append(found.x - start.x, found.p - start.p)
-        alike = self.path.product(found.tangent, start.tangent) > 0.9
-        return alike and self.path.length(away) <= ds
+        alike = self.branch.product(found.tangent, start.tangent) > 0.9
+        return alike and self.branch.length(found.z - start.z) <= ds
 
-    def _noted(self, a: Point, b: Point, ds: float) -> bool:
+    def _noted(self, segment: Segment) -> bool:
         """Keeps what changes between two neighbours; whether the branch ends on the straight pipe.
 
         Undamped, a real eigenvalue near a fold is a root's root, so that the count changes as far
         beside the fold as rounding in the count lets it: one change, told once.
         """
-        rest, path = self.rest, self.path
+        rest, a, b, ds = self.rest, segment.begin, segment.end, segment.length
         met = self._met(a, b)
-        turn: tuple[Point, float] | None = None
+        turns: list[float] = []
         until = ds
         if met is not None:
             size = rest.rms(a.x)
             until = 0.98 * ds * size / (size + rest.rms(b.x))
-        elif a.tangent[-1] * b.tangent[-1] < 0.0:
-            turn = path.turning(a, ds)
+        else:
+            turns = folds(segment, FOLD)
         marked: list[tuple[float, BranchPoint]] = []
         count, at = self.counts[-1], 0.0
-        last = self.count(path.stepped(a, until))
+        last = self.count(segment.at(until))
         for _ in range(8):
             if count == last:
                 break
-            beyond, at = path.change(a, at, until, self.count)
-            change = self.count(beyond) - count
-            count += change
-            if change % 2 == 0:
+            beyond, at = change(segment, at, until, self.count)
+            more = self.count(beyond) - count
+            count += more
+            if more % 2 == 0:
                 marked.append((at, self._point("hopf", beyond)))
-            elif turn is None or abs(at - turn[1]) > 1e-3 * ds:
+            elif all(abs(at - turn) > 1e-3 * ds for turn in turns):
                 kind: Change = "pitchfork" if rest.straight(beyond.x) else "branch point"
                 marked.append((at, self._point(kind, beyond)))
-        if turn is not None:
-            marked.append((turn[1], self._point("fold", turn[0])))
+        marked += [(turn, self._point("fold", segment.at(turn))) for turn in turns]
         self.changes += [point for _, point in sorted(marked, key=lambda one: one[0])]
         if met is None:
             return False
-        end = Point(rest.resting, met, a.tangent)
+        end = Point(np.append(rest.resting, met), a.tangent)
         self.changes.append(self._point("pitchfork", end))
         self.points.append(end)
         self.counts.append(last)
