@@ -208,13 +208,13 @@ def test_no_motion_is_refused_that_keeps_to_its_bound(n, damping):
     """Not even near rest, where only stability holds the steps of an explicit method."""
     chain = pp.Chain(pp.Pipe(0.2, damping=damping), n)
 
-    def faint(**bounds):
+    def small(**bounds):
         return pp.simulate(chain, 0.0, 0.5, lambda s: 1e-6 * s, method="dop853", rtol=0.1, **bounds)
 
-    needed = faint().evaluations
-    assert faint(most=needed).evaluations == needed
+    needed = small().evaluations
+    assert small(most=needed).evaluations == needed
     with pytest.raises(pp.MotionStopped, match=r"at most|its most"):
-        faint(most=0.9 * needed)
+        small(most=0.9 * needed)
 
 
 @pytest.mark.parametrize("method", ["dop853", "lsoda", "Radau"])
