@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
@@ -27,6 +26,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util.band import band_solver
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.eigenvectors import eigenvectors
 
 Complex = NDArray[np.complex128]
 Vectors = NDArray[Any]
@@ -379,11 +379,11 @@ class DensePencil(Pencil):
             step[n:, :n] = np.eye(n)
         if not np.isfinite(step).all():
             return None
-        factorised()  # the eigenvalue problem
         if not left:
+            factorised()
             mu, vectors = np.linalg.eig(step)
             return mu.astype(np.complex128), vectors[:n].astype(np.complex128), None
-        mu, lefts, vectors = scipy.linalg.eig(step, left=True, check_finite=False)
+        mu, lefts, vectors = eigenvectors(step)
         dual = lapack.dgetrs(lu, pivots, np.hstack([lefts[:n].real, lefts[:n].imag]), trans=1)[0]
         return mu, vectors[:n].astype(np.complex128), dual[:, : mu.size] + 1j * dual[:, mu.size :]
 

@@ -4,6 +4,11 @@
 Threads of BLAS gain nothing on matrices of a few hundred rows, and where other work shares the
 processor they wait for one another: measured, 64 segments up to u = 15 took 39 s with two threads
 beside a busy process and 0.5 s with one.
+
+A limit of OpenBLAS with its own threads holds for the whole process, but threadpoolctl lets only
+the thread that limited it first change it, and ignores the others: work in a second thread would
+stay without the limit, and a limit that the first thread set could not be lifted by the second.
+With OpenMP below, a limit holds for the thread that sets it.
 """
 
 from __future__ import annotations
@@ -21,24 +26,39 @@ SMALL = 600
 
 _lock = threading.Lock()
 _inside = 0
-_limit: Any = None
+_before: list[int] = []
 
 
 @cache
-def _controller() -> ThreadpoolController:
-    return ThreadpoolController()
+def _libraries() -> tuple[list[Any], list[Any]]:
+    """BLAS libraries with a limit for the process, and those with one for each thread."""
+    every = ThreadpoolController().select(user_api="blas").lib_controllers
+    own = [one for one in every if getattr(one, "threading_layer", "") == "openmp"]
+    return [one for one in every if one not in own], own
+
+
+def _limit(libraries: list[Any], threads: list[int]) -> list[int]:
+    """Sets the numbers of threads; returns those before."""
+    before = [one.get_num_threads() for one in libraries]
+    for one, number in zip(libraries, threads, strict=True):
+        if hasattr(one, "clear_controlling_thread"):
+            one.clear_controlling_thread(force=True)
+        one.set_num_threads(number)
+    return before
 
 
 @contextmanager
 def one_thread(rows: int) -> Iterator[None]:
     """Within, BLAS uses one thread if the matrices are small; nests, and serves many threads."""
-    global _inside, _limit
+    global _inside, _before
     if rows > SMALL:
         yield
         return
-    with _lock:  # the limit is the process': first in sets it, last out lifts it
+    shared, own = _libraries()
+    mine = _limit(own, [1] * len(own))
+    with _lock:  # first in sets the process' limit, last out lifts it
         if _inside == 0:
-            _limit = _controller().limit(limits=1, user_api="blas")
+            _before = _limit(shared, [1] * len(shared))
         _inside += 1
     try:
         yield
@@ -46,4 +66,5 @@ def one_thread(rows: int) -> Iterator[None]:
         with _lock:
             _inside -= 1
             if _inside == 0:
-                _limit.restore_original_limits()
+                _limit(shared, _before)
+        _limit(own, mine)

@@ -1,0 +1,126 @@
+"""One BLAS thread within, as many as before after: whichever threads enter and leave, in any order.
+
+The numbers asked of BLAS are what is asserted, and no time.
+"""
+
+import itertools
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import scipy.linalg
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import pipedyn as pp
+from pipedyn.util import threads
+from pipedyn.util.eigenvectors import eigenvectors
+
+
+def blas_threads() -> set[int]:
+    return {found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"}
+
+
+@pytest.fixture(autouse=True)
+def two_threads():
+    """The main thread sets two threads, and so it owns threadpoolctl's limit."""
+    with threadpool_limits(2, user_api="blas"):
+        if blas_threads() != {2}:
+            pytest.skip("BLAS without threads")
+        yield
+
+
+@pytest.fixture
+def pools():
+    """Three threads, each of which does one thing at a time."""
+    executors = [ThreadPoolExecutor(1) for _ in range(3)]
+    yield executors
+    for executor in executors:
+        executor.shutdown()
+
+
+def do(pool, work):
+    return pool.submit(work).result(timeout=60.0)
+
+
+def test_a_worker_s_limit_holds_though_the_main_thread_set_one_first(pools):
+    def within():
+        with threads.one_thread(10):
+            return blas_threads()
+
+    assert do(pools[0], within) == {1}
+    assert blas_threads() == {2}
+
+
+@pytest.mark.parametrize("leaving", [*itertools.permutations(range(3))])
+def test_the_last_thread_that_leaves_restores_what_the_first_found(pools, leaving):
+    entered = []
+    for pool in pools:
+        entered.append(threads.one_thread(10))
+        do(pool, entered[-1].__enter__)
+        assert blas_threads() == {1}
+    for i in leaving:
+        assert blas_threads() == {1}
+        do(pools[i], lambda i=i: entered[i].__exit__(None, None, None))
+    assert blas_threads() == {2}
+    # And the next round works alike: nothing is left behind by threads of the first.
+    with threads.one_thread(10):
+        assert blas_threads() == {1}
+    assert blas_threads() == {2}
+
+
+def test_limits_nest_within_a_thread_and_end_with_an_exception(pools):
+    def within():
+        with threads.one_thread(10):
+            with threads.one_thread(10):
+                pass
+            assert blas_threads() == {1}
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        do(pools[0], within)
+    assert blas_threads() == {2}
+
+
+def test_large_matrices_keep_their_threads():
+    with threads.one_thread(threads.SMALL + 1):
+        assert blas_threads() == {2}
+
+
+def test_libraries_are_searched_once(pools, monkeypatch):
+    searched = []
+    monkeypatch.setattr(threads, "ThreadpoolController", lambda: searched.append(1))
+    for pool in pools:
+        do(pool, lambda: pp.critical_speed(pp.Chain(pp.Pipe(0.2), 3)))
+    assert not searched
+
+
+def test_a_limit_of_each_thread_is_set_in_each(pools, monkeypatch):
+    """As of BLAS over OpenMP: a thread's own number, which no other thread sets or lifts."""
+
+    class Library:
+        number = threading.local()
+
+        def get_num_threads(self):
+            return getattr(self.number, "value", 4)
+
+        def set_num_threads(self, number):
+            self.number.value = number
+
+    library = Library()
+    monkeypatch.setattr(threads, "_libraries", lambda: ([], [library]))
+    entered = [threads.one_thread(10) for _ in pools]
+    for pool, one in zip(pools, entered, strict=True):
+        assert do(pool, library.get_num_threads) == 4
+        do(pool, one.__enter__)
+        assert do(pool, library.get_num_threads) == 1
+    for pool, one in zip(pools, entered, strict=True):
+        do(pool, lambda one=one: one.__exit__(None, None, None))
+        assert do(pool, library.get_num_threads) == 4
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 40])
+def test_eigenvectors_without_the_lock_are_scipy_s(size):
+    matrix = np.random.default_rng(size).standard_normal((size, size))
+    for ours, theirs in zip(eigenvectors(matrix), scipy.linalg.eig(matrix, left=True), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
