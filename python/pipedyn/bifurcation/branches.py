@@ -30,7 +30,7 @@ from pipedyn.bifurcation.arcs import (
     from_orbit,
     turns,
 )
-from pipedyn.bifurcation.equilibria import EquilibriumBranch, Rest
+from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, excess, outside, passage
 from pipedyn.bifurcation.floquet import returns, shortened
 from pipedyn.bifurcation.fourier import Elsewhere, Equations, Orbit, is_odd
@@ -38,6 +38,7 @@ from pipedyn.bifurcation.hopf import tip_of
 from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, amplitude_of, described, finished
 from pipedyn.bifurcation.mesh import course_of
 from pipedyn.bifurcation.normal_form import vectors
+from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import Field
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.pencil import Complex
@@ -183,12 +184,12 @@ def births(
             or not.
         highest: flow speed up to which these are sought.
     """
-    motion, rest = Field(model), Rest(model)
+    motion, statics = Field(model), Statics(model)
     points: list[tuple[float, float, Array]] = []
-    if rest.rests(highest):
+    if statics.rests(highest):
         try:
             points += [
-                (c.speed, c.frequency, rest.resting)
+                (c.speed, c.frequency, statics.resting)
                 for c in crossings(model, highest)
                 if c.kind == "flutter" and c.speed > 0.0
             ]
@@ -197,7 +198,7 @@ def births(
     for branch in branches:
         for point in branch.points:
             if point.kind == "hopf" and point.speed > 0.0 and not branch.straight:
-                points.append((point.speed, point.frequency, rest.from_start("q", point.q)))
+                points.append((point.speed, point.frequency, statics.from_start("q", point.q)))
     known: list[tuple[float, float]] = []
     for u, frequency, x in points:
         if any(np.allclose((u, frequency), other, rtol=1e-6) for other in known):

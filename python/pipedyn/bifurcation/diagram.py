@@ -32,16 +32,12 @@ from pipedyn.bifurcation.brute_force import (
     initial_bends,
 )
 from pipedyn.bifurcation.continuation import Lost, solve
-from pipedyn.bifurcation.equilibria import (
-    EquilibriumBranch,
-    Rest,
-    checked_size,
-    equilibria,
-    equilibrium_branch,
-)
+from pipedyn.bifurcation.equilibria import checked_size, equilibria
+from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch, equilibrium_branch
 from pipedyn.bifurcation.fourier import Elsewhere
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
 from pipedyn.bifurcation.mesh import orbit_of
+from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import Field
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
@@ -220,7 +216,7 @@ def equilibrium_branches(
         failures: takes what could not be followed.
         shown: show progress.
     """
-    rest = Rest(model)
+    statics = Statics(model)
     ends = float(speeds[0]), float(speeds[-1])
     branches: list[EquilibriumBranch] = []
     places = seeds(speeds)
@@ -231,9 +227,9 @@ def equilibrium_branches(
         except PipedynError as error:
             failures.append(Failure(i, u, error))
             continue
-        for x in _moving(rest, found.q):
+        for x in _moving(statics, found.q):
             with one_thread(model.dof):
-                if any(_lies_on(rest, branch, x, u) for branch in branches):
+                if any(_lies_on(statics, branch, x, u) for branch in branches):
                     continue
             try:
                 branch = equilibrium_branch(model, x, u, ends)
@@ -241,56 +237,56 @@ def equilibrium_branches(
                 failures.append(Failure(i, u, error))
                 continue
             branches.append(branch)
-            image = _mirrored(rest, branch)
+            image = _mirrored(statics, branch)
             if image is not None:
                 branches.append(image)
     return tuple(branches)
 
 
-def _moving(rest: Rest, q: Array) -> Array:
+def _moving(statics: Statics, q: Array) -> Array:
     """What integrators advance, (k, moving), of coordinates that users see, (k, coordinates)."""
-    return np.array([rest.from_start("q", row) for row in q])
+    return np.array([statics.from_start("q", row) for row in q])
 
 
-def _lies_on(rest: Rest, branch: EquilibriumBranch, x: Array, u: float) -> bool:
+def _lies_on(statics: Statics, branch: EquilibriumBranch, x: Array, u: float) -> bool:
     """Whether an equilibrium at a speed is one of a branch's."""
     near = 1e-5 * (1.0 + float(np.abs(x).max()))
-    return any(float(np.abs(other - x).max()) < near for other in _passing(rest, branch, u))
+    return any(float(np.abs(other - x).max()) < near for other in _passing(statics, branch, u))
 
 
-def _passing(rest: Rest, branch: EquilibriumBranch, u: float) -> Iterator[Array]:
+def _passing(statics: Statics, branch: EquilibriumBranch, u: float) -> Iterator[Array]:
     """Equilibria of a branch at a speed."""
-    xs = _moving(rest, branch.q)
+    xs = _moving(statics, branch.q)
     for (a, u_a), (b, u_b) in pairwise(zip(xs, branch.speeds, strict=True)):
         if min(u_a, u_b) <= u <= max(u_a, u_b):
             share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
             try:
-                yield solve(rest, a + share * (b - a), u)[0]
+                yield solve(statics, a + share * (b - a), u)[0]
             except Lost:
                 continue
 
 
-def _mirrored(rest: Rest, branch: EquilibriumBranch) -> EquilibriumBranch | None:
+def _mirrored(statics: Statics, branch: EquilibriumBranch) -> EquilibriumBranch | None:
     """The mirror image, None where it is the branch itself or no branch of equilibria."""
-    xs = _moving(rest, branch.q)
+    xs = _moving(statics, branch.q)
     middle = len(xs) // 2
     x, u = -xs[middle], float(branch.speeds[middle])
     try:
-        if rest.unbalanced(x, u) > 1e-8 or _lies_on(rest, branch, x, u):
+        if statics.unbalanced(x, u) > 1e-8 or _lies_on(statics, branch, x, u):
             return None
     except ValueError:
         return None
-    q = rest.recorded(-xs)
+    q = statics.recorded(-xs)
 
     def image(given: Array) -> tuple[Array, Array]:
-        turned = rest.recorded(-_moving(rest, given[None]))
-        return turned[0], rest.model.tips(turned.T)[0]
+        turned = statics.recorded(-_moving(statics, given[None]))
+        return turned[0], statics.model.tips(turned.T)[0]
 
     points = []
     for point in branch.points:
         turned, tip = image(point.q)
         points.append(replace(point, q=turned, tip=tip))
-    return replace(branch, q=q, tips=rest.model.tips(q.T), points=tuple(points))
+    return replace(branch, q=q, tips=statics.model.tips(q.T), points=tuple(points))
 
 
 # ------------------------------------------------------------------------------------------- cycles

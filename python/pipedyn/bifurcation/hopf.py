@@ -27,8 +27,9 @@ from typing import Literal
 
 import numpy as np
 
-from pipedyn.bifurcation.equilibria import BranchPoint, Rest
+from pipedyn.bifurcation.equilibrium_branch import BranchPoint
 from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal_form
+from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import STENCIL, Field
 from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.linear.pencil import Complex
@@ -214,7 +215,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
         )
     motion = Field(model)
     if isinstance(crossing, BranchPoint):
-        start = Rest(model).from_start("crossing", crossing.q)
+        start = Statics(model).from_start("crossing", crossing.q)
         rest = np.concatenate([start, np.zeros(motion.half)])
     else:
         model.require_equilibrium(u)

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from pipedyn.bifurcation.branches import CycleBranch
 from pipedyn.bifurcation.diagram import BifurcationDiagram
-from pipedyn.bifurcation.equilibria import BranchPoint
+from pipedyn.bifurcation.equilibrium_branch import BranchPoint
 from pipedyn.bifurcation.events import CycleEvent, nontrivial
 from pipedyn.bifurcation.limit_cycle import LimitCycle
 from pipedyn.plot.interpolation import finer
