@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -315,3 +317,65 @@ class _Way:
             speed = min(forks, key=lambda u: abs(u - speed), default=speed)
         q = statics.recorded(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])
+
+
+# ------------------------------------------------------------------------- questions about branches
+
+
+def integrated(statics: Statics, q: Array) -> Array:
+    """What integrators advance, (k, moving), of coordinates that users see, (k, coordinates)."""
+    return np.array([statics.from_start("q", row) for row in q])
+
+
+def lies_on(statics: Statics, branch: EquilibriumBranch, x: Array, u: float) -> bool:
+    """Whether an equilibrium at a speed is one of a branch's."""
+    near = 1e-5 * (1.0 + float(np.abs(x).max()))
+    return any(float(np.abs(other - x).max()) < near for other in _passing(statics, branch, u))
+
+
+def _passing(statics: Statics, branch: EquilibriumBranch, u: float) -> Iterator[Array]:
+    """Equilibria of a branch at a speed."""
+    xs = integrated(statics, branch.q)
+    for (a, u_a), (b, u_b) in pairwise(zip(xs, branch.speeds, strict=True)):
+        if min(u_a, u_b) <= u <= max(u_a, u_b):
+            share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
+            try:
+                yield solve(statics, a + share * (b - a), u)[0]
+            except Lost:
+                continue
+
+
+def mirror_image(statics: Statics, branch: EquilibriumBranch) -> EquilibriumBranch | None:
+    """The mirror image, None where it is the branch itself or no branch of equilibria."""
+    xs = integrated(statics, branch.q)
+    middle = len(xs) // 2
+    x, u = -xs[middle], float(branch.speeds[middle])
+    try:
+        if statics.unbalanced(x, u) > BALANCED or lies_on(statics, branch, x, u):
+            return None
+    except ValueError:
+        return None
+    q = statics.recorded(-xs)
+
+    def image(given: Array) -> tuple[Array, Array]:
+        turned = statics.recorded(-integrated(statics, given[None]))
+        return turned[0], statics.model.tips(turned.T)[0]
+
+    points = []
+    for point in branch.points:
+        turned, tip = image(point.q)
+        points.append(replace(point, q=turned, tip=tip))
+    return replace(branch, q=q, tips=statics.model.tips(q.T), points=tuple(points))
+
+
+def is_stable_at(branch: EquilibriumBranch, u: float) -> bool:
+    """Whether a branch has stable equilibria at a speed."""
+    for (a, b), (good, after) in zip(pairwise(branch.speeds), pairwise(branch.stable), strict=True):
+        if not min(a, b) <= u <= max(a, b) or not (good or after):
+            continue
+        stable_end, other = (a, b) if good else (b, a)
+        changes = [p.speed for p in branch.points if min(a, b) <= p.speed <= max(a, b)]
+        end = min(changes, key=lambda p: abs(p - stable_end), default=other)
+        if (good and after) or min(stable_end, end) <= u < max(stable_end, end):
+            return True
+    return False
