@@ -11,7 +11,7 @@ import pytest
 
 import pipedyn as pp
 from pipedyn.bifurcation import branches as module
-from pipedyn.bifurcation.arcs import turns
+from pipedyn.bifurcation.continuation import folds
 from pipedyn.bifurcation.events import nontrivial, outside, passage
 
 THREE = pp.Chain(pp.Pipe(0.2), 3)
@@ -193,12 +193,12 @@ def test_where_a_symmetric_branch_turns_is_a_fold_and_no_pitchfork(returning):
 
 
 class Bends:
-    """A step whose speed is a cubic of its length."""
+    """A segment whose parameter is a cubic of its length."""
 
     def __init__(self, *coefficients):
         self.u = np.polynomial.Polynomial(coefficients)
         self.length = 2.0
-        self.begin, self.end = (SimpleNamespace(u=float(self.u(s))) for s in (0.0, 2.0))
+        self.begin, self.end = (SimpleNamespace(p=float(self.u(s))) for s in (0.0, 2.0))
         self.slopes = (self.slope(0.0), self.slope(2.0))
 
     def slope(self, s):
@@ -218,7 +218,7 @@ class Bends:
     ],
 )
 def test_a_step_may_hold_no_fold_or_one_or_two(step, expected):
-    assert turns(step) == pytest.approx(expected, abs=1e-4)
+    assert folds(step, 1e-5) == pytest.approx(expected, abs=1e-4)
 
 
 # ------------------------------------------------------------------------ cycles that leave cycles

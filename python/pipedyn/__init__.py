@@ -10,6 +10,7 @@ from pipedyn.accuracy.trade import Trade, TradeRow, trade
 from pipedyn.bifurcation.branches import CycleBranch
 from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.criticality import CriticalityCurve, criticality_curve
+from pipedyn.bifurcation.cycles import LimitCycle, NoCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
 from pipedyn.bifurcation.equilibria import Equilibria, equilibria
 from pipedyn.bifurcation.equilibrium_branch import (
@@ -19,7 +20,7 @@ from pipedyn.bifurcation.equilibrium_branch import (
 )
 from pipedyn.bifurcation.events import CycleEvent
 from pipedyn.bifurcation.hopf import Hopf, hopf
-from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
+from pipedyn.bifurcation.limit_cycle import limit_cycle
 from pipedyn.bifurcation.normal_form import NoHopf
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci

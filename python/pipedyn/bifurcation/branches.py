@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Branches of cycles over the flow speed: from where they are born, past folds, with what changes.
+"""Branches of cycles over the flow speed: from where they begin, past folds, with their events.
 
-A branch is followed by arc length (`arcs.arc`), within the speeds with Floquet multipliers at every
-point. Folds are where the arc's tangent turns back; where the number of multipliers outside the
-unit circle changes, the step is halved down to the change, and the multiplier that passes names it.
-Cycles that leave a branch at pitchforks and period doublings are followed in turn.
+A branch is followed by arc length (`orbit_continuation.followed`), within the speeds with Floquet
+multipliers at every point. Folds are where the tangent turns back; where the number of multipliers
+outside the unit circle changes, the step is narrowed down to the event, and the multiplier that
+passes names it. Cycles that leave a branch at pitchforks and period doublings are followed in turn.
 """
 
 from __future__ import annotations
@@ -18,40 +18,42 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.arcs import (
-    Birth,
-    Breaking,
-    Start,
-    Step,
-    arc,
-    broken,
-    from_birth,
-    from_change,
-    from_orbit,
-    turns,
-)
+from pipedyn.bifurcation.collocation import solved
+from pipedyn.bifurcation.continuation import Point, Segment, folds
+from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finished, on_branch
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, excess, outside, passage
 from pipedyn.bifurcation.floquet import returns, shortened
-from pipedyn.bifurcation.fourier import Elsewhere, Equations, Orbit, is_odd
 from pipedyn.bifurcation.hopf import tip_of
-from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, amplitude_of, described, finished
-from pipedyn.bifurcation.mesh import course_of
 from pipedyn.bifurcation.normal_form import vectors
+from pipedyn.bifurcation.orbit_continuation import (
+    FINE,
+    Breaking,
+    HopfPoint,
+    Start,
+    Step,
+    broken,
+    followed,
+    from_change,
+    from_hopf,
+    from_orbit,
+)
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.statics import Statics
-from pipedyn.bifurcation.vector_field import Field
+from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.pencil import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.threads import one_thread
 
 NARROW = 1e-4
 """Share of a step to which an event is known."""
 
-ROUGH = 1e-5
-"""Roughness of the panels on which it is told which multiplier passes."""
+FOLD = 1e-5
+"""Share of a step to which the place of a fold is known; its speed is so to the square of that."""
 
 BESIDE = 0.02
 """Share of a step around a fold in which its multiplier is not told from the trivial one."""
@@ -65,9 +67,9 @@ TOLD = 1e-3
 SAMPLES = 65
 """States kept of each cycle."""
 
-BEYOND, MOST_BEYOND, UNKNOWNS_BEYOND = 1.25, 40, 600
-"""Factor by which a branch may leave both the speeds and its birth, since it may come back, steps
-out there in a row, and unknowns beyond which a cycle of more than 128 phases is too dear there."""
+BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
+"""Factor by which a branch may leave both the speeds and its beginning, since it may come back,
+steps out there in a row, and mesh intervals beyond which an orbit is too costly there."""
 
 GENERATIONS = 2
 """Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
@@ -175,7 +177,7 @@ def _same(a: CycleEvent | None, b: CycleEvent | None) -> bool:
 
 def births(
     model: Model, branches: tuple[EquilibriumBranch, ...], highest: float
-) -> Iterator[Birth | Failed]:
+) -> Iterator[HopfPoint | Failed]:
     """Hopf points of equilibria, of mirror images one, or what fails.
 
     Args:
@@ -184,7 +186,7 @@ def births(
             or not.
         highest: flow speed up to which these are sought.
     """
-    motion, statics = Field(model), Statics(model)
+    motion, statics = VectorField(model), Statics(model)
     points: list[tuple[float, float, Array]] = []
     if statics.rests(highest):
         try:
@@ -210,7 +212,7 @@ def births(
             yield u, error
 
 
-def born(motion: Field, rest: Array, u: float, frequency: float) -> Birth:
+def born(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
     """The pair on the axis at an equilibrium.
 
     Args:
@@ -224,11 +226,11 @@ def born(motion: Field, rest: Array, u: float, frequency: float) -> Birth:
     """
     mode, _ = vectors(motion.jacobian(rest, u), frequency)
     mode = mode / tip_of(motion, rest, mode)
-    return Birth(rest, mode, u, frequency)
+    return HopfPoint(rest, mode, u, frequency)
 
 
 def traced(
-    model: Model, begin: Birth | Orbit, asked: Asked
+    model: Model, begin: HopfPoint | PeriodicOrbit, asked: Asked
 ) -> tuple[list[Traced], tuple[Failed, ...]]:
     """The branch of cycles from an onset, or both ways through a cycle, and those that leave it.
 
@@ -240,18 +242,18 @@ def traced(
     Returns:
         The branches and the speeds that failed.
     """
-    motion = Field(model)
+    motion = VectorField(model)
     failed: list[Failed] = []
     with one_thread(motion.size):
         event: CycleEvent | None = None
-        u = begin.u if isinstance(begin, Orbit) else begin.speed
+        u = begin.u if isinstance(begin, PeriodicOrbit) else begin.speed
         try:
-            if isinstance(begin, Orbit):
+            if isinstance(begin, PeriodicOrbit):
                 starts = [from_orbit(motion, begin, sign) for sign in (-1.0, 1.0)]
             else:
-                starts = [from_birth(motion, begin)]
+                starts = [from_hopf(motion, begin)]
                 event = CycleEvent("hopf", u, 1e-6, 1.0 + 0j, 0.0)
-        except Elsewhere as reason:
+        except NewtonFailed as reason:
             return [], ((u, NoCycle(f"no cycle beside u = {u:g}: {reason}", u)),)
         found: list[Traced] = []
         _trace(motion, starts, event, asked, found, failed, GENERATIONS)
@@ -259,7 +261,7 @@ def traced(
 
 
 def _trace(
-    motion: Field,
+    motion: VectorField,
     starts: list[Start],
     begin: CycleEvent | None,
     asked: Asked,
@@ -284,7 +286,7 @@ def _trace(
         kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
         try:
             leaving = [from_change(motion, orbit, kind)]
-        except Elsewhere as reason:
+        except NewtonFailed as reason:
             told = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
             failed.append((event.speed, NoCycle(told, event.speed)))
             continue
@@ -311,7 +313,7 @@ def _joined(ways: list[_Followed]) -> Traced:
         multipliers=np.array([cycle.multipliers for cycle in cycles]),
         events=tuple(event for event in events if way.asked.holds(event.speed)),
         cycles=tuple(cycles),
-        mirrored=not cycles[0].symmetric and is_odd(way.motion, cycles[0].u),
+        mirrored=not cycles[0].symmetric and way.motion.is_odd(cycles[0].u),
         origin=way.origin,
         onset=way.onset,
     )
@@ -331,7 +333,7 @@ class _Followed:
 
     def __init__(
         self,
-        motion: Field,
+        motion: VectorField,
         start: Start,
         begin: CycleEvent | None,
         asked: Asked,
@@ -349,7 +351,7 @@ class _Followed:
         self.how = f"followed from {told}"
         self.events = [] if begin is None else [begin]
         self.cycles: list[LimitCycle] = []
-        self.forks: list[tuple[CycleEvent, Orbit, bool]] = []
+        self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
         self.pace: list[float] = []
         self.end: CycleEvent | None = None
         self.closed = False
@@ -364,7 +366,7 @@ class _Followed:
         """
         here, last, beyond = self.start.orbit, None, 0
         try:
-            for number, step in enumerate(arc(self.motion, self.start)):
+            for number, step in enumerate(followed(self.motion, self.start, FINE)):
                 if number == 0:
                     last = self._first()
                 if self._vanishes(step):
@@ -374,7 +376,7 @@ class _Followed:
                 if self._asked_for(step):
                     last, beyond = self.noted(step, last), 0
                     if last.multiplier_error > TOLD:
-                        raise Elsewhere(
+                        raise NewtonFailed(
                             f"its multipliers are known to {last.multiplier_error:.1e} only"
                         )
                 else:
@@ -383,10 +385,10 @@ class _Followed:
                 if far or self.closed or self.end is not None:
                     return
                 if number + 1 >= self.asked.most or beyond == MOST_BEYOND:
-                    raise Elsewhere("its steps ran out")
-                if last is None and here.z.size > UNKNOWNS_BEYOND and here.phases.count > 128:
-                    raise Elsewhere(f"beyond the speeds it takes {here.phases.count} phases")
-        except Elsewhere as reason:
+                    raise NewtonFailed("its steps ran out")
+                if last is None and here.edges.size > INTERVALS_BEYOND:
+                    raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
+        except NewtonFailed as reason:
             if self._slowing():
                 self._ends("infinite period", here, 0.0)
             else:
@@ -411,28 +413,32 @@ class _Followed:
         between = asked[(asked > low) & (asked < high)]
         for u in sorted(map(float, between), key=lambda u: abs(u - base.u)):
 
-            def beside(u: float = u) -> Orbit:
+            def beside(u: float = u) -> PeriodicOrbit:
                 share = (u - base.u) / (first.u - base.u)
-                guesses = [base.z + share**power * (first.z - base.z) for power in powers]
-                for z in guesses:
-                    found = _settled(self.motion, replace(first, z=z, u=u))
-                    if found is not None and float(np.sum((found.z - base.z) * (z - base.z))) > 0.0:
+                along = first.packed() - base.packed()
+                for power in powers:
+                    guess = first.unpacked(base.packed() + share**power * along)
+                    found = _solution(self.motion, replace(guess, u=u))
+                    if found is None:
+                        continue
+                    moved = (one.starts - base.starts for one in (found, guess))
+                    if float(np.sum(np.prod(list(moved), axis=0))) > 0.0:
                         return found
-                raise Elsewhere("Newton's method fell back to what the branch leaves")
+                raise NewtonFailed("Newton's method fell back to what the branch leaves")
 
             cycle = self._finished(u, beside)
             if cycle is not None:
                 self.keep(cycle)
         return None
 
-    def _finished(self, u: float, orbit: Callable[[], Orbit]) -> LimitCycle | None:
+    def _finished(self, u: float, orbit: Callable[[], PeriodicOrbit]) -> LimitCycle | None:
         """The cycle at a speed asked for; None where there is none.
 
         What fails to meet the tolerance is told, and kept for what it is.
         """
         try:
             return finished(self.motion, orbit(), self.asked.rtol, SAMPLES, self.how)
-        except Elsewhere as reason:
+        except NewtonFailed as reason:
             self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
         except PipedynError as error:
             self.failed.append((u, error))
@@ -445,22 +451,22 @@ class _Followed:
         pace = self.pace
         return len(pace) > 3 and pace[-1] < SLOW * max(pace) and pace[-1] < pace[-3]
 
-    def described(self, orbit: Orbit) -> LimitCycle:
+    def described(self, orbit: PeriodicOrbit) -> LimitCycle:
         """The cycle of an orbit, with its multipliers."""
-        return described(self.motion, orbit, orbit.last_share, SAMPLES, self.how)
+        return on_branch(self.motion, orbit, SAMPLES, self.how)
 
     def keep(self, cycle: LimitCycle) -> None:
         """Takes a cycle whose multipliers can be believed."""
         if cycle.multiplier_error <= TOLD:
             self.cycles.append(cycle)
 
-    def _ends(self, kind: EventKind, orbit: Orbit, error: float) -> None:
+    def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float) -> None:
         """Tells where the branch ends."""
         size = 0.0 if kind == "hopf" else amplitude_of(self.motion, orbit)[0]
         self.end = CycleEvent(kind, orbit.u, error, 1.0 + 0j, size)
         self.events.append(self.end)
 
-    def _stopped(self, orbit: Orbit, why: str) -> None:
+    def _stopped(self, orbit: PeriodicOrbit, why: str) -> None:
         """Tells that the branch was not followed further."""
         size = amplitude_of(self.motion, orbit)[0]
         self.events.append(CycleEvent("end", orbit.u, 0.0, 1.0 + 0j, size))
@@ -472,7 +478,7 @@ class _Followed:
     def _vanishes(self, step: Step) -> bool:
         """Whether the branch goes over into what it leaves within a step, at rest or unbroken."""
         for kind in self._breakings(step.begin):
-            here, there = (_content(orbit, orbit.z, kind) for orbit in (step.begin, step.end))
+            here, there = (broken(orbit, kind) for orbit in (step.begin, step.end))
             if float(np.sum(here * there)) >= 0.0:
                 continue
             before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
@@ -482,7 +488,7 @@ class _Followed:
             # The speed is as the square of what vanishes.
             way = step.length * before / (before + after)
             beside = [step.at(0.6 * way), step.at(0.85 * way)]
-            left = [float(np.sum(_content(near, near.z, kind) ** 2)) for near in beside]
+            left = [float(np.sum(broken(near, kind) ** 2)) for near in beside]
             near, size = beside[1], left[1]
             at = [
                 near.u + size * (near.u - u) / (other - size)
@@ -492,12 +498,12 @@ class _Followed:
             return True
         return False
 
-    def _breakings(self, orbit: Orbit) -> Iterator[EventKind]:
+    def _breakings(self, orbit: PeriodicOrbit) -> Iterator[EventKind]:
         """At which events an orbit may meet what it breaks from."""
         yield "hopf"
-        if not orbit.phases.half:
+        if not orbit.symmetric:
             yield "period doubling"
-            if is_odd(self.motion, orbit.u):
+            if self.motion.is_odd(orbit.u):
                 yield "pitchfork"
 
     def _dies(self, step: Step, before: float, after: float) -> None:
@@ -526,12 +532,11 @@ class _Followed:
             self.keep(end)
             return end
         marked: list[tuple[float, LimitCycle, CycleEvent | None]] = [(step.length, end, None)]
-        lengths, orbits, low, before = [], [], 0.0, last
-        for length in turns(step):
-            top = step.at(length)
-            cycle = self.described(top)
-            lengths.append(length)
-            orbits.append(top)
+        segment = step.segment
+        ends, low, before = [segment.begin], 0.0, last
+        for length in folds(segment, FOLD):
+            ends.append(segment.at(length))
+            cycle = self.described(step.problem.orbit(ends[-1].z))
             marked.append((length, cycle, self._fold(step, length, cycle)))
             beside = BESIDE * step.length
             if length - beside > low:
@@ -541,8 +546,8 @@ class _Followed:
             before = self.described(step.at(low))
         if low < step.length:
             marked += self._changes(step, low, step.length, before, end)
-        for a, b in pairwise([step.begin, *orbits, step.end]):
-            marked += self._landed(step, step.part(a, b))
+        for a, b in pairwise([*ends, segment.end]):
+            marked += self._landed(step, segment.part(a, b))
         for _, cycle, told in sorted(marked, key=lambda one: one[0]):
             self.keep(cycle)
             if told is not None:
@@ -568,8 +573,8 @@ class _Followed:
             if begin == end:
                 return
             low, before, a, orbit = self._narrowed(step, low, high, a, b)
-            course = shortened(self.motion, course_of(self.motion, orbit, ROUGH))
-            kind, multiplier = passage(returns(self.motion, course), course.half)
+            roots = returns(self.motion, shortened(self.motion, orbit))
+            kind, multiplier = passage(roots, orbit.symmetric)
             if kind == "fold":
                 continue
             speed, error = 0.5 * (before.u + a.u), 0.5 * abs(before.u - a.u)
@@ -581,7 +586,7 @@ class _Followed:
 
     def _narrowed(
         self, step: Step, low: float, high: float, a: LimitCycle, b: LimitCycle
-    ) -> tuple[float, LimitCycle, LimitCycle, Orbit]:
+    ) -> tuple[float, LimitCycle, LimitCycle, PeriodicOrbit]:
         """Where the number of multipliers outside the circle first differs from that at `low`.
 
         The modulus that passes 1 is a smooth function of the length, unless others pass as well:
@@ -614,23 +619,23 @@ class _Followed:
         return high, a, b, orbit
 
     def _landed(
-        self, step: Step, part: Step
+        self, step: Step, part: Segment
     ) -> Iterator[tuple[float, LimitCycle, CycleEvent | None]]:
         """The cycles at the speeds asked for."""
-        low, high = sorted((part.begin.u, part.end.u))
+        low, high = sorted((part.begin.p, part.end.p))
         speeds = self.asked.speeds
-        passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.u)
+        passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.p)
         for u in map(float, speeds[passed]):
-            places: list[Orbit] = []
+            places: list[Point] = []
 
-            def landing(u: float = u, places: list[Orbit] = places) -> Orbit:
-                places.append(part.landing(u))
-                return places[0]
+            def landing(u: float = u, places: list[Point] = places) -> PeriodicOrbit:
+                places.append(part.where(u))
+                return step.problem.orbit(places[0].z)
 
             cycle = self._finished(u, landing)
             if cycle is None:
                 continue
-            yield step.reach(places[0]), cycle, None
+            yield step.segment.reach(places[0].z), cycle, None
             self.closed = self.closed or self._is_first(cycle)
 
     def _is_first(self, cycle: LimitCycle) -> bool:
@@ -650,19 +655,12 @@ def _origin(begin: CycleEvent) -> Origin:
     return origins[begin.kind]
 
 
-def _settled(motion: Field, guess: Orbit) -> Orbit | None:
-    """The cycle near a guess, None where Newton's method does not settle."""
+def _solution(motion: VectorField, guess: PeriodicOrbit) -> PeriodicOrbit | None:
+    """The orbit near a guess, None where Newton's method fails."""
     try:
-        return Equations(motion, guess.phases).solve(guess)
-    except Elsewhere:
+        return solved(motion, guess, FINE.control.tolerance)
+    except NewtonFailed:
         return None
-
-
-def _content(orbit: Orbit, z: Array, kind: EventKind) -> Array:
-    """What of an orbit vanishes where it meets what it breaks from."""
-    if kind == "hopf":
-        return z if orbit.phases.half else z - z.mean(axis=0)
-    return broken(orbit, z, "pitchfork" if kind == "pitchfork" else "period doubling")
 
 
 def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:

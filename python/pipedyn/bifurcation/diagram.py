@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.bifurcation.arcs import Birth
 from pipedyn.bifurcation.branches import (
     Asked,
     CycleBranch,
@@ -29,6 +28,7 @@ from pipedyn.bifurcation.brute_force import (
     attractors,
     initial_bends,
 )
+from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
 from pipedyn.bifurcation.equilibria import checked_size, equilibria
 from pipedyn.bifurcation.equilibrium_branch import (
     EquilibriumBranch,
@@ -38,17 +38,17 @@ from pipedyn.bifurcation.equilibrium_branch import (
     lies_on,
     mirror_image,
 )
-from pipedyn.bifurcation.fourier import Elsewhere
-from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
-from pipedyn.bifurcation.mesh import orbit_of
+from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
+from pipedyn.bifurcation.orbit_continuation import HopfPoint
 from pipedyn.bifurcation.statics import Statics
-from pipedyn.bifurcation.vector_field import Field
+from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import LARGEST_SAMPLES
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
 from pipedyn.util.progress import track
 from pipedyn.util.threads import one_thread
@@ -283,10 +283,10 @@ class _Cycles:
         self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
     ) -> None:
         """From the onsets of flutter."""
-        begun: list[Birth] = []
+        begun: list[HopfPoint] = []
         with one_thread(self.model.dof):
             for birth in births(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
-                if isinstance(birth, Birth):
+                if isinstance(birth, HopfPoint):
                     begun.append(birth)
                 else:
                     self.fail(*birth)
@@ -301,13 +301,12 @@ class _Cycles:
 
     def through(self, u: float, state: Array) -> None:
         """Through the cycle that a motion from a state, or from coordinates at rest, ends on."""
-        motion = Field(self.model)
+        motion = VectorField(self.model)
         try:
             with one_thread(motion.size):
-                course, _ = cycle_from(motion, u, state)
-                amplitude, _ = amplitude_of(motion, course)
-                orbit = orbit_of(motion, course)
-        except Elsewhere as reason:
+                orbit, _ = cycle_from(motion, u, state)
+                amplitude, _ = amplitude_of(motion, orbit)
+        except NewtonFailed as reason:
             self.fail(u, NoCycle(f"the cycle at u = {u:g} was not followed: {reason}", u))
             return
         except PipedynError as error:

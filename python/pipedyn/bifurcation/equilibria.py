@@ -14,13 +14,20 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from pipedyn.bifurcation.continuation import Lost, Path, Problem, solve
+from pipedyn.bifurcation.continuation import (
+    Continuation,
+    Control,
+    DenseProblem,
+    Equations,
+    solve,
+)
 from pipedyn.bifurcation.statics import BALANCED, Statics
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import Start, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.threads import one_thread
 
 LARGEST = 500
@@ -128,7 +135,7 @@ def pitchforks(statics: Statics, highest: float) -> list[tuple[float, Array]]:
 
 
 def _branch_points(
-    equations: Problem, x: Array, highest: float, squared: bool = False
+    equations: Equations, x: Array, highest: float, squared: bool = False
 ) -> list[tuple[float, Array]]:
     """Parameters > 0 at which branches leave an equilibrium that is one at all of them.
 
@@ -157,14 +164,14 @@ def _on_primary_branches(statics: Statics, u: float) -> Iterator[Array]:
     """Equilibria at a speed on branches that leave the straight pipe as speed or gravity grows."""
     highest = 2.0 * u + 10.0
     for speed, direction in pitchforks(statics, highest):
-        path = Path(statics, 0.1 * highest)
-        yield from _on_branch(path, statics.resting, speed, direction, u, (0.0, highest))
+        problem = DenseProblem(statics, statics.size, 0.1 * highest)
+        yield from _on_branch(problem, statics.resting, speed, direction, u, (0.0, highest))
     if statics.model.pipe.gamma == 0.0 or not statics.rests(u):
         return
     scaled = _ScaledGravity(statics, u)
     for share, direction in _branch_points(scaled, statics.resting, 1.0):
-        path = Path(scaled, 0.5)
-        yield from _on_branch(path, statics.resting, share, direction, 1.0, (0.0, 2.0))
+        problem = DenseProblem(scaled, statics.size, 0.5)
+        yield from _on_branch(problem, statics.resting, share, direction, 1.0, (0.0, 2.0))
 
 
 class _ScaledGravity:
@@ -190,23 +197,31 @@ class _ScaledGravity:
 
 
 def _on_branch(
-    path: Path, x: Array, p: float, direction: Array, target: float, ends: tuple[float, float]
+    problem: DenseProblem,
+    x: Array,
+    p: float,
+    direction: Array,
+    target: float,
+    ends: tuple[float, float],
 ) -> Iterator[Array]:
     """Solutions at a parameter on the branch that leaves a branch point, one half of it."""
+    branch = Continuation(problem, Control(longest=0.4))
+    begin = branch.starting(np.append(x, p), np.append(direction, 0.0))
     try:
-        point = path.leaving(x, p, direction, LEAVING)
-    except Lost:
+        point = branch.at(begin, LEAVING)
+    except NewtonFailed:
         return
     step = 0.05
     for _ in range(MOST_POINTS):
         try:
-            found, _, step = path.following(point, step, 0.4)
-        except Lost:
+            segment, step = branch.next(point, step)
+        except NewtonFailed:
             return
+        found = segment.end
         if (point.p - target) * (found.p - target) <= 0.0 and point.p != found.p:
             share = (target - point.p) / (found.p - point.p)
-            with suppress(Lost):
-                yield solve(path.problem, point.x + share * (found.x - point.x), target)[0]
+            with suppress(NewtonFailed):
+                yield solve(problem.equations, point.x + share * (found.x - point.x), target)[0]
         away = found.x - x
         back = float(away @ direction) / math.sqrt(x.size)
         if abs(back) < 0.5 * LEAVING and float(np.linalg.norm(away)) < LEAVING * math.sqrt(x.size):
@@ -252,7 +267,7 @@ class _Distinct:
     def add_near(self, x: Array) -> None:
         """What scipy's hybrid method finds from a start, polished."""
         statics, u = self.statics, self.u
-        with suppress(Lost, ValueError):
+        with suppress(NewtonFailed, ValueError):
             found = root(statics.residual, x, args=(u,), jac=statics.jacobian, method="hybr")
             if float(np.abs(found.x).max()) <= FAR:
                 self.add(solve(statics, found.x, u)[0])

@@ -11,7 +11,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.continuation import Lost, Path, Point, solve
+from pipedyn.bifurcation.continuation import (
+    Continuation,
+    Control,
+    DenseProblem,
+    Point,
+    Segment,
+    change,
+    folds,
+    solve,
+)
 from pipedyn.bifurcation.equilibria import FAR, MOST_POINTS, checked_size, pitchforks
 from pipedyn.bifurcation.statics import BALANCED, Statics, rounding
 from pipedyn.linear.modes import LARGEST_SPEED
@@ -19,9 +28,13 @@ from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import Start
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.threads import one_thread
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
+
+FOLD = 1e-12
+"""Share of a step to which the place of a fold is known: all that rounding leaves."""
 
 NEAR = 0.5
 """Root mean square of the coordinates, in rad, within which a start leads to an equilibrium: half
@@ -127,8 +140,8 @@ def equilibrium_branch(
         try:
             x, _ = solve(statics, start, u0)
             if statics.unbalanced(x, u0) > BALANCED:
-                raise Lost("forces are left")
-        except Lost as error:
+                raise NewtonFailed("forces are left")
+        except NewtonFailed as error:
             raise NotConverged(f"no equilibrium was found near q0 at u = {u0:g}") from error
         away = statics.rms(x - start)
         if away > NEAR:
@@ -153,15 +166,15 @@ def _branch(
 ) -> EquilibriumBranch:
     """The branch through an equilibrium, both ways."""
     straight = statics.rms(x - statics.resting) < 1e-9 and statics.rests(0.0) and statics.rests(1.0)
-    path = (_Straight if straight else Path)(statics, 0.1 * (ends[1] - ends[0]))
-    if straight:
-        x = statics.resting
+    problem = DenseProblem(statics, statics.size, 0.1 * (ends[1] - ends[0]))
+    branch = (_Straight if straight else Continuation)(problem, Control(longest=step))
+    falling = np.append(np.zeros_like(x), -1.0)
     try:
-        down = path.heading(x, u, -1.0)
-    except Lost as error:
+        down = branch.point(np.append(statics.resting if straight else x, u), falling)
+    except NewtonFailed as error:
         raise NotConverged(f"the equilibrium at u = {u:g} is a branch point") from error
-    up = Point(x, u, -down.tangent)
-    ways = [_Way(statics, path, start, ends, step) for start in (down, up)]
+    up = Point(down.z, -down.tangent)
+    ways = [_Way(statics, branch, start, ends) for start in (down, up)]
     for way in ways:
         way.run()
         if way.end == "closed":
@@ -189,23 +202,28 @@ def _branch(
     )
 
 
-class _Straight(Path):
-    """The path of a configuration that rests at any speed: nothing needs to be solved."""
+class _Straight(Continuation):
+    """The branch of a configuration that rests at any speed: nothing needs to be solved."""
 
-    def heading(self, x: Array, p: float, sign: float) -> Point:
-        return Point(x, p, np.append(np.zeros_like(x), sign * self.scale))
+    def point(self, z: Array, towards: Array) -> Point:
+        return self.starting(z, towards)
 
-    def stepped(self, start: Point, ds: float) -> Point:
-        return Point(start.x, start.p + ds * float(start.tangent[-1]), start.tangent)
+    def at(self, start: Point, ds: float, guess: Array | None = None) -> Point:
+        return Point(start.z + ds * start.tangent, start.tangent)
+
+    def fixed(self, guess: Array, p: float) -> Point:
+        z = np.append(guess[:-1], p)
+        return self.starting(z, np.append(np.zeros_like(z[:-1]), 1.0))
 
 
 class _Way:
     """A branch from one of its points on, one way."""
 
     def __init__(
-        self, statics: Statics, path: Path, start: Point, ends: tuple[float, float], longest: float
+        self, statics: Statics, branch: Continuation, start: Point, ends: tuple[float, float]
     ) -> None:
-        self.statics, self.path, self.ends, self.longest = statics, path, ends, longest
+        self.statics, self.branch, self.ends = statics, branch, ends
+        self.longest = branch.control.longest
         self.points, self.counts = [start], [self.count(start)]
         self.changes: list[BranchPoint] = []
         self.end = "points"
@@ -223,17 +241,18 @@ class _Way:
                 self.end = "range"
                 return
             try:
-                found, ds, step = self.path.following(a, step, self.longest)
-                if not low <= found.p <= high and a.p != (edge := min(max(found.p, low), high)):
-                    found, ds = self.path.landing(a, ds, edge)
-                    found = Point(found.x, edge, found.tangent)
-                joined = self._record(a, found, ds)
-            except Lost:
+                segment, step = self.branch.next(a, step)
+                end = segment.end.p
+                if not low <= end <= high and a.p != (edge := min(max(end, low), high)):
+                    segment = segment.part(a, segment.where(edge))
+                joined = self._record(segment)
+            except NewtonFailed:
                 self.end = "lost"
                 return
             if joined:
                 self.end = "pitchfork"
                 return
+            found, ds = segment.end, segment.length
             self.points.append(found)
             self.counts.append(self.count(found))
             length += ds
@@ -246,45 +265,43 @@ class _Way:
 
     def _around(self, found: Point, ds: float) -> bool:
         start = self.points[0]
-        away = np.append(found.x - start.x, found.p - start.p)
-        alike = self.path.product(found.tangent, start.tangent) > 0.9
-        return alike and self.path.length(away) <= ds
+        alike = self.branch.product(found.tangent, start.tangent) > 0.9
+        return alike and self.branch.length(found.z - start.z) <= ds
 
-    def _record(self, a: Point, b: Point, ds: float) -> bool:
+    def _record(self, segment: Segment) -> bool:
         """Keeps what changes between two neighbours; whether the branch ends on the straight pipe.
 
         Undamped, a real eigenvalue near a fold is a root's root, so that the count changes as far
         beside the fold as rounding in the count lets it: one change, listed once.
         """
-        statics, path = self.statics, self.path
+        statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
         meeting = self._meeting(a, b)
-        turn: tuple[Point, float] | None = None
+        turns: list[float] = []
         until = ds
         if meeting is not None:
             size = statics.rms(a.x)
             until = 0.98 * ds * size / (size + statics.rms(b.x))
-        elif a.tangent[-1] * b.tangent[-1] < 0.0:
-            turn = path.turning(a, ds)
+        else:
+            turns = folds(segment, FOLD)
         marked: list[tuple[float, BranchPoint]] = []
         count, at = self.counts[-1], 0.0
-        last = self.count(b if until == ds else path.stepped(a, until))
+        last = self.count(b if meeting is None else segment.at(until))
         for _ in range(8):
             if count == last:
                 break
-            beyond, at = path.change(a, at, until, self.count)
-            change = self.count(beyond) - count
-            count += change
-            if change % 2 == 0:
+            beyond, at = change(segment, at, until, self.count)
+            more = self.count(beyond) - count
+            count += more
+            if more % 2 == 0:
                 marked.append((at, self._point("hopf", beyond)))
-            elif turn is None or abs(at - turn[1]) > 1e-3 * ds:
+            elif all(abs(at - turn) > 1e-3 * ds for turn in turns):
                 kind: Change = "pitchfork" if statics.straight(beyond.x) else "branch point"
                 marked.append((at, self._point(kind, beyond)))
-        if turn is not None:
-            marked.append((turn[1], self._point("fold", turn[0])))
+        marked += [(turn, self._point("fold", segment.at(turn))) for turn in turns]
         self.changes += [point for _, point in sorted(marked, key=lambda one: one[0])]
         if meeting is None:
             return False
-        end = Point(statics.resting, meeting, a.tangent)
+        end = Point(np.append(statics.resting, meeting), a.tangent)
         self.changes.append(self._point("pitchfork", end))
         self.points.append(end)
         self.counts.append(last)
@@ -341,7 +358,7 @@ def _passing(statics: Statics, branch: EquilibriumBranch, u: float) -> Iterator[
             share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
             try:
                 yield solve(statics, a + share * (b - a), u)[0]
-            except Lost:
+            except NewtonFailed:
                 continue
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from pipedyn.bifurcation.equilibrium_branch import BranchPoint
 from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal_form
 from pipedyn.bifurcation.statics import Statics
-from pipedyn.bifurcation.vector_field import STENCIL, Field
+from pipedyn.bifurcation.vector_field import STENCIL, VectorField
 from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.linear.pencil import Complex
 from pipedyn.linear.sensitivity import Crossing
@@ -105,7 +105,7 @@ class Hopf:
         """Number of eigenvalues with positive real part at the onset, beside the pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
-        values = np.linalg.eigvals(Field(self.model).jacobian(self.rest, self.speed))
+        values = np.linalg.eigvals(VectorField(self.model).jacobian(self.rest, self.speed))
         pair = np.minimum(*(np.abs(values - sign * 1j * self.frequency) for sign in (1.0, -1.0)))
         return int(np.count_nonzero(values[np.argsort(pair)[2:]].real > 0.0))
 
@@ -213,7 +213,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
             "the pipe is unstable from u = 0 on: all its modes lie on the axis there, and no cycle "
             "belongs to one of them"
         )
-    motion = Field(model)
+    motion = VectorField(model)
     if isinstance(crossing, BranchPoint):
         start = Statics(model).from_start("crossing", crossing.q)
         rest = np.concatenate([start, np.zeros(motion.half)])
@@ -253,9 +253,9 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
     return _result(model, crossing, rest, form, slope, drag * mean, drag * spread)
 
 
-def with_drag(model: Model, drag: float) -> Field:
+def with_drag(model: Model, drag: float) -> VectorField:
     """The motion of a model with another drag."""
-    return Field(model.with_pipe(replace(model.pipe, drag=drag)))
+    return VectorField(model.with_pipe(replace(model.pipe, drag=drag)))
 
 
 def _first(model: Model) -> Crossing:
@@ -318,7 +318,7 @@ def _result(
     )
 
 
-def tip_of(motion: Field, rest: Array, q: Complex) -> complex:
+def tip_of(motion: VectorField, rest: Array, q: Complex) -> complex:
     """Transverse displacement of the free end, to first order."""
     size = motion.model.largest_angle(q[: motion.half])
     parts = []
@@ -329,7 +329,7 @@ def tip_of(motion: Field, rest: Array, q: Complex) -> complex:
     return complex(*parts)
 
 
-def _slope(motion: Field, rest: Array, u: float, form: NormalForm) -> complex:
+def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> complex:
     """Derivative of lambda by u of the pair, the rest moving with the speed where it does."""
     by_speed = motion.jacobian_by_speed(rest, u)
     moved = motion.by_speed(rest[:, None], u)[:, 0]
