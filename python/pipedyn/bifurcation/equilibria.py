@@ -21,7 +21,7 @@ from pipedyn.bifurcation.continuation import (
     Equations,
     solve,
 )
-from pipedyn.bifurcation.statics import BALANCED, Statics
+from pipedyn.bifurcation.statics import BALANCED, Statics, unstable_among
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import Start, checked_model_in_motion
@@ -107,11 +107,18 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         if not found.xs:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
         xs = found.sorted()
-        growth = np.array([statics.growth(x, u) for x in xs])
-        stable = np.array([statics.unstable(x, u) == 0 for x in xs])
+        values = [statics.eigenvalues(x, u) for x in xs]
         residuals = np.array([statics.unbalanced(x, u) for x in xs])
     q = statics.recorded(np.array(xs))
-    return Equilibria(q, stable, growth, model.tips(q.T), residuals, u, model)
+    return Equilibria(
+        q=q,
+        stable=np.array([unstable_among(one) == 0 for one in values]),
+        growth=np.array([float(one.real.max()) for one in values]),
+        tips=model.tips(q.T),
+        residuals=residuals,
+        u=u,
+        model=model,
+    )
 
 
 def checked_size(model: Any) -> Model:

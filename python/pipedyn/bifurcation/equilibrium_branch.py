@@ -37,8 +37,8 @@ FOLD = 1e-12
 """Share of a step to which the place of a fold is known: all that rounding leaves."""
 
 NEAR = 0.5
-"""Root mean square of the coordinates, in rad, within which a start leads to an equilibrium: half
-of what parts the straight pipe from the bent ones, about, where these are stable."""
+"""Root mean square of the coordinates, in rad, within which a start leads to an equilibrium: far
+more than rounded numbers of an equilibrium are off by, and less than the way to another."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class BranchPoint:
 
     Attributes:
         kind: "fold", "pitchfork" (branches leave the straight pipe as mirror images, which is how
-            it diverges), "branch point" (another real eigenvalue passes 0) or "hopf"
-            (of a pair: flutter).
+            it diverges), "branch point" (another real eigenvalue passes 0) or "hopf" (flutter: a
+            pair passes the axis).
         speed: u.
         frequency: angular, in 1 / T; 0 but for "hopf".
         q: the configuration, shape (coordinates,).
@@ -372,17 +372,17 @@ def mirror_image(statics: Statics, branch: EquilibriumBranch) -> EquilibriumBran
             return None
     except ValueError:
         return None
-    q = statics.recorded(-xs)
 
-    def image(given: Array) -> tuple[Array, Array]:
-        turned = statics.recorded(-integrated(statics, given[None]))
-        return turned[0], statics.model.tips(turned.T)[0]
+    def image(q: Array) -> tuple[Array, Array]:
+        mirrored = statics.recorded(-integrated(statics, q))
+        return mirrored, statics.model.tips(mirrored.T)
 
     points = []
     for point in branch.points:
-        turned, tip = image(point.q)
-        points.append(replace(point, q=turned, tip=tip))
-    return replace(branch, q=q, tips=statics.model.tips(q.T), points=tuple(points))
+        q, tips = image(point.q[None])
+        points.append(replace(point, q=q[0], tip=tips[0]))
+    q, tips = image(branch.q)
+    return replace(branch, q=q, tips=tips, points=tuple(points))
 
 
 def is_stable_at(branch: EquilibriumBranch, u: float) -> bool:

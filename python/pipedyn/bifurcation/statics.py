@@ -108,14 +108,9 @@ class Statics:
         found: NDArray[np.complex128] = scipy.linalg.eigvals(companion)
         return found
 
-    def growth(self, x: Array, u: float) -> float:
-        """Largest real part of an eigenvalue."""
-        return float(self.eigenvalues(x, u).real.max())
-
     def unstable(self, x: Array, u: float) -> int:
         """Number of eigenvalues whose real part is positive beyond rounding."""
-        found = self.eigenvalues(x, u)
-        return int(np.count_nonzero(found.real > rounding(found)))
+        return unstable_among(self.eigenvalues(x, u))
 
     def recorded(self, xs: Array) -> Array:
         """Coordinates that users see, (k, coordinates), of (k, moving)."""
@@ -140,6 +135,11 @@ class Statics:
     def rests(self, u: float) -> bool:
         """Whether the configuration at rest is an equilibrium."""
         return self.unbalanced(self.resting, u) <= BALANCED
+
+
+def unstable_among(eigenvalues: NDArray[np.complex128]) -> int:
+    """Number of those whose real part is positive beyond rounding."""
+    return int(np.count_nonzero(eigenvalues.real > rounding(eigenvalues)))
 
 
 def rounding(eigenvalues: NDArray[np.complex128]) -> float:
