@@ -453,7 +453,7 @@ class _Followed:
 
     def described(self, orbit: PeriodicOrbit) -> LimitCycle:
         """The cycle of an orbit, with its multipliers."""
-        return on_branch(self.motion, orbit, SAMPLES, self.how)
+        return on_branch(self.motion, orbit, FINE.defect, SAMPLES, self.how)
 
     def keep(self, cycle: LimitCycle) -> None:
         """Takes a cycle whose multipliers can be believed."""
@@ -625,6 +625,8 @@ class _Followed:
         low, high = sorted((part.begin.p, part.end.p))
         speeds = self.asked.speeds
         passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.p)
+        if len(self.pace) == 1 and self.start.base is None:  # the first orbit is kept already
+            passed &= ~np.isclose(speeds, self.start.orbit.u, rtol=1e-7, atol=0.0)
         for u in map(float, speeds[passed]):
             places: list[Point] = []
 

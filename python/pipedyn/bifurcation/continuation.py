@@ -75,6 +75,7 @@ class Control:
         patience: steps of Newton's method in a row that are no shorter than half the one before,
             after which a shorter step along the branch is cheaper.
         longest_change: relative size beyond which a step of Newton's method is shortened.
+        farthest: step of Newton's method, beside that along the branch, with which it is given up.
         quick: iterations up to which the next step is made longer.
         fresh: whether tangents are computed from the equations about the very point, and not about
             the last iterate before it.
@@ -89,6 +90,7 @@ class Control:
     iterations: int = 12
     patience: int | None = None
     longest_change: float = math.inf
+    farthest: float = 4.0
     quick: int = 4
     fresh: bool = True
 
@@ -173,7 +175,9 @@ class Continuation:
         """
         z = start.z + ds * start.tangent if guess is None else guess
         row = self.problem.weights * start.tangent
-        return self._solved(z, row, float(row @ start.z) + ds, 4.0 * abs(ds) + 1e-6)
+        return self._solved(
+            z, row, float(row @ start.z) + ds, self.control.farthest * abs(ds) + 1e-6
+        )
 
     def corrected(self, start: Point) -> Point:
         """The point nearest to one that misses the equations, across its tangent.

@@ -15,7 +15,13 @@ from typing import Literal
 
 import numpy as np
 
-from pipedyn.bifurcation.collocation import ITERATIONS, LONGEST_STEP, Linearised, OrbitProblem
+from pipedyn.bifurcation.collocation import (
+    ITERATIONS,
+    LONGEST_STEP,
+    Linearised,
+    OrbitProblem,
+    solved,
+)
 from pipedyn.bifurcation.continuation import Continuation, Control, Point, Segment, folds
 from pipedyn.bifurcation.periodic_orbit import (
     COARSEST,
@@ -45,6 +51,10 @@ OVERRESOLVED = 1e-3
 """Share of the largest defect allowed below which an interval may be twice as long: its defect then
 is some 2^8 times what it was."""
 
+COARSER = 0.75
+"""Share of the mesh that a coarser one may have at most to take its place: a change of the mesh
+costs as much as a step."""
+
 PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
 """Phases at which orbits are compared: enough for the harmonics that matter for a sign."""
 
@@ -64,16 +74,12 @@ class Pace:
     Attributes:
         control: steps, in L of the free end and relative in speed and frequency.
         first: length of the first step.
-        defect: largest defect of an orbit, where f is smooth and under drag, whose force has kinks.
+        defect: largest defect of an orbit.
     """
 
     control: Control
     first: float
-    defect: tuple[float, float]
-
-    def largest_defect(self, motion: VectorField) -> float:
-        """Of an orbit of a model."""
-        return self.defect[1 if motion.model.pipe.drag else 0]
+    defect: float
 
 
 def _control(longest: float, tolerance: float) -> Control:
@@ -89,15 +95,17 @@ def _control(longest: float, tolerance: float) -> Control:
         iterations=ITERATIONS,
         patience=3,
         longest_change=LONGEST_STEP,
+        farthest=math.inf,
         quick=ITERATIONS,
         fresh=False,
     )
 
 
-FINE = Pace(_control(0.15, 1e-8), 0.03, (1e-6, 1e-4))
-"""For diagrams: between the speeds asked for amplitudes are good to some 1e-6."""
+FINE = Pace(_control(0.15, 1e-8), 0.03, 1e-4)
+"""For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
+and 5e-5."""
 
-COARSE = Pace(_control(0.3, 1e-5), 0.05, (1e-3, 1e-3))
+COARSE = Pace(_control(0.3, 1e-5), 0.05, 1e-3)
 """On the way to a speed, where the orbit is refined."""
 
 
@@ -212,6 +220,9 @@ def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> Start:
     Raises:
         NewtonFailed: if the equations do not tell where that is.
     """
+    like = orbit.frequency, orbit.u, orbit.symmetric
+    orbit = resolved(motion, orbit.states, *like, FINE.defect)
+    orbit = solved(motion, orbit, FINE.control.tolerance)
     branch = Continuation(OrbitProblem(motion, orbit, unit_of(motion, orbit)), FINE.control)
     towards = np.zeros(orbit.packed().size)
     towards[-1] = sign
@@ -303,7 +314,7 @@ def followed(motion: VectorField, start: Start, pace: Pace) -> Iterator[Step]:
         NewtonFailed: where it cannot be followed.
     """
     here, towards = start.orbit, start.towards
-    unit, largest = unit_of(motion, here), pace.largest_defect(motion)
+    unit, largest = unit_of(motion, here), pace.defect
     length: float | None = None
     while True:
         problem = OrbitProblem(motion, here, unit)
@@ -327,7 +338,8 @@ def followed(motion: VectorField, start: Start, pace: Pace) -> Iterator[Step]:
             edges = resolved(
                 *(motion, here.states, here.frequency, here.u, here.symmetric), largest
             ).edges
-            here, towards = _on_mesh(step, segment.end, edges, pace.control)
+            if edges.size < COARSER * here.edges.size:
+                here, towards = _on_mesh(step, segment.end, edges, pace.control)
 
 
 def _on_mesh(
