@@ -174,20 +174,14 @@ def _branch(
     except NewtonFailed as error:
         raise NotConverged(f"the equilibrium at u = {u:g} is a branch point") from error
     up = Point(down.z, -down.tangent)
-    ways = [_Way(statics, branch, start, ends) for start in (down, up)]
-    for way in ways:
-        way.run()
-        if way.end == "closed":
-            break
-    first, second = ways
-    if first.end == "closed":
-        whys = ("closed", "closed")
-        points, counts, changes = first.points, first.counts, first.changes
-    else:
-        whys = (first.end, second.end)
-        points = first.points[:0:-1] + second.points
-        counts = first.counts[:0:-1] + second.counts
-        changes = first.changes[::-1] + second.changes
+    first, second = (_Way(statics, branch, start, ends) for start in (down, up))
+    whys = (first.run(), "closed")
+    points, counts, changes = first.points, first.counts, first.changes
+    if whys[0] != "closed":
+        whys = (whys[0], second.run())
+        points = points[:0:-1] + second.points
+        counts = counts[:0:-1] + second.counts
+        changes = changes[::-1] + second.changes
     q = statics.recorded(np.array([point.x for point in points]))
     unstable = np.array(counts)
     return EquilibriumBranch(
@@ -226,20 +220,19 @@ class _Way:
         self.longest = branch.control.longest
         self.points, self.counts = [start], [self.count(start)]
         self.changes: list[BranchPoint] = []
-        self.end = "points"
 
     def count(self, point: Point) -> int:
         return self.statics.unstable(point.x, abs(point.p))
 
-    def run(self) -> None:
+    def run(self) -> str:
+        """Follows the branch, and says why it ends."""
         step = 0.2 * self.longest
         low, high = self.ends
         length = 0.0
         while len(self.points) < MOST_POINTS // 2:
             a = self.points[-1]
             if (a.p <= low and a.tangent[-1] < 0.0) or (a.p >= high and a.tangent[-1] > 0.0):
-                self.end = "range"
-                return
+                return "range"
             try:
                 segment, step = self.branch.next(a, step)
                 end = segment.end.p
@@ -247,21 +240,16 @@ class _Way:
                     segment = segment.part(a, segment.where(edge))
                 joined = self._record(segment)
             except NewtonFailed:
-                self.end = "lost"
-                return
+                return "lost"
             if joined:
-                self.end = "pitchfork"
-                return
+                return "pitchfork"
             found, ds = segment.end, segment.length
-            self.points.append(found)
-            self.counts.append(self.count(found))
             length += ds
             if float(np.abs(found.x).max()) > FAR:
-                self.end = "far"
-                return
+                return "far"
             if length > 10.0 * self.longest and self._around(found, ds):
-                self.end = "closed"
-                return
+                return "closed"
+        return "points"
 
     def _around(self, found: Point, ds: float) -> bool:
         start = self.points[0]
@@ -269,7 +257,7 @@ class _Way:
         return alike and self.branch.length(found.z - start.z) <= ds
 
     def _record(self, segment: Segment) -> bool:
-        """Keeps what changes between two neighbours; whether the branch ends on the straight pipe.
+        """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
 
         Undamped, a real eigenvalue near a fold is a root's root, so that the count changes as far
         beside the fold as rounding in the count lets it: one change, listed once.
@@ -299,13 +287,12 @@ class _Way:
                 marked.append((at, self._point(kind, beyond)))
         marked += [(turn, self._point("fold", segment.at(turn))) for turn in turns]
         self.changes += [point for _, point in sorted(marked, key=lambda one: one[0])]
-        if meeting is None:
-            return False
-        end = Point(np.append(statics.resting, meeting), a.tangent)
-        self.changes.append(self._point("pitchfork", end))
-        self.points.append(end)
+        if meeting is not None:
+            b = Point(np.append(statics.resting, meeting), a.tangent)
+            self.changes.append(self._point("pitchfork", b))
+        self.points.append(b)
         self.counts.append(last)
-        return True
+        return meeting is not None
 
     def _meeting(self, a: Point, b: Point) -> float | None:
         """Speed of the pitchfork through which a branch goes over into its mirror image."""

@@ -34,6 +34,8 @@ from pipedyn.util import check
 from pipedyn.util.parallel import parallel
 
 LARGEST_ENSEMBLE = 1_000_000
+"""Members, each of which takes a kilobyte before anything is computed."""
+
 BATCH = 64
 """Members of a batch: measured, the cost of a member falls little beyond."""
 
