@@ -22,7 +22,7 @@ from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.continuation import Point, Segment, folds
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finished, on_branch
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
-from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, excess, outside, passage
+from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, excess, outside
 from pipedyn.bifurcation.floquet import returns, shortened
 from pipedyn.bifurcation.hopf import tip_of
 from pipedyn.bifurcation.normal_form import vectors
@@ -574,7 +574,7 @@ class _Followed:
                 return
             low, before, a, orbit = self._narrowed(step, low, high, a, b)
             roots = returns(self.motion, shortened(self.motion, orbit))
-            kind, multiplier = passage(roots, orbit.symmetric)
+            kind, multiplier = crossing_event(roots, orbit.symmetric)
             if kind == "fold":
                 continue
             speed, error = 0.5 * (before.u + a.u), 0.5 * abs(before.u - a.u)
@@ -593,7 +593,7 @@ class _Followed:
         false position, with the end that stays put weighed down, or else halving.
 
         Returns:
-            The length beyond the passage, the cycles on both sides and the orbit beyond.
+            The length beyond the crossing, the cycles on both sides and the orbit beyond.
         """
         begin = outside(a.multipliers)
         passing = begin - (outside(b.multipliers) < begin)
