@@ -12,11 +12,10 @@ from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.criticality import CriticalityCurve, criticality_curve
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
-from pipedyn.bifurcation.equilibria import (
+from pipedyn.bifurcation.equilibria import Equilibria, equilibria
+from pipedyn.bifurcation.equilibrium_branch import (
     BranchPoint,
-    Equilibria,
     EquilibriumBranch,
-    equilibria,
     equilibrium_branch,
 )
 from pipedyn.bifurcation.events import CycleEvent

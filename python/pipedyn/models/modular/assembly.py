@@ -457,6 +457,10 @@ class Assembly(Model):
         linear = self._linear if q is None else self._linear_about(self._angles_of("q", q))
         return self._basis_of(linear)
 
+    def free_directions(self, p: Array) -> Array:
+        """Those of `basis`."""
+        return self.basis(p)
+
     def _basis_of(self, linear: Linear) -> Array:
         return linear.angle_basis.spread(np.eye(linear.dof))
 
