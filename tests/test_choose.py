@@ -532,7 +532,7 @@ def test_an_answer_that_is_not_known_so_well_is_refused_before_any_model_is_meas
         pp.NoModel, match="no model can be shown to meet an error of 1e-06"
     ) as caught:
         pp.choose(DAMPED, "motion", 1e-6, u=2.0, duration=0.02, start=kinked)
-    assert why.value.tried == ()
+    assert caught.value.tried == ()
 
 
 # ------------------------------------------------------------------------------ how it is shown
