@@ -4,7 +4,6 @@
 // own order: E(t) - E(0) - W(t) then audits the motion.
 #pragma once
 
-#include <algorithm>
 #include <vector>
 
 #include "pipedyn/chain/motion.hpp"
@@ -22,7 +21,6 @@ void rhs_and_power(const Model& model, const Batch& batch, double* rates) {
   double* const joints = flow + members;
   double* const drag = joints + members;
   double* const others = drag + members;
-  std::fill_n(others, members, 0.0);
   model.power(batch, {flow, joints, drag, others});
   double* const total = rates + 2 * model.dof() * members;
   for (std::ptrdiff_t j = 0; j < members; ++j) {
