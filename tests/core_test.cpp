@@ -381,7 +381,8 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
   };
   const double small = 1e-3 / rates.cwiseAbs().maxCoeff();
   const Vector fed = (4.0 * change(0.5 * small) - change(small)) / 3.0;
-  const double size = energies_of(chain, y).maxCoeff() / small;  // of what cancels in a difference
+  const double size =
+      energies_of(chain, y).cwiseAbs().maxCoeff() / small;  // of what cancels in a difference
   check((flow + joints + drag + others - fed).cwiseAbs().maxCoeff() < 1e-9 * size,
         "energy's rate is power");
 
