@@ -57,24 +57,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
                       .drag = pipe_.drag * l[j],
                       .weight = pipe_.gamma * first_moment_[j]});
   }
-  if (loads_.empty()) return;
-  const Vector straight = Vector::Zero(n), one = Vector::Ones(n);
-  std::vector<LoadMoments> sums(static_cast<std::size_t>(n));
-  load_moments(motion(), straight.data(), one.data(), nullptr, sums.data());
-  linear_loads_.resize(sums.size());
-  double tension = 0.0;
-  for (Index j = n - 1; j >= 0; --j) {
-    const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
-    const auto moments = [&](double (Slopes::*by)[2][2]) {
-      return Moments{-(slopes[0].*by)[0][0], -(slopes[1].*by)[0][0], -(slopes[2].*by)[0][0]};
-    };
-    linear_loads_[static_cast<std::size_t>(j)] = {
-        .stiffness = moments(&Slopes::by_position),
-        .damping = moments(&Slopes::by_velocity),
-        .turned = {-slopes[0].by_angle[0], -slopes[1].by_angle[0]},
-        .held = l[j] * tension + load[1][1]};
-    tension += load[0][1];
-  }
+  linearise_loads();
 }
 
 void Chain::place_terms() {
@@ -104,17 +87,40 @@ void Chain::place_terms() {
   }
   std::stable_sort(
       loads_.begin(), loads_.end(),
-      [](const PlacedTerm& one, const PlacedTerm& other) { return one.segment < other.segment; });
+      [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
+}
+
+void Chain::linearise_loads() {
+  if (loads_.empty()) return;
+  const Index n = dof();
+  const Vector& l = segments_.length;
+  const Vector straight = Vector::Zero(n), one = Vector::Ones(n);
+  std::vector<LoadMoments> sums(static_cast<std::size_t>(n));
+  load_moments(motion(), straight.data(), one.data(), nullptr, sums.data());
+  linear_loads_.resize(sums.size());
+  double tension = 0.0;
+  for (Index j = n - 1; j >= 0; --j) {
+    const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
+    const auto moments = [&](double (Slopes::*by)[2][2]) {
+      return Moments{-(slopes[0].*by)[0][0], -(slopes[1].*by)[0][0], -(slopes[2].*by)[0][0]};
+    };
+    linear_loads_[static_cast<std::size_t>(j)] = {
+        .stiffness = moments(&Slopes::by_position),
+        .damping = moments(&Slopes::by_velocity),
+        .turned = {-slopes[0].by_angle[0], -slopes[1].by_angle[0]},
+        .held = l[j] * tension + load[1][1]};
+    tension += load[0][1];
+  }
 }
 
 void Chain::add_mass(Index segment, double arm, double mass) {
   const double l = segments_.length[segment];
   double &own = mass_[segment], &chi = segments_.center[segment];
   double& eta = segments_.gyration_radius[segment];
-  const double share = mass / (own + mass), apart = arm - chi * l;
-  eta = std::sqrt((1.0 - share) * (eta * eta + share * apart * apart));
+  const double total = own + mass, share = mass / total, apart = arm - chi * l;
+  eta = std::sqrt(own / total * (eta * eta + share * apart * apart));
   chi += share * apart / l;
-  own += mass;
+  own = total;
 }
 
 void Moments::before(double l, const Moments& own) {
