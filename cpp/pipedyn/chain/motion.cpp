@@ -74,6 +74,7 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Powe
   members.write(out.flow + members.first, flow);
   members.write(out.joints + members.first, joints);
   members.write(out.drag + members.first, drag);
+  members.write(out.others + members.first, Real{});
 }
 
 // ---------------------------------------------------------------------------------------- entry

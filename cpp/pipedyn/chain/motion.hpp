@@ -49,6 +49,7 @@ struct PowerParts {
   double* flow;
   double* joints;
   double* drag;
+  double* others;
 };
 
 struct GalerkinKernel;
