@@ -89,6 +89,12 @@ class Dice {
                 .damping = between(0.0, 0.1),
                 .aspirating = aspirating};
   }
+  pipedyn::Terms terms() {
+    const auto one = [&](const char* law) {
+      return pipedyn::make_term(law, between(0.01, 1.0), {between(0.1, 9.0)});
+    };
+    return {one("point_mass"), one("spring"), one("spring"), one("point_mass")};
+  }
   Segments segments(Index n) {
     Segments segments{.length = vector(n, 0.2, 1.0),
                       .center = vector(n, 0.0, 1.0),
@@ -213,6 +219,20 @@ void check_band(const Pipe& pipe, const Chain& chain, const Segments& segments,
   check_close_complex(unknown(2), reach * angles, tolerance, "displacements of the band solve");
 }
 
+/// The routes to the operators agree for a pipe with terms, and the products with them.
+void check_terms(const Pipe& pipe, const Chain& chain, const Segments& segments, Dice& dice) {
+  const Operators dense = chain.operators();
+  check_joint_operators(chain, dense, dice);
+  check_band(pipe, chain, segments, dense, dice);
+  const Matrix x = dice.matrix(chain.dof(), 3);
+  const Matrix springs = chain.springs_times(lower_ones(chain.dof()).inverse() * x);
+  const Matrix terms = chain.terms_stiffness_times(x), weight = pipe.gamma * chain.gravity_times(x);
+  check_close(springs + weight + terms, dense.stiffness * x, 1e-12, "K x with terms");
+  check_close(pipe.damping * springs + chain.terms_damping_times(x), dense.damping * x, 1e-12,
+              "D x with terms");
+  check_close(chain.mass_times(x), dense.mass * x, 1e-12, "M x with terms");
+}
+
 void check_chains() {
   Dice dice;
   for (const Index n : {1, 2, 3, 50}) {
@@ -231,6 +251,9 @@ void check_chains() {
       check_joint_operators(chain, dense, dice);
       check_physics(pipe, segments, dense, weightless, dice);
       check_band(pipe, chain, segments, dense, dice);
+      Pipe laden = pipe;
+      laden.terms = dice.terms();
+      check_terms(laden, Chain(laden, segments), segments, dice);
     }
   }
 }

@@ -3,6 +3,7 @@
 
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import assume, example, given, settings
@@ -73,22 +74,25 @@ def chains(draw, pipe, wild=True):
     )
 
 
-FITTINGS = st.builds(
-    pp.Fitting,
-    at=mixed([1.0, 0.5], 0.01, 1.0),
-    mass=mixed([1e-6, 1.0, 10.0], 0.001, 1.0),
-    stiffness=mixed([0.0, 1e4], 0.0, 50.0),
+HELD = st.builds(
+    lambda at, mass, stiffness: (pp.PointMass(at, mass), pp.Spring(at, stiffness)),
+    mixed([1.0, 0.5], 0.01, 1.0),
+    mixed([1e-6, 1.0, 10.0], 0.001, 1.0),
+    mixed([0.0, 1e4], 0.0, 50.0),
 )
 
 
 def reduced(pipe):
-    """Either basis, with fittings or without."""
+    """Either basis, with terms or without."""
     return st.builds(
         pp.Galerkin,
-        pipe,
+        st.builds(
+            lambda pipe, held: replace(pipe, terms=[term for terms in held for term in terms]),
+            pipe,
+            st.just(()) | st.lists(HELD, max_size=2),
+        ),
         st.integers(3, 8),
         st.sampled_from(["beam", "legendre"]),
-        st.just(()) | st.lists(FITTINGS, max_size=2),
     )
 
 

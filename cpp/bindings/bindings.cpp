@@ -164,6 +164,10 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("flux_times", &Chain::flux_times, "x"_a, "transposed"_a = false, Unlocked())
       .def("gravity_times", &Chain::gravity_times, "x"_a, Unlocked())
       .def("springs_times", &Chain::springs_times, "joint_angles"_a, Unlocked())
+      .def("terms_stiffness_times", &Chain::terms_stiffness_times, "x"_a, Unlocked())
+      .def("terms_damping_times", &Chain::terms_damping_times, "x"_a, Unlocked())
+      .def("bodies", &Chain::bodies, Unlocked())
+      .def("resistances", &Chain::resistances, Unlocked())
       .def("band", &Chain::band, "lambda_"_a, "u"_a, Unlocked())
       .def_readonly_static("band_width", &Chain::band_width);
   define_motion(chain);

@@ -50,10 +50,10 @@ struct Orthonormal {
 /// The panels between the places of terms and the basis' joints, on which integrands are smooth,
 /// with what the terms add to the pipe. Immutable.
 struct Panels {
-  Vector ends;                    // from 0 to 1, (P + 1,)
-  Vector mass;                    // at the end of each, (P,)
-  double mass_per_length = 0.0;   // all along, the pipe's 1 not counted
-  std::vector<PlacedTerm> loads;  // terms that have one
+  Vector ends;                   // from 0 to 1, (P + 1,)
+  Vector mass;                   // at the end of each, (P,)
+  double mass_per_length = 0.0;  // all along, the pipe's 1 not counted
+  std::vector<PanelTerm> loads;  // terms that have one
 
   Panels(const Basis& basis, const Terms& terms);
 

@@ -12,7 +12,7 @@
 
 namespace {
 
-using pipedyn::Batch, pipedyn::MotionEffects, pipedyn::PlacedTerm, pipedyn::PowerParts;
+using pipedyn::Batch, pipedyn::MotionEffects, pipedyn::PanelTerm, pipedyn::PowerParts;
 
 // ---------------------------------------------------------------------------------------- block
 
@@ -210,7 +210,7 @@ struct Block {
                            entry(0), entry(1), at<Real>(omega, p)};
     };
     for (Count k = 0; k < effects.load_count; ++k) {
-      const PlacedTerm& placed = effects.loads[k];
+      const PanelTerm& placed = effects.loads[k];
       Laws::with(placed.term, [&]<class Law>(const Law& law) {
         if constexpr (Law::loads) {
           if (placed.panel >= 0) {

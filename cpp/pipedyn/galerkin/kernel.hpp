@@ -49,7 +49,7 @@ struct GridTables {
 };
 
 /// A term with a load, at the end of a panel or, where it acts all along, at every node.
-struct PlacedTerm {
+struct PanelTerm {
   Term term;
   std::ptrdiff_t panel;  // -1: all along
 };
@@ -59,7 +59,7 @@ struct MotionEffects {
   double coriolis;     // 2 s sqrt(beta)
   double centrifugal;  // a
   double gamma, drag, damping;
-  const PlacedTerm* loads;
+  const PanelTerm* loads;
   std::ptrdiff_t load_count;
 };
 

@@ -166,7 +166,7 @@ struct TermLoads {
     by_position.setZero(points, 2 * m);
     by_velocity.setZero(points, 2 * m);
     by_angle.setZero(points, m);
-    for (const PlacedTerm& placed : panels.loads) {
+    for (const PanelTerm& placed : panels.loads) {
       Laws::with(placed.term, [&](const auto& law) {
         for (Index p = 0; p < points; ++p) {
           const bool end = (p + 1) % block == 0;

@@ -455,6 +455,10 @@ class Assembly(Model):
         linear = self._linear_at(q)
         return linear.angle_basis.spread(np.eye(linear.dof))
 
+    def free_directions(self, p: Array) -> Array:
+        """Those of `basis`."""
+        return self.basis(p)
+
     def _linear_at(self, q: ArrayLike | None) -> Linear:
         """Small motions about q, or the reference, if dense operators can be made."""
         self._check_dense()
