@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "pipedyn/chain/places.hpp"
 #include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/levels.hpp"
 #include "pipedyn/vector/scratch.hpp"
@@ -61,30 +62,12 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
 }
 
 void Chain::place_terms() {
-  const Vector& l = segments_.length;
-  const Index n = dof();
-  mass_ = l;
-  Vector ends(n);
-  double end = segments_.base;
-  for (Index j = 0; j < n; ++j) ends[j] = end += l[j];
-  for (const Term& term : pipe_.terms) {
-    Laws::with(term, [&](const auto& law) {
-      const auto place = [&](Index j, double arm, double weight) {
-        if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
-        if (law.loads) loads_.push_back({j, arm, weight, term});
-      };
-      if (law.along) {
-        const double gauss = 0.5 / std::sqrt(3.0);
-        for (Index j = 0; j < n; ++j) {
-          for (const double point : {0.5 - gauss, 0.5 + gauss}) place(j, point * l[j], 0.5 * l[j]);
-        }
-      } else if (term.at > segments_.base) {
-        const auto beyond = std::lower_bound(ends.begin(), ends.end(), term.at);
-        const Index j = std::min<Index>(beyond - ends.begin(), n - 1);
-        place(j, std::min(term.at - (j > 0 ? ends[j - 1] : segments_.base), l[j]), 1.0);
-      }
-    });
-  }
+  mass_ = segments_.length;
+  for_each_place(pipe_.terms, segments_.length, segments_.base,
+                 [&](const auto& law, const Term& term, Index j, double arm, double weight) {
+                   if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
+                   if (law.loads) loads_.push_back({j, arm, weight, term});
+                 });
   std::stable_sort(
       loads_.begin(), loads_.end(),
       [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
