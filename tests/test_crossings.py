@@ -20,7 +20,6 @@ from scipy.optimize import brentq, minimize_scalar
 import pipedyn as pp
 from pipedyn import modular
 from pipedyn.linear import crossings as sweeps
-from pipedyn.linear.eigensolver import pencil_of
 
 
 def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, told=0.9):
@@ -501,9 +500,9 @@ def test_irregular_chains_crossings_account_for_every_unstable_root(seed):
 @pytest.mark.parametrize("kind", [pp.Chain, pp.Galerkin, modular.chain])
 def test_derivatives_by_gravity_and_damping_are_told_at_the_ends_of_their_ranges(kind):
     x = np.eye(3)
-    none = pencil_of(kind(pp.Pipe(0.5), 3))
+    none = kind(pp.Pipe(0.5), 3).pencil()
     for gamma, damping in ((1e6, 0.0), (-1e6, 1e6), (0.0, 1.0)):
-        pencil = pencil_of(kind(pp.Pipe(0.5, gamma, damping=damping), 3))
+        pencil = kind(pp.Pipe(0.5, gamma, damping=damping), 3).pencil()
         np.testing.assert_allclose(pencil.gravity(x), none.gravity(x), rtol=0.0, atol=1e-8)
         np.testing.assert_allclose(pencil.by_damping(x), none.by_damping(x), rtol=0.0, atol=1e-8)
 

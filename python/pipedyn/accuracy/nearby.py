@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipedyn.linear.eigensolver import pencil_of
-from pipedyn.linear.pencil import Vectors
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import Model
+from pipedyn.models.pencil import Vectors
 
 MOST_STEPS = 12
 """Of Newton's method; a good guess takes two."""
@@ -44,20 +44,20 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
         speed: guess of u, > 0.
         frequency: guess of the frequency there.
     """
-    pencil = pencil_of(model)
+    problem = eigenproblem(model)
     u, value = speed, complex(0.0, frequency)
     vector: Vectors | None = None
     last = np.inf
     for _ in range(MOST_STEPS):
-        pair = pencil.refine(u, value, vector)
+        pair = problem.refine(u, value, vector)
         assert pair.left is not None
-        slope = complex(pencil.slopes(u, pair)[0])
+        slope = complex(problem.slopes(u, pair)[0])
         value = complex(pair.values[0])
         if not (slope.real > 0.0 and pair.converged[0]):
             return None
         change = -value.real / slope.real
         if abs(change) <= 1e-14 * u or abs(change) >= last < 1e-9 * u:
-            uncertain = float(pencil.uncertainties(u, pair)[0]) + abs(value.real)
+            uncertain = float(problem.uncertainties(u, pair)[0]) + abs(value.real)
             return Onset(u, abs(value.imag), uncertain / slope.real)
         u, value, vector = u + change, value + slope * change, pair.right[:, 0]
         if not speed / ASTRAY < u < speed * ASTRAY or value.imag <= 0.0:

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 
 from pipedyn.bifurcation.fourier import Elsewhere, Equations, Orbit, Phases, is_odd
 from pipedyn.bifurcation.vector_field import Field
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util.check import Array
 
 MOST_UNKNOWNS = 1000

@@ -39,7 +39,7 @@ from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, amplitude_of, d
 from pipedyn.bifurcation.mesh import course_of
 from pipedyn.bifurcation.vector_field import Field
 from pipedyn.linear.critical_speed import crossings
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array

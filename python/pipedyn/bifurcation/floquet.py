@@ -19,7 +19,7 @@ from pipedyn.bifurcation.collocation import through
 from pipedyn.bifurcation.fourier import Elsewhere
 from pipedyn.bifurcation.mesh import Course, divided
 from pipedyn.bifurcation.vector_field import Field
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised

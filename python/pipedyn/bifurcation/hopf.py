@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.equilibria import BranchPoint, Rest
 from pipedyn.bifurcation.vector_field import STENCIL, Field
 from pipedyn.linear.critical_speed import critical_speed
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.galerkin import Galerkin

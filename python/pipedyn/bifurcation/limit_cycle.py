@@ -25,8 +25,8 @@ from pipedyn.bifurcation.mesh import MOST, Course, course_of, divided, drawn
 from pipedyn.bifurcation.pursuit import pursued
 from pipedyn.bifurcation.vector_field import Field
 from pipedyn.linear.critical_speed import crossings
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import LARGEST_SPEED
-from pipedyn.linear.pencil import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.simulate import (

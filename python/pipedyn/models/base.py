@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
+from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import core_terms
 from pipedyn.util import check
@@ -219,6 +220,15 @@ class Model(ABC):
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
                     f"force of {rest:.1e}; choose about(equilibrium(..., u))"
                 )
+
+    def pencil(self, dense: bool | None = None) -> Pencil:
+        """P(lambda) at any flow speed, in elastic coordinates.
+
+        Args:
+            dense: matrices, or products and solves in O(dof) where the model has them; without it
+                what is the faster.
+        """
+        return DensePencil(self)
 
     @abstractmethod
     def with_pipe(self, pipe: Pipe) -> Model:
