@@ -1145,9 +1145,8 @@ def _pictures() -> Iterator[Target]:
             "height": real((1.0, 9.0), 0.0, 1e3),
         },
         "colour_bar": {
-            "figure": of(FIGURE),
-            "axes": Kind(one_of(AXES), any_of(NONE, *NOTHINGS, one_of([AX], AX, np.ones(2)))),
             "label": words,
+            "ax": Kind(one_of(AXES), any_of(NONE, *NOTHINGS, one_of([AX], np.ones(2), AXES[:0]))),
         },
         "style": {},
         "time_history": {"motions": several, "ax": ax},

@@ -52,6 +52,19 @@ def test_motions_end_on_a_cycle_beyond_the_fold():
     assert DIAGRAM.at(5.0)[0].turnings.max() == pytest.approx(largest, abs=1e-4)
 
 
+def test_motions_that_are_periodic_are_cycles_though_a_period_has_a_dozen_maxima():
+    model = pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2)
+    speeds = [10.0, 11.0, 12.0]
+    found = pp.bifurcation_diagram(model, speeds, cycles=0, brute_force=1)
+    assert [(one.ending, one.period) for one in found.motions] == [
+        *(("periodic", 11), ("periodic", 13), ("periodic", 13))
+    ]
+    for one in found.motions:
+        cycle = pp.limit_cycle(model, one.speed, one.end)
+        assert cycle.stable
+        assert cycle.amplitude == pytest.approx(0.5 * np.ptp(one.turnings), rel=1e-4)
+
+
 def test_batches_on_an_executor_give_the_same_diagram(capsys):
     with ThreadPoolExecutor(2) as executor:
         again = pp.bifurcation_diagram(
@@ -115,15 +128,16 @@ def test_irregular_motions_are_asked_for_their_exponent():
 
 def test_starts_of_guided_scenes_meet_the_guide():
     scene = pp.modular.chain(pp.Pipe(0.2, damping=0.05), n=3).plus(pp.modular.Guide(node=3))
-    for q in brute_force.bends(scene, 5, 1):
+    for q in brute_force.initial_bends(scene, 5, 1):
         assert abs(scene.tips(q[:, None])[0, 0]) < 1e-9
 
 
 def test_turning_points_of_a_sine():
     t = np.linspace(0.0, 6.0, 601)
-    found = turning_points(t, 0.3 * np.sin(7.0 * t), 2.1 * np.cos(7.0 * t))
+    found, error = turning_points(t, 0.3 * np.sin(7.0 * t), 2.1 * np.cos(7.0 * t))
     np.testing.assert_allclose(np.abs(found), 0.3, atol=1e-6)
     assert len(found) == 13
+    assert 2.0 * np.abs(np.abs(found) - 0.3).max() < error < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -134,13 +148,17 @@ def test_turning_points_of_a_sine():
         (lambda t: 0.2 * np.sin(9.0 * t) + 0.1 * np.sin(4.5 * t + 0.3), ("periodic", 2)),
         (lambda t: 0.2 * np.exp(-0.1 * t) * np.sin(9.0 * t), ("settling", 0)),
         (lambda t: 0.2 * np.sin(9.0 * t) + 0.15 * np.sin(math.e * t), ("irregular", 0)),
+        # Maxima that repeat to 1e-3 of the range: a torus, what comes to a cycle, and too slowly.
+        (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.sin(0.8 * t)), ("irregular", 0)),
+        (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.exp(-0.3 * t)), ("periodic", 1)),
+        (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.exp(-0.05 * t)), ("settling", 0)),
     ],
 )
-def test_kinds_of_late_motion_are_told_apart(signal, expected):
+def test_kinds_of_late_motion_are_distinguished(signal, expected):
     t = np.linspace(0.0, 20.0, 8001)
     x = signal(t)
-    turnings = turning_points(t, x, np.gradient(x, t, edge_order=2))
-    assert ending_of(x, turnings) == expected
+    turnings, error = turning_points(t, x, signal(t + 1e-20j).imag / 1e-20)
+    assert ending_of(x, turnings, error) == expected
 
 
 @pytest.mark.parametrize(

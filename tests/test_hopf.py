@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.bifurcation.hopf import NormalForm, normal_form
+from pipedyn.bifurcation.normal_form import NormalForm, normal_form
 
 PIPE = pp.Pipe(0.2)
 ASPIRATING = pp.Pipe(0.2, flow="aspirating", damping=0.01)
@@ -89,7 +89,7 @@ def test_a_force_without_a_third_derivative_is_not_taken_for_a_smooth_one():
     def jacobian(y):
         return np.array([[0.0, 1.0], [-4.0, -2.0 * abs(y[1])]])
 
-    with pytest.raises(pp.NotConverged, match="do not settle"):
+    with pytest.raises(pp.NotConverged, match="do not converge"):
         normal_form(jacobian, np.zeros(2), 2.0, lambda q: q[0], largest)
 
 
@@ -100,9 +100,9 @@ def test_two_pairs_at_one_place_are_refused():
         normal_form(lambda y: twice, np.zeros(4), 1.0, lambda q: q[0], largest)
 
 
-def test_a_free_end_that_stands_still_measures_nothing():
+def test_a_free_end_that_does_not_move_measures_nothing():
     turning = np.array([[0.0, -1.0], [1.0, 0.0]])
-    with pytest.raises(pp.NoHopf, match="stands still"):
+    with pytest.raises(pp.NoHopf, match="does not move"):
         normal_form(lambda y: turning, np.zeros(2), 1.0, lambda q: 0.0, largest)
 
 
@@ -229,20 +229,20 @@ def test_drag_and_cubic_terms_together_give_the_amplitude(n, beta, drag, distanc
     )
 
 
-def test_faint_drag_decides_at_amplitudes_as_faint_only():
+def test_weak_drag_decides_at_small_amplitudes_only():
     plain = pp.hopf(pp.Chain(PIPE, 3))
     assert plain.balance == 0.0
     for drag in (1e-12, 1e-6, 1e-3):
-        faint = pp.hopf(pp.Chain(pp.Pipe(0.2, drag=drag), 3))
-        assert faint.lyapunov == pytest.approx(plain.lyapunov, rel=1e-9)
-        assert faint.balance == pytest.approx(0.2631 * drag, rel=1e-3)
+        weak = pp.hopf(pp.Chain(pp.Pipe(0.2, drag=drag), 3))
+        assert weak.lyapunov == pytest.approx(plain.lyapunov, rel=1e-9)
+        assert weak.balance == pytest.approx(0.2631 * drag, rel=1e-3)
     nothing = pp.hopf(pp.Chain(pp.Pipe(0.2, drag=3e-311), 3))
     assert nothing.amplitude_law == pytest.approx(plain.amplitude_law, rel=1e-12)
     assert nothing.exponent == 0.5
     # Far below the balance the law with drag holds, far above it the one without.
-    near, far = faint.speed + 1e-9, faint.speed + 1e-2
-    assert faint.amplitude(near) == pytest.approx(faint.amplitude_law * 1e-9, rel=1e-2)
-    assert faint.amplitude(far) == pytest.approx(plain.amplitude(far), rel=1e-2)
+    near, far = weak.speed + 1e-9, weak.speed + 1e-2
+    assert weak.amplitude(near) == pytest.approx(weak.amplitude_law * 1e-9, rel=1e-2)
+    assert weak.amplitude(far) == pytest.approx(plain.amplitude(far), rel=1e-2)
 
 
 def test_drag_may_drive_flutter():
@@ -258,7 +258,7 @@ def test_drag_may_drive_flutter():
     assert dragged.amplitude < 0.9 * plain.amplitude
 
 
-def test_drag_holds_a_snapping_pipe_up_to_a_fold():
+def test_drag_holds_a_subcritical_pipe_up_to_a_fold():
     model = pp.Chain(pp.Pipe(0.05, drag=0.1), 2)
     onset = pp.hopf(model)
     beyond = onset.fold - onset.speed
@@ -315,8 +315,8 @@ def test_the_law_of_higher_modes_does_not_depend_on_the_functions():
         (pp.Galerkin(pipe, 12, "legendre"), 1e-6),
     ):
         # At the first, of a speed near 0, hardly anything but linear terms is felt.
-        passages = zip(pp.crossings(exact, 6.0)[1:], pp.crossings(model, 6.0)[1:], strict=True)
-        for a, b in passages:
+        pairs = zip(pp.crossings(exact, 6.0)[1:], pp.crossings(model, 6.0)[1:], strict=True)
+        for a, b in pairs:
             one, other = pp.hopf(exact, a), pp.hopf(model, b)
             assert one.lyapunov_error < 1e-6 * abs(one.lyapunov)
             assert other.lyapunov == pytest.approx(one.lyapunov, rel=tolerance)
@@ -332,9 +332,9 @@ def test_the_law_of_higher_modes_does_not_depend_on_the_functions():
     ids=repr,
 )
 def test_cycles_follow_the_law_at_onsets_beside_other_unstable_modes(model, last):
-    passages = [c for c in pp.crossings(model, last) if c.kind == "flutter" and c.speed > 0.0]
-    onsets = [pp.hopf(model, c) for c in passages]
-    assert [h.growth > 0.0 for h in onsets] == [c.destabilising for c in passages]
+    found = [c for c in pp.crossings(model, last) if c.kind == "flutter" and c.speed > 0.0]
+    onsets = [pp.hopf(model, c) for c in found]
+    assert [h.growth > 0.0 for h in onsets] == [c.destabilising for c in found]
     assert any(h.unstable_beside for h in onsets)
     for onset in onsets:
         speeds = onset.speed + np.array([4e-4, 1e-4]) / onset.amplitude_law
@@ -347,8 +347,7 @@ def test_cycles_follow_the_law_at_onsets_beside_other_unstable_modes(model, last
 
 def test_every_flutter_of_a_pipe_that_turns_stable_again_has_its_law():
     model = pp.Galerkin(pp.Pipe(0.295), 12, "legendre")
-    passages = pp.crossings(model, 9.0)
-    found = [pp.hopf(model, c) for c in passages]
+    found = [pp.hopf(model, c) for c in pp.crossings(model, 9.0)]
     assert [round(h.speed, 3) for h in found] == [7.261, 7.852, 8.189]
     assert [h.growth > 0 for h in found] == [True, False, True]
     # Between the first and the second the cycle is born and dies: it lives where rest is unstable.

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 import pipedyn as pp
 from pipedyn import modular as md
-from pipedyn.motion.simulate import checked_task, integrate
+from pipedyn.motion.integrator import integrate
+from pipedyn.motion.simulate import checked_task
 
 CLAMPED_PINNED = 4.493409457909064
 """First root of tan u = u: the clamped-pinned column (physics.md, section 4: 4.4934)."""

@@ -2,10 +2,12 @@
 """Pictures: what they must not take, and that what they show fits."""
 
 import dataclasses
+import inspect
 import math
 from contextlib import nullcontext
 
 import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -31,33 +33,42 @@ def axes(layout=None):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda ax: plot.root_loci(None, LOCI), "ax must be of type Axes, got None"),
-        (lambda ax: plot.root_loci(ax, MODES), "loci must be of type RootLoci, got Modes("),
-        (lambda ax: plot.root_loci(ax, LOCI, 3), "benchmark must be of type RootLoci, got 3"),
-        (lambda ax: plot.root_loci(ax, LOCI, None, math.nan), "highest must be finite and > 0"),
-        (lambda ax: plot.root_loci(ax, LOCI, None, True), "highest must be a real number"),
-        (lambda ax: plot.frequencies([ax], LOCI), "ax must be of type Axes"),
-        (lambda ax: plot.frequencies(ax, None), "loci must be of type RootLoci, got None"),
-        (lambda ax: plot.frequencies(ax, LOCI, LOCI, -1), "largest must be finite and >= 0"),
-        (lambda ax: plot.mode_shapes(ax, LOCI), "modes must be of type Modes"),
-        (lambda ax: plot.convergence(ax, [CRITICAL], CRITICAL), "families must be of type Mapping"),
-        (lambda ax: plot.convergence(ax, {1: []}, CRITICAL), "the names of families must be"),
-        (lambda ax: plot.convergence(ax, {"a": CRITICAL}, CRITICAL), "families['a'] must be"),
-        (lambda ax: plot.convergence(ax, {"a": [1.0]}, CRITICAL), "families['a'][0] must be"),
-        (lambda ax: plot.convergence(ax, {}, None), "exact must be of type CriticalSpeed"),
-        (lambda ax: plot.stability_map(ax, CURVE), "curves must be of type Mapping"),
-        (lambda ax: plot.stability_map(ax, {"a": 3}), "curves['a'] must be of type StabilityCurve"),
-        (lambda ax: plot.stability_map(ax, {}, math.inf), "highest must be finite and > 0"),
-        (lambda ax: plot.stability_map(ax, {}, None, 3.0), "marked must be of type CriticalSpeed"),
+        (lambda ax: plot.root_loci(LOCI, ax=3), "ax must be of type Axes, got 3"),
+        (lambda ax: plot.root_loci(MODES, ax=ax), "loci must be of type RootLoci, got Modes("),
+        (lambda ax: plot.root_loci(LOCI, 3, ax=ax), "benchmark must be of type RootLoci, got 3"),
+        (lambda ax: plot.root_loci(LOCI, None, math.nan, ax=ax), "highest must be finite and > 0"),
+        (lambda ax: plot.root_loci(LOCI, None, True, ax=ax), "highest must be a real number"),
+        (lambda ax: plot.frequencies(LOCI, ax=[ax]), "ax must be of type Axes"),
+        (lambda ax: plot.frequencies(None, ax=ax), "loci must be of type RootLoci, got None"),
+        (lambda ax: plot.frequencies(LOCI, LOCI, -1, ax=ax), "largest must be finite and >= 0"),
+        (lambda ax: plot.mode_shapes(LOCI, ax=ax), "modes must be of type Modes"),
+        (
+            lambda ax: plot.convergence([CRITICAL], CRITICAL, ax=ax),
+            "families must be of type Mapping",
+        ),
+        (lambda ax: plot.convergence({1: []}, CRITICAL, ax=ax), "the names of families must be"),
+        (lambda ax: plot.convergence({"a": CRITICAL}, CRITICAL, ax=ax), "families['a'] must be"),
+        (lambda ax: plot.convergence({"a": [1.0]}, CRITICAL, ax=ax), "families['a'][0] must be"),
+        (lambda ax: plot.convergence({}, None, ax=ax), "exact must be of type CriticalSpeed"),
+        (lambda ax: plot.stability_map(CURVE, ax=ax), "curves must be of type Mapping"),
+        (
+            lambda ax: plot.stability_map({"a": 3}, ax=ax),
+            "curves['a'] must be of type StabilityCurve",
+        ),
+        (lambda ax: plot.stability_map({}, math.inf, ax=ax), "highest must be finite and > 0"),
+        (
+            lambda ax: plot.stability_map({}, None, 3.0, ax=ax),
+            "marked must be of type CriticalSpeed",
+        ),
         (lambda ax: plot.panels(0, 1, 5, 5), "rows must be from 1 to 100, got 0"),
         (lambda ax: plot.panels(1, True, 5, 5), "columns must be a whole number, got True"),
         (lambda ax: plot.panels(1, 1, math.nan, 5), "width must lie in [0.1, 200], got nan"),
         (lambda ax: plot.panels(1, 1, 5, 1e9), "height must lie in [0.1, 200]"),
-        (lambda ax: plot.notice(ax, 3), "text must be of type str, got 3"),
-        (lambda ax: plot.colour_bar(None, np.array([[ax]]), ""), "figure must be of type Figure"),
-        (lambda ax: plot.colour_bar(ax.figure, [ax], ""), "axes must be of type ndarray"),
+        (lambda ax: plot.notice(3, ax=ax), "text must be of type str, got 3"),
+        (lambda ax: plot.colour_bar(None, np.array([[ax]])), "label must be of type str, got None"),
+        (lambda ax: plot.colour_bar("", [ax]), "ax must be of type Axes, got [<Axes"),
         (lambda ax: plot.dot_stride(3), "loci must be of type RootLoci, got 3"),
-        (lambda ax: plot.boundaries(np.array(None)), "found must be passages in a sequence"),
+        (lambda ax: plot.boundaries(np.array(None)), "found must be crossings in a sequence"),
         (lambda ax: plot.boundaries([3]), "found[0] must be of type Crossing, got 3"),
     ],
 )
@@ -74,16 +85,16 @@ AT_REST = pp.root_loci(CHAIN, [0.0], 2)
 @pytest.mark.parametrize(
     "draw",
     [
-        lambda ax: plot.root_loci(ax, NOTHING),
-        lambda ax: plot.root_loci(ax, AT_REST),
-        lambda ax: plot.frequencies(ax, NOTHING),
-        lambda ax: plot.frequencies(ax, AT_REST, LOCI, 0.0),
-        lambda ax: plot.mode_shapes(ax, dataclasses.replace(MODES, shapes=())),
-        lambda ax: plot.convergence(ax, {}, CRITICAL),
-        lambda ax: plot.convergence(ax, {"uniform": []}, CRITICAL),
-        lambda ax: plot.convergence(ax, {"mine": [CRITICAL]}, CRITICAL),
-        lambda ax: plot.stability_map(ax, {}),
-        lambda ax: plot.stability_map(ax, {}, 1.0, CRITICAL),
+        lambda ax: plot.root_loci(NOTHING, ax=ax),
+        lambda ax: plot.root_loci(AT_REST, ax=ax),
+        lambda ax: plot.frequencies(NOTHING, ax=ax),
+        lambda ax: plot.frequencies(AT_REST, LOCI, 0.0, ax=ax),
+        lambda ax: plot.mode_shapes(dataclasses.replace(MODES, shapes=()), ax=ax),
+        lambda ax: plot.convergence({}, CRITICAL, ax=ax),
+        lambda ax: plot.convergence({"uniform": []}, CRITICAL, ax=ax),
+        lambda ax: plot.convergence({"mine": [CRITICAL]}, CRITICAL, ax=ax),
+        lambda ax: plot.stability_map({}, ax=ax),
+        lambda ax: plot.stability_map({}, 1.0, CRITICAL, ax=ax),
     ],
 )
 def test_a_picture_of_little_or_nothing_is_drawn(draw):
@@ -110,7 +121,7 @@ def test_the_legend_of_the_convergence_picture_fits_above_the_curves(layout, wit
     ]
     with within():
         ax = axes(layout)
-        plot.convergence(ax, families, dataclasses.replace(CRITICAL, error=0.0))
+        plot.convergence(families, dataclasses.replace(CRITICAL, error=0.0), ax=ax)
         ax.figure.canvas.draw()
         frame, legend = ax.get_window_extent(), ax.get_legend().get_window_extent()
     whole = ax.figure.bbox
@@ -123,8 +134,46 @@ def test_the_legend_of_the_convergence_picture_fits_above_the_curves(layout, wit
     assert ax.transData.transform((1.0, highest))[1] < legend.y0
 
 
+def test_every_picture_takes_its_axes_last_and_makes_its_own_without():
+    pictures = {
+        name: inspect.signature(getattr(plot, name)).parameters
+        for name in plot.__all__
+        if inspect.isfunction(getattr(plot, name))
+    }
+    taking = {
+        name: tuple(parameters) for name, parameters in pictures.items() if "ax" in parameters
+    }
+    assert len(taking) >= 14
+    for name, parameters in taking.items():
+        assert parameters[-1] == "ax", name
+        if name != "colour_bar":  # beside Axes that show something
+            assert pictures[name]["ax"].default is None, name
+    try:
+        for ax in (
+            plot.root_loci(LOCI),
+            plot.frequencies(LOCI),
+            plot.mode_shapes(MODES),
+            plot.convergence({}, CRITICAL),
+            plot.stability_map({"a": CURVE}),
+            plot.notice("nothing"),
+        ):
+            assert ax.figure.number in plt.get_fignums()
+    finally:
+        plt.close("all")
+
+
+def test_a_colour_bar_stands_beside_all_axes_that_share_it():
+    figure, several = plot.panels(1, 2, 4.0, 2.0)
+    assert plot.colour_bar(plot.SPEED_LABEL, several) is None
+    for ax in several.flat:
+        plot.root_loci(LOCI, ax=ax)
+    bar = plot.colour_bar(plot.SPEED_LABEL, several)
+    assert bar.get_ylabel() == plot.SPEED_LABEL
+    assert figure.axes == [*several.flat, bar]
+
+
 def test_pictures_leave_the_settings_of_matplotlib_alone():
     before = dict(matplotlib.rcParams)
     with plot.style():
-        plot.convergence(axes(), {"uniform": found([0.5, 0.25])}, CRITICAL)
+        plot.convergence({"uniform": found([0.5, 0.25])}, CRITICAL, ax=axes())
     assert dict(matplotlib.rcParams) == before

@@ -46,6 +46,13 @@ def axes():
     return figure.subplots()
 
 
+def small_axes():
+    """For animations, of which every frame is rendered."""
+    figure = Figure(figsize=(2.0, 2.3), dpi=50)
+    FigureCanvasAgg(figure)
+    return figure.subplots()
+
+
 def by_gid(ax, gid):
     return [child for child in ax.get_children() if child.get_gid() == gid]
 
@@ -207,8 +214,8 @@ def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
         i = int(np.argmin(np.abs(DECAY.t - t)))
         s = np.linspace(0.0, 1.0, len(line))
         np.testing.assert_allclose(line, CHAIN.shape(DECAY.q[i], s), atol=1e-12)
-    plot.colour_bar(ax.figure, np.array([ax]), plot.TIME_LABEL)
-    assert len(ax.figure.axes) == 2
+    bar = plot.colour_bar(plot.TIME_LABEL, ax)
+    assert ax.figure.axes == [ax, bar]
 
 
 def test_a_cycle_without_count_or_span_is_shown_to_its_end():
@@ -263,7 +270,7 @@ def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
 
 def test_a_film_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     path = tmp_path / "pipe.gif"
-    ax = axes()
+    ax = small_axes()
     film = plot.animate(CYCLE, path, fps=10, span=(20.0, 20.5), speed=0.5, ax=ax)
     assert isinstance(film, FuncAnimation)
     with Image.open(path) as image:
@@ -306,7 +313,7 @@ def test_pictures_of_motion_make_their_own_axes_and_leave_the_settings_alone():
 
 def test_the_reduced_model_is_filmed_like_the_chain(tmp_path):
     path = tmp_path / "reduced.gif"
-    ax = axes()
+    ax = small_axes()
     plot.animate(REDUCED, path, fps=4, ax=ax)
     with Image.open(path) as image:
         assert image.n_frames == 10

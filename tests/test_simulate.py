@@ -9,7 +9,9 @@ import pytest
 from scipy.special import ellipk
 
 import pipedyn as pp
-from pipedyn.motion.simulate import choose_method, highest_frequency
+from pipedyn.motion.integrator import Watched
+from pipedyn.motion.simulate import checked_task
+from pipedyn.motion.stiffness import choose_method, highest_frequency
 
 PIPE = pp.Pipe(0.2)
 DAMPED = pp.Pipe(0.2, gamma=5.0, drag=0.5, damping=2e-3)
@@ -144,6 +146,32 @@ def test_a_motion_that_cannot_go_on_carries_what_there_is():
     assert 0.5 < motion.t[-1] < 2.0
     assert motion.energy[-1] > 1e4
     assert motion.q[0] == pytest.approx(FEEDING.bent(bow))
+
+
+def test_jacobians_do_not_stop_a_motion_that_goes_on():
+    """Right-hand sides and Jacobians are one measure of what a motion took since it was asked."""
+    task = checked_task(CHAIN, 6.0, 1e3, bow, None, rtol=1e-6, method="lsoda")
+    for first in range(18_396, 18_412, 4):  # so many calls, and then two beside each Jacobian
+        watched = Watched(task)
+        step = 0.02 / max(watched.fastest)
+        times = step * np.arange(1.0, first + 2401.0)
+        for t in times[:first]:
+            watched.rates(t, task.start)
+        for t, later in times[first:].reshape(-1, 2):
+            watched.rates(t, task.start)
+            watched.rates(later, task.start)
+            watched.jacobian(later, task.start)
+        assert watched.interruption is None
+
+
+def test_a_motion_of_jacobians_that_comes_nowhere_is_stopped():
+    task = checked_task(CHAIN, 6.0, 1e3, bow, None, rtol=1e-6, method="lsoda")
+    watched = Watched(task)
+    for _ in range(2500):
+        watched.jacobian(0.0, task.start)
+        watched.rates(0.0, task.start)
+    assert "shrank to nothing" in str(watched.interruption)
+    assert watched.calls < 1500
 
 
 def test_a_motion_that_stops_before_its_first_sample_says_so_and_spoils_no_others():

@@ -8,7 +8,7 @@ from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
 from pipedyn.bifurcation.branches import CycleBranch
-from pipedyn.bifurcation.brute_force import Ended
+from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.criticality import CriticalityCurve, criticality_curve
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
 from pipedyn.bifurcation.equilibria import (
@@ -19,8 +19,9 @@ from pipedyn.bifurcation.equilibria import (
     equilibrium_branch,
 )
 from pipedyn.bifurcation.events import CycleEvent
-from pipedyn.bifurcation.hopf import Hopf, NoHopf, hopf
+from pipedyn.bifurcation.hopf import Hopf, hopf
 from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
+from pipedyn.bifurcation.normal_form import NoHopf
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
@@ -41,6 +42,7 @@ from pipedyn.motion.simulate import Motion, MotionStopped, simulate
 __version__ = "0.1.0"
 
 __all__ = [
+    "Attractor",
     "BifurcationDiagram",
     "BranchPoint",
     "Chain",
@@ -53,7 +55,6 @@ __all__ = [
     "CycleEvent",
     "Derivatives",
     "Effect",
-    "Ended",
     "Ensemble",
     "Equilibria",
     "EquilibriumBranch",

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The paper's modal analysis in one command: figures 2 and 3, convergence, stability map, table.
 
-Everything is gathered first, on a few processes, then drawn, then written. What cannot be computed
-is left out, named at the end on stderr, and makes the exit status 1; the rest is kept.
+All results are computed first, on a few processes. Then the figures and the table are written.
+What cannot be computed is left out and named at the end on stderr. The exit status is then 1.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -29,13 +29,26 @@ from pipedyn.models.pipe import FLOWS, Pipe
 from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Case, Findings, gather
 from pipedyn.paper.report import HEADER, draw, report, table
 
-LARGEST_CHAIN, LARGEST_REDUCED, MOST_PANELS = 1000, 200, 5
+LARGEST_CHAIN = 1000
+"""Segments: root loci at 181 speeds take 12 s."""
+
+LARGEST_REDUCED = 200
+"""Functions: root loci at 181 speeds take 18 s; more digits are not gained."""
+
+MOST_PANELS = 5
+"""Panels in a row: more than 5 at 2 inches each do not fit on a page."""
+
 MOST_SPEEDS = 5001
+"""Flow speeds of figures 2 and 3: steps of 0.02 up to the highest speed."""
+
+MOST_WORKERS = 64
+"""Processes: there are fewer than 100 models to compute."""
+
 FORMATS = ("png", "pdf", "svg")
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong."""
+    """Reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message}\n")
@@ -49,91 +62,50 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         "flow speed (figure 3), the convergence of the critical speed, a stability map and a table "
         "of critical speeds. Without options: the paper's case.",
         epilog="Units: L, mu_p + mu_f and EI are 1, and the flow speed is u = V L sqrt(mu_f / EI). "
-        "Exit status: 0 if all went well; 1 if something could not be computed or written, and "
+        "Exit status: 0 if all went well; 1 if something could not be computed or written; then "
         "the rest is kept; 2 for bad arguments.",
         allow_abbrev=False,
     )
     add = parser.add_argument_group("pipe").add_argument
-    add("--beta", type=float, default=0.2, metavar="B", help="mass ratio in [0, 1) (default: 0.2)")
-    add(
-        "--gamma",
-        type=float,
-        default=0.0,
-        metavar="G",
-        help="gravity; negative when the free end stands above the clamp (default: 0)",
-    )
+    for name, metavar, default, text in (
+        ("beta", "B", 0.2, "mass ratio in [0, 1)"),
+        ("gamma", "G", 0.0, "gravity; negative when the free end stands above the clamp"),
+        ("alpha", "A", 1.0, "inlet coefficient of an aspirating pipe, A >= 0"),
+        ("damping", "D", 0.0, "Kelvin-Voigt damping, D >= 0"),
+    ):
+        text = f"{text} (default: {default:g})"
+        add(f"--{name}", type=float, default=default, metavar=metavar, help=text)
     add("--flow", choices=FLOWS, default="ejecting", help="direction (default: ejecting)")
-    add(
-        "--alpha",
-        type=float,
-        default=1.0,
-        metavar="A",
-        help="inlet coefficient of an aspirating pipe, A >= 0 (default: 1)",
-    )
-    add(
-        "--damping",
-        type=float,
-        default=0.0,
-        metavar="D",
-        help="Kelvin-Voigt damping, D >= 0 (default: 0)",
-    )
+
     add = parser.add_argument_group("panels of figures 2 and 3").add_argument
-    add(
-        "--springs",
-        nargs="+",
-        choices=SPRING_RULES,
-        default=["rayleigh", "consistent"],
-        metavar="RULE",
-        help=f"spring rules of the chains, a row of panels each: {', '.join(SPRING_RULES)}; "
-        "rayleigh is the paper's (default: rayleigh consistent)",
+    text = (
+        f"spring rules of the chains, one row of panels each: {', '.join(SPRING_RULES)}; rayleigh "
+        "is the paper's (default: rayleigh consistent)"
     )
-    add(
-        "--chain",
-        nargs="+",
-        type=_size(LARGEST_CHAIN),
-        default=[4, 8, 16],
-        metavar="N",
-        help=f"numbers of segments, each from 1 to {LARGEST_CHAIN} (default: 4 8 16)",
-    )
+    rules: dict[str, Any] = {"choices": SPRING_RULES, "default": ["rayleigh", "consistent"]}
+    add("--springs", nargs="+", metavar="RULE", help=text, **rules)
+    for name, metavar, sizes, largest, text in (
+        ("chain", "N", [4, 8, 16], LARGEST_CHAIN, "segments"),
+        ("reduced", "M", [2, 4, 8], LARGEST_REDUCED, "functions"),
+    ):
+        text = f"numbers of {text}, each from 1 to {largest} (default: {' '.join(map(str, sizes))})"
+        several: dict[str, Any] = {"nargs": "+", "type": _size(largest), "default": sizes}
+        add(f"--{name}", metavar=metavar, help=text, **several)
     add("--basis", choices=BASES, default="beam", help="of the reduced models (default: beam)")
-    add(
-        "--reduced",
-        nargs="+",
-        type=_size(LARGEST_REDUCED),
-        default=[2, 4, 8],
-        metavar="M",
-        help=f"numbers of functions, each from 1 to {LARGEST_REDUCED} (default: 2 4 8)",
+    text = (
+        f"highest flow speed, 0 < U <= {HIGHEST_SPEED:g} (default: 1.5 times the critical speed, "
+        f"but at least {LEAST_HIGHEST:g})"
     )
-    add(
-        "--highest",
-        type=float,
-        metavar="U",
-        help=f"highest flow speed, 0 < U <= {HIGHEST_SPEED:g} (default: half as much again as the "
-        f"critical speed, but {LEAST_HIGHEST:g} at least)",
-    )
-    add(
-        "--speeds",
-        type=int,
-        default=181,
-        metavar="COUNT",
-        help=f"number of flow speeds, from 2 to {MOST_SPEEDS} (default: 181)",
-    )
+    add("--highest", type=float, metavar="U", help=text)
+    text = f"number of flow speeds, from 2 to {MOST_SPEEDS} (default: 181)"
+    add("--speeds", type=int, default=181, metavar="COUNT", help=text)
+
     add = parser.add_argument_group("output").add_argument
-    add(
-        "--output",
-        type=_folder,
-        default=Path("figures"),
-        metavar="FOLDER",
-        help="folder to write to, made if need be (default: figures)",
-    )
+    text = "folder to write to, made if it does not exist (default: figures)"
+    add("--output", type=_folder, default=Path("figures"), metavar="FOLDER", help=text)
     add("--format", choices=FORMATS, default="png", help="of the figures (default: png)")
-    add(
-        "--workers",
-        type=int,
-        default=min(2, os.cpu_count() or 1),
-        metavar="K",
-        help="processes that share the work, 0 for none beside this one (default: %(default)s)",
-    )
+    text = "processes that share the work; 0: this one alone (default: %(default)s)"
+    add("--workers", type=int, default=min(2, os.cpu_count() or 1), metavar="K", help=text)
     add("--quiet", action="store_true", help="show no progress on stderr")
     given = sys.argv[1:] if arguments is None else arguments
     try:
@@ -143,7 +115,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
 
 
 def _positional(word: str) -> str:
-    """A negative number that argparse would take for an option, so that it does not."""
+    """The word, changed if it is a negative number that argparse would take for an option."""
     try:
         number = float(word)
     except ValueError:
@@ -177,21 +149,16 @@ def _folder(text: str) -> Path:
 
 
 def _checked(given: argparse.Namespace) -> Case:
-    pipe = Pipe(
-        beta=given.beta,
-        gamma=given.gamma,
-        flow=given.flow,
-        alpha=given.alpha,
-        damping=given.damping,
-    )
+    numbers = {name: getattr(given, name) for name in ("beta", "gamma", "alpha", "damping")}
+    pipe = Pipe(**numbers, flow=given.flow)
     highest, speeds, workers = given.highest, given.speeds, given.workers
     if highest is not None and not 0.0 < highest <= HIGHEST_SPEED:
         rule = f"must lie in (0, {HIGHEST_SPEED:g}]"
         raise ValueError(f"argument --highest: {rule}, got {highest:g}")
     if not 2 <= speeds <= MOST_SPEEDS:
         raise ValueError(f"argument --speeds: must be from 2 to {MOST_SPEEDS}, got {speeds}")
-    if not 0 <= workers <= 64:
-        raise ValueError(f"argument --workers: must be from 0 to 64, got {workers}")
+    if not 0 <= workers <= MOST_WORKERS:
+        raise ValueError(f"argument --workers: must be from 0 to {MOST_WORKERS}, got {workers}")
     for name in ("chain", "reduced"):
         if len(set(getattr(given, name))) > MOST_PANELS:
             raise ValueError(f"argument --{name}: at most {MOST_PANELS} sizes fit a page")
@@ -220,7 +187,7 @@ def _checked(given: argparse.Namespace) -> Case:
 
 @contextmanager
 def _pool(workers: int) -> Iterator[Executor | None]:
-    """Processes with one BLAS thread each, or None where there are to be or can be none."""
+    """Processes with one BLAS thread each; None without workers or where none can be started."""
     name = "OPENBLAS_NUM_THREADS"  # read when a worker imports numpy
     before = os.environ.get(name)
     with ExitStack() as stack:
@@ -244,7 +211,11 @@ def _restore(name: str, value: str | None) -> None:
 
 
 def write(case: Case, findings: Findings, figures: dict[str, plot.Figure]) -> list[Path]:
-    """The table and the figures as files; the paths written, what could not be in `failures`."""
+    """Write the table and the figures; what cannot be written is added to `findings.failures`.
+
+    Returns:
+        The paths of the files written.
+    """
 
     def save_table(path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:

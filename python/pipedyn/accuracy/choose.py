@@ -15,8 +15,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from pipedyn.accuracy.families import FAMILIES, checked_families
-from pipedyn.accuracy.quantities import Quantity, Reference, checked_quantity
-from pipedyn.accuracy.search import Search, told_of
+from pipedyn.accuracy.quantities import Quantity, checked_quantity
+from pipedyn.accuracy.reference import Reference
+from pipedyn.accuracy.search import Search, described
 from pipedyn.accuracy.trade import SHARPER, TradeRow
 from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
@@ -26,7 +27,7 @@ DEFAULT = ("legendre", "beam", "consistent", "midpoint")
 """Families to choose among where none are named: of chains those whose error falls fastest."""
 
 FINEST = 1e-8
-"""Error that is told where the budget alone counts."""
+"""Error down to which models are told apart where the budget alone counts: few need more."""
 
 
 @dataclass(frozen=True)
@@ -108,27 +109,27 @@ class Choice:
         return self.row.size
 
     def __str__(self) -> str:
-        return "\n".join([self._named(), *self._told()])
+        return "\n".join([self._title(), *self._lines()])
 
-    def _named(self) -> str:
+    def _title(self) -> str:
         """The model, and of a pair what it takes besides."""
         if len(self.models) == 1:
             return repr(self.model)
         sizes = " and ".join(str(model.dof) for model in self.models)
         return f"{self.model!r}, extrapolated from n = {sizes}"
 
-    def _told(self) -> list[str]:
+    def _lines(self) -> list[str]:
         lines = [
             f"error {self.error:.1e} (reference: {self.reference.source}, "
             f"{self.reference.error:.1e}), {1e3 * self.cost:.3g} ms an answer",
         ]
         if self.steady is False:
-            lines.append("small by luck: the next larger size misses the tolerance")
+            lines.append("good by chance: the next larger size misses the tolerance")
         lines += [f"  {one.family}: {one.why}" for one in self.tried if one.why]
         return lines
 
     def _repr_html_(self) -> str:
-        first, *others = [html.escape(line) for line in [self._named(), *self._told()]]
+        first, *others = [html.escape(line) for line in [self._title(), *self._lines()]]
         return f"<b>{first}</b><br>" + "<br>".join(others)
 
 
@@ -138,7 +139,7 @@ class NoModel(PipedynError):
     Attributes:
         tried: what was tried, with the reasons.
         nearest: the row that comes nearest, its times NaN where the model is too large to be timed
-            and a look has told its error; None where every model failed.
+            and its error is an estimate; None where every model failed.
     """
 
     def __init__(self, message: str, tried: tuple[Tried, ...], nearest: TradeRow | None) -> None:
@@ -163,12 +164,7 @@ def choose(
 
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
     that is known ten times as well. A motion or cycle is integrated as sharply as the tolerance
-    asks for. The whole search takes, in answers of the model chosen, 3 to 9 for linear questions
-    (96 searches on 8 random pipes: tests/benchmark_choose.py), 4 to 9 for cycles, of chains to 18,
-    and some 11 for motions, to 47 where an answer takes a few milliseconds. For motions of an
-    aspirating pipe under drag alone the reference is dear: 13 to 29. For a budget it takes 2 to 8
-    for linear questions (eleven searches at beta = 0.2), and for motions and cycles of chains 15 to
-    26.
+    asks for. What a search costs in answers of the model chosen: tests/benchmark_choose.py.
 
     Args:
         pipe: the pipe.
@@ -181,7 +177,7 @@ def choose(
         **conditions: of the quantity.
 
     Returns:
-        Choice. Where its `steady` is False it is small by luck: it meets the tolerance by a change
+        Choice. Where its `steady` is False it is good by chance: it meets the tolerance by a change
         of sign of its error, and a little larger one of its family does not.
 
     Raises:
@@ -200,7 +196,7 @@ def choose(
         budget = check.real("budget", budget, low=0.0, high=1e6, open_low=True)
     families = checked_families("among", among, DEFAULT)
     repeats = check.count("repeats", repeats, high=1000)
-    begun = time.perf_counter()
+    start = time.perf_counter()
     if tolerance is not None:
         asked = asked.sharpened(tolerance)
     asked = asked.prepared(pipe)
@@ -213,7 +209,6 @@ def choose(
             None,
         )
     search = Search(pipe, asked, reference, families, repeats)
-    steady = None
     if tolerance is not None:
         row = search.cheapest(tolerance)
         demand = f"an error of {tolerance:g}" + (f" in {budget:g} s" if budget is not None else "")
@@ -221,57 +216,48 @@ def choose(
         assert budget is not None
         row = search.sharpest(budget)
         demand = f"a time of {budget:g} s"
-    row = row or search.nearest(tolerance)
-    if not _meets(search, row, tolerance, budget):
-        raise _refusal(search, row, demand)
-    if tolerance is not None:
-        steady = search.is_steady(row, tolerance)
+    if row is None or (budget is not None and not row.seconds <= budget):
+        raise _refusal(search, row or search.nearest(tolerance), demand)
     return Choice(
         models=FAMILIES[row.family].models(pipe, row.size),
         row=row,
         tolerance=tolerance,
         budget=budget,
         reference=reference,
-        steady=steady,
-        tried=_told(search, row),
-        seconds=time.perf_counter() - begun,
+        steady=None if tolerance is None else search.is_robust(row, tolerance),
+        tried=_tried(search, row),
+        seconds=time.perf_counter() - start,
         quantity=asked,
     )
 
 
-def _meets(search: Search, row: TradeRow, tolerance: float | None, budget: float | None) -> bool:
-    exact = tolerance is None or search.bound(row) <= tolerance
-    return exact and not math.isnan(row.seconds) and (budget is None or row.seconds <= budget)
-
-
-def _told(search: Search, chosen: TradeRow | None) -> tuple[Tried, ...]:
+def _tried(search: Search, chosen: TradeRow | None) -> tuple[Tried, ...]:
     """A line for each family: its row that was measured last, and why it was not chosen."""
     last = {name: row for (name, _), row in search.rows.items()}
     if chosen is not None:
         last[chosen.family] = chosen
-    names = dict.fromkeys((*last, *search.left))
     found = []
-    for name in names:
+    for name in dict.fromkeys((*last, *search.left)):
         row = last.get(name)
-        why = search.left.get(name, "" if row is None else told_of(row))
+        why = search.left.get(name, "" if row is None else described(row))
         found.append(Tried(name, row, "" if row is not None and row is chosen else why))
     return tuple(found)
 
 
-def _refusal(search: Search, nearest: TradeRow, demand: str) -> NoModel:
+def _refusal(search: Search, nearest: TradeRow | None, demand: str) -> NoModel:
     """What to raise where nothing meets the demand."""
-    told = _told(search, None)
-    if math.isinf(search.bound(nearest)):
-        why = nearest.failure or "its answer is of another kind than the continuous pipe's"
-        return NoModel(f"no model meets {demand}: {why}", told, None)
-    takes = f"takes {1e3 * nearest.seconds:.3g} ms"
+    tried = _tried(search, None)
+    if nearest is None or math.isinf(search.bound(nearest)):
+        why = "; ".join(f"{one.family}: {one.why}" for one in tried)
+        return NoModel(f"no model meets {demand}: {why}", tried, None)
+    cost = f"takes {1e3 * nearest.seconds:.3g} ms"
     if math.isnan(nearest.seconds):
-        takes = "was not timed"
+        cost = "was not timed"
     left = search.left.get(nearest.family, "")
     return NoModel(
         f"no model meets {demand}: the nearest, {nearest.family} of size {nearest.size}, has "
         f"an error of {search.bound(nearest):.1e} (the reference's {search.reference.error:.1e} "
-        f"in it) and {takes}" + (f"; {left}" if "limit" in left else ""),
-        told,
+        f"in it) and {cost}" + (f"; {left}" if "limit" in left else ""),
+        tried,
         nearest,
     )

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pipedyn.accuracy.quantities import QUANTITIES, Answer, Frequencies, Quantity, checked_quantity
+from pipedyn.accuracy.quantities import QUANTITIES, Frequencies, Quantity, checked_quantity
+from pipedyn.accuracy.reference import Answer
 from pipedyn.bifurcation.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import modes
@@ -348,7 +349,7 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> _Outcome:
 
 def _told(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
     """An answer in words, and its kind."""
-    values = quantity.shared(answer).values
+    values = answer.values
     if quantity.name == "critical_speed":
         if values[0] == 0.0:
             from_rest = "unstable from the smallest flow on"

@@ -51,9 +51,6 @@ class Family:
         return size + 1 if self.order == math.inf else math.ceil(1.2 * size + 0.5)
 
 
-PAPERS_LIMIT = 0.0144
-"""Relative error to which the paper's rule tends."""
-
 WAVY = 128
 """Legendre functions up to which their law is asked."""
 
@@ -62,9 +59,9 @@ def expected_size(family: Family, wave: float, tolerance: float) -> float:
     """About the size at which a family carries a wave to a tolerance; infinite where none does.
 
     Of Legendre functions by what they leave of a wave, its share j_(m-1)(k / 2)^2; of chains of
-    second order, and of the paper's down to its limit, by the error of a discrete beam's frequency,
-    (k / n)^2 / 24. The others are fitted to critical speeds of pipes at beta = 0.2 to 0.95: within
-    a factor of two or so.
+    second order, and of the paper's, by the error of a discrete beam's frequency, (k / n)^2 / 24,
+    though the paper's does not fall below its limit. The others are fitted to critical speeds of
+    pipes at beta = 0.2 to 0.95: within a factor of two or so.
 
     Args:
         family: of models.
@@ -77,8 +74,6 @@ def expected_size(family: Family, wave: float, tolerance: float) -> float:
         enough &= sizes > 0.5 * wave  # there the share falls, before it swings
         fits = sizes[enough]
         return float(fits[0]) if fits.size else math.inf
-    if family.order == 0.0 and tolerance <= PAPERS_LIMIT:
-        return math.inf
     if family.name == "beam":
         return max(wave / 9.0 / math.sqrt(math.sqrt(tolerance)), wave / math.pi)
     if family.order == 1.0:

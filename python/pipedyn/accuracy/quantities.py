@@ -10,99 +10,72 @@ from __future__ import annotations
 import inspect
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from pipedyn.accuracy.families import FAMILIES, Family, expected_size
-from pipedyn.accuracy.nearby import Onset, onset_near
+from pipedyn.accuracy.families import FAMILIES, expected_size
+from pipedyn.accuracy.onset import Onset, onset_near
+from pipedyn.accuracy.reference import (
+    EPS,
+    FEWEST,
+    LEAST_ERROR,
+    STEP,
+    Answer,
+    Reference,
+    grown_reference,
+    onset_reference,
+    wave_number,
+)
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
 from pipedyn.linear.critical_speed import checked_end, critical_speed
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.eigensolver import lowest
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
 from pipedyn.linear.special.weak_damping import is_faint
-from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import simulate
 from pipedyn.util import check
 from pipedyn.util.check import Array
-from pipedyn.util.counters import TookTooLong, clock, limited
 
-EPS = float(np.finfo(float).eps)
-
-BEFORE_CROWD = 0.9
-"""Share of 1 / delta up to which there are only so many roots."""
+BEFORE_CLUSTER = 0.9
+"""Share of 1 / delta up to which roots are compared: from 1 / delta on there is no next one."""
 
 GROWN = (0, 4, 10, 18, 28)
-"""By how many functions eigenvalues' reference grows; slowly converge those of much damping."""
-
-FEWEST, ENOUGH = 16, 40
-"""Legendre functions with which a critical speed is searched, from and to."""
-
-ALIKE = 1e-5
-"""By how much eight functions more may move what a search found, relative."""
-
-STEP = 8
-"""By how many functions a linear reference grows."""
+"""By how many functions the reference of eigenvalues grows: fast at first, as most converge in one
+step; those of much damping converge slowly."""
 
 FIRST, MOST = 6, 20
-"""Legendre functions of the first nonlinear reference at the least, and of the last."""
+"""Legendre functions of the first nonlinear reference at the least, and of the last: a cycle of 20
+takes seconds."""
 
 BEAM_MODES: tuple[int, ...] = (4, 6, 8, 11, 15, 20, 27)
 """Sizes of beam modes, for motions that Legendre functions spoil; 27 take ten seconds."""
 
-LONGEST_REFERENCE = 30.0
-"""Seconds of processor time after which a nonlinear reference grows no more."""
+BEAM_ORDER, DRAG_ORDER = 4.0, 3.0
+"""Powers of the size with which errors fall: of beam modes, and of functions under drag, as |v| v
+has a kink."""
 
 STARTING = 24
-"""Legendre functions at the least for the mode from which a motion sets out."""
+"""Legendre functions at the least for the mode from which a motion starts: those of it and of its
+neighbours are exact then."""
 
+START = 0.05
+"""Displacement of the free end, in L, with which a motion starts: 2 % of it is nonlinear."""
 
-@dataclass(frozen=True)
-class Answer:
-    """What a model answered.
+AT_REST = 1e-12
+"""Largest amplitude of a start that is rounding."""
 
-    Attributes:
-        values: numbers, real or complex, of a shape that the quantity sets.
-        kind: what must agree besides numbers, as that a loss of stability is flutter.
-        error: the solver's own, relative.
-        onset: of a critical speed by flutter, where it is looked for in another model.
-        damping: delta of the pipe whose roots these are: those that crowd at -1 / delta are not
-            told apart.
-    """
-
-    values: NDArray[Any]
-    kind: str = ""
-    error: float = 0.0
-    onset: Onset | None = None
-    damping: float = 0.0
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The continuous pipe's answer.
-
-    Attributes:
-        answer: the numbers.
-        error: bound on their error, relative: by what the last growth of the model moved them.
-        source: which model gave it.
-        family: of the smaller models that it grew from.
-        grown: their sizes and errors.
-    """
-
-    answer: Answer = field(repr=False)
-    error: float
-    source: str
-    family: str = ""
-    grown: tuple[tuple[int, float], ...] = field(default=(), repr=False)
+RTOL = 1e-8
+"""Relative tolerance of a motion or a cycle where no other is asked for."""
 
 
 class Quantity(ABC):
@@ -114,7 +87,7 @@ class Quantity(ABC):
     """Whether an answer's cost depends on little else than the degrees of freedom."""
 
     is_even: ClassVar[bool] = False
-    """Whether neighbouring sizes cost alike; a search for passages may take three times as long."""
+    """Whether neighbouring sizes cost alike; a search for crossings may take thrice as long."""
 
     least: int = 1
     """Degrees of freedom that a model must have to answer."""
@@ -124,6 +97,9 @@ class Quantity(ABC):
 
     growth: ClassVar[float] = 0.0
     """Power of the size with which the cost of an answer grows at the least."""
+
+    cheaper_share: ClassVar[float] = 1.5
+    """Share of another model's degrees of freedom up to which an answer may cost less than its."""
 
     @abstractmethod
     def answer(self, model: AnyModel) -> Answer:
@@ -137,59 +113,46 @@ class Quantity(ABC):
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's answer, its error below a tolerance where that can be had."""
 
-    def has_look(self, answer: Answer) -> bool:
-        """Whether a look beside the reference's answer tells a model's error."""
-        return False
+    def estimate(self, model: Model, answer: Answer) -> float | None:
+        """A model's error, looked for beside the reference's answer, far cheaper than its own.
 
-    def look(self, model: AnyModel, answer: Answer) -> float | None:
-        """A model's error from a look beside the reference's answer, far cheaper than its own.
-
-        None where there is no such look, or it finds nothing.
+        None where nothing is found. Asked where the reference is said to be estimable.
         """
         return None
 
-    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
-        """Largest wave number that an answer takes, in 1 / L, where that is known."""
-        return None
-
-    def is_spoilt(self, pipe: Pipe, family: str) -> bool:
-        """Whether a family's answers do not come near a pipe's as it grows."""
-        return False
+    def excluded(self, pipe: Pipe, family: str) -> str:
+        """Why a family's answers do not come near a pipe's as it grows; empty if they do."""
+        return ""
 
     @property
     def floor(self) -> float:
         """Error below which answers differ by how they were solved, not by their models."""
         return 0.0
 
-    def room(self, dof: int) -> float:
-        """Degrees of freedom beyond which other models' answers cost no less, but for some noise.
+    def comparable_dof(self, dof: int) -> float:
+        """Degrees of freedom up to which another model's answer may cost less than this one's.
 
         Linear answers and cycles of few degrees of freedom cost alike, of many more always more.
         """
-        return max(1.5 * dof, dof + 3.0)
+        share = self.cheaper_share
+        return max(share * dof, dof + 3.0) if share > 1.0 else share * dof
 
-    def sharpened(self, tolerance: float) -> Quantity:
+    def sharpened(self, tolerance: float) -> Self:
         """The same, solved so sharply that its own error is no part of a tolerance."""
         return self
 
-    def shared(self, answer: Answer) -> Answer:
-        """What of an answer any model that can be asked has."""
-        return answer
-
-    def prepared(self, pipe: Pipe) -> Quantity:
+    def prepared(self, pipe: Pipe) -> Self:
         """The same with what it takes from the pipe itself."""
         return self
 
     def extrapolated(self, coarse: Answer, fine: Answer, order: float) -> Answer:
         """Richardson's value from models of one and of twice the size."""
-        coarse, fine = self.shared(coarse), self.shared(fine)
         if coarse.kind != fine.kind or coarse.values.shape != fine.values.shape:
-            return replace(fine, values=np.full_like(fine.values, np.nan))
+            return replace(fine, values=np.full_like(fine.values, np.nan), others=None)
         share = 2.0**order - 1.0
         error = fine.error + (fine.error + coarse.error) / share
-        return replace(
-            fine, values=fine.values + (fine.values - coarse.values) / share, error=error
-        )
+        values = fine.values + (fine.values - coarse.values) / share
+        return replace(fine, values=values, error=error, others=None)
 
 
 def _relative(values: NDArray[Any], other: NDArray[Any]) -> float:
@@ -200,40 +163,6 @@ def _relative(values: NDArray[Any], other: NDArray[Any]) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(moved == 0.0, 0.0, moved / np.abs(other))
     return float(shares.max(initial=0.0))
-
-
-def _apart(values: NDArray[Any], other: NDArray[Any]) -> float:
-    """Largest difference of roots of another set from some of these, each with its own, relative.
-
-    Roots smaller than 1 in 1 / T are held against 1.
-    """
-    cost = np.abs(other[:, None] - values[None, :]) / np.maximum(np.abs(other), 1.0)[:, None]
-    if other.size > values.size or not np.isfinite(cost).all():
-        return math.inf
-    rows, columns = linear_sum_assignment(cost)
-    return float(cost[rows, columns].max(initial=0.0))
-
-
-def _wave(pipe: Pipe, u: float, value: complex) -> float:
-    """Largest wave number of motions ~ exp(a s + lambda tau)."""
-    thrust = pipe.centrifugal * u**2 - 0.5 * pipe.gamma
-    coriolis = 2.0 * math.sqrt(pipe.beta) * pipe.direction * u * value
-    elastic = 1.0 + pipe.damping * value
-    return float(np.abs(np.roots([elastic, 0.0, thrust, coriolis, value**2])).max(initial=0.0))
-
-
-def _largest_wave(pipe: Pipe, u: float, values: NDArray[Any]) -> float | None:
-    """Of the root farthest out; those that crowd at -1 / delta have no wave number to speak of."""
-    telling = values[_outside(values, pipe.damping)]
-    if telling.size == 0:
-        return None
-    return _wave(pipe, u, complex(telling[np.argmax(np.abs(telling))]))
-
-
-def _outside(values: NDArray[Any], damping: float) -> NDArray[np.bool_]:
-    """Which roots do not crowd at -1 / delta."""
-    outside: NDArray[np.bool_] = np.abs(damping * values + 1.0) > 0.5
-    return outside
 
 
 # ------------------------------------------------------------------------------- linear questions
@@ -254,77 +183,89 @@ class CriticalSpeedOf(Quantity):
         object.__setattr__(self, "max_speed", checked_end(self.max_speed))
 
     def answer(self, model: AnyModel) -> Answer:
+        """The speed, shape (1,), with the kind of instability."""
         found = critical_speed(model, self.max_speed)
         error = found.error / found.speed if found.speed else 0.0
         onset = None
-        # With neither Coriolis force nor damping two frequencies meet: no root passes the axis.
-        passes = model.pipe.beta > 0.0 or model.pipe.damping > 0.0
-        if found.kind == "flutter" and found.speed and passes and not is_faint(model.pipe):
+        # With neither Coriolis force nor damping two frequencies meet: no root crosses the axis.
+        crosses = model.pipe.beta > 0.0 or model.pipe.damping > 0.0
+        if found.kind == "flutter" and found.speed and crosses and not is_faint(model.pipe):
             onset = Onset(found.speed, found.frequency, found.error)
         return Answer(np.array([found.speed]), found.kind, error, onset)
 
     def distance(self, answer: Answer, other: Answer) -> float:
+        """Relative difference of the speeds; infinite where the kinds differ."""
         return math.inf if answer.kind != other.kind else _relative(answer.values, other.values)
 
-    def has_look(self, answer: Answer) -> bool:
-        return answer.onset is not None
-
-    def look(self, model: AnyModel, answer: Answer) -> float | None:
-        if answer.onset is None or not isinstance(model, Model):
-            return None
+    def estimate(self, model: Model, answer: Answer) -> float | None:
+        """By the onset of flutter next to the reference's."""
+        assert answer.onset is not None
         onset = onset_near(model, answer.onset.speed, answer.onset.frequency)
         return None if onset is None else abs(onset.speed / answer.onset.speed - 1.0)
 
-    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
-        onset = answer.onset
-        return None if onset is None else _wave(pipe, onset.speed, 1j * onset.frequency)
-
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        followed = self._followed(pipe, tolerance)
-        if followed is not None:
-            return followed
+        """An onset tracked into larger models, or else the continuous pipe's own answer."""
+        tracked = onset_reference(pipe, self.answer, tolerance)
+        if tracked is not None:
+            return tracked
         found = self.answer(Continuum(pipe))
-        return Reference(found, max(found.error, EPS), "Continuum")
+        onset, error = found.onset, max(found.error, EPS)
+        if onset is None:
+            return Reference(found, error, "Continuum")
+        wave = wave_number(pipe, onset.speed, 1j * onset.frequency)
+        return Reference(found, error, "Continuum", wave, is_estimable=True)
 
-    def _followed(self, pipe: Pipe, tolerance: float) -> Reference | None:
-        """Searched in a reduced model and followed into larger ones, where it hardly moves.
 
-        A third of the cost of two searches.
-        """
-        size = FEWEST
-        while size <= ENOUGH:
-            try:
-                answer = self.answer(Galerkin(pipe, size, "legendre"))
-            except PipedynError:
-                return None
-            before = answer.onset
-            if before is None:
-                return None
-            larger = max(size + STEP, math.ceil(0.8 * before.speed))
-            for more in (STEP, 2 * STEP):
-                model = Galerkin(pipe, size + more, "legendre")
-                onset = onset_near(model, before.speed, before.frequency)
-                if onset is None:
-                    break
-                moved = abs(onset.speed - before.speed) / onset.speed
-                if moved > ALIKE:
-                    break
-                error = moved + (before.error + onset.error) / onset.speed + EPS
-                found = Answer(np.array([onset.speed]), "flutter", error, onset)
-                if error <= tolerance or more > STEP:
-                    source = f"search with {size} Legendre functions, followed to {size + more}"
-                    return Reference(found, error, source)
-                before = onset
-            size = larger
-        return None
+class _Roots(Quantity):
+    """Eigenvalues, each held against its own; those that cluster at -1 / delta are left out."""
+
+    is_even: ClassVar[bool] = True
+    cheaper_share: ClassVar[float] = 0.5
+    count: int
+
+    @property
+    def least(self) -> int:  # type: ignore[override]
+        """One mode for each of those asked for."""
+        return self.count
+
+    def _resolving(self, pipe: Pipe, u: float, tolerance: float) -> float:
+        """Legendre functions that resolve the modes asked for, by their wave number."""
+        wave = wave_number(pipe, u, 1j * (math.pi * (self.count + 0.5)) ** 2)
+        return max(expected_size(FAMILIES["legendre"], wave, tolerance), self.count + 2.0)
+
+
+def _outside(values: NDArray[Any], damping: float) -> NDArray[np.bool_]:
+    """Which roots do not cluster at -1 / delta."""
+    outside: NDArray[np.bool_] = np.abs(damping * values + 1.0) > 0.5
+    return outside
+
+
+def _apart(values: NDArray[Any], other: NDArray[Any]) -> float:
+    """Largest difference of roots of another set from some of these, each with its own, relative.
+
+    Roots smaller than 1 in 1 / T are held against 1.
+    """
+    cost = np.abs(other[:, None] - values[None, :]) / np.maximum(np.abs(other), 1.0)[:, None]
+    if other.size > values.size or not np.isfinite(cost).all():
+        return math.inf
+    rows, columns = linear_sum_assignment(cost)
+    return float(cost[rows, columns].max(initial=0.0))
+
+
+def _largest_wave(pipe: Pipe, u: float, values: NDArray[Any]) -> float:
+    """Of the root farthest out, but for those that cluster at -1 / delta."""
+    telling = values[_outside(values, pipe.damping)]
+    if telling.size == 0:
+        return math.pi
+    return wave_number(pipe, u, complex(telling[np.argmax(np.abs(telling))]))
 
 
 @dataclass(frozen=True)
-class Frequencies(Quantity):
+class Frequencies(_Roots):
     """The eigenvalues of the lowest modes at one flow speed: each matched with its own.
 
     Of a pipe with damping delta, those up to 0.9 / delta: from 1 / delta on there is no next one,
-    as infinitely many crowd there.
+    as infinitely many cluster there.
 
     Attributes:
         u: flow speed.
@@ -340,79 +281,63 @@ class Frequencies(Quantity):
         object.__setattr__(self, "u", u)
         object.__setattr__(self, "count", check.count("count", self.count, high=100))
 
-    @property
-    def least(self) -> int:  # type: ignore[override]
-        return self.count
-
     def answer(self, model: AnyModel) -> Answer:
+        """The eigenvalues, shape (2 count,)."""
         most = 2 * self.count
         if isinstance(model, Model):  # roots of equal size may change places at the end of the row
             most = min(most + 2, 2 * model.dof)
         found = modes(model, self.u, most)
         if not found.converged.all():
             raise NotConverged(f"eigenvalues at u = {self.u:g} failed their residual check", found)
-        error = found.discretisation or 0.0
-        return Answer(found.eigenvalues, error=error, damping=model.pipe.damping)
+        return self._split(found.eigenvalues, model.pipe, found.discretisation or 0.0)
+
+    def _split(self, values: NDArray[Any], pipe: Pipe, error: float = 0.0) -> Answer:
+        asked, others = np.split(values, [2 * self.count])
+        return Answer(asked, error=error, damping=pipe.damping, others=others)
+
+    def _roots(self, model: AnyModel) -> Answer:
+        """Without the modes' shapes, which are the half of an answer."""
+        assert isinstance(model, Model)
+        found = lowest(eigenproblem(model), self.u, min(2 * self.count + 2, 2 * model.dof))
+        return self._split(found.values, model.pipe)
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        told = self._told(other)
-        return _apart(answer.values, told) if told.size else math.inf
+        """Largest distance of a root; infinite where none of the reference's is compared."""
+        compared = self._compared(other)
+        return _apart(answer.candidates, compared) if compared.size else math.inf
 
-    def _told(self, answer: Answer) -> NDArray[Any]:
-        """The lowest roots; of a damped pipe those below the endless crowd at -1 / delta."""
-        values = answer.values[: 2 * self.count]
-        below = answer.damping * np.abs(values) < BEFORE_CROWD
-        told: NDArray[Any] = values[below & _outside(values, answer.damping)]
-        return told
+    def _compared(self, answer: Answer) -> NDArray[Any]:
+        """The lowest roots; of a damped pipe those below the cluster at -1 / delta."""
+        below = answer.damping * np.abs(answer.values) < BEFORE_CLUSTER
+        compared: NDArray[Any] = answer.values[below & _outside(answer.values, answer.damping)]
+        return compared
 
-    def has_look(self, answer: Answer) -> bool:
-        return True
-
-    def look(self, model: AnyModel, answer: Answer) -> float | None:
-        if not isinstance(model, Model):
-            return None
+    def estimate(self, model: Model, answer: Answer) -> float | None:
+        """By the eigenvalues without their modes."""
         return self.distance(self._roots(model), answer)
 
-    def _roots(self, model: Model) -> Answer:
-        """Without the modes' shapes, which are the half of an answer."""
-        found = lowest(eigenproblem(model), self.u, min(2 * self.count + 2, 2 * model.dof))
-        return Answer(found.values, damping=model.pipe.damping)
-
-    is_even: ClassVar[bool] = True
-
-    def room(self, dof: int) -> float:
-        return 0.5 * dof
-
-    def shared(self, answer: Answer) -> Answer:
-        return replace(answer, values=answer.values[: 2 * self.count])
-
-    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
-        return _largest_wave(pipe, self.u, answer.values[: 2 * self.count])
-
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        wave = _wave(pipe, self.u, 1j * (math.pi * (self.count + 0.5)) ** 2)
-        expected = expected_size(FAMILIES["legendre"], wave, tolerance)
-        if math.isfinite(expected):
-            first = max(int(expected), self.count + 2)
-            before: Answer | None = None
-            for more in GROWN:
-                model = Galerkin(pipe, first + more, "legendre")
-                answer = self._roots(model)
-                error = math.inf if before is None else self.distance(before, answer)
-                if error <= tolerance:
-                    source = f"Galerkin, {model.dof} Legendre functions"
-                    return Reference(answer, max(error, 1e-14), source)
-                before = answer
-        answer = self.answer(Continuum(pipe))
-        if self._told(answer).size == 0:
-            raise NotConverged(
-                f"no eigenvalue at u = {self.u:g} lies below those that crowd at -1 / delta", answer
-            )
-        return Reference(answer, max(answer.error, 1e-14), "Continuum")
+        """Legendre functions that resolve the modes, grown; or else the continuous pipe."""
+        found, resolving = None, self._resolving(pipe, self.u, tolerance)
+        if math.isfinite(resolving):
+            sizes = [int(resolving) + more for more in GROWN]
+            asks = (self._roots, self._roots)
+            legendre = FAMILIES["legendre"]
+            found = grown_reference(pipe, legendre, sizes, asks, self.distance, tolerance)
+        if found is None or found.error > tolerance:
+            answer = self.answer(Continuum(pipe))
+            if self._compared(answer).size == 0:
+                raise NotConverged(
+                    f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta",
+                    answer,
+                )
+            found = Reference(answer, max(answer.error, LEAST_ERROR), "Continuum")
+        wave = _largest_wave(pipe, self.u, found.answer.values)
+        return replace(found, wave_number=wave, is_estimable=True)
 
 
 @dataclass(frozen=True)
-class RootLociOver(Quantity):
+class RootLociOver(_Roots):
     """The branches of eigenvalues over a range of speeds: the largest error of a root on them.
 
     Attributes:
@@ -421,7 +346,6 @@ class RootLociOver(Quantity):
     """
 
     name: ClassVar[str] = "root_loci"
-    is_even: ClassVar[bool] = True
     speeds: ArrayLike
     count: int = 4
 
@@ -432,35 +356,28 @@ class RootLociOver(Quantity):
         object.__setattr__(self, "speeds", at)
         object.__setattr__(self, "count", check.count("count", self.count, high=100))
 
-    @property
-    def least(self) -> int:  # type: ignore[override]
-        return self.count
-
     def answer(self, model: AnyModel) -> Answer:
+        """The branches of the upper half plane, then their partners, shape (S, 2 count)."""
         count = self.count  # of another model a branch beyond may be the one in question
         if isinstance(model, Model):
             count = min(self.count + 1, model.dof)
         loci = root_loci(model, self.speeds, count)
         if not loci.converged.all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
-        values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
-        return Answer(values, damping=model.pipe.damping)
+        upper, lower = loci.eigenvalues, loci.partners
+        asked, others = (
+            np.concatenate([upper[:, part], lower[:, part]], axis=1)
+            for part in (slice(self.count), slice(self.count, None))
+        )
+        return Answer(asked, damping=model.pipe.damping, others=others)
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        rows = zip(answer.values, other.values, strict=True)
+        """Largest distance of a root at any speed."""
+        rows = zip(answer.candidates, other.values, strict=True)
         return max(_apart(values, exact[_outside(exact, other.damping)]) for values, exact in rows)
 
-    def shared(self, answer: Answer) -> Answer:
-        upper, lower = np.split(answer.values, 2, axis=1)
-        mine = np.concatenate([upper[:, : self.count], lower[:, : self.count]], axis=1)
-        return replace(answer, values=mine)
-
-    def has_look(self, answer: Answer) -> bool:
-        return True
-
-    def look(self, model: AnyModel, answer: Answer) -> float | None:
-        if not isinstance(model, Model):
-            return None
+    def estimate(self, model: Model, answer: Answer) -> float | None:
+        """By the eigenvalues at the first, the middle and the last speed."""
         assert isinstance(self.speeds, np.ndarray)
         count = min(2 * self.count + 8, 2 * model.dof)
         rows = sorted({0, self.speeds.size // 2, self.speeds.size - 1})
@@ -468,31 +385,25 @@ class RootLociOver(Quantity):
         values = np.stack([lowest(problem, float(self.speeds[row]), count).values for row in rows])
         return self.distance(Answer(values), replace(answer, values=answer.values[rows]))
 
-    def room(self, dof: int) -> float:
-        return 0.5 * dof
-
-    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
-        assert isinstance(self.speeds, np.ndarray)
-        return _largest_wave(pipe, float(self.speeds[-1]), answer.values[-1])
-
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+        """The branches of a model, held against all roots of a larger one."""
         assert isinstance(self.speeds, np.ndarray)
         fastest = float(self.speeds[-1])
-        wave = _wave(pipe, fastest, 1j * (math.pi * (self.count + 0.5)) ** 2)
-        expected = max(expected_size(FAMILIES["legendre"], wave, tolerance), self.count + 2.0)
-        first = int(min(expected, max(FEWEST, 3 * self.count, math.ceil(fastest))))
+        resolving = self._resolving(pipe, fastest, tolerance)
+        first = int(min(resolving, max(FEWEST, 3 * self.count, math.ceil(fastest))))
         for size in range(first, first + 5 * STEP, STEP):
             loci = root_loci(Galerkin(pipe, size, "legendre"), self.speeds, self.count)
             values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
             answer = Answer(values, damping=pipe.damping)
             problem = eigenproblem(Galerkin(pipe, size + STEP, "legendre"))
             every = np.stack([lowest(problem, float(u)).values for u in self.speeds])
-            # Beside roots that crowd the larger may leave as much as it moved these at most.
+            # Beside clustered roots the larger may leave as much as it moved these at most.
             error = 2.0 * self.distance(Answer(every), answer)
             if error <= tolerance:
                 break
         source = f"{size} Legendre functions, held against the roots of {size + STEP}"
-        return Reference(answer, max(error, 1e-14), source)
+        wave = _largest_wave(pipe, fastest, answer.values[-1])
+        return Reference(answer, max(error, LEAST_ERROR), source, wave, is_estimable=True)
 
 
 # ---------------------------------------------------------------------------- nonlinear questions
@@ -500,28 +411,80 @@ class RootLociOver(Quantity):
 
 Angle: TypeAlias = Callable[[Array], ArrayLike]
 
-START = 0.05
-"""Displacement of the free end, in L, with which a motion starts."""
 
-STILL = 1e-12
-"""Largest amplitude of a start that is rounding."""
+class _Integrated(Quantity):
+    """A motion or a cycle, integrated with a relative tolerance."""
 
-RTOL = 1e-8
-"""Relative tolerance of a motion or a cycle where no other is asked for."""
+    is_linear: ClassVar[bool] = False
 
-BEAM_ORDER, DRAG_ORDER = 4.0, 3.0
-"""Powers of the size with which errors fall: of beam modes, and of functions under drag."""
+    sharpest: ClassVar[float]
+    """Least relative tolerance of the integration."""
+
+    share: ClassVar[float]
+    """Of a tolerance asked for, that the integration's is."""
+
+    noise: ClassVar[float]
+    """Error of an answer in relative tolerances of its integration."""
+
+    u: float
+    rtol: float | None
+
+    def _check_numbers(self, least_speed_is_open: bool) -> None:
+        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=least_speed_is_open)
+        object.__setattr__(self, "u", u)
+        if self.rtol is not None:
+            rtol = check.real("rtol", self.rtol, low=self.sharpest, high=1e-2)
+            object.__setattr__(self, "rtol", rtol)
+
+    @property
+    def floor(self) -> float:
+        """The integration's part."""
+        return self.noise * (self.rtol or RTOL)
+
+    def sharpened(self, tolerance: float) -> Self:
+        """With a share of the tolerance, but no looser than it is."""
+        loosest = 1e-2 if self.rtol is None else self.rtol
+        rtol = min(loosest, max(self.share * tolerance, self.sharpest))
+        return replace(self, rtol=rtol)  # type: ignore[type-var]
+
+    def prepared(self, pipe: Pipe) -> Self:
+        """With the relative tolerance that holds where none is given."""
+        return replace(self, rtol=self.rtol or RTOL)  # type: ignore[type-var]
+
+    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+        """From Legendre functions, or from beam modes where those spoil the answer.
+
+        Solved by turns with two tolerances: what the looser leaves is part of the difference.
+        """
+        assert self.rtol is not None
+        tolerance = max(tolerance, self.rtol)
+        family, order = FAMILIES["legendre"], math.inf if pipe.drag == 0.0 else DRAG_ORDER
+        second_mode = 1j * (1.5 * math.pi) ** 2
+        if self.excluded(pipe, "legendre"):
+            family, order, sizes = FAMILIES["beam"], BEAM_ORDER, BEAM_MODES
+        else:
+            expected = expected_size(family, wave_number(pipe, self.u, second_mode), tolerance)
+            first = int(min(max(expected, FIRST), MOST - 2))
+            sizes = tuple(range(first, MOST + 1, 2))
+        asks = (self.sharpened(tolerance).answer, self.sharpened(0.25 * tolerance).answer)
+        found = grown_reference(pipe, family, sizes, asks, self.distance, tolerance, order)
+        root = self._root(found.answer) or second_mode
+        return replace(found, wave_number=wave_number(pipe, self.u, root))
+
+    def _root(self, answer: Answer) -> complex | None:
+        """The root i omega whose waves an answer takes; the second mode's where none is known."""
+        return None
 
 
 @dataclass(frozen=True)
-class MotionOf(Quantity):
+class MotionOf(_Integrated):
     """The free end over a time: its largest distance from the reference, in the largest excursion.
 
     Attributes:
         u: flow speed.
         duration: in T.
         start: angle theta(s) of the bent pipe at rest that is let go; where not given, the motion
-            sets out on the pipe's least damped mode, of 0.05 L at the free end, which excites no
+            starts on the pipe's least damped mode, of 0.05 L at the free end, which excites no
             others, as a pipe let go does.
         samples: times at which the free end is compared.
         rtol: relative tolerance of the integration; where not given a hundredth of the tolerance
@@ -530,9 +493,12 @@ class MotionOf(Quantity):
     """
 
     name: ClassVar[str] = "motion"
-    is_linear: ClassVar[bool] = False
     most: ClassVar[int] = 1000
     growth: ClassVar[float] = 1.5
+    cheaper_share: ClassVar[float] = math.inf
+    sharpest: ClassVar[float] = 1e-12
+    share: ClassVar[float] = 0.01
+    noise: ClassVar[float] = 20.0
     u: float
     duration: float
     start: Angle | None = field(default=None, repr=False)
@@ -541,7 +507,7 @@ class MotionOf(Quantity):
     rates: Angle | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED)
+        self._check_numbers(least_speed_is_open=False)
         duration = check.real("duration", self.duration, low=1e-6, high=1e6)
         for name, given in (("start", self.start), ("rates", self.rates)):
             if given is not None and not callable(given):
@@ -551,12 +517,12 @@ class MotionOf(Quantity):
                 )
         if self.rates is not None and self.start is None:
             raise ValueError("rates must come with a start")
+        object.__setattr__(self, "duration", duration)
         samples = check.count("samples", self.samples, low=2, high=100_000)
-        rtol = _checked_rtol(self.rtol, 1e-12)
-        for name, value in (("u", u), ("duration", duration), ("samples", samples), ("rtol", rtol)):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "samples", samples)
 
     def answer(self, model: AnyModel) -> Answer:
+        """The free end's positions, shape (samples, 2)."""
         assert isinstance(model, Model)
         assert self.start is not None
         assert self.rtol is not None
@@ -568,18 +534,15 @@ class MotionOf(Quantity):
         )
         return Answer(motion.tip)
 
-    @property
-    def floor(self) -> float:
-        return 20.0 * (self.rtol or RTOL)
-
     def prepared(self, pipe: Pipe) -> MotionOf:
-        rtol = RTOL if self.rtol is None else self.rtol
+        """With its start: the least damped mode where none is given."""
+        asked = super().prepared(pipe)
         if self.start is not None:
             straight = Galerkin(pipe, FIRST, "legendre")
-            sets_out = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
-            if np.abs(sets_out).max() < STILL:
+            bends = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
+            if np.abs(bends).max() < AT_REST:
                 raise ValueError("start must bend the pipe, which does not move from where it is")
-            return replace(self, rtol=rtol)
+            return asked
         size = max(STARTING, math.ceil(self.u))
         found = modes(Galerkin(pipe, size, "legendre"), self.u, 8)
         growth = found.eigenvalues.real  # all modes of an undamped pipe may grow alike: the lowest
@@ -587,35 +550,30 @@ class MotionOf(Quantity):
         q = START * mode.coordinates / mode(np.ones(1))[0]
         angle = partial(_slope, mode.model, q.real.copy())
         rates = partial(_slope, mode.model, (mode.eigenvalue * q).real)
-        return replace(self, start=angle, rates=rates, rtol=rtol)
+        return replace(asked, start=angle, rates=rates)
 
     def distance(self, answer: Answer, other: Answer) -> float:
+        """Largest distance of the free end, in the other's largest excursion."""
         excursion = np.hypot(*(other.values - np.array([0.0, 1.0])).T).max()
         if not np.isfinite(answer.values).all():
             return math.inf
         return float(np.hypot(*(answer.values - other.values).T).max() / excursion)
 
-    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
-        return _second_wave(pipe, self.u)
-
-    def is_spoilt(self, pipe: Pipe, family: str) -> bool:
-        """The highest Legendre functions of such a pipe grow many times faster than it does."""
+    def excluded(self, pipe: Pipe, family: str) -> str:
+        """Legendre functions of an undamped aspirating pipe."""
         grows = pipe.flow == "aspirating" and pipe.damping == 0.0 and pipe.beta > 0.0
-        return grows and family == "legendre"
+        spoilt = grows and family == "legendre"
+        return "its highest functions grow many times faster than the pipe" if spoilt else ""
 
-    def room(self, dof: int) -> float:
-        return math.inf
 
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        assert self.rtol is not None
-        return _reference_of_motion(self, pipe, self.u, max(tolerance, self.rtol))
-
-    def sharpened(self, tolerance: float) -> MotionOf:
-        return replace(self, rtol=_sharper(self.rtol, 0.01 * tolerance, 1e-12))
+def _slope(model: Model, q: Array, s: Array) -> Array:
+    """The angle of a reduced model at arc lengths."""
+    assert isinstance(model, Galerkin)
+    return model.functions(s, 1) @ q
 
 
 @dataclass(frozen=True)
-class LimitCycleAt(Quantity):
+class LimitCycleAt(_Integrated):
     """Amplitude and frequency of the limit cycle: the larger relative error.
 
     Attributes:
@@ -625,129 +583,31 @@ class LimitCycleAt(Quantity):
     """
 
     name: ClassVar[str] = "limit_cycle"
-    is_linear: ClassVar[bool] = False
     most: ClassVar[int] = LARGEST_CYCLE
     growth: ClassVar[float] = 1.0
+    cheaper_share: ClassVar[float] = 1.0
+    sharpest: ClassVar[float] = 1e-10
+    share: ClassVar[float] = 0.1
+    noise: ClassVar[float] = 10.0
     u: float
     rtol: float | None = None
 
     def __post_init__(self) -> None:
-        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=True)
-        object.__setattr__(self, "u", u)
-        object.__setattr__(self, "rtol", _checked_rtol(self.rtol, 1e-10))
+        self._check_numbers(least_speed_is_open=True)
 
     def answer(self, model: AnyModel) -> Answer:
+        """Amplitude and frequency, shape (2,)."""
         assert isinstance(model, Model)
         assert self.rtol is not None
         cycle = limit_cycle(model, self.u, rtol=self.rtol)
         return Answer(np.array([cycle.amplitude, cycle.frequency]), "", cycle.error)
 
     def distance(self, answer: Answer, other: Answer) -> float:
+        """The larger relative difference of the two."""
         return _relative(answer.values, other.values)
 
-    def room(self, dof: int) -> float:
-        return dof
-
-    def wave(self, pipe: Pipe, answer: Answer) -> float | None:
-        return _wave(pipe, self.u, 1j * float(answer.values[1]))
-
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        assert self.rtol is not None
-        return _reference_of_motion(self, pipe, self.u, max(tolerance, self.rtol))
-
-    @property
-    def floor(self) -> float:
-        return 10.0 * (self.rtol or RTOL)
-
-    def prepared(self, pipe: Pipe) -> LimitCycleAt:
-        return replace(self, rtol=RTOL if self.rtol is None else self.rtol)
-
-    def sharpened(self, tolerance: float) -> LimitCycleAt:
-        return replace(self, rtol=_sharper(self.rtol, 0.1 * tolerance, 1e-10))
-
-
-def _checked_rtol(rtol: Any, least: float) -> float | None:
-    return None if rtol is None else check.real("rtol", rtol, low=least, high=1e-2)
-
-
-def _sharper(rtol: float | None, enough: float, least: float) -> float:
-    return min(1e-2 if rtol is None else rtol, max(enough, least))
-
-
-def _slope(model: Model, q: Array, s: Array) -> Array:
-    """The angle of a reduced model at arc lengths."""
-    assert isinstance(model, Galerkin)
-    return model.functions(s, 1) @ q
-
-
-def _second_wave(pipe: Pipe, u: float) -> float:
-    """Largest wave number of what moves with the second mode's frequency."""
-    return _wave(pipe, u, 1j * (1.5 * math.pi) ** 2)
-
-
-def _reference_of_motion(quantity: Quantity, pipe: Pipe, u: float, tolerance: float) -> Reference:
-    """From Legendre functions, or from beam modes where those spoil the answer.
-
-    Solved by turns with two tolerances: what the looser leaves is part of the difference.
-    """
-    legendre, order = FAMILIES["legendre"], None if pipe.drag == 0.0 else DRAG_ORDER
-    if quantity.is_spoilt(pipe, "legendre"):
-        family, order, sizes = FAMILIES["beam"], BEAM_ORDER, BEAM_MODES
-    else:
-        expected = expected_size(legendre, _second_wave(pipe, u), tolerance)
-        first = int(min(max(expected, FIRST), MOST - 2))
-        family, sizes = legendre, tuple(range(first, MOST + 1, 2))
-    askers = (quantity.sharpened(tolerance), quantity.sharpened(0.25 * tolerance))
-    return _grown(pipe, family, sizes, askers, tolerance, order)
-
-
-def _grown(
-    pipe: Pipe,
-    family: Family,
-    sizes: Sequence[int],
-    askers: tuple[Quantity, Quantity],
-    tolerance: float,
-    order: float | None,
-) -> Reference:
-    """The answer of the first of some models that is as near to the one before as is asked for.
-
-    Args:
-        pipe: the pipe.
-        family: of the models.
-        sizes: of them, growing.
-        askers: ask the models by turns.
-        tolerance: bound on the error.
-        order: power of the size with which the errors fall at the least, None where exponentially:
-            what the last step moved is then more than what is left.
-    """
-    answers: list[Answer] = []
-    end, told = clock() + LONGEST_REFERENCE, ""
-    for i, size in enumerate(sizes):
-        try:
-            with limited(end - clock()):
-                answers.append(askers[i % 2].answer(family.make(pipe, size)))
-        except (TookTooLong, PipedynError) as failure:
-            if i < 2 and isinstance(failure, PipedynError):
-                raise
-            if i < 2:
-                raise NotConverged(
-                    f"the continuous pipe's answer is not known: of reduced models, the one of "
-                    f"{size} {family.name} functions was not done in {LONGEST_REFERENCE:g} s"
-                ) from None
-            told, size = f", as that of {size} failed", sizes[i - 1]
-            break
-        if i == 0:
-            continue
-        left = 1.0
-        if order is not None:
-            left = max(1.0, 1.0 / ((size / sizes[i - 1]) ** order - 1.0))
-        error = left * askers[0].distance(answers[-2], answers[-1]) + answers[-1].error
-        if error <= tolerance:
-            break
-    source = f"Galerkin, {size} {family.name} functions{told}"
-    errors = [askers[0].distance(smaller, answers[-1]) for smaller in answers[:-1]]
-    grown = tuple(zip(sizes, errors, strict=False))
-    return Reference(answers[-1], max(error, 1e-14), source, family.name, grown)
+    def _root(self, answer: Answer) -> complex | None:
+        return 1j * float(answer.values[1])
 
 
 # --------------------------------------------------------------------------------- by their names

@@ -1,110 +1,154 @@
 # SPDX-License-Identifier: MIT
-"""How the cheapest model that meets a tolerance is found with few measurements.
+"""The search for the cheapest model: in each family a ladder of sizes, then bisection.
 
-What is known of a family's error (an order, or exponential decay) predicts the size that a
-tolerance takes; errors found on the way correct it. Linear questions have looks, which tell a
-model's error at a tenth of its cost, and cost what their degrees of freedom do: families whose size
-is too large beside the best are not measured. Of motions and cycles each size is measured, and a
-family is left where its next size would not cost less than WORTH of what was found. For a budget
-the size is sought that comes as near to the reference as can be told, and below it what the budget
-pays for; a family is left where its law, or a look, has no smaller an error in as much time.
+A ladder starts at the size that the family's order of convergence lets expect. Its next sizes
+follow from the errors found, each step at least twice the one before, up to the largest model of
+the family: a size that fails does not end it, as errors need not fall monotonically. Between the
+last size that fails and the first that serves, bisection finds two neighbours.
+
+Linear questions have estimates of a model's error, at a tenth of an answer's cost. No model is
+chosen before its error was measured. Where a measurement contradicts the estimate, the family's
+errors are measured from there on. Motions and cycles have no estimates: every size is measured, as
+far as it may cost less than the best model so far.
+
+For a budget the same ladder finds the largest size that the budget pays for.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 
 import numpy as np
 
+from pipedyn.accuracy.convergence import law_of
 from pipedyn.accuracy.families import FAMILIES, RULES, Family, expected_size
-from pipedyn.accuracy.quantities import Quantity, Reference
+from pipedyn.accuracy.quantities import Quantity
+from pipedyn.accuracy.reference import Reference
 from pipedyn.accuracy.trade import SHARPER, TradeRow, measured
 from pipedyn.models.base import PipedynError
 from pipedyn.models.pipe import Pipe
 
-WORTH = 0.7
-"""Share of the best cost so far that another family must promise to be looked at further."""
-
 LARGEST = {"legendre": 60, "beam": 400}
-"""Functions; chains are tried up to what the quantity can be asked of."""
+"""Functions. 60 Legendre functions resolve waves of 120 / L; the quadrature of beam modes takes a
+second from 400 on. Chains are tried up to the most that the quantity can be asked of."""
 
 PATIENCE = 60.0
-"""Seconds: a model that would take longer for an answer is not tried, or given up."""
+"""Seconds: a model that would take longer for an answer is not tried, or given up. A user waits
+that long once."""
 
-LESS = 0.93
-"""Share of a size below which a smaller one is worth a look or a measurement."""
-
-AIM = 0.8
-"""Share of a tolerance that a predicted size should reach."""
-
-DECADES = 0.9
-"""Decades by which a Legendre function more lowers the error, before two sizes have told."""
+WORTH = 0.7
+"""Share of the best cost so far that a model must promise to be measured: times of one answer
+scatter by as much."""
 
 TELLING = 0.5
-"""Error above which a model tells nothing of how the errors fall."""
+"""Error above which a model is too coarse to tell how the errors fall."""
 
-FALLING = 0.3
-"""Share of a family's order below which its errors do not fall as they should."""
-
-NEAR = 0.7
-"""Share of an expected size with which a nonlinear answer may do; larger models are dearer."""
+DECADES = 0.9
+"""Decades by which one more Legendre function lowers the error: 0.8 to 1.1 for critical speeds
+(tests/test_convergence.py)."""
 
 CHEAP = 12
-"""Size up to which a nonlinear answer of any family may be measured to learn its price."""
+"""Size up to which a motion or a cycle is measured before any price is known: tenths of a second
+at the most."""
 
-STEPS, TRIES, MEASURED = 25, 4, 2
-"""Sizes of a family that are asked for its error; for a linear question those measured after, and
-families measured."""
+NEIGHBOURS = 0.07
+"""Relative distance of sizes at which bisection of motions and cycles ends: their costs then differ
+by a tenth."""
 
-WITHIN, MARGIN = 6, 1.5
-"""Sizes of a family that are timed for a budget; by how much a time may be wrong, as predicted or
-as measured once."""
-
-FULL, FULL_OF_DECADES, CLOSE = 0.7, 0.9, 0.1
-"""Shares of a budget that are as good as all of it, where errors fall by powers and by decades, and
-share of a size within which the largest that a budget pays for is known."""
-
-NEARBY = (8, 16, 32)
-"""Sizes that tell where a family's errors tend to, where there are no looks."""
+COMPARED = 2
+"""Linear models measured where several serve: of about equal size the cheapest by measurement."""
 
 LONG = 80
-"""Size from which a linear answer is not measured before a smaller one has told its price."""
+"""Size from which a linear answer may take a second: a smaller one is timed before it, and one
+whose estimate failed is not measured."""
+
+SCATTER, SPENT, FULL, CLOSE = 1.5, 0.9, 0.7, 0.1
+"""For a budget: by how much a time may be wrong, as predicted or as measured once; the share of the
+budget that a size should take, and that is as good as all of it; and the share of the largest size
+to which it is found."""
 
 
-def predicted(family: Family, known: Mapping[int, float], aim: float) -> float:
-    """The size at which a family's error falls to an aim, by its law through what is known.
+class _Stop(Exception):
+    """The end of a ladder: its argument says why."""
+
+
+def predicted(order: float, known: Mapping[int, float], target: float) -> float:
+    """The size at which values that fall with the size come down to a target.
 
     Args:
-        family: its order is believed until two sizes have told another.
-        known: errors by sizes.
-        aim: relative error.
+        order: of their fall, a power of the size; infinite where they fall exponentially. Two
+            known values correct it by up to a factor of two.
+        known: values by sizes, infinite where they tell nothing.
+        target: value, > 0.
 
     Returns:
-        A size, at most three times the nearest known or six functions beyond it; infinite where
-        the errors do not fall, and the next size to learn from where none tells anything.
+        A size, at most three times the nearest known one or six functions beside it.
     """
-    largest = max(known)
-    telling = [(size, max(error, 1e-16)) for size, error in known.items() if error <= TELLING]
-    if not telling:
-        return largest + max(2, largest // 2)
-    near = sorted(telling, key=lambda one: abs(math.log(one[1] / aim)))[:2]
-    exponential = family.order == math.inf
-    steepness = DECADES if exponential else family.order
-    sizes = [float(size) if exponential else math.log10(size) for size, _ in near]
-    decades = [-math.log10(error) for _, error in near]
+    exponential = order == math.inf
+    slope = DECADES if exponential else order
+    decades = {n: math.log10(max(v, 1e-16) / target) for n, v in known.items() if v < math.inf}
+    near = sorted(decades, key=lambda n: abs(decades[n]))[:2]
+    if not near:
+        return 1.5 * max(known)
     if len(near) > 1:
-        told = (decades[1] - decades[0]) / (sizes[1] - sizes[0])
-        least = FALLING * steepness
-        if not exponential and len(telling) > 3 and told < max(least, FALLING):
-            return math.inf
-        steepness = min(max(told, least), 1.5 * steepness or math.inf)
-    if steepness <= 0.0:
-        return 2.0 * largest
-    step = (-math.log10(aim) - decades[0]) / steepness
-    size = near[0][0]
-    return size + min(step, 6.0) if exponential else size * 10.0 ** min(step, math.log10(3.0))
+        a, b = near
+        apart = a - b if exponential else math.log10(a / b)
+        slope = min(max((decades[b] - decades[a]) / apart, 0.5 * slope), 2.0 * slope)
+    size, farthest = near[0], 6.0 if exponential else math.log10(3.0)
+    step = min(max(decades[size] / slope, -farthest), farthest)
+    return size + step if exponential else size * 10.0**step
+
+
+def ladder(
+    value: Callable[[int], float],
+    target: float,
+    order: float,
+    start: int,
+    sizes: tuple[int, int],
+    known: Mapping[int, float],
+    near: float = 0.0,
+) -> tuple[int, int]:
+    """Neighbouring sizes, of which the larger has a value within the target.
+
+    Args:
+        value: of a size.
+        target: largest value that serves, > 0.
+        order: of the values' fall, as for `predicted`.
+        start: first size, where none is known.
+        sizes: the least and the largest.
+        known: values by sizes, known before.
+        near: relative distance of the two sizes at which they need not be neighbours.
+
+    Returns:
+        The last size that fails, one below the least where all serve; and the size above it that
+        serves, one above the largest where none does.
+    """
+    least, most = sizes
+    values = dict(known)
+    good = min((n for n, one in values.items() if one <= target), default=most + 1)
+    bad = max((n for n, one in values.items() if one > target and n < good), default=least - 1)
+    rung, cuts = 1, 0
+    while good - bad > max(1.0, near * bad):
+        size = math.ceil(predicted(order, values, target)) if values else start
+        if not values:
+            size = min(max(size, least), most)
+        elif good > most:
+            size = min(max(size, bad + rung), most)
+        elif bad < least:
+            size = max(min(size, good - rung), least)
+        else:  # bisection, where the prediction does not close the bracket in three cuts
+            size = (bad + good) // 2 if cuts > 2 else min(max(size, bad + 1), good - 1)
+            cuts += 1
+        values[size] = value(size)
+        rung *= 2
+        if values[size] <= target:
+            good = size
+        else:
+            bad = size
+    return bad, good
 
 
 def price(known: Mapping[int, float], size: int, growth: float) -> float:
@@ -113,10 +157,34 @@ def price(known: Mapping[int, float], size: int, growth: float) -> float:
     if not near:
         return 0.0
     if len(near) > 1:
-        told = math.log(known[near[0]] / known[near[1]]) / math.log(near[0] / near[1])
-        growth = min(max(0.7 * told, growth), 3.0)
+        observed = math.log(known[near[0]] / known[near[1]]) / math.log(near[0] / near[1])
+        growth = min(max(0.7 * observed, growth), 3.0)
     seconds: float = known[near[0]] * (size / near[0]) ** growth
     return seconds
+
+
+def _check_fall(known: Mapping[int, float], tolerance: float, most: int) -> None:
+    """Ends a ladder of measurements whose errors will not come down to the tolerance."""
+    telling = sorted((n, error) for n, error in known.items() if error < math.inf)
+    if len(telling) < 2:
+        return
+    (a, coarse), (b, fine) = telling[-2:]
+    order = max(math.log(coarse / fine) / math.log(b / a), 0.0)
+    if fine > tolerance and fine * (b / most) ** order > 2.0 * tolerance:
+        raise _Stop(f"size {b} has an error of {fine:.1e}, and larger ones fall too slowly")
+
+
+def _shortfall(known: Mapping[int, float]) -> str:
+    """Why no size of a family serves, by its errors."""
+    telling = {n: error for n, error in sorted(known.items()) if error < math.inf}
+    if not telling:
+        return f"size {max(known)} has no answer near the reference's"
+    size = min(telling, key=telling.__getitem__)
+    law = law_of(np.array([float(n) for n in telling]), np.array([*telling.values()]))
+    text = f"size {size} has an error of {telling[size]:.1e} still"
+    if law.law == "flat":
+        text += f", and larger ones tend to {abs(law.limit):.2g}: it has another limit"
+    return text
 
 
 class Search:
@@ -124,7 +192,7 @@ class Search:
 
     Attributes:
         rows: what was measured, by family and size.
-        looks: errors that were looked up.
+        estimates: errors that were estimated, by family and size.
         left: families that were left, and why.
     """
 
@@ -138,13 +206,16 @@ class Search:
     ) -> None:
         self.pipe, self.quantity, self.reference = pipe, quantity, reference
         self.families, self.repeats = families, repeats
-        self.wave = quantity.wave(pipe, reference.answer)
-        self.has_look = quantity.has_look(reference.answer)
         self.rows: dict[tuple[str, int], TradeRow] = {}
-        self.looks = {
-            (reference.family, size): error + reference.error for size, error in reference.grown
+        self.estimates = {
+            (family.name, size): error + reference.error
+            for family in families
+            for size, error in reference.smaller
+            if family.name == reference.family
         }
         self.left: dict[str, str] = {}
+        self._contradicted: set[str] = set()
+        self._thorough = False
 
     def measure(self, family: Family, size: int) -> TradeRow:
         """The row of one model."""
@@ -159,172 +230,192 @@ class Search:
         )
 
     def bound(self, row: TradeRow) -> float:
-        """Of the true error; infinite where the model failed."""
-        known = row.error + self.reference.error
-        return known if math.isfinite(known) else math.inf
+        """Bound on the true error; infinite where the model failed."""
+        bound = row.error + self.reference.error
+        return bound if math.isfinite(bound) else math.inf
 
-    def error(self, family: Family, size: int) -> float:
-        """Bound on a model's error: by a look, infinite if that misses, or else measured."""
+    def _is_estimable(self, family: Family) -> bool:
+        estimable = self.reference.is_estimable and not family.paired
+        return estimable and family.name not in self._contradicted
+
+    def error(self, family: Family, size: int, thorough: bool = False) -> float:
+        """Bound on a model's error: measured, or else estimated where the question allows.
+
+        Args:
+            family: the family.
+            size: of the model.
+            thorough: whether it is measured where no estimate is found; else it is infinite then.
+        """
         key = (family.name, size)
-        if key not in self.looks:
-            told = None
-            if key not in self.rows and not family.paired:
-                try:
-                    model = family.models(self.pipe, size)[0]
-                    told = self.quantity.look(model, self.reference.answer)
-                except (PipedynError, ValueError, np.linalg.LinAlgError):
-                    told = None
-                if told is None and self.has_look:
-                    told = math.inf
-            if told is None:
-                return self.bound(self.measure(family, size))
-            self.looks[key] = told + self.reference.error
-        return self.looks[key]
+        known = key in self.estimates and family.name not in self._contradicted
+        if key not in self.rows and not known and self._is_estimable(family):
+            try:
+                model = family.models(self.pipe, size)[0]
+                found = self.quantity.estimate(model, self.reference.answer)
+            except (PipedynError, ValueError, np.linalg.LinAlgError):
+                found = None
+            self.estimates[key] = math.inf if found is None else found + self.reference.error
+            known = True
+        if key in self.rows or not known:
+            return self.bound(self.measure(family, size))
+        if self.estimates[key] == math.inf and thorough and size <= LONG:
+            return self.bound(self.measure(family, size))
+        return self.estimates[key]
 
-    def surely(self, family: Family, size: int) -> float:
-        """Bound on a model's error; what a look missed is measured, as a search may find it."""
-        error = self.error(family, size)
-        if math.isfinite(error) or size > LONG:
-            return error
-        return self.bound(self.measure(family, size))
-
-    def is_steady(self, row: TradeRow, tolerance: float) -> bool:
+    def is_robust(self, row: TradeRow, tolerance: float) -> bool:
         """Whether the next larger size meets the tolerance too."""
         family = FAMILIES[row.family]
-        return self.surely(family, family.beyond(row.size)) <= tolerance
+        return self.error(family, family.beyond(row.size), thorough=True) <= tolerance
 
     # ------------------------------------------------------------------------- for a tolerance
 
     def cheapest(self, tolerance: float) -> TradeRow | None:
-        """The cheapest row that meets a tolerance."""
-        expected = {family: self._expected(family, tolerance) for family in self.families}
-        order = sorted(expected, key=self._turn(expected))
-        ask = self._look_up if self.has_look else self._try_out
-        ask({family: expected[family] for family in order}, tolerance)
+        """The cheapest row that meets a tolerance; None only after a thorough search."""
+        for self._thorough in (False, True):
+            self._compare(tolerance)
+            best = self._best(tolerance)
+            if best is not None or not self.reference.is_estimable:
+                break
+        if best is not None and self.quantity.is_linear:
+            family, size = FAMILIES[best.family], best.size
+            while size > self._range(family)[0]:  # a smaller one of which no estimate was found
+                size -= 1
+                if self.error(family, size) < math.inf:
+                    break
+                if self.error(family, size, thorough=True) > tolerance:
+                    break
+        return self._best(tolerance)
+
+    def _best(self, tolerance: float) -> TradeRow | None:
         good = [row for row in self.rows.values() if self.bound(row) <= tolerance]
         return min(good, key=lambda row: row.seconds, default=None)
 
-    def _turn(self, expected: Mapping[Family, float]) -> Callable[[Family], tuple[float, ...]]:
-        """In which order families are asked: those of which something is known, then the small."""
-        first = self.reference.family
-
-        def turn(family: Family) -> tuple[float, ...]:
-            return family.name != first, family.order == 0.0, family.dof(1) * expected[family]
-
-        return turn
-
-    def _expected(self, family: Family, tolerance: float) -> float:
-        """About the size that the tolerance takes; of nonlinear questions the least that may do."""
-        if family.name == self.reference.family:
-            return predicted(family, dict(self.reference.grown), AIM * tolerance)
-        if self.quantity.is_spoilt(self.pipe, family.name):
-            return math.inf
-        wave = math.pi if self.wave is None else self.wave
-        share = 1.0 if self.has_look else NEAR
-        return max(share * expected_size(family, wave, tolerance), float(self.quantity.least))
-
-    def _largest(self, family: Family) -> int:
-        most = self.quantity.most
-        return min(LARGEST.get(family.name, most), most // 2 if family.paired else most)
-
-    def _smallest(
-        self, family: Family, expected: float, tolerance: float, room: float, limit: float
-    ) -> int | None:
-        """The smallest size that meets the tolerance, unless others do so for less.
-
-        Args:
-            family: the family.
-            expected: about the size that it takes.
-            tolerance: relative error.
-            room: degrees of freedom that it may have.
-            limit: seconds that an answer may take.
-        """
-        most, least = self._largest(family), self.quantity.least
-        if most < least or expected > 3.0 * most:
-            about = f", and {expected:.0f} are expected" if math.isfinite(expected) else ""
-            self.left[family.name] = f"more than size {most} is needed{about}"
-            return None
-        known = dict(self.reference.grown) if family.name == self.reference.family else {}
-        wanted = min(max(expected, least), most)
-        size = math.ceil(wanted if known or self.has_look else min(wanted, CHEAP))
-        good, bad = None, least - 1
-        for _ in range(STEPS):
-            why = self._dearer(family, max(size, math.ceil(min(wanted, most))), room, limit)
-            if why:
-                self.left[family.name] = why
-                break
-            known[size] = self.error(family, size)
-            if known[size] <= tolerance:
-                good = size
-            else:
-                bad = size
-            wanted = predicted(family, known, AIM * tolerance)
-            last = most if good is None else good - 1
-            if wanted == math.inf or bad >= last:
-                break
-            if known[size] == math.inf and limit < PATIENCE:
-                break  # To fail may cost more than the answers that others gave.
-            size = min(max(math.ceil(wanted), bad + 1), last)
-            if good is not None and size > LESS * good:
-                break
-        if good is None and bad >= least and self.surely(family, bad) <= tolerance:
-            good = bad
-        if good is None and family.name not in self.left:
-            self.left[family.name] = f"size {bad} has an error of {known[bad]:.1e} still"
-        return good
-
-    def _dearer(self, family: Family, size: int, room: float, limit: float) -> str:
-        """Why a size costs more than others; empty where it may not."""
-        if family.dof(size) > room:
-            return f"size {size} is needed"
-        seconds = price(self._seconds(family), size, self.quantity.growth)
-        return f"size {size} would take some {1e3 * seconds:.3g} ms" if seconds > limit else ""
-
-    def _look_up(self, expected: Mapping[Family, float], tolerance: float) -> None:
-        """For a linear question: sizes by looks, then measurements of the smallest."""
-        sizes: list[tuple[int, Family, int]] = []
-        room = math.inf
-        for family, about in expected.items():
-            size = self._smallest(family, about, tolerance, room, math.inf)
+    def _compare(self, tolerance: float) -> None:
+        """Measures the candidates of all families, the smallest first, as far as they may pay."""
+        sizes: dict[Family, int] = {}
+        room, compared = math.inf, 0
+        for family in self._ordered(tolerance):
+            self.left.pop(family.name, None)
+            size = self._smallest(family, tolerance, room)
             if size is not None:
-                sizes.append((family.dof(size), family, size))
-                room = min(room, self.quantity.room(family.dof(size)))
-        best: TradeRow | None = None
-        for rank, (dof, family, size) in enumerate(sorted(sizes, key=lambda one: one[0])):
-            if best is not None and (rank >= MEASURED or dof > self.quantity.room(best.dof)):
-                self.left[family.name] = f"an error of {tolerance:g} takes size {size}"
+                sizes[family] = size
+                room = min(room, self.quantity.comparable_dof(family.dof(size)))
+        for family, size in sorted(sizes.items(), key=lambda one: one[0].dof(one[1])):
+            best = self._best(tolerance)
+            if best is not None and (family.name, size) not in self.rows:
+                room = self.quantity.comparable_dof(best.dof)
+                if compared >= COMPARED or family.dof(size) > room:
+                    self.left[family.name] = f"size {size} may serve, and costs more"
+                    continue
+            try:
+                self._check_price(family, size, PATIENCE)
+            except _Stop as stop:
+                self.left[family.name] = str(stop)
                 continue
-            best = self._confirmed(family, size, tolerance) or best
-        if best is not None and len(sizes) == 1 and not self.quantity.is_even and best.size < LONG:
+            compared += 1
+            if self.bound(self.measure(family, size)) > tolerance:
+                self._contradicted.add(family.name)
+                self._compare(tolerance)  # without what was left because of this size
+                return
+        best = self._best(tolerance)
+        if best is not None and compared == 1 and not self.quantity.is_even and best.size < LONG:
             self.measure(FAMILIES[best.family], best.size + 1)
 
-    def _confirmed(self, family: Family, size: int, tolerance: float) -> TradeRow | None:
-        """The first size from one that looks good at which the measured error is."""
-        for _ in range(TRIES):
-            if size > self._largest(family):
-                break
-            if size > LONG and self.quantity.is_linear:
-                tested = self.measure(family, min(size // 2, 2 * LONG))
-                seconds = price({tested.size: tested.seconds}, size, 1.5)
-                if seconds > PATIENCE:
-                    self.left[family.name] = f"size {size} would take some {seconds:.0f} s"
-                    return None
-            row = self.measure(family, size)
-            if self.bound(row) <= tolerance:
-                return row
-            size = max(size + 1, math.ceil(1.1 * size))
-        self.left[family.name] = f"size {row.size} has an error of {row.error:.1e} still"
+    def _ordered(self, tolerance: float) -> list[Family]:
+        """Families in the order of asking: those of which errors are known, then the small."""
+
+        def turn(family: Family) -> tuple[bool, bool, float]:
+            known = family.name == self.reference.family
+            expected = self._expected(family, tolerance)
+            return not known, family.order == 0.0, family.dof(1) * expected
+
+        return sorted(self.families, key=turn)
+
+    def _expected(self, family: Family, tolerance: float) -> float:
+        """About the size that the tolerance takes."""
+        expected = expected_size(family, self.reference.wave_number, tolerance)
+        return max(expected, float(self._range(family)[0]))
+
+    def _range(self, family: Family) -> tuple[int, int]:
+        """The least and the largest size of a family that may be asked."""
+        most = self.quantity.most
+        most = min(LARGEST.get(family.name, most), most // 2 if family.paired else most)
+        return max(1, self.quantity.least), most
+
+    def _smallest(self, family: Family, tolerance: float, room: float) -> int | None:
+        """The smallest size found to meet the tolerance, with at most so many degrees of freedom.
+
+        Where there is none, `left` says why.
+        """
+        why = self._excluded(family)
+        if why:
+            self.left[family.name] = why
+            return None
+        least, most = self._range(family)
+        if room < math.inf:
+            most = min(most, max(math.floor(room / family.dof(1)), least))
+        estimable = self._is_estimable(family)
+        start = min(self._expected(family, tolerance), most if estimable else CHEAP)
+        known = self._known(family)
+
+        def value(size: int) -> float:
+            if not estimable and (family.name, size) not in self.rows:
+                best = self._best(tolerance)
+                limit = PATIENCE if best is None else min(PATIENCE, WORTH * best.seconds)
+                self._check_price(family, size, limit)
+                if family.order < math.inf:
+                    _check_fall(known, tolerance, most)
+            error = self.error(family, size, self._thorough)
+            known[size] = error if error <= TELLING else math.inf
+            return known[size]
+
+        def climb() -> int:
+            order = family.order or 2.0  # the paper's rule, until it comes near its own limit
+            near = 0.0 if estimable else NEIGHBOURS
+            first = max(math.ceil(start), least)
+            return ladder(value, tolerance, order, first, (least, most), known, near)[1]
+
+        try:
+            good = climb()
+            if good > most and self._thorough:
+                size = least
+                while size <= most and value(size) > tolerance:
+                    size = max(size + 1, (5 * size) // 4)
+                good = climb()
+        except _Stop as stop:
+            self.left[family.name] = str(stop)
+            return min((n for n, error in known.items() if error <= tolerance), default=None)
+        if good <= most:
+            return good
+        self.left[family.name] = _shortfall(known)
         return None
 
-    def _try_out(self, expected: Mapping[Family, float], tolerance: float) -> None:
-        """For motions and cycles: every size that may pay is measured."""
-        room, limit = math.inf, PATIENCE
-        for family, about in expected.items():
-            size = self._smallest(family, about, tolerance, room, limit)
-            row = None if size is None else self._confirmed(family, size, tolerance)
-            if row is not None:
-                room = min(room, self.quantity.room(row.dof))
-                limit = min(limit, WORTH * row.seconds)
+    def _excluded(self, family: Family) -> str:
+        """Why no model of a family is asked; empty where some may be."""
+        least, most = self._range(family)
+        if most < least:
+            return f"the question takes {least} degrees of freedom, models have up to {most}"
+        return self.quantity.excluded(self.pipe, family.name)
+
+    def _known(self, family: Family) -> dict[int, float]:
+        """Errors by size, as far as they were found."""
+        known = {n: error for (name, n), error in self.estimates.items() if name == family.name}
+        if family.name in self._contradicted:
+            known = {}
+        known |= {n: self.bound(row) for (name, n), row in self.rows.items() if name == family.name}
+        return {size: error for size, error in known.items() if error <= TELLING}
+
+    def _check_price(self, family: Family, size: int, limit: float) -> None:
+        """Ends a ladder where an answer would take longer than some seconds, by smaller ones'."""
+        if (family.name, size) in self.rows:
+            return
+        seconds, growth = self._seconds(family), max(self.quantity.growth, 1.0)
+        if self.quantity.is_linear and size > LONG and max(seconds, default=0) < size // 4:
+            self.measure(family, min(size // 2, 2 * LONG))
+            seconds = self._seconds(family)
+        expected = price(seconds, size, growth)
+        if expected > limit:
+            raise _Stop(f"size {size} would take some {1e3 * expected:.3g} ms")
 
     def _seconds(self, family: Family) -> dict[int, float]:
         """Times by sizes of models of a family's kind: chains of all rules cost alike."""
@@ -338,183 +429,108 @@ class Search:
     # ---------------------------------------------------------------------------- for a budget
 
     def sharpest(self, budget: float) -> TradeRow | None:
-        """The row of least error within a budget; none sharper than the reference is looked for."""
+        """The row of least error within a budget, down to what the reference can tell."""
         aim = max(SHARPER * self.reference.error, self.quantity.floor)
-        expected = {family: self._expected(family, aim) for family in self.families}
-        best: TradeRow | None = None
-        for family in sorted(expected, key=self._turn(expected)):
-            best = self._sharper(family, budget, aim, best)
-        return best
+        for family in self._ordered(aim):
+            why = self._excluded(family) or self._inferior(family, budget)
+            if not why:
+                self._spend(family, budget, aim)
+                size = max(size for name, size in self.rows if name == family.name)
+                why = described(self.rows[family.name, size])
+            self.left[family.name] = why
+        return self._sharpest(budget)
 
-    def _sharper(
-        self, family: Family, budget: float, aim: float, best: TradeRow | None
-    ) -> TradeRow | None:
-        """The sharper of the best row so far and one family's best within the budget.
+    def _sharpest(self, budget: float) -> TradeRow | None:
+        within = [row for row in self.rows.values() if row.seconds <= budget]
+        good = [row for row in within if self.bound(row) < math.inf]
+        return min(good, key=self.bound, default=None)
 
-        Args:
-            family: the family.
-            budget: seconds.
-            aim: error below which models are not told apart.
-            best: of other families.
-        """
-        most, least = self._largest(family), max(1, self.quantity.least)
-        afford = self._affordable(family, budget, most)
-        wanted = self._expected(family, aim)
-        why = self._outdone(family, afford, aim, best)
-        if most < least or why:
-            self.left[family.name] = why or f"more than size {most} is needed"
-            return best
-        start = min(wanted, most, afford / MARGIN if afford < most else CHEAP)
-        low, high, size = least - 1, most + 1, max(math.ceil(start), least)
-        full = FULL_OF_DECADES if family.order == math.inf else FULL
-        for _ in range(WITHIN):
+    def _spend(self, family: Family, budget: float, aim: float) -> None:
+        """Measures the family up to the largest size within the budget, or one at the aim."""
+        least, most = self._range(family)
+        afford = self._affordable(family, budget)
+        start = min(self._expected(family, aim), most, afford / SCATTER if afford < most else CHEAP)
+
+        def value(size: int) -> float:
+            """Budget over cost, which falls below 1 where nearly all is spent."""
+            self._check_price(family, size, PATIENCE)
             row = self._timed(family, size, budget)
-            if row.failure is None and row.seconds > budget:
-                high = size
-            else:
-                low = size
-                if best is None or self.bound(row) < self.bound(best):
-                    best = row
-                if row.error <= aim or row.seconds > full * budget:
-                    break
-            if high - low <= max(1, CLOSE * low):
-                break
-            afford = max(self._affordable(family, budget, most), low)
-            if best is not None and self._outdone(family, afford, aim, best):
-                break
-            size = self._between(family, size, budget, low, high, wanted)
-            if price(self._prices(family), family.dof(size), self._growth) > PATIENCE:
-                break
-        if best is None or best.family != family.name:
-            tried = max(size for name, size in self.rows if name == family.name)
-            self.left[family.name] = told_of(self.rows[family.name, tried])
-        return best
+            if row.failure is not None:
+                return math.inf
+            if (row.error <= aim or row.seconds >= FULL * budget) and row.seconds <= budget:
+                raise _Stop
+            return SPENT * budget / row.seconds
 
-    def _between(
-        self, family: Family, size: int, budget: float, low: int, high: int, wanted: float
-    ) -> int:
-        """The next size to time: within the budget by the last time, inside what is known."""
-        seconds = self.rows[family.name, size].seconds
-        share = 0.9 * budget / seconds if seconds > 0.0 else 4.0
-        known = self._seconds(family)
-        told = self._growth
-        if len(known) > 1:
-            (a, first), (b, last) = sorted(known.items())[-2:]
-            told = max(math.log(last / first) / math.log(b / a), told)
-        guess = size * min(max(share ** (1.0 / told), 0.25), 4.0)
-        if family.order == math.inf:
-            guess = min(guess, max(wanted, size + 1))
-        return int(min(max(math.floor(guess), low + 1), high - 1))
+        start, growth = max(math.ceil(start), least), max(self.quantity.growth, 1.0)
+        with suppress(_Stop):
+            ladder(value, 1.0, growth, start, (least, most), {}, CLOSE)
 
-    def _outdone(self, family: Family, afford: float, aim: float, best: TradeRow | None) -> str:
-        """Why a family cannot be sharper than the best so far within the budget; empty if it may.
-
-        Args:
-            family: the family.
-            afford: its largest size that the budget may pay for.
-            aim: error below which models are not told apart.
-            best: the best row so far.
-        """
-        if afford < max(1, self.quantity.least):
+    def _inferior(self, family: Family, budget: float) -> str:
+        """Why no model within the budget is sharper than the best so far; empty if one may be."""
+        least, most = self._range(family)
+        size = min(self._affordable(family, budget), most)
+        if size < least:
             return "its smallest would take longer"
-        if best is None or best.family == family.name:
+        best = self._sharpest(budget)
+        if best is None:
             return ""
-        if best.error <= aim:
-            return f"no less of an error than {best.family}'s could be told"
-        needs = self._expected(family, self.bound(best))
-        size = min(afford, self._largest(family))
-        if needs <= size and self.has_look and not family.paired:
-            size = max(math.floor(size), 1)
-            error = self.error(family, size)
+        if not best.resolved:
+            return f"the reference cannot tell it from {best.family} of size {best.size}"
+        if self._is_estimable(family):
+            error = self.error(family, math.floor(size))
             if error < self.bound(best):
                 return ""
-            return f"size {size}, the most that the time allows, has an error of {error:.1e}"
-        if math.isinf(needs):
-            return "its errors do not become as small"
-        return "" if needs <= size else f"size {needs:.0f} or so is needed for as small an error"
+            return f"size {size:.0f}, the most that the time allows, has an error of {error:.1e}"
+        if self._expected(family, self.bound(best)) <= size:
+            return ""
+        return f"no smaller error is expected up to size {size:.0f}"
 
-    def _affordable(self, family: Family, budget: float, most: int) -> float:
+    def _affordable(self, family: Family, budget: float) -> float:
         """The largest size that a budget may pay for; infinite where nothing is known of prices."""
         known = self._prices(family)
         if not known:
             return math.inf
-        dear, growth = MARGIN * min(budget, PATIENCE), self._growth
-        sizes = range(1, most + 1)
+        dear, growth = SCATTER * min(budget, PATIENCE), max(self.quantity.growth, 1.0)
+        sizes = range(1, self._range(family)[1] + 1)
         return float(bisect_right(sizes, dear, key=lambda n: price(known, family.dof(n), growth)))
-
-    @property
-    def _growth(self) -> float:
-        return max(self.quantity.growth, 1.0)
 
     def _prices(self, family: Family) -> dict[int, float]:
         """Times by degrees of freedom: linear answers of all families cost about alike."""
-        if not self.has_look:
+        if not self.quantity.is_linear:
             return {family.dof(size): one for size, one in self._seconds(family).items()}
         return {row.dof: row.seconds for row in self.rows.values() if row.failure is None}
 
     def _timed(self, family: Family, size: int, budget: float) -> TradeRow:
         """A row; what is a little over the budget is timed once more, as times scatter."""
         row = self.measure(family, size)
-        if budget < row.seconds < MARGIN * budget:
+        if budget < row.seconds < SCATTER * budget:
             row = min(row, self._measured(family, size), key=lambda one: one.seconds)
             self.rows[family.name, size] = row
         return row
 
     # ------------------------------------------------------------------------- where none is found
 
-    def nearest(self, tolerance: float | None) -> TradeRow:
+    def nearest(self, tolerance: float | None) -> TradeRow | None:
         """The row that comes nearest to a tolerance, or to a time where it is met.
 
-        Of families that were left unseen the largest models are looked at; a row that only a look
-        has told has no time.
+        A row that is only estimated has no time. None where no family was asked.
         """
-        for family in () if tolerance is None else self.families:
-            if not any(family.name == name for name, _ in (*self.rows, *self.looks)):
-                self._look_far(family)
-        names = {family.name for family in self.families}  # the reference's may not be among them
         rows = list(self.rows.values())
-        rows += [
-            self._unmeasured(name, size)
-            for name, size in self.looks
-            if name in names and (name, size) not in self.rows
-        ]
+        for (name, size), error in self.estimates.items():
+            if (name, size) not in self.rows and name not in self._contradicted:
+                dof, own = FAMILIES[name].dof(size), error - self.reference.error
+                rows.append(TradeRow(name, size, dof, own, True, math.nan, math.nan, 0, 0))
         good = [row for row in rows if tolerance is None or self.bound(row) <= tolerance]
         timed = [row for row in good if not math.isnan(row.seconds)]
         if timed:
             return min(timed, key=lambda row: row.seconds)
-        row = min(good or rows, key=self.bound)
-        if math.isnan(row.seconds) and row.size <= LONG:
+        row = min(good or rows, key=self.bound, default=None)
+        if row is not None and math.isnan(row.seconds) and row.failure is None and row.size <= LONG:
             return self.measure(FAMILIES[row.family], row.size)
         return row
 
-    def _unmeasured(self, name: str, size: int) -> TradeRow:
-        error = self.looks[name, size] - self.reference.error
-        dof = FAMILIES[name].dof(size)
-        return TradeRow(name, size, dof, error, True, math.nan, math.nan, 0, 0)
 
-    def _look_far(self, family: Family) -> None:
-        """Errors of a family's large models, and the limit that they tend to if it is not zero."""
-        most = self._largest(family)
-        far = self.has_look and not family.paired
-        sizes = [most // 4, most // 2, most] if far else [size for size in NEARBY if size <= most]
-        errors = [self.error(family, max(size, self.quantity.least)) for size in sizes]
-        limit = limit_of(errors)
-        if limit > 0.5 * errors[-1]:
-            self.left[family.name] = f"its errors tend to {limit:.2g}: it has another limit"
-
-
-def limit_of(errors: Sequence[float]) -> float:
-    """What the errors of three sizes, each twice the last, tend to (Aitken); 0 if not told."""
-    if len(errors) < 3 or not np.isfinite(errors).all():
-        return 0.0
-    a, b, c = errors[-3:]
-    first, last = a - b, b - c
-    if not 0.0 < last < first:
-        return 0.0
-    return max(c - last**2 / (first - last), 0.0)
-
-
-def told_of(row: TradeRow) -> str:
+def described(row: TradeRow) -> str:
     """A row in words."""
     if row.failure is not None:
         return f"size {row.size} failed: {row.failure}"

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.accuracy.convergence import Trend, law_of
 from pipedyn.accuracy.families import GROUPS, Family, checked_families
-from pipedyn.accuracy.quantities import Answer, Quantity, Reference, checked_quantity
+from pipedyn.accuracy.quantities import Quantity, checked_quantity
+from pipedyn.accuracy.reference import Answer, Reference
 from pipedyn.models.base import NotConverged, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check

@@ -34,9 +34,10 @@ from pipedyn.bifurcation.equilibria import EquilibriumBranch, Rest
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, excess, outside, passage
 from pipedyn.bifurcation.floquet import returns, shortened
 from pipedyn.bifurcation.fourier import Elsewhere, Equations, Orbit, is_odd
-from pipedyn.bifurcation.hopf import tip_of, vectors
+from pipedyn.bifurcation.hopf import tip_of
 from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, amplitude_of, described, finished
 from pipedyn.bifurcation.mesh import course_of
+from pipedyn.bifurcation.normal_form import vectors
 from pipedyn.bifurcation.vector_field import Field
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex

@@ -8,7 +8,6 @@ is none, a cycle leaves a few values, a torus or chaos many.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -21,35 +20,38 @@ from scipy.interpolate import CubicHermiteSpline
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.motion.ensemble import BATCH, simulate_many
-from pipedyn.motion.lyapunov import LyapunovExponent, exponent_from
+from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import LARGEST_SAMPLES, Motion
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
 
 Ending = Literal["rest", "periodic", "settling", "irregular", "failed"]
 
-STILL = 1e-5
-"""Range of the tip, in L, below which it is at rest."""
+AT_REST = 1e-5
+"""Range of the tip, in L, below which it is at rest: ten times what rtol = 1e-6 lets it err."""
 
-AGAIN = 1e-3
-"""By how much maxima of a cycle may differ from those a period before, beside the range."""
+RECURRENCE = 1e-3
+"""By how much maxima may differ from those a period before, beside the range, where they still come
+nearer to each other; beyond, too few of them are known to say how they converge."""
 
 LONGEST_PERIOD = 16
-"""Maxima in a period beyond which a motion counts as irregular."""
+"""Maxima in a period beyond which a motion counts as irregular: records hold some 50 to 100 maxima,
+and three periods are needed to see one."""
 
 SAMPLES_A_TIME = 100
 """Samples in a unit of time: cubics through them know a maximum of flutter to 1e-6."""
 
 
 @dataclass(frozen=True)
-class Ended:
+class Attractor:
     """Where one motion ended.
 
     Attributes:
         speed: u.
         start: which of the initial states, counted from 0.
-        ending: "rest", "periodic", "settling" (its range still falls), "irregular" (a torus, chaos,
-            or a transient that has not ended) or "failed".
+        ending: "rest", "periodic" (maxima repeat to the accuracy with which they are known, or
+            converge geometrically to such), "settling" (it still approaches rest or a cycle),
+            "irregular" (a torus, chaos, or a transient that has not ended) or "failed".
         period: maxima of the tip's transverse position in a period, 0 but for "periodic".
         turnings: transverse position of the tip where its velocity changes sign, in order, shape
             (K,); at rest the position itself.
@@ -87,7 +89,7 @@ class Plan:
         return max(math.ceil(self.duration * SAMPLES_A_TIME), 100) + 1
 
 
-def bends(model: Model, count: int, seed: int) -> list[Array]:
+def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
     """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
 
     Amplitudes range from a hundredth of a radian to some radians.
@@ -111,14 +113,14 @@ def bends(model: Model, count: int, seed: int) -> list[Array]:
     return found[:count]
 
 
-def endings(
+def attractors(
     model: Model,
     speeds: Array,
     starts: list[Array],
     plan: Plan,
     executor: Executor | None,
     shown: bool,
-) -> tuple[tuple[Ended, ...], tuple[Failure, ...]]:
+) -> tuple[tuple[Attractor, ...], tuple[Failure, ...]]:
     """Where motions end, from each start at each speed, and the members that failed."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (plan.samples * model.coordinates), 1))
@@ -126,47 +128,46 @@ def endings(
         [members[i] for i in part]
         for part in np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
     ]
-    ended: list[Ended] = []
+    found: list[Attractor] = []
     failures: list[Failure] = []
-    jobs = [partial(_ended, model, part, starts, plan) for part in parts]
+
+    def fail(u: float, error: Exception) -> None:
+        failures.append(Failure(int(np.searchsorted(speeds, u)), u, error))
+
+    jobs = [partial(_batch, model, part, starts, plan) for part in parts]
     answers = parallel(jobs, executor, label="brute force", progress=shown)
     for part, answer in zip(parts, answers, strict=True):
         if isinstance(answer, Exception):
-            answer = [(_failed(u, k), answer) for u, k in part]
-        for one, error in answer:
-            if error is not None:
-                failures.append(_failure(speeds, one, error))
-            ended.append(one)
+            answer = [answer] * len(part)
+        for (u, k), one in zip(part, answer, strict=True):
+            if isinstance(one, Exception):
+                fail(u, one)
+                one = Attractor(u, k, "failed", 0, np.zeros(0), np.zeros(0))
+            found.append(one)
     if plan.exponents:
-        asked = [i for i, one in enumerate(ended) if one.ending == "irregular"]
-        exponents = [partial(_exponent, model, ended[i].speed, ended[i].end, plan) for i in asked]
-        found = parallel(exponents, executor, label="exponents", progress=shown)
-        for i, exponent in zip(asked, found, strict=True):
+        asked = [i for i, one in enumerate(found) if one.ending == "irregular"]
+        exponents = [
+            partial(
+                lyapunov_exponent,
+                *(model, found[i].speed, found[i].end),
+                duration=2.0 * plan.duration,
+                transient=20.0,
+            )
+            for i in asked
+        ]
+        results = parallel(exponents, executor, label="exponents", progress=shown)
+        for i, exponent in zip(asked, results, strict=True):
             if isinstance(exponent, Exception):
-                failures.append(_failure(speeds, ended[i], exponent))
+                fail(found[i].speed, exponent)
             else:
-                ended[i] = replace(ended[i], exponent=exponent)
-    return tuple(ended), tuple(failures)
+                found[i] = replace(found[i], exponent=exponent)
+    return tuple(found), tuple(failures)
 
 
-def _failed(u: float, k: int) -> Ended:
-    nothing = np.zeros(0)
-    return Ended(u, k, "failed", 0, nothing, nothing)
-
-
-def _failure(speeds: Array, one: Ended, error: Exception) -> Failure:
-    return Failure(int(np.searchsorted(speeds, one.speed)), one.speed, error)
-
-
-def _exponent(model: Model, u: float, state: Array, plan: Plan) -> LyapunovExponent:
-    """Of an irregular motion, from where it ended."""
-    return exponent_from(model, u, state, 2.0 * plan.duration, 20.0)
-
-
-def _ended(
+def _batch(
     model: Model, members: list[tuple[float, int]], starts: list[Array], plan: Plan
-) -> list[tuple[Ended, Exception | None]]:
-    """One batch: what each did and why it stopped early."""
+) -> list[Attractor | Exception]:
+    """Where each member of one batch ended, or why it stopped early."""
     ensemble = simulate_many(
         model,
         [u for u, _ in members],
@@ -176,46 +177,63 @@ def _ended(
         rtol=plan.rtol,
     )
     errors = {failure.index: failure.error for failure in ensemble.failures}
-    return list(_told(members, ensemble.motions, errors))
+    return [
+        errors[i] if i in errors else _attractor(u, k, motion, plan.rtol)
+        for i, ((u, k), motion) in enumerate(zip(members, ensemble.motions, strict=True))
+    ]
 
 
-def _told(
-    members: list[tuple[float, int]],
-    motions: Iterable[Motion],
-    errors: Mapping[int, Exception],
-) -> Iterator[tuple[Ended, Exception | None]]:
-    for i, ((u, k), motion) in enumerate(zip(members, motions, strict=True)):
-        if i in errors:
-            yield _failed(u, k), errors[i]
-            continue
-        x, velocity = motion.tip[:, 0], motion.tip_velocity[:, 0]
-        turnings = turning_points(motion.t, x, velocity)
-        ending, period = ending_of(x, turnings)
-        if ending == "rest":
-            turnings = x[-1:].copy()
-        state = motion.model.start(motion.q[-1], motion.qdot[-1])
-        yield Ended(u, k, ending, period, turnings, np.asarray(state)), None
+def _attractor(u: float, start: int, motion: Motion, rtol: float) -> Attractor:
+    x = motion.tip[:, 0]
+    turnings, error = turning_points(motion.t, x, motion.tip_velocity[:, 0])
+    # Errors of an integrator's steps add up over the ten or more that a period takes.
+    ending, period = ending_of(x, turnings, error + 10.0 * rtol * float(np.ptp(x)))
+    if ending == "rest":
+        turnings = x[-1:].copy()
+    state = motion.model.start(motion.q[-1], motion.qdot[-1])
+    return Attractor(u, start, ending, period, turnings, np.asarray(state))
 
 
-def turning_points(t: Array, x: Array, velocity: Array) -> Array:
-    """Values of x where its velocity changes sign, in order, of the cubics through samples."""
-    curve = CubicHermiteSpline(t, x, velocity)
+def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
+    """Values of x where its velocity changes sign, in order, and by how much two may err together.
+
+    Those of the cubics through samples. Cubics through every second sample err 16 times as much
+    where x is smooth, and 8 times across the kinks of drag, so that a quarter of their difference
+    bounds the errors of two values.
+    """
+    curve, coarse = (CubicHermiteSpline(t[::k], x[::k], velocity[::k]) for k in (1, 2))
     at = curve.derivative().roots(discontinuity=False, extrapolate=False)
-    turnings: Array = curve(at[np.isfinite(at)])
-    return turnings
+    at = at[np.isfinite(at)]
+    turnings: Array = curve(at)
+    return turnings, 0.25 * float(np.abs(coarse(at) - turnings).max(initial=0.0))
 
 
-def ending_of(x: Array, turnings: Array) -> tuple[Ending, int]:
-    """What kind of motion the samples of the tip and its turning points tell, and its period."""
+def ending_of(x: Array, turnings: Array, error: float) -> tuple[Ending, int]:
+    """What kind of motion the samples of the tip and its turning points show, and its period.
+
+    Args:
+        x: samples.
+        turnings: values at turning points, in order.
+        error: by how much two of these may differ although the motion repeats.
+    """
     quarters = [float(np.ptp(part)) for part in np.array_split(x, 4)]
-    if quarters[-1] < STILL:
+    if quarters[-1] < AT_REST:
         return "rest", 0
     highs = turnings[1:-1][(turnings[1:-1] > turnings[:-2]) & (turnings[1:-1] > turnings[2:])]
-    near = AGAIN * quarters[-1]
+    near = RECURRENCE * quarters[-1]
+    approaching = all(b < a for a, b in pairwise(quarters)) and quarters[-1] < 0.8 * quarters[0]
     for period in range(1, min(LONGEST_PERIOD, highs.size // 3) + 1):
-        if np.abs(highs[period:] - highs[:-period]).max() < near:
+        change = np.abs(highs[period:] - highs[:-period])
+        if change.max() >= near:
+            continue
+        if change.max() <= error:
             return "periodic", period
-    falling = all(b < a for a, b in pairwise(quarters))
-    if falling and quarters[-1] < 0.8 * quarters[0]:
-        return "settling", 0
-    return "irregular", 0
+        if change.size < 4 * period:
+            continue
+        # A Floquet multiplier that still acts shrinks the changes by a constant factor. Beside a
+        # torus they may shrink for a while as well, but not twice as much in each quarter.
+        parts = [max(float(part.max()), error) for part in np.array_split(change, 4)]
+        if all(b <= max(0.5 * a, error) for a, b in pairwise(parts)):
+            return "periodic", period
+        approaching = approaching or all(b < a for a, b in pairwise(parts))
+    return ("settling" if approaching else "irregular"), 0

@@ -23,7 +23,14 @@ from pipedyn.bifurcation.branches import (
     same_cycle,
     traced,
 )
-from pipedyn.bifurcation.brute_force import AGAIN, SAMPLES_A_TIME, Ended, Plan, bends, endings
+from pipedyn.bifurcation.brute_force import (
+    RECURRENCE,
+    SAMPLES_A_TIME,
+    Attractor,
+    Plan,
+    attractors,
+    initial_bends,
+)
 from pipedyn.bifurcation.continuation import Lost, solve
 from pipedyn.bifurcation.equilibria import (
     EquilibriumBranch,
@@ -78,11 +85,11 @@ class BifurcationDiagram:
     speeds: Array
     equilibria: tuple[EquilibriumBranch, ...]
     cycles: tuple[CycleBranch, ...]
-    motions: tuple[Ended, ...] = field(repr=False)
+    motions: tuple[Attractor, ...] = field(repr=False)
     failures: tuple[Failure, ...]
     model: Model
 
-    def at(self, u: float) -> tuple[Ended, ...]:
+    def at(self, u: float) -> tuple[Attractor, ...]:
         """Where motions end at the speed nearest to u >= 0.
 
         Raises:
@@ -174,10 +181,10 @@ def bifurcation_diagram(
     found = _Cycles(model, Asked(at, plan.rtol, steps), failures)
     if steps:
         found.born(branches, executor, shown)
-    motions: tuple[Ended, ...] = ()
+    motions: tuple[Attractor, ...] = ()
     if count:
-        starts = bends(model, count, seed)
-        motions, failed = endings(model, at, starts, plan, executor, shown)
+        starts = initial_bends(model, count, seed)
+        motions, failed = attractors(model, at, starts, plan, executor, shown)
         failures += failed
     if steps:
         found.from_motions(motions)
@@ -357,7 +364,7 @@ class _Cycles:
         if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
             self.add(traced(self.model, orbit, self.asked))
 
-    def from_motions(self, motions: tuple[Ended, ...]) -> None:
+    def from_motions(self, motions: tuple[Attractor, ...]) -> None:
         """Through cycles on which motions end and that lie on no branch."""
         left = MOST_LED
         for one in motions:
@@ -365,7 +372,7 @@ class _Cycles:
                 continue
             half = 0.5 * float(np.ptp(one.turnings))
             known = [c for branch in self.branches for c in branch.at(one.speed)]
-            if any(abs(c.amplitude / half - 1.0) < AGAIN for c in known):
+            if any(abs(c.amplitude / half - 1.0) < RECURRENCE for c in known):
                 continue
             if left == 0:
                 told = f"motions end on more than {MOST_LED} cycles that lie on no branch"
@@ -382,7 +389,7 @@ class _Cycles:
                 continue
             if any(_rests(branch, u) for branch in equilibria):
                 continue
-            (bend,) = bends(self.model, 1, 0)
+            (bend,) = initial_bends(self.model, 1, 0)
             self.through(u, _state(self.model, self.model.start(bend, None)))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn.bifurcation.arcs import Birth
+from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import residual, solved
 from pipedyn.bifurcation.floquet import floquet
 from pipedyn.bifurcation.fourier import Elsewhere, Equations, Orbit, is_odd
@@ -33,9 +34,9 @@ from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,
     Start,
+    Trajectory,
     checked_model_in_motion,
-    checked_task,
-    moved,
+    simulate,
     state_of,
 )
 from pipedyn.util import check
@@ -79,18 +80,19 @@ FEW, PATIENT = 6, 6
 """Degrees of freedom up to which motions are cheap, and by how much they are then given more time:
 beside a fold of cycles a motion takes long to settle."""
 
-CHUNK, SEARCH = 4.0, 300_000
-"""Time after which a simulated motion is looked at; right-hand sides after which a search ends."""
+CHUNK, LONGEST_CHUNK, SEARCH = 4.0, 32.0, 300_000
+"""Time after which a simulated motion is looked at, doubled where it comes back to no state, up to
+two of the longest periods; right-hand sides after which a search ends."""
 
 PURSUIT = 100_000
 """The same of a search along a branch, where each comes with a Jacobian."""
 
-TURNS = 6
+TURNS = LONGEST_PERIOD
 """Returns of the free end, at most, that a simulated motion's period may have."""
 
 
 @dataclass(frozen=True)
-class LimitCycle:
+class LimitCycle(Trajectory):
     """One period of a periodic motion.
 
     Attributes:
@@ -133,11 +135,6 @@ class LimitCycle:
     phases: int
     evaluations: int
     method: str
-
-    @property
-    def y(self) -> Array:
-        """States [q, q'] at the times, shape (2 coordinates, S)."""
-        return np.concatenate([self.q, self.qdot], axis=1).T
 
     @property
     def tip(self) -> Array:
@@ -478,27 +475,28 @@ def _simulated(motion: Field, u: float, q0: Array, qdot0: Array, limit: int = SE
     reason = "the motion comes back to no state it had before"
     first = motion.resting()
     q_rest = model.recorded(first[None, : motion.half], first[None, motion.half :])[0][0]
-    evaluations, time, passed = 0, 0.0, None
+    evaluations, time, passed, chunk = 0, 0.0, None, CHUNK
     limit *= PATIENT if model.dof <= FEW else 1
     while evaluations < limit:
         try:
-            going = moved(
-                checked_task(model, u, CHUNK, q0, qdot0, rtol=1e-6, samples=1001, most=limit)
-            )
+            samples = math.ceil(250 * chunk) + 1
+            going = simulate(model, u, chunk, q0, qdot0, rtol=1e-6, samples=samples, most=limit)
         except MotionStopped as stopped:
             raise NoCycle(
                 f"no limit cycle at u = {u:g} from there: after a time of {time:g}, {stopped}", u
             ) from None
-        time += CHUNK
+        time += chunk
         evaluations += going.evaluations
         motion.evaluations += going.evaluations
         q0, qdot0 = going.q[-1], going.qdot[-1]
-        moves = float(np.ptp(going.q[500:], axis=0).max())
-        if moves < 1e-4 and moves <= 1.01 * float(np.ptp(going.q[:500], axis=0).max()):
+        half = samples // 2
+        moves = float(np.ptp(going.q[half:], axis=0).max())
+        if moves < 1e-4 and moves <= 1.01 * float(np.ptp(going.q[:half], axis=0).max()):
             where = "rest" if np.abs(q0 - q_rest).max() < 1e-2 else "a bent pipe at rest"
             raise NoCycle(f"no limit cycle at u = {u:g} from there: the motion ends in {where}", u)
         guess = _from_motion(motion, u, going)
         if guess is None:
+            chunk = min(2.0 * chunk, LONGEST_CHUNK)
             continue
         try:
             found = solved(motion, guess, FIRST_STEP)

@@ -183,6 +183,11 @@ class Model(ABC):
         return True
 
     @property
+    def linear_cost(self) -> bool:
+        """Whether a right-hand side costs O(dof), so that a Jacobian is dear beside it."""
+        return False
+
+    @property
     def fitted_size(self) -> float:
         """What other parts than the pipe add to the stiffness of elastic coordinates, about."""
         return 0.0
@@ -289,6 +294,13 @@ class Model(ABC):
     def resting(self) -> Array:
         """Where p is at rest, shape (moving,)."""
         return np.zeros(self.moving)
+
+    def largest_angle(self, p: NDArray[Any]) -> float:
+        """Largest angle of the pipe displaced by p, shape (moving,), maybe complex; to first order.
+
+        Coordinates are angles where a model says nothing else.
+        """
+        return float(np.abs(p).max())
 
     def motion_jacobian(self, y: Array, u: float) -> Array:
         """Derivative of the rates of [p, p'], shape (2 moving, 2 moving)."""

@@ -223,6 +223,11 @@ class Chain(Model):
         return self._approximates
 
     @property
+    def linear_cost(self) -> bool:
+        """True: forces are summed in one pass along the chain."""
+        return True
+
+    @property
     def lengths(self) -> Array:
         """l_j, shape (n,)."""
         return self._lengths

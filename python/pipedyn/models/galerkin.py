@@ -379,6 +379,11 @@ class Galerkin(Model):
             )
         return count + math.ceil(most)
 
+    def largest_angle(self, p: NDArray[Any]) -> float:
+        """Of small displacements by amplitudes p, shape (m,), from 401 places along the pipe."""
+        across = self.deflection(p, np.linspace(0.0, 1.0, 401))
+        return float(np.abs(np.diff(across)).max()) * 400
+
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """Amplitudes of a bent pipe, shape (m,): theta(s) fitted by least squares.
 

@@ -20,16 +20,14 @@ from numpy.typing import ArrayLike
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model
+from pipedyn.motion.integrator import MOST_CALLS, Task, integrate
 from pipedyn.motion.simulate import (
     LARGEST_SAMPLES,
-    MOST_CALLS,
     Motion,
     MotionStopped,
     Start,
-    Task,
     checked_model_in_motion,
     checked_task,
-    integrate,
     motion_of,
 )
 from pipedyn.util import check

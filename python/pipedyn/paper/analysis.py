@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The paper's modal analysis: what its figures and its table show, gathered on a few processes.
+"""The paper's modal analysis: all results that its figures and its table show.
 
-What cannot be computed is left out and named; the rest is kept.
+They are computed on a few processes. What fails is left out and named; the rest is kept.
 """
 
 from __future__ import annotations
@@ -31,23 +31,35 @@ from pipedyn.util.parallel import Job, parallel
 from pipedyn.util.progress import track
 
 BRANCHES = 4
+"""Branches in figures 2 and 3: the paper's smallest chain has as many."""
+
 LEAST_HIGHEST, HIGHEST_SPEED = 8.0, 100.0
-CHAIN_LADDER = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
-REDUCED_LADDER = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
-"""Sizes of the convergence picture, beside those of the panels."""
+"""Between these lies the highest flow speed of figures 2 and 3. At 8 the paper's case has lost
+stability; at 100 the branches need more than 60 functions."""
+
+CHAIN_SIZES = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
+REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
+"""Sizes in the convergence picture, beside those of the panels: factors of sqrt(2), and every small
+number of functions, because the error of Legendre functions falls to rounding by m = 12."""
 
 MAP_GAMMAS = (-10.0, 0.0, 10.0, 100.0)
+"""Gravity in the stability map: a standing pipe that does not buckle, a level one, two hanging
+ones."""
+
 MAP_BETAS = np.linspace(0.01, 0.98, 25)
+"""Mass ratios at first; steps across folds are refined."""
+
 MAP_SPEEDS = 20.0, 30.0
-"""Highest speed of the map, and how far it may be raised to hold the case itself."""
+"""Highest speed of the map, and how far it may be raised to show the case's own critical speed."""
+
 MAP_JUMP, MAP_STEP = 0.04, 0.002
-"""Where boundaries jump by more than this part of the highest speed, steps in beta are halved, down
-to MAP_STEP."""
+"""Steps in beta are halved where a boundary jumps by more than the first, as a part of the highest
+speed. Steps shorter than the second, a sixth of a line's width on the page, are left."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """What was asked for on the command line; highest None: chosen from the critical speed."""
+    """The options of the command; highest None: chosen from the critical speed."""
 
     pipe: Pipe
     springs: tuple[str, ...]
@@ -64,7 +76,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table: a model and its critical speed, or a remark why there is none."""
+    """One line of the table: a model and its critical speed, or a remark why it has none."""
 
     kind: str
     family: str
@@ -75,12 +87,13 @@ class Row:
 
 @dataclass
 class Findings:
-    """All that the pictures and the table show; what failed is missing and named in `failures`.
+    """All that the figures and the table show; what failed is missing and named in `failures`.
 
     Attributes:
         highest: end of the speeds in figures 2 and 3.
-        exact: critical speed of the continuous pipe; None with a remark that says why.
-        crossings: passages of the continuous pipe up to `highest`.
+        exact: critical speed of the continuous pipe; None where it has none.
+        remark: why there is no critical speed.
+        crossings: of the continuous pipe, up to `highest`.
         benchmark: root loci of the continuous pipe.
         panels: titles and root loci of the models, a list for each row of panels.
         rows: the table, without the continuous pipe.
@@ -102,7 +115,7 @@ class Findings:
 
 
 def _outcomes(jobs: Sequence[Job[Any]], executor: Executor | None, shown: bool) -> Iterator[Any]:
-    """What each job returned or raised; where the executor's processes died, it is done here."""
+    """The result of each job or what it raised; if the worker processes died, the job runs here."""
     outcomes = parallel(jobs, executor, label="models", progress=shown)
     for job, outcome in zip(jobs, outcomes, strict=True):
         if isinstance(outcome, BrokenExecutor):
@@ -111,7 +124,12 @@ def _outcomes(jobs: Sequence[Job[Any]], executor: Executor | None, shown: bool) 
 
 
 def gather(case: Case, executor: Executor | None = None) -> Findings:
-    """Everything the pictures and the table show."""
+    """Compute all that the figures and the table show.
+
+    Args:
+        case: the options of the command.
+        executor: takes the models; without one they are computed in this process.
+    """
     exact = Continuum(case.pipe)
     first: Any
     (first,) = parallel([partial(critical_speed, exact)])
@@ -134,7 +152,7 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
     outcomes = iter(list(_outcomes(jobs, executor, case.progress)))
 
     def next_of(what: str) -> tuple[Any, str]:
-        """The next outcome, or None and why; a failure is noted."""
+        """The next outcome, or None and the reason; a failure is recorded."""
         outcome = next(outcomes)
         if not isinstance(outcome, Exception):
             return outcome, ""
@@ -156,10 +174,10 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
     for gamma in track(gammas, len(gammas), "stability map", case.progress):
         pipe = replace(case.pipe, gamma=gamma)
         try:
-            curve, difference = mapped(pipe, map_top(critical), executor)
+            curve, difference = stability_map(pipe, map_top(critical), executor)
         except BrokenExecutor:
             executor = None
-            curve, difference = mapped(pipe, map_top(critical), executor)
+            curve, difference = stability_map(pipe, map_top(critical), executor)
         findings.curves[gamma] = curve
         findings.map_error = max(findings.map_error, difference)
         if math.isinf(difference):
@@ -180,7 +198,7 @@ def _highest(case: Case, critical: CriticalSpeed | None) -> float:
 
 
 def map_top(critical: CriticalSpeed | None) -> float:
-    """End of the map's speeds: low where the pipe loses stability by the least flow."""
+    """Highest speed of the map: low for a pipe that the smallest flow makes unstable."""
     usual, farthest = MAP_SPEEDS
     if critical is None:
         return usual
@@ -212,33 +230,36 @@ def _panels(case: Case) -> list[list[tuple[str, Model]]]:
 
 def _families(case: Case) -> list[tuple[str, str, Model]]:
     """Kind, rule or basis, and model of each line of the table but the first."""
-    chains = sorted({*CHAIN_LADDER, *case.chain_sizes})
-    reduced = sorted({*REDUCED_LADDER, *case.reduced_sizes})
+    chains = sorted({*CHAIN_SIZES, *case.chain_sizes})
+    reduced = sorted({*REDUCED_SIZES, *case.reduced_sizes})
     return [
         *(("chain", k, Chain(case.pipe, n, springs=k)) for k in SPRING_RULES for n in chains),
         *(("reduced", k, Galerkin(case.pipe, m, k)) for k in BASES for m in reduced),
     ]
 
 
-def mapped(pipe: Pipe, top: float, executor: Executor | None) -> tuple[StabilityCurve, float]:
-    """All passages over beta, and how far they are from the continuous pipe's where compared.
+def stability_map(
+    pipe: Pipe, top: float, executor: Executor | None
+) -> tuple[StabilityCurve, float]:
+    """Stability over beta, and the distance of its boundaries from the continuous pipe's.
 
-    Legendre functions enough for the highest speed stand in for the continuous pipe, and take a
-    third of its time; at three values of beta both are computed.
+    A reduced model with as many Legendre functions as the highest speed needs takes a third of the
+    continuous pipe's time, and stands for it. At three values of beta both are computed and
+    compared.
     """
     end = 1.02 * top
     size = math.ceil(0.8 * top) + 4
 
-    def stand_in(beta: float) -> Galerkin:
+    def reduced(beta: float) -> Galerkin:
         return Continuum(replace(pipe, beta=beta)).frozen(size)
 
     def continuous(beta: float) -> Continuum:
         return Continuum(replace(pipe, beta=beta))
 
-    curve = stability_curve(stand_in, MAP_BETAS, max_speed=end, executor=executor)
-    few = slice(None, None, MAP_BETAS.size // 2)
-    exact = stability_curve(continuous, MAP_BETAS[few], max_speed=end, executor=executor)
-    difference = _difference(curve.crossings[few], exact)
+    curve = stability_curve(reduced, MAP_BETAS, max_speed=end, executor=executor)
+    three = slice(None, None, MAP_BETAS.size // 2)
+    exact = stability_curve(continuous, MAP_BETAS[three], max_speed=end, executor=executor)
+    difference = _difference(curve.crossings[three], exact)
     while True:
         between = [
             0.5 * (curve.values[i] + curve.values[i + 1])
@@ -248,7 +269,7 @@ def mapped(pipe: Pipe, top: float, executor: Executor | None) -> tuple[Stability
         ]
         if not between:
             return curve, difference
-        more = stability_curve(stand_in, between, max_speed=end, executor=executor)
+        more = stability_curve(reduced, between, max_speed=end, executor=executor)
         curve = _merged(curve, more)
 
 
@@ -259,7 +280,7 @@ def _jumps(left: Sequence[Crossing], right: Sequence[Crossing], most: float) -> 
 
 
 def _difference(found: Sequence[Sequence[Crossing]], exact: StabilityCurve) -> float:
-    """Largest distance of boundaries of stability, in speed; infinite where not the same ones."""
+    """Largest distance of stability boundaries, in speed; infinite where their numbers differ."""
     failed = {failure.index for failure in exact.failures}
     largest = 0.0
     for i, (ours, theirs) in enumerate(zip(found, exact.crossings, strict=True)):

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""The paper's modal analysis on paper: the figures, the table and what they say."""
+"""The paper's modal analysis as figures, a table and sentences."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -13,89 +14,75 @@ import numpy as np
 from pipedyn import plot
 from pipedyn.accuracy.convergence import trend
 from pipedyn.linear.critical_speed import CriticalSpeed
-from pipedyn.linear.modes import RootLoci
 from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.pipe import Pipe
-from pipedyn.paper.analysis import CHAIN_LADDER, REDUCED_LADDER, Case, Findings, Row, map_top
+from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, Row, map_top
 
 
 def draw(case: Case, findings: Findings) -> dict[str, plot.Figure]:
     """The four figures by file name."""
+    left, right, top = _ranges(findings)
+    end, benchmark = findings.highest, findings.benchmark
+    root_loci = partial(plot.root_loci, benchmark=benchmark, highest=end)
+    frequencies = partial(plot.frequencies, benchmark=benchmark, largest=max(-left, right))
+    onsets = f"{plot.REAL_LABEL}; unstable: black outline, onset: diamond"
     with plot.style():
+        figure_2, axes_2 = _panels(case, findings, root_loci, plot.SPEED_LABEL)
+        more = "; dotted line: its critical speed" if findings.exact is not None else ""
+        figure_3, axes_3 = _panels(case, findings, frequencies, onsets, more)
+        for axes, ends in ((axes_2, (left, right)), (axes_3, (-0.02 * end, 1.02 * end))):
+            axes[0, 0].set_xlim(ends)
+            axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
         return {
-            "figure-2-root-loci": _figure_2(case, findings),
-            "figure-3-frequencies": _figure_3(case, findings),
+            "figure-2-root-loci": figure_2,
+            "figure-3-frequencies": figure_3,
             "convergence": _convergence(case, findings),
             "stability-map": _map(case, findings),
         }
 
 
-def _figure_2(case: Case, findings: Findings) -> plot.Figure:
-    figure, axes = _grid(case, findings)
-    for ax, loci in _filled(axes, findings):
-        plot.root_loci(ax, loci, findings.benchmark, findings.highest)
-    _labelled(axes)
-    left, right, top = _ranges(findings)
-    axes[0, 0].set_xlim(left, right)
-    axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
-    plot.colour_bar(figure, axes, plot.SPEED_LABEL)
-    return figure
+def _panels(
+    case: Case, findings: Findings, picture: Callable[..., Any], bar: str, more: str = ""
+) -> tuple[plot.Figure, Any]:
+    """One picture of each model under a common title, and a colour bar.
 
-
-def _figure_3(case: Case, findings: Findings) -> plot.Figure:
-    figure, axes = _grid(case, findings, "; dotted line: its critical speed")
-    left, right, top = _ranges(findings)
-    for ax, loci in _filled(axes, findings):
-        plot.frequencies(ax, loci, findings.benchmark, max(-left, right))
-        if findings.exact is not None:
-            ax.axvline(findings.exact.speed, color="0.4", linestyle=":", linewidth=0.9, zorder=0.6)
-    _labelled(axes)
-    axes[0, 0].set_xlim(-0.02 * findings.highest, 1.02 * findings.highest)
-    axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
-    plot.colour_bar(figure, axes, f"{plot.REAL_LABEL}; unstable: black outline, onset: diamond")
-    return figure
-
-
-def _grid(case: Case, findings: Findings, more: str = "") -> tuple[plot.Figure, Any]:
+    Labels stand at the left and below the lowest panel of each column. Panels without a model are
+    hidden. A dotted line marks the critical speed if the title says so (`more`).
+    """
     rows, columns = len(findings.panels), max(len(row) for row in findings.panels)
     figure, axes = plot.panels(rows, columns, 1.5 + 2.05 * columns, 0.7 + 2.1 * rows)
-    title = _heading(case.pipe)
-    if findings.benchmark is not None:
-        step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
-        title += f"\nblack dots: continuous pipe, at steps of {step:.3g} in $u$"
-        title += more if findings.exact is not None else ""
-    figure.suptitle(title, fontsize=9.0)
-    return figure, axes
-
-
-def _filled(axes: Any, findings: Findings) -> Iterator[tuple[Any, RootLoci]]:
-    """Axes with their loci; the others are hidden, or say that there is nothing to show."""
-    for panels, row in zip(findings.panels, axes, strict=True):
-        for ax in row[len(panels) :]:
-            ax.set_visible(False)
-        for ax, (title, loci) in zip(row, panels, strict=False):
-            ax.set_title(title)
-            if loci is None:
-                ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
-            else:
-                yield ax, loci
-
-
-def _labelled(axes: Any) -> None:
-    """Labels at the left, and below the lowest panel of each column, only."""
     for (i, j), ax in np.ndenumerate(axes):
-        lowest = not any(below.get_visible() for below in axes[i + 1 :, j])
+        if j >= len(findings.panels[i]):
+            ax.set_visible(False)
+            continue
+        title, loci = findings.panels[i][j]
+        ax.set_title(title)
+        if loci is None:
+            ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
+        else:
+            picture(loci, ax=ax)
+            if more and findings.exact is not None:
+                line = {"color": "0.4", "linestyle": ":", "linewidth": 0.9, "zorder": 0.6}
+                ax.axvline(findings.exact.speed, **line)
+        lowest = all(len(below) <= j for below in findings.panels[i + 1 :])
         ax.tick_params(labelbottom=lowest)
         if not lowest:
             ax.set_xlabel("")
         if j > 0:
             ax.set_ylabel("")
+    title = _title(case.pipe)
+    if findings.benchmark is not None:
+        step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
+        title += f"\nblack dots: continuous pipe, at steps of {step:.3g} in $u${more}"
+    figure.suptitle(title, fontsize=9.0)
+    plot.colour_bar(bar, axes)
+    return figure, axes
 
 
 def _ranges(findings: Findings) -> tuple[float, float, float]:
-    """Least and greatest real part and greatest |Im| to show.
+    """Least and greatest real part, and greatest |Im|, of figures 2 and 3.
 
-    They hold every panel, unless one reaches far beyond the benchmark.
+    They include every panel, but beyond the benchmark at most its own width and half its height.
     """
     every = [loci for row in findings.panels for _, loci in row if loci is not None]
     if findings.benchmark is not None:
@@ -116,11 +103,11 @@ def _convergence(case: Case, findings: Findings) -> plot.Figure:
     figure, axes = plot.panels(1, 1, 6.4, 5.2)
     ax = axes[0, 0]
     if findings.exact is None:
-        plot.notice(ax, findings.remark)
+        plot.notice(findings.remark, ax)
     else:
-        plot.convergence(ax, _by_family(findings), findings.exact)
+        plot.convergence(_by_family(findings), findings.exact, ax)
     sentence = textwrap.fill(verdict(findings), 105).replace("-", "\u2212")
-    ax.set_title(f"{_heading(case.pipe)}\n{sentence}", loc="left")
+    ax.set_title(f"{_title(case.pipe)}\n{sentence}", loc="left")
     return figure
 
 
@@ -128,29 +115,29 @@ def _map(case: Case, findings: Findings) -> plot.Figure:
     figure, axes = plot.panels(1, 1, 6.4, 4.8)
     ax = axes[0, 0]
     curves = {rf"$\gamma = {gamma:g}$": curve for gamma, curve in findings.curves.items()}
-    plot.stability_map(ax, curves, map_top(findings.exact), findings.exact)
+    plot.stability_map(curves, map_top(findings.exact), findings.exact, ax)
     ax.set_xlim(0.0, 1.0)
-    ax.set_title(f"Boundaries of stability of the continuous pipe, {_flow(case.pipe)}")
+    ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
     return figure
 
 
-def _heading(pipe: Pipe) -> str:
+def _title(pipe: Pipe) -> str:
     return rf"$\beta = {pipe.beta:g}$, $\gamma = {pipe.gamma:g}$, {_flow(pipe)}"
 
 
 def _flow(pipe: Pipe) -> str:
     inlet = rf" ($\alpha = {pipe.alpha:g}$)" if pipe.flow == "aspirating" else ""
-    damped = rf"damping $\delta = {pipe.damping:g}$" if pipe.damping else "undamped"
-    return f"{pipe.flow}{inlet}, {damped}"
+    damping = rf"damping $\delta = {pipe.damping:g}$" if pipe.damping else "undamped"
+    return f"{pipe.flow}{inlet}, {damping}"
 
 
 def verdict(findings: Findings) -> str:
-    """What becomes of the paper's spring rule, in one sentence."""
+    """Whether the paper's spring rule converges, in one sentence."""
     exact = findings.exact
     if exact is None:
-        return "There is no critical speed of the continuous pipe to compare with."
+        return "The continuous pipe has no critical speed to compare with."
     if exact.speed == 0.0:
-        return "The pipe is unstable from the smallest flow on: there is nothing to converge to."
+        return "The smallest flow makes the pipe unstable: there is nothing to converge to."
     fitted = trend(_by_family(findings)["rayleigh"], exact)
     if fitted.law == "flat":
         sizes = ", ".join(f"{size:g}" for size in fitted.sizes)
@@ -160,27 +147,31 @@ def verdict(findings: Findings) -> str:
             f"{100.0 * fitted.limit:+.2f} % from the exact {exact.speed:.5g} (extrapolated from "
             f"n = {sizes})."
         )
-    return "Where the paper's spring rule (rayleigh) leads cannot be told from the sizes computed."
+    return "The sizes computed do not show whether the paper's spring rule (rayleigh) converges."
 
 
-def passages(findings: Findings) -> str:
-    """What the continuous pipe does as the flow grows."""
+def instabilities(findings: Findings) -> str:
+    """At which speeds instabilities of the continuous pipe begin and end."""
     exact = findings.exact
     start = ""
     if exact is not None and not exact.stable_at_rest:
         start = "The pipe is buckled at rest. "
     elif exact is not None and exact.speed == 0.0:
-        start = "The pipe is unstable from the smallest flow on. "
-    told = [
+        start = "The smallest flow makes the pipe unstable. "
+    found = [
         f"u = {c.speed:.5g} ({c.kind}, mode {c.mode}, {'begins' if c.destabilising else 'ends'}"
         f"{'' if c.unstable_after else '; stable beyond'})"
         for c in findings.crossings
         if c.speed > 0.0
     ]
-    if len(told) > 8:
-        told[8:] = [f"and {len(told) - 8} more"]
-    listed = ", ".join(told) or "none"
+    listed = ", ".join(_first(found, 8)) or "none"
     return f"{start}Instabilities of the continuous pipe, 0 < u <= {findings.highest:g}: {listed}."
+
+
+def _first(items: list[str], count: int) -> list[str]:
+    """The first few items, then how many more there are."""
+    more = len(items) - count
+    return items if more <= 0 else [*items[:count], f"and {more} more"]
 
 
 def second_mode(findings: Findings) -> list[str]:
@@ -191,12 +182,10 @@ def second_mode(findings: Findings) -> list[str]:
         answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
         modes = [(row, row.critical.mode) for row in findings.rows if row.critical is not None]
         others = [f"{row.family} {row.size} (mode {k})" for row, k in modes if k != exact.mode]
-        count = len(others)
-        others[10:] = [f"and {count - 10} more"] if count > 10 else []
-        named = f"; not so: {', '.join(others)}" if others else ""
+        named = f"; others: {', '.join(_first(others, 10))}" if others else ""
         lines.append(
             "Is the instability in the second mode (branches counted from rest)? Continuous pipe: "
-            f"{answer}; {len(modes) - count} of {len(modes)} models agree{named}."
+            f"{answer}; {len(modes) - len(others)} of {len(modes)} models agree{named}."
         )
     for gamma, curve in findings.curves.items():
         if runs := _mode_runs(curve):
@@ -229,7 +218,7 @@ HEADER = (
 
 
 def table(findings: Findings) -> list[tuple[str, ...]]:
-    """Lines of the table under HEADER, the continuous pipe first; speeds with all their digits."""
+    """Lines of the table under HEADER, the continuous pipe first; numbers with all digits."""
     exact = findings.exact
     size = 0 if exact is None else exact.size
     first = Row("continuous", "", size, exact, findings.remark)
@@ -253,10 +242,10 @@ def table(findings: Findings) -> list[tuple[str, ...]]:
 
 
 def report(case: Case, findings: Findings) -> str:
-    """What is printed: the table for the sizes of the panels and the largest, and what it says."""
+    """The text to print: the table for the panels' sizes and the largest one, and conclusions."""
     shown = {
-        "chain": {*case.chain_sizes, max((*CHAIN_LADDER, *case.chain_sizes))},
-        "reduced": {*case.reduced_sizes, max((*REDUCED_LADDER, *case.reduced_sizes))},
+        "chain": {*case.chain_sizes, max((*CHAIN_SIZES, *case.chain_sizes))},
+        "reduced": {*case.reduced_sizes, max((*REDUCED_SIZES, *case.reduced_sizes))},
     }
     pipe = case.pipe
     text = [
@@ -285,5 +274,5 @@ def report(case: Case, findings: Findings) -> str:
         f"  The map's boundaries are within {findings.map_error:.0e} of the continuous pipe's, "
         "where compared."
     )
-    text += ["", verdict(findings), passages(findings), *second_mode(findings), compared]
+    text += ["", verdict(findings), instabilities(findings), *second_mode(findings), compared]
     return "\n".join(text)

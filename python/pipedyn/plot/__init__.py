@@ -1,25 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of results. Every picture draws on a matplotlib Axes and returns it.
+"""Pictures of results. Every picture is drawn on the matplotlib Axes `ax`, and returns it.
 
-Pictures of the linear analysis take the Axes first; those of motion make their own where none is
-given. Magnitudes are shown by colours that grow in lightness, and every distinction made by colour
-is made a second time by line style, marker or outline, so that pictures survive grey print.
+`ax` is the last argument; where it is not given, the picture makes a new figure. `animate` returns
+the animation. Colours of magnitudes grow in lightness. Whatever colour distinguishes, line style,
+marker or outline distinguishes too, so that a picture printed in grey loses nothing.
 """
 
 from matplotlib.figure import Figure
 
+from pipedyn.plot.accuracy import FAMILY_STYLES, convergence, trade
 from pipedyn.plot.bifurcation import bifurcation_diagram, multipliers, orbit
-from pipedyn.plot.boundary import boundaries, stability_map
-from pipedyn.plot.linear import (
-    FAMILY_STYLES,
-    NEUTRAL,
-    convergence,
-    dot_stride,
-    frequencies,
-    mode_shapes,
-    root_loci,
-)
+from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
 from pipedyn.plot.pipes import animate, snapshots
+from pipedyn.plot.stability_map import boundaries, stability_map
 from pipedyn.plot.style import (
     BETA_LABEL,
     BLACK,
@@ -41,7 +34,6 @@ from pipedyn.plot.style import (
     style,
 )
 from pipedyn.plot.time_series import phase_portrait, time_history
-from pipedyn.plot.trade import trade
 
 __all__ = [
     "BETA_LABEL",

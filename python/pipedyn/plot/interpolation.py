@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A motion between its samples: cubics through positions and velocities, and its last cycle."""
+"""A motion between its samples: cubics through positions and velocities; its last cycle."""
 
 from __future__ import annotations
 
@@ -19,26 +19,29 @@ from pipedyn.util.check import Array
 
 COARSE, COARSE_RATE = 0.05, 0.25
 """By how much every other sample may miss those left out: of the range of positions, and of the
-largest velocity. Six samples a cycle meet this; from all samples a sine is then known to 0.4 %."""
+largest velocity. Six samples a cycle meet this. A sine is then known to 0.4 % from all samples."""
 
 INVISIBLE = 1e-4
-"""Positions in L that no picture of a pipe tells apart."""
+"""Positions in L that differ by less look the same: a twentieth of a pixel at 100 dpi."""
 
-STILL = 1e-6
-"""A tip that moves by less, in L, has no cycle to show."""
+AT_REST = 1e-6
+"""A free end that moves by less, in L, has no cycle to show: its motion is error of integration."""
 
-HELD = 1e-9
-"""What moves by less, in L, is held, and how it moves is rounding."""
+ROUNDING = 1e-9
+"""A point that moves by less, in L, is held: its velocity is rounding in the constraints."""
 
-WIGGLE = 0.1
-"""What moves the tip by less, as a part of its late motion, is no cycle."""
+SMALLEST_SWING = 0.1
+"""A swing of the free end smaller than this part of its late range is a ripple, not a cycle."""
 
-ALIKE, MOST_PASSAGES = 0.03, 50
-"""Heights in L and velocities, in the largest, that are the same again after a cycle; how many
-passages one may hold."""
+SAME_STATE = 0.03
+"""Difference of heights in L, and of velocities in the largest velocity, below which a state counts
+as the same: a curve that misses its start by less looks closed."""
+
+MOST_CROSSINGS = 50
+"""Crossings of the middle that one cycle may hold; motion that repeats later is hardly periodic."""
 
 POINTS = 4000
-"""Points of a curve that is drawn through fewer samples."""
+"""Points of a curve through fewer samples: two for each pixel of a picture 2000 pixels wide."""
 
 
 def checked_motion(motion: Any, name: str = "motion") -> Motion:
@@ -71,13 +74,13 @@ def tip_of(motion: Motion, first: int = 0, stop: int | None = None) -> CubicHerm
     return CubicHermiteSpline(motion.t[part], motion.tip[part], velocity)
 
 
-def marker_of(motion: Motion, first: int = 0, stop: int | None = None) -> CubicHermiteSpline:
-    """Position (x, y) of the point whose passages tell cycles: the free end, unless it is held.
+def observed_point(motion: Motion, first: int = 0, stop: int | None = None) -> CubicHermiteSpline:
+    """Position (x, y) of the point from which cycles are found: the free end, unless it is held.
 
-    Then it is the node of the scene that moves farthest across.
+    Then it is the node of the scene with the largest transverse motion.
     """
     scene = motion.model
-    if not isinstance(scene, Assembly) or np.ptp(motion.tip[:, 0]) > HELD:
+    if not isinstance(scene, Assembly) or np.ptp(motion.tip[:, 0]) > ROUNDING:
         return tip_of(motion, first, stop)
     part = slice(first, stop)
     x = 3 * int(np.argmax(np.ptp(motion.q[:, 0::3], axis=0)))
@@ -100,7 +103,7 @@ def _around(motion: Motion, start: float, end: float) -> tuple[int, int]:
 
 
 def refuse_coarse_tip(name: str, motion: Motion, span: tuple[float, float]) -> None:
-    """Refuse a motion whose free end is not known between samples, as far as a span needs it."""
+    """Refuse a motion whose free end cannot be interpolated within a span."""
     first, stop = _around(motion, *span)
     spline = tip_of(motion, first, stop)
     refuse_coarse(name, spline.x, spline(spline.x), spline(spline.x, 1), invisible=INVISIBLE)
@@ -115,55 +118,58 @@ def refuse_coarse(
     invisible: float = 0.0,
     rates_shown: bool = False,
 ) -> None:
-    """Refuse samples so few that what lies between them is a guess.
+    """Refuse samples too far apart to interpolate.
 
     Args:
         name: of the argument that is refused.
         t: times, shape (k,), k >= 3.
         positions: shape (k,) or (k, d).
         velocities: of the same shape.
-        invisible: a miss of positions that does not matter.
+        invisible: an error of positions that does not matter.
         rates_shown: whether velocities are shown, too.
+
+    Raises:
+        ValueError: if a cubic through every other sample misses those between.
     """
-    if np.ptp(positions, axis=0).max() < HELD:
+    if np.ptp(positions, axis=0).max() < ROUNDING:
         return
     kept = slice(0, None, 2) if t.size % 2 else slice(0, -1, 2)
     left = slice(1, 2 * t[kept].size - 1, 2)
     every_other = CubicHermiteSpline(t[kept], positions[kept], velocities[kept])
     missed = np.abs(every_other(t[left]) - positions[left]).max()
     missed_rate = np.abs(every_other(t[left], 1) - velocities[left]).max()
-    # Once a cycle, samples are all alike: what a wrong velocity does to a cubic tells.
+    # One sample a cycle always finds the same position: only the velocities show that it is wrong.
     missed = max(missed, 0.125 * missed_rate * np.diff(t[kept]).max())
     lost = missed > max(invisible, COARSE * np.ptp(positions, axis=0).max())
     if lost or (rates_shown and missed_rate > COARSE_RATE * np.abs(velocities).max()):
         raise ValueError(
-            f"{name} must be sampled at least six times a cycle of the fastest that shows, got "
-            f"samples {np.diff(t).max():.3g} T apart that do not tell what lies between"
+            f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
+            f"samples {np.diff(t).max():.3g} T apart"
         )
 
 
-def upward_passages(motion: Motion, start: float, end: float) -> Array:
-    """Times in a span when the free end (or `marker_of`) passes its late middle to the right.
+def upward_crossings(motion: Motion, start: float, end: float) -> Array:
+    """Times in a span at which the free end (or `observed_point`) crosses its middle to the right.
 
-    Late is the last quarter of the span, the middle the median of its transverse displacement there
-    and a passage counts if the tip moves by a tenth of its late range before the next that counts.
+    The middle is the median of its transverse position in the last quarter of the span. A crossing
+    counts if the point swings by a tenth of its late range before the next that counts.
     """
     first, stop = _around(motion, start, end)
-    tip = marker_of(motion, first, stop)
+    tip = observed_point(motion, first, stop)
     x = CubicHermiteSpline(tip.x, tip(tip.x)[:, 0], tip(tip.x, 1)[:, 0])
     late = x(np.linspace(end - 0.25 * (end - start), end, POINTS))
-    passages = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
-    passages = passages[(passages >= start) & (passages <= end)]  # NaN: where it stands still
-    passages = passages[x(passages, 1) > 0.0]
+    crossings = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
+    crossings = crossings[(crossings >= start) & (crossings <= end)]  # drops NaN: a piece at rest
+    crossings = crossings[x(crossings, 1) > 0.0]
     counted: list[float] = []
     low, high = math.inf, -math.inf
     at = x(x.x)
-    stops = np.append(np.searchsorted(x.x, passages), x.x.size)
-    for i in reversed(range(passages.size)):
+    stops = np.append(np.searchsorted(x.x, crossings), x.x.size)
+    for i in reversed(range(crossings.size)):
         between = at[stops[i] : stops[i + 1]]
         low, high = between.min(initial=low), between.max(initial=high)
-        if not counted or high - low > WIGGLE * np.ptp(late):
-            counted.append(float(passages[i]))
+        if not counted or high - low > SMALLEST_SWING * np.ptp(late):
+            counted.append(float(crossings[i]))
             low, high = math.inf, -math.inf
     return np.array(counted[::-1])
 
@@ -171,21 +177,21 @@ def upward_passages(motion: Motion, start: float, end: float) -> Array:
 def last_cycle(motion: Motion) -> tuple[float, float] | None:
     """Start and end of the last whole cycle, or None if there is none.
 
-    It ends at the last upward passage of the free end and starts at the latest before at which the
-    free end was as high and as fast; where there is none, as while motion grows, at the one before.
+    It ends at the last upward crossing, and starts at the latest earlier one with the same height
+    and velocity. Where there is none, as in growing motion, it starts at the crossing before.
     """
     begin, finish = float(motion.t[0]), float(motion.t[-1])
     late = motion.t >= finish - 0.25 * (finish - begin)
-    passages = upward_passages(motion, begin, finish)
-    tip = marker_of(motion)
-    if np.ptp(tip(motion.t[late])[:, 0]) < STILL or passages.size < 2:
+    crossings = upward_crossings(motion, begin, finish)
+    tip = observed_point(motion)
+    if np.ptp(tip(motion.t[late])[:, 0]) < AT_REST or crossings.size < 2:
         return None
-    passages = passages[-MOST_PASSAGES - 1 :]
-    swift = np.abs(tip(motion.t[late], 1)).max()
-    there = np.column_stack([tip(passages)[:, 1], tip(passages, 1) / swift])
-    alike = np.flatnonzero(np.abs(there[:-1] - there[-1]).max(axis=1) < ALIKE)
-    start = passages[alike[-1]] if alike.size else passages[-2]
-    return float(start), float(passages[-1])
+    crossings = crossings[-MOST_CROSSINGS - 1 :]
+    fastest = np.abs(tip(motion.t[late], 1)).max()
+    states = np.column_stack([tip(crossings)[:, 1], tip(crossings, 1) / fastest])
+    alike = np.flatnonzero(np.abs(states[:-1] - states[-1]).max(axis=1) < SAME_STATE)
+    start = crossings[alike[-1]] if alike.size else crossings[-2]
+    return float(start), float(crossings[-1])
 
 
 def checked_span(span: Any, motion: Motion) -> tuple[float, float, bool]:
@@ -204,7 +210,7 @@ def checked_span(span: Any, motion: Motion) -> tuple[float, float, bool]:
 
 
 def finer(t: Array) -> Array:
-    """Times between which a straight line does for a curve, the samples' own among them."""
+    """Times between which straight lines look like the curve, the samples among them."""
     parts = min(8, -(-POINTS // t.size))
     steps = np.arange(parts) / parts
     return np.append((t[:-1, None] + np.diff(t)[:, None] * steps).ravel(), t[-1])

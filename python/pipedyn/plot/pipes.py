@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Motion as the pipe itself: its shapes over a cycle, and a film.
+"""Motion as shapes of the pipe: snapshots over a cycle, and an animation.
 
-The model's y grows along the straight pipe from the clamp, downward if it hangs: then the axis of
-the picture is turned, and gravity points down the page. A pipe with gamma < 0 stands, so its y
-grows up the page, and gravity points down again.
+The model's y axis points along the straight pipe, away from the clamp. For a hanging pipe the
+picture's axis is inverted, for a standing one (gamma < 0) it is not. Gravity points down the page
+in both.
 """
 
 from __future__ import annotations
@@ -30,25 +30,32 @@ from pipedyn.plot.interpolation import (
     checked_span,
     coordinates_at,
     refuse_coarse_tip,
-    upward_passages,
+    upward_crossings,
 )
-from pipedyn.plot.style import BLACK, BLUE, VERMILION, axes_or_new, check_axes
+from pipedyn.plot.style import BLACK, BLUE, VERMILION, axes_or_new, check_type, motion_title
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
 MOST_SHAPES = 1000
-MOST_FRAMES = 2000
-FEWEST_FRAMES = 8
-"""Frames of a cycle below which a film shows another motion than the pipe's."""
+"""Shapes of one picture: more than its pixels can separate."""
 
-CYCLE_SECONDS, FILM_SECONDS = 2.5, 8.0
-"""How long a film takes for a cycle, or for all of a motion that has none, if it has no speed."""
+MOST_FRAMES = 2000
+"""Frames of one animation: 80 s at 25 frames a second."""
+
+FEWEST_FRAMES = 8
+"""Frames of a cycle below which an animation shows another motion than the pipe's: with fewer than
+2 it would run backwards, and 8 show the shapes between."""
+
+CYCLE_SECONDS, MOTION_SECONDS = 2.5, 8.0
+"""Where no speed is given: seconds of animation for a cycle, slow enough to follow by eye, and for
+all of a motion without cycles."""
 
 POINTS = np.linspace(0.0, 1.0, 241)
-"""Arc lengths of a drawn shape: joints of chains with up to 6, and 8, 10, 12 ... equal segments."""
+"""Arc lengths of a shape. The joints of chains of 1 to 6, 8, 10, 12 ... equal segments are among
+them, so that no corner is cut."""
 
 ARROW = 0.14
-"""Length of the arrow that shows the flow, in L."""
+"""Length of the arrow that shows the flow, in L: longer than the clamp is wide."""
 
 
 def snapshots(
@@ -57,24 +64,25 @@ def snapshots(
     count: int = 16,
     ax: Axes | None = None,
 ) -> Axes:
-    """The pipe's shapes at equal time steps on one picture, the latest darkest.
+    """Shapes of the pipe at equal time steps in one picture, the latest darkest.
 
-    The arrow at the free end of the latest shape shows the flow, out of the pipe or into it; the
-    one beside the clamp gravity, if there is any.
+    The arrow at the free end of the latest shape shows the flow, out of the pipe or into it. The
+    arrow beside the clamp shows gravity, if there is any.
 
     Args:
         motion: what to show.
-        span: start and end in T; where not given the last cycle, from a passage of the free end
-            through its middle to the next that is alike, or all of a motion that has none.
-        count: number of shapes, from 2 to 1000; both ends of the span are among them, of a cycle
-            that ends where it began only the end.
-        ax: where to draw; a new figure's where not given. The first collection, the shapes, serves
+        span: start and end in T; where not given the last cycle, or all of a motion without one.
+            A cycle lasts from one upward crossing of the free end's middle position to the next
+            that is alike.
+        count: number of shapes, from 2 to 1000. Both ends of a span are among them, but only the
+            end of a cycle, where it is as at the start.
+        ax: where to draw; new Axes where not given. The first collection, the shapes, serves
             `colour_bar`.
 
     Raises:
-        ValueError: for a span that does not lie in the motion's times, a count out of range, or a
-            motion with fewer than 3 samples, or so few that what lies between is a guess.
-        TypeError: for what is no motion, span or whole number.
+        ValueError: for a span outside the motion's times, a count out of range, fewer than 3
+            samples, or samples too far apart to interpolate.
+        TypeError: for bad arguments.
     """
     motion = checked_motion(motion)
     start, end, cycle = checked_span(span, motion)
@@ -93,12 +101,12 @@ def snapshots(
     lines.set_array(times)
     lines.set_gid("shapes")
     ax.add_collection(lines)
-    _stage(ax, motion, shapes)
+    _surroundings(ax, motion, shapes)
     flow = _flow_arrow(ax, motion)
     if flow is not None:
         flow.set_positions(*_flow(motion, shapes[-1]))
     what = f"a cycle of {end - start:.4g}" if cycle else rf"$\tau =$ {start:.4g} to {end:.4g}"
-    ax.set_title(f"{_heading(motion)}\n{count} shapes, {what} $T$")
+    ax.set_title(f"{motion_title(motion)}\n{count} shapes, {what} $T$")
     return ax
 
 
@@ -111,29 +119,28 @@ def animate(
     span: ArrayLike | None = None,
     ax: Axes | None = None,
 ) -> FuncAnimation:
-    """A film of the pipe with the path of its free end, frames evenly spaced in time.
+    """An animation of the pipe with the path of its free end, frames at equal time steps.
 
-    In a notebook `IPython.display.HTML(film.to_jshtml())` shows it.
+    In a notebook `IPython.display.HTML(animation.to_jshtml())` shows it.
 
     Args:
         motion: what to show.
         path: a file to write, ending in .gif; none is written where not given.
         fps: frames a second, from 1 to 50, the most that a GIF can show.
-        speed: time that passes in a second of the film, in T. Where not given, a cycle takes 2.5
-            seconds, and all of a motion without cycles 8.
-        span: start and end in T; the last cycle, shown without end, or all of a motion that has
-            none, where not given.
+        speed: time that passes in a second of the animation, in T. Where not given, a cycle takes
+            2.5 seconds, and all of a motion without cycles 8.
+        span: start and end in T; where not given the last cycle, which repeats without end, or all
+            of a motion without one.
         ax: where to draw; that of a figure without a window where not given.
 
     Returns:
-        The film. Keep it as long as it is to be shown.
+        The animation. Keep a reference to it as long as it is shown.
 
     Raises:
-        ValueError: for a span that does not lie in the motion's times; for a film of one frame, of
-            more than 2000, or with fewer than 8 in a cycle; for a path that is no .gif in a folder
-            that exists; for a motion with fewer than 3 samples, or so few that what lies between
-            is a guess.
-        TypeError: for what is no motion, number, span or path.
+        ValueError: for a span outside the motion's times; for fewer than 2 or more than 2000
+            frames, or fewer than 8 in a cycle; for a path that is no .gif in a folder that exists;
+            for fewer than 3 samples, or samples too far apart to interpolate.
+        TypeError: for bad arguments.
     """
     motion = checked_motion(motion)
     start, end, cycle = checked_span(span, motion)
@@ -142,10 +149,11 @@ def animate(
     if speed is not None:
         speed = check.real("speed", speed, low=0.0, open_low=True)
     if ax is not None:
-        check_axes(ax)
+        check_type("ax", ax, Axes)
     refuse_coarse_tip("motion", motion, (start, end))
-    swing = end - start if cycle else _cycle_within(motion, start, end)
-    frames = _frames(end - start, swing, fps, speed)
+    period = end - start if cycle else _period_within(motion, start, end)
+    frames = _frames(end - start, period, fps, speed)
+    own = ax is None
     if ax is None:
         figure = Figure(figsize=(4.0, 4.6), layout="constrained")
         FigureCanvasAgg(figure)
@@ -161,24 +169,27 @@ def animate(
     path_of_tip = motion.model.tips(coordinates_at(motion, fine).T)
     (trace,) = ax.plot([], [], color=BLUE, linewidth=0.9, zorder=1.8, gid="trace")
     (pipe,) = ax.plot([], [], color=BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
-    _stage(ax, motion, shapes)
+    _surroundings(ax, motion, shapes)
     flow = _flow_arrow(ax, motion)
-    heading = _heading(motion)
+    title = motion_title(motion)
 
     def show(frame: int) -> Sequence[Any]:
         pipe.set_data(*shapes[frame].T)
-        # Of a film that is shown without end the whole path is there from the start.
+        # A cycle repeats, so its whole path is there from the start.
         trace.set_data(*path_of_tip[: None if cycle else dots * frame + 1].T)
         if flow is not None:
             flow.set_positions(*_flow(motion, shapes[frame]))
-        title = ax.set_title(f"{heading}\n" + rf"$\tau = {times[frame]:.{_digits(times)}f}\,T$")
-        return [pipe, trace, title]
+        text = ax.set_title(f"{title}\n" + rf"$\tau = {times[frame]:.{_digits(times)}f}\,T$")
+        return [pipe, trace, text]
 
     show(0)
-    film = FuncAnimation(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
+    if own:  # laid out once: every frame is then as large as the first, and quicker
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+    animation = FuncAnimation(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
     if target is not None:
-        film.save(target, writer=PillowWriter(fps=fps))  # type: ignore[arg-type]
-    return film
+        animation.save(target, writer=PillowWriter(fps=fps))  # type: ignore[arg-type]
+    return animation
 
 
 def _checked_path(path: Any) -> Path | None:
@@ -194,30 +205,30 @@ def _checked_path(path: Any) -> Path | None:
     return target
 
 
-def _cycle_within(motion: Motion, start: float, end: float) -> float | None:
-    """How long a cycle lasts, of those in a span; None if there is none."""
-    lasting = np.diff(upward_passages(motion, start, end))
-    return float(np.median(lasting)) if lasting.size else None
+def _period_within(motion: Motion, start: float, end: float) -> float | None:
+    """Median period of the cycles in a span; None if there is none."""
+    periods = np.diff(upward_crossings(motion, start, end))
+    return float(np.median(periods)) if periods.size else None
 
 
-def _frames(lasting: float, swing: float | None, fps: float, speed: float | None) -> int:
-    """Number of frames of a film, refused where it would mislead or never end."""
+def _frames(duration: float, period: float | None, fps: float, speed: float | None) -> int:
+    """Number of frames of an animation; refuses too many, and too few to show the motion."""
     if speed is None:
-        speed = lasting / FILM_SECONDS if swing is None else swing / CYCLE_SECONDS
-    wanted = lasting / speed * fps
+        speed = duration / MOTION_SECONDS if period is None else period / CYCLE_SECONDS
+    wanted = duration / speed * fps
     if not wanted <= MOST_FRAMES:
         raise ValueError(
             f"span, fps and speed must ask for at most {MOST_FRAMES} frames, got {wanted:.4g}: "
-            f"{lasting:.4g} T at {speed:.4g} T a second, {fps:g} frames a second"
+            f"{duration:.4g} T at {speed:.4g} T a second, {fps:g} frames a second"
         )
-    if swing is not None and swing / speed * fps < (1.0 - 1e-9) * FEWEST_FRAMES:
+    if period is not None and period / speed * fps < (1.0 - 1e-9) * FEWEST_FRAMES:  # rounding
         raise ValueError(
-            f"speed must leave at least {FEWEST_FRAMES} frames to a cycle of {swing:.4g} T: at "
-            f"{fps:g} frames a second at most {swing * fps / FEWEST_FRAMES:.4g}, got {speed:.4g}"
+            f"speed must leave at least {FEWEST_FRAMES} frames to a cycle of {period:.4g} T: at "
+            f"{fps:g} frames a second at most {period * fps / FEWEST_FRAMES:.4g}, got {speed:.4g}"
         )
     if round(wanted) < 2:
         raise ValueError(
-            f"speed must leave at least 2 frames to {lasting:.4g} T, got {speed:.4g} T a second"
+            f"speed must leave at least 2 frames to {duration:.4g} T, got {speed:.4g} T a second"
         )
     return round(wanted)
 
@@ -232,17 +243,13 @@ def _shapes(motion: Motion, times: Array) -> Array:
     return np.stack([motion.model.shape(q, POINTS) for q in coordinates_at(motion, times)])
 
 
-def _heading(motion: Motion) -> str:
-    return f"$u = {motion.u:.4g}$, {motion.model.pipe.flow}"
-
-
 def _digits(times: Array) -> int:
-    """Decimals that tell neighbouring times apart."""
+    """Decimals by which neighbouring times differ."""
     return max(0, -math.floor(math.log10(times[1] - times[0])))
 
 
-def _stage(ax: Axes, motion: Motion, shapes: Array) -> None:
-    """Equal axes that hold the shapes and what the flow does at their ends; clamp and gravity."""
+def _surroundings(ax: Axes, motion: Motion, shapes: Array) -> None:
+    """Clamp, gravity, and axes of equal scale with room for the shapes and the flow's arrow."""
     gamma = motion.model.pipe.gamma
     wide = max(0.36, float(np.abs(shapes[..., 0]).max()) + ARROW + 0.06)
     low = min(-0.12, float(shapes[..., 1].min()) - ARROW - 0.06)
@@ -267,17 +274,10 @@ def _stage(ax: Axes, motion: Motion, shapes: Array) -> None:
 
 
 def _arrow(ax: Axes, colour: str, gid: str) -> FancyArrowPatch:
+    look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 11.0, "linewidth": 1.8}
+    ends: dict[str, Any] = {"shrinkA": 0.0, "shrinkB": 0.0}
     arrow = FancyArrowPatch(
-        (0.0, 0.0),
-        (0.0, 1.0),
-        arrowstyle="-|>",
-        mutation_scale=11.0,
-        color=colour,
-        linewidth=1.8,
-        shrinkA=0.0,
-        shrinkB=0.0,
-        zorder=3.0,
-        gid=gid,
+        (0.0, 0.0), (0.0, 1.0), color=colour, zorder=3.0, gid=gid, **look, **ends
     )
     ax.add_patch(arrow)
     return arrow
@@ -287,11 +287,10 @@ def _flow_arrow(ax: Axes, motion: Motion) -> FancyArrowPatch | None:
     return _arrow(ax, VERMILION, "flow") if motion.u > 0.0 else None
 
 
-def _flow(motion: Motion, shape: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+def _flow(motion: Motion, shape: Array) -> tuple[Any, Any]:
     """Tail and head of the arrow at the free end: out of it, or into it."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
-    near, far = shape[-1] + 0.02 * along, shape[-1] + ARROW * along
-    ends = (near, far) if motion.model.pipe.flow == "ejecting" else (far, near)
-    (ax, ay), (bx, by) = ends
-    return (float(ax), float(ay)), (float(bx), float(by))
+    ends = [tuple(map(float, shape[-1] + length * along)) for length in (0.02, ARROW)]
+    near, far = ends if motion.model.pipe.flow == "ejecting" else ends[::-1]
+    return near, far

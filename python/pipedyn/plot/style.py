@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What all pictures share: labels, colours, settings for print, panels, checks of arguments."""
+"""What all pictures share: labels, colours, print settings, axes, markers, checks of arguments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipedyn.accuracy.convergence import Trend
+from pipedyn.motion.simulate import Motion
 from pipedyn.util import check
 
 SPEED_LABEL = r"flow speed $u = V L \, (\mu_f / EI)^{1/2}$"
@@ -23,6 +23,8 @@ REAL_LABEL = r"Re $\lambda$  $(1/T)$"
 IMAGINARY_LABEL = r"Im $\lambda$  $(1/T)$"
 FREQUENCY_LABEL = r"|Im $\lambda$|  $(1/T)$"
 TIME_LABEL = r"time $\tau$  $(T)$"
+TIP_LABEL = "free end $x$  $(L)$"
+TIP_RATE_LABEL = r"its velocity $\dot x$  $(L/T)$"
 BETA_LABEL = r"mass ratio $\beta = \mu_f / (\mu_p + \mu_f)$"
 
 # The colours of Okabe and Ito, which remain distinct to colour-blind readers.
@@ -40,7 +42,7 @@ CURVE_STYLES: tuple[dict[str, Any], ...] = (
 
 
 def style() -> AbstractContextManager[None]:
-    """Settings for a page of print, in force within a with statement."""
+    """Settings for a printed page, in force within a `with` statement."""
     settings: dict[Any, Any] = {
         "font.size": 8.0,
         "axes.titlesize": 8.0,
@@ -62,7 +64,17 @@ def style() -> AbstractContextManager[None]:
 
 
 def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure, NDArray[Any]]:
-    """An empty figure, width x height inches, and its Axes, shape (rows, columns), on one range."""
+    """An empty figure and its Axes, shape (rows, columns), which share their ranges.
+
+    Args:
+        rows: of Axes, from 1 to 100.
+        columns: of Axes, from 1 to 100.
+        width: of the figure, in inches.
+        height: of the figure, in inches.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
     rows = check.count("rows", rows, high=100)
     columns = check.count("columns", columns, high=100)
     width = check.real("width", width, low=0.1, high=200.0)
@@ -72,63 +84,89 @@ def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure
     return figure, axes
 
 
-def colour_bar(figure: Figure, axes: NDArray[Any], label: str) -> None:
-    """One colour bar beside the panels, of the first collection drawn in any of them."""
-    check_type("figure", figure, Figure)
-    check_type("axes", axes, np.ndarray)
-    for ax in axes.flat:
-        check_type("axes", ax, Axes)
+def colour_bar(label: str, ax: Axes | NDArray[Any]) -> Axes | None:
+    """One colour bar beside one or several Axes, for the first collection that they show.
+
+    Args:
+        label: of the bar.
+        ax: the Axes, or an array of them in one figure.
+
+    Returns:
+        The bar's own Axes; None where the Axes show no collection.
+
+    Raises:
+        TypeError: for bad arguments.
+    """
     check_type("label", label, str)
-    drawn = [ax.collections[0] for ax in axes.flat if ax.collections]
-    if not drawn:
-        return
-    bar = figure.colorbar(drawn[0], ax=axes, label=label, pad=0.01, aspect=40)
-    if isinstance(drawn[0].norm, SymLogNorm):
-        end = float(drawn[0].norm.vmax or 1.0)
+    every = list(ax.flat) if isinstance(ax, np.ndarray) and ax.size else [ax]
+    for one in every:
+        check_type("ax", one, Axes)
+    shown = [one.collections[0] for one in every if one.collections]
+    if not shown:
+        return None
+    bar = every[0].figure.colorbar(shown[0], ax=every, label=label, pad=0.01, aspect=40)
+    if isinstance(shown[0].norm, SymLogNorm):
+        end = float(shown[0].norm.vmax or 1.0)
         decades = [10.0**k for k in range(math.floor(math.log10(end)) + 1)]
         steps = [a * b for a in decades for b in (1.0, 3.0) if a * b <= end]
         ticks = [-step for step in reversed(steps)] + [0.0, *steps]
         bar.set_ticks(ticks, labels=[f"{tick:g}".replace("-", "\u2212") for tick in ticks])
         bar.minorticks_off()
-
-
-def check_axes(ax: Any) -> None:
-    """Refuse what is no Axes."""
-    check_type("ax", ax, Axes)
+    own: Axes = bar.ax
+    return own
 
 
 def axes_or_new(ax: Any, width: float, height: float) -> Axes:
     """The Axes given, or those of a new figure of pyplot, width x height inches."""
     if ax is None:
-        import matplotlib.pyplot as plt  # it chooses how figures are shown: only if need be
+        import matplotlib.pyplot as plt  # chooses how figures are shown, so only where needed
 
         return plt.subplots(figsize=(width, height), layout="constrained")[1]
-    check_axes(ax)
+    check_type("ax", ax, Axes)
     given: Axes = ax
     return given
 
 
 def check_type(name: str, value: Any, kind: type) -> None:
-    """Refuse what is not of a type."""
+    """Refuse a value of another type."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be of type {kind.__name__}, got {check.shown(value)}")
 
 
 def check_mapping(name: str, value: Any) -> None:
-    """Refuse what is no mapping from words."""
+    """Refuse all but a mapping from words."""
     check_type(name, value, Mapping)
     for key in value:
         check_type(f"the names of {name}", key, str)
 
 
-def notice(ax: Axes, text: str) -> Axes:
-    """A sentence in place of a picture."""
-    check_axes(ax)
+def notice(text: str, ax: Axes | None = None) -> Axes:
+    """A sentence in place of a picture.
+
+    Args:
+        text: the sentence.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        TypeError: for bad arguments.
+    """
     check_type("text", text, str)
+    ax = axes_or_new(ax, 6.4, 4.8)
     ax.set_xticks([])
     ax.set_yticks([])
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", wrap=True)
     return ax
+
+
+def note(ax: Axes, text: str, at: Any, offset: tuple[float, float], **look: Any) -> None:
+    """A short text beside a point, the offset in printer's points."""
+    ax.annotate(text, at, xytext=offset, textcoords="offset points", **look)
+
+
+def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
+    """Look of a white marker with an edge, without a line; a ring where no other shape is given."""
+    look = {"linestyle": "none", "marker": "o", "markersize": size, "markerfacecolor": "white"}
+    return look | {"markeredgecolor": edge} | more
 
 
 def cycled_styles(count: int) -> list[dict[str, Any]]:
@@ -136,17 +174,6 @@ def cycled_styles(count: int) -> list[dict[str, Any]]:
     return [CURVE_STYLES[i % len(CURVE_STYLES)] for i in range(count)]
 
 
-def law_label(fitted: Trend, sign: str = "+") -> str:
-    """The law by which errors fall, in a legend's words; sign "-" for errors without theirs."""
-    if fitted.law == "power":
-        return f"order {fitted.rate:.2f}"
-    if fitted.law == "exponential":
-        return f"÷ {fitted.rate:.1f} per d.o.f."
-    if fitted.law == "flat":
-        return f"tends to {percent(fitted.limit, sign)}"
-    return "no clear order"
-
-
-def percent(part: float, sign: str = "+") -> str:
-    """A share in percent; sign "+" shows a plus as well."""
-    return f"{100.0 * part:{sign}.2f} %".replace("-", "\u2212")
+def motion_title(motion: Motion) -> str:
+    """Flow speed and direction."""
+    return f"$u = {motion.u:.4g}$, {motion.model.pipe.flow}"

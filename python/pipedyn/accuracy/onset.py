@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Where a model's flutter sets in, followed from where another model's does: no search.
+"""Where a model's flutter sets in, tracked from the onset of another model: no search.
 
-It tells what a search would find at a tenth of its cost, but not that nothing comes before.
+It finds what a search would find at a tenth of its cost, but not that nothing comes before.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pipedyn.models.pencil import Vectors
 MOST_STEPS = 12
 """Of Newton's method; a good guess takes two."""
 
-ASTRAY = 3.0
+FARTHEST = 3.0
 """Factor by which the speed may leave its guess."""
 
 
@@ -37,7 +37,7 @@ class Onset:
 
 
 def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
-    """The passage into flutter next to a speed and a frequency; None where Newton's method errs.
+    """The crossing into flutter next to a speed and a frequency; None where Newton's method fails.
 
     Args:
         model: any.
@@ -60,7 +60,7 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
             uncertain = float(problem.uncertainties(u, pair)[0]) + abs(value.real)
             return Onset(u, abs(value.imag), uncertain / slope.real)
         u, value, vector = u + change, value + slope * change, pair.right[:, 0]
-        if not speed / ASTRAY < u < speed * ASTRAY or value.imag <= 0.0:
+        if not speed / FARTHEST < u < speed * FARTHEST or value.imag <= 0.0:
             return None
         last = abs(change)
     return None

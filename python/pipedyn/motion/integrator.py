@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: MIT
+"""scipy's integrators, with right-hand sides that are counted, limited and kept from raising."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.integrate
+from scipy.integrate import ode
+
+from pipedyn.models.base import Model
+from pipedyn.motion.stiffness import fastest_decay, highest_frequency
+from pipedyn.util.check import Array
+from pipedyn.util.counters import evaluated, factorised, in_time
+from pipedyn.util.progress import track
+
+COMPILED = ("dop853", "lsoda")
+"""scipy.integrate.ode's integrators that serve."""
+
+EXPLICIT = ("dop853", "DOP853")
+"""Methods whose steps stability holds to the time of the fastest mode."""
+
+METHODS = ("auto", *COMPILED, "DOP853", "Radau", "BDF", "LSODA")
+"""Small letters: compiled; the others: `scipy.integrate.solve_ivp`'s, in Python."""
+
+FORECAST = 400
+"""Right-hand sides after which a motion is asked how many more it takes: that costs 40 to 120."""
+
+CALLS, JACOBIAN_CALLS = 20_000, 20
+"""Right-hand sides between two looks at how far a motion came, and for how many of them a Jacobian
+counts, which is the dearer with its factorisation. Looks cost nothing beside so many."""
+
+LEAST_STEP = 2e-5
+"""Share of the fastest mode's time that each right-hand side must cover: methods that go on cover
+0.02 and more, of those that are stuck the step falls without end."""
+
+CALLS_A_RATE = 1.5
+"""Right-hand sides of an explicit method in the time 1 / |lambda| of the fastest mode, at least:
+measured 1.6 with damping to 16 without at rtol 1e-6."""
+
+MOST_CALLS = 1e8
+"""Right-hand sides that a motion may take: minutes with few segments, an hour with a thousand."""
+
+MOST_STEPS = 1_000_000_000
+"""Steps of a compiled integrator between two samples: more than `MOST_CALLS` allows."""
+
+
+class Stopped(Exception):
+    """Why an integration ended early."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """An integration to be done, of one state or, in the columns, of several.
+
+    Attributes:
+        model: the model.
+        u: flow speed, or one of each state, shape (k,).
+        times: of the samples, the first the start, shape (S,).
+        start: [p, p', 0] of the coordinates p that are integrated, shape (2 moving + 1,) or
+            (2 moving + 1, k).
+        rtol, atol: tolerances of each state's error in a step.
+        method: of METHODS, not "auto".
+        most: right-hand sides at most.
+    """
+
+    model: Model
+    u: float | Array
+    times: Array
+    start: Array
+    rtol: float
+    atol: float
+    method: str
+    most: float = MOST_CALLS
+
+
+class Guarded:
+    """Rates and Jacobian of y' = f(t, y), which count their calls and never raise.
+
+    Compiled integrators do not survive an exception: NaN makes them shorten the step and give up.
+    A state that is not finite is remembered, any other exception is kept for `reason`.
+
+    Args:
+        rates: f(t, y, *arguments) of states of some shape.
+        jacobian: df/dy (t, y) of one state, shape (N, N).
+        shape: of the states, (N,) or (N, k).
+        arguments: of `rates`, after t and y.
+        most: calls that it may take.
+    """
+
+    def __init__(
+        self,
+        rates: Callable[..., Array],
+        jacobian: Callable[[float, Array], Array],
+        shape: tuple[int, ...],
+        arguments: tuple[Any, ...] = (),
+        most: float = MOST_CALLS,
+    ) -> None:
+        self._rates, self._jacobian = rates, jacobian
+        self.shape, self.arguments, self.most = shape, arguments, most
+        self.calls = self.jacobians = self.factorisations = 0
+        self.next_check: float = math.inf
+        self.overflowed = False
+        self.interruption: BaseException | None = None
+
+    def check(self, t: float) -> None:
+        """Raises what ends the integration; called where `calls` has come to `next_check`."""
+
+    def _keep(self, error: BaseException) -> None:
+        if isinstance(error, ValueError):
+            self.overflowed = True
+            return
+        # The user's, most likely; one that comes while the core computes is wrapped.
+        wrapped = isinstance(error, SystemError) and error.__cause__
+        self.interruption = wrapped or error
+
+    def rates(self, t: float, y: Array) -> Array:
+        """f, of the states' shape."""
+        try:
+            if self.interruption is None:
+                if self.calls >= self.next_check:
+                    self.check(t)
+                if self.calls >= self.most:
+                    raise Stopped(f"it needs more right-hand sides than {self.most:g}, its most")
+                self.calls += 1
+                return self._rates(t, y, *self.arguments)
+        except BaseException as error:
+            self._keep(error)
+        return np.full(self.shape, np.nan)
+
+    def flat_rates(self, t: float, y: Array) -> Array:
+        """The same of several states in one row."""
+        return self.rates(t, y.reshape(self.shape)).ravel()
+
+    def jacobian(self, t: float, y: Array) -> Array:
+        """df/dy, which integrators factorise each time."""
+        try:
+            self.jacobians += 1
+            self.factorisations += 1
+            self.next_check -= JACOBIAN_CALLS
+            if self.interruption is None:
+                return self._jacobian(t, y)
+        except BaseException as error:
+            self._keep(error)
+        return np.zeros((y.size, y.size))
+
+    def reason(self, stopped: Stopped) -> str:
+        """Why an integration ended; what is neither its own nor a number's is raised again."""
+        cause = self.interruption
+        if cause is not None and not isinstance(cause, Stopped):
+            raise cause from None
+        if cause is not None:
+            return str(cause)
+        return "the state left finite numbers" if self.overflowed else str(stopped)
+
+
+class Watched(Guarded):
+    """The right-hand side of a task, asked now and then whether it can come to its end."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(
+            *(task.model.motion.rhs_and_power, self._slopes, task.start.shape, (task.u,), task.most)
+        )
+        self.task = task
+        self.next_check, self.reached = FORECAST, -math.inf
+
+    def _slopes(self, t: float, y: Array) -> Array:
+        """Of [q, q', W]. W acts on nothing, and the Newton iteration does without its row."""
+        whole = np.zeros((y.size, y.size))
+        whole[:-1, :-1] = self.task.model.motion_jacobian(y[:-1], float(self.task.u))
+        return whole
+
+    @cached_property
+    def fastest(self) -> tuple[float, float]:
+        """Highest frequency and fastest decay at rest; only long motions come to ask."""
+        return highest_frequency(self.task.model), fastest_decay(self.task.model)
+
+    @cached_property
+    def least(self) -> float:
+        """Time that so many calls must cover, by the fastest of modes, flow and its own turning."""
+        turning = float(np.abs(self.task.start).max())
+        fastest = sum(self.fastest) + float(np.max(self.task.u)) ** 2 + turning + 1.0
+        return LEAST_STEP * CALLS / fastest
+
+    def check(self, t: float) -> None:
+        """Whether it can come to its end, and whether the last calls came anywhere."""
+        in_time()
+        task, fastest = self.task, max(self.fastest)
+        ahead = CALLS_A_RATE * fastest * (float(task.times[-1]) - t)
+        if task.method in EXPLICIT and self.calls + ahead > task.most:
+            raise Stopped(
+                f"it needs {ahead:.1g} right-hand sides or more and may take {task.most:g}"
+                f" at most: its fastest mode has |lambda| = {fastest:.2g}"
+            )
+        if t - self.reached < self.least:
+            raise Stopped("its step shrank to nothing beside its fastest mode's time")
+        self.next_check, self.reached = self.calls + CALLS, t
+
+
+def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
+    """States at the samples, (S, *start.shape), right-hand sides, and why it stopped early."""
+    guarded = Watched(task)
+    sampled = _compiled_samples if task.method in COMPILED else _python_samples
+    rows: list[Array] = []
+    why = None
+    try:
+        for row in track(sampled(task, guarded), task.times.size, "motion", shown):
+            rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
+    except Stopped as stopped:
+        why = guarded.reason(stopped)
+    states = task.start[0].size
+    evaluated(states * (guarded.calls + guarded.jacobians))
+    factorised(guarded.factorisations)
+    return np.array(rows).reshape(-1, *task.start.shape), guarded.calls, why
+
+
+def compiled(
+    guarded: Guarded, start: Array, method: str, rtol: float, atol: float
+) -> Callable[[float], Array]:
+    """States at growing times from a start at time 0, by one of the compiled methods.
+
+    The function that is returned raises `Stopped` where the integrator fails.
+    """
+    rhs = guarded.rates if len(guarded.shape) == 1 else guarded.flat_rates
+    explicit = method == "dop853"
+    solver = ode(rhs) if explicit else ode(rhs, guarded.jacobian)
+    options = {} if explicit else {"with_jacobian": True}
+    solver.set_integrator(method, rtol=rtol, atol=atol, nsteps=MOST_STEPS, **options)
+    solver.set_initial_value(start.ravel(), 0.0)
+    if explicit:
+        # Its test for stiffness ends runs whose steps are held by stability, which is no failure.
+        solver._integrator.iwork[3] = -1
+
+    def advanced(t: float) -> Array:
+        if t > solver.t:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # said by the exception
+                solver.integrate(t)
+            if not (solver.successful() and np.isfinite(solver.y).all()):
+                raise Stopped("its step shrank to nothing")
+        found: Array = solver.y.copy()
+        return found
+
+    return advanced
+
+
+def _compiled_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
+    advanced = compiled(guarded, task.start, task.method, task.rtol, task.atol)
+    for t in task.times:
+        yield advanced(t)
+
+
+def _python_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
+    kind = getattr(scipy.integrate, task.method)
+    implicit = {} if task.method == "DOP853" else {"jac": guarded.jacobian}
+    waiting = iter(task.times)
+    t = next(waiting)
+    if t == 0.0:
+        yield task.start
+        t = next(waiting, None)
+    if t is None:
+        return
+    end = float(task.times[-1])
+    solver = kind(guarded.rates, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
+    while t is not None:
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):  # of a step that shrinks to nothing
+                message = solver.step()
+            guarded.factorisations = solver.nlu
+        except ValueError as error:  # a factorisation refuses what is not finite
+            raise Stopped(str(error)) from error
+        if solver.status == "failed" or not np.isfinite(solver.y).all():
+            raise Stopped(message or "the state left finite numbers")
+        between = solver.dense_output()  # DOP853 asks for three more right-hand sides, or gets NaN
+        while t is not None and t <= solver.t:
+            row = between(t)
+            if not np.isfinite(row).all():
+                raise Stopped("the state left finite numbers")
+            yield row
+            t = next(waiting, None)

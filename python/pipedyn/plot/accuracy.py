@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of accuracy: error against size, and error against cost with the Pareto front."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.font_manager import FontProperties
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, ScalarFormatter
+
+from pipedyn.accuracy.convergence import Trend, own_error, relative_errors, trend
+from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
+from pipedyn.linear.critical_speed import CriticalSpeed
+from pipedyn.plot.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    axes_or_new,
+    check_mapping,
+    check_type,
+    note,
+    notice,
+    open_marker,
+)
+from pipedyn.util import check
+
+FAMILY_STYLES: dict[str, dict[str, Any]] = {
+    "rayleigh": {"color": VERMILION, "marker": "X", "linestyle": "-"},
+    "uniform": {"color": ORANGE, "marker": "s", "linestyle": "--"},
+    "frequency": {"color": PURPLE, "marker": "v", "linestyle": ":"},
+    "consistent": {"color": BLUE, "marker": "o", "linestyle": "-"},
+    "midpoint": {"color": SKY, "marker": "D", "linestyle": "--"},
+    "beam": {"color": GREEN, "marker": "^", "linestyle": "-."},
+    "legendre": {"color": BLACK, "marker": "P", "linestyle": ":"},
+}
+"""Look of each spring rule and basis."""
+
+COST_LABELS = {
+    "seconds": "processor time of an answer (s)",
+    "dof": "degrees of freedom",
+    "right_hand_sides": "evaluations of the right-hand side",
+    "factorisations": "matrix factorisations",
+}
+
+ERROR_LABELS = {
+    "critical_speed": "relative error of the critical speed",
+    "frequencies": "largest relative error of an eigenvalue",
+    "root_loci": "largest relative error of a root on the branches",
+    "motion": "largest error of the free end / its largest displacement",
+    "limit_cycle": "relative error of the cycle's amplitude and frequency",
+}
+
+
+def convergence(
+    families: Mapping[str, Sequence[CriticalSpeed]],
+    exact: CriticalSpeed,
+    ax: Axes | None = None,
+) -> Axes:
+    """Error of the critical speed against degrees of freedom, with fitted orders.
+
+    A model that loses stability in another way than the continuous pipe (divergence for flutter)
+    shows as an open marker and is not fitted.
+
+    Args:
+        families: critical speeds of models of growing size under the name of their spring rule or
+            basis.
+        exact: critical speed of the continuous pipe.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        TypeError: for bad arguments.
+    """
+    check_mapping("families", families)
+    for name, found in families.items():
+        check_type(f"families[{name!r}]", found, Sequence)
+        for i, critical in enumerate(found):
+            check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
+    check_type("exact", exact, CriticalSpeed)
+    families = {name: found for name, found in families.items() if found}
+    ax = axes_or_new(ax, 6.4, 5.2)
+    ax.set_xlabel("degrees of freedom $n$, $m$")
+    ax.set_ylabel(r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$")
+    if exact.speed == 0.0:
+        return notice("The critical speed is 0: there is nothing to converge to.", ax)
+    floor = max((own_error(found, exact) for found in families.values()), default=1e-15)
+    least, largest, all_alike = 1.0, 2.0, True
+    for name, found in families.items():
+        sizes, errors, alike = relative_errors(found, exact)
+        shown = np.maximum(np.abs(errors), floor)
+        look = _look(name, markersize=4.5)
+        fitted = trend(found, exact)
+        ax.plot(sizes[alike], shown[alike], label=f"{_family(name)}: {_law(fitted)}", **look)
+        look |= {"linestyle": "none", "markerfacecolor": "none"}
+        ax.plot(sizes[~alike], shown[~alike], **look)
+        if fitted.law == "flat":
+            limit = abs(fitted.limit)
+            ax.axhline(limit, color=look["color"], linewidth=0.7, zorder=0.8)
+            edge: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "va": "center"}
+            note(ax, _percent(fitted.limit), (1.0, limit), (3, 0), color=look["color"], **edge)
+        least, largest = min([least, *shown]), max([largest, *shown])
+        all_alike = all_alike and bool(alike.all())
+    if not all_alike:
+        ring = open_marker(4.5, "0.3", markerfacecolor="none")
+        ax.plot([], [], label=f"open: no {exact.kind}, not fitted", **ring)
+    ax.set_xscale("log", base=2)
+    ax.set_yscale("log")
+    if least <= floor:
+        said = "error of the compared speeds themselves; smaller differences are shown at its edge"
+        _floor(ax, 0.1 * floor, floor, said, (0.02, 0.3 * floor), va="center", clip_on=True)
+    ax.xaxis.set_major_formatter(ScalarFormatter())
+    _legend_on_top(ax, 0.1 * least, 1.5 * largest)
+    return ax
+
+
+def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
+    """Error against cost, log-log: each family a line, and the Pareto front as a grey band.
+
+    Where the reference is not accurate enough to measure a model's error, an open marker with an
+    arrow shows a bound, ten times the reference's own error. The order of convergence of each
+    family stands in the legend.
+
+    Args:
+        found: what was measured.
+        cost: "seconds", "dof", "right_hand_sides" or "factorisations".
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    check_type("found", found, Trade)
+    cost = check.choice("cost", cost, COSTS)
+    ax = axes_or_new(ax, 6.4, 4.8)
+    ax.set_xlabel(COST_LABELS[cost])
+    ax.set_ylabel(ERROR_LABELS[found.quantity.name])
+    orders = found.orders()
+    shown: list[TradeRow] = []
+    for family in found.families:
+        rows = [row for row in found.of(family) if _point(row, cost)]
+        if rows:
+            _draw(ax, rows, cost, f"{family}: {_law(orders[family], sign='-')}")
+            shown += rows
+    if not shown:
+        return notice("No model has an answer to show.", ax)
+    front = [point for row in found.pareto(cost) if (point := _point(row, cost))]
+    if front:  # empty where the most accurate model has no such cost
+        band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}
+        ax.plot(*zip(*front, strict=True), zorder=0.9, label="Pareto front", **band)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    floor = found.reference.error
+    _floor(ax, 0.0, floor, "error of the reference itself", (0.99, floor), ha="right", va="top")
+    _ranges(ax, shown, cost, floor)
+    ax.legend(fontsize=7.0, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+    return ax
+
+
+def _look(family: str, **more: Any) -> dict[str, Any]:
+    """Look of a family; a pair has its rule's colour, and a smaller marker on a dotted line."""
+    rule = family.removesuffix(" pair")
+    look = {"linewidth": 1.1, "markersize": 5.0, **FAMILY_STYLES.get(rule, {"color": "0.4"})}
+    if rule != family:
+        look |= {"linestyle": (0, (1, 1.5)), "markersize": 3.5}
+    return look | more
+
+
+def _family(name: str) -> str:
+    kind = "reduced" if name in ("beam", "legendre") else "chain"
+    return f"{kind}, {name}" + (" (the paper's)" if name == "rayleigh" else "")
+
+
+def _law(fitted: Trend, sign: str = "+") -> str:
+    """The law by which errors fall, for a legend; sign "-" for errors without theirs."""
+    if fitted.law == "power":
+        return f"order {fitted.rate:.2f}"
+    if fitted.law == "exponential":
+        return f"÷ {fitted.rate:.1f} per d.o.f."
+    if fitted.law == "flat":
+        return f"tends to {_percent(fitted.limit, sign)}"
+    return "no clear order"
+
+
+def _percent(part: float, sign: str = "+") -> str:
+    """A fraction in percent; sign "+" shows a plus as well."""
+    return f"{100.0 * part:{sign}.2f} %".replace("-", "\u2212")
+
+
+def _floor(
+    ax: Axes, low: float, high: float, text: str, at: tuple[float, float], **look: Any
+) -> None:
+    """A grey band of errors too small to be measured, and its text."""
+    ax.axhspan(low, high, color="0.93", zorder=0.2)
+    ax.text(*at, text, fontsize=6.5, color="0.35", transform=ax.get_yaxis_transform(), **look)
+
+
+def _point(row: TradeRow, cost: str) -> tuple[float, float] | tuple[()]:
+    """Cost and error of a row; empty if it failed or has no such cost."""
+    at = float(getattr(row, cost))
+    return (at, row.error) if at > 0.0 and 0.0 < row.error < math.inf else ()
+
+
+def _draw(ax: Axes, rows: Sequence[TradeRow], cost: str, label: str) -> None:
+    """One family, bounds open and with an arrow downwards."""
+    look = _look(rows[0].family)
+    x, y = (np.array(values) for values in zip(*(_point(row, cost) for row in rows), strict=True))
+    resolved = [i for i, row in enumerate(rows) if row.resolved]
+    filled = look | {"markevery": resolved} if resolved else look | {"marker": ""}
+    ax.plot(x, y, label=label, **filled)
+    bounds = [i for i, row in enumerate(rows) if not row.resolved]
+    if bounds:
+        bare = look | {"linestyle": "none", "markerfacecolor": "white", "zorder": 2.5}
+        ax.plot(x[bounds], y[bounds], **bare)
+    arrow = {"arrowstyle": "<|-", "color": look["color"], "lw": 0.8, "shrinkB": 3}
+    for i in bounds:
+        note(ax, "", (x[i], y[i]), (0, -14), arrowprops=arrow)
+
+
+def _ranges(ax: Axes, rows: Sequence[TradeRow], cost: str, floor: float) -> None:
+    """Ranges around the rows shown, and a tick at each decade."""
+    errors = [row.error for row in rows]
+    ax.set_ylim(min(0.3 * min(errors), 0.5 * floor), 3.0 * max(errors))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(numticks=12))
+    costs = [float(getattr(row, cost)) for row in rows]
+    if max(costs) < 10.0 * min(costs):  # at least a decade, or no tick is a round number
+        middle = math.sqrt(max(costs) * min(costs))
+        ax.set_xlim(middle / 4.0, middle * 4.0)
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
+    ax.tick_params(axis="x", which="minor", labelsize=6.0)
+    ax.grid(True, which="major", color="0.9", linewidth=0.5, zorder=0.1)
+
+
+def _legend_on_top(ax: Axes, low: float, high: float) -> None:
+    """Major grid, and a legend inside logarithmic axes above the range from low to high."""
+    ax.grid(True, which="major", color="0.9", linewidth=0.5, zorder=0.2)
+    handles, _ = ax.get_legend_handles_labels()
+    size = min(
+        7.0, FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
+    )
+    box = ax.get_window_extent()
+    dots = getattr(ax.get_figure(), "dpi", 100.0)
+    width, height = 72.0 * box.width / dots, 72.0 * box.height / dots
+    columns = 2 if width > 44.0 * size else 1
+    rows = math.ceil(len(handles) / columns)
+    share = min(0.6, (1.5 * rows + 2.5) * size / height) if rows else 0.0
+    ax.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))
+    decades = np.arange(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
+    step = math.ceil(decades.size / 20)
+    ax.yaxis.set_major_locator(FixedLocator((10.0**decades)[::-step].tolist()))
+    ax.yaxis.set_minor_locator(NullLocator())
+    if handles:
+        ax.legend(
+            loc="upper center",
+            ncols=columns,
+            fontsize=size,
+            handlelength=2.5,
+            handletextpad=0.6,
+            columnspacing=1.0,
+            framealpha=1.0,
+        )
