@@ -21,6 +21,7 @@ from pipedyn.models.continuum import AnyModel
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.counters import TookTooLong, clock, limited
+from pipedyn.util.result import result
 
 EPS = float(np.finfo(float).eps)
 
@@ -41,7 +42,7 @@ LONGEST_REFERENCE = 30.0
 """Seconds of processor time after which a nonlinear reference grows no more."""
 
 
-@dataclass(frozen=True)
+@result
 class Answer:
     """What a model answered.
 

@@ -44,6 +44,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 NARROW = 1e-4
@@ -74,7 +75,7 @@ GENERATIONS = 2
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
 
-@dataclass(frozen=True)
+@result
 class CycleBranch:
     """Cycles along a branch, which may turn in the flow speed, in order from where it is born.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -26,6 +26,7 @@ from pipedyn.motion.simulate import Start, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
@@ -52,7 +53,7 @@ LEAVING = 0.02
 """Distance from a branch point, in rad, at which a branch that leaves it is taken up."""
 
 
-@dataclass(frozen=True)
+@result
 class Equilibria:
     """Equilibria at one flow speed, the straight one first, the others from the least bent on.
 
@@ -78,7 +79,7 @@ class Equilibria:
         return len(self.stable)
 
 
-@dataclass(frozen=True)
+@result
 class BranchPoint:
     """Where the stability of a branch changes or the branch turns.
 
@@ -99,7 +100,7 @@ class BranchPoint:
     tip: Array
 
 
-@dataclass(frozen=True)
+@result
 class EquilibriumBranch:
     """A branch of equilibria, point by point along its arc length.
 

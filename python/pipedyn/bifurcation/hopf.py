@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal
 
 import numpy as np
@@ -38,6 +38,7 @@ from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_HOPF = 500
@@ -47,7 +48,7 @@ LEAST_DRAG = 1e-100
 """Less acts at amplitudes alone that are nothing, and its law would leave finite numbers."""
 
 
-@dataclass(frozen=True)
+@result
 class Hopf:
     """A flutter onset, and the limit cycle that emerges there.
 

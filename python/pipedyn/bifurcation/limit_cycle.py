@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -42,6 +42,7 @@ from pipedyn.motion.simulate import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_CYCLE = 100
@@ -91,7 +92,7 @@ TURNS = LONGEST_PERIOD
 """Returns of the free end, at most, that a simulated motion's period may have."""
 
 
-@dataclass(frozen=True)
+@result
 class LimitCycle(Trajectory):
     """One period of a periodic motion.
 

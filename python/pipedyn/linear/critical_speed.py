@@ -20,6 +20,7 @@ from pipedyn.models.continuum import AnyModel, Continuum, checked_model
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_SWEEP = 2000
@@ -38,7 +39,7 @@ class NoCrossing(PipedynError):
         self.max_speed = max_speed
 
 
-@dataclass(frozen=True)
+@result
 class CriticalSpeed:
     """The lowest passage that destabilises.
 

@@ -363,7 +363,7 @@ class Hunt:
         for _ in range(12):
             pair = problem.refine(u, guess, vector)
             slope = complex(problem.slopes(u, pair)[0])
-            value = complex(pair.values[0])
+            value, _ = self._sharp(u, pair)
             change = -value.real / slope.real if slope.real else math.inf
             if not step.left.u - slack <= u + change <= step.right.u + slack:
                 break
@@ -374,7 +374,7 @@ class Hunt:
             last = abs(change)
         pair = problem.refine(u, guess, vector)
         slope = complex(problem.slopes(u, pair)[0])
-        value = complex(pair.values[0])
+        value, _ = self._sharp(u, pair)
         there = step.hermite(np.array([root]), np.array([(u - step.left.u) / step.length]))[0, 0]
         tolerance = 1e-6 * (1.0 + abs(value))
         strayed = abs(value - there) > 4.0 * step.error[root] + tolerance
@@ -389,7 +389,8 @@ class Hunt:
                 f"residual check with {pair.residuals[0]:.1e}"
             )
         assert pair.left is not None
-        uncertain = float(problem.uncertainties(u, pair)[0]) + abs(value.real)
+        value, rounding = self._sharp(u, pair)
+        uncertain = rounding + abs(value.real)
         error = uncertain / abs(slope.real) if slope.real else math.inf
         change_of_count = (1 if real else 2) * (1 if rising else -1)
         frequency = 0.0 if real else abs(value.imag)
@@ -402,6 +403,11 @@ class Hunt:
             problem.original(u, pair),
             slope,
         )
+
+    def _sharp(self, u: float, pair: Eigenpairs) -> tuple[complex, float]:
+        """The eigenvalue of one pair and how far it may be off."""
+        values, uncertain = self.problem.sharpened(u, pair, self.problem.uncertainties(u, pair))
+        return complex(values[0]), float(uncertain[0])
 
     def _meeting_on_axis(self, step: Step, root: int, rising: bool) -> Passage | None:
         """Where two pairs of a conservative system meet and leave the axis, or come back to it.

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -19,6 +19,7 @@ from pipedyn.models.continuum import AnyModel, Continuum, Settled, checked_model
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.progress import track
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_SPEED = 1e4
@@ -57,7 +58,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     return _good(modes(model, u, count)).eigenvalues
 
 
-@dataclass(frozen=True)
+@result
 class ModeShape:
     """Transverse displacement of one mode, complex; its largest magnitude is 1, there it is real.
 
@@ -85,7 +86,7 @@ class ModeShape:
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
-@dataclass(frozen=True)
+@result
 class Modes:
     """Eigenvalues and modes at one flow speed.
 
@@ -223,7 +224,7 @@ def _good(found: Modes) -> Modes:
     return found
 
 
-@dataclass(frozen=True)
+@result
 class RootLoci:
     """Eigenvalues as functions of the flow speed, each column one branch.
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.util.check import Array
+from pipedyn.util.result import result
 
 Kind = Literal["flutter", "divergence"]
 
@@ -20,7 +21,7 @@ LEAST_BETA = 1e-300
 """Derivatives by a smaller beta, which grow like 1 / sqrt(beta), leave finite numbers."""
 
 
-@dataclass(frozen=True)
+@result
 class Derivatives:
     """Derivatives of one quantity by the pipe's numbers and the springs.
 
@@ -37,7 +38,7 @@ class Derivatives:
     springs: Array | None = field(default=None, repr=False, compare=False)
 
 
-@dataclass(frozen=True)
+@result
 class Sensitivity:
     """How a passage moves with the pipe's numbers.
 
@@ -50,7 +51,7 @@ class Sensitivity:
     frequency: Derivatives
 
 
-@dataclass(frozen=True)
+@result
 class Crossing:
     """A passage of an eigenvalue, or of a conjugate pair, through the imaginary axis.
 

@@ -164,6 +164,9 @@ def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
     slopes = problem.slopes(u, pairs)
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
     noise = _noise(problem.uncertainties(u, pairs), pairs.values)
+    if not problem.is_conservative:
+        values, noise = problem.sharpened(u, pairs, noise)
+        pairs = replace(pairs, values=values)
     signatures = np.zeros(pairs.values.size, dtype=np.int8)
     if problem.is_conservative:
         # Eigenvalues come in fours: what is on the axis is there exactly, and moves along it.

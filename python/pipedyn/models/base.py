@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,6 +16,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import core_terms
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.result import result
 
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are made: six matrices of 128 MB."""
@@ -56,7 +56,7 @@ class NotConverged(PipedynError):
         self.result = result
 
 
-@dataclass(frozen=True)
+@result
 class Operators:
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
@@ -91,7 +91,7 @@ class Operators:
         return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
 
 
-@dataclass(frozen=True)
+@result
 class Power:
     """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
 
