@@ -521,3 +521,19 @@ def test_what_is_found_twice_is_equal_and_may_stand_in_a_set():
     assert found[0] == found[1]
     assert found[0] != pp.critical_speed(pp.Chain(pp.Pipe(0.2), 4))
     assert len({*found}) == 1
+
+
+@pytest.mark.parametrize("model", [pp.Continuum, lambda pipe: pp.Chain(pipe, 6)])
+def test_hardly_any_damping_of_an_aspirating_pipe_is_outdone_by_hardly_any_flow(model):
+    """Speed is proportional to damping; where rounding hides the damping, speed 0 has an error."""
+
+    def critical(damping):
+        return pp.critical_speed(model(pp.Pipe(0.2, damping=damping, flow="aspirating")))
+
+    clear = critical(1e-9)
+    for damping in (1e-12, 1e-14, 1e-16):
+        found = critical(damping)
+        exact = clear.speed * damping / 1e-9
+        assert abs(found.speed - exact) <= found.error <= 1e-13
+        assert found.speed > 0.0 or damping < 1e-14
+        assert found.mode == 1

@@ -237,7 +237,11 @@ class Hunt:
         for root in single[self._leaving(step, single)]:
             value = complex(0.0, step.left.values[root].imag)
             change = 2 if value.imag or step.right.values[step.onto[root]].imag else 1
-            found.append(Passage(0.0, value, change, int(self.modes[root]), 0.0))
+            error = 0.0
+            if value and self.problem.is_damped:  # less than rounding tells of its damping
+                hidden = abs(step.left.values[root].real) + step.left.noise[root]
+                error = float(hidden / step.left.slopes[root].real)
+            found.append(Passage(0.0, value, change, int(self.modes[root]), error))
         scanned = self._scan(step, single)
         for root, t, rising in self._ends(step, single) if scanned is None else scanned:
             meeting = self._meeting_on_axis(step, root, rising)

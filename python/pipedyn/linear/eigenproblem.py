@@ -231,13 +231,18 @@ class Eigenproblem:
     def sharpened(self, u: float, pairs: Eigenpairs, uncertain: Array) -> tuple[Complex, Array]:
         """Eigenvalues and how far each may be off, with Re lambda by its energy balance if better.
 
-        That is so where rounding hides a slow growth, as in high modes without damping.
+        That is so where rounding hides a slow growth, as in high modes without damping, and at rest
+        where damping is all there is.
         """
         values = pairs.values
-        hidden = (values.imag != 0.0) & (uncertain > SLOW_GROWTH)
-        hidden &= np.abs(values.real) < 1e3 * uncertain
-        if not hidden.any():
+        hidden = (values.imag != 0.0) & (np.abs(values.real) < 1e3 * uncertain) & pairs.converged
+        if u > 0.0:
+            hidden &= uncertain > SLOW_GROWTH
+        if pairs.left is None or not hidden.any():
             return values, uncertain
+        # Near a double root vectors are worse than values: y^H P' x is small beside x^H P' x there.
+        across = np.abs(self.derivative(u, values, pairs.right, pairs.left))
+        hidden &= across > 0.1 * np.abs(self.derivative(u, values, pairs.right, pairs.right))
         growth, error = self.growth(u, pairs)
         better = hidden & (error < uncertain)
         return (
