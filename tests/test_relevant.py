@@ -144,6 +144,34 @@ def test_a_pipe_that_buckles_under_its_weight_is_another_pipe_without_it():
     assert found["gravity"].without.startswith("flutter at u = 5.59")
 
 
+def test_each_term_is_switched_off_like_any_other_effect():
+    """Each as large as the critical speed without it says; equal terms are one effect."""
+    mass, spring, speck = pp.PointMass(1.0, 0.1), pp.Spring(0.6, 10.0), pp.PointMass(0.5, 1e-7)
+    pipe = pp.Pipe(0.2, 10.0, terms=(mass, spring, speck, spring, pp.PointMass(0.2, 0.0)))
+    found = pp.relevant(pipe, 4.0)
+    full = pp.critical_speed(pp.Continuum(pipe)).speed
+    for term in (mass, spring, speck):
+        others = tuple(other for other in pipe.terms if other != term)
+        without = pp.critical_speed(pp.Continuum(dataclasses.replace(pipe, terms=others))).speed
+        effect = found[repr(term)]
+        assert effect.size == pytest.approx(abs(without / full - 1.0), rel=1e-6, abs=1e-11)
+        assert f"u = {without:.6g}" in effect.without
+    assert found[repr(mass)].strength == "mass = 0.1"
+    assert found.negligible == (repr(speck),)
+    assert speck not in found.simplified.terms
+    assert {mass, spring} < set(found.simplified.terms)
+    assert found["PointMass(at=0.2, mass=0)"].verdict == "absent"
+
+
+def test_the_growth_beside_is_of_modes_that_springs_stiffen():
+    """A stiff foundation of many springs lifts all frequencies above those of the free beam."""
+    terms = tuple(pp.Spring(at, 1e7) for at in np.linspace(0.1, 1.0, 10))
+    pipe = pp.Pipe(0.2, damping=1e-6, terms=terms)
+    values = pp.eigenvalues(pp.Galerkin(pipe, 80, "legendre"), 2.0, 8)
+    growth = pp.relevant(pipe, 2.0, "frequencies", count=1).growth
+    assert growth == pytest.approx(values.real.max(), rel=1e-6)
+
+
 # ------------------------------------------------------------------------------- at a speed
 
 

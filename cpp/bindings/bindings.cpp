@@ -10,7 +10,6 @@
 
 #include "arguments.hpp"
 #include "pipedyn/chain/chain.hpp"
-#include "pipedyn/galerkin/fitted_motion.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/motion.hpp"
 #include "pipedyn/modular/scene.hpp"
@@ -21,9 +20,8 @@ namespace py = pybind11;
 using namespace py::literals;
 using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Operators,
     pipedyn::Pipe, pipedyn::Segments;
-using pipedyn::Batch, pipedyn::FittedMotion, pipedyn::Fitting, pipedyn::Fittings,
-    pipedyn::GalerkinMotion, pipedyn::Numbers, pipedyn::Scene, pipedyn::Speeds, pipedyn::States,
-    pipedyn::Triplets;
+using pipedyn::Batch, pipedyn::GalerkinMotion, pipedyn::Numbers, pipedyn::Scene, pipedyn::Speeds,
+    pipedyn::States, pipedyn::Triplets;
 
 namespace {
 
@@ -35,7 +33,6 @@ using Unlocked = py::call_guard<py::gil_scoped_release>;
 /// Work of a state, in that of a chain's segment.
 py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const GalerkinMotion& motion) { return 4 * motion.dof() * motion.dof(); }
-py::ssize_t work_of(const FittedMotion&) { return 1000; }  // of the smallest
 
 template <class Model>
 Numbers rhs(const Model& model, const py::object&, const py::object& y, const py::object& u) {
@@ -92,19 +89,21 @@ NumberOrArray energy(const Model& model, const py::object& y) {
   return number_or_array(result, states.one);
 }
 
-/// (flow, joints, drag)
-using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray>;
+/// (flow, joints, drag, others)
+using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
 
 template <class Model>
 Parts power(const Model& model, const py::object& y, const py::object& u) {
   const States states("y", y, 2 * model.dof());
   const Speeds speeds("u", u, states);
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
-  Numbers flow(states.members), joints(states.members), drag(states.members);
-  const pipedyn::PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data()};
+  Numbers flow(states.members), joints(states.members), drag(states.members),
+      others(states.members);
+  const pipedyn::PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data(),
+                                  others.mutable_data()};
   pipedyn::run(work_of(model) * states.members, [&] { model.power(batch, parts); });
   return py::make_tuple(number_or_array(flow, states.one), number_or_array(joints, states.one),
-                        number_or_array(drag, states.one));
+                        number_or_array(drag, states.one), number_or_array(others, states.one));
 }
 
 template <class Model>
@@ -214,10 +213,7 @@ NumberOrArray scene_energy(const Scene& scene, const py::object& y) {
   return number_or_array(result, states.one);
 }
 
-/// (flow, joints, drag, others)
-using SceneParts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
-
-SceneParts scene_power(const Scene& scene, const py::object& y, const py::object& u) {
+Parts scene_power(const Scene& scene, const py::object& y, const py::object& u) {
   const States states("y", y, 2 * scene.coordinates());
   const Speeds speeds("u", u, states);
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
@@ -414,24 +410,22 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("flux_times", &Chain::flux_times, "x"_a, "transposed"_a = false, Unlocked())
       .def("gravity_times", &Chain::gravity_times, "x"_a, Unlocked())
       .def("springs_times", &Chain::springs_times, "joint_angles"_a, Unlocked())
+      .def("terms_stiffness_times", &Chain::terms_stiffness_times, "x"_a, Unlocked())
+      .def("terms_damping_times", &Chain::terms_damping_times, "x"_a, Unlocked())
+      .def("bodies", &Chain::bodies, Unlocked())
+      .def("resistances", &Chain::resistances, Unlocked())
       .def("band", &Chain::band, "lambda_"_a, "u"_a, Unlocked())
       .def_readonly_static("band_width", &Chain::band_width);
   define_motion(chain);
 
-  py::class_<Fitting>(m, "Fitting")
-      .def(py::init([](double at, double mass, double stiffness) {
-             return Fitting{at, mass, stiffness};
-           }),
-           "at"_a, "mass"_a, "stiffness"_a);
-
   py::class_<Galerkin>(m, "Galerkin")
       .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
                        const pipedyn::Vector& joints, pipedyn::Vector nodes,
-                       pipedyn::Vector weights, Fittings fittings) {
+                       pipedyn::Vector weights) {
              return Galerkin(pipe, Basis(legendre ? Family::legendre : Family::beam, size, joints),
-                             std::move(nodes), std::move(weights), std::move(fittings));
+                             std::move(nodes), std::move(weights));
            }),
-           "pipe"_a, "legendre"_a, "size"_a, "joints"_a, "nodes"_a, "weights"_a, "fittings"_a)
+           "pipe"_a, "legendre"_a, "size"_a, "joints"_a, "nodes"_a, "weights"_a)
       .def("operators", &Galerkin::operators, Unlocked())
       .def(
           "basis",
@@ -439,6 +433,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
             return model.basis().evaluate(s, derivative);
           },
           "s"_a, "derivative"_a, Unlocked())
+      .def("term_stiffness", &Galerkin::term_stiffness, Unlocked())
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
   m.def(
       "most_on_a_panel",
@@ -450,28 +445,15 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   py::class_<GalerkinMotion> galerkin_motion(m, "GalerkinMotion");
   galerkin_motion
       .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
-                       pipedyn::Index least_nodes) {
+                       const pipedyn::Vector& joints, pipedyn::Index least_nodes) {
              return std::make_unique<GalerkinMotion>(
-                 pipe, Basis(legendre ? Family::legendre : Family::beam, size), least_nodes);
+                 pipe, Basis(legendre ? Family::legendre : Family::beam, size, joints),
+                 least_nodes);
            }),
-           "pipe"_a, "legendre"_a, "size"_a, "least_nodes"_a = 0)
+           "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "least_nodes"_a = 0)
       .def("nodes", &GalerkinMotion::nodes, "q"_a, Unlocked())
       .def("operators", &GalerkinMotion::operators, "q"_a, Unlocked());
   define_motion(galerkin_motion);
-
-  py::class_<FittedMotion> fitted_motion(m, "FittedMotion");
-  fitted_motion
-      .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
-                       const pipedyn::Vector& joints, const Fittings& fittings,
-                       pipedyn::Index least_nodes) {
-             return std::make_unique<FittedMotion>(
-                 pipe, Basis(legendre ? Family::legendre : Family::beam, size, joints), fittings,
-                 least_nodes);
-           }),
-           "pipe"_a, "legendre"_a, "size"_a, "joints"_a, "fittings"_a, "least_nodes"_a = 0)
-      .def("nodes", &FittedMotion::nodes, "q"_a, Unlocked())
-      .def("operators", &FittedMotion::operators, "q"_a, Unlocked());
-  define_motion(fitted_motion);
 
   define_scene(m);
 }

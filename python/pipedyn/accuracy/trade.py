@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.accuracy.convergence import Trend, law_of
+from pipedyn.accuracy.convergence import ConvergenceLaw, fitted_law
 from pipedyn.accuracy.families import GROUPS, Family, checked_families
 from pipedyn.accuracy.quantities import Quantity, checked_quantity
 from pipedyn.accuracy.reference import Answer, Reference
@@ -138,19 +138,19 @@ class Trade:
                 front.append(row)
         return tuple(front)
 
-    def orders(self) -> dict[str, Trend]:
+    def orders(self) -> dict[str, ConvergenceLaw]:
         """The law of each family's errors, fitted down to where they stop to fall."""
         return {family: self._order(family) for family in self.families}
 
-    def _order(self, family: str) -> Trend:
+    def _order(self, family: str) -> ConvergenceLaw:
         floor = self.quantity.floor
         rows = [row for row in self.of(family) if row.resolved and floor < row.error < math.inf]
         errors = np.array([row.error for row in rows])
         sizes = np.array([float(row.size) for row in rows])
         for i in range(2, len(rows)):  # rounding
             if errors[i - 1] < ROUNDED and errors[i:].min() > STALLED * errors[i - 1]:
-                return law_of(sizes[: i - 1], errors[: i - 1])
-        return law_of(sizes, errors)
+                return fitted_law(sizes[: i - 1], errors[: i - 1])
+        return fitted_law(sizes, errors)
 
     def _table(self) -> Table:
         title = (

@@ -24,7 +24,7 @@ Complex = NDArray[np.complex128]
 
 TOLERANCE = 1e-10
 """Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
-k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what fittings add; to it
+k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what terms add; to it
 comes the rounding of M x, eps |lambda|^2, which is what limits high modes."""
 
 WORTHLESS = 1e-4

@@ -163,6 +163,7 @@ class ChainPencil(Pencil):
     def __init__(self, model: Chain, core: Any = None) -> None:
         super().__init__(model)
         self.core = model.core if core is None else core
+        self.resisted = model.resisted
         self.scale = model.elastic_scale[:, None]
         self.share = model.elastic_share[:, None]
 
@@ -188,13 +189,16 @@ class ChainPencil(Pencil):
         return self.direction * self._rows(self.core.velocity_times, x)
 
     def damping(self, x: Vectors) -> Vectors:
-        return self.pipe.damping * self.elastic(x)
+        result: Vectors = self.pipe.damping * self.elastic(x)
+        return result + self._rows(self.core.terms_damping_times, x) if self.resisted else result
 
     def by_damping(self, x: Vectors) -> Vectors:
         return self.elastic(x)
 
     def stiffness(self, x: Vectors) -> Vectors:
         result = self.elastic(x)
+        if self.pipe.terms:
+            result = result + self._rows(self.core.terms_stiffness_times, x)
         return result + self.pipe.gamma * self.gravity(x) if self.pipe.gamma else result
 
     def gravity(self, x: Vectors) -> Vectors:
