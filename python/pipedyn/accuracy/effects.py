@@ -12,7 +12,7 @@ import numpy as np
 
 from pipedyn.accuracy.quantities import QUANTITIES, Frequencies, Quantity, checked_quantity
 from pipedyn.accuracy.reference import Answer
-from pipedyn.bifurcation.limit_cycle import NoCycle
+from pipedyn.bifurcation.cycles import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import modes
 from pipedyn.models.base import PipedynError, checked_pipe

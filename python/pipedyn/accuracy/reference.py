@@ -72,7 +72,7 @@ class Answer:
         error: the solver's own, relative.
         onset: of a critical speed by flutter, where it is looked for in another model.
         damping: delta of the pipe whose roots these are: those that cluster at -1 / delta are not
-            told apart.
+            distinguished.
         others: roots beyond those asked for, of which one may be the counterpart of a root that
             another model counts among them; of the values' shape but for the last axis.
     """

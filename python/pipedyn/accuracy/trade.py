@@ -125,7 +125,9 @@ class Trade:
         return tuple(row for row in self.rows if row.failure is not None)
 
     def pareto(self, cost: str = "seconds") -> tuple[TradeRow, ...]:
-        """The rows that no other beats in both error and cost, the cheapest first.
+        """The Pareto front of error and cost: rows of which no other is better in both.
+
+        The cheapest stands first.
 
         Args:
             cost: "seconds", "dof", "right_hand_sides" or "factorisations".
@@ -187,8 +189,8 @@ class Trade:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow([*names, "failure"])
         for row in self.rows:
-            told = "" if row.failure is None else str(row.failure)
-            writer.writerow([*(getattr(row, name) for name in names), told])
+            failure = "" if row.failure is None else str(row.failure)
+            writer.writerow([*(getattr(row, name) for name in names), failure])
         if path is not None:
             with open(path, "w", encoding="utf-8", newline="") as file:
                 file.write(text.getvalue())
@@ -213,7 +215,7 @@ def trade(
     Args:
         pipe: the pipe.
         quantity: what is asked of it, and its conditions as further arguments:
-            "critical_speed" (max_speed=100: the lowest passage that destabilises),
+            "critical_speed" (max_speed=100: the lowest crossing that destabilises),
             "frequencies" (u=0, count=4: eigenvalues of the lowest modes, with damping delta those
             below 0.9 / delta),
             "root_loci" (speeds, count=4: branches of eigenvalues),
