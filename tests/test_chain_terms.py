@@ -19,7 +19,6 @@ from independent import (
 
 import pipedyn as pp
 from pipedyn import _core
-from pipedyn.linear.pencil import BandPencil, DensePencil
 
 ALL = (
     pp.PointMass(0.37, 0.4),
@@ -213,7 +212,7 @@ def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
 @pytest.mark.parametrize("n", [1, 5, 100])
 def test_products_and_band_are_those_of_the_matrices(n):
     chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=0.01, terms=ALL), n)
-    dense, band = DensePencil(chain), BandPencil(chain)
+    dense, band = chain.pencil(dense=True), chain.pencil(dense=False)
     x = np.random.default_rng(7).normal(size=(n, 2)) + 1j
     for product in ("mass", "velocity", "damping", "stiffness", "gravity", "by_damping", "flux"):
         found, expected = getattr(band, product)(x), getattr(dense, product)(x)

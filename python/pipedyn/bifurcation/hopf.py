@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal
 
 import numpy as np
@@ -32,13 +32,14 @@ from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal
 from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import STENCIL, VectorField
 from pipedyn.linear.critical_speed import first_loss
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_HOPF = 500
@@ -48,7 +49,7 @@ LEAST_DRAG = 1e-100
 """Less acts at amplitudes alone that are nothing, and its law would leave finite numbers."""
 
 
-@dataclass(frozen=True)
+@result
 class Hopf:
     """A flutter onset, and the limit cycle that emerges there.
 

@@ -22,6 +22,7 @@ from pipedyn.models.base import (
     core_pipe,
     operators_from,
 )
+from pipedyn.models.pencil import LONGEST_DENSE, ChainPencil, DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -259,6 +260,11 @@ class Chain(Model):
     def base(self) -> float:
         """Length of the fixed part at the clamp."""
         return self._base
+
+    def pencil(self, dense: bool | None = None) -> Pencil:
+        """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
+        long = self.dof > LONGEST_DENSE if dense is None else not dense
+        return ChainPencil(self) if long else DensePencil(self)
 
     def with_pipe(self, pipe: Pipe) -> Chain:
         """The same segments and springs with another pipe's numbers."""
