@@ -15,7 +15,6 @@
 #include <utility>
 
 #include "pipedyn/chain/chain.hpp"
-#include "pipedyn/galerkin/fitted_motion.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/motion.hpp"
 #include "pipedyn/modular/scene.hpp"
@@ -89,6 +88,12 @@ class Dice {
                 .drag = 0.0,
                 .damping = between(0.0, 0.1),
                 .aspirating = aspirating};
+  }
+  pipedyn::Terms terms() {
+    const auto one = [&](const char* law) {
+      return pipedyn::make_term(law, between(0.01, 1.0), {between(0.1, 9.0)});
+    };
+    return {one("point_mass"), one("spring"), one("spring"), one("point_mass")};
   }
   Segments segments(Index n) {
     Segments segments{.length = vector(n, 0.2, 1.0),
@@ -214,6 +219,20 @@ void check_band(const Pipe& pipe, const Chain& chain, const Segments& segments,
   check_close_complex(unknown(2), reach * angles, tolerance, "displacements of the band solve");
 }
 
+/// The routes to the operators agree for a pipe with terms, and the products with them.
+void check_terms(const Pipe& pipe, const Chain& chain, const Segments& segments, Dice& dice) {
+  const Operators dense = chain.operators();
+  check_joint_operators(chain, dense, dice);
+  check_band(pipe, chain, segments, dense, dice);
+  const Matrix x = dice.matrix(chain.dof(), 3);
+  const Matrix springs = chain.springs_times(lower_ones(chain.dof()).inverse() * x);
+  const Matrix terms = chain.terms_stiffness_times(x), weight = pipe.gamma * chain.gravity_times(x);
+  check_close(springs + weight + terms, dense.stiffness * x, 1e-12, "K x with terms");
+  check_close(pipe.damping * springs + chain.terms_damping_times(x), dense.damping * x, 1e-12,
+              "D x with terms");
+  check_close(chain.mass_times(x), dense.mass * x, 1e-12, "M x with terms");
+}
+
 void check_chains() {
   Dice dice;
   for (const Index n : {1, 2, 3, 50}) {
@@ -232,6 +251,9 @@ void check_chains() {
       check_joint_operators(chain, dense, dice);
       check_physics(pipe, segments, dense, weightless, dice);
       check_band(pipe, chain, segments, dense, dice);
+      Pipe laden = pipe;
+      laden.terms = dice.terms();
+      check_terms(laden, Chain(laden, segments), segments, dice);
     }
   }
 }
@@ -350,22 +372,25 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
   }
   check_close(jacobian, differences, 1e-7, "the derivative by differences");
 
-  Vector flow(19), joints(19), drag(19);
-  chain.power({y.data(), speeds.data(), 19, 1}, {flow.data(), joints.data(), drag.data()});
+  Vector flow(19), joints(19), drag(19), others(19);
+  chain.power({y.data(), speeds.data(), 19, 1},
+              {flow.data(), joints.data(), drag.data(), others.data()});
   const auto change = [&](double h) -> Vector {
     return (energies_of(chain, y + h * rates) - energies_of(chain, y - h * rates)) / (2.0 * h);
   };
   const double small = 1e-3 / rates.cwiseAbs().maxCoeff();
   const Vector fed = (4.0 * change(0.5 * small) - change(small)) / 3.0;
   const double size = energies_of(chain, y).maxCoeff() / small;  // of what cancels in a difference
-  check((flow + joints + drag - fed).cwiseAbs().maxCoeff() < 1e-9 * size, "energy's rate is power");
+  check((flow + joints + drag + others - fed).cwiseAbs().maxCoeff() < 1e-9 * size,
+        "energy's rate is power");
 
   std::vector<double> worked(y.data(), y.data() + y.size());
   worked.resize(worked.size() + 19, 0.0);  // the row of the work done
   std::vector<double> with_work(worked.size());
   pipedyn::rhs_and_power(chain, {worked.data(), speeds.data(), 19, 1}, with_work.data());
   for (Index j = 0; j < 19; ++j) {
-    check(with_work[static_cast<std::size_t>(y.size() + j)] == flow[j] + joints[j] + drag[j],
+    const double total = flow[j] + joints[j] + drag[j] + others[j];
+    check(with_work[static_cast<std::size_t>(y.size() + j)] == total,
           "the work's rate is the power");
   }
   check(energies_of(chain, Matrix::Zero(2 * n, 3)).isZero(0.0), "no energy at rest");
@@ -558,26 +583,28 @@ void check_quadrature() {
 /// Weights that integrate sign(v) v^2: of a v with known zeros.
 void check_signed_weights() {
   const Basis basis(Family::beam, 3);
-  const pipedyn::Grid grid(basis, pipedyn::Orthonormal(basis), 31);
+  const pipedyn::Quadrature rule(31);
+  const pipedyn::Panels panels(basis, {});
+  const pipedyn::Grid grid(basis, pipedyn::Orthonormal(basis), panels, 31);
   const auto weigh = [&](const Vector& v) -> Vector {
-    Vector scratch(3 * 31), weights(31);
+    Vector scratch(3 * 31), weights(32);
     pipedyn::motion_kernel().galerkin->signed_weights(grid.tables(), v.data(), weights.data(),
                                                       scratch.data());
     return weights;
   };
   Vector s(32);
-  s << grid.rule().node, 1.0;
+  s << rule.node, 1.0;
   const auto primitive = [](double x) { return x * x * x / 3.0 - 0.9 * x * x / 2.0 + 0.14 * x; };
   const Vector v = (s.array() - 0.2) * (s.array() - 0.7);
-  const double found = weigh(v).dot(v.head(31));
+  const double found = weigh(v).dot(v);
   const double expected = 2.0 * (primitive(0.2) - primitive(0.7)) + primitive(1.0);
   check(std::abs(found - expected) < 1e-9, "integral of |v|");
   const Vector rest = Vector::Zero(32);
-  check_close(weigh(rest), grid.rule().weight, 0.0, "no zero to cut at");
+  check_close(weigh(rest).head(31), rule.weight, 0.0, "no zero to cut at");
 }
 
-template <class Model>
-void check_reduced_motion_of(const Model& model, const Pipe& pipe, Family family, Dice& dice) {
+void check_reduced_motion_of(const pipedyn::GalerkinMotion& model, const Pipe& pipe, Family family,
+                             Dice& dice) {
   const Index m = model.dof(), members = 11;
   const Vector scale = Basis(family, m).stiffness().cwiseSqrt().cwiseInverse();
   Matrix y = dice.matrix(2 * m, members);
@@ -589,9 +616,9 @@ void check_reduced_motion_of(const Model& model, const Pipe& pipe, Family family
   Matrix together(2 * m, members), jacobian(2 * m, 2 * m);
   const pipedyn::Batch batch{y.data(), u.data(), members, 1};
   model.rhs(batch, together.data());
-  Vector energies(members), flow(members), joints(members), drag(members);
+  Vector energies(members), flow(members), joints(members), drag(members), others(members);
   model.energy(batch, energies.data());
-  model.power(batch, {flow.data(), joints.data(), drag.data()});
+  model.power(batch, {flow.data(), joints.data(), drag.data(), others.data()});
   for (Index k = 0; k < members; ++k) {
     const Vector state = y.col(k);
     const auto rhs = [&](const Vector& at) -> Vector {
@@ -614,7 +641,7 @@ void check_reduced_motion_of(const Model& model, const Pipe& pipe, Family family
     };
     const double rate =
         (8.0 * (energy(h) - energy(-h)) - energy(2.0 * h) + energy(-2.0 * h)) / (12.0 * h);
-    const double total = flow[k] + joints[k] + drag[k];
+    const double total = flow[k] + joints[k] + drag[k] + others[k];
     check(std::abs(rate - total) < 1e-8 * std::abs(energies[k]) / h, "power is the energy's rate");
     model.jacobian(state.data(), u[k], jacobian.data());
     const Vector way = scale.replicate(2, 1).cwiseProduct(dice.vector(2 * m, -1.0, 1.0));
@@ -636,6 +663,10 @@ void check_reduced_motion_of(const Model& model, const Pipe& pipe, Family family
 void check_reduced_motion() {
   Dice dice;
   const std::string before = pipedyn::vector_level();
+  const Vector joints = (Vector(2) << 0.3, 0.7).finished();
+  const pipedyn::Terms terms = {
+      pipedyn::make_term("spring", 0.7, {30.0}), pipedyn::make_term("point_mass", 0.3, {0.2}),
+      pipedyn::make_term("point_mass", 1.0, {0.4}), pipedyn::make_term("spring", 1.0, {2.0})};
   for (const std::string& level : pipedyn::vector_levels()) {
     pipedyn::set_vector_level(level);
     scene = level + ", signed weights";
@@ -651,11 +682,19 @@ void check_reduced_motion() {
             const pipedyn::GalerkinMotion model(one, Basis(family, m));
             check_reduced_motion_of(model, one, family, dice);
           }
+          if (m == 1) continue;
+          scene += ", with terms";
+          pipe.terms = terms;
+          const Basis basis(family, m, family == Family::beam ? Vector() : joints);
+          check_reduced_motion_of(pipedyn::GalerkinMotion(pipe, basis), pipe, family, dice);
         }
       }
     }
   }
   pipedyn::set_vector_level(before);
+  for (const double at : {0.0, -0.1, 1.1}) {
+    check_refused([at] { pipedyn::make_term("spring", at, {1.0}); }, "a term off the pipe");
+  }
 }
 
 // ------------------------------------------------------------------------------- modular route
@@ -776,30 +815,6 @@ void check_scenes() {
           "a joint at the clamp");
 }
 
-void check_fitted_motion() {
-  Dice dice;
-  const Vector joints = (Vector(2) << 0.3, 0.7).finished();
-  const pipedyn::Fittings fittings = {{0.7, 0.0, 30.0}, {0.3, 0.2, 0.0}, {1.0, 0.4, 2.0}};
-  for (const Family family : {Family::beam, Family::legendre}) {
-    for (const bool aspirating : {false, true}) {
-      scene = std::string("motion with fittings, ") +
-              (family == Family::beam ? "beam modes" : "Legendre functions");
-      Pipe pipe = dice.pipe(aspirating);
-      pipe.drag = aspirating ? 0.7 : 0.0;
-      const Basis basis(family, 8, family == Family::beam ? Vector() : joints);
-      check_reduced_motion_of(pipedyn::FittedMotion(pipe, basis, fittings), pipe, family, dice);
-      const Basis short_one(family, 3, family == Family::beam ? Vector() : joints);
-      check_reduced_motion_of(pipedyn::FittedMotion(pipe, short_one, fittings), pipe, family, dice);
-    }
-  }
-  for (const double at : {0.0, -0.1, 1.1}) {
-    const auto make = [at] {
-      pipedyn::FittedMotion(Pipe{}, Basis(Family::beam, 2), {{at, 1.0, 0.0}});
-    };
-    check_refused(make, "a fitting off the pipe");
-  }
-}
-
 // ---------------------------------------------------------------------------- random extremes
 
 /// Any size and pipe that Python lets through, each range's ends among them.
@@ -849,13 +864,13 @@ void check_wild_motion(const Model& model, Wild& wild) {
   const double u = wild.speed();
   const pipedyn::Batch batch{y.data(), &u, members, 0};
   Vector total = Vector::Constant(members + 1, untouched), flow = total, joints = total;
-  Vector drag = total;
+  Vector drag = total, others = total;
   Vector all = Vector::Constant((rows + 1) * members + 1, untouched);
   pipedyn::rhs_and_power(model, batch, all.data());
   model.energy(batch, total.data());
-  model.power(batch, {flow.data(), joints.data(), drag.data()});
+  model.power(batch, {flow.data(), joints.data(), drag.data(), others.data()});
   check(all[(rows + 1) * members] == untouched, "rates stay within their array");
-  for (const Vector* const out : {&total, &flow, &joints, &drag}) {
+  for (const Vector* const out : {&total, &flow, &joints, &drag, &others}) {
     check((*out)[members] == untouched, "energy and power stay within their arrays");
   }
   Matrix jacobian(rows, rows);
@@ -898,19 +913,21 @@ void check_wild_reduced(Wild& wild) {
   const Family family = wild.one_of({0.0, 1.0}) == 1.0 ? Family::beam : Family::legendre;
   const Index m = wild.size({2, 3, 5});
   scene = "any reduced model of " + std::to_string(m);
-  const Pipe pipe = wild.pipe();
+  Pipe pipe = wild.pipe();
   const pipedyn::GalerkinMotion plain(pipe, Basis(family, family == Family::beam ? m - 1 : m));
   check_wild_motion(plain, wild);
   const Vector joints = family == Family::beam ? Vector() : Vector::Constant(1, 0.6);
   const Basis basis(family, m, joints);
-  const pipedyn::Fittings fittings = {{0.6, wild.one_of({0.0, 1.0, 1e6}), 3.0},
-                                      {1.0, 0.2, wild.one_of({0.0, 1e9})}};
-  const pipedyn::FittedMotion fitted(pipe, basis, fittings);
-  check_wild_motion(fitted, wild);
+  pipe.terms = {pipedyn::make_term("point_mass", 0.6, {wild.one_of({0.0, 1.0, 1e6})}),
+                pipedyn::make_term("spring", 0.6, {3.0}),
+                pipedyn::make_term("point_mass", 1.0, {0.2}),
+                pipedyn::make_term("spring", 1.0, {wild.one_of({0.0, 1e9})})};
+  const pipedyn::GalerkinMotion laden(pipe, basis);
+  check_wild_motion(laden, wild);
   const Vector q = wild.dice.vector(m, -1.0, 1.0);
-  check(fitted.operators(q).mass.llt().info() == Eigen::Success, "mass is positive definite");
+  check(laden.operators(q).mass.llt().info() == Eigen::Success, "mass is positive definite");
   const pipedyn::Quadrature rule(40);
-  const Galerkin linear(pipe, basis, rule.node, rule.weight, fittings);
+  const Galerkin linear(pipe, basis, rule.node, rule.weight);
   check(linear.operators().stiffness.allFinite(), "stiffness is finite");
   check(basis.evaluate(Vector(), 0).size() == 0, "functions at no place");
   for (const int derivative : {0, 1, 2}) {
@@ -994,7 +1011,6 @@ int main() {
   check_quadrature();
   check_reduced_motion();
   check_scenes();
-  check_fitted_motion();
   check_extremes();
   std::printf("%d checks, %d failed\n", checks, failures);
   return failures == 0 ? 0 : 1;

@@ -271,14 +271,14 @@ SI = {"length": 1.2, "bending_stiffness": 0.3, "pipe_mass": 0.2, "fluid_mass": 0
 MEASURED = pp.Pipe.from_si(**SI)
 DRAGGED = pp.Pipe(0.4, 5.0, "aspirating", 0.5, drag=2.0, damping=0.01)
 FULL = pp.Pipe(0.6, 20.0, "aspirating", 0.5, drag=2.0, damping=0.01)
-FITTING = pp.Fitting(0.6, mass=0.2, stiffness=3.0)
+MASS, SPRING = pp.PointMass(0.6, 0.2), pp.Spring(0.6, 3.0)
 CHAIN = pp.Chain(PIPE, 3)
 BEAM, LEGENDRE = pp.Galerkin(DRAGGED, 3), pp.Galerkin(PIPE, 4, "legendre")
-FITTED = pp.Galerkin(PIPE, 3, "legendre", [FITTING])
+LADEN = pp.Galerkin(pp.Pipe(0.2, 3.0, terms=(MASS, SPRING)), 3, "legendre")
 EXACT = pp.Continuum(PIPE)
 SCENE = modular.chain(DRAGGED, 3)
 HELD = SCENE.plus(modular.Guide(3))
-MODELS = {"chain": CHAIN, "beam": BEAM, "legendre": LEGENDRE, "fitted": FITTED, "scene": SCENE}
+MODELS = {"chain": CHAIN, "beam": BEAM, "legendre": LEGENDRE, "laden": LADEN, "scene": SCENE}
 EVERY = {**MODELS, "held": HELD}
 
 FLUTTER = pp.Chain(pp.Pipe(0.2), 3)
@@ -310,7 +310,7 @@ OBJECTS += (
     CURVE,
     FIGURE,
     AX,
-    FITTING,
+    MASS,
     modular.Clamp(),
 )
 
@@ -324,9 +324,9 @@ EXECUTOR = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(2, True, object()
 MOVING = Kind(of(CHAIN, BEAM, SCENE).good, any_of(of(CHAIN, BEAM, SCENE).bad, one_of(EXACT)))
 LINEAR = of(CHAIN, BEAM, LEGENDRE, SCENE, EXACT)
 STRAIGHT = Kind(one_of(CHAIN, LEGENDRE), LINEAR.bad)
-FITTINGS = Kind(
-    one_of((), [FITTING], (FITTING, FITTING)),
-    any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, FITTING, [None], [PIPE], [FITTING] * 401)),
+TERMS = Kind(
+    one_of((), [MASS], (MASS, SPRING)),
+    any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, MASS, [None], [PIPE], [MASS] * 401)),
 )
 PLACES = array(3, (0.0, 1.0), (-0.1, 1.1), any_size=True)
 FUNCTION = Kind(
@@ -393,6 +393,7 @@ def _pipes() -> Iterator[Target]:
                 one_of(None, (1.0, 1.0, 2.0, 3.0)),
                 any_of(*NOTHINGS, *WORDS, *NOT_FINITE, one_of((1, 1, 1, 0.0), (1, 1), [1] * 4)),
             ),
+            "terms": TERMS,
         },
     )
     positive = real((0.1, 3.0), 0.0, 1e300)
@@ -449,15 +450,8 @@ def _pipes() -> Iterator[Target]:
         {"velocity": rows, "areas": array(3, (0.1, 1.0), (0.0, -1.0)), "section": optional(size)},
         told={"areas": "areas|velocity"},
     )
-    yield Target(
-        "Fitting",
-        pp.Fitting,
-        {
-            "at": SHARE,
-            "mass": real((0.1, 1.0), -1.0, 1e300),
-            "stiffness": real((0.1, 9.0), -1.0, 1e300),
-        },
-    )
+    yield Target("PointMass", pp.PointMass, {"at": SHARE, "mass": real((0.1, 1.0), -1.0, 1e300)})
+    yield Target("Spring", pp.Spring, {"at": SHARE, "stiffness": real((0.1, 9.0), -1.0, 1e300)})
 
 
 def _chains() -> Iterator[Target]:
@@ -486,7 +480,6 @@ def _chains() -> Iterator[Target]:
         modular.chain,
         {
             **without,
-            "fittings": Kind(one_of(()), FITTINGS.bad),
             "enforcement": word("orthonormal", "udwadia-kalaba"),
         },
     )
@@ -497,10 +490,9 @@ def _chains() -> Iterator[Target]:
             "pipe": PIPES,
             "m": Kind(count(2, 6).good, count(1, 6, 2001).bad),
             "basis": word("beam", "legendre"),
-            "fittings": FITTINGS,
         },
     )
-    yield Target("Continuum", pp.Continuum, {"pipe": PIPES, "fittings": FITTINGS})
+    yield Target("Continuum", pp.Continuum, {"pipe": PIPES})
     yield Target("Continuum.with_pipe", EXACT.with_pipe, {"pipe": PIPES})
     yield Target("Continuum.frozen", EXACT.frozen, {"m": count(1, 9, 2001)})
     no_function = any_of(NONE, *NOTHINGS[:12], *WORDS, one_of(3, NAN))
@@ -605,9 +597,7 @@ def _scenes() -> Iterator[Target]:
             "damping": optional(stiff),
             "rest_angle": real((-1.0, 1.0), -1e300, 1e300),
         },
-        modular.TransverseSpring: {"node": node, "stiffness": stiff},
-        modular.Dashpot: {"node": node, "coefficient": stiff},
-        modular.PointMass: {"node": node, "mass": stiff},
+        modular.PointMass: {"at": real((0.1, 1.0), 0.0), "mass": stiff},
         modular.Clamp: {"base": real((0.0, 0.9), -0.1, 1.0)},
         modular.Joint: {"segment": count(2, 5, 10**6 + 1)},
         modular.Guide: {"node": node},
@@ -686,7 +676,7 @@ def _scenes() -> Iterator[Target]:
             "enforcement": word("orthonormal", "udwadia-kalaba"),
         },
         told={
-            "modules": "module|segment|node|lengths|inertia",
+            "modules": "module|segment|node|lengths|inertia|terms",
             "constraints": "constraint|(?i:joint|pin|clamp)|Guide|segment|node|inertia",
         },
     )
@@ -699,7 +689,7 @@ def _scenes() -> Iterator[Target]:
                 any_of(NONE, *NOTHINGS, *WORDS, one_of(*FURTHER, 3, [], modular.Segment(0.1))),
             )
         },
-        told={"parts": "parts|module|constraint|node|lengths|segment"},
+        told={"parts": "parts|module|constraint|node|lengths|segment|terms"},
     )
     angles = array(3, (-0.2, 0.2), (1e7,))
     for scene, tag in ((SCENE, ""), (HELD, "[held]")):

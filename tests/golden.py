@@ -89,7 +89,8 @@ def fitted(pipe, fittings):
 def parts(name):
     """What a scene has besides a pipe."""
     md = pp.modular
-    held = md.PointMass(2, 0.1), md.TransverseSpring(3, 40.0), md.Dashpot(4, 0.8)
+    damper = md.Custom(nodes=(4,), force=lambda q, v: np.array([-0.8 * v[0], 0.0 * v[1]]))
+    held = pp.PointMass(at=0.4, mass=0.1), pp.Spring(at=0.6, stiffness=40.0), damper
     bent = md.TorsionalSpring(2, 3.0, damping=0.2, rest_angle=0.3)
     own = md.Custom(nodes=(3,), energy=lambda q: 5.0 * q[0] ** 4 + 2.0 * q[0] ** 2)
     return {"": (), "parts": (*held, bent), "guided": (md.Guide(6),), "own": (own,)}[name]
@@ -105,7 +106,15 @@ def made(name):
     if kind in ("beam", "legendre"):
         return pp.Galerkin(pipe, size, kind, **held)
     if kind == "scene":
-        return pp.modular.chain(pipe, size, **held).plus(*parts(rest))
+        given = [FITTINGS[x] for x in more if x in FITTINGS]
+        masses = [pp.PointMass(at, mass) for at, mass, _ in given]
+        springs = [pp.Spring(at, stiffness) for at, _, stiffness in given if stiffness]
+        # the lengths that chain chose at 3ddf395, where fittings had to be at nodes
+        cut = {
+            "lengths": [0.4 / (size // 2)] * (size // 2) + [1.2 / (size + 1)] * (size - size // 2)
+        }
+        scene = pp.modular.chain(pipe, size, **(cut if given else {}))
+        return scene.plus(*masses, *springs, *parts(rest))
     return pp.Chain(pipe, size, **SEGMENTS.get(rest, {"springs": rest or "consistent"}))
 
 

@@ -10,13 +10,27 @@ from numpy.polynomial import chebyshev
 
 
 def lagrangian_equations(
-    lengths, centers, radii, springs, beta, gamma, delta, aspirating, alpha, u, drag=0, points=None
+    lengths,
+    centers,
+    radii,
+    springs,
+    beta,
+    gamma,
+    delta,
+    aspirating,
+    alpha,
+    u,
+    drag=0,
+    points=None,
+    terms=(),
 ):
     """The paper's eqs. (1)-(9) from its Lagrangian, as expressions that vanish, and (q, q', q'').
 
     Written with L = EI = mu_p + mu_f = 1, so mu_f = beta, V = u / sqrt(beta), g = gamma. delta
     gives each joint a dashpot delta k_j beside its spring, which the paper does not have. A fixed
-    part at the clamp shifts everything alike and changes nothing.
+    part at the clamp shifts everything alike and changes nothing. terms: (law, arc length from the
+    first joint, coefficient), laws "point_mass", "spring" and "damper" to the axis, and
+    "foundation", a spring per length all along.
     """
     n = len(lengths)
     q, v, a = (sympy.symbols(f"{letter}1:{n + 1}") for letter in "qva")
@@ -52,6 +66,22 @@ def lagrangian_equations(
             normal = sympy.Matrix([sympy.cos(q[j]), -sympy.sin(q[j])])
             across = where.applyfunc(rate).dot(normal)
             forces.append((where, -drag * length[j] * sympy.Abs(across) * across * normal))
+    for law, at, coefficient in terms:
+        number = sympy.Rational(str(coefficient))
+        if law == "foundation":  # of x^2 over a segment, x linear
+            for size, (x, _), (y, _) in zip(length, nodes[:-1], nodes[1:], strict=True):
+                lagrangian -= number * size * (x**2 + x * y + y**2) / 6
+            continue
+        rest = sympy.Rational(str(at))
+        j = next(j for j in range(n) if sum(length[: j + 1]) >= rest)
+        where = nodes[j] + (rest - sum(length[:j])) * tangents[j]
+        velocity = where.applyfunc(rate)
+        if law == "point_mass":
+            lagrangian += number * (velocity.dot(velocity) / 2 + gamma * where[1])
+        elif law == "spring":
+            lagrangian -= number * where[0] ** 2 / 2
+        else:
+            forces.append((where, sympy.Matrix([-number * velocity[0], 0])))
     end = nodes[-1].applyfunc(rate)
     if aspirating:
         force = beta * speed * (end - alpha * speed * tangents[-1])
@@ -97,10 +127,27 @@ def lagrangian_accelerations(states, *numbers, **more):
     return result
 
 
+def places(chain, at):
+    """(segment, arm, weight) of a place of a chain, or of Simpson's points all along it."""
+    if at is None:
+        return [
+            (j, part * length, weight * length / 6.0)
+            for j, length in enumerate(chain.lengths)
+            for part, weight in ((0.0, 1.0), (0.5, 4.0), (1.0, 1.0))
+        ]
+    rest = at - chain.base
+    for j, length in enumerate(chain.lengths):
+        if 0.0 < rest <= length or (rest > length and j == chain.dof - 1):
+            return [(j, min(rest, length), 1.0)]
+        rest -= length
+    return []
+
+
 def dense_rates(chain, y, u):
     """dy/dt of a chain by the equations of motion in the angles, with a dense mass matrix.
 
-    y may be complex, its imaginary part small.
+    y may be complex, its imaginary part small. The terms of the pipe act by the displacement of
+    their place, lever @ sin(angle), a load per length by Simpson's rule on each segment.
     """
     pipe, n = chain.pipe, chain.dof
     length, springs, points = chain.lengths, chain.springs, chain.drag_points
@@ -115,13 +162,26 @@ def dense_rates(chain, y, u):
     coupling = length[near] * moment[far]
     own = length**2 * beyond + length * (arm**2 + chain.gyration_radii**2)
     np.fill_diagonal(coupling, own)
+    across_axis = np.zeros(n, dtype=y.dtype)
+    for term in pipe.terms:
+        (number,) = term.numbers.values()
+        for j, arm, weight in places(chain, term.place):
+            lever = np.where(np.arange(n) < j, length, 0.0)
+            lever[j] = arm
+            if term.law == "point_mass":
+                coupling += number * np.outer(lever, lever)
+                moment = moment + number * lever
+            elif term.law == "damper":
+                across_axis += number * (lever @ (rate * np.cos(angle))) * lever
+            else:
+                across_axis += weight * number * (lever @ np.sin(angle)) * lever
     between = angle[:, None] - angle
     elastic = springs * (np.diff(angle, prepend=0.0) + pipe.damping * np.diff(rate, prepend=0.0))
     momentum = np.triu(np.outer(length, length) * np.cos(between), 1) @ rate
     force = coupling * np.sin(between) @ rate**2
     force += np.sqrt(pipe.beta) * signed * (length**2 * rate + 2.0 * momentum)
     force += thrust * length * np.sin(angle[-1] - angle) + pipe.gamma * moment * np.sin(angle)
-    force += elastic - np.append(elastic[1:], 0.0)
+    force += elastic - np.append(elastic[1:], 0.0) + across_axis * np.cos(angle)
     # Row j of lever: velocity of drag point j across its segment due to each rate.
     lever = np.tril(np.cos(between) * length, -1) + np.diag(points * length)
     across = lever @ rate
@@ -479,8 +539,17 @@ def clamp_misfit(chain, value, u):
             total += coriolis * length * (length * angle + 2 * (tip - node))
             total += thrust * length * (tip_angle - angle)
             total += pipe.gamma * length * (beyond + arm) * angle
+            mass = length
+            for term in pipe.terms:
+                (number,) = term.numbers.values()
+                for _, at, weight in (p for p in places(chain, term.place) if p[0] == k):
+                    heavy = number if term.law == "point_mass" else 0
+                    pull = {"point_mass": square, "damper": value}.get(term.law, weight) * number
+                    pull *= clamped_side + at * angle
+                    inertia, mass = inertia + pull, mass + heavy
+                    total += at * pull + pipe.gamma * heavy * at * angle
             moment -= total
-            force, node, beyond = force + inertia, clamped_side, beyond + length
+            force, node, beyond = force + inertia, clamped_side, beyond + mass
             angle -= moment / (elastic * spring)
         columns.append((angle, node))
     (a, b), (c, d) = columns

@@ -38,9 +38,9 @@ from pipedyn.__main__ import main
 )
 def test_a_bad_option_ends_the_command_with_one_line(words, said, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as stopped:
         main(words)
-    assert ended.value.code == 2
+    assert stopped.value.code == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert re.fullmatch(rf"python -m pipedyn: error: {re.escape(said)}.*\n", err), err

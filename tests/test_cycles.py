@@ -76,7 +76,7 @@ SCENES = {
     "drag": (pp.Chain(pp.Pipe(0.2, drag=1.0), 6), 6.0),
     "drag, reduced": (pp.Galerkin(pp.Pipe(0.2, drag=1.0), 6, "legendre"), 6.0),
     "aspirating, drag": (pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=2.0, damping=0.01), 4), 0.2),
-    "scene": (pp.modular.chain(PIPE, n=4).plus(pp.modular.PointMass(node=4, mass=0.1)), 4.0),
+    "scene": (pp.modular.chain(PIPE, n=4).plus(pp.PointMass(at=1.0, mass=0.1)), 4.0),
     "guided": (pp.modular.chain(PIPE, n=4).plus(pp.modular.Guide(node=1)), 6.5),
     "unstable": (pp.Chain(pp.Pipe(0.8), 4), 8.2),
     "large": (pp.Chain(PIPE, 2), 6.0),

@@ -12,7 +12,7 @@ import pytest
 import pipedyn as pp
 from pipedyn import modular, plot
 
-MADE_BY_USERS = {pp.Pipe, pp.Chain, pp.Galerkin, pp.Continuum, pp.Fitting}
+MADE_BY_USERS = {pp.Pipe, pp.Chain, pp.Galerkin, pp.Continuum, pp.PointMass, pp.Spring}
 MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != "Mechanism"}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 

@@ -19,6 +19,9 @@ from pipedyn.models.base import core_pipe
 BASES = ["beam", "legendre"]
 FLOWS = ["ejecting", "aspirating"]
 LEVELS = _core.vector_levels()
+TERMS = (pp.Spring(0.6, 50.0), pp.PointMass(0.6, 0.1), pp.PointMass(1.0, 0.2), pp.Spring(1.0, 3.0))
+SIZES = [(1, ()), (3, ()), (5, ()), (8, ()), (9, ()), (3, TERMS), (8, TERMS)]
+SIZE_NAMES = ["1", "3", "5", "8", "9", "3 with terms", "8 with terms"]
 EIGHTH_ORDER = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND_DERIVATIVE = (-1 / 560, 8 / 315, -1 / 5, 8 / 5)
 
@@ -326,12 +329,13 @@ def test_nodes_follow_functions_and_amplitude():
 
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize("m", [1, 5, 8])
-def test_a_batch_is_its_members(m, basis, level, at_level):
+@pytest.mark.parametrize(("m", "terms"), SIZES, ids=SIZE_NAMES)
+def test_a_batch_is_its_members(m, terms, basis, level, at_level):
     """At every width, whatever the neighbours' amplitudes."""
     at_level(level)
     rng = np.random.default_rng(8)
-    model = pp.Galerkin(pp.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), m, basis)
+    pipe = pp.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01, terms=terms)
+    model = pp.Galerkin(pipe, m, basis)
     angles = rng.choice([0.0, 0.1, 1.0, 3.0], 20)
     states = np.stack([state(model, rng, angle) for angle in angles], axis=1)
     speeds = rng.uniform(0.0, 7.0, 20)
@@ -364,10 +368,11 @@ def test_an_empty_batch_is_empty():
 
 
 @pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize("m", [1, 3, 9])
-def test_levels_agree(m, basis, at_level):
+@pytest.mark.parametrize(("m", "terms"), SIZES, ids=SIZE_NAMES)
+def test_levels_agree(m, terms, basis, at_level):
     rng = np.random.default_rng(12)
-    model = pp.Galerkin(pp.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01), m, basis)
+    pipe = pp.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01, terms=terms)
+    model = pp.Galerkin(pipe, m, basis)
     y = np.stack([state(model, rng, angle) for angle in (0.3, 1.0, 2.0)], axis=1)
     found = []
     for level in LEVELS:
@@ -378,9 +383,11 @@ def test_levels_agree(m, basis, at_level):
             assert np.abs(part - first).max() < 1e-12 * np.abs(first).max()
 
 
-def test_rates_with_the_work_done_are_rhs_and_power():
+@pytest.mark.parametrize("terms", [(), TERMS], ids=["plain", "terms"])
+def test_rates_with_the_work_done_are_rhs_and_power(terms):
     rng = np.random.default_rng(13)
-    model = pp.Galerkin(pp.Pipe(0.4, gamma=2.0, drag=0.7, damping=0.01), 4, "legendre")
+    pipe = pp.Pipe(0.4, gamma=2.0, drag=0.7, damping=0.01, terms=terms)
+    model = pp.Galerkin(pipe, 4, "legendre")
     y = np.stack([state(model, rng, 1.0) for _ in range(5)], axis=1)
     u = np.linspace(0.0, 6.0, 5)
     found = model.motion.rhs_and_power(0.0, np.vstack([y, np.ones(5)]), u)
@@ -590,15 +597,15 @@ def test_other_bad_arguments_are_refused():
         MODEL.operators([0.0, math.nan, 0.0])
 
 
-@pytest.mark.parametrize("fittings", [(), (pp.Fitting(0.5, mass=1.0),)], ids=["plain", "fitted"])
-def test_a_coil_beyond_the_quadrature_is_told_and_not_integrated_wrongly(fittings):
+@pytest.mark.parametrize("terms", [(), (pp.PointMass(0.5, 1.0),)], ids=["plain", "terms"])
+def test_a_coil_beyond_the_quadrature_gives_nan(terms):
     """50 turns of 8 functions are resolved, 500 are not, nor 150 of 3: NaN, and no motion."""
-    model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre", fittings=fittings)
+    model = pp.Galerkin(pp.Pipe(0.2, terms=terms), 8, "legendre")
     for turns, resolved in ((50, True), (500, False)):
         q = model.bent(lambda s, turns=turns: 2.0 * np.pi * turns * s)
         y = np.concatenate([q, np.zeros(8)])
         assert np.isfinite(model.rhs(0.0, y, 1.0)).all() == resolved
         assert np.isfinite(model.jacobian(0.0, y, 1.0)).all() == resolved
-    few = pp.Galerkin(pp.Pipe(0.2), 3, "legendre", fittings=fittings)
+    few = pp.Galerkin(pp.Pipe(0.2, terms=terms), 3, "legendre")
     with pytest.raises(pp.MotionStopped, match=r"shrank to nothing|finite"):
         pp.simulate(few, 1.0, 0.1, lambda s: 900.0 * s)

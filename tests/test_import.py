@@ -1,10 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""What importing the package brings along."""
+"""What importing the package brings along, and who imports whom within it."""
 
+import ast
+import inspect
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
 
 import pipedyn as pp
+
+FOLDERS = ("util", "models", "linear", "motion", "bifurcation", "accuracy", "plot", "paper")
+"""Data flows from left to right: a folder imports from itself and from those to its left."""
+
+PACKAGE = Path(pp.__file__).parent
 
 PROGRAM = """
 import sys
@@ -62,3 +72,94 @@ def test_progress_needs_no_progress_bar(monkeypatch, capsys):
     err = capsys.readouterr().err
     assert "root loci" in err
     assert "2/2" in err
+
+
+def imported_names(source, path):
+    """Dotted names that a file imports, below pipedyn; path: its place in the package."""
+    inside = ["pipedyn", *path.parent.parts]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = inside[: len(inside) + 1 - node.level] if node.level else []
+            base += node.module.split(".") if node.module else []
+            names = [".".join([*base, alias.name]) for alias in node.names]
+        else:
+            continue
+        yield from (name for name in names if name.split(".")[0] == "pipedyn")
+
+
+def upward_imports(source, path):
+    """Those of a file's imports that lie in a folder to the right of its own."""
+    own = FOLDERS.index(path.parts[0])
+    for name in imported_names(source, path):
+        (_, folder, *_) = [*name.split("."), ""]
+        if folder not in FOLDERS:  # the package's own names come from every folder
+            if folder != "_core":
+                yield name
+        elif FOLDERS.index(folder) > own:
+            yield name
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_nothing_imports_upward(folder):
+    files = sorted((PACKAGE / folder).rglob("*.py"))
+    assert files
+    found = {
+        str(path): upward
+        for path in (file.relative_to(PACKAGE) for file in files)
+        if (upward := list(upward_imports((PACKAGE / path).read_text(encoding="utf-8"), path)))
+    }
+    assert found == {}
+
+
+@pytest.mark.parametrize(
+    ("source", "path", "upward"),
+    [
+        ("from pipedyn.plot.style import BLUE", "linear/modes.py", ["pipedyn.plot.style.BLUE"]),
+        ("import pipedyn.motion.simulate as s", "linear/modes.py", ["pipedyn.motion.simulate"]),
+        ("from pipedyn import plot", "accuracy/trade.py", ["pipedyn.plot"]),
+        ("from pipedyn import Chain", "plot/pipes.py", ["pipedyn.Chain"]),
+        ("import pipedyn", "plot/pipes.py", ["pipedyn"]),
+        ("from ..linear import modes", "models/pipe.py", ["pipedyn.linear.modes"]),
+        ("from ... import paper", "models/modular/parts.py", ["pipedyn.paper"]),
+        (
+            "def f():\n    from ..motion import simulate",
+            "models/pipe.py",
+            ["pipedyn.motion.simulate"],
+        ),
+        ("from . import modes", "linear/crossings.py", []),
+        ("from .modular.parts import Bar", "models/chain.py", []),
+        ("from pipedyn import _core", "models/chain.py", []),
+        ("from pipedyn._core import Chain", "models/chain.py", []),
+        ("import numpy.linalg\nfrom pipedyn.util import check", "models/pipe.py", []),
+    ],
+)
+def test_the_search_for_upward_imports_sees_every_way_of_writing_one(source, path, upward):
+    assert list(upward_imports(source, Path(path))) == upward
+
+
+def test_the_package_is_folders_and_two_files():
+    files = {path.name for path in PACKAGE.glob("*.py")}
+    assert files == {"__init__.py", "__main__.py"}
+    folders = {path.name for path in PACKAGE.iterdir() if list(path.glob("*.py"))}
+    assert folders == set(FOLDERS)
+
+
+def test_the_package_shows_public_names_only():
+    assert dir(pp) == sorted({*pp.__all__, "__version__"})
+    assert not [name for name in pp.__all__ if name.startswith("_")]
+    modules = {name for name in pp.__all__ if inspect.ismodule(getattr(pp, name))}
+    assert modules == {"modular", "plot"}
+
+
+def test_pictures_are_at_hand_without_matplotlib_being_imported():
+    program = """
+import sys
+import pipedyn
+assert "plot" in dir(pipedyn)
+before = "matplotlib" in sys.modules
+pipedyn.plot.root_loci
+print(before, "matplotlib" in sys.modules)
+"""
+    assert printed_by(program) == "False True"

@@ -60,13 +60,13 @@ def axes():
     return figure.subplots()
 
 
-def drawn(ax):
+def rendered(ax):
     ax.figure.canvas.draw()
     return ax
 
 
 def test_stable_branches_are_solid_and_unstable_ones_dashed():
-    ax = drawn(plot.bifurcation_diagram(DIAGRAM, ax=axes()))
+    ax = rendered(plot.bifurcation_diagram(DIAGRAM, ax=axes()))
     fold = DIAGRAM.equilibria[1].folds[0].speed
     lines = [line for line in ax.lines if line.get_color() == plot.BLACK]
     solid = [line for line in lines if line.get_linestyle() == "-"]
@@ -77,16 +77,16 @@ def test_stable_branches_are_solid_and_unstable_ones_dashed():
     for line in solid:
         assert line.get_xdata().max() == pytest.approx(fold, abs=0.02)
         assert np.abs(line.get_ydata()).min() > 0.5
-    told = [text.get_text() for text in ax.get_legend().get_texts()]
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert {"equilibrium, stable", "equilibrium, unstable", "fold", "pitchfork", "Hopf"} <= set(
-        told
+        labels
     )
     marks = {tuple(line.get_xydata()[0]) for line in ax.lines if line.get_marker() == "<"}
     assert marks == {(b.folds[0].speed, b.folds[0].tip[0]) for b in DIAGRAM.equilibria[1:]}
 
 
 def test_a_coordinate_may_be_shown_in_place_of_the_free_end():
-    ax = drawn(plot.bifurcation_diagram(DIAGRAM, 1, ax=axes()))
+    ax = rendered(plot.bifurcation_diagram(DIAGRAM, 1, ax=axes()))
     shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "None"])
     assert shown.max() == pytest.approx(DIAGRAM.equilibria[1].q[:, 1].max())
     assert not [line for line in ax.lines if line.get_gid() == "motions"]
@@ -102,7 +102,7 @@ def test_late_motions_are_dots():
 def test_cycles_are_drawn_on_both_sides_with_their_events():
     from dataclasses import replace
 
-    ax = drawn(plot.bifurcation_diagram(replace(DIAGRAM, cycles=(BRANCH,)), ax=axes()))
+    ax = rendered(plot.bifurcation_diagram(replace(DIAGRAM, cycles=(BRANCH,)), ax=axes()))
     lines = [line for line in ax.lines if line.get_color() == plot.BLUE]
     assert sorted(line.get_linestyle() for line in lines) == ["-", "-", "--", "--"]
     doubling = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "^"]
@@ -113,7 +113,7 @@ def test_cycles_that_lean_are_drawn_with_their_mirror_images():
     from dataclasses import replace
 
     leaning = replace(BRANCH, highest=0.15 * SPEEDS, mirrored=True)
-    ax = drawn(plot.bifurcation_diagram(replace(DIAGRAM, cycles=(leaning,)), ax=axes()))
+    ax = rendered(plot.bifurcation_diagram(replace(DIAGRAM, cycles=(leaning,)), ax=axes()))
     lines = [line for line in ax.lines if line.get_color() == plot.BLUE]
     heights = {round(float(line.get_ydata()[0] / line.get_xdata()[0]), 6) for line in lines}
     assert heights == {0.15, -0.05, -0.15, 0.05}
@@ -122,7 +122,7 @@ def test_cycles_that_lean_are_drawn_with_their_mirror_images():
 
 
 def test_orbit_is_the_free_end_against_its_velocity():
-    ax = drawn(plot.orbit([Circle(), Circle(stable=False)], ax=axes()))
+    ax = rendered(plot.orbit([Circle(), Circle(stable=False)], ax=axes()))
     first, second = ax.lines
     x, velocity = first.get_xydata().T
     assert np.abs(x).max() == pytest.approx(np.sin(0.1), abs=1e-6)
@@ -132,7 +132,7 @@ def test_orbit_is_the_free_end_against_its_velocity():
 
 
 def test_multipliers_outside_the_unit_circle_are_crosses():
-    ax = drawn(plot.multipliers(Circle(), ax=axes()))
+    ax = rendered(plot.multipliers(Circle(), ax=axes()))
     inside, outside = ax.collections
     np.testing.assert_allclose(sorted(inside.get_offsets()[:, 1]), [-0.5, 0.5])
     np.testing.assert_allclose(outside.get_offsets(), [[-1.4, 0.0]])
@@ -140,7 +140,7 @@ def test_multipliers_outside_the_unit_circle_are_crosses():
 
 
 def test_multipliers_of_a_branch_are_coloured_by_speed():
-    ax = drawn(plot.multipliers(BRANCH, ax=axes()))
+    ax = rendered(plot.multipliers(BRANCH, ax=axes()))
     assert sum(len(one.get_offsets()) for one in ax.collections) == 15
     assert len(ax.figure.axes) == 2
 

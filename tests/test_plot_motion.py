@@ -162,8 +162,8 @@ def test_the_last_cycle_is_a_period_of_the_settled_motion():
     assert last_cycle(REST) is None
 
 
-def test_a_cycle_with_three_passages_is_shown_whole():
-    """A standing pipe that whips: each cycle of its tip holds several passages of the middle."""
+def test_a_cycle_with_three_crossings_is_shown_whole():
+    """In large motion of a standing pipe the free end crosses its middle more than once a cycle."""
     pipe = pp.Pipe(0.2, -10.0, "aspirating", drag=1.0, damping=0.02)
     motion = pp.simulate(pp.Chain(pipe, 12), 3.0, 20.0, bend, samples=2001)
     start, end = last_cycle(motion)
@@ -251,8 +251,8 @@ def test_histories_and_portraits_show_every_motion_under_its_speed():
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["$u = 5.5$", "$u = 6$"]
     curves = [line for line in ax.lines if line.get_label().startswith("$u")]
     for curve, motion in zip(curves, MANY.motions, strict=True):
-        drawn = np.interp(motion.t, *curve.get_data())
-        np.testing.assert_allclose(drawn, motion.tip[:, 0], atol=1e-12)
+        shown = np.interp(motion.t, *curve.get_data())
+        np.testing.assert_allclose(shown, motion.tip[:, 0], atol=1e-12)
     assert curves[0].get_linestyle() != curves[1].get_linestyle()
     ax = plot.time_history([CYCLE, FINE], axes())
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
@@ -261,24 +261,24 @@ def test_histories_and_portraits_show_every_motion_under_its_speed():
 
 def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
     ax = plot.phase_portrait(DECAY, 2, axes())
-    drawn = np.concatenate([np.column_stack(line.get_data()) for line in ax.lines[:3]])
+    shown = np.concatenate([np.column_stack(line.get_data()) for line in ax.lines[:3]])
     states = np.column_stack([DECAY.q[:, 2], DECAY.qdot[:, 2]])
-    begin = np.abs(drawn[:, None] - states[None, ::400]).max(axis=-1).min(axis=0)
+    begin = np.abs(shown[:, None] - states[None, ::400]).max(axis=-1).min(axis=0)
     assert begin.max() < 1e-3
     assert "q_{2}" in ax.get_xlabel()
 
 
-def test_a_film_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
+def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     path = tmp_path / "pipe.gif"
     ax = small_axes()
-    film = plot.animate(CYCLE, path, fps=10, span=(20.0, 20.5), speed=0.5, ax=ax)
-    assert isinstance(film, FuncAnimation)
+    animation = plot.animate(CYCLE, path, fps=10, span=(20.0, 20.5), speed=0.5, ax=ax)
+    assert isinstance(animation, FuncAnimation)
     with Image.open(path) as image:
         assert image.format == "GIF"
         assert image.n_frames == 10
         assert image.info["duration"] == 100
     (pipe,) = by_gid(ax, "pipe")
-    film._draw_frame(9)
+    animation._draw_frame(9)
     s = np.linspace(0.0, 1.0, pipe.get_xdata().size)
     shape = CHAIN.shape(coordinates_at(CYCLE, np.array([20.5]))[0], s)
     np.testing.assert_allclose(np.column_stack(pipe.get_data()), shape, atol=1e-12)
@@ -286,12 +286,12 @@ def test_a_film_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     np.testing.assert_allclose(np.column_stack(trace.get_data())[-1], shape[-1], atol=1e-12)
 
 
-def test_a_film_of_a_cycle_goes_round_and_shows_in_a_notebook():
-    film = plot.animate(CYCLE, fps=4)
-    page = film.to_jshtml()
+def test_an_animation_of_a_cycle_closes_and_shows_in_a_notebook():
+    animation = plot.animate(CYCLE, fps=4)
+    page = animation.to_jshtml()
     assert page.count("data:image/png;base64") == 10  # 2.5 seconds
-    (ax,) = film._fig.axes
-    film._draw_frame(0)
+    (ax,) = animation._fig.axes
+    animation._draw_frame(0)
     (trace,) = by_gid(ax, "trace")
     x, y = trace.get_data()
     assert math.hypot(x[0] - x[-1], y[0] - y[-1]) < 1e-3
@@ -311,7 +311,7 @@ def test_pictures_of_motion_make_their_own_axes_and_leave_the_settings_alone():
     assert dict(matplotlib.rcParams) == before
 
 
-def test_the_reduced_model_is_filmed_like_the_chain(tmp_path):
+def test_the_reduced_model_is_animated_like_the_chain(tmp_path):
     path = tmp_path / "reduced.gif"
     ax = small_axes()
     plot.animate(REDUCED, path, fps=4, ax=ax)

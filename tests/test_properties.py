@@ -3,6 +3,7 @@
 
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import assume, example, given, settings
@@ -73,22 +74,34 @@ def chains(draw, pipe, wild=True):
     )
 
 
-FITTINGS = st.builds(
-    pp.Fitting,
-    at=mixed([1.0, 0.5], 0.01, 1.0),
-    mass=mixed([1e-6, 1.0, 10.0], 0.001, 1.0),
-    stiffness=mixed([0.0, 1e4], 0.0, 50.0),
+HELD = st.builds(
+    lambda at, mass, stiffness: (pp.PointMass(at, mass), pp.Spring(at, stiffness)),
+    mixed([1.0, 0.5], 0.01, 1.0),
+    mixed([1e-6, 1.0, 10.0], 0.001, 1.0),
+    mixed([0.0, 1e4], 0.0, 50.0),
 )
 
 
 def reduced(pipe):
-    """Either basis, with fittings or without."""
+    """Either basis, with terms or without."""
     return st.builds(
         pp.Galerkin,
-        pipe,
+        st.builds(
+            lambda pipe, held: replace(pipe, terms=[term for terms in held for term in terms]),
+            pipe,
+            st.just(()) | st.lists(HELD, max_size=2),
+        ),
         st.integers(3, 8),
         st.sampled_from(["beam", "legendre"]),
-        st.just(()) | st.lists(FITTINGS, max_size=2),
+    )
+
+
+def dashpot(node, coefficient):
+    """A user's own module: the force -coefficient x' on a node."""
+    return modular.Custom(
+        nodes=(node,),
+        force=lambda q, v: np.array([-coefficient * v[0], 0.0 * v[1]]),
+        name="dashpot",
     )
 
 
@@ -98,13 +111,14 @@ def scenes(draw, pipe, guided=False):
     n = draw(st.integers(2, 5))
     scene = modular.chain(draw(pipe), n, draw(st.sampled_from(RULES)))
     node = st.integers(1, n)
+    place = mixed([1.0, 1.0 / n], 0.01, 1.0)
     size = mixed([0.0], 0.0, 3.0)
     more = draw(
         st.lists(
             st.one_of(
-                st.builds(modular.PointMass, node, size),
-                st.builds(modular.TransverseSpring, node, size),
-                st.builds(modular.Dashpot, node, size),
+                st.builds(pp.PointMass, place, size),
+                st.builds(pp.Spring, place, size),
+                st.builds(dashpot, node, size),
                 st.builds(modular.TorsionalSpring, node, size, size),
             ),
             max_size=2,

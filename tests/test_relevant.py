@@ -48,19 +48,19 @@ def test_a_pipe_without_coriolis_force_is_becks_column(horizontal):
     assert effect.verdict == "relevant"
 
 
-def test_the_limit_of_faint_coriolis_force_is_told_where_it_is_another(horizontal, hose):
+def test_the_limit_of_weak_coriolis_force_is_noted_where_it_is_another(horizontal, hose):
     assert "u = 4.19024," in horizontal["Coriolis"].note
     assert hose["Coriolis"].note == ""
 
 
-def test_the_faintest_coriolis_force_matters_to_an_undamped_pipe():
+def test_the_weakest_coriolis_force_matters_to_an_undamped_pipe():
     effect = pp.relevant(pp.Pipe(1e-10), 4.0)["Coriolis"]
     assert effect.size == pytest.approx(4.47783 / 4.190241 - 1.0, rel=1e-4)
     assert effect.verdict == "relevant"
 
 
 def test_without_centrifugal_force_no_ejecting_pipe_loses_stability(horizontal):
-    """Told without a search: the determinant's roots stay left of the axis."""
+    """Known without a search: the determinant's roots stay left of the axis."""
     effect = horizontal["centrifugal"]
     assert effect.size == math.inf
     assert effect.without == "no loss of stability at any speed"
@@ -144,6 +144,34 @@ def test_a_pipe_that_buckles_under_its_weight_is_another_pipe_without_it():
     assert found["gravity"].without.startswith("flutter at u = 5.59")
 
 
+def test_each_term_is_switched_off_like_any_other_effect():
+    """Each as large as the critical speed without it says; equal terms are one effect."""
+    mass, spring, speck = pp.PointMass(1.0, 0.1), pp.Spring(0.6, 10.0), pp.PointMass(0.5, 1e-7)
+    pipe = pp.Pipe(0.2, 10.0, terms=(mass, spring, speck, spring, pp.PointMass(0.2, 0.0)))
+    found = pp.relevant(pipe, 4.0)
+    full = pp.critical_speed(pp.Continuum(pipe)).speed
+    for term in (mass, spring, speck):
+        others = tuple(other for other in pipe.terms if other != term)
+        without = pp.critical_speed(pp.Continuum(dataclasses.replace(pipe, terms=others))).speed
+        effect = found[repr(term)]
+        assert effect.size == pytest.approx(abs(without / full - 1.0), rel=1e-6, abs=1e-11)
+        assert f"u = {without:.6g}" in effect.without
+    assert found[repr(mass)].strength == "mass = 0.1"
+    assert found.negligible == (repr(speck),)
+    assert speck not in found.simplified.terms
+    assert {mass, spring} < set(found.simplified.terms)
+    assert found["PointMass(at=0.2, mass=0)"].verdict == "absent"
+
+
+def test_the_growth_beside_is_of_modes_that_springs_stiffen():
+    """A stiff foundation of many springs lifts all frequencies above those of the free beam."""
+    terms = tuple(pp.Spring(at, 1e7) for at in np.linspace(0.1, 1.0, 10))
+    pipe = pp.Pipe(0.2, damping=1e-6, terms=terms)
+    values = pp.eigenvalues(pp.Galerkin(pipe, 80, "legendre"), 2.0, 8)
+    growth = pp.relevant(pipe, 2.0, "frequencies", count=1).growth
+    assert growth == pytest.approx(values.real.max(), rel=1e-6)
+
+
 # ------------------------------------------------------------------------------- at a speed
 
 
@@ -161,7 +189,7 @@ def test_frequencies_without_flow_are_the_beams():
     ("pipe", "u", "count"),
     [
         (pp.Pipe(0.2), 6.0, 24),
-        (pp.Pipe(0.2, 10.0, damping=0.2), 12.0, None),  # the lowest all crowd at -5
+        (pp.Pipe(0.2, 10.0, damping=0.2), 12.0, None),  # the lowest all cluster at -5
         (pp.Pipe(0.2, -400.0), 1.0, 24),
         (pp.Pipe(0.2, flow="aspirating"), 3.0, 24),
     ],
@@ -230,7 +258,7 @@ def test_effects_are_sorted_by_size_and_absent_ones_last(horizontal, hose):
     }
 
 
-def test_dropping_all_that_is_negligible_changes_as_little_as_is_told(hose):
+def test_dropping_all_that_is_negligible_changes_as_little_as_is_said(hose):
     assert hose.negligible == ("damping", "drag")
     assert hose.together.verdict == "negligible"
     assert (hose.simplified.damping, hose.simplified.drag) == (0.0, 0.0)
@@ -333,7 +361,7 @@ def test_the_centrifugal_factor_is_one_ejecting_and_alpha_aspirating():
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_as_many_frequencies_are_told_as_were_asked_for(count):
+def test_as_many_frequencies_are_given_as_were_asked_for(count):
     """Two roots of another set lie beside the last, and are no part of the answer."""
     found = pp.relevant(pp.Pipe(0.3, 5.0, damping=1e-3), 3.0, "frequencies", count=count)
     assert found.full.count(",") == count - 1
@@ -349,7 +377,7 @@ def test_changes_of_roots_are_said_to_be_of_the_complex_ones():
     assert "complex" not in str(pp.relevant(pp.Pipe(0.3), 3.0))
 
 
-def test_growth_that_is_rounding_is_told_as_zero():
+def test_growth_that_is_rounding_is_given_as_zero():
     """Without flow an undamped pipe neither grows nor decays."""
     found = pp.relevant(pp.Pipe(0.3), 0.0, "root_loci", speeds=[0.0], count=2)
     assert found.full == "growth up to 0"

@@ -17,7 +17,6 @@ from scipy.integrate import solve_ivp
 import pipedyn as pp
 from pipedyn import plot
 from pipedyn.accuracy.families import FAMILIES, expected_size
-from pipedyn.accuracy.onset import onset_near
 from pipedyn.accuracy.quantities import (
     CriticalSpeedOf,
     Frequencies,
@@ -25,6 +24,7 @@ from pipedyn.accuracy.quantities import (
     MotionOf,
     RootLociOver,
 )
+from pipedyn.accuracy.reference import onset_near
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import TookTooLong, counted, limited
 
@@ -464,7 +464,7 @@ def test_a_reference_that_takes_too_long_serves_as_far_as_it_got(monkeypatch):
 
 
 def test_a_reference_of_which_nothing_is_known_in_time_is_refused(monkeypatch):
-    monkeypatch.setattr("pipedyn.accuracy.reference.LONGEST_REFERENCE", 0.0)
+    monkeypatch.setattr("pipedyn.accuracy.quantities.LONGEST_REFERENCE", 0.0)
     with pytest.raises(pp.NotConverged, match="functions was not done in 0 s"):
         pp.trade(pp.Pipe(0.2), "motion", u=4.0, duration=1.0)
     with pytest.raises(pp.NotConverged, match="functions was not done in 0 s"):

@@ -4,6 +4,7 @@
 // own order: E(t) - E(0) - W(t) then audits the motion.
 #pragma once
 
+#include <algorithm>
 #include <vector>
 
 #include "pipedyn/chain/motion.hpp"
@@ -16,13 +17,16 @@ void rhs_and_power(const Model& model, const Batch& batch, double* rates) {
   model.rhs(batch, rates);
   const std::ptrdiff_t members = batch.members;
   thread_local std::vector<double> parts;
-  if (parts.size() < static_cast<std::size_t>(3 * members)) parts.resize(3 * members);
+  if (parts.size() < static_cast<std::size_t>(4 * members)) parts.resize(4 * members);
   double* const flow = parts.data();
   double* const joints = flow + members;
   double* const drag = joints + members;
-  model.power(batch, {flow, joints, drag});
+  double* const others = drag + members;
+  model.power(batch, {flow, joints, drag, others});
   double* const total = rates + 2 * model.dof() * members;
-  for (std::ptrdiff_t j = 0; j < members; ++j) total[j] = flow[j] + joints[j] + drag[j];
+  for (std::ptrdiff_t j = 0; j < members; ++j) {
+    total[j] = flow[j] + joints[j] + drag[j] + others[j];
+  }
 }
 
 }  // namespace pipedyn

@@ -12,11 +12,10 @@ from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.criticality import CriticalityCurve, criticality_curve
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
-from pipedyn.bifurcation.equilibria import (
+from pipedyn.bifurcation.equilibria import Equilibria, equilibria
+from pipedyn.bifurcation.equilibrium_branch import (
     BranchPoint,
-    Equilibria,
     EquilibriumBranch,
-    equilibria,
     equilibrium_branch,
 )
 from pipedyn.bifurcation.events import CycleEvent
@@ -31,7 +30,6 @@ from pipedyn.models import modular
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
-from pipedyn.models.fitting import Fitting
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
@@ -60,7 +58,6 @@ __all__ = [
     "Equilibria",
     "EquilibriumBranch",
     "Failure",
-    "Fitting",
     "Galerkin",
     "Hopf",
     "LimitCycle",

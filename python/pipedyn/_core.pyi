@@ -11,8 +11,6 @@ import typing
 
 __all__: list[str] = [
     "Chain",
-    "FittedMotion",
-    "Fitting",
     "Galerkin",
     "GalerkinMotion",
     "Operators",
@@ -76,6 +74,7 @@ class Chain:
         lambda_: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
         u: typing.SupportsFloat | typing.SupportsIndex,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def flux_times(
         self,
@@ -106,7 +105,9 @@ class Chain:
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
     ]: ...
+    def resistances(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def rhs(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -116,19 +117,17 @@ class Chain:
     def springs_times(
         self, joint_angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def terms_damping_times(
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def terms_stiffness_times(
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def velocity_times(
         self,
         x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         transposed: bool = False,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-
-class Fitting:
-    def __init__(
-        self,
-        at: typing.SupportsFloat | typing.SupportsIndex,
-        mass: typing.SupportsFloat | typing.SupportsIndex,
-        stiffness: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> None: ...
 
 class Galerkin:
     def __init__(
@@ -139,7 +138,6 @@ class Galerkin:
         joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         nodes: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         weights: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        fittings: collections.abc.Sequence[Fitting],
     ) -> None: ...
     def basis(
         self,
@@ -150,6 +148,7 @@ class Galerkin:
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def operators(self) -> Operators: ...
+    def term_stiffness(self) -> float: ...
 
 class GalerkinMotion:
     def __init__(
@@ -157,6 +156,7 @@ class GalerkinMotion:
         pipe: Pipe,
         legendre: bool,
         size: typing.SupportsInt | typing.SupportsIndex,
+        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
         least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
@@ -173,39 +173,6 @@ class GalerkinMotion:
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
         float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-    ]: ...
-    def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-
-class FittedMotion:
-    def __init__(
-        self,
-        pipe: Pipe,
-        legendre: bool,
-        size: typing.SupportsInt | typing.SupportsIndex,
-        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        fittings: collections.abc.Sequence[Fitting],
-        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
-    ) -> None: ...
-    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def jacobian(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def nodes(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> int: ...
-    def operators(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> Operators: ...
-    def power(
-        self, y: typing.Any, u: typing.Any
-    ) -> tuple[
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
@@ -231,12 +198,6 @@ class Scene:
         spring_stiffness: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         spring_damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         spring_rest: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        transverse_node: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        transverse_stiffness: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        dashpot_node: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        dashpot_coefficient: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        mass_node: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         flow: bool,
         drag: bool,
         constraint_kind: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],

@@ -17,6 +17,11 @@
 //     + a U^2 l_k sin(theta_n - theta_k) + gamma p_k sin theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = drag_k,
 // where the force -kappa l_j |v_j| v_j acts across each segment at its drag point; solved in O(n).
+//
+// The terms of the pipe (terms/) act where stations.hpp puts them. A mass on a segment changes the
+// segment's own mass, centre and radius of gyration: sum_{i>k} l_i in M and p_k becomes the mass
+// beyond, while the flow's terms keep the lengths. A load f at an arm a of segment j adds
+// -n_k . f times l_k, k < j, or a, k = j, to row k.
 #pragma once
 
 #include <complex>
@@ -35,6 +40,22 @@ struct Segments {
   Vector spring;           // k_j, joint at the segment's clamped side
   Vector drag_point;       // xi_j, as a fraction of the length
   double base = 0.0;       // length of the fixed part at the clamp
+};
+
+/// A sum over places of one segment or of all beyond a joint, with powers 0, 1, 2 of the distance
+/// from the joint.
+struct Moments {
+  double zeroth = 0.0, first = 0.0, second = 0.0;
+
+  /// About the joint of the segment of length l before this one, with what is on that segment.
+  void before(double l, const Moments& own);
+};
+
+/// What the loads on one segment add to the linear operators of the straight pipe.
+struct LinearLoads {
+  Moments stiffness, damping;  // against displacement and velocity across the pipe
+  double turned[2];            // force and moment against the segment's own angle
+  double held;                 // moment against it of loads along the pipe, here and beyond
 };
 
 /// Immutable; one chain may serve many threads.
@@ -66,6 +87,15 @@ class Chain {
   Matrix flux_times(const Matrix& x, bool transposed) const;
   Matrix gravity_times(const Matrix& x) const;  // for gamma = 1
   Matrix springs_times(const Matrix& joint_angles) const;
+  Matrix terms_stiffness_times(const Matrix& x) const;  // of the terms' loads, so is the next
+  Matrix terms_damping_times(const Matrix& x) const;
+
+  /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
+  Matrix bodies() const;
+  /// What the loads of each segment's terms resist about the straight pipe with, summed with powers
+  /// 0, 1, 2 of the arm: three columns of stiffness against a displacement, three of damping (n,
+  /// 6).
+  Matrix resistances() const;
 
   /// Band matrix of the whole linear problem at one lambda and u, in the unknowns (phi_j, theta_j,
   /// w_j, Q_j) of each segment: joint angle, angle, transverse displacement of the end, and the
@@ -95,10 +125,17 @@ class Chain {
  private:
   Pipe pipe_;
   Segments segments_;
-  Vector mass_beyond_;   // sum_{i > k} l_i
+  Vector mass_;          // of each segment with its terms; segments_ has centre and radius of both
+  Vector mass_beyond_;   // sum_{i > k} mass_i
   Vector first_moment_;  // p_k
   std::vector<Link> links_;
+  std::vector<PlacedTerm> loads_;
+  std::vector<LinearLoads> linear_loads_;  // empty where no term has a load
 
+  void place_terms();
+  void add_mass(Index segment, double arm, double mass);
+  void add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const;
+  Matrix loads_times(const Matrix& x, bool by_position) const;
   MotionModel motion() const;
 };
 

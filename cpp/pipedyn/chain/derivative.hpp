@@ -12,8 +12,12 @@
 // moves with V_m = -l_m w_m t_m or l_m n_m, so that only drag acts there, r_j = 2 kappa l_j |v_j|:
 //   b_j = R_j V_m,   g_j = q_j . V_m,   q_j = -(l_j R_j^T n_j + xi_j l_j r_j n_j) / H_j,
 //   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = 0,
-// one (2, 2) matrix R_j for all columns. Row m, where all of it changes, starts the column. The
-// rows go from the tip to the clamp and back, each over its columns as vectors.
+// one (2, 2) matrix R_j for all columns. The slopes of the terms' loads by velocity, summed over
+// the places of segment j as V_j and with the arms as V'_j, add -V_j to R_{j-1} and n_j . V'_j /
+// H_j to q_j^T. Their slopes by position do the same in a second pair of R_j and q_j, for the
+// change of position l_m n_m of all beyond by the angle of m. Row m, where all of it changes,
+// starts the column. The rows go from the tip to the clamp and back, each over its columns as
+// vectors.
 //
 // Local to each translation unit, like pack.hpp.
 #pragma once
@@ -27,6 +31,15 @@ struct Plane {
 };
 
 inline double dot(const Plane& a, const Plane& b) { return a.x * b.x + a.y * b.y; }
+inline Plane plus(const Plane& a, const Plane& b) { return {a.x + b.x, a.y + b.y}; }
+
+/// A matrix, by rows, times a vector, and its transpose times one.
+inline Plane times(const double (&rows)[2][2], const Plane& v) {
+  return {rows[0][0] * v.x + rows[0][1] * v.y, rows[1][0] * v.x + rows[1][1] * v.y};
+}
+inline Plane transposed_times(const double (&rows)[2][2], const Plane& v) {
+  return {rows[0][0] * v.x + rows[1][0] * v.y, rows[0][1] * v.x + rows[1][1] * v.y};
+}
 
 /// Directions along and across a segment.
 struct Frame {
@@ -52,6 +65,11 @@ inline void row_inward(Count count, Plane moment, Plane force, double* __restric
 inline void row_of_motion(Count count, Plane answer, const double* __restrict vx,
                           const double* __restrict vy, double* __restrict row) {
   for (Count m = 0; m < count; ++m) row[m] = answer.x * vx[m] + answer.y * vy[m];
+}
+
+inline void add_row_of_motion(Count count, Plane answer, const double* __restrict vx,
+                              const double* __restrict vy, double* __restrict row) {
+  for (Count m = 0; m < count; ++m) row[m] += answer.x * vx[m] + answer.y * vy[m];
 }
 
 inline void row_outward(Count count, Plane e, Plane step, double* __restrict ax,
@@ -116,6 +134,45 @@ Source rate_source(const MotionModel& model, const Kept& here, Count m, double w
   return source;
 }
 
+/// Adds the change of the loads on a segment itself, with the rate w, by its angle or its rate.
+void add_loads_to(Source& source, const LoadMoments& loads, const Frame& frame, bool angle,
+                  double w) {
+  const Plane by = angle ? Plane{-w * frame.t.x, -w * frame.t.y} : frame.n;  // velocity by the arm
+  Plane force = times(loads.slopes[1].by_velocity, by);
+  Plane about = times(loads.slopes[2].by_velocity, by);
+  if (angle) {
+    force = plus(force, times(loads.slopes[1].by_position, frame.n));
+    about = plus(about, times(loads.slopes[2].by_position, frame.n));
+    force = plus(force, {loads.slopes[0].by_angle[0], loads.slopes[0].by_angle[1]});
+    about = plus(about, {loads.slopes[1].by_angle[0], loads.slopes[1].by_angle[1]});
+    source.moment -= dot(frame.t, {loads.load[1][0], loads.load[1][1]});
+  }
+  source.force_t -= dot(frame.t, force);
+  source.force_n -= dot(frame.n, force);
+  source.moment += dot(frame.n, about);
+}
+
+/// Force that all beyond a segment needs for a change of its motion.
+struct Response {
+  double rows[2][2] = {};  // R
+
+  /// Goes one segment nearer to the clamp and gives the answer q of its row. drag: r_j, and arm
+  /// that of the drag; slope and moment: of the terms' loads.
+  Plane pass(const Frame& frame, double l, double inverse, const Plane& c, double drag, double arm,
+             const double (&slope)[2][2], const double (&moment)[2][2]) {
+    const Plane across = frame.n, beyond = transposed_times(rows, across);
+    const Plane loads = transposed_times(moment, across);
+    const double own = arm * drag;
+    const Plane q{-(l * beyond.x + own * across.x - loads.x) * inverse,
+                  -(l * beyond.y + own * across.y - loads.y) * inverse};
+    rows[0][0] += drag * across.x * across.x + c.x * q.x - slope[0][0];
+    rows[0][1] += drag * across.x * across.y + c.x * q.y - slope[0][1];
+    rows[1][0] += drag * across.y * across.x + c.y * q.x - slope[1][0];
+    rows[1][1] += drag * across.y * across.y + c.y * q.y - slope[1][1];
+    return q;
+  }
+};
+
 /// Scratch: n columns for the angles, then n for the rates.
 struct Columns {
   double *bx, *by;          // force b
@@ -124,8 +181,9 @@ struct Columns {
   double *jump_x, *jump_y;  // jump
   double *sine, *cosine;    // of each segment's angle
   double* sweeps;
-  Plane* answer;  // q of each segment
+  Plane *answer, *position_answer;  // q of each segment
   Kept* kept;
+  LoadMoments* loads;
 
   Columns(double* scratch, Count n) {
     bx = scratch;
@@ -140,10 +198,13 @@ struct Columns {
     cosine = sine + whole_packs(n);
     sweeps = cosine + whole_packs(n);
     answer = reinterpret_cast<Plane*>(sweeps + Sweep<double>::size(n));
-    kept = reinterpret_cast<Kept*>(answer + n);
+    position_answer = answer + n;
+    kept = reinterpret_cast<Kept*>(position_answer + n);
+    loads = reinterpret_cast<LoadMoments*>(kept + n);
   }
   static Count size(Count n) {
-    const Count numbers_kept = static_cast<Count>((sizeof(Plane) + sizeof(Kept)) / sizeof(double));
+    const Count numbers_kept = static_cast<Count>(
+        (2 * sizeof(Plane) + sizeof(Kept) + sizeof(LoadMoments)) / sizeof(double));
     return 16 * n + 2 * whole_packs(n) + Sweep<double>::size(n) + numbers_kept * n;
   }
   Frame frame(Count k) const { return Frame(sine[k], cosine[k]); }
@@ -175,8 +236,10 @@ void start_column(const Columns& columns, const Link& link, Count k, Count colum
 void columns_inward(const MotionModel& model, const Columns& columns, const double* rates, double u,
                     double* out) {
   const Count n = model.size;
-  double rxx = 0.0, rxy = 0.0, ryx = 0.0, ryy = 0.0;  // R
-  Plane e_beyond{0.0, 0.0};                           // e of the segment beyond
+  const bool loaded = model.load_count > 0;
+  const LoadMoments none{};
+  Response by_velocity, by_position;
+  Plane e_beyond{0.0, 0.0};  // e of the segment beyond
   double spring_beyond = 0.0;
   for (Count k = n - 1; k >= 0; --k) {
     const Link& link = model.links[k];
@@ -196,32 +259,34 @@ void columns_inward(const MotionModel& model, const Columns& columns, const doub
         columns.bx[next] += c.x * g;
         columns.by[next] += c.y * g;
       }
-      const Source source = angle ? angle_source(model, here, k, rates[k], u)
-                                  : rate_source(model, here, k, rates[k], u);
+      Source source = angle ? angle_source(model, here, k, rates[k], u)
+                            : rate_source(model, here, k, rates[k], u);
+      if (loaded) add_loads_to(source, columns.loads[k], frame, angle, rates[k]);
       const Plane v = frame.plane(source.v_t, source.v_n);
       const double spring = source.spring * spring_beyond;
-      const Plane b{rxx * v.x + rxy * v.y + e_beyond.x * spring + source.end * frame.n.x,
-                    ryx * v.x + ryy * v.y + e_beyond.y * spring + source.end * frame.n.y};
+      const Plane moved = times(by_velocity.rows, v);
+      Plane b{moved.x + e_beyond.x * spring + source.end * frame.n.x,
+              moved.y + e_beyond.y * spring + source.end * frame.n.y};
+      if (loaded && angle) b = plus(b, times(by_position.rows, {l * frame.n.x, l * frame.n.y}));
       start_column(columns, link, k, block + k, source, b, c, row);
     }
     e_beyond = {c.x * inverse, c.y * inverse};
     spring_beyond = link.spring;
-    if (!model.drag) continue;
-    const Plane across = frame.n;
-    const double r = 2.0 * link.drag * std::fabs(here.v), own = link.drag_arm * r;
-    const Plane q{-(l * (across.x * rxx + across.y * ryx) + own * across.x) * inverse,
-                  -(l * (across.x * rxy + across.y * ryy) + own * across.y) * inverse};
-    rxx += r * across.x * across.x + c.x * q.x;
-    rxy += r * across.x * across.y + c.x * q.y;
-    ryx += r * across.y * across.x + c.y * q.x;
-    ryy += r * across.y * across.y + c.y * q.y;
-    columns.answer[k] = q;
+    if (!model.drag && !loaded) continue;
+    const LoadMoments& sums = loaded ? columns.loads[k] : none;
+    const double drag = model.drag ? 2.0 * link.drag * std::fabs(here.v) : 0.0;
+    columns.answer[k] = by_velocity.pass(frame, l, inverse, c, drag, link.drag_arm,
+                                         sums.slopes[0].by_velocity, sums.slopes[1].by_velocity);
+    if (!loaded) continue;
+    columns.position_answer[k] = by_position.pass(
+        frame, l, inverse, c, 0.0, 0.0, sums.slopes[0].by_position, sums.slopes[1].by_position);
   }
 }
 
 /// From the clamp to the tip: turns the g of every column into the change of theta''.
 void columns_outward(const MotionModel& model, const Columns& columns, double* out) {
   const Count n = model.size;
+  const bool loaded = model.load_count > 0;
   for (Count m = 0; m < 2 * n; ++m) columns.ax[m] = columns.ay[m] = 0.0;
   for (Count k = 0; k < n; ++k) {
     const Link& link = model.links[k];
@@ -231,10 +296,13 @@ void columns_outward(const MotionModel& model, const Columns& columns, double* o
     const Plane e = frame.plane(l * here.tn * inverse, (l * here.nn + link.first_moment) * inverse);
     double* const row = out + (n + k) * 2 * n;
     for (Count block = 0; block <= n; block += n) {
-      if (model.drag) {
+      if (model.drag || loaded) {
         row_of_motion(k, columns.answer[k], columns.vx + block, columns.vy + block, row + block);
       } else {
         std::memset(row + block, 0, static_cast<std::size_t>(k) * sizeof(double));
+      }
+      if (loaded && block == 0) {  // positions change by an angle as velocities do by its rate
+        add_row_of_motion(k, columns.position_answer[k], columns.vx + n, columns.vy + n, row);
       }
       if (k > 0) row[block + k - 1] += (block == 0 ? 1.0 : model.damping) * link.spring * inverse;
     }
@@ -257,6 +325,9 @@ void jacobian(const MotionModel& model, const double* y, double u, double* out, 
   double* const angles = columns.sweeps;
   for (Count j = 0; j < whole_packs(n); ++j) angles[j] = j < n ? y[j] : 0.0;
   sincos(angles, n, columns.sine, columns.cosine);
+  if (model.load_count > 0) {
+    load_moments(model, columns.sine, columns.cosine, y + n, columns.loads);
+  }
 
   std::memset(out, 0, static_cast<std::size_t>(2 * n * n) * sizeof(double));
   for (Count j = 0; j < n; ++j) out[j * 2 * n + n + j] = 1.0;

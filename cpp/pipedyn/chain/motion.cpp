@@ -5,7 +5,7 @@
 //
 // Energy: kinetic + sum k_j phi_j^2 / 2 + gamma sum p_j (1 - cos theta_j). Power, with the velocity
 // v of the free end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2 t_n . v, joints
-// -delta sum k_j phi_j'^2, drag -kappa sum l_j |v_j|^3.
+// -delta sum k_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To both come the terms', as their laws say.
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
@@ -16,6 +16,17 @@
 namespace {
 
 using pipedyn::PowerParts;
+
+/// Calls body(law, place, station) for each place with a load, of angles and rates that were read.
+template <class Real, class Body>
+void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Body& body) {
+  if (model.load_count == 0) return;
+  Walk<Real> walk(model);
+  for (Count j = 0; j < model.size; ++j) {
+    walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
+    walk.pass(j, model.links[j].length, sweep.at(sweep.rate, j), body);
+  }
+}
 
 template <class Real>
 void energy_of(const MotionModel& model, const Members<Real>& members, double* out,
@@ -43,6 +54,9 @@ void energy_of(const MotionModel& model, const Members<Real>& members, double* o
         twice += link.spring * (turn * turn);
       },
       end_along, end_across);
+  for_each_load(model, sweep, [&](const auto& law, const PlacedTerm& place, const auto& at) {
+    twice += (2.0 * place.weight) * law.energy(at);
+  });
   members.write(out + members.first, 0.5 * twice);
 }
 
@@ -52,7 +66,7 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Powe
   const Count n = model.size;
   const Sweep<Real> sweep(scratch, n);
   read_state(members, n, sweep);
-  Real joints{}, drag{}, rate_before{}, vt, vn;
+  Real joints{}, drag{}, others{}, rate_before{}, vt, vn;
   for_each_velocity(
       model, sweep,
       [&](Count j, const Real&, const Real& across, const Real& w) {
@@ -68,12 +82,16 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Powe
         }
       },
       vt, vn);
+  for_each_load(model, sweep, [&](const auto& law, const PlacedTerm& place, const auto& at) {
+    others += place.weight * law.power(at);
+  });
   const Real u = members.speed();
   const Real flow =
       -(model.coriolis * u) * (vt * vt + vn * vn) - (model.centrifugal * (u * u)) * vt;
   members.write(out.flow + members.first, flow);
   members.write(out.joints + members.first, joints);
   members.write(out.drag + members.first, drag);
+  members.write(out.others + members.first, others);
 }
 
 // ---------------------------------------------------------------------------------------- entry

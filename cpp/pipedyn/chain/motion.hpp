@@ -7,9 +7,12 @@
 
 #include <cstddef>
 
+#include "pipedyn/terms/term.hpp"
+
 namespace pipedyn {
 
-/// One segment as the recursion reads it; l, m, chi, eta, xi, k as in Segments, m = l.
+/// One segment as the recursion reads it; l, xi, k as in Segments, and with the masses of the
+/// pipe's terms that are on it: m (l without any), the centre of mass chi and the radius eta.
 struct Link {
   double length;         // l
   double length_square;  // l^2
@@ -25,15 +28,26 @@ struct Link {
   double weight;         // gamma p
 };
 
+/// A term with a load, at its place on a segment.
+struct PlacedTerm {
+  std::ptrdiff_t segment;
+  double arm;     // from the segment's joint
+  double weight;  // 1, or the length that a Gauss point stands for
+  Term term;
+};
+
 /// What the kernels read of a chain and its pipe.
 struct MotionModel {
   const Link* links;
-  std::ptrdiff_t size;  // n
-  double gravity;       // gamma
-  double damping;       // delta
-  double coriolis;      // sqrt(beta) s
-  double centrifugal;   // a
-  bool drag;            // kappa > 0
+  std::ptrdiff_t size;      // n
+  double base;              // length of the fixed part at the clamp
+  double gravity;           // gamma
+  double damping;           // delta
+  double coriolis;          // sqrt(beta) s
+  double centrifugal;       // a
+  bool drag;                // kappa > 0
+  const PlacedTerm* loads;  // from the clamp on
+  std::ptrdiff_t load_count;
 };
 
 /// Member j of a batch has its state in column j of y (2 n, members), its speed at u[j * u_step].
@@ -49,6 +63,7 @@ struct PowerParts {
   double* flow;
   double* joints;
   double* drag;
+  double* others;  // terms of the pipe
 };
 
 struct GalerkinKernel;

@@ -17,6 +17,7 @@
 //   A_{j-1} = A_j + m_j - c_j e_j^T,
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
 //             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
+// A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}.
 // These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip (velocities, only
 // with drag), one back and one out. Across the segment, differences of nearly equal numbers are
 // taken by hand: with I_j the inertia about the joint,
@@ -28,6 +29,7 @@
 #pragma once
 
 #include "pipedyn/chain/motion.hpp"
+#include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/pack.hpp"
 
 namespace {
@@ -80,7 +82,7 @@ void for_each_block(const Batch& batch, const Body& body) {
 /// Scratch of the sweeps, one Real a segment in each; two serve twice.
 template <class Real>
 struct Sweep {
-  double *turn, *rate, *sine, *cosine, *drag, *free;
+  double *turn, *rate, *sine, *cosine, *drag, *free, *along, *moment;
 
   Sweep(double* scratch, Count n) {
     const Count stride = whole_packs(n * lanes<Real>);
@@ -90,9 +92,11 @@ struct Sweep {
     cosine = sine + stride;
     drag = cosine + stride;
     free = drag + stride;
+    along = free + stride;
+    moment = along + stride;
     for (Count i = n * lanes<Real>; i < stride; ++i) turn[i] = 0.0;
   }
-  static Count size(Count n) { return 6 * whole_packs(n * lanes<Real>); }
+  static Count size(Count n) { return 8 * whole_packs(n * lanes<Real>); }
 
   static Real at(const double* array, Count j) { return load<Real>(array + j * lanes<Real>); }
   static void set(double* array, Count j, const Real& x) { store(array + j * lanes<Real>, x); }
@@ -132,14 +136,41 @@ void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const
   }
 }
 
-template <class Real, bool drag, bool damped, bool flowing, bool keep>
+/// Adds the terms' loads to the drag on each segment: what acts across it, along it and about its
+/// joint, with the signs of resistance.
+template <class Real>
+void add_loads(const MotionModel& model, const Sweep<Real>& sweep) {
+  Walk<Real> walk(model);
+  for (Count j = 0; j < model.size; ++j) {
+    const Link& link = model.links[j];
+    const Real drag = sweep.at(sweep.drag, j);
+    Real along{}, across = drag, moment = link.drag_arm * drag;
+    walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
+    const auto visit = [&](const auto& law, const PlacedTerm& place, const Station<Real>& at) {
+      const Load<Real> load = law.load(at);
+      const Real normal = place.weight * (at.cosine * load.x - at.sine * load.y);
+      along -= place.weight * (at.sine * load.x + at.cosine * load.y);
+      across -= normal;
+      moment -= place.arm * normal;
+    };
+    walk.pass(j, link.length, sweep.at(sweep.rate, j), visit);
+    sweep.set(sweep.drag, j, across);
+    sweep.set(sweep.along, j, along);
+    sweep.set(sweep.moment, j, moment);
+  }
+}
+
+/// What acts on the segments beside inertia, flow and joints.
+enum class Outer { nothing, drag, loads };  // loads: of terms, with drag if there is any
+
+template <class Real, Outer outer, bool damped, bool flowing, bool keep>
 void accelerations(const MotionModel& model, const Members<Real>& members, double* rates,
                    double* scratch, Kept* kept) {
   const Count n = model.size;
   const Sweep<Real> sweep(scratch, n);
   read_state(members, n, sweep);
 
-  if constexpr (drag) {
+  if constexpr (outer != Outer::nothing) {
     Real end_along, end_across;
     for_each_velocity(
         model, sweep,
@@ -154,6 +185,7 @@ void accelerations(const MotionModel& model, const Members<Real>& members, doubl
         },
         end_along, end_across);
   }
+  if constexpr (outer == Outer::loads) add_loads(model, sweep);
 
   Real tt{}, tn{}, nn{}, bt{}, bn{}, moment_beyond{}, coriolis{};
   if constexpr (flowing) {
@@ -179,9 +211,13 @@ void accelerations(const MotionModel& model, const Members<Real>& members, doubl
       tau -= l * momentum;
       across += 2.0 * momentum;
     }
-    if constexpr (drag) {
+    if constexpr (outer != Outer::nothing) {
       const Real force = sweep.at(sweep.drag, j);
-      tau -= link.drag_arm * force;
+      if constexpr (outer == Outer::loads) {
+        tau -= sweep.at(sweep.moment, j);
+      } else {
+        tau -= link.drag_arm * force;
+      }
       across += force;
     }
     const Real square = w * w;
@@ -204,7 +240,8 @@ void accelerations(const MotionModel& model, const Members<Real>& members, doubl
     sweep.set(sweep.drag, j, cn * inverse);
     sweep.set(sweep.free, j, g);
 
-    const Real force_along = bt - centripetal * tt - link.first_moment * square + ct * g;
+    Real force_along = bt - centripetal * tt - link.first_moment * square + ct * g;
+    if constexpr (outer == Outer::loads) force_along += sweep.at(sweep.along, j);
     const Real force_across = (link.exchange * b + cn * tau) * inverse + across;
     const Real along_along = (tt + link.mass) - ct * et;
     const Real along_across = (link.exchange * tn) * inverse;
@@ -246,17 +283,23 @@ template <class Real, bool keep>
 void accelerations_of(const MotionModel& model, const Members<Real>& members, double* rates,
                       double* scratch, Kept* kept) {
   using Function = void (*)(const MotionModel&, const Members<Real>&, double*, double*, Kept*);
-  static constexpr Function table[8] = {
-      accelerations<Real, false, false, false, keep>, accelerations<Real, true, false, false, keep>,
-      accelerations<Real, false, true, false, keep>,  accelerations<Real, true, true, false, keep>,
-      accelerations<Real, false, false, true, keep>,  accelerations<Real, true, false, true, keep>,
-      accelerations<Real, false, true, true, keep>,   accelerations<Real, true, true, true, keep>};
+  constexpr Outer nothing = Outer::nothing, drag = Outer::drag, loads = Outer::loads;
+  static constexpr Function table[9] = {accelerations<Real, nothing, false, false, keep>,
+                                        accelerations<Real, drag, false, false, keep>,
+                                        accelerations<Real, nothing, true, false, keep>,
+                                        accelerations<Real, drag, true, false, keep>,
+                                        accelerations<Real, nothing, false, true, keep>,
+                                        accelerations<Real, drag, false, true, keep>,
+                                        accelerations<Real, nothing, true, true, keep>,
+                                        accelerations<Real, drag, true, true, keep>,
+                                        accelerations<Real, loads, true, true, keep>};
   const Batch& batch = members.batch;
   bool flowing = batch.u[0] != 0.0;
   if (batch.u_step != 0) {
     for (Count i = 0; i < members.used; ++i) flowing |= batch.u[members.first + i] != 0.0;
   }
-  const int which = (model.drag ? 1 : 0) + (model.damping != 0.0 ? 2 : 0) + (flowing ? 4 : 0);
+  const int plain = (model.drag ? 1 : 0) + (model.damping != 0.0 ? 2 : 0) + (flowing ? 4 : 0);
+  const int which = model.load_count > 0 ? 8 : plain;
   table[which](model, members, rates, scratch, kept);
 }
 

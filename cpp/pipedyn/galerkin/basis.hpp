@@ -17,7 +17,7 @@ enum class Family {
 
 /// The first m functions of a family. Immutable.
 ///
-/// A fitting inside the pipe makes the shear jump, which curvatures that are smooth all along
+/// A term inside the pipe makes the shear jump, which curvatures that are smooth all along
 /// follow only algebraically. So Legendre curvatures may live on panels that end there: on a panel
 /// of length h from a, w_i'' = sqrt((2 k + 1) / h) P_k(2 (s - a) / h - 1), elsewhere 0, and w_i',
 /// w_i are the integrals from the clamp, constant and linear beyond the panel. The unit stiffness

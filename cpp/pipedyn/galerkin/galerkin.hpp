@@ -10,13 +10,13 @@
 // and the centrifugal force with the end's follower force leaves
 //   flux_ij = w_i(1) w_j'(1) - int w_i' w_j'.
 //
-// A fitting at s_f with mass mu_f and stiffness k_f adds mu_f w_i w_j at s_f to the mass, k_f w_i
-// w_j there to the stiffness, and hangs on the tension above it:
-//   gamma int_0^1 (1 - s + sum of mu_f beyond s) w_i' w_j'.
+// A term (terms/station.hpp) with mass mu and load f at s_f adds mu w_i w_j there to the mass, the
+// slopes of f_x by x, theta and v_x to stiffness and damping, and what it weighs or pulls along the
+// pipe hangs on the tension above it:
+//   int_0^1 (gamma (1 - s + sum of mu beyond s) + sum of f_y beyond s) w_i' w_j'.
 #pragma once
 
 #include "pipedyn/galerkin/basis.hpp"
-#include "pipedyn/galerkin/fitting.hpp"
 
 namespace pipedyn {
 
@@ -24,22 +24,24 @@ namespace pipedyn {
 class Galerkin {
  public:
   /// nodes and weights: quadrature on [0, 1], exact for products of two functions or slopes, and
-  /// with fittings also up to each of these. Throws std::invalid_argument if nodes and weights
+  /// with terms also up to each of these. Throws std::invalid_argument if nodes and weights
   /// differ in length.
-  Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights, Fittings fittings = {});
+  Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights);
 
   Index dof() const { return basis_.size(); }
   const Basis& basis() const { return basis_; }
 
-  /// Operators about the straight pipe, O((nodes + fittings) m^2).
+  /// Operators about the straight pipe, O((nodes + terms) m^2).
   Operators operators() const;
+  /// Bound on the norm of what terms add to the stiffness where each function has unit stiffness:
+  /// then |w(s)|^2 <= s^3 / 3 and |w'(s)|^2 <= s of all functions together.
+  double term_stiffness() const;
 
  private:
   Pipe pipe_;
   Basis basis_;
   Vector nodes_;
   Vector weights_;
-  Fittings fittings_;
 };
 
 }  // namespace pipedyn

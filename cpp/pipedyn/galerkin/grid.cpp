@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "pipedyn/products.hpp"
+#include "pipedyn/terms/laws.hpp"
 
 namespace pipedyn {
 
@@ -23,8 +24,8 @@ constexpr Demand smooth{25.0, 2.5, 7}, with_drag{33.0, 3.5, 31};
 
 Index whole_points(Index count) { return whole(count, GridTables::multiple); }
 
-}  // namespace
-
+/// Absolute Chebyshev coefficients of the slopes on an interval, (count, m); those of rounding's
+/// size are 0.
 Matrix slope_series(const Basis& basis, double low, double high) {
   const Index count = 2 * basis.most_on_a_panel() + 60;
   const Vector angle =
@@ -47,6 +48,7 @@ Matrix slope_series(const Basis& basis, double low, double high) {
   return coefficient;
 }
 
+/// drag: integrals end at inner points.
 std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
   const Demand& demand = drag ? with_drag : smooth;
   const Vector order =
@@ -68,6 +70,7 @@ std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
   return tests;
 }
 
+/// Whether amplitudes q with the given stride pass one of the tests, O(m) a test.
 bool passes(const std::vector<NodeTest>& tests, const double* q, Index stride) {
   for (const NodeTest& test : tests) {
     double cost = 0.0;
@@ -77,14 +80,7 @@ bool passes(const std::vector<NodeTest>& tests, const double* q, Index stride) {
   return false;
 }
 
-Index least_nodes(bool drag) { return (drag ? with_drag : smooth).least_nodes; }
-
-void require_amplitudes(Index entries, Index m) {
-  if (entries != m) {
-    throw std::invalid_argument("q must have " + std::to_string(m) + " entries, got " +
-                                std::to_string(entries));
-  }
-}
+}  // namespace
 
 Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family::beam) {
   const Index m = basis.size();
@@ -106,19 +102,63 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family
   factors.matrixU().solveInPlace(to_basis);
 }
 
-Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, Index nodes)
-    : rule_(nodes), stiffness_(basis.stiffness()) {
-  const Index m = basis.size(), points = nodes + 1, half = points / 2, middle = half - 1;
+Panels::Panels(const Basis& basis, const Terms& terms) {
+  std::vector<double> places(basis.ends().begin(), basis.ends().end());
+  for (const Term& term : terms) {
+    Laws::with(term, [&]<class Law>(const Law&) {
+      if (!Law::along) places.push_back(term.at);
+    });
+  }
+  std::sort(places.begin(), places.end());
+  places.erase(std::unique(places.begin(), places.end()), places.end());
+  ends = Eigen::Map<const Vector>(places.data(), static_cast<Index>(places.size()));
+  mass = Vector::Zero(ends.size() - 1);
+  for (const Term& term : terms) {
+    const auto place = std::lower_bound(places.begin(), places.end(), term.at);
+    const Index panel = static_cast<Index>(place - places.begin()) - 1;
+    Laws::with(term, [&]<class Law>(const Law& law) {
+      (Law::along ? mass_per_length : mass[panel]) += law.mass();
+      if (Law::loads) loads.push_back({term, Law::along ? -1 : panel});
+    });
+  }
+}
+
+double Panels::mass_beyond(double s) const {
+  return (1.0 + mass_per_length) * (1.0 - s) +
+         (ends.tail(count()).array() > s).select(mass, 0.0).sum();
+}
+
+Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes)
+    : length_(panels.ends.tail(panels.count()) - panels.ends.head(panels.count())),
+      arc_(nodes + 1),
+      stiffness_(basis.stiffness()) {
+  const Quadrature rule(nodes);
+  const Index m = basis.size(), block = nodes + 1, half = block / 2, middle = half - 1;
+  const Index points = panels.count() * block;
   const Index stride = whole(points, GridTables::widest);
-  arc_.resize(points);
-  arc_ << rule_.node, 1.0;
-  slope_ = basis.evaluate(arc_, 1);
+  arc_ << rule.node, 1.0;
+  Vector s(points);
+  weight_ = measure_ = mass_ = folded_mass_ = beyond_ = Vector::Zero(points);
+  for (Index panel = 0; panel < panels.count(); ++panel) {
+    const Index first = panel * block, end = first + nodes;
+    s.segment(first, nodes) = panels.ends[panel] + length_[panel] * rule.node.array();
+    s[end] = panels.ends[panel + 1];
+    weight_.segment(first, nodes) = length_[panel] * rule.weight;
+    measure_.segment(first, block) << weight_.segment(first, nodes), 1.0;
+    mass_.segment(first, block) << (1.0 + panels.mass_per_length) * weight_.segment(first, nodes),
+        panels.mass[panel];
+    const auto before = mass_.segment(first, middle);  // a panel's end has half a row
+    folded_mass_.segment(first, block) << 2.0 * before, mass_[first + middle], 2.0 * before,
+        4.0 * mass_[end];
+  }
+  for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(s[p]);
+  slope_ = basis.evaluate(s, 1);
   orthonormal_ = Matrix::Zero(points, whole(m, GridTables::multiple));
   orthonormal_.leftCols(m) = slope_ * orthonormal.to_basis;
   slope_by_function_ = Matrix::Zero(m, stride);
   slope_by_function_.leftCols(points) = slope_.transpose();
-  const Vector& weight = rule_.weight;
-  const Matrix integral = rule_.integral_to(rule_.node);
+  const Vector& weight = rule.weight;
+  const Matrix integral = rule.integral_to(rule.node);
   from_sums_ = from_differences_ = Matrix::Zero(half, half);
   for (Index p = 0; p < half; ++p) {
     const auto here = integral.row(p), mirrored = integral.row(nodes - 1 - p);
@@ -127,39 +167,50 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, Index nodes)
   }
   from_sums_.row(middle) = 0.5 * weight.head(half).transpose();
   from_differences_.col(middle).setOnes();
-  folded_weight_.resize(nodes);
-  folded_weight_ << 2.0 * weight.head(middle), weight[middle], 2.0 * weight.head(middle);
-  expansion_ = Matrix::Zero(nodes, stride);
-  expansion_.leftCols(nodes) = rule_.expansion;
+  expansion_ = Matrix::Zero(nodes, block);
+  expansion_.leftCols(nodes) = rule.expansion;
   recurrence_ = legendre_recurrence(nodes);
   tables_ = {.functions = m,
              .padded = orthonormal_.cols(),
+             .panels = panels.count(),
              .nodes = nodes,
+             .points = points,
              .stride = stride,
+             .heavy = mass_[points - 1] != 0.0 ? points : points - 1,
              .slope_by_function = slope_by_function_.data(),
              .orthonormal = orthonormal_.data(),
              .to_basis = orthonormal.identity ? nullptr : orthonormal.to_basis.data(),
              .from_sums = from_sums_.data(),
              .from_differences = from_differences_.data(),
-             .weight = rule_.weight.data(),
-             .folded_weight = folded_weight_.data(),
+             .length = length_.data(),
+             .weight = weight_.data(),
+             .mass = mass_.data(),
+             .folded_mass = folded_mass_.data(),
+             .beyond = beyond_.data(),
              .arc = arc_.data(),
              .expansion = expansion_.data(),
              .recurrence = recurrence_.data(),
              .stiffness = stiffness_.data()};
 }
 
-Grids::Grids(Basis basis, bool drag, Index least_nodes)
-    : basis_(std::move(basis)), orthonormal_(basis_) {
-  const Matrix series = slope_series(basis_);
-  const Index m = basis_.size();
-  const Index largest = std::min<Index>(64 * m + 96, std::max<Index>(4095, 4 * m));  // of 0.1 GB
-  // Points, the nodes and the end, come in whole multiples.
-  for (Index points = whole_points(std::max({m, least_nodes, pipedyn::least_nodes(drag)}) + 1);;
+Grids::Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes)
+    : basis_(std::move(basis)), panels_(basis_, terms), orthonormal_(basis_) {
+  const Index m = basis_.size(), count = panels_.count();
+  std::vector<Matrix> series;
+  for (Index panel = 0; panel < count; ++panel) {
+    series.push_back(slope_series(basis_, panels_.ends[panel], panels_.ends[panel + 1]));
+  }
+  const Index most = std::max<Index>(4095, 4 * m) / count;  // of 0.1 GB
+  const Index largest = std::max(std::min<Index>(64 * m + 96, most), least_nodes);
+  const Index least = (drag ? with_drag : smooth).least_nodes;
+  // Points, the nodes and a panel's end, come in whole multiples.
+  for (Index points = whole_points(std::max({basis_.most_on_a_panel(), least_nodes, least}) + 1);;
        points = whole_points(points + std::max<Index>(4, points / 6))) {
-    std::vector<NodeTest> tests = node_tests(series, points - 1, drag);
-    const bool last = points - 1 >= std::max(largest, least_nodes);
-    if (tests.empty() && !last) continue;
+    std::vector<std::vector<NodeTest>> tests;
+    for (const Matrix& one : series) tests.push_back(node_tests(one, points - 1, drag));
+    const bool last = points - 1 >= largest;
+    const auto serves_none = [](const std::vector<NodeTest>& of) { return of.empty(); };
+    if (std::any_of(tests.begin(), tests.end(), serves_none) && !last) continue;
     Slot& slot = slots_.emplace_back();
     slot.nodes = points - 1;
     slot.tests = std::move(tests);
@@ -168,23 +219,26 @@ Grids::Grids(Basis basis, bool drag, Index least_nodes)
 }
 
 Index Grids::choose(const double* q, Index stride) const {
-  const Index last = count() - 1;
-  for (Index number = 0; number < last; ++number) {
-    if (passes(slots_[static_cast<std::size_t>(number)].tests, q, stride)) return number;
-  }
-  return last;
+  const auto serves = [&](const Slot& slot) {
+    return std::all_of(slot.tests.begin(), slot.tests.end(),
+                       [&](const auto& tests) { return passes(tests, q, stride); });
+  };
+  return std::find_if(slots_.begin(), slots_.end() - 1, serves) - slots_.begin();
 }
 
 bool Grids::resolves(Index number, const double* q, Index stride) const {
   if (number + 1 < count()) return true;
-  const std::vector<NodeTest>& tests = slots_.back().tests;
-  return tests.empty() || passes(tests, q, stride);
+  const auto& tests = slots_.back().tests;
+  return std::all_of(tests.begin(), tests.end(), [&](const std::vector<NodeTest>& of) {
+    return of.empty() || passes(of, q, stride);
+  });
 }
 
 const Grid& Grids::operator[](Index number) const {
   Slot& slot = slots_[static_cast<std::size_t>(number)];
-  std::call_once(slot.built,
-                 [&] { slot.grid = std::make_unique<Grid>(basis_, orthonormal_, slot.nodes); });
+  std::call_once(slot.built, [&] {
+    slot.grid = std::make_unique<Grid>(basis_, orthonormal_, panels_, slot.nodes);
+  });
   return *slot.grid;
 }
 

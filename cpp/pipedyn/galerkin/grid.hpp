@@ -29,28 +29,12 @@ inline Index whole(Index count, Index multiple) {
   return (count + multiple - 1) / multiple * multiple;
 }
 
-/// Absolute Chebyshev coefficients of the slopes on an interval, (count, m); those of rounding's
-/// size are 0.
-Matrix slope_series(const Basis& basis, double low = 0.0, double high = 1.0);
-
-/// Passed by amplitudes q with sum_i |q_i| cost_i <= budget.
+/// Passed by amplitudes q with sum_i |q_i| cost_i <= budget. Of the tests for so many nodes on a
+/// panel amplitudes need pass one.
 struct NodeTest {
   double budget;
   Vector cost;  // (m,)
 };
-
-/// Tests for so many nodes on the series' interval, of which amplitudes need pass one. drag:
-/// integrals end at inner points.
-std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag);
-
-/// Whether amplitudes q with the given stride pass one of the tests, O(m) a test.
-bool passes(const std::vector<NodeTest>& tests, const double* q, Index stride);
-
-/// Least number of nodes on an interval.
-Index least_nodes(bool drag);
-
-/// Throws std::invalid_argument unless a model with m functions is given so many amplitudes.
-void require_amplitudes(Index entries, Index m);
 
 /// Functions orthonormal with the straight pipe's mass: in them a mass matrix is solved without
 /// losing the digits that its condition number in the basis (1e6 for 8 Legendre functions) takes.
@@ -63,32 +47,50 @@ struct Orthonormal {
   explicit Orthonormal(const Basis& basis);
 };
 
-/// One rule with the slopes at its points (the nodes and the free end). Immutable.
+/// The panels between the places of terms and the basis' joints, on which integrands are smooth,
+/// with what the terms add to the pipe. Immutable.
+struct Panels {
+  Vector ends;                   // from 0 to 1, (P + 1,)
+  Vector mass;                   // at the end of each, (P,)
+  double mass_per_length = 0.0;  // all along, the pipe's 1 not counted
+  std::vector<PanelTerm> loads;  // terms that have one
+
+  Panels(const Basis& basis, const Terms& terms);
+
+  Index count() const { return mass.size(); }
+  /// Mass beyond a place, the pipe's with the terms'; at a term's own place with it unless after.
+  double mass_beyond(double s) const;
+};
+
+/// One rule on each panel with the slopes at its points, each panel's nodes and its end. Immutable.
 class Grid {
  public:
-  Grid(const Basis& basis, const Orthonormal& orthonormal, Index nodes);
+  Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes);
 
-  Index nodes() const { return rule_.size(); }
-  const Quadrature& rule() const { return rule_; }
-  const Matrix& slope() const { return slope_; }              // Theta_i, (Q + 1, m)
-  const Matrix& orthonormal() const { return orthonormal_; }  // Theta T, (Q + 1, m padded)
+  Index nodes() const { return tables_.nodes; }               // of each panel
+  Index heavy() const { return tables_.heavy; }               // points that may have mass
+  const Vector& weight() const { return weight_; }            // 0 at panels' ends, (N,)
+  const Vector& measure() const { return measure_; }          // weight, and 1 at panels' ends
+  const Vector& mass() const { return mass_; }                // at each point, (N,)
+  const Matrix& slope() const { return slope_; }              // Theta_i, (N, m)
+  const Matrix& orthonormal() const { return orthonormal_; }  // Theta T, (N, m padded)
   const GridTables& tables() const { return tables_; }
 
  private:
-  Quadrature rule_;
   Matrix slope_, slope_by_function_, orthonormal_;
   Matrix from_sums_, from_differences_, expansion_, recurrence_;
-  Vector arc_, folded_weight_, stiffness_;
+  Vector length_, arc_, weight_, measure_, mass_, folded_mass_, beyond_, stiffness_;
   GridTables tables_;
 };
 
 /// Grids of growing size, each built when it is first taken. Serves many threads.
 class Grids {
  public:
-  /// least_nodes: start from at least so many; drag: integrals end at inner points.
-  Grids(Basis basis, bool drag, Index least_nodes);
+  /// least_nodes: start from at least so many on each panel; drag: integrals end at inner points.
+  Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes);
 
   const Basis& basis() const { return basis_; }
+  const Panels& panels() const { return panels_; }
   const Orthonormal& orthonormal() const { return orthonormal_; }
   Index count() const { return static_cast<Index>(slots_.size()); }
 
@@ -99,18 +101,19 @@ class Grids {
   /// Whether the grid chosen for q has the nodes that q takes; the largest may not.
   bool resolves(Index number, const double* q, Index stride) const;
 
-  /// O(Q^3) at the first call for this number, then free.
+  /// O(Q^3 + N m) at the first call for this number, then free.
   const Grid& operator[](Index number) const;
 
  private:
   struct Slot {
     Index nodes = 0;
-    std::vector<NodeTest> tests;
+    std::vector<std::vector<NodeTest>> tests;  // of each panel
     std::once_flag built;
     std::unique_ptr<const Grid> grid;
   };
 
   Basis basis_;
+  Panels panels_;
   Orthonormal orthonormal_;
   mutable std::deque<Slot> slots_;
 };

@@ -7,36 +7,51 @@
 #include <cstddef>
 
 #include "pipedyn/chain/motion.hpp"
+#include "pipedyn/terms/term.hpp"
 
 namespace pipedyn {
 
-/// Tables of one quadrature, row-major. Its points are the nodes s_p, an odd number Q = 2 h - 1 of
-/// them that lie symmetric about the middle one, and the free end; p' = Q - 1 - p mirrors p.
+/// Tables of one quadrature, row-major: Gauss collocation on each panel between terms' places. A
+/// panel's points are its nodes s_p, an odd number Q = 2 h - 1 of them that lie symmetric about the
+/// middle one, and its end; p' = Q - 1 - p mirrors p. The last point of all is the free end.
 ///
-/// Integrals from 0 to the nodes, S f, cost half of a product with S (Q, Q): of the sums
-/// f(p) + f(p') (and f in the middle) and the differences f(p) - f(p'), p < h - 1,
+/// Integrals from a panel's start to its nodes, S f, cost half of a product with S (Q, Q): of the
+/// sums f(p) + f(p') (and f in the middle) and the differences f(p) - f(p'), p < h - 1,
 ///   (S f)(p) - (S f)(p') = 2 (from_sums sums)(p),
 ///   (S f)(p) + (S f)(p') = 2 (from_differences (differences, half the integral over all))(p),
-/// where the last row of from_sums gives half the integral over all.
+/// where the last row of from_sums gives half the integral over all. From the clamp the second has
+/// what lies before the panel besides.
 struct GridTables {
   static constexpr std::ptrdiff_t multiple = 4;  // of points, and of padded functions
   static constexpr std::ptrdiff_t widest = 8;    // of a stride
 
   std::ptrdiff_t functions;         // m
   std::ptrdiff_t padded;            // functions with some that are zero
-  std::ptrdiff_t nodes;             // Q
-  std::ptrdiff_t stride;            // Q + 1 or more, of the rows that run over the points
+  std::ptrdiff_t panels;            // P
+  std::ptrdiff_t nodes;             // Q, of each panel
+  std::ptrdiff_t points;            // N = P (Q + 1)
+  std::ptrdiff_t stride;            // N or more, of the rows that run over the points
+  std::ptrdiff_t heavy;             // points that may have mass: all, or all but the last
   const double* slope_by_function;  // Theta_i at the points, (m, stride)
-  const double* orthonormal;        // slopes of the orthonormal functions, (Q + 1, padded)
+  const double* orthonormal;        // slopes of the orthonormal functions, (N, padded)
   const double* to_basis;           // T of Orthonormal, (m, m); none where it is the identity
-  const double* from_sums;          // (h, h)
+  const double* from_sums;          // (h, h), for a panel of length 1
   const double* from_differences;   // (h, h)
-  const double* weight;             // w_p, (Q,)
-  const double* folded_weight;      // of products of rows as the integrals leave them, (Q,)
-  const double* arc;                // arc length of each point, (Q + 1,)
-  const double* expansion;          // of Quadrature, (Q, stride)
+  const double* length;             // of each panel, (P,)
+  const double* weight;             // of the quadrature, 0 at the panels' ends, (N,)
+  const double* mass;               // of the pipe and its terms at each point, (N,)
+  const double* folded_mass;        // of products of rows as the integrals leave them, (N,)
+  const double* beyond;             // mass beyond each point, (N,)
+  const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)
+  const double* expansion;          // of Quadrature, (Q, Q + 1)
   const double* recurrence;         // (2 k + 1) / (k + 1), k / (k + 1), 1 / (4 k + 2), (Q, 3)
   const double* stiffness;          // k_i, (m,)
+};
+
+/// A term with a load, at the end of a panel or, where it acts all along, at every node.
+struct PanelTerm {
+  Term term;
+  std::ptrdiff_t panel;  // -1: all along
 };
 
 /// What acts on the pipe, each 0 where the pipe does not have it.
@@ -44,6 +59,8 @@ struct MotionEffects {
   double coriolis;     // 2 s sqrt(beta)
   double centrifugal;  // a
   double gamma, drag, damping;
+  const PanelTerm* loads;
+  std::ptrdiff_t load_count;
 };
 
 /// The functions of one vector level. A batch here is a block: one member or the level's width,
@@ -52,25 +69,26 @@ struct MotionEffects {
 struct GalerkinKernel {
   std::ptrdiff_t (*scratch_size)(const GridTables&, std::ptrdiff_t members);
 
-  /// q'' (m, members), O(Q^2 m + Q m^2 + m^3) a member. NaN where a member's mass matrix is not
+  /// q'' (m, members), O(N Q m + N m^2 + m^3) a member. NaN where a member's mass matrix is not
   /// positive definite to rounding.
   void (*accelerations)(const GridTables&, const MotionEffects&, const Batch&, double* out,
                         double* scratch);
-  /// Energy of each member, O(Q^2).
+  /// Energy of each member, O(N Q + N m).
   void (*energy)(const GridTables&, const MotionEffects&, const Batch&, double* out,
                  double* scratch);
   void (*power)(const GridTables&, const MotionEffects&, const Batch&, const PowerParts& out,
                 double* scratch);
 
-  /// Integrals from 0 to each point (Q + 1, columns) of what f (Q, columns) is at the nodes.
+  /// Integrals from 0 to each point (N, columns) of what f (N, columns) is at the nodes.
   std::ptrdiff_t (*integrals_scratch_size)(const GridTables&, std::ptrdiff_t columns);
   void (*integrate)(const GridTables&, const double* f, std::ptrdiff_t columns, double* out,
                     double* scratch);
 
-  /// Weights (Q,) that integrate sign(v) f for a smooth f, given v at the points: the interval is
-  /// cut at the zeros of v, each found on the cubic through the four points around it. Where f has
-  /// a double zero with v, as |v| v has, a zero's error enters by its cube. O(Q), and O(Q^2) with
-  /// zeros. scratch holds 3 Q numbers.
+  /// Weights (N,) that integrate sign(v) f for a smooth f, given v at the points: each panel is cut
+  /// at the zeros of v, each found on the cubic through the four points around it. Where f has a
+  /// double zero with v, as |v| v has, a zero's error enters by its cube. A zero between a panel's
+  /// start and its first node is not seen, which counts by the cube of that distance, 1e-9 at 31
+  /// nodes. O(N), and O(Q^2) a panel with zeros. scratch holds 3 Q numbers.
   void (*signed_weights)(const GridTables&, const double* v, double* weights, double* scratch);
 };
 

@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <limits>
 #include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "pipedyn/products.hpp"
+#include "pipedyn/terms/laws.hpp"
 #include "pipedyn/vector/levels.hpp"
 #include "pipedyn/vector/scratch.hpp"
 
@@ -76,31 +78,33 @@ void for_each_block(const Grids& grids, const Batch& batch, Index results, const
   }
 }
 
-/// Integrals from 0 to each point (Q + 1, columns) of what f is at the nodes, its first Q rows.
+/// Integrals from 0 to each point (N, columns) of what f is at the nodes.
 void integrate(const Grid& grid, const Matrix& f, Matrix& out) {
   const GridTables& tables = grid.tables();
-  out.resize(grid.nodes() + 1, f.cols());
+  out.resize(tables.points, f.cols());
   kernel().integrate(tables, f.data(), f.cols(), out.data(),
                      scratch(kernel().integrals_scratch_size(tables, f.cols())));
 }
 
-/// Transposed: of loads f in each node's weight, all beyond each node, in its weight (Q, columns).
-/// The quadrature's integration by parts, S^T W = w w^T - W S, gives them; out has a row more.
+/// Transposed: of loads f, each in its point's measure, all beyond each node, in its weight. The
+/// quadrature's integration by parts, S^T W = w w^T - W S, gives those of the nodes.
 void integrate_beyond(const Grid& grid, const Matrix& f, Matrix& out) {
   integrate(grid, f, out);
-  const Index nodes = grid.nodes();
-  for (Index p = 0; p < nodes; ++p) {
-    out.row(p) = grid.rule().weight[p] * (out.row(nodes) - out.row(p));
+  const Index last = out.rows() - 1, block = grid.nodes() + 1;
+  Eigen::RowVectorXd all = out.row(last);
+  for (Index p = last; p >= 0; --p) {
+    if ((p + 1) % block == 0) all += f.row(p);
+    out.row(p) = grid.weight()[p] * (all - out.row(p));
   }
 }
 
 /// Angle, rate and the frame t, n at a grid's points.
 struct Frame {
   Vector angle, omega, sine, cosine;
-  Matrix velocity;  // (points, 2)
-  Vector normal;    // v_n
-  Vector weight;    // signed weights, (nodes,)
-  Matrix turning;   // n omega at the nodes
+  Matrix velocity, position;  // (points, 2)
+  Vector normal;              // v_n
+  Vector weight;              // signed weights
+  Matrix integrand;
   Vector scratch;
 
   template <class Amplitudes, class Rates>
@@ -115,45 +119,110 @@ struct Frame {
   }
 
   void set_velocity(const Grid& grid) {
-    const Index nodes = grid.nodes();
-    turning.resize(nodes, 2);
-    turning.col(0) = cosine.head(nodes).cwiseProduct(omega.head(nodes));
-    turning.col(1) = -sine.head(nodes).cwiseProduct(omega.head(nodes));
-    integrate(grid, turning, velocity);
+    integrand.resize(angle.size(), 2);
+    integrand.col(0) = cosine.cwiseProduct(omega);
+    integrand.col(1) = -sine.cwiseProduct(omega);
+    integrate(grid, integrand, velocity);
+  }
+
+  void set_position(const Grid& grid) {
+    integrand.resize(angle.size(), 2);
+    integrand.col(0) = sine;
+    integrand.col(1) = cosine;
+    integrate(grid, integrand, position);
   }
 
   void set_drag(const Grid& grid) {
     normal = cosine.cwiseProduct(velocity.col(0)) - sine.cwiseProduct(velocity.col(1));
-    weight.resize(grid.nodes());
+    weight.resize(normal.size());
     scratch.resize(3 * grid.nodes());
     kernel().signed_weights(grid.tables(), normal.data(), weight.data(), scratch.data());
   }
 };
 
-/// Derivatives of the position, integral of n Theta_i, at a grid's points: x, then y (Q + 1, 2 m);
-/// slopes (points, m) holds the Theta_i.
-template <class Slopes>
-void set_position_derivatives(const Grid& grid, const Frame& frame, const Slopes& slopes,
+/// Derivatives of the position, integral of n Theta_i, at a grid's points: x, then y (N, 2 m);
+/// slopes (N, m) holds the Theta_i.
+template <class Functions>
+void set_position_derivatives(const Grid& grid, const Frame& frame, const Functions& slopes,
                               Matrix& integrand, Matrix& xy) {
-  const Index nodes = grid.nodes(), m = slopes.cols();
-  const auto slope = slopes.topRows(nodes);
-  integrand.resize(nodes, 2 * m);
-  integrand.leftCols(m).noalias() = frame.cosine.head(nodes).asDiagonal() * slope;
-  integrand.rightCols(m).noalias() = -(frame.sine.head(nodes).asDiagonal() * slope);
+  const Index m = slopes.cols();
+  integrand.resize(slopes.rows(), 2 * m);
+  integrand.leftCols(m).noalias() = frame.cosine.asDiagonal() * slopes;
+  integrand.rightCols(m).noalias() = -(frame.sine.asDiagonal() * slopes);
   integrate(grid, integrand, xy);
+}
+
+/// What terms do at a state: loads and their slopes times the virtual displacements, each in its
+/// point's measure.
+struct TermLoads {
+  Matrix load;                      // (N, 2)
+  Matrix by_position, by_velocity;  // J_i . slopes, by x, then by y (N, 2 m)
+  Matrix by_angle;                  // (N, m)
+
+  /// frame: with velocity and position; xy: of set_position_derivatives.
+  void set(const Grid& grid, const Panels& panels, const Frame& frame, const Matrix& xy) {
+    const Index points = xy.rows(), m = xy.cols() / 2, block = grid.nodes() + 1;
+    load.setZero(points, 2);
+    by_position.setZero(points, 2 * m);
+    by_velocity.setZero(points, 2 * m);
+    by_angle.setZero(points, m);
+    for (const PanelTerm& placed : panels.loads) {
+      Laws::with(placed.term, [&](const auto& law) {
+        for (Index p = 0; p < points; ++p) {
+          const bool end = (p + 1) % block == 0;
+          if (placed.panel < 0 ? end : p + 1 != (placed.panel + 1) * block) continue;
+          const Station<double> at{frame.position(p, 0), frame.position(p, 1), frame.sine[p],
+                                   frame.cosine[p],      frame.velocity(p, 0), frame.velocity(p, 1),
+                                   frame.omega[p]};
+          const Load<double> force = law.load(at);
+          load.row(p) += Eigen::RowVector2d(force.x, force.y);
+          add(law.slopes(at), xy, p);
+        }
+      });
+    }
+  }
+
+ private:
+  void add(const Slopes& slopes, const Matrix& xy, Index p) {
+    const Index m = xy.cols() / 2;
+    const auto x = xy.row(p).head(m), y = xy.row(p).tail(m);
+    for (Index k = 0; k < 2; ++k) {
+      by_position.row(p).segment(k * m, m) +=
+          slopes.by_position[0][k] * x + slopes.by_position[1][k] * y;
+      by_velocity.row(p).segment(k * m, m) +=
+          slopes.by_velocity[0][k] * x + slopes.by_velocity[1][k] * y;
+    }
+    by_angle.row(p) += slopes.by_angle[0] * x + slopes.by_angle[1] * y;
+  }
+};
+
+/// Sum over points and components of a times b in their measure; both x, then y (N, 2 m).
+Matrix inner_of_both(const Grid& grid, const Matrix& a, const Matrix& b) {
+  const Index m = a.cols() / 2;
+  return inner(a.leftCols(m), grid.measure(), b.leftCols(m)) +
+         inner(a.rightCols(m), grid.measure(), b.rightCols(m));
+}
+
+void require_amplitudes(Index entries, Index m) {
+  if (entries != m) {
+    throw std::invalid_argument("q must have " + std::to_string(m) + " entries, got " +
+                                std::to_string(entries));
+  }
 }
 
 }  // namespace
 
 GalerkinMotion::GalerkinMotion(const Pipe& pipe, Basis basis, Index least_nodes)
-    : pipe_(pipe), grids_(std::move(basis), pipe.drag != 0.0, least_nodes) {}
+    : pipe_(pipe), grids_(std::move(basis), pipe.terms, pipe.drag != 0.0, least_nodes) {}
 
 MotionEffects GalerkinMotion::effects() const {
   return {.coriolis = 2.0 * pipe_.direction() * pipe_.sqrt_beta(),
           .centrifugal = pipe_.centrifugal,
           .gamma = pipe_.gamma,
           .drag = pipe_.drag,
-          .damping = pipe_.damping};
+          .damping = pipe_.damping,
+          .loads = grids_.panels().loads.data(),
+          .load_count = static_cast<Index>(grids_.panels().loads.size())};
 }
 
 Index GalerkinMotion::nodes(const Vector& q) const {
@@ -183,34 +252,36 @@ void GalerkinMotion::power(const Batch& batch, const PowerParts& out) const {
   const MotionEffects effects = this->effects();
   const auto evaluate = [&](const Grid& grid, const Batch& block, double* parts, double* work) {
     const Index width = block.members;
-    kernel().power(grid.tables(), effects, block, {parts, parts + width, parts + 2 * width}, work);
+    kernel().power(grid.tables(), effects, block,
+                   {parts, parts + width, parts + 2 * width, parts + 3 * width}, work);
   };
-  double* const parts[] = {out.flow, out.joints, out.drag};
-  for_each_block(grids_, batch, 3, evaluate, [&](Index i) { return parts[i]; });
+  double* const parts[] = {out.flow, out.joints, out.drag, out.others};
+  for_each_block(grids_, batch, 4, evaluate, [&](Index i) { return parts[i]; });
 }
 
 void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   struct Workspace {  // each of one shape, so that it is allocated once
     Frame frame;
+    TermLoads terms;
     Matrix integrand, xy, along, across, sums, sum_along, sum_across;
-    Matrix by_angle, by_rate, by_drag, turn, weighted, force, mass, elastic, dragged, system;
+    Matrix by_angle, by_rate, by_drag, turn, weighted, force, mass, elastic, swept, system;
     Vector acceleration, spin, pressure, factor;
     Eigen::LLT<Matrix> factors;
   };
   static thread_local Workspace work;
-  auto& [frame, integrand, xy, along, across, sums, sum_along, sum_across, by_angle, by_rate,
-         by_drag, turn, weighted, force, mass, elastic, dragged, system, acceleration, spin,
-         pressure, factor, factors] = work;
+  auto& [frame, terms, integrand, xy, along, across, sums, sum_along, sum_across, by_angle, by_rate,
+         by_drag, turn, weighted, force, mass, elastic, swept, system, acceleration, spin, pressure,
+         factor, factors] = work;
   const Index m = dof();
   const Map q(y, m), rate(y + m, m);
   const Index number = grids_.choose(y, 1);
   const Grid& grid = grids_[number];
-  const Index nodes = grid.nodes(), points = nodes + 1;
+  const Index heavy = grid.heavy(), last = grid.slope().rows() - 1;
   const Matrix& slope = grid.slope();
-  const Vector& weight = grid.rule().weight;
+  const auto weight = grid.weight().array(), measure = grid.measure().array();
   const MotionEffects effects = this->effects();
   const double coriolis = effects.coriolis * u, thrust = effects.centrifugal * u * u;
-  const bool drags = effects.drag != 0.0;
+  const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
 
   acceleration.resize(m);
   kernel().accelerations(grid.tables(), effects, {y, &u, 1, 0}, acceleration.data(),
@@ -222,85 +293,95 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   const auto s = frame.sine.array(), c = frame.cosine.array(), omega = frame.omega.array();
   spin.noalias() = slope * acceleration;  // second derivative of the angle
 
-  // Load of each node, in its weight: inertia less the forces; at the end the follower force.
-  const auto s_in = s.head(nodes), c_in = c.head(nodes), omega_in = omega.head(nodes);
-  turn.resize(nodes, 2);
-  turn.col(0) = c_in * spin.head(nodes).array() - s_in * omega_in.square();
-  turn.col(1) = -s_in * spin.head(nodes).array() - c_in * omega_in.square();
+  // Load of each point, in its measure: inertia less the forces; at the end the follower force.
+  turn.resize(last + 1, 2);
+  turn.col(0) = c * spin.array() - s * omega.square();
+  turn.col(1) = -s * spin.array() - c * omega.square();
   integrate(grid, turn, force);
-  auto load_x = force.col(0).head(nodes).array(), load_y = force.col(1).head(nodes).array();
+  const auto density = grid.mass().array() / measure;
+  force.array().colwise() *= density;
+  auto load_x = force.col(0).array(), load_y = force.col(1).array();
   if (coriolis != 0.0) {
-    load_x += coriolis * omega_in * c_in;
-    load_y -= coriolis * omega_in * s_in;
+    const auto inside = weight / measure;  // 0 at panels' ends
+    load_x += coriolis * inside * omega * c;
+    load_y -= coriolis * inside * omega * s;
   }
-  if (effects.gamma != 0.0) load_y -= effects.gamma;
+  if (effects.gamma != 0.0) load_y -= effects.gamma * density;
+  if (drags || loads) frame.set_velocity(grid);
   if (drags) {
-    frame.set_velocity(grid);
     frame.set_drag(grid);
-    pressure = effects.drag * frame.weight.array() * frame.normal.head(nodes).array().square();
-    load_x += pressure.array() * c_in / weight.array();
-    load_y -= pressure.array() * s_in / weight.array();
+    pressure = effects.drag * frame.weight.array() * frame.normal.array().square();
+    load_x += pressure.array() * c / measure;
+    load_y -= pressure.array() * s / measure;
+  }
+  if (loads) {
+    frame.set_position(grid);
+    terms.set(grid, grids_.panels(), frame, xy);
+    force -= terms.load;
   }
   integrate_beyond(grid, force, weighted);
-  weighted.col(0).head(nodes) += thrust * s[nodes] * weight;
-  weighted.col(1).head(nodes) += thrust * c[nodes] * weight;
+  weighted.col(0).array() += thrust * s[last] * weight;
+  weighted.col(1).array() += thrust * c[last] * weight;
 
   // Virtual displacements along t and n, and what is beyond of them.
   along = jx.array().colwise() * s + jy.array().colwise() * c;
   across = jx.array().colwise() * c - jy.array().colwise() * s;
-  integrand.noalias() = weight.asDiagonal() * xy.topRows(nodes);
+  integrand.noalias() = grid.mass().asDiagonal() * xy;
   mass.setZero(m, m);
-  add_inner(mass, 1.0, integrand.leftCols(m), jx.topRows(nodes));
-  add_inner(mass, 1.0, integrand.rightCols(m), jy.topRows(nodes));
-  integrate_beyond(grid, xy, sums);
-  sum_along = sums.topLeftCorner(nodes, m).array().colwise() * s_in +
-              sums.topRightCorner(nodes, m).array().colwise() * c_in;
-  sum_across = sums.topLeftCorner(nodes, m).array().colwise() * c_in -
-               sums.topRightCorner(nodes, m).array().colwise() * s_in;
+  add_inner(mass, 1.0, integrand.leftCols(m).topRows(heavy), jx.topRows(heavy));
+  add_inner(mass, 1.0, integrand.rightCols(m).topRows(heavy), jy.topRows(heavy));
+  integrand = xy.array().colwise() * density;
+  integrate_beyond(grid, integrand, sums);
+  sum_along = sums.leftCols(m).array().colwise() * s + sums.rightCols(m).array().colwise() * c;
+  sum_across = sums.leftCols(m).array().colwise() * c - sums.rightCols(m).array().colwise() * s;
 
   // Row i of the derivatives is the sum over points of these times Theta_j.
   const auto times = [&factor = factor](const auto& expression) {  // no temporary in a broadcast
     factor = expression;
     return factor.array();
   };
-  by_angle.resize(points, m);
-  by_angle.row(nodes) = thrust * across.row(nodes);
-  auto angle = by_angle.topRows(nodes).array();
-  angle = orthonormal.topRows(nodes).array().colwise() *
-          times(-s_in * weighted.col(0).head(nodes).array() -
-                c_in * weighted.col(1).head(nodes).array());
-  angle -= sum_along.array().colwise() * spin.head(nodes).array();
-  angle -= sum_across.array().colwise() * times(omega_in.square());
-  by_rate = sum_along.array().colwise() * times(-2.0 * omega_in);
+  by_angle = orthonormal.array().colwise() *
+             times(-s * weighted.col(0).array() - c * weighted.col(1).array());
+  auto angle = by_angle.array();
+  angle -= sum_along.array().colwise() * spin.array();
+  angle -= sum_across.array().colwise() * times(omega.square());
+  by_angle.row(last) += thrust * across.row(last);
+  by_rate = sum_along.array().colwise() * times(-2.0 * omega);
   if (coriolis != 0.0) {
-    angle -= along.topRows(nodes).array().colwise() * times(coriolis * weight.array() * omega_in);
-    by_rate.array() += across.topRows(nodes).array().colwise() * times(coriolis * weight.array());
+    angle -= along.array().colwise() * times(coriolis * weight * omega);
+    by_rate.array() += across.array().colwise() * times(coriolis * weight);
   }
-  system.setZero(m, 2 * m);
-  if (drags) {
-    const auto v_n = frame.normal.head(nodes).array();
-    const auto v_t =
-        (s * frame.velocity.col(0).array() + c * frame.velocity.col(1).array()).head(nodes);
-    by_drag = across.topRows(nodes).array().colwise() *
-              times(2.0 * effects.drag * frame.weight.array() * v_n);
-    angle -= by_drag.array().colwise() * times(v_t);
-    angle -= along.topRows(nodes).array().colwise() * pressure.array();
-    integrand.leftCols(m) = by_drag.array().colwise() * times(c_in / weight.array());
-    integrand.rightCols(m) = by_drag.array().colwise() * times(-s_in / weight.array());
-    integrate_beyond(grid, integrand, sums);
-    angle -= sums.topLeftCorner(nodes, m).array().colwise() * times(s_in * omega_in);
-    angle -= sums.topRightCorner(nodes, m).array().colwise() * times(c_in * omega_in);
-  }
-  add_inner(system.leftCols(m), -1.0, by_angle, slope);
-  add_inner(system.rightCols(m), -1.0, by_rate, slope.topRows(nodes));
-  // Rows belong to orthonormal coordinates, columns to the basis.
+  // Rows of the system belong to orthonormal coordinates, columns to the basis.
   const Orthonormal& functions = grids_.orthonormal();
   const auto to_basis = functions.to_basis.triangularView<Eigen::Upper>();
-  if (drags) {
-    dragged.setZero(m, m);
-    add_inner(dragged, -1.0, across.topRows(nodes), by_drag);
-    add_inner(system.rightCols(m), 1.0, dragged, functions.inverse);
+  system.setZero(m, 2 * m);
+  if (drags || loads) {
+    swept.setZero(m, m);
+    integrand.setZero();
+    if (drags) {
+      const auto v_t = s * frame.velocity.col(0).array() + c * frame.velocity.col(1).array();
+      by_drag = across.array().colwise() *
+                times(2.0 * effects.drag * frame.weight.array() * frame.normal.array());
+      angle -= by_drag.array().colwise() * times(v_t);
+      angle -= along.array().colwise() * pressure.array();
+      integrand.leftCols(m) = by_drag.array().colwise() * times(c / measure);
+      integrand.rightCols(m) = by_drag.array().colwise() * times(-s / measure);
+      add_inner(swept, -1.0, across.topRows(heavy), by_drag.topRows(heavy));
+    }
+    if (loads) {
+      integrand -= terms.by_velocity;
+      swept += inner_of_both(grid, xy, terms.by_velocity);
+      angle -= terms.by_angle.array().colwise() * measure;
+      add_inner(system.leftCols(m), 1.0, inner_of_both(grid, xy, terms.by_position),
+                functions.inverse);
+    }
+    integrate_beyond(grid, integrand, sums);
+    angle -= sums.leftCols(m).array().colwise() * times(s * omega);
+    angle -= sums.rightCols(m).array().colwise() * times(c * omega);
+    add_inner(system.rightCols(m), 1.0, swept, functions.inverse);
   }
+  add_inner(system.leftCols(m), -1.0, by_angle, slope);
+  add_inner(system.rightCols(m), -1.0, by_rate.topRows(heavy), slope.topRows(heavy));
   const Map stiffness(grid.tables().stiffness, m);
   elastic.noalias() = functions.to_basis.transpose() * stiffness.asDiagonal();
   system.leftCols(m) -= elastic;
@@ -320,35 +401,44 @@ Operators GalerkinMotion::operators(const Vector& q) const {
   const Index m = dof();
   require_amplitudes(q.size(), m);
   const Grid& grid = grids_[grids_.choose(q.data(), 1)];
-  const Index nodes = grid.nodes();
-  const Vector& weight = grid.rule().weight;
+  const Index heavy = grid.heavy(), last = grid.slope().rows() - 1;
   const Matrix& slope = grid.slope();
-  const auto slope_in = slope.topRows(nodes);
-  const Map stiffness(grid.tables().stiffness, m);
+  const Map stiffness(grid.tables().stiffness, m), beyond(grid.tables().beyond, last + 1);
   Frame frame;
   Matrix integrand, xy;
   frame.set(grid, q, Vector(Vector::Zero(m)));
   set_position_derivatives(grid, frame, slope, integrand, xy);
   const auto x = xy.leftCols(m), y = xy.rightCols(m);
-  const auto x_in = x.topRows(nodes), y_in = y.topRows(nodes);
-  const auto s = frame.sine.head(nodes).array(), c = frame.cosine.head(nodes).array();
+  const auto s = frame.sine.array(), c = frame.cosine.array();
+  const auto weight = grid.weight().array();
+  const auto integral = [heavy](const Slab& a, const Vector& of, const Slab& b) {
+    return inner(a.topRows(heavy), of.head(heavy), b.topRows(heavy));
+  };
   Operators ops(m);
-  ops.mass = inner(x_in, weight, x_in) + inner(y_in, weight, y_in);
-  const Matrix across = (x_in.array().colwise() * c - y_in.array().colwise() * s).matrix();
-  const Matrix coriolis = inner(across, weight, slope_in);
+  ops.mass = integral(x, grid.mass(), x) + integral(y, grid.mass(), y);
+  const Matrix across = x.array().colwise() * c - y.array().colwise() * s;
+  const Matrix coriolis = integral(across, grid.weight(), slope);
   ops.gyroscopic = pipe_.sqrt_beta() * (coriolis - coriolis.transpose());
-  const auto end_x = x.row(nodes), end_y = y.row(nodes);
+  const auto end_x = x.row(last), end_y = y.row(last);
   ops.end_flux = pipe_.sqrt_beta() * (end_x.transpose() * end_x + end_y.transpose() * end_y);
-  const double end_s = frame.sine[nodes], end_c = frame.cosine[nodes];
   // J_i turns by -t Theta_i Theta_j: its projection on the end's tangent is that of two tangents.
-  const Vector shortening = -(weight.array() * (end_s * s + end_c * c)).matrix();
-  ops.flux = (end_c * end_x - end_s * end_y).transpose() * slope.row(nodes) +
-             inner(slope_in, shortening, slope_in);
+  const Vector shortening = -(weight * (s[last] * s + c[last] * c)).matrix();
+  ops.flux = across.row(last).transpose() * slope.row(last) + integral(slope, shortening, slope);
   ops.damping.diagonal() = pipe_.damping * stiffness;
-  if (pipe_.gamma != 0.0) {
-    const Vector tension = pipe_.gamma * weight.array() * (1.0 - grid.rule().node.array()) * c;
-    ops.stiffness = inner(slope_in, tension, slope_in);
+  Vector tension = pipe_.gamma * weight * beyond.array() * c;
+  if (!grids_.panels().loads.empty()) {
+    TermLoads terms;
+    Matrix bears;
+    frame.velocity.setZero(last + 1, 2);
+    frame.set_position(grid);
+    terms.set(grid, grids_.panels(), frame, xy);
+    integrate_beyond(grid, terms.load, bears);
+    tension.array() += s * bears.col(0).array() + c * bears.col(1).array();
+    ops.stiffness = -inner_of_both(grid, terms.by_position, xy);
+    ops.stiffness -= inner(terms.by_angle, grid.measure(), slope);
+    ops.damping -= inner_of_both(grid, terms.by_velocity, xy);
   }
+  if (!tension.isZero(0.0)) ops.stiffness += integral(slope, tension, slope);
   ops.stiffness.diagonal() += stiffness;
   return ops;
 }

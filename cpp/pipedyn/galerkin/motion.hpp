@@ -24,6 +24,14 @@
 //
 // and this holds to rounding at any number of nodes, since the quadrature integrates by parts
 // exactly (quadrature.hpp). The drag's integrand is cut at the zeros of v_n (signed_weights).
+//
+// A term (terms/station.hpp) with mass mu and load f at the arc length s_f adds the virtual work
+//
+//   J_i(s_f) . (mu a(s_f) - mu gamma (0, 1) - f).
+//
+// The quadrature is Gauss collocation on each panel between the places of terms: integrals from the
+// clamp to its points are block lower triangular, and integration by parts holds as on one panel.
+// So a term is one more load at a panel's end, or at every node where it acts all along.
 #pragma once
 
 #include "pipedyn/galerkin/grid.hpp"
@@ -36,31 +44,32 @@ namespace pipedyn {
 /// call for a size.
 class GalerkinMotion {
  public:
-  /// least_nodes: use at least so many quadrature nodes, to measure what fewer miss. Throws
-  /// std::invalid_argument where the basis is dependent to rounding.
+  /// least_nodes: use at least so many quadrature nodes on each panel, to measure what fewer miss.
+  /// Throws std::invalid_argument where the basis is dependent to rounding.
   GalerkinMotion(const Pipe& pipe, Basis basis, Index least_nodes = 0);
 
   Index dof() const { return grids_.basis().size(); }
 
-  /// Quadrature nodes that a configuration is given. Throws std::invalid_argument unless q has m
-  /// entries.
+  /// Quadrature nodes on each panel that a configuration is given. Throws std::invalid_argument
+  /// unless q has m entries.
   Index nodes(const Vector& q) const;
 
-  /// dy/dtau (2 m, members), O(Q^2 m + Q m^2 + m^3) a member. NaN where the mass matrix is singular
-  /// to rounding, or q bends more than the largest grid resolves.
+  /// dy/dtau (2 m, members), O(N Q m + N m^2 + m^3) a member with N points, Q nodes a panel. NaN
+  /// where the mass matrix is singular to rounding, or q bends more than the largest grid resolves.
   void rhs(const Batch& batch, double* rates) const;
   /// d(dy/dtau)/dy (2 m, 2 m), row-major, at the same order of cost. Drag's share is 2 |v_n| dv_n,
   /// 0 where v_n = 0.
   void jacobian(const double* y, double u, double* out) const;
-  /// Kinetic, elastic and gravity's energy of each member, O(Q^2); 0 at rest on the straight pipe.
+  /// Kinetic, elastic, gravity's and terms' energy of each member, O(N Q + N m); 0 at rest on the
+  /// straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, damping (joints) and drag add to the energy in unit time, O(Q^2) a member; their
-  /// sum is dE/dtau.
+  /// What flow, damping (joints), drag and terms (others) add to the energy in unit time; their sum
+  /// is dE/dtau.
   void power(const Batch& batch, const PowerParts& out) const;
 
   /// Operators about a configuration q at rest; stiffness and flux are the derivatives of the
-  /// bending and gravity forces and of the follower force. Throws std::invalid_argument unless q
-  /// has m entries.
+  /// forces of bending, gravity and terms and of the follower force. Throws std::invalid_argument
+  /// unless q has m entries.
   Operators operators(const Vector& q) const;
 
  private:

@@ -48,7 +48,7 @@ std::vector<int> Constraint::coordinates() const {
 void Constraint::fill(const Nodes& place, const Nodes& rate, const Vector& length, double* residual,
                       double* matrix, double* right_side) const {
   if (kind == Kind::guide) {
-    residual[0] = place.x(node);
+    residual[0] = place(node).x();
     matrix[0] = 1.0;
     right_side[0] = 0.0;
     return;

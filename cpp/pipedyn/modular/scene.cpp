@@ -9,6 +9,8 @@
 #include <string>
 #include <utility>
 
+#include "pipedyn/chain/places.hpp"
+
 namespace pipedyn {
 
 namespace {
@@ -46,49 +48,41 @@ Enforcement Scene::assemble(const Pipe& pipe, const Modules& given) {
   if (n < 1 || center.size() != n || gyration_radius.size() != n || drag_point.size() != n) {
     throw std::invalid_argument("segments must have one entry a segment in every array");
   }
+  if (!(length.minCoeff() > 0.0)) throw std::invalid_argument("length must be positive");
   const Vector upright = straight();
-  const auto height = [&](Index node) { return Nodes{upright.data(), base_}(node).y(); };
-  auto& [links, springs, transverse, dashpots, masses, flows, drags, inertias] = modules_;
+  const Nodes height{upright.data(), base_};
+  auto& [bodies, springs, loads, flows, drags] = modules_;
+  const auto add_body = [&](Index node, double mass, double chi, double turning) {
+    Body& body = bodies.emplace_back();
+    body.node = node;
+    body.mass = mass;
+    body.center = chi;
+    body.turning = turning;
+    body.weight = pipe.gamma * mass;
+    body.straight_height = (1.0 - chi) * height(node - 1).y() + chi * height(node).y();
+  };
   for (Index j = 1; j <= n; ++j) {
-    const double l = length[j - 1], chi = center[j - 1];
-    Segment& link = links.emplace_back();
-    link.node = j;
-    link.length = l;
-    link.center = chi;
-    link.gyration_radius = gyration_radius[j - 1];
-    link.weight = pipe.gamma * l;
-    link.straight_height = (1.0 - chi) * height(j - 1) + chi * height(j);
-    if (given.drag && pipe.drag != 0.0) {
-      Drag& drag = drags.emplace_back();
-      drag.node = j;
-      drag.length = l;
-      drag.point = drag_point[j - 1];
-      drag.coefficient = pipe.drag;
-    }
+    const double l = length[j - 1];
+    add_body(j, l, center[j - 1], gyration_radius[j - 1] / l);
+    if (given.drag && pipe.drag != 0.0) drags.push_back({{j, drag_point[j - 1], l}, pipe.drag});
   }
+  for_each_place(pipe.terms, length, base,
+                 [&](const auto& law, const Term& term, Index j, double arm, double weight) {
+                   const double point = arm / length[j];
+                   if (law.mass() != 0.0) add_body(j + 1, weight * law.mass(), point, 0.0);
+                   if (law.loads) loads.push_back({{j + 1, point, weight}, term});
+                 });
   springs = given.springs;
-  transverse = given.transverse_springs;
-  dashpots = given.dashpots;
-  masses = given.masses;
-  for (PointMass& m : masses) {
-    m.check(n);
-    m.weight = pipe.gamma * m.mass;
-    m.straight_height = height(m.node);
+  for (const TorsionalSpring& of : springs) {
+    if (of.joint >= 1 && of.joint <= n) continue;
+    throw std::invalid_argument("spring_joint must lie in 1.." + std::to_string(n) + ", got " +
+                                std::to_string(of.joint));
   }
-  if (given.flow) {
-    InternalFlow& flow = flows.emplace_back();
-    flow.segments = n;
-    flow.last_length = length[n - 1];
-    flow.sqrt_beta = pipe.sqrt_beta();
-    flow.centrifugal = pipe.centrifugal;
-  }
-  inertias.emplace_back().matrix = given.inertia;
+  if (given.flow) flows.emplace_back(pipe, length);
 
   std::vector<InertiaRow> rows;
-  for_each_module([&](const auto& module) {
-    module.check(n);
-    module.add_inertia(rows);
-  });
+  for (const Body& body : bodies) body.add_inertia(rows);
+  add_further_inertia(given.inertia, n, rows);
   std::vector<Group> groups;
   for (const Constraint& constraint : constraints_) {
     constraint.check(n);
@@ -129,7 +123,16 @@ Vector Scene::straight() const {
 
 RedundantOperators Scene::operators() const {
   RedundantOperators ops;
-  for_each_module([&](const auto& module) { module.add_operators(ops); });
+  for (const InertiaRow& row : enforcement_.inertia()) {
+    for (std::size_t i = 0; i < row.weight.size(); ++i) {
+      for (std::size_t k = 0; k < row.weight.size(); ++k) {
+        ops.mass.add(row.coordinate[i], row.coordinate[k], row.weight[i] * row.weight[k]);
+      }
+    }
+  }
+  for (const InternalFlow& flow : std::get<std::vector<InternalFlow>>(modules_)) {
+    flow.add_operators(ops);
+  }
   return ops;
 }
 
@@ -351,6 +354,13 @@ Index Scene::lacking(const Vector& q) const {
 void Scene::energy(const Batch& batch, double* out) const {
   for_each_member(batch, [&](Index k, const Motion& now) {
     out[k] = 0.0;
+    for (const InertiaRow& row : enforcement_.inertia()) {
+      double momentum = 0.0;
+      for (std::size_t i = 0; i < row.weight.size(); ++i) {
+        momentum += row.weight[i] * now.rate.values[row.coordinate[i]];
+      }
+      out[k] += 0.5 * momentum * momentum;
+    }
     for_each_module([&](const auto& module) { out[k] += module.energy(now); });
   });
 }

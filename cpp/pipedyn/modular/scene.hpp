@@ -16,13 +16,11 @@
 
 namespace pipedyn {
 
-/// What a scene is made of. Of the segments their springs are not read.
+/// What a scene is made of beside the terms of its pipe. Of the segments their springs are not
+/// read.
 struct Modules {
   Segments segments{};
   std::vector<TorsionalSpring> springs{};
-  std::vector<TransverseSpring> transverse_springs{};
-  std::vector<Dashpot> dashpots{};
-  std::vector<PointMass> masses{};
   std::vector<Constraint> constraints{};  // any order gives the same motion
   Triplets inertia{};                     // further, symmetric and positive semidefinite
   bool flow = false;
@@ -46,8 +44,8 @@ struct ScenePowerParts {
 /// of a state in a Vector throws std::invalid_argument on a wrong size.
 class Scene {
  public:
-  /// Throws std::invalid_argument where arrays differ in length, a joint or node is not the
-  /// scene's, a mass or inertia is negative, or further inertia is not symmetric.
+  /// Throws std::invalid_argument where arrays differ in length, a length is not positive, a joint
+  /// or node is not the scene's, or further inertia is negative or not symmetric.
   Scene(const Pipe& pipe, const Modules& modules);
 
   Index segments() const { return length_.size(); }
@@ -77,7 +75,7 @@ class Scene {
   void rhs(const Batch& batch, const double* force, double* rates) const;
   /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, joints, drag and dashpots add to the energy in unit time.
+  /// What flow, joints, drag and the pipe's terms add to the energy in unit time.
   void power(const Batch& batch, const ScenePowerParts& out) const;
 
   /// Angles and rates (n, k) close to those given that meet guides and pins, by Newton's method in
@@ -107,9 +105,8 @@ class Scene {
   double direction_;
   double base_;
   Vector length_;
-  std::tuple<std::vector<Segment>, std::vector<TorsionalSpring>, std::vector<TransverseSpring>,
-             std::vector<Dashpot>, std::vector<PointMass>, std::vector<InternalFlow>,
-             std::vector<Drag>, std::vector<FurtherInertia>>
+  std::tuple<std::vector<Body>, std::vector<TorsionalSpring>, std::vector<TermLoad>,
+             std::vector<InternalFlow>, std::vector<Drag>>
       modules_;
   std::vector<Constraint> constraints_;
   std::vector<Held> held_;  // each once

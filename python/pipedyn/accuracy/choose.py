@@ -27,7 +27,7 @@ DEFAULT = ("legendre", "beam", "consistent", "midpoint")
 """Families to choose among where none are named: of chains those whose error falls fastest."""
 
 FINEST = 1e-8
-"""Error down to which models are told apart where the budget alone counts: few need more."""
+"""Error down to which models are distinguished where the budget alone counts: few need more."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ STEEPEST = 8.0
 
 
 @dataclass(frozen=True)
-class Trend:
+class ConvergenceLaw:
     """How the error of a family's critical speed falls as its models grow.
 
     Attributes:
@@ -51,7 +51,7 @@ def relative_errors(
         return sizes, (speeds - exact.speed) / exact.speed, alike
 
 
-def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
+def convergence_law(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> ConvergenceLaw:
     """Order of convergence, or what is left at infinite size; rounding is not fitted.
 
     Args:
@@ -61,10 +61,10 @@ def trend(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> Trend:
     sizes, errors, alike = relative_errors(found, exact)
     good = alike & np.isfinite(errors)
     good[good] &= np.abs(errors[good]) > 30.0 * own_error(found, exact)
-    return law_of(sizes[good], errors[good])
+    return fitted_law(sizes[good], errors[good])
 
 
-def law_of(sizes: Array, errors: Array) -> Trend:
+def fitted_law(sizes: Array, errors: Array) -> ConvergenceLaw:
     """The law by which errors fall, of those that rounding does not touch.
 
     Args:
@@ -72,23 +72,23 @@ def law_of(sizes: Array, errors: Array) -> Trend:
         errors: relative, with or without their sign, shape (k,).
     """
     if sizes.size < 4:
-        return Trend("unknown", math.nan, math.nan, math.nan, sizes)
-    # An error that lasts: c_0 of c_0 + c_1 / n + c_2 / n^2 + ..., if it stands still.
+        return ConvergenceLaw("unknown", math.nan, math.nan, math.nan, sizes)
+    # An error that lasts: c_0 of c_0 + c_1 / n + c_2 / n^2 + ..., if it converges.
     count = min(5, sizes.size)
     limits = [_at_infinity(sizes[-k:], errors[-k:]) for k in (count, count - 1)]
     spread = abs(limits[0] - limits[1])
     near = abs(limits[0]) < 2.0 * abs(errors[-1])  # fast decay is extrapolated to anything
     if near and abs(limits[0]) > max(0.3 * abs(errors[-1]), 5.0 * spread):
-        return Trend("flat", math.nan, limits[0], spread, sizes[-5:])
+        return ConvergenceLaw("flat", math.nan, limits[0], spread, sizes[-5:])
     last = sizes >= min(sizes[-1] / 2.0, sizes[-4])
     sizes, logs = sizes[last], np.log(np.abs(errors[last]))
     power, power_misfit = _line(np.log(sizes), logs)
     exponential, misfit = _line(sizes, logs)
     if min(power_misfit, misfit) > 0.1 * float(np.ptp(logs)):
-        return Trend("unknown", math.nan, math.nan, math.nan, sizes)
+        return ConvergenceLaw("unknown", math.nan, math.nan, math.nan, sizes)
     if (misfit < power_misfit or -power > STEEPEST) and exponential < -math.log(2.0):
-        return Trend("exponential", math.exp(-exponential), math.nan, math.nan, sizes)
-    return Trend("power", -power, math.nan, math.nan, sizes)
+        return ConvergenceLaw("exponential", math.exp(-exponential), math.nan, math.nan, sizes)
+    return ConvergenceLaw("power", -power, math.nan, math.nan, sizes)
 
 
 def own_error(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:

@@ -23,13 +23,13 @@ from pipedyn.util import check
 from pipedyn.util.table import Table
 
 SHARPNESS = 0.1
-"""Error asked of each answer, in tolerances."""
+"""Error asked of each answer, in tolerances: a change of one tolerance is then known to a fifth."""
 
-FAINT = 1e-9
-"""beta that stands for the limit beta -> 0."""
+LIMIT_BETA = 1e-9
+"""beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
 
 ROUNDING = 1e-10
-"""Real parts below this share of the largest |lambda| count as 0."""
+"""Real parts below this share of the largest |lambda| count as 0: the solver's residuals."""
 
 OF_ROOTS = ("frequencies", "root_loci")
 """Quantities that are eigenvalues."""
@@ -50,8 +50,9 @@ class Effect:
     """One effect, and what its absence changes.
 
     Attributes:
-        name: "gravity", "drag", "damping", "Coriolis", "centrifugal" or "flow" (both of its parts);
-            several joined by " + ".
+        name: "gravity", "drag", "damping", "Coriolis", "centrifugal", "flow" (both of its parts),
+            or a term of the pipe as it prints, "PointMass(at=1, mass=0.1)", all that are equal
+            being one; several joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
         without: what the quantity is without it, in words.
         answer: the same in numbers; None where there is no answer, or the effect is absent.
@@ -95,7 +96,7 @@ class Relevance:
 
     Attributes:
         pipe: the pipe.
-        u: flow speed at which the growth is told, and at which the quantity is asked if it has one.
+        u: flow speed of the growth, and of the quantity if it takes one.
         quantity: what was asked, with its conditions.
         full: what it is with all effects, in words.
         growth: largest real part of an eigenvalue of the straight pipe at u, in 1 / T.
@@ -160,13 +161,13 @@ def relevant(
     Each effect is switched off in turn, and the continuous pipe asked again: gravity (gamma = 0),
     drag (kappa = 0), damping (delta = 0), the flow's Coriolis part together with the momentum that
     the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
-    centrifugal part (a = 0) and, except for the critical speed, the flow as a whole.
+    centrifugal part (a = 0), except for the critical speed the flow as a whole, and each term.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
-    The limit beta -> 0 is not continuous: a pipe of the faintest Coriolis force loses stability
-    elsewhere than one of none, so that this part is never negligible to the critical speed of an
-    undamped ejecting pipe; a note tells the limit.
+    The limit beta -> 0 is not continuous: with the least Coriolis force the critical speed is
+    another than with none. So this part is never negligible to the critical speed of an undamped
+    ejecting pipe; a note gives the limit.
 
     Args:
         pipe: the pipe, whose numbers may come from `Pipe.from_si`.
@@ -228,33 +229,42 @@ def _rank(effect: Effect) -> tuple[bool, float]:
     return effect.verdict == "absent", -size
 
 
+NUMBERS = {"gravity": "gamma", "drag": "drag", "damping": "damping", "Coriolis": "beta"}
+"""Effects that a number of the pipe switches off."""
+
+SYMBOLS = {"drag": "kappa", "damping": "delta"}
+"""How they print, where it is not by their names."""
+
+
 def _strengths(pipe: Pipe) -> dict[str, str]:
     """Effects by name, with the number that each comes from; empty where the pipe has it not."""
-    coriolis, centrifugal = f"beta = {pipe.beta:.4g}", f"a = {pipe.centrifugal:.4g}"
+    values = {name: float(getattr(pipe, number)) for name, number in NUMBERS.items()}
     strengths = {
-        "gravity": f"gamma = {pipe.gamma:.4g}" if pipe.gamma else "",
-        "drag": f"kappa = {pipe.drag:.4g}" if pipe.drag else "",
-        "damping": f"delta = {pipe.damping:.4g}" if pipe.damping else "",
-        "Coriolis": coriolis if pipe.beta else "",
-        "centrifugal": centrifugal if pipe.centrifugal else "",
+        name: f"{SYMBOLS.get(number, number)} = {values[name]:.4g}" if values[name] else ""
+        for name, number in NUMBERS.items()
     }
+    strengths["centrifugal"] = f"a = {pipe.centrifugal:.4g}" if pipe.centrifugal else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
-    return {**strengths, "flow": ", ".join(parts)}
+    strengths["flow"] = ", ".join(parts)
+    for term in pipe.terms:
+        numbers = [f"{name} = {value:.4g}" for name, value in term.numbers.items() if value]
+        strengths[repr(term)] = ", ".join(numbers)
+    return strengths
 
 
 def _droppable(pipe: Pipe, names: Collection[str]) -> tuple[str, ...]:
-    """Those of some effects that numbers of the pipe switch off, one by one."""
+    """Those of some effects that numbers and terms of the pipe switch off, one by one."""
     kept = {"flow"} if pipe.flow == "aspirating" else {"flow", "centrifugal"}
     return tuple(name for name in names if name not in kept)
 
 
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
-    numbers = {"gravity": "gamma", "drag": "drag", "damping": "damping", "Coriolis": "beta"}
-    gone = {number: 0.0 for name, number in numbers.items() if name in names}
+    gone: dict[str, Any] = {number: 0.0 for name, number in NUMBERS.items() if name in names}
     if "flow" in names:
         gone["beta"] = 0.0
-    pipe = replace(pipe, **gone)  # type: ignore[arg-type]
+    gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
+    pipe = replace(pipe, **gone)
     if "centrifugal" not in names and "flow" not in names:
         return pipe
     if pipe.flow == "aspirating":
@@ -323,7 +333,7 @@ class _Inquiry:
         if self.quantity.name != "critical_speed" or not undamped:
             return ""
         try:
-            limit = _outcome(self.quantity, replace(self.pipe, beta=FAINT), self.tolerance)
+            limit = _outcome(self.quantity, replace(self.pipe, beta=LIMIT_BETA), self.tolerance)
         except PipedynError:
             return ""
         return f"as beta tends to 0 the pipe's is {limit.words}, not that at 0"
@@ -343,11 +353,11 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> _Outcome:
         if _growth(pipe, none.u) > 0.0:  # one may be there that no search found
             raise
         return _Outcome("no limit cycle, it rests", "none")
-    words, kind = _told(quantity, pipe, found.answer)
+    words, kind = _described(quantity, pipe, found.answer)
     return _Outcome(state + words, state + kind, found.answer, found.error)
 
 
-def _told(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
+def _described(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
     """An answer in words, and its kind."""
     values = answer.values
     if quantity.name == "critical_speed":
@@ -378,15 +388,18 @@ def _is_buckled(pipe: Pipe) -> bool:
 
 
 def _growth(pipe: Pipe, u: float) -> float:
-    """Largest real part of an eigenvalue at a speed; NaN where none stands still.
+    """Largest real part of an eigenvalue at a speed; NaN where none converges.
 
     Of the roots no larger than those of a wave number that neither flow nor weight can buckle:
-    not of the lowest few, which may all crowd at -1 / delta, nor of all that a reduced model has.
+    not of the lowest few, which may all cluster at -1 / delta, nor of all that a reduced model has.
     """
-    thrust = max(pipe.centrifugal, 1.0) * u**2 + max(-pipe.gamma, 0.0)
+    numbers = [term.numbers for term in pipe.terms]
+    weight = pipe.gamma * (1.0 + sum(one.get("mass", 0.0) for one in numbers))
+    stiffness = sum(one.get("stiffness", 0.0) for one in numbers)
+    thrust = max(pipe.centrifugal, 1.0) * u**2 + max(-weight, 0.0)
     half_waves = 4 + math.ceil(math.sqrt(thrust) / math.pi)
     wave = math.pi * half_waves
-    largest = wave * math.hypot(wave, math.sqrt(abs(pipe.gamma)))
+    largest = math.hypot(wave * math.hypot(wave, math.sqrt(abs(weight))), math.sqrt(stiffness))
 
     def least_damped(rom: Galerkin) -> float:
         values = modes(rom, u).eigenvalues

@@ -14,7 +14,8 @@ from scipy.special import spherical_jn
 
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
-from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.continuum import FUNCTIONS_A_JOINT
+from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 
@@ -46,8 +47,14 @@ class Family:
         """Degrees of freedom of the model, or of the two."""
         return 3 * size if self.paired else size
 
+    def for_terms(self, pipe: Pipe) -> int:
+        """Functions that Legendre bases take beside, where terms inside the pipe joint panels."""
+        if self.order < math.inf:
+            return 0
+        return FUNCTIONS_A_JOINT * (Galerkin(pipe, LARGEST_BASIS, "legendre").panels - 1)
+
     def beyond(self, size: int) -> int:
-        """The next size at which an error that is small by luck is so no more."""
+        """The next size at which an error that is small by chance is so no more."""
         return size + 1 if self.order == math.inf else math.ceil(1.2 * size + 0.5)
 
 

@@ -20,15 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn.accuracy.families import FAMILIES, expected_size
-from pipedyn.accuracy.onset import Onset, onset_near
 from pipedyn.accuracy.reference import (
     EPS,
     FEWEST,
     LEAST_ERROR,
     STEP,
     Answer,
+    Onset,
     Reference,
     grown_reference,
+    onset_near,
     onset_reference,
     wave_number,
 )
@@ -44,6 +45,8 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import simulate
 from pipedyn.util import check
 from pipedyn.util.check import Array
+
+LEGENDRE = FAMILIES["legendre"]
 
 BEFORE_CLUSTER = 0.9
 """Share of 1 / delta up to which roots are compared: from 1 / delta on there is no next one."""
@@ -62,6 +65,10 @@ BEAM_MODES: tuple[int, ...] = (4, 6, 8, 11, 15, 20, 27)
 BEAM_ORDER, DRAG_ORDER = 4.0, 3.0
 """Powers of the size with which errors fall: of beam modes, and of functions under drag, as |v| v
 has a kink."""
+
+LONGEST_REFERENCE = 30.0
+"""Seconds of processor time after which a nonlinear reference grows no more: half of what a search
+waits for one answer."""
 
 STARTING = 24
 """Legendre functions at the least for the mode from which a motion starts: those of it and of its
@@ -85,16 +92,13 @@ class Quantity(ABC):
     is_linear: ClassVar[bool] = True
     """Whether an answer's cost depends on little else than the degrees of freedom."""
 
-    is_even: ClassVar[bool] = False
-    """Whether neighbouring sizes cost alike; a search for crossings may take thrice as long."""
-
     least: int = 1
     """Degrees of freedom that a model must have to answer."""
 
     most: ClassVar[int] = 2000
     """Degrees of freedom beyond which models are not asked."""
 
-    growth: ClassVar[float] = 0.0
+    growth: ClassVar[float] = 1.0
     """Power of the size with which the cost of an answer grows at the least."""
 
     cheaper_share: ClassVar[float] = 1.5
@@ -204,7 +208,7 @@ class CriticalSpeedOf(Quantity):
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """An onset tracked into larger models, or else the continuous pipe's own answer."""
-        tracked = onset_reference(pipe, self.answer, tolerance)
+        tracked = onset_reference(pipe, LEGENDRE.for_terms(pipe), self.answer, tolerance)
         if tracked is not None:
             return tracked
         found = self.answer(Continuum(pipe))
@@ -218,7 +222,6 @@ class CriticalSpeedOf(Quantity):
 class _Roots(Quantity):
     """Eigenvalues, each held against its own; those that cluster at -1 / delta are left out."""
 
-    is_even: ClassVar[bool] = True
     cheaper_share: ClassVar[float] = 0.5
     count: int
 
@@ -230,7 +233,8 @@ class _Roots(Quantity):
     def _resolving(self, pipe: Pipe, u: float, tolerance: float) -> float:
         """Legendre functions that resolve the modes asked for, by their wave number."""
         wave = wave_number(pipe, u, 1j * (math.pi * (self.count + 0.5)) ** 2)
-        return max(expected_size(FAMILIES["legendre"], wave, tolerance), self.count + 2.0)
+        size = max(expected_size(LEGENDRE, wave, tolerance), self.count + 2.0)
+        return size + LEGENDRE.for_terms(pipe)
 
 
 def _outside(values: NDArray[Any], damping: float) -> NDArray[np.bool_]:
@@ -321,8 +325,7 @@ class Frequencies(_Roots):
         if math.isfinite(resolving):
             sizes = [int(resolving) + more for more in GROWN]
             asks = (self._roots, self._roots)
-            legendre = FAMILIES["legendre"]
-            found = grown_reference(pipe, legendre, sizes, asks, self.distance, tolerance)
+            found = grown_reference(pipe, LEGENDRE, sizes, asks, self.distance, tolerance)
         if found is None or found.error > tolerance:
             answer = self.answer(Continuum(pipe))
             if self._compared(answer).size == 0:
@@ -389,7 +392,8 @@ class RootLociOver(_Roots):
         assert isinstance(self.speeds, np.ndarray)
         fastest = float(self.speeds[-1])
         resolving = self._resolving(pipe, fastest, tolerance)
-        first = int(min(resolving, max(FEWEST, 3 * self.count, math.ceil(fastest))))
+        enough = max(FEWEST, 3 * self.count, math.ceil(fastest)) + LEGENDRE.for_terms(pipe)
+        first = int(min(resolving, enough))
         for size in range(first, first + 5 * STEP, STEP):
             loci = root_loci(Galerkin(pipe, size, "legendre"), self.speeds, self.count)
             values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
@@ -457,16 +461,18 @@ class _Integrated(Quantity):
         """
         assert self.rtol is not None
         tolerance = max(tolerance, self.rtol)
-        family, order = FAMILIES["legendre"], math.inf if pipe.drag == 0.0 else DRAG_ORDER
+        family, order = LEGENDRE, math.inf if pipe.drag == 0.0 else DRAG_ORDER
         second_mode = 1j * (1.5 * math.pi) ** 2
         if self.excluded(pipe, "legendre"):
             family, order, sizes = FAMILIES["beam"], BEAM_ORDER, BEAM_MODES
         else:
             expected = expected_size(family, wave_number(pipe, self.u, second_mode), tolerance)
-            first = int(min(max(expected, FIRST), MOST - 2))
-            sizes = tuple(range(first, MOST + 1, 2))
+            first, more = int(min(max(expected, FIRST), MOST - 2)), family.for_terms(pipe)
+            sizes = tuple(range(first + more, MOST + more + 1, 2))
         asks = (self.sharpened(tolerance).answer, self.sharpened(0.25 * tolerance).answer)
-        found = grown_reference(pipe, family, sizes, asks, self.distance, tolerance, order)
+        found = grown_reference(
+            *(pipe, family, sizes, asks, self.distance, tolerance, order, LONGEST_REFERENCE)
+        )
         root = self._root(found.answer) or second_mode
         return replace(found, wave_number=wave_number(pipe, self.u, root))
 
@@ -537,12 +543,12 @@ class MotionOf(_Integrated):
         """With its start: the least damped mode where none is given."""
         asked = super().prepared(pipe)
         if self.start is not None:
-            straight = Galerkin(pipe, FIRST, "legendre")
+            straight = LEGENDRE.make(pipe, FIRST + LEGENDRE.for_terms(pipe))
             bends = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
             if np.abs(bends).max() < AT_REST:
                 raise ValueError("start must bend the pipe, which does not move from where it is")
             return asked
-        size = max(STARTING, math.ceil(self.u))
+        size = max(STARTING, math.ceil(self.u)) + LEGENDRE.for_terms(pipe)
         found = modes(Galerkin(pipe, size, "legendre"), self.u, 8)
         growth = found.eigenvalues.real  # all modes of an undamped pipe may grow alike: the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
@@ -583,7 +589,6 @@ class LimitCycleAt(_Integrated):
 
     name: ClassVar[str] = "limit_cycle"
     most: ClassVar[int] = LARGEST_CYCLE
-    growth: ClassVar[float] = 1.0
     cheaper_share: ClassVar[float] = 1.0
     sharpest: ClassVar[float] = 1e-10
     share: ClassVar[float] = 0.1

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.accuracy.families import Family
-from pipedyn.accuracy.onset import Onset, onset_near
-from pipedyn.models.base import NotConverged, PipedynError
+from pipedyn.linear.eigensolver import pencil_of
+from pipedyn.linear.pencil import Vectors
+from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
@@ -37,8 +39,26 @@ STEP = 8
 ALIKE = 1e-5
 """By how much eight functions more may move an onset, relative: more is another onset."""
 
-LONGEST_REFERENCE = 30.0
-"""Seconds of processor time after which a nonlinear reference grows no more."""
+MOST_STEPS = 12
+"""Of Newton's method; a good guess takes two."""
+
+FARTHEST = 3.0
+"""Factor by which the speed may leave its guess."""
+
+
+@dataclass(frozen=True)
+class Onset:
+    """An eigenvalue on the imaginary axis.
+
+    Attributes:
+        speed: u.
+        frequency: angular, in 1 / T.
+        error: of the speed, absolute, by residual and rounding.
+    """
+
+    speed: float
+    frequency: float
+    error: float
 
 
 @dataclass(frozen=True)
@@ -51,7 +71,7 @@ class Answer:
         error: the solver's own, relative.
         onset: of a critical speed by flutter, where it is looked for in another model.
         damping: delta of the pipe whose roots these are: those that cluster at -1 / delta are not
-            told apart.
+            distinguished.
         others: roots beyond those asked for, of which one may be the counterpart of a root that
             another model counts among them; of the values' shape but for the last axis.
     """
@@ -102,8 +122,38 @@ def wave_number(pipe: Pipe, u: float, value: complex) -> float:
     return float(np.abs(np.roots([elastic, 0.0, thrust, coriolis, value**2])).max(initial=0.0))
 
 
+def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
+    """The crossing into flutter next to a speed and a frequency; None where Newton's method fails.
+
+    Args:
+        model: any.
+        speed: guess of u, > 0.
+        frequency: guess of the frequency there.
+    """
+    pencil = pencil_of(model)
+    u, value = speed, complex(0.0, frequency)
+    vector: Vectors | None = None
+    last = math.inf
+    for _ in range(MOST_STEPS):
+        pair = pencil.refine(u, value, vector)
+        assert pair.left is not None
+        slope = complex(pencil.slopes(u, pair)[0])
+        value = complex(pair.values[0])
+        if not (slope.real > 0.0 and pair.converged[0]):
+            return None
+        change = -value.real / slope.real
+        if abs(change) <= 1e-14 * u or abs(change) >= last < 1e-9 * u:
+            uncertain = float(pencil.uncertainties(u, pair)[0]) + abs(value.real)
+            return Onset(u, abs(value.imag), uncertain / slope.real)
+        u, value, vector = u + change, value + slope * change, pair.right[:, 0]
+        if not speed / FARTHEST < u < speed * FARTHEST or value.imag <= 0.0:
+            return None
+        last = abs(change)
+    return None
+
+
 def onset_reference(
-    pipe: Pipe, ask: Callable[[AnyModel], Answer], tolerance: float
+    pipe: Pipe, more: int, ask: Callable[[AnyModel], Answer], tolerance: float
 ) -> Reference | None:
     """A critical speed searched in a reduced model, its onset then tracked into larger ones.
 
@@ -111,11 +161,12 @@ def onset_reference(
 
     Args:
         pipe: the pipe.
+        more: functions that it takes beside, for its terms.
         ask: a model for its critical speed.
         tolerance: bound on the error.
     """
-    size = FEWEST
-    while size <= ENOUGH:
+    size = FEWEST + more
+    while size <= ENOUGH + more:
         try:
             before = ask(Galerkin(pipe, size, "legendre")).onset
         except PipedynError:
@@ -123,18 +174,18 @@ def onset_reference(
         if before is None:
             return None
         larger = max(size + STEP, math.ceil(0.8 * before.speed))
-        for more in (STEP, 2 * STEP):
-            model = Galerkin(pipe, size + more, "legendre")
+        for step in (STEP, 2 * STEP):
+            model = Galerkin(pipe, size + step, "legendre")
             onset = onset_near(model, before.speed, before.frequency)
             moved = math.inf if onset is None else abs(onset.speed - before.speed) / onset.speed
             if onset is None or moved > ALIKE:
                 break
             error = moved + (before.error + onset.error) / onset.speed + EPS
-            if error <= tolerance or more > STEP:
+            if error <= tolerance or step > STEP:
                 return Reference(
                     Answer(np.array([onset.speed]), "flutter", error, onset),
                     error,
-                    f"search with {size} Legendre functions, tracked to {size + more}",
+                    f"search with {size} Legendre functions, tracked to {size + step}",
                     wave_number(pipe, onset.speed, 1j * onset.frequency),
                     is_estimable=True,
                 )
@@ -151,6 +202,7 @@ def grown_reference(
     distance: Callable[[Answer, Answer], float],
     tolerance: float,
     order: float = math.inf,
+    seconds: float = math.inf,
 ) -> Reference:
     """The answer of the first of some models that is as near to the one before as is asked for.
 
@@ -163,16 +215,17 @@ def grown_reference(
         tolerance: bound on the error.
         order: power of the size with which the errors fall at the least: what the last step moved
             may then be less than what remains. Infinite where they fall exponentially.
+        seconds: of processor time after which no larger model is asked.
 
     Raises:
-        NotConverged: if the second model has no answer in half a minute.
+        NotConverged: if the second model has no answer in this time.
         PipedynError: if one of the first two models fails.
     """
     answers: list[Answer] = []
-    end, failed, error = clock() + LONGEST_REFERENCE, "", math.inf
+    end, failed, error = clock() + seconds, "", math.inf
     for i, size in enumerate(sizes):
         try:
-            with limited(end - clock()):
+            with limited(end - clock()) if end < math.inf else nullcontext():
                 answers.append(asks[i % 2](family.make(pipe, size)))
         except (TookTooLong, PipedynError) as failure:
             if i < 2 and isinstance(failure, PipedynError):
@@ -180,7 +233,7 @@ def grown_reference(
             if i < 2:
                 raise NotConverged(
                     f"the continuous pipe's answer is not known: of reduced models, the one of "
-                    f"{size} {family.name} functions was not done in {LONGEST_REFERENCE:g} s"
+                    f"{size} {family.name} functions was not done in {seconds:g} s"
                 ) from None
             failed = f", as that of {size} failed"
             break

@@ -19,11 +19,10 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 
 import numpy as np
 
-from pipedyn.accuracy.convergence import law_of
+from pipedyn.accuracy.convergence import fitted_law
 from pipedyn.accuracy.families import FAMILIES, RULES, Family, expected_size
 from pipedyn.accuracy.quantities import Quantity
 from pipedyn.accuracy.reference import Reference
@@ -59,20 +58,19 @@ NEIGHBOURS = 0.07
 by a tenth."""
 
 COMPARED = 2
-"""Linear models measured where several serve: of about equal size the cheapest by measurement."""
+"""Linear models measured where several of about equal size serve: the cheapest of two."""
 
 LONG = 80
 """Size from which a linear answer may take a second: a smaller one is timed before it, and one
 whose estimate failed is not measured."""
 
-SCATTER, SPENT, FULL, CLOSE = 1.5, 0.9, 0.7, 0.1
+SCATTER, SPENT, FULL = 1.5, 0.9, 0.7
 """For a budget: by how much a time may be wrong, as predicted or as measured once; the share of the
-budget that a size should take, and that is as good as all of it; and the share of the largest size
-to which it is found."""
+budget that a size should take; and the share that is as good as all of it."""
 
 
 class _Stop(Exception):
-    """The end of a ladder: its argument says why."""
+    """The end of a family's ladder: its argument says why."""
 
 
 def predicted(order: float, known: Mapping[int, float], target: float) -> float:
@@ -109,9 +107,9 @@ def ladder(
     start: int,
     sizes: tuple[int, int],
     known: Mapping[int, float],
-    near: float = 0.0,
-) -> tuple[int, int]:
-    """Neighbouring sizes, of which the larger has a value within the target.
+    apart: float = 0.0,
+) -> int | None:
+    """The smallest size of which the value lies within the target, and not that of the next less.
 
     Args:
         value: of a size.
@@ -120,35 +118,31 @@ def ladder(
         start: first size, where none is known.
         sizes: the least and the largest.
         known: values by sizes, known before.
-        near: relative distance of the two sizes at which they need not be neighbours.
+        apart: relative distance from the next less at which a size is small enough.
 
     Returns:
-        The last size that fails, one below the least where all serve; and the size above it that
-        serves, one above the largest where none does.
+        The size; None where none was found up to the largest.
     """
     least, most = sizes
     values = dict(known)
     good = min((n for n, one in values.items() if one <= target), default=most + 1)
     bad = max((n for n, one in values.items() if one > target and n < good), default=least - 1)
     rung, cuts = 1, 0
-    while good - bad > max(1.0, near * bad):
+    while good - bad > max(1.0, apart * bad):
         size = math.ceil(predicted(order, values, target)) if values else start
-        if not values:
-            size = min(max(size, least), most)
-        elif good > most:
-            size = min(max(size, bad + rung), most)
-        elif bad < least:
-            size = max(min(size, good - rung), least)
-        else:  # bisection, where the prediction does not close the bracket in three cuts
+        if good <= most and bad >= least:  # bisection, if predictions do not end it in three cuts
             size = (bad + good) // 2 if cuts > 2 else min(max(size, bad + 1), good - 1)
             cuts += 1
+        elif values:
+            size = max(size, bad + rung) if good > most else min(size, good - rung)
+        size = min(max(size, least), most)
         values[size] = value(size)
         rung *= 2
         if values[size] <= target:
             good = size
         else:
             bad = size
-    return bad, good
+    return good if good <= most else None
 
 
 def price(known: Mapping[int, float], size: int, growth: float) -> float:
@@ -180,7 +174,7 @@ def _shortfall(known: Mapping[int, float]) -> str:
     if not telling:
         return f"size {max(known)} has no answer near the reference's"
     size = min(telling, key=telling.__getitem__)
-    law = law_of(np.array([float(n) for n in telling]), np.array([*telling.values()]))
+    law = fitted_law(np.array([float(n) for n in telling]), np.array([*telling.values()]))
     text = f"size {size} has an error of {telling[size]:.1e} still"
     if law.law == "flat":
         text += f", and larger ones tend to {abs(law.limit):.2g}: it has another limit"
@@ -208,10 +202,9 @@ class Search:
         self.families, self.repeats = families, repeats
         self.rows: dict[tuple[str, int], TradeRow] = {}
         self.estimates = {
-            (family.name, size): error + reference.error
-            for family in families
+            (reference.family, size): error + reference.error
             for size, error in reference.smaller
-            if family.name == reference.family
+            if FAMILIES[reference.family] in families
         }
         self.left: dict[str, str] = {}
         self._contradicted: set[str] = set()
@@ -234,10 +227,6 @@ class Search:
         bound = row.error + self.reference.error
         return bound if math.isfinite(bound) else math.inf
 
-    def _is_estimable(self, family: Family) -> bool:
-        estimable = self.reference.is_estimable and not family.paired
-        return estimable and family.name not in self._contradicted
-
     def error(self, family: Family, size: int, thorough: bool = False) -> float:
         """Bound on a model's error: measured, or else estimated where the question allows.
 
@@ -247,20 +236,27 @@ class Search:
             thorough: whether it is measured where no estimate is found; else it is infinite then.
         """
         key = (family.name, size)
-        known = key in self.estimates and family.name not in self._contradicted
-        if key not in self.rows and not known and self._is_estimable(family):
+        estimate = None if key in self.rows else self._estimate(family, size)
+        missed = estimate == math.inf and thorough and size <= LONG
+        return self.bound(self.measure(family, size)) if estimate is None or missed else estimate
+
+    def _estimate(self, family: Family, size: int) -> float | None:
+        """A model's error without measurement, infinite where it is not found; None if unasked."""
+        key = (family.name, size)
+        if family.name in self._contradicted:
+            return None
+        if key not in self.estimates and self._is_estimable(family):
             try:
                 model = family.models(self.pipe, size)[0]
                 found = self.quantity.estimate(model, self.reference.answer)
             except (PipedynError, ValueError, np.linalg.LinAlgError):
                 found = None
             self.estimates[key] = math.inf if found is None else found + self.reference.error
-            known = True
-        if key in self.rows or not known:
-            return self.bound(self.measure(family, size))
-        if self.estimates[key] == math.inf and thorough and size <= LONG:
-            return self.bound(self.measure(family, size))
-        return self.estimates[key]
+        return self.estimates.get(key)
+
+    def _is_estimable(self, family: Family) -> bool:
+        estimable = self.reference.is_estimable and not family.paired
+        return estimable and family.name not in self._contradicted
 
     def is_robust(self, row: TradeRow, tolerance: float) -> bool:
         """Whether the next larger size meets the tolerance too."""
@@ -277,18 +273,21 @@ class Search:
             if best is not None or not self.reference.is_estimable:
                 break
         if best is not None and self.quantity.is_linear:
-            family, size = FAMILIES[best.family], best.size
-            while size > self._range(family)[0]:  # a smaller one of which no estimate was found
-                size -= 1
-                if self.error(family, size) < math.inf:
-                    break
+            family, size = FAMILIES[best.family], best.size - 1
+            while size >= self._range(family)[0] and self.error(family, size) == math.inf:
                 if self.error(family, size, thorough=True) > tolerance:
                     break
+                size -= 1  # it serves, though its error could not be estimated
         return self._best(tolerance)
 
     def _best(self, tolerance: float) -> TradeRow | None:
+        """The row of least time that meets a tolerance, or a smaller one of about that time."""
         good = [row for row in self.rows.values() if self.bound(row) <= tolerance]
-        return min(good, key=lambda row: row.seconds, default=None)
+        best = min(good, key=lambda row: row.seconds, default=None)
+        if best is None:
+            return None
+        alike = (r for r in good if r.family == best.family and WORTH * r.seconds <= best.seconds)
+        return min(alike, key=lambda row: row.size)
 
     def _compare(self, tolerance: float) -> None:
         """Measures the candidates of all families, the smallest first, as far as they may pay."""
@@ -317,51 +316,45 @@ class Search:
                 self._contradicted.add(family.name)
                 self._compare(tolerance)  # without what was left because of this size
                 return
-        best = self._best(tolerance)
-        if best is not None and compared == 1 and not self.quantity.is_even and best.size < LONG:
-            self.measure(FAMILIES[best.family], best.size + 1)
 
     def _ordered(self, tolerance: float) -> list[Family]:
         """Families in the order of asking: those of which errors are known, then the small."""
 
         def turn(family: Family) -> tuple[bool, bool, float]:
-            known = family.name == self.reference.family
-            expected = self._expected(family, tolerance)
-            return not known, family.order == 0.0, family.dof(1) * expected
+            size = self._expected(family, tolerance)
+            return family.name != self.reference.family, family.order == 0.0, family.dof(1) * size
 
         return sorted(self.families, key=turn)
 
     def _expected(self, family: Family, tolerance: float) -> float:
         """About the size that the tolerance takes."""
-        expected = expected_size(family, self.reference.wave_number, tolerance)
-        return max(expected, float(self._range(family)[0]))
+        size = expected_size(family, self.reference.wave_number, tolerance)
+        return size + family.for_terms(self.pipe)
 
     def _range(self, family: Family) -> tuple[int, int]:
         """The least and the largest size of a family that may be asked."""
-        most = self.quantity.most
-        most = min(LARGEST.get(family.name, most), most // 2 if family.paired else most)
-        return max(1, self.quantity.least), most
+        least, most = max(1, self.quantity.least), self.quantity.most
+        largest = LARGEST.get(family.name, most) + family.for_terms(self.pipe)
+        most = min(largest, most // 2 if family.paired else most)
+        why = self.quantity.excluded(self.pipe, family.name)
+        if most < least:
+            why = f"the question takes {least} degrees of freedom, models have up to {most}"
+        if why:
+            raise _Stop(why)
+        return least, most
 
     def _smallest(self, family: Family, tolerance: float, room: float) -> int | None:
         """The smallest size found to meet the tolerance, with at most so many degrees of freedom.
 
         Where there is none, `left` says why.
         """
-        why = self._excluded(family)
-        if why:
-            self.left[family.name] = why
-            return None
-        least, most = self._range(family)
-        if room < math.inf:
-            most = min(most, max(math.floor(room / family.dof(1)), least))
-        estimable = self._is_estimable(family)
-        start = min(self._expected(family, tolerance), most if estimable else CHEAP)
-        known = self._known(family)
+        estimable, known = self._is_estimable(family), self._known(family)
+        best, limit = self._best(tolerance), PATIENCE
+        if best is not None and best.family != family.name:
+            limit = min(limit, WORTH * best.seconds)
 
         def value(size: int) -> float:
             if not estimable and (family.name, size) not in self.rows:
-                best = self._best(tolerance)
-                limit = PATIENCE if best is None else min(PATIENCE, WORTH * best.seconds)
                 self._check_price(family, size, limit)
                 if family.order < math.inf:
                     _check_fall(known, tolerance, most)
@@ -369,33 +362,29 @@ class Search:
             known[size] = error if error <= TELLING else math.inf
             return known[size]
 
-        def climb() -> int:
+        def climb() -> int | None:
             order = family.order or 2.0  # the paper's rule, until it comes near its own limit
-            near = 0.0 if estimable else NEIGHBOURS
-            first = max(math.ceil(start), least)
-            return ladder(value, tolerance, order, first, (least, most), known, near)[1]
+            return ladder(value, tolerance, order, start, (least, most), known, apart)
 
         try:
-            good = climb()
-            if good > most and self._thorough:
+            least, most = self._range(family)
+            if room < math.inf:
+                most = min(most, max(math.floor(room / family.dof(1)), least))
+            expected = self._expected(family, tolerance)
+            start = max(math.ceil(min(expected, most if estimable else CHEAP)), least)
+            apart = 0.0 if self.quantity.is_linear else NEIGHBOURS
+            found = climb()
+            if found is None and self._thorough:
                 size = least
                 while size <= most and value(size) > tolerance:
                     size = max(size + 1, (5 * size) // 4)
-                good = climb()
+                found = climb()
+            if found is None:
+                raise _Stop(_shortfall(known))
+            return found
         except _Stop as stop:
             self.left[family.name] = str(stop)
             return min((n for n, error in known.items() if error <= tolerance), default=None)
-        if good <= most:
-            return good
-        self.left[family.name] = _shortfall(known)
-        return None
-
-    def _excluded(self, family: Family) -> str:
-        """Why no model of a family is asked; empty where some may be."""
-        least, most = self._range(family)
-        if most < least:
-            return f"the question takes {least} degrees of freedom, models have up to {most}"
-        return self.quantity.excluded(self.pipe, family.name)
 
     def _known(self, family: Family) -> dict[int, float]:
         """Errors by size, as far as they were found."""
@@ -409,21 +398,27 @@ class Search:
         """Ends a ladder where an answer would take longer than some seconds, by smaller ones'."""
         if (family.name, size) in self.rows:
             return
-        seconds, growth = self._seconds(family), max(self.quantity.growth, 1.0)
-        if self.quantity.is_linear and size > LONG and max(seconds, default=0) < size // 4:
+        dof = family.dof(size)
+        if (
+            self.quantity.is_linear
+            and size > LONG
+            and max(self._seconds(family), default=0) < dof // 4
+        ):
             self.measure(family, min(size // 2, 2 * LONG))
-            seconds = self._seconds(family)
-        expected = price(seconds, size, growth)
-        if expected > limit:
-            raise _Stop(f"size {size} would take some {1e3 * expected:.3g} ms")
+        seconds = price(self._seconds(family), dof, self.quantity.growth)
+        if seconds > limit:
+            raise _Stop(f"size {size} would take some {1e3 * seconds:.3g} ms")
 
     def _seconds(self, family: Family) -> dict[int, float]:
-        """Times by sizes of models of a family's kind: chains of all rules cost alike."""
+        """Times by degrees of freedom: linear answers of all families cost about alike.
+
+        Of motions and cycles chains of all rules do.
+        """
         alike = RULES if family.name in RULES else (family.name,)
         return {
-            size: row.seconds
-            for (name, size), row in self.rows.items()
-            if name in alike and row.failure is None
+            row.dof: row.seconds
+            for row in self.rows.values()
+            if row.failure is None and (self.quantity.is_linear or row.family in alike)
         }
 
     # ---------------------------------------------------------------------------- for a budget
@@ -432,12 +427,10 @@ class Search:
         """The row of least error within a budget, down to what the reference can tell."""
         aim = max(SHARPER * self.reference.error, self.quantity.floor)
         for family in self._ordered(aim):
-            why = self._excluded(family) or self._inferior(family, budget)
-            if not why:
+            try:
                 self._spend(family, budget, aim)
-                size = max(size for name, size in self.rows if name == family.name)
-                why = described(self.rows[family.name, size])
-            self.left[family.name] = why
+            except _Stop as stop:
+                self.left[family.name] = str(stop)
         return self._sharpest(budget)
 
     def _sharpest(self, budget: float) -> TradeRow | None:
@@ -446,67 +439,43 @@ class Search:
         return min(good, key=self.bound, default=None)
 
     def _spend(self, family: Family, budget: float, aim: float) -> None:
-        """Measures the family up to the largest size within the budget, or one at the aim."""
+        """Measures a family up to the largest size within the budget, or one at the aim.
+
+        Always ends with the reason why no other size is asked.
+        """
         least, most = self._range(family)
-        afford = self._affordable(family, budget)
-        start = min(self._expected(family, aim), most, afford / SCATTER if afford < most else CHEAP)
+        growth = self.quantity.growth
+        known, dear = self._seconds(family), SCATTER * min(budget, PATIENCE)
+        sizes = range(1, most + 1)
+        last = bisect_right(sizes, dear, key=lambda n: price(known, family.dof(n), growth))
+        if last < least:
+            raise _Stop("its smallest would take longer")
+        best = self._sharpest(budget)
+        if best is not None and not best.resolved:
+            raise _Stop(f"the reference cannot tell it from {best.family} of size {best.size}")
+        if best is not None and self._is_estimable(family):
+            error = self.error(family, last)
+            if error >= self.bound(best):
+                raise _Stop(f"size {last}, the most in this time, has an error of {error:.1e}")
+        elif best is not None and self._expected(family, self.bound(best)) > last:
+            raise _Stop(f"no smaller error is expected up to size {last}")
 
         def value(size: int) -> float:
             """Budget over cost, which falls below 1 where nearly all is spent."""
             self._check_price(family, size, PATIENCE)
-            row = self._timed(family, size, budget)
-            if row.failure is not None:
-                return math.inf
-            if (row.error <= aim or row.seconds >= FULL * budget) and row.seconds <= budget:
-                raise _Stop
-            return SPENT * budget / row.seconds
+            row = self.measure(family, size)
+            if budget < row.seconds < SCATTER * budget:  # once more, as times scatter
+                row = min(row, self._measured(family, size), key=lambda one: one.seconds)
+                self.rows[family.name, size] = row
+            if row.seconds <= budget and (row.error <= aim or row.seconds >= FULL * budget):
+                raise _Stop(described(row))
+            return SPENT * budget / row.seconds if row.failure is None else math.inf
 
-        start, growth = max(math.ceil(start), least), max(self.quantity.growth, 1.0)
-        with suppress(_Stop):
-            ladder(value, 1.0, growth, start, (least, most), {}, CLOSE)
-
-    def _inferior(self, family: Family, budget: float) -> str:
-        """Why no model within the budget is sharper than the best so far; empty if one may be."""
-        least, most = self._range(family)
-        size = min(self._affordable(family, budget), most)
-        if size < least:
-            return "its smallest would take longer"
-        best = self._sharpest(budget)
-        if best is None:
-            return ""
-        if not best.resolved:
-            return f"the reference cannot tell it from {best.family} of size {best.size}"
-        if self._is_estimable(family):
-            error = self.error(family, math.floor(size))
-            if error < self.bound(best):
-                return ""
-            return f"size {size:.0f}, the most that the time allows, has an error of {error:.1e}"
-        if self._expected(family, self.bound(best)) <= size:
-            return ""
-        return f"no smaller error is expected up to size {size:.0f}"
-
-    def _affordable(self, family: Family, budget: float) -> float:
-        """The largest size that a budget may pay for; infinite where nothing is known of prices."""
-        known = self._prices(family)
-        if not known:
-            return math.inf
-        dear, growth = SCATTER * min(budget, PATIENCE), max(self.quantity.growth, 1.0)
-        sizes = range(1, self._range(family)[1] + 1)
-        return float(bisect_right(sizes, dear, key=lambda n: price(known, family.dof(n), growth)))
-
-    def _prices(self, family: Family) -> dict[int, float]:
-        """Times by degrees of freedom: linear answers of all families cost about alike."""
-        if not self.quantity.is_linear:
-            return {family.dof(size): one for size, one in self._seconds(family).items()}
-        return {row.dof: row.seconds for row in self.rows.values() if row.failure is None}
-
-    def _timed(self, family: Family, size: int, budget: float) -> TradeRow:
-        """A row; what is a little over the budget is timed once more, as times scatter."""
-        row = self.measure(family, size)
-        if budget < row.seconds < SCATTER * budget:
-            row = min(row, self._measured(family, size), key=lambda one: one.seconds)
-            self.rows[family.name, size] = row
-        return row
+        wanted = min(self._expected(family, aim), most)
+        start = max(math.ceil(min(wanted, last / SCATTER if last < most else CHEAP)), least)
+        ladder(value, 1.0, growth, start, (least, most), {}, 1.0 - SPENT)
+        size = max(size for name, size in self.rows if name == family.name)
+        raise _Stop(described(self.rows[family.name, size]))
 
     # ------------------------------------------------------------------------- where none is found
 

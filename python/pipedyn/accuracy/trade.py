@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.accuracy.convergence import Trend, law_of
+from pipedyn.accuracy.convergence import ConvergenceLaw, fitted_law
 from pipedyn.accuracy.families import GROUPS, Family, checked_families
 from pipedyn.accuracy.quantities import Quantity, checked_quantity
 from pipedyn.accuracy.reference import Answer, Reference
@@ -124,7 +124,9 @@ class Trade:
         return tuple(row for row in self.rows if row.failure is not None)
 
     def pareto(self, cost: str = "seconds") -> tuple[TradeRow, ...]:
-        """The rows that no other beats in both error and cost, the cheapest first.
+        """The Pareto front of error and cost: rows of which no other is better in both.
+
+        The cheapest stands first.
 
         Args:
             cost: "seconds", "dof", "right_hand_sides" or "factorisations".
@@ -137,19 +139,19 @@ class Trade:
                 front.append(row)
         return tuple(front)
 
-    def orders(self) -> dict[str, Trend]:
+    def orders(self) -> dict[str, ConvergenceLaw]:
         """The law of each family's errors, fitted down to where they stop to fall."""
         return {family: self._order(family) for family in self.families}
 
-    def _order(self, family: str) -> Trend:
+    def _order(self, family: str) -> ConvergenceLaw:
         floor = self.quantity.floor
         rows = [row for row in self.of(family) if row.resolved and floor < row.error < math.inf]
         errors = np.array([row.error for row in rows])
         sizes = np.array([float(row.size) for row in rows])
         for i in range(2, len(rows)):  # rounding
             if errors[i - 1] < ROUNDED and errors[i:].min() > STALLED * errors[i - 1]:
-                return law_of(sizes[: i - 1], errors[: i - 1])
-        return law_of(sizes, errors)
+                return fitted_law(sizes[: i - 1], errors[: i - 1])
+        return fitted_law(sizes, errors)
 
     def _table(self) -> Table:
         title = (
@@ -186,8 +188,8 @@ class Trade:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow([*names, "failure"])
         for row in self.rows:
-            told = "" if row.failure is None else str(row.failure)
-            writer.writerow([*(getattr(row, name) for name in names), told])
+            failure = "" if row.failure is None else str(row.failure)
+            writer.writerow([*(getattr(row, name) for name in names), failure])
         if path is not None:
             with open(path, "w", encoding="utf-8", newline="") as file:
                 file.write(text.getvalue())
@@ -212,7 +214,7 @@ def trade(
     Args:
         pipe: the pipe.
         quantity: what is asked of it, and its conditions as further arguments:
-            "critical_speed" (max_speed=100: the lowest passage that destabilises),
+            "critical_speed" (max_speed=100: the lowest crossing that destabilises),
             "frequencies" (u=0, count=4: eigenvalues of the lowest modes, with damping delta those
             below 0.9 / delta),
             "root_loci" (speeds, count=4: branches of eigenvalues),

@@ -22,8 +22,8 @@ from scipy.optimize import brentq
 from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.continuation import Point, Segment, folds
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finished, on_branch
-from pipedyn.bifurcation.equilibria import EquilibriumBranch, Rest
-from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, excess, outside, passage
+from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
+from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, excess, outside
 from pipedyn.bifurcation.floquet import returns, shortened
 from pipedyn.bifurcation.hopf import tip_of
 from pipedyn.bifurcation.normal_form import vectors
@@ -40,6 +40,7 @@ from pipedyn.bifurcation.orbit_continuation import (
     from_orbit,
 )
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
+from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.pencil import Complex
@@ -190,12 +191,12 @@ def hopf_points(
             or not.
         highest: flow speed up to which these are sought.
     """
-    motion, rest = VectorField(model), Rest(model)
+    motion, statics = VectorField(model), Statics(model)
     points: list[tuple[float, float, Array]] = []
-    if rest.rests(highest):
+    if statics.rests(highest):
         try:
             points += [
-                (c.speed, c.frequency, rest.resting)
+                (c.speed, c.frequency, statics.resting)
                 for c in crossings(model, highest)
                 if c.kind == "flutter" and c.speed > 0.0
             ]
@@ -204,7 +205,7 @@ def hopf_points(
     for branch in branches:
         for point in branch.points:
             if point.kind == "hopf" and point.speed > 0.0 and not branch.straight:
-                points.append((point.speed, point.frequency, rest.from_start("q", point.q)))
+                points.append((point.speed, point.frequency, statics.from_start("q", point.q)))
     known: list[tuple[float, float]] = []
     for u, frequency, x in points:
         if any(np.allclose((u, frequency), other, rtol=1e-6) for other in known):
@@ -594,7 +595,7 @@ class _Follower:
             before, low = self._narrowed(step, low, high)
             orbit = step.problem.orbit(low.point.z)
             roots = returns(self.motion, shortened(self.motion, orbit))
-            kind, multiplier = passage(roots, orbit.symmetric)
+            kind, multiplier = crossing_event(roots, orbit.symmetric)
             if kind == "fold":
                 continue
             a, b = before.cycle, low.cycle

@@ -44,14 +44,14 @@ SAMPLES_A_TIME = 100
 
 @dataclass(frozen=True)
 class Attractor:
-    """Where one motion ended.
+    """Where one motion ends.
 
     Attributes:
         speed: u.
         start: which of the initial states, counted from 0.
         ending: "rest", "periodic" (maxima repeat to the accuracy with which they are known, or
             converge geometrically to such), "settling" (it still approaches rest or a cycle),
-            "irregular" (a torus, chaos, or a transient that has not ended) or "failed".
+            "irregular" (a torus, chaos, or a transient that still lasts) or "failed".
         period: maxima of the tip's transverse position in a period, 0 but for "periodic".
         turnings: transverse position of the tip where its velocity changes sign, in order, shape
             (K,); at rest the position itself.
@@ -167,7 +167,7 @@ def attractors(
 def _batch(
     model: Model, members: list[tuple[float, int]], starts: list[Array], plan: Plan
 ) -> list[Attractor | Exception]:
-    """Where each member of one batch ended, or why it stopped early."""
+    """Where each member of one batch ends, or why it stopped early."""
     ensemble = simulate_many(
         model,
         [u for u, _ in members],

@@ -81,7 +81,7 @@ def excess(multipliers: ArrayLike, place: int) -> float:
     return float(np.log(max(sizes[place], 1e-300) / (1.0 + UNIT)))
 
 
-def passage(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex]:
+def crossing_event(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex]:
     """What a multiplier that passes the unit circle does, and that multiplier.
 
     One that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are squares

@@ -27,10 +27,11 @@ from typing import Literal
 
 import numpy as np
 
-from pipedyn.bifurcation.equilibria import BranchPoint, Rest
+from pipedyn.bifurcation.equilibrium_branch import BranchPoint
 from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal_form
+from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import STENCIL, VectorField
-from pipedyn.linear.critical_speed import critical_speed
+from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.pencil import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model, NotConverged
@@ -214,7 +215,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
         )
     motion = VectorField(model)
     if isinstance(crossing, BranchPoint):
-        start = Rest(model).from_start("crossing", crossing.q)
+        start = Statics(model).from_start("crossing", crossing.q)
         rest = np.concatenate([start, np.zeros(motion.half)])
     else:
         model.require_equilibrium(u)
@@ -258,22 +259,13 @@ def with_drag(model: Model, drag: float) -> VectorField:
 
 
 def _first(model: Model) -> Crossing:
-    critical = critical_speed(model)
+    critical, found = first_loss(model)
     if critical.kind != "flutter":
         raise NoHopf(
             f"stability is lost by divergence at u = {critical.speed:g}; a flutter beyond it is "
             "asked for with crossing="
         )
-    return Crossing(
-        speed=critical.speed,
-        frequency=critical.frequency,
-        kind="flutter",
-        unstable_before=0,
-        unstable_after=2,
-        error=critical.error,
-        mode=critical.mode,
-        sensitivity=critical.sensitivity,
-    )
+    return next(one for one in found if one.destabilising)
 
 
 def _result(

@@ -209,10 +209,10 @@ def _search(
 
 
 def _exact(model: AnyModel) -> Continuum | None:
-    """The continuous pipe that a model stands for, fittings included."""
+    """The continuous pipe that a model stands for, terms included."""
     if isinstance(model, Model) and not model.approximates_pipe:
         return None
-    return Continuum(model.pipe, getattr(model, "fittings", ()))
+    return Continuum(model.pipe)
 
 
 def _search_once(

@@ -33,7 +33,7 @@ Vectors = NDArray[Any]
 
 TOLERANCE = 1e-10
 """Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
-k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what fittings add; to it
+k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what terms add; to it
 comes the rounding of M x, eps |lambda|^2, which is what limits high modes."""
 
 WORTHLESS = 1e-4
@@ -473,6 +473,7 @@ class BandPencil(SparsePencil):
     def __init__(self, model: Chain) -> None:
         super().__init__(model)
         self.core = model.core
+        self.resisted = model.resisted
         self.scale = model.elastic_scale[:, None]
         self.elastic = model.elastic_share[:, None]
 
@@ -493,7 +494,8 @@ class BandPencil(SparsePencil):
         return self.direction * self._rows(self.core.velocity_times, x)
 
     def damping(self, x: Vectors) -> Vectors:
-        return self.pipe.damping * self.by_damping(x)
+        result: Vectors = self.pipe.damping * self.by_damping(x)
+        return result + self._rows(self.core.terms_damping_times, x) if self.resisted else result
 
     def by_damping(self, x: Vectors) -> Vectors:
         result: Vectors = self.elastic * x
@@ -501,6 +503,8 @@ class BandPencil(SparsePencil):
 
     def stiffness(self, x: Vectors) -> Vectors:
         result: Vectors = self.elastic * x
+        if self.pipe.terms:
+            result = result + self._rows(self.core.terms_stiffness_times, x)
         return result + self.pipe.gamma * self.gravity(x) if self.pipe.gamma else result
 
     def gravity(self, x: Vectors) -> Vectors:

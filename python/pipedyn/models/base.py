@@ -285,6 +285,10 @@ class Model(ABC):
         """Where p is at rest, shape (moving,)."""
         return np.zeros(self.moving)
 
+    def free_directions(self, p: Array) -> Array:
+        """Directions that constraints leave about a configuration, shape (moving, dof)."""
+        return np.eye(self.dof)
+
     def largest_angle(self, p: NDArray[Any]) -> float:
         """Largest angle of the pipe displaced by p, shape (moving,), maybe complex; to first order.
 

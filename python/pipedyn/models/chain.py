@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -38,7 +39,8 @@ class Chain(Model):
     """A chain of n rigid segments, the lumped-parameter model of a pipe.
 
     Coordinates: the angles theta_j of the segments from the straight pipe, shape (n,), from the
-    clamp to the free end.
+    clamp to the free end. The terms of the pipe act where they are, anywhere along a segment; what
+    acts at a place of the fixed base moves nothing.
 
     Args:
         pipe: the pipe.
@@ -50,8 +52,8 @@ class Chain(Model):
             "midpoint": n equal cells with a joint in the middle of each, all springs n; half a
             cell stays fixed at the clamp and the last segment is half a cell. Second order.
             "uniform": all springs n. First order.
-            "frequency": all equal, the chain's first frequency without flow and gravity that of
-            the cantilever. First order.
+            "frequency": all equal, the chain's first frequency without flow, gravity and terms
+            that of the cantilever. First order.
             "rayleigh" (the paper's): all equal; the Rayleigh quotient of the tip-load shape,
             sampled at the joints, that of the cantilever's first frequency. It does not converge
             to the continuous pipe: frequencies and critical speed end 1.44 % low.
@@ -149,7 +151,8 @@ class Chain(Model):
             tip_load = joints**2 * (3.0 - joints)
             angles = np.diff(tip_load) / self._lengths
             turns = np.diff(angles, prepend=0.0)
-            kinetic = angles @ self._with_springs(np.ones(n)).mass_times(angles[:, None])[:, 0]
+            bare = self._with_springs(np.ones(n), replace(self._pipe, terms=()))
+            kinetic = angles @ bare.mass_times(angles[:, None])[:, 0]
             return np.full(n, FIRST_BEAM_EIGENVALUE * kinetic / (turns @ turns))
         if rule == "frequency":
             return np.full(n, FIRST_BEAM_EIGENVALUE * self._largest_compliance())
@@ -157,7 +160,7 @@ class Chain(Model):
 
     def _largest_compliance(self) -> float:
         """1 / omega_1^2 of the chain with unit springs, by Lanczos in joint angles, O(n) a step."""
-        chain = self._with_springs(np.ones(self.dof))
+        chain = self._with_springs(np.ones(self.dof), replace(self._pipe, terms=()))
 
         def inertia(joint_angles: Array) -> Array:
             angles = np.cumsum(joint_angles.reshape(-1, 1), axis=0)
@@ -169,9 +172,9 @@ class Chain(Model):
         start = np.linspace(1.0, 0.0, self.dof, endpoint=False)
         return float(eigsh(operator, k=1, which="LA", v0=start, return_eigenvectors=False)[0])
 
-    def _with_springs(self, springs: Array) -> _core.Chain:
+    def _with_springs(self, springs: Array, pipe: Pipe | None = None) -> _core.Chain:
         return _core.Chain(
-            pipe=core_pipe(self._pipe),
+            pipe=core_pipe(self._pipe if pipe is None else pipe),
             length=self._lengths,
             center=self._centers,
             gyration_radius=self._gyration_radii,
@@ -195,7 +198,7 @@ class Chain(Model):
         return self._with_springs(self._springs + springs)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "core"}
+        return {k: v for k, v in self.__dict__.items() if k not in ("core", "resistances")}
 
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
@@ -274,6 +277,40 @@ class Chain(Model):
         share: Array = self._springs * self.elastic_scale**2
         return share
 
+    @cached_property
+    def resistances(self) -> Array:
+        """What the pipe's terms resist small motions of each segment with, shape (n, 7).
+
+        Sums over the places on the segment, with powers 0, 1, 2 of the distance from its joint:
+        three of stiffness against a transverse displacement, three of damping; and the stiffness
+        against the segment's own angle.
+        """
+        return _frozen(self.core.resistances())
+
+    @property
+    def resisted(self) -> bool:
+        """Whether a term of the pipe damps."""
+        return bool(self.pipe.terms) and bool(self.resistances[:, 3:6].any())
+
+    @property
+    def fitted_size(self) -> float:
+        """Trace of what terms add to the stiffness in elastic coordinates."""
+        if not self.pipe.terms:
+            return 0.0
+        zeroth, first, second, _, _, _, own = self.resistances.T
+        added = self.core.bodies()[:, 0] - self._lengths
+        joints = np.cumsum(self._lengths) - self._lengths
+
+        def beyond(values: Array) -> Array:
+            result: Array = np.cumsum(values[::-1])[::-1]
+            return result
+
+        moment = beyond(zeroth * joints + first)
+        about = beyond(zeroth * joints**2 + 2.0 * first * joints + second + np.abs(own))
+        about += joints * (joints * beyond(zeroth) - 2.0 * moment)
+        about += abs(self.pipe.gamma) * (beyond(added * joints) - joints * beyond(added))
+        return float(np.abs(about) @ self.elastic_scale**2)
+
     @property
     def stations(self) -> Array:
         """Arc lengths of the nodes: polylines peak there."""
@@ -283,8 +320,8 @@ class Chain(Model):
         """Linear operators about a configuration at rest, in the angles theta.
 
         Mass, gyroscopic, end_flux and damping are what multiplies theta'' and theta' there; at rest
-        drag has no linear part. stiffness is the derivative of the moments of springs and gravity,
-        flux that of the follower force's. Small motions about q obey them where q is an
+        drag has no linear part. stiffness is the derivative of the moments of springs, gravity and
+        terms, flux that of the follower force's. Small motions about q obey them where q is an
         equilibrium at the speed in question; elsewhere `jacobian` at rest has besides these the
         derivative of the mass, -M^-1 (dM/dq q'').
 
@@ -320,9 +357,9 @@ class Chain(Model):
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
         """Rate of the state, exact at any amplitude, in O(n).
 
-        Flow, gravity, springs, joint damping and quadratic drag at the drag points, each only where
-        the pipe has it. A batch is one call; its members go through the processor's vectors
-        together. Several threads may call one chain at once.
+        Flow, gravity, springs, joint damping, quadratic drag at the drag points and the pipe's
+        terms, each only where the pipe has it. A batch is one call; its members go through the
+        processor's vectors together. Several threads may call one chain at once.
 
         Args:
             t: time; nothing depends on it.

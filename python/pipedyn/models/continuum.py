@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.models.base import Model, NotConverged, checked_pipe
-from pipedyn.models.fitting import Fitting, basis_joints, checked_fittings
-from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin
+from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 
@@ -50,45 +49,37 @@ class Continuum:
     and report size and error where their results have a place for them.
 
     Args:
-        pipe: the pipe.
-        fittings: point masses and springs.
+        pipe: the pipe, with its terms.
 
     Raises:
-        TypeError: for what is no pipe or no sequence of fittings.
+        TypeError: for what is no pipe.
 
     Source: Gregory and Paidoussis (1966).
     """
 
-    def __init__(self, pipe: Pipe, fittings: Sequence[Fitting] = ()) -> None:
+    def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
-        self._fittings = checked_fittings(fittings)
 
     @property
     def pipe(self) -> Pipe:
         """The pipe."""
         return self._pipe
 
-    @property
-    def fittings(self) -> tuple[Fitting, ...]:
-        """Point masses and springs."""
-        return self._fittings
-
     def with_pipe(self, pipe: Pipe) -> Continuum:
-        """Another pipe with the same fittings."""
-        return Continuum(pipe, self._fittings)
+        """Another pipe."""
+        return Continuum(pipe)
 
     def __repr__(self) -> str:
-        more = f", fittings={list(self._fittings)!r}" if self._fittings else ""
-        return f"Continuum({self._pipe!r}{more})"
+        return f"Continuum({self._pipe!r})"
 
     def frozen(self, m: int) -> Galerkin:
         """The reduced model with m Legendre functions.
 
         Raises:
             ValueError, TypeError: for m that is no whole number from 1, or one for each panel
-                between fittings, to 2000.
+                between terms, to 2000.
         """
-        return Galerkin(self._pipe, m, "legendre", self._fittings)
+        return Galerkin(self._pipe, m, "legendre")
 
     def settle(
         self,
@@ -105,7 +96,7 @@ class Continuum:
             distance: relative distance between two answers; infinite where they differ in kind.
             tolerance: distance at which the answer stands still, > 0.
             smallest: first size, from 1 to 1992.
-            largest: last size, up to 2000, or one step above the first. Fittings inside the pipe
+            largest: last size, up to 2000, or one step above the first. Terms inside the pipe
                 add four to either size for each joint that they make.
 
         Raises:
@@ -118,7 +109,7 @@ class Continuum:
         tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
         smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
         largest = check.count("largest", largest, high=LARGEST_BASIS)
-        joints = FUNCTIONS_A_JOINT * basis_joints(self._fittings).size
+        joints = FUNCTIONS_A_JOINT * basis_joints(self._pipe.terms).size
         size = smallest = min(smallest + joints, LARGEST_BASIS - 8)
         largest = min(largest + joints, LARGEST_BASIS)
         before = question(self.frozen(size))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -22,15 +22,8 @@ from pipedyn.models.base import (
     core_pipe,
     operators_from,
 )
-from pipedyn.models.fitting import (
-    Fitting,
-    basis_joints,
-    checked_fittings,
-    core_fittings,
-    on_panels,
-    panel_ends,
-)
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -48,11 +41,35 @@ LARGEST_TABLE = 100_000_000
 """Values of functions handed out at once: 800 MB."""
 
 
+SHORTEST_PANEL = 1e-4
+"""Length of the shortest panel of a basis. To leave out a joint at the distance d from another
+costs d^3, 1e-11 of a critical speed at this length; on panels below a third of it functions move
+so little mass that rounding makes their eigenvalues any."""
+
+
 @lru_cache(maxsize=32)
 def gauss_nodes(count: int) -> tuple[Array, Array]:
     """Nodes and weights of Gauss-Legendre quadrature on [0, 1], each of shape (count,)."""
     nodes, weights = roots_legendre(count)
     return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def panel_ends(terms: tuple[Term, ...]) -> Array:
+    """Ends of the panels between the places of terms, from 0 to 1: integrands are smooth on each.
+
+    Shape (panels + 1,).
+    """
+    return np.unique([0.0, *(term.place for term in terms if term.place is not None), 1.0])
+
+
+def basis_joints(terms: tuple[Term, ...]) -> Array:
+    """Inner ends of the panels of a basis: those of the above that leave none too short."""
+    joints: list[float] = []
+    for end in panel_ends(terms)[1:-1].tolist():
+        low = joints[-1] if joints else 0.0
+        if end - low >= SHORTEST_PANEL and 1.0 - end >= SHORTEST_PANEL:
+            joints.append(end)
+    return np.array(joints)
 
 
 class Galerkin(Model):
@@ -66,29 +83,26 @@ class Galerkin(Model):
         basis: "beam" (the cantilever's own modes, unit mass; the critical speed's error falls like
             m^-4) or "legendre" (w_i'' a normalised Legendre polynomial, unit stiffness; the error
             falls exponentially, but the highest third of the eigenvalues is not the pipe's).
-        fittings: point masses and springs. Where one is, the shear jumps: Legendre polynomials then
-            live on the panels between, to which functions are dealt out, some to each and the
-            others in proportion to length, and converge exponentially as before. Beam modes stay
-            what they are; their error falls like a power of m.
+            Where a term of the pipe acts, the shear jumps. Legendre polynomials then live on the
+            panels between: each panel has some functions, the others go to panels in proportion to
+            length, and convergence stays exponential. Beam modes stay what they are; their error
+            falls like a power of m.
 
     Raises:
         ValueError: for m out of range or less than the number of panels, or an unknown basis.
-        TypeError: for what is no whole number, word, pipe or sequence of fittings.
+        TypeError: for what is no whole number, word or pipe.
 
     Source: Gregory and Paidoussis (1966) for the equation; Orsino and Pesce (2018) for reduced
     models of this pipe.
     """
 
-    def __init__(
-        self, pipe: Pipe, m: int, basis: str = "beam", fittings: Sequence[Fitting] = ()
-    ) -> None:
+    def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
         self._pipe = checked_pipe(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
         self._basis = check.choice("basis", basis, BASES)
-        self._fittings = checked_fittings(fittings)
         if self._size < self.panels:
             raise ValueError(
-                f"m must be at least {self.panels}, the number of panels between fittings, "
+                f"m must be at least {self.panels}, the number of panels between terms, "
                 f"got {self._size}"
             )
 
@@ -106,22 +120,16 @@ class Galerkin(Model):
             joints=self._joints,
             nodes=nodes,
             weights=weights,
-            fittings=core_fittings(self._fittings),
         )
 
     @cached_property
-    def motion(self) -> _core.GalerkinMotion | _core.FittedMotion:
+    def motion(self) -> _core.GalerkinMotion:
         """The compiled equations of motion."""
-        if not self._fittings:
-            return _core.GalerkinMotion(
-                pipe=core_pipe(self._pipe), legendre=self._basis == "legendre", size=self._size
-            )
-        return _core.FittedMotion(
+        return _core.GalerkinMotion(
             pipe=core_pipe(self._pipe),
             legendre=self._basis == "legendre",
             size=self._size,
             joints=self._joints,
-            fittings=core_fittings(self._fittings),
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -129,8 +137,7 @@ class Galerkin(Model):
         return {name: value for name, value in self.__dict__.items() if name not in compiled}
 
     def __repr__(self) -> str:
-        more = f", fittings={list(self._fittings)!r}" if self._fittings else ""
-        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r}{more})"
+        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
 
     @property
     def pipe(self) -> Pipe:
@@ -148,13 +155,8 @@ class Galerkin(Model):
         return self._basis
 
     @property
-    def fittings(self) -> tuple[Fitting, ...]:
-        """Point masses and springs."""
-        return self._fittings
-
-    @property
     def panels(self) -> int:
-        """Number of panels on which curvatures are smooth: 1 without fittings inside the pipe."""
+        """Number of panels on which curvatures are smooth: 1 without terms inside the pipe."""
         return self._joints.size + 1
 
     @property
@@ -162,28 +164,24 @@ class Galerkin(Model):
         """Number of functions on one panel that would resolve as many modes."""
         return max(self._size - JOINT_COST * (self.panels - 1), self._size // 2)
 
-    @property
+    @cached_property
     def fitted_size(self) -> float:
-        """Bound on the norm of what fittings add to the stiffness in elastic coordinates.
-
-        In these |w(s)|^2 <= s^3 / 3 and |w'(s)|^2 <= s of all functions together.
-        """
-        weight = 0.5 * abs(self._pipe.gamma)
-        return sum(f.stiffness * f.at**3 / 3.0 + weight * f.mass * f.at**2 for f in self._fittings)
+        """Bound on the norm of what terms add to the stiffness in elastic coordinates."""
+        return self.core.term_stiffness()
 
     def with_pipe(self, pipe: Pipe) -> Galerkin:
-        """The same functions and fittings for another pipe."""
-        return Galerkin(pipe, self._size, self._basis, self._fittings)
+        """As many functions of the same family for another pipe."""
+        return Galerkin(pipe, self._size, self._basis)
 
     @cached_property
     def _joints(self) -> Array:
         """Inner ends of the basis' panels; the beam modes have none."""
-        return basis_joints(self._fittings if self._basis == "legendre" else ())
+        return basis_joints(self._pipe.terms if self._basis == "legendre" else ())
 
     @cached_property
     def _ends(self) -> Array:
         """Ends of the panels on which integrands are smooth, from 0 to 1."""
-        return panel_ends(self._fittings)
+        return panel_ends(self._pipe.terms)
 
     @cached_property
     def _most(self) -> int:
@@ -192,7 +190,9 @@ class Galerkin(Model):
 
     def _rule(self, count: int) -> tuple[Array, Array]:
         """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
-        return on_panels(self._ends, *gauss_nodes(count))
+        nodes, weights = gauss_nodes(count)
+        lengths = np.diff(self._ends)[:, None]
+        return (self._ends[:-1, None] + lengths * nodes).ravel(), (lengths * weights).ravel()
 
     def functions(self, s: ArrayLike, derivative: int = 0) -> Array:
         """The functions w_i, their slopes or curvatures.
@@ -267,15 +267,15 @@ class Galerkin(Model):
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
         """Rate of the state, geometrically exact at any amplitude.
 
-        Flow, gravity, bending, Kelvin-Voigt damping, quadratic drag and fittings, each only where
-        the pipe has it. A batch is one call; its members go through the processor's vectors
-        together, with fittings one after another. Several threads may call one model at once.
+        Flow, gravity, bending, Kelvin-Voigt damping, quadratic drag and terms, each only where the
+        pipe has it. A batch is one call; its members go through the processor's vectors together.
+        Several threads may call one model at once.
 
         The integrals along the pipe are taken with as many nodes as the configuration needs: what
         they miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for
         angles up to pi in any of the functions. Configurations wilder than that are given the
-        largest number of nodes, some 16 m + 96, beyond 250 functions fewer. With fittings all this
-        holds for each panel between them.
+        largest number of nodes, some 16 m + 96, beyond 250 functions fewer. With terms all this
+        holds for each panel between their places.
 
         Args:
             t: time; nothing depends on it.

@@ -259,13 +259,15 @@ def stability_map(
     curve = stability_curve(reduced, MAP_BETAS, max_speed=end, executor=executor)
     three = slice(None, None, MAP_BETAS.size // 2)
     exact = stability_curve(continuous, MAP_BETAS[three], max_speed=end, executor=executor)
-    difference = _difference(curve.crossings[three], exact)
+    failed = {failure.index for failure in exact.failures}
+    pairs = enumerate(zip(curve.crossings[three], exact.crossings, strict=True))
+    difference = max([0.0, *(_distance(*pair) for i, pair in pairs if i not in failed)])
     while True:
         between = [
             0.5 * (curve.values[i] + curve.values[i + 1])
-            for i, (left, right) in enumerate(pairwise(curve.crossings))
+            for i, neighbours in enumerate(pairwise(curve.crossings))
             if curve.values[i + 1] - curve.values[i] > MAP_STEP
-            and _jumps(left, right, MAP_JUMP * top)
+            and _distance(*neighbours) > MAP_JUMP * top
         ]
         if not between:
             return curve, difference
@@ -273,36 +275,24 @@ def stability_map(
         curve = _merged(curve, more)
 
 
-def _jumps(left: Sequence[Crossing], right: Sequence[Crossing], most: float) -> bool:
-    a, b = plot.boundaries(left), plot.boundaries(right)
-    pairs = zip(a, b, strict=False)
-    return len(a) != len(b) or any(abs(p.speed - q.speed) > most for p, q in pairs)
-
-
-def _difference(found: Sequence[Sequence[Crossing]], exact: StabilityCurve) -> float:
+def _distance(left: Sequence[Crossing], right: Sequence[Crossing]) -> float:
     """Largest distance of stability boundaries, in speed; infinite where their numbers differ."""
-    failed = {failure.index for failure in exact.failures}
-    largest = 0.0
-    for i, (ours, theirs) in enumerate(zip(found, exact.crossings, strict=True)):
-        a, b = plot.boundaries(ours), plot.boundaries(theirs)
-        if i in failed:
-            continue
-        if len(a) != len(b):
-            return math.inf
-        largest = max([largest, *(abs(p.speed - q.speed) for p, q in zip(a, b, strict=True))])
-    return largest
+    a, b = plot.boundaries(left), plot.boundaries(right)
+    if len(a) != len(b):
+        return math.inf
+    return max((abs(p.speed - q.speed) for p, q in zip(a, b, strict=True)), default=0.0)
 
 
 def _merged(a: StabilityCurve, b: StabilityCurve) -> StabilityCurve:
+    """One curve of the points of two, sorted by their values, which differ."""
     values = np.concatenate([a.values, b.values])
     order = np.argsort(values)
-    places = np.argsort(order)
+    places = {float(value): i for i, value in enumerate(values[order])}
+    failures = (replace(one, index=places[one.value]) for one in a.failures + b.failures)
     critical, found = a.critical + b.critical, a.crossings + b.crossings
-    failures = [*a.failures, *(replace(f, index=f.index + a.values.size) for f in b.failures)]
-    moved = [replace(failure, index=int(places[failure.index])) for failure in failures]
     return StabilityCurve(
         values[order],
         tuple(critical[i] for i in order),
         tuple(found[i] for i in order),
-        tuple(sorted(moved, key=lambda failure: failure.index)),
+        tuple(sorted(failures, key=lambda failure: failure.index)),
     )

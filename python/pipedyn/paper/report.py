@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pipedyn import plot
-from pipedyn.accuracy.convergence import trend
+from pipedyn.accuracy.convergence import convergence_law
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.pipe import Pipe
@@ -138,7 +138,7 @@ def verdict(findings: Findings) -> str:
         return "The continuous pipe has no critical speed to compare with."
     if exact.speed == 0.0:
         return "The smallest flow makes the pipe unstable: there is nothing to converge to."
-    fitted = trend(_by_family(findings)["rayleigh"], exact)
+    fitted = convergence_law(_by_family(findings)["rayleigh"], exact)
     if fitted.law == "flat":
         sizes = ", ".join(f"{size:g}" for size in fitted.sizes)
         return (

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, ScalarFormatter
 
-from pipedyn.accuracy.convergence import Trend, own_error, relative_errors, trend
+from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, own_error, relative_errors
 from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.plot.style import (
@@ -97,7 +97,7 @@ def convergence(
         sizes, errors, alike = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
         look = _look(name, markersize=4.5)
-        fitted = trend(found, exact)
+        fitted = convergence_law(found, exact)
         ax.plot(sizes[alike], shown[alike], label=f"{_family(name)}: {_law(fitted)}", **look)
         look |= {"linestyle": "none", "markerfacecolor": "none"}
         ax.plot(sizes[~alike], shown[~alike], **look)
@@ -177,7 +177,7 @@ def _family(name: str) -> str:
     return f"{kind}, {name}" + (" (the paper's)" if name == "rayleigh" else "")
 
 
-def _law(fitted: Trend, sign: str = "+") -> str:
+def _law(fitted: ConvergenceLaw, sign: str = "+") -> str:
     """The law by which errors fall, for a legend; sign "-" for errors without theirs."""
     if fitted.law == "power":
         return f"order {fitted.rate:.2f}"

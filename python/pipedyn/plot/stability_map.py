@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from itertools import pairwise, product
-from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -109,7 +108,10 @@ def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
 
 
 Node = tuple[int, int]
-End = tuple[Node, Literal["left", "right"]]
+"""A crossing: the index of its column, and its own in the column."""
+
+End = tuple[Node, int]
+"""A side of a crossing: -1 is left, 1 is right."""
 
 
 def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
@@ -129,13 +131,13 @@ def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
         pairs = _pairs(left, right, step, scale)
         for j, k in pairs:
             arc = _hermite_arc((values[i], left[j]), (values[i + 1], right[k]), scale)
-            join(((i, j), "right"), ((i + 1, k), "left"), arc)
+            join(((i, j), 1), ((i + 1, k), -1), arc)
         single = [j for j in range(len(left)) if j not in {j for j, _ in pairs}]
         for j, k, points in _fold_tips(values[i], left, single, step):
-            join(((i, j), "right"), ((i, k), "right"), points)
+            join(((i, j), 1), ((i, k), 1), points)
         single = [k for k in range(len(right)) if k not in {k for _, k in pairs}]
         for j, k, points in _fold_tips(values[i + 1], right, single, -step):
-            join(((i + 1, j), "left"), ((i + 1, k), "left"), points)
+            join(((i + 1, j), -1), ((i + 1, k), -1), points)
     nodes = {(i, j): c for i, column in enumerate(columns) for j, c in enumerate(column)}
     places = {node: np.array([values[node[0]], c.speed]) for node, c in nodes.items()}
     return [(points, nodes[first].kind) for first, points in _traced(places, edges)]
@@ -146,28 +148,21 @@ def _traced(
 ) -> list[tuple[Node, Array]]:
     """Polylines along the edges with the node that each starts from, open ones first."""
     unseen = set(nodes)
-    sides: tuple[Literal["left", "right"], ...] = ("left", "right")
-    ends: list[End] = [*product(nodes, sides)]
+    ends: list[End] = [*product(nodes, (-1, 1))]
     lines = []
-    for node, side in sorted(ends, key=lambda end: end in edges):
-        if node not in unseen:
+    for first, side in sorted(ends, key=lambda end: end in edges):
+        if first not in unseen:
             continue
-        first, line = node, [nodes[node][None]]
+        node, line = first, [nodes[first][None]]
         unseen.discard(node)
-        end: End = (node, _other(side))
-        while end in edges:
-            (node, side), points = edges[end]
+        while (node, -side) in edges:
+            (node, side), points = edges[node, -side]
             line.append(points[1:])
             if node not in unseen:
                 break
             unseen.discard(node)
-            end = (node, _other(side))
         lines.append((first, np.concatenate(line)))
     return lines
-
-
-def _other(side: Literal["left", "right"]) -> Literal["left", "right"]:
-    return "left" if side == "right" else "right"
 
 
 def _pairs(

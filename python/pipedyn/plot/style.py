@@ -98,7 +98,7 @@ def colour_bar(label: str, ax: Axes | NDArray[Any]) -> Axes | None:
         TypeError: for bad arguments.
     """
     check_type("label", label, str)
-    every = list(ax.flat) if isinstance(ax, np.ndarray) and ax.size else [ax]
+    every: list[Any] = list(ax.flat) if isinstance(ax, np.ndarray) and ax.size else [ax]
     for one in every:
         check_type("ax", one, Axes)
     shown = [one.collections[0] for one in every if one.collections]

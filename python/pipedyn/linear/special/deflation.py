@@ -2,8 +2,9 @@
 """Chains whose stiffness is singular at every speed: the root that stands at zero, taken away.
 
 Without gravity det K(u) is the product of the springs. With a free joint (k_j = 0) lambda = 0 is an
-eigenvalue at every speed, and a real root that passes it makes a double zero there, which scatters
-by the square root of rounding. The null vectors X(u) of K are known, so with V^T X = I the pencil
+eigenvalue at every speed, unless a term of the pipe resists what is beyond the joint. A real root
+that passes it makes a double zero there, which scatters by the square root of rounding. The null
+vectors X(u) of K are known, so with V^T X = I the pencil
 
     P(lambda) (I + c/lambda X V^T) = P(lambda) + c (lambda M X + C X) V^T
 
@@ -32,9 +33,18 @@ MOVED = 4.321
 def sweeping_pencil(model: Model, dense: bool | None = None) -> Pencil:
     """The model's pencil, deflated where a root stands at zero at every speed."""
     pencil = pencil_of(model, dense)
-    if not (isinstance(model, Chain) and model.pipe.gamma == 0.0 and (model.springs == 0.0).any()):
+    if not (isinstance(model, Chain) and loose_joints(model).size):
         return pencil
     return DeflatedDense(model) if isinstance(pencil, DensePencil) else DeflatedBand(model)
+
+
+def loose_joints(chain: Chain) -> NDArray[np.intp]:
+    """Free joints beyond which nothing, spring, gravity or term, resists a turn of the chain."""
+    free = np.flatnonzero((chain.springs == 0.0) & (chain.pipe.gamma == 0.0))
+    if chain.pipe.terms and free.size:
+        held = np.flatnonzero(chain.resistances[:, [0, 1, 2, 6]].any(axis=1))
+        free = free[free > held.max(initial=-1)]
+    return free
 
 
 class Deflated(Pencil):
@@ -45,33 +55,29 @@ class Deflated(Pencil):
     def __init__(self, model: Chain) -> None:
         super().__init__(model)
         self.squared = super().velocity_free(1.0)
+        self.free = loose_joints(model)
+        damped = bool(model.resistances[self.free[0] :, 3:6].any())
         # Without fluid mass nothing but inertia holds the free joint: zero is double.
-        self.doubled = self.pipe.beta == 0.0 and not self.squared
+        self.doubled = self.pipe.beta == 0.0 and not self.squared and not damped
+        self.braces = np.zeros(model.dof)
+        self.braces[self.free] = 1.0 / model.elastic_scale[self.free] ** 2
+        self.braced = BandPencil(model)
+        self.braced.core = model.braced(self.braces)
         self.known: tuple[float, Array, Array, Array, Array] | None = None
 
     def null_vectors(self, u: float) -> Array:
         """X with K X = 0, shape (dof, r).
 
-        Beyond the free joint nearest to the clamp, j, the chain turns as one straight line by phi_j
-        = 1; below it each spring balances the thrust, k_k phi_k = -a u^2 sum_{k <= i < j} l_i d_i,
-        with d_i = theta_n - theta_i and d_{i-1} = d_i + phi_i. Where no thrust ever acts (a = 0),
-        each free joint has a vector of its own.
+        Beyond the free joint nearest to the clamp the chain turns as one straight line by phi = 1;
+        below it springs, and terms if there are any, balance the thrust. A spring added to the
+        joint pulls with its stiffness, which is the load to solve for. Where no thrust ever acts
+        (a = 0), each free joint has a vector of its own.
         """
-        chain = self.model
-        free = np.flatnonzero(chain.springs == 0.0)
-        if self.centrifugal == 0.0:
-            vectors = np.zeros((chain.dof, free.size))
-            vectors[free, np.arange(free.size)] = 1.0 / chain.elastic_scale[free]
-            return vectors
-        turns = np.zeros(chain.dof)
-        turns[free[0]] = deviation = 1.0
-        moment = 0.0
-        for k in range(int(free[0]) - 1, -1, -1):
-            moment -= self.centrifugal * u**2 * chain.lengths[k] * deviation
-            turns[k] = moment / chain.springs[k]
-            deviation += float(turns[k])
-        result: Array = (turns / chain.elastic_scale)[:, None]
-        return result
+        scale = self.model.elastic_scale
+        free = self.free if self.centrifugal == 0.0 else self.free[:1]
+        loads = np.zeros((self.dof, free.size))
+        loads[free, np.arange(free.size)] = 1.0 / scale[free]
+        return self.braced.factor(0.0, u)(loads)
 
     def standing(self, u: float) -> tuple[Array, Array, Array, Array]:
         """X, V, and what is added at speed u: A_C V^T to C and A_K V^T to K; each (dof, r)."""
@@ -160,14 +166,6 @@ class DeflatedBand(Deflated, BandPencil):
     The band of P would be singular at lambda = 0: solved is that of the chain with its free joints
     braced by springs, and the difference, of low rank, is added by Woodbury's formula.
     """
-
-    def __init__(self, model: Chain) -> None:
-        super().__init__(model)
-        self.free = np.flatnonzero(model.springs == 0.0)
-        self.braces = np.zeros(model.dof)
-        self.braces[self.free] = 1.0 / model.elastic_scale[self.free] ** 2
-        self.braced = BandPencil(model)
-        self.braced.core = model.braced(self.braces)
 
     def dense(self) -> DensePencil:
         return DeflatedDense(self.model)

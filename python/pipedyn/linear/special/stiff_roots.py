@@ -95,17 +95,19 @@ def is_spread(chain: Chain) -> bool:
     displaced or one segment turns.
     """
     length = chain.lengths
-    if chain.approximates_pipe and length.max() <= 2.0 * length.min():
+    if chain.approximates_pipe and not chain.pipe.terms and length.max() <= 2.0 * length.min():
         return False
     springs = np.append(chain.springs, [0.0, 0.0])
-    chi, eta = chain.centers, chain.gyration_radii
+    masses, chi, eta = chain.core.bodies().T
     turn = 1.0 / np.append(length, np.inf)
     elastic = springs[:-2] * turn[:-1] ** 2 + springs[1:-1] * (turn[:-1] + turn[1:]) ** 2
     elastic += springs[2:] * turn[1:] ** 2
-    mass = length * (chi**2 + (eta / length) ** 2)
-    mass[:-1] += length[1:] * ((1.0 - chi[1:]) ** 2 + (eta[1:] / length[1:]) ** 2)
-    beyond = length[::-1].cumsum()[::-1] - length
-    turned = length**2 * beyond + length * ((chi * length) ** 2 + eta**2)
+    before, _, after = node_shares(chain.resistances[:, :3], length)
+    elastic += after + np.append(before[1:], 0.0)
+    mass = masses * (chi**2 + (eta / length) ** 2)
+    mass[:-1] += masses[1:] * ((1.0 - chi[1:]) ** 2 + (eta[1:] / length[1:]) ** 2)
+    beyond = masses[::-1].cumsum()[::-1] - masses
+    turned = length**2 * beyond + masses * ((chi * length) ** 2 + eta**2)
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = np.maximum(elastic / mass, (springs[:-2] + springs[1:-1]) / turned)
     limit = max(SPREAD, UNEQUAL * length.size**2)
@@ -113,6 +115,20 @@ def is_spread(chain: Chain) -> bool:
     stiffer = held.size > 0 and held.max() > STIFFER * held.min()
     # Infinite, or NaN, where a node has no mass.
     return bool(squares.max() < np.inf and (stiffer or squares.max() > limit**2))
+
+
+def node_shares(moments: Array, length: Array) -> tuple[Array, Array, Array]:
+    """Sums of k (1 - x)^2, k (1 - x) x and k x^2 over each segment from those of k (x l)^p.
+
+    They multiply displacements of the segment's two ends, k at the share x of its length.
+
+    Args:
+        moments: for p = 0, 1, 2, shape (n, 3).
+        length: of each segment, shape (n,).
+    """
+    zeroth, first, second = moments.T
+    mixed = first / length - second / length**2
+    return zeroth - first / length - mixed, mixed, second / length**2
 
 
 class FastRoots:
@@ -123,12 +139,12 @@ class FastRoots:
         self.core = chain.core
         self.n = chain.dof
         self.width = self.core.band_width
-        self.spring_rows, self.gravity_rows, self.flow, self.thrust = self._inertial()
+        self._reduce_to_mass()
         self.known: dict[complex, FastPair] = {}
         self.known_at = -1.0
 
-    def _inertial(self) -> tuple[Array, Array, Array, Array]:
-        """Rows F of the springs and P of gravity, V and A, where the mass is the identity.
+    def _reduce_to_mass(self) -> None:
+        """Rows F of the springs and P of gravity, matrices of flow and terms, for a mass of one.
 
         The kinetic energy is |B w|^2 / 2, two rows a segment. The QR factor of B, largest rows
         first and with pivoting, is as good in its small rows as in its large ones.
@@ -138,9 +154,9 @@ class FastRoots:
         node, before = np.eye(n), np.eye(n, k=-1)
         step = node - before
         angle = step / length[:, None]
-        root = np.sqrt(length)[:, None]
-        centre = (1.0 - chain.centers)[:, None] * before + chain.centers[:, None] * node
-        motion = np.vstack([root * centre, root * chain.gyration_radii[:, None] * angle])
+        masses, chi, eta = self.core.bodies().T[:, :, None]
+        centre = (1.0 - chi) * before + chi * node
+        motion = np.vstack([np.sqrt(masses) * centre, np.sqrt(masses) * eta * angle])
         motion = motion[np.argsort(-np.abs(motion).max(axis=1), kind="stable")]
         triangle, order = qr(motion, mode="r", pivoting=True)[:2]
         triangle = triangle[:n]
@@ -149,26 +165,36 @@ class FastRoots:
             solved: Array = solve_triangular(triangle, matrix[:, order].T, trans=1).T
             return solved
 
-        beyond = length[::-1].cumsum()[::-1] - length
-        moment = length * (beyond + chain.centers * length)
+        def both(matrix: Array) -> Array:
+            return rows(rows(matrix).T).T
+
+        def held(moments: Array) -> Array:
+            near, mixed, far = (x[:, None] for x in node_shares(moments, length))
+            across = before.T @ (mixed * node)
+            return both(before.T @ (near * before) + across + across.T + node.T @ (far * node))
+
+        beyond = masses[::-1].cumsum()[::-1, None] - masses
+        moment = length[:, None] * (beyond + masses * chi)
         joints = angle - np.vstack([np.zeros(n), angle[:-1]])
         flow = np.eye(n, k=1) - before
         flow[-1, -1] = 1.0
         flow *= chain.pipe.direction * math.sqrt(chain.pipe.beta)
         thrust = -step.T @ angle
         thrust[-1] += angle[-1]
-        return (
-            rows(np.sqrt(chain.springs)[:, None] * joints),
-            rows(np.sqrt(moment)[:, None] * angle),
-            rows(rows(flow).T).T,
-            rows(rows(thrust).T).T,
-        )
+        self.spring_rows = rows(np.sqrt(chain.springs)[:, None] * joints)
+        self.gravity_rows = rows(np.sqrt(moment) * angle)
+        self.flow, self.thrust = both(flow), both(thrust)
+        self.held, self.damping = np.zeros((2, n, n))
+        if chain.pipe.terms:
+            resistances = chain.resistances
+            self.held = held(resistances[:, :3]) + both(angle.T @ (resistances[:, 6:] * angle))
+            self.damping = held(resistances[:, 3:6])
 
     def rough(self, u: float, free: bool) -> Complex:
         """All roots by |lambda|, to eps times the greatest |lambda| (free: |lambda|^2)."""
         pipe, n = self.chain.pipe, self.n
         springs = self.spring_rows.T @ self.spring_rows
-        stiffness = springs + pipe.centrifugal * u**2 * self.thrust
+        stiffness = springs + self.held + pipe.centrifugal * u**2 * self.thrust
         if pipe.gamma:
             stiffness += pipe.gamma * (self.gravity_rows.T @ self.gravity_rows)
         if free:
@@ -176,7 +202,7 @@ class FastRoots:
             roots = np.sqrt(squares)
             values = np.concatenate([roots, -roots])
         else:
-            velocity = u * self.flow + pipe.damping * springs
+            velocity = u * self.flow + pipe.damping * springs + self.damping
             unit = max(math.sqrt(np.abs(stiffness).max()), float(np.abs(velocity).max()))
             step = np.zeros((2 * n, 2 * n))
             step[:n, n:] = np.eye(n)

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -22,46 +23,67 @@ from pipedyn.models.base import (
     checked_pipe,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
-from pipedyn.models.modular.custom import CustomForce, extra_forces
-from pipedyn.models.modular.derivatives import acceleration_jacobian, matrix, scene_matrices
+from pipedyn.models.modular.custom import CustomForces
+from pipedyn.models.modular.derivatives import (
+    acceleration_jacobian,
+    forces,
+    matrix,
+    scene_matrices,
+)
 from pipedyn.models.modular.enforcement import (
     Group,
     by_orthonormal_basis,
     by_udwadia_kalaba,
     projection,
 )
-from pipedyn.models.modular.layout import KINDS, MODULES, Closing, Layout
+from pipedyn.models.modular.layout import KINDS, MODULES, Layout
 from pipedyn.models.modular.linearisation import Linear, Tree
 from pipedyn.models.modular.motion import SceneMotion
-from pipedyn.models.modular.parts import Constraint, Module, Part, Segment, TorsionalSpring, told
+from pipedyn.models.modular.parts import (
+    Constraint,
+    Module,
+    Part,
+    Segment,
+    TorsionalSpring,
+    described,
+)
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
-ENFORCEMENTS = ("orthonormal", "udwadia-kalaba")
+ENFORCEMENTS = {"orthonormal": by_orthonormal_basis, "udwadia-kalaba": by_udwadia_kalaba}
+"""The dense recursions by name; the default route does the first in O(n)."""
 
 LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
 """Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
 
 MET = 1e-9
-"""How closely given states must meet the constraints, in L, rad, and these per T."""
+"""How closely given states must meet the constraints, in L, rad, and these per T.
+
+States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
+"""
 
 
 class Assembly(Model):
     """A scene from parts: a pipe of rigid segments with whatever else stands in it.
 
     Every part writes its inertia and forces in redundant coordinates; constraints are enforced
-    afterwards, group by group. States live in these coordinates, q = (x_1, y_1, phi_1, x_2, ...),
-    shape (3 n,): x_j transverse and y_j downward is where node j, the end of segment j, stands
-    from the clamp, phi_j the angle of joint j. Operators live in the degrees of freedom that the
-    constraints leave: the angles of the segments, theta_j = phi_1 + .. + phi_j, or, where guides
-    and pins tie them, coordinates along an orthonormal basis of what these leave.
+    afterwards, group by group. What acts at a place of the pipe, or per length, is a term of the
+    pipe; its place may lie anywhere along a segment.
+
+    States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j
+    transverse and y_j downward is where node j, the end of segment j, stands from the clamp, phi_j
+    the angle of joint j. Operators live in the degrees of freedom that the constraints leave: the
+    angles of the segments, theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them,
+    coordinates along an orthonormal basis of what these leave.
 
     Immutable; `plus` makes another.
 
     Args:
         pipe: the pipe; all of flow, gravity, drag and Kelvin-Voigt damping take its numbers.
-        modules: parts with inertia or forces, the segments in their order from the clamp.
+        modules: parts with inertia or forces, the segments in their order from the clamp; terms
+            among them are added to those of the pipe.
         constraints: one group each, in any order: `Clamp` and for each further segment its `Joint`,
             and what else holds the pipe. Redundant ones are accepted.
         enforcement: "orthonormal" (a basis built group by group, O(n)) or "udwadia-kalaba" (dense,
@@ -79,30 +101,34 @@ class Assembly(Model):
     def __init__(
         self,
         pipe: Pipe,
-        modules: Iterable[Module],
+        modules: Iterable[Module | Term],
         constraints: Iterable[Constraint],
         enforcement: str = "orthonormal",
     ) -> None:
-        self._pipe = checked_pipe(pipe)
+        given = _parts("modules", modules, (Module, Term))
+        self._pipe = _with_terms(checked_pipe(pipe), given)
         self._enforcement = check.choice("enforcement", enforcement, ENFORCEMENTS)
         self._layout = Layout(
-            _parts("modules", modules, Module), _parts("constraints", constraints, Constraint)
+            [part for part in given if isinstance(part, Module)],
+            _parts("constraints", constraints, (Constraint,)),
         )
-        self._customs = tuple(CustomForce(module) for module in self._layout.customs)
-        rest = self._layout.rest
-        q = self._configuration(rest)
-        for custom in self._customs:
-            custom.tried(q)
-        lacking = self.core.lacking(q)
-        if lacking >= 0:
-            raise ValueError(
-                f"{self._layout.coordinate(lacking)} moves without inertia: give its segment a "
-                "gyration radius, or the node a mass"
-            )
-        straight = np.zeros_like(rest)
+        self._customs = CustomForces(self._layout.customs, self.core.straight())
+        for custom in self._customs.each:
+            custom.validate(self._configuration(self._layout.rest))
+        self._refuse_massless()
+        straight = np.zeros(self.moving)
         self._reference: Array | None = None
         if np.abs(self._layout.missed(straight)).max(initial=0.0) <= MET:
             self._reference = straight
+
+    def _refuse_massless(self) -> None:
+        """Raises ValueError where some direction that is left free has no inertia."""
+        massless = self.core.lacking(self._configuration(self._layout.rest))
+        if massless >= 0:
+            raise ValueError(
+                f"{self._layout.coordinate(massless)} moves without inertia: give its segment a "
+                "gyration radius, or the node a mass"
+            )
 
     @cached_property
     def core(self) -> _core.Scene:
@@ -127,9 +153,8 @@ class Assembly(Model):
         if layout.base:
             parts.append(f"base={layout.base:g}")
         others = [p for p in self.modules if not (isinstance(p, Segment) or _is_plain_spring(p))]
-        ties = dict.fromkeys(closing.part for closing in layout.closings)
-        parts += [told(part) for part in (*others, *ties)]
-        if self._enforcement != ENFORCEMENTS[0]:
+        parts += [described(part) for part in (*others, *layout.guides_and_pins)]
+        if self._enforcement != "orthonormal":
             parts.append(repr(self._enforcement))
         if self._reference is not None and self._reference.any():
             parts.append(f"about {check.shown(self._reference)}")
@@ -137,7 +162,7 @@ class Assembly(Model):
 
     @property
     def pipe(self) -> Pipe:
-        """The pipe."""
+        """The pipe, with the terms that were given among the parts."""
         return self._pipe
 
     @property
@@ -158,7 +183,7 @@ class Assembly(Model):
     @property
     def dof(self) -> int:
         """Number of degrees of freedom that the constraints leave."""
-        return self._layout.size - len(self._layout.kept)
+        return self._layout.size - len(self._layout.independent)
 
     @property
     def coordinates(self) -> int:
@@ -177,7 +202,7 @@ class Assembly(Model):
 
     @property
     def fitted_size(self) -> float:
-        """What gravity, springs across and custom modules add to the elastic stiffness, about."""
+        """What gravity, terms and custom modules add to the elastic stiffness, about."""
         return self._linear.added
 
     @property
@@ -187,10 +212,11 @@ class Assembly(Model):
 
     @cached_property
     def resisted(self) -> bool:
-        """Whether dashpots, joints of their own damping or custom modules resist velocities."""
-        q = self._configuration(self.resting())
-        own = (custom.by_qdot(q, np.zeros_like(q)) for custom in self._customs)
-        return self._layout.resisted or any(bool(block.any()) for block in own)
+        """Whether terms, joints of their own damping or custom modules resist velocities."""
+        other = self.with_pipe(replace(self._pipe, damping=0.0))
+        still = self.core.from_angles(self.resting(), np.zeros(self.moving))
+        _, _, by_rate = forces(other.core, self._customs, still, 0.0)
+        return bool(by_rate.count_nonzero())
 
     @property
     def elastic_share(self) -> Array:
@@ -204,21 +230,23 @@ class Assembly(Model):
         """Arc lengths of the nodes."""
         return np.minimum(self._layout.ends[1:], 1.0)
 
-    def plus(self, *parts: Part) -> Assembly:
-        """Another scene, with further modules and constraints.
+    def plus(self, *parts: Part | Term) -> Assembly:
+        """Another scene, with further modules, constraints and terms of the pipe.
 
         What `about` chose stays where the configuration meets the constraints, old and new.
 
         Raises:
-            TypeError: for what is neither.
+            TypeError: for what is none of these.
             ValueError: as for `Assembly`.
         """
         for part in parts:
-            if not isinstance(part, Module | Constraint):
-                raise TypeError(f"parts must be modules or constraints, got {check.shown(part)}")
+            if not isinstance(part, Module | Constraint | Term):
+                raise TypeError(
+                    f"parts must be modules, constraints or terms, got {check.shown(part)}"
+                )
         more = Assembly(
             self._pipe,
-            (*self.modules, *(part for part in parts if isinstance(part, Module))),
+            (*self.modules, *(part for part in parts if isinstance(part, Module | Term))),
             (*self.constraints, *(part for part in parts if isinstance(part, Constraint))),
             self._enforcement,
         )
@@ -229,10 +257,16 @@ class Assembly(Model):
         return more
 
     def with_pipe(self, pipe: Pipe) -> Assembly:
-        """The same parts on another pipe."""
+        """The same parts on another pipe, which has its own terms.
+
+        Raises:
+            ValueError: for a direction without inertia, where only a term of this pipe had any.
+        """
         other = Assembly.__new__(Assembly)
         other.__dict__.update(self.__getstate__())
         other._pipe = checked_pipe(pipe)
+        if other._pipe.terms != self._pipe.terms:
+            other._refuse_massless()
         return other
 
     def about(self, q: ArrayLike) -> Assembly:
@@ -313,7 +347,9 @@ class Assembly(Model):
         )
         theta, missed = self._layout.closed(given)
         if missed > 1e-12:
-            raise NotConverged(f"no angles close to those given meet {self._layout.ties()}", theta)
+            raise NotConverged(
+                f"no angles close to those given meet {self._layout.described_holds()}", theta
+            )
         return theta
 
     def equilibrium(self, start: ArrayLike, u: float = 0.0) -> Array:
@@ -359,8 +395,8 @@ class Assembly(Model):
     def _linear(self) -> Linear:
         if self._reference is None:
             raise ValueError(
-                f"the straight pipe misses {self._layout.ties()}: choose a configuration with "
-                "about(q), for example about(equilibrium(...))"
+                f"the straight pipe misses {self._layout.described_holds()}: choose a "
+                "configuration with about(q), for example about(equilibrium(...))"
             )
         return self._linear_about(self._reference)
 
@@ -376,7 +412,7 @@ class Assembly(Model):
             Tree(layout.lengths, theta),
             scene_matrices(self.core, self._pipe, layout, self._customs, q),
             elastic_scale(layout.springs),
-            np.array([closing.coordinate for closing in layout.closings], dtype=np.intp),
+            np.array([held.coordinate for held in layout.held], dtype=np.intp),
         )
 
     def unbalanced(self, u: float) -> float:
@@ -420,6 +456,10 @@ class Assembly(Model):
         self._check_dense()
         linear = self._linear if q is None else self._linear_about(self._angles_of("q", q))
         return self._basis_of(linear)
+
+    def free_directions(self, p: Array) -> Array:
+        """Those of `basis`."""
+        return self.basis(p)
 
     def _basis_of(self, linear: Linear) -> Array:
         return linear.angle_basis.spread(np.eye(linear.dof))
@@ -485,31 +525,25 @@ class Assembly(Model):
     def _accelerations(self, y: Array, u: Any) -> Array:
         """`rhs` of checked states."""
         size = self.coordinates
-        force = extra_forces(self._customs, y[:size], y[size:])
-        rates = self.core.rhs(0.0, y, u, force)
         if self._enforcement == "orthonormal":
-            return rates
-        columns = y.reshape(2 * size, -1)
-        speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), columns.shape[1:])
-        forces = np.zeros_like(columns[:size]) if force is None else force.reshape(size, -1)
-        found = np.empty_like(columns)
-        found[:size] = columns[size:]
-        for j in range(columns.shape[1]):
-            found[size:, j] = self._dense_accelerations(
-                by_udwadia_kalaba, columns[:, j].copy(), float(speeds[j]), forces[:, j]
+            return self.core.rhs(0.0, y, u, self._customs.force(y[:size], y[size:]))
+        rates = np.concatenate([y[size:], np.empty_like(y[:size])])
+        speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
+        for j in np.ndindex(y.shape[1:]):
+            state = y[(slice(None), *j)].copy()
+            rates[(slice(size, None), *j)] = self._enforced(
+                ENFORCEMENTS[self._enforcement], state, float(speeds[j])
             )
-        return found.reshape(y.shape)
+        return rates
 
-    def _dense_accelerations(
-        self,
-        enforce: Callable[[Array, Array, Sequence[Group]], Array],
-        y: Array,
-        u: float,
-        extra: Array,
+    def _enforced(
+        self, enforce: Callable[[Array, Array, list[Group]], Array], y: Array, u: float
     ) -> Array:
+        """Accelerations of one state by a dense recursion."""
         size = self.coordinates
         mass = matrix(self.core.operators()["mass"], size, size).toarray()
-        return enforce(mass, np.asarray(self.core.forces(y, u)) + extra, self._groups(y))
+        force = self.core.forces(y, u) + self._customs.force(y[:size], y[size:])
+        return enforce(mass, force, self._groups(y))
 
     def _groups(self, y: Array) -> list[Group]:
         """A_r and b_r of each constraint at a state."""
@@ -554,12 +588,8 @@ class Assembly(Model):
         name = check.choice("enforcement", enforcement, ENFORCEMENTS)
         u = check.real("u", u, low=0.0, high=1e100)
         self._check_size(LARGEST_RECURSION)
-        size = self.coordinates
-        state = check.array("y", y, size=2 * size).copy()
-        enforce = by_orthonormal_basis if name == "orthonormal" else by_udwadia_kalaba
-        extra = extra_forces(self._customs, state[:size], state[size:])
-        forces = np.zeros(size) if extra is None else extra
-        return self._dense_accelerations(enforce, state, u, forces)
+        state = check.array("y", y, size=2 * self.coordinates)
+        return self._enforced(ENFORCEMENTS[name], state, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
         """Derivative of `rhs` with respect to the redundant state, analytic, in O(n^2).
@@ -590,7 +620,7 @@ class Assembly(Model):
         return whole
 
     def _acceleration_jacobian(self, y: Array, u: float) -> Array:
-        return acceleration_jacobian(self.core, self._customs, self._layout.kept_rows, y, u)
+        return acceleration_jacobian(self.core, self._customs, self._layout.independent_rows, y, u)
 
     # ------------------------------------------------------------------------- what is integrated
 
@@ -709,9 +739,9 @@ class Assembly(Model):
             self._refuse(name, off, rows)
         missed = np.abs(self._layout.missed(theta))
         if missed.max(initial=0.0) > MET:
-            worst = self._layout.closings[int(np.argmax(missed))]
+            worst = self._layout.held[int(np.argmax(missed))]
             raise ValueError(
-                f"{name} must meet {told(worst.part)}, got {missed.max():.1e} beside it; "
+                f"{name} must meet {described(worst.part)}, got {missed.max():.1e} beside it; "
                 "closed(angles) gives angles that do"
             )
         return np.array(theta)
@@ -723,7 +753,7 @@ class Assembly(Model):
             worst = self.constraints[int(group[int(np.argmax(np.abs(values)))])]
             raise ValueError(
                 f"{name} must meet the constraints, got {np.abs(values).max():.1e} beside "
-                f"{told(worst)}"
+                f"{described(worst)}"
             )
 
     def _rates_of(
@@ -742,12 +772,11 @@ class Assembly(Model):
                 raise ValueError(
                     f"{name} must keep the joints together, got {off:.1e} that pulls them apart"
                 )
-        closings: Sequence[Closing] = self._layout.closings
-        drift = [abs(float(y[self.coordinates + closing.coordinate])) for closing in closings]
+        drift = [abs(float(y[self.coordinates + held.coordinate])) for held in self._layout.held]
         if drift and max(drift) > MET * fast:
-            worst = closings[int(np.argmax(drift))]
+            worst = self._layout.held[int(np.argmax(drift))]
             raise ValueError(
-                f"{name} must keep {told(worst.part)}, got {max(drift):.1e} away from it"
+                f"{name} must keep {described(worst.part)}, got {max(drift):.1e} away from it"
             )
         return np.array(omega)
 
@@ -757,20 +786,25 @@ def _is_plain_spring(part: Module) -> bool:
     return isinstance(part, TorsionalSpring) and part.damping is None and part.rest_angle == 0.0
 
 
-def _parts(name: str, given: Any, kind: type[Any]) -> tuple[Any, ...]:
+def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ...]:
     if isinstance(given, str | bytes) or not np.iterable(given):
         raise TypeError(f"{name} must be parts in a sequence, got {check.shown(given)}")
     parts = tuple(given)
     for part in parts:
-        if not isinstance(part, kind):
+        if not isinstance(part, kinds):
+            listed = " and ".join(f"{kind.__name__.lower()}s" for kind in kinds)
+            raise TypeError(f"{name} must hold {listed} only, got {check.shown(part)}")
+        if not isinstance(part, Term) and type(part) not in KINDS and type(part) not in MODULES:
             raise TypeError(
-                f"{name} must hold {kind.__name__.lower()}s only, got {check.shown(part)}"
-            )
-        if type(part) not in KINDS and type(part) not in MODULES:
-            raise TypeError(
-                f"{name} must hold this package's parts, got {check.shown(part)}; what a module "
-                "of your own does is told by a Custom"
+                f"{name} must hold this package's parts, got {check.shown(part)}; write a module "
+                "of your own as a Custom"
             )
     if len(parts) > 10 * LARGEST_CHAIN:
         raise ValueError(f"{name} must be at most {10 * LARGEST_CHAIN}, got {len(parts)}")
     return parts
+
+
+def _with_terms(pipe: Pipe, parts: Iterable[Any]) -> Pipe:
+    """The pipe with the terms among the parts added to its own."""
+    terms = tuple(part for part in parts if isinstance(part, Term))
+    return replace(pipe, terms=(*pipe.terms, *terms)) if terms else pipe

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""A user's own modules at work: their forces, energies and derivatives in redundant coordinates."""
+"""Forces, energies and derivatives of a user's own modules, in redundant coordinates."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -15,15 +15,19 @@ from pipedyn.models.modular.parts import Custom, Function
 from pipedyn.util.check import Array
 
 COMPLEX_STEP = 1e-30
+"""A complex step has no difference that cancels; its square must vanish beside any number."""
 
 STRIDE = 1e-3
-"""Of the differences of a complex-step gradient, of order 4: they err by some 1e-12."""
+"""Step of the differences of a complex-step gradient: of order 4, they err by some 1e-12."""
 
-TRIED, AGREEMENT = 1e-5, 1e-4
-"""Step of the differences that derivatives are tried against, and how closely they must agree."""
+TRIAL_STEP, AGREEMENT = 1e-5, 1e-4
+"""Step of the differences that check derivatives, and how closely these must agree.
 
-TRIED_AT = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
-"""Displacements at which functions are tried, in L and rad: what a wall does shows there."""
+The differences err by some 1e-10; a wrong derivative seldom agrees to four digits.
+"""
+
+TRIAL_SIZES = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
+"""Displacements at which functions are checked, in L and rad: both sides of a wall show there."""
 
 
 class CustomForce:
@@ -114,8 +118,8 @@ class CustomForce:
             raise TypeError(f"{whose} must return real numbers, got {answer.dtype}")
         return answer.astype(np.complex128 if kind == "c" else np.float64)
 
-    def tried(self, q: Array) -> None:
-        """Calls every function once and compares derivatives with differences.
+    def validate(self, q: Array) -> None:
+        """Calls every function and compares derivatives with differences.
 
         Args:
             q: redundant coordinates near which the scene will be, shape (3 n,).
@@ -126,35 +130,36 @@ class CustomForce:
         """
         with warnings.catch_warnings():
             warnings.simplefilter("error", np.exceptions.ComplexWarning)  # an imaginary part lost
-            self._try(q)
+            for size in TRIAL_SIZES:
+                self._validate_at(q, size)
 
-    def _try(self, q: Array) -> None:
-        wobble, rates = np.cos(1.0 + np.arange(q.size)), 0.1 * np.sin(1.0 + np.arange(q.size))
-        for reach in TRIED_AT:
-            at = q + reach * wobble
-            energy, force = self.energy(at), self.force(at, rates)
-            if not (np.isfinite(force).all() and np.isfinite(energy)):
-                if reach == TRIED_AT[0]:
-                    raise ValueError(f"{self.module.name} must give finite forces and energies")
-                continue  # a place that it is not made for
-            if self.module.energy is not None:
-                measured = self._differences(lambda p: np.array(self.energy(p)), at)
-                rule = "energy of {} must have its gradient by complex step"
-                self._compare(rule, self._gradient(at[self.index]), measured, energy)
-            size = float(np.abs(force).max(initial=0.0))
-            for name, given, measured in (
-                ("force_by_q", self.by_q, self._differences(lambda p: self.force(p, rates), at)),
-                ("force_by_qdot", self.by_qdot, self._differences(partial(self.force, at), rates)),
-            ):
-                rule = name + " of {} must be the force's derivative"
-                self._compare(rule, given(at, rates), measured, size)
+    def _validate_at(self, q: Array, size: float) -> None:
+        """The same at one displacement, all coordinates displaced differently."""
+        at = q + size * np.cos(1.0 + np.arange(q.size))
+        rates = 0.1 * np.sin(1.0 + np.arange(q.size))
+        energy, force = self.energy(at), self.force(at, rates)
+        if not (np.isfinite(force).all() and np.isfinite(energy)):
+            if size == TRIAL_SIZES[0]:
+                raise ValueError(f"{self.module.name} must give finite forces and energies")
+            return  # a place that it is not made for
+        if self.module.energy is not None:
+            measured = self._differences(lambda p: np.array(self.energy(p)), at)
+            rule = "energy of {} must have its gradient by complex step"
+            self._compare(rule, self._gradient(at[self.index]), measured, energy)
+        largest = float(np.abs(force).max(initial=0.0))
+        for name, given, measured in (
+            ("force_by_q", self.by_q, self._differences(lambda p: self.force(p, rates), at)),
+            ("force_by_qdot", self.by_qdot, self._differences(partial(self.force, at), rates)),
+        ):
+            rule = name + " of {} must be the force's derivative"
+            self._compare(rule, given(at, rates), measured, largest)
 
     def _differences(self, function: Function, at: Array) -> Array:
         columns = []
         for i in self.index:
             step = np.zeros(at.size)
-            step[i] = TRIED
-            columns.append((function(at + step) - function(at - step)) / (2.0 * TRIED))
+            step[i] = TRIAL_STEP
+            columns.append((function(at + step) - function(at - step)) / (2.0 * TRIAL_STEP))
         return np.stack(columns, axis=-1)
 
     def _compare(self, rule: str, given: Array, measured: Array, size: float) -> None:
@@ -180,15 +185,49 @@ def _fourth_order(function: Function, at: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-def extra_forces(customs: Sequence[CustomForce], q: Array, qdot: Array) -> Array | None:
-    """Generalized forces of all custom modules, shape (3 n,) or (3 n, k); None without any."""
-    if not customs:
-        return None
-    total = np.zeros_like(q)
-    for custom in customs:
-        if q.ndim == 1:
-            total[custom.index] += custom.force(q, qdot)
-        else:
-            for j in range(q.shape[1]):
-                total[custom.index, j] += custom.force(q[:, j], qdot[:, j])
-    return total
+class CustomForces:
+    """All modules of the user's own in a scene, at one state or at k.
+
+    Args:
+        modules: their descriptions.
+        straight: redundant coordinates of the straight pipe, where their energy counts as 0.
+    """
+
+    def __init__(self, modules: Sequence[Custom], straight: Array) -> None:
+        self.each = tuple(CustomForce(module) for module in modules)
+        self._straight = straight
+
+    def __bool__(self) -> bool:
+        return bool(self.each)
+
+    def force(self, q: Array, qdot: Array) -> Array:
+        """Generalized forces, shape (3 n,) or (3 n, k), at states of that shape."""
+        total = np.zeros(q.shape)
+        for column, place, rates in zip(*map(_columns, (total, q, qdot)), strict=True):
+            for custom in self.each:
+                column[custom.index] += custom.force(place, rates)
+        return total
+
+    def energy(self, q: Array) -> float | Array:
+        """Potential energy, a number or shape (k,)."""
+        sums = [sum(custom.energy(place) for custom in self.each) for place in _columns(q)]
+        return _number_or_array(np.array(sums) - self._straight_energy, q)
+
+    @cached_property
+    def _straight_energy(self) -> float:
+        return sum(custom.energy(self._straight) for custom in self.each)
+
+    def work(self, q: Array, qdot: Array) -> float | Array:
+        """Power of the forces beyond what their energy loses, a number or shape (k,)."""
+        states = zip(_columns(q), _columns(qdot), strict=True)
+        sums = [sum(custom.work(place, rates) for custom in self.each) for place, rates in states]
+        return _number_or_array(np.array(sums), q)
+
+
+def _columns(states: Array) -> Array:
+    """Views of the columns of (3 n,) or (3 n, k), as rows."""
+    return np.atleast_2d(states.T)
+
+
+def _number_or_array(values: Array, states: Array) -> float | Array:
+    return float(values[0]) if states.ndim == 1 else values

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: MIT
+//
+// Where the terms of a pipe are on a chain. A place at arc length s lies on segment j at an arm a
+// from its joint; a law that acts per length has two Gauss points on each segment, exact for loads
+// linear in position and velocity. With r_j the joint of segment j and v_j its velocity,
+//   r = r_j + a t_j,   v = v_j + a theta_j' n_j.
+// What acts at a place of the fixed base moves nothing and is left out.
+//
+// Local to each translation unit, like pack.hpp.
+#pragma once
+
+#include "pipedyn/chain/motion.hpp"
+#include "pipedyn/terms/laws.hpp"
+#include "pipedyn/vector/pack.hpp"
+
+namespace {
+
+using pipedyn::MotionModel, pipedyn::PlacedTerm;
+
+/// From segment to segment, from the clamp on, past the places with a load.
+template <class Real>
+struct Walk {
+  Real x{}, y, vx{}, vy{};  // of the joint
+  Real sine{}, cosine;      // of the segment's angle
+  const PlacedTerm *next, *end;
+
+  explicit Walk(const MotionModel& model)
+      : y(all<Real>(model.base)),
+        cosine(all<Real>(1.0)),
+        next(model.loads),
+        end(model.loads + model.load_count) {}
+
+  /// Into the next segment, by sine and cosine of its joint angle.
+  void turn(const Real& s, const Real& c) {
+    const Real before = sine;
+    sine = c * before + s * cosine;
+    cosine = c * cosine - s * before;
+  }
+
+  /// Calls body(law, place, station) for each place of segment j, then goes on to its end.
+  template <class Body>
+  void pass(Count j, double length, const Real& rate, const Body& body) {
+    for (; next != end && next->segment == j; ++next) {
+      const double arm = next->arm;
+      const Real swing = arm * rate;
+      const Station<Real> at{x + arm * sine,      y + arm * cosine,  sine, cosine,
+                             vx + swing * cosine, vy - swing * sine, rate};
+      Laws::with(next->term, [&](const auto& law) { body(law, *next, at); });
+    }
+    const Real step = length * rate;
+    x += length * sine;
+    y += length * cosine;
+    vx += step * cosine;
+    vy -= step * sine;
+  }
+};
+
+/// Sums over the places of one segment, with powers 0, 1, 2 of the arm.
+struct LoadMoments {
+  double load[2][2];  // by power: x, y
+  Slopes slopes[3];
+};
+
+inline void add(Slopes& sum, double weight, const Slopes& more) {
+  for (int i = 0; i < 2; ++i) {
+    for (int k = 0; k < 2; ++k) {
+      sum.by_position[i][k] += weight * more.by_position[i][k];
+      sum.by_velocity[i][k] += weight * more.by_velocity[i][k];
+    }
+    sum.by_angle[i] += weight * more.by_angle[i];
+  }
+}
+
+/// The moments of each segment of a chain in a state, given by sines, cosines and rates (or null,
+/// at rest).
+inline void load_moments(const MotionModel& model, const double* sine, const double* cosine,
+                         const double* rates, LoadMoments* out) {
+  Walk<double> walk(model);
+  for (Count j = 0; j < model.size; ++j) {
+    LoadMoments& sum = out[j];
+    sum = {};
+    walk.sine = sine[j];
+    walk.cosine = cosine[j];
+    const auto visit = [&](const auto& law, const PlacedTerm& place, const Station<double>& at) {
+      const Load<double> load = law.load(at);
+      const Slopes slopes = law.slopes(at);
+      double weight = place.weight;
+      for (int power = 0; power < 3; ++power) {
+        add(sum.slopes[power], weight, slopes);
+        if (power < 2) {
+          sum.load[power][0] += weight * load.x;
+          sum.load[power][1] += weight * load.y;
+        }
+        weight *= place.arm;
+      }
+    };
+    walk.pass(j, model.links[j].length, rates != nullptr ? rates[j] : 0.0, visit);
+  }
+}
+
+}  // namespace

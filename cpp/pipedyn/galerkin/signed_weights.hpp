@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: MIT
+//
+// Drag's quadrature, cut at the zeros of the velocity across the pipe. Local to each translation
+// unit, like vector/pack.hpp.
+#pragma once
+
+#include "pipedyn/galerkin/integrals.hpp"
+
+namespace {
+
+/// Zero of the cubic through (x[k], v[k]), k < 4, between low and high, where it changes sign.
+double cubic_zero(const double* x, const double* v, Count stride, double low, double high) {
+  double d[4] = {v[0], v[stride], v[2 * stride], v[3 * stride]};
+  for (int order = 1; order < 4; ++order) {
+    for (int k = 3; k >= order; --k) d[k] = (d[k] - d[k - 1]) / (x[k] - x[k - order]);
+  }
+  const auto value = [&](double s) {
+    return d[0] + (s - x[0]) * (d[1] + (s - x[1]) * (d[2] + (s - x[2]) * d[3]));
+  };
+  double at_low = value(low), at_high = value(high);
+  double zero = low;
+  for (int step = 0; step < 12 && high - low > 1e-9; ++step) {  // false position, Illinois variant
+    zero = (low * at_high - high * at_low) / (at_high - at_low);
+    const double here = value(zero);
+    if (std::fabs(here) <= 1e-9 * std::fabs(at_high - at_low)) break;
+    if ((here > 0.0) == (at_high > 0.0)) {
+      high = zero;
+      at_high = here;
+      at_low *= 0.5;
+    } else {
+      low = zero;
+      at_low = here;
+      at_high *= 0.5;
+    }
+  }
+  return zero;
+}
+
+/// Of one panel, v and weights at its points; scratch: 3 Q Reals. From a zero on, twice the
+/// integral up to it less twice the whole turns the sign; the zeros of all members are turned
+/// together, the first of each and so on.
+template <class Real>
+void signed_weights_of(const GridTables& grid, Count panel, const double* v, double* weights,
+                       double* scratch) {
+  constexpr Count members = lanes<Real>;
+  const Count nodes = grid.nodes, stride = nodes + 1;
+  const double* const weight = grid.weight + panel * stride;
+  double* const zero = scratch;
+  double* const twice = zero + nodes * members;  // twice the sign before each zero
+  double* const turned = twice + nodes * members;
+  double last[members];
+  Count most = 0, found[members];
+  for (Count b = 0; b < members; ++b) {
+    double sign = v[b] < 0.0 ? -1.0 : 1.0;
+    Count count = 0;
+    for (Count p = 0; p < nodes; ++p) {
+      if (!(sign * v[(p + 1) * members + b] < 0.0)) continue;
+      const Count last_first = nodes - 3, near = p > 0 ? p - 1 : 0;
+      const Count first = near < last_first ? near : last_first;
+      zero[count * members + b] = cubic_zero(grid.arc + first, v + first * members + b, members,
+                                             grid.arc[p], grid.arc[p + 1]);
+      twice[count * members + b] = 2.0 * sign;
+      sign = -sign;
+      ++count;
+    }
+    last[b] = sign;
+    found[b] = count;
+    most = count > most ? count : most;
+  }
+  const Real sign = load<Real>(last);
+  set(weights, nodes, Real{});
+  if (most == 0) {
+    for (Count p = 0; p < nodes; ++p) set(weights, p, Real(sign * weight[p]));
+    return;
+  }
+  for (Count b = 0; b < members; ++b) {
+    for (Count k = found[b]; k < most; ++k) zero[k * members + b] = twice[k * members + b] = 0.0;
+  }
+  for (Count k = 0; k < nodes; ++k) set(turned, k, Real{});
+  for (Count j = 0; j < most; ++j) {
+    const Real x = 2.0 * at<Real>(zero, j) - 1.0, factor = grid.length[panel] * at<Real>(twice, j);
+    Real before = all<Real>(1.0), value = x;  // P_{k-1}, P_k
+    add(turned, 0, Real(factor * at<Real>(zero, j)));
+    for (Count k = 1; k < nodes; ++k) {
+      const double* const step = grid.recurrence + 3 * k;
+      const Real next = step[0] * (x * value) - step[1] * before;
+      add(turned, k, Real((step[2] * factor) * (next - before)));
+      before = value;
+      value = next;
+    }
+  }
+  if constexpr (members == 1) {
+    for (Count p = 0; p < nodes; ++p) weights[p] = sign * weight[p];
+    for (Count k = 0; k < nodes; ++k) {
+      const double factor = turned[k];
+      const double* const row = grid.expansion + k * stride;
+      for (Count p = 0; p < nodes; ++p) weights[p] += factor * row[p];
+    }
+  } else {
+    for (Count p = 0; p < nodes; ++p) {
+      Real sums[4] = {sign * weight[p]};
+      Count k = 0;
+      const double* const column = grid.expansion + p;
+      for (; k + 4 <= nodes; k += 4) {
+        for (Count i = 0; i < 4; ++i) {
+          sums[i] += column[(k + i) * stride] * at<Real>(turned, k + i);
+        }
+      }
+      for (; k < nodes; ++k) sums[0] += column[k * stride] * at<Real>(turned, k);
+      set(weights, p, Real((sums[0] + sums[1]) + (sums[2] + sums[3])));
+    }
+  }
+}
+
+template <class Real>
+void signed_weights_of(const GridTables& grid, const double* v, double* weights, double* scratch) {
+  const Count block = (grid.nodes + 1) * lanes<Real>;
+  for (Count panel = 0; panel < grid.panels; ++panel) {
+    signed_weights_of<Real>(grid, panel, v + panel * block, weights + panel * block, scratch);
+  }
+}
+
+}  // namespace

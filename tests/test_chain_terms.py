@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: MIT
+"""Terms of the pipe on a chain, anywhere along a segment: in motion and in linear answers."""
+
+import pickle
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from independent import (
+    chain_crossing,
+    chain_newton_step,
+    dense_jacobian,
+    dense_rates,
+    lagrangian_accelerations,
+    lagrangian_operators,
+    unstable_count,
+)
+
+import pipedyn as pp
+from pipedyn import _core
+from pipedyn.linear.pencil import BandPencil, DensePencil
+
+ALL = (
+    pp.PointMass(0.37, 0.4),
+    pp.Spring(0.52, 30.0),
+    pp.PointMass(1.0, 0.2),
+    pp.Spring(0.9, 20.0),
+    pp.PointMass(0.41, 0.1),
+)
+LEVELS = _core.vector_levels()
+
+
+@pytest.fixture
+def at_level():
+    """Sets the vector level, and the one in use before when the test ends."""
+    before = _core.vector_level()
+    yield _core.set_vector_level
+    _core.set_vector_level(before)
+
+
+def any_chain(n, terms, **pipe):
+    """A chain with nothing equal or homogeneous, one joint without its spring, and a base."""
+    rng = np.random.default_rng(n)
+    lengths = rng.uniform(0.4, 1.6, n)
+    springs = rng.uniform(0.5, 2.0, n) * n
+    springs[n // 2] = 0.0
+    return pp.Chain(
+        pp.Pipe(0.3, terms=terms, **pipe),
+        lengths=0.9 * lengths / lengths.sum(),
+        springs=springs,
+        centers=rng.uniform(0.2, 0.8, n),
+        gyration_radii=rng.uniform(0.1, 0.5, n) / n,
+        drag_points=rng.uniform(0.0, 1.0, n),
+        base=0.1,
+    )
+
+
+def derivative(function, h=1e-3):
+    """Eighth-order central difference at 0."""
+    weights = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
+    sides = ((k * h, c) for k, c in enumerate(weights, start=1))
+    return sum(c * (function(at) - function(-at)) for at, c in sides) / h
+
+
+# -------------------------------------------------------------------------------------- motion
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("n", [1, 2, 5, 30])
+@pytest.mark.parametrize(
+    "pipe",
+    [
+        {},
+        {"gamma": 4.0, "drag": 1.5, "damping": 0.01},
+        {"gamma": -3.0, "flow": "aspirating", "alpha": 0.7},
+    ],
+    ids=["plain", "all", "aspirating"],
+)
+def test_recursion_solves_the_dense_equations(n, pipe, level, at_level):
+    at_level(level)
+    chain = any_chain(n, ALL, **pipe)
+    states = 2.0 * np.random.default_rng(1).normal(size=(2 * n, 9))
+    expected = np.stack([dense_rates(chain, y, 3.0) for y in states.T], axis=1)
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(chain.rhs(0.0, states, 3.0), expected, atol=1e-12 * size)
+    alone = np.stack([chain.rhs(0.0, y, 3.0) for y in states.T], axis=1)
+    np.testing.assert_allclose(alone, expected, atol=1e-12 * size)
+    exact = dense_jacobian(chain, states[:, 0], 3.0)
+    found = chain.jacobian(0.0, states[:, 0], 3.0)
+    np.testing.assert_allclose(found, exact, atol=1e-11 * np.abs(exact).max())
+
+
+NUMBERS = ([0.3, 0.45, 0.25], [0.4, 0.5, 0.6], [0.1, 0.15, 0.08], [4, 2, 5], 0.3, 2, 0.01)
+LAWS = [("point_mass", 0.42, 0.3), ("spring", 0.87, 40), ("point_mass", 1, 0.1), ("spring", 0.2, 9)]
+NAMES = {"point_mass": pp.PointMass, "spring": pp.Spring}
+
+
+@pytest.fixture(scope="module")
+def three():
+    """Three segments as the Lagrangian of `independent` takes them."""
+    lengths, centers, radii, springs, beta, gamma, damping = NUMBERS
+    terms = [NAMES[law](at, number) for law, at, number in LAWS]
+    pipe = pp.Pipe(beta, gamma, damping=damping, drag=0.8, terms=terms)
+    points = [0.2, 0.5, 0.7]
+    return pp.Chain(
+        pipe,
+        lengths=lengths,
+        centers=centers,
+        gyration_radii=radii,
+        springs=springs,
+        drag_points=points,
+    ), (*NUMBERS, False, 1, 3, 0.8, points, LAWS)
+
+
+def test_accelerations_follow_from_the_lagrangian(three):
+    chain, numbers = three
+    states = np.random.default_rng(4).normal(size=(6, 3))
+    expected = lagrangian_accelerations(states, *numbers)
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(chain.rhs(0.0, states, 3.0)[3:], expected, atol=1e-12 * size)
+
+
+def test_operators_follow_from_the_lagrangian(three):
+    chain, numbers = three
+    exact = lagrangian_operators(*numbers[:10], terms=LAWS)
+    for found, expected in zip(chain.operators().at(3.0), exact, strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-13 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_power_is_the_energys_rate(level, at_level):
+    at_level(level)
+    chain = any_chain(6, ALL, gamma=4.0, drag=1.5, damping=0.01)
+    for y in (np.random.default_rng(2).normal(size=shape) for shape in (12, (12, 9))):
+        rates = chain.rhs(0.0, y, 3.0)
+        h = 1e-3 / np.abs(rates).max()
+        change = derivative(lambda t, y=y, rates=rates: chain.energy(y + t * rates), h)
+        size = np.max(chain.energy(y)) / h
+        np.testing.assert_allclose(change, chain.power(y, 3.0).total, atol=1e-10 * size)
+    assert chain.energy(np.zeros(12)) == 0.0
+
+
+def test_a_motion_keeps_its_balance_of_energy():
+    pipe = pp.Pipe(0.2, 5.0, damping=0.002, terms=ALL)
+    motion = pp.simulate(pp.Chain(pipe, 10), 6.0, 5.0, lambda s: 0.3 * s**2, rtol=1e-12, atol=1e-13)
+    assert motion.audit < 1e-10
+
+
+# --------------------------------------------------------------------------------- the operators
+
+
+@pytest.mark.parametrize("k", [0, 2, 4])
+@pytest.mark.parametrize("base", [0.0, 0.1])
+def test_a_mass_at_a_node_adds_the_square_of_its_jacobian(k, base):
+    lengths = (1.0 - base) * np.array([0.3, 0.1, 0.25, 0.15, 0.2])
+    plain = pp.Chain(pp.Pipe(0.2, 7.0), lengths=lengths, base=base)
+    at = min(base + float(lengths[: k + 1].sum()), 1.0)
+    laden = plain.with_pipe(replace(plain.pipe, terms=(pp.PointMass(at, 0.6),)))
+    jacobian = np.where(np.arange(5) <= k, lengths, 0.0)
+    before, after = plain.operators(), laden.operators()
+    added = 0.6 * np.outer(jacobian, jacobian)
+    np.testing.assert_allclose(after.mass - before.mass, added, rtol=1e-13, atol=1e-16)
+    hung = 0.6 * 7.0 * np.diag(jacobian)
+    np.testing.assert_allclose(after.stiffness - before.stiffness, hung, rtol=1e-12, atol=1e-14)
+    for name in ("gyroscopic", "end_flux", "flux", "damping"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+
+
+def test_operators_of_a_bent_chain_are_derivatives_of_its_motion():
+    chain = any_chain(5, ALL, gamma=-9.0, damping=0.01)
+    angles, zero = np.random.default_rng(3).normal(size=5), np.zeros(5)
+
+    def force(t, direction):
+        q = angles + t * direction
+        return -chain.operators(q).mass @ chain.rhs(0.0, np.concatenate([q, zero]), 2.0)[5:]
+
+    mass, velocity, stiffness = chain.operators(angles).at(2.0)
+    expected = np.stack([derivative(lambda t, e=e: force(t, e)) for e in np.eye(5)], axis=1)
+    np.testing.assert_allclose(stiffness, expected, atol=1e-9 * np.abs(stiffness).max())
+    by_rates = chain.jacobian(0.0, np.concatenate([angles, zero]), 2.0)[5:, 5:]
+    np.testing.assert_allclose(-mass @ by_rates, velocity, atol=1e-12 * np.abs(velocity).max())
+
+
+def test_a_place_on_the_fixed_base_does_nothing():
+    held = (pp.PointMass(0.04, 3.0), pp.Spring(0.05, 1e3))
+    chain = pp.Chain(pp.Pipe(0.2, 5.0), 10, springs="midpoint")
+    same = chain.with_pipe(replace(chain.pipe, terms=held))
+    y = np.random.default_rng(5).normal(size=20)
+    np.testing.assert_array_equal(chain.rhs(0.0, y, 4.0), same.rhs(0.0, y, 4.0))
+    np.testing.assert_array_equal(pp.eigenvalues(chain, 4.0), pp.eigenvalues(same, 4.0))
+
+
+def test_a_place_may_pass_from_one_segment_to_the_next():
+    y = np.random.default_rng(6).normal(size=8)
+    low, high = (
+        pp.Chain(pp.Pipe(0.2, terms=(pp.PointMass(at, 0.7), pp.Spring(at, 50.0))), 4)
+        for at in (0.5 - 1e-12, 0.5 + 1e-12)
+    )
+    np.testing.assert_allclose(low.rhs(0.0, y, 4.0), high.rhs(0.0, y, 4.0), rtol=1e-9)
+
+
+@pytest.mark.parametrize("rule", ["consistent", "midpoint", "rayleigh", "uniform", "frequency"])
+def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
+    laden = pp.Chain(pp.Pipe(0.2, terms=ALL), 7, springs=rule)
+    np.testing.assert_array_equal(laden.springs, pp.Chain(pp.Pipe(0.2), 7, springs=rule).springs)
+    assert pickle.loads(pickle.dumps(laden)).pipe == laden.pipe
+
+
+# ------------------------------------------------------------------------------ linear analysis
+
+
+@pytest.mark.parametrize("n", [1, 5, 100])
+def test_products_and_band_are_those_of_the_matrices(n):
+    chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=0.01, terms=ALL), n)
+    dense, band = DensePencil(chain), BandPencil(chain)
+    x = np.random.default_rng(7).normal(size=(n, 2)) + 1j
+    for product in ("mass", "velocity", "damping", "stiffness", "gravity", "by_damping", "flux"):
+        found, expected = getattr(band, product)(x), getattr(dense, product)(x)
+        np.testing.assert_allclose(found, expected, atol=1e-13 * (1.0 + np.abs(expected).max()))
+    for adjoint in (False, True):
+        found, expected = (p.factor(0.3 + 5j, 4.0)(x, adjoint) for p in (band, dense))
+        np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("n", [3, 40, 150])
+def test_eigenvalues_are_exact_at_any_size(n):
+    chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=1e-3, terms=ALL), n)
+    found = pp.modes(chain, 5.0, count=min(2 * n, 6))
+    true = np.array([abs(chain_newton_step(chain, z, 5.0)) for z in found.eigenvalues])
+    assert (true <= found.errors + 1e-15 * np.abs(found.eigenvalues)).all()
+    assert (found.errors <= 1e-9 * (1.0 + np.abs(found.eigenvalues))).all()
+
+
+STIFF = {  # with the error that is met; the elastic stiffness is small beside a stiff spring's
+    "unequal": (pp.Chain(pp.Pipe(0.2, terms=ALL), lengths=[0.5, 1e-6, 1e-6, 0.5 - 2e-6]), 1e-10),
+    "mass on a short one": (
+        pp.Chain(
+            pp.Pipe(0.2, 2.0, terms=(pp.PointMass(0.6, 0.3), pp.Spring(0.6, 50.0))),
+            lengths=[0.6 - 5e-7, 1e-6, 0.4 - 5e-7],
+        ),
+        1e-10,
+    ),
+    "stiff spring": (pp.Chain(pp.Pipe(0.2, terms=(pp.Spring(0.63, 1e9),)), 5), 1e-7),
+    "heavy mass": (
+        pp.Chain(pp.Pipe(0.2, terms=(pp.PointMass(1.0, 1e3),)), lengths=[0.5, 1e-4, 0.5 - 1e-4]),
+        1e-10,
+    ),
+}
+
+
+@pytest.mark.parametrize(("chain", "claim"), STIFF.values(), ids=STIFF)
+def test_every_root_of_a_stiff_chain_is_known_as_well_as_said(chain, claim):
+    found = pp.modes(chain, 3.0)
+    assert found.converged.all()
+    sizes = np.abs(found.eigenvalues)
+    true = np.array([abs(chain_newton_step(chain, z, 3.0, 300)) for z in found.eigenvalues])
+    assert (true <= found.errors + 2e-15 * sizes).all()
+    assert (found.errors <= claim * np.maximum(sizes, 1.0)).all()
+
+
+@pytest.mark.parametrize("n", [6, 90])
+def test_crossings_are_exact_with_their_sensitivities(n):
+    chain = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.01, terms=ALL), n)
+    found = pp.crossings(chain, 12.0)[0]
+    speed, frequency = chain_crossing(chain, found.speed, found.frequency)
+    assert abs(found.speed - speed) <= found.error <= 1e-10
+    assert abs(found.frequency - frequency) <= 1e-9
+    if n > 6:  # both routes to products share the rest
+        return
+    for name in ("beta", "gamma", "damping"):
+        value = getattr(chain.pipe, name)
+
+        def moved(step, name=name, value=value):
+            other = chain.with_pipe(replace(chain.pipe, **{name: value * (1.0 + step)}))
+            return float(chain_crossing(other, found.speed, found.frequency)[0])
+
+        slope = (moved(1e-4) - moved(-1e-4)) / (2e-4 * value)
+        assert getattr(found.sensitivity.speed, name) == pytest.approx(slope, rel=1e-6)
+
+
+@pytest.mark.parametrize("n", [5, 70])
+@pytest.mark.parametrize(
+    ("terms", "standing"),
+    [
+        ((pp.PointMass(0.8, 0.3),), True),
+        ((pp.Spring(0.2, 20.0),), True),
+        ((pp.Spring(0.2, 20.0), pp.PointMass(0.9, 0.2)), True),
+        ((pp.Spring(0.9, 20.0),), False),
+    ],
+    ids=["mass", "spring below", "both", "spring beyond"],
+)
+def test_a_root_stands_at_zero_unless_a_spring_holds_what_is_beyond_the_free_joint(
+    terms, standing, n
+):
+    springs = np.full(n, float(n))
+    springs[2 * n // 5] = 0.0
+    chain = pp.Chain(pp.Pipe(0.3, terms=terms), springs=springs)
+    zero = np.abs(pp.eigenvalues(chain, 1.0, count=4)[0])
+    assert (zero < 1e-9) == standing
+    found = pp.crossings(chain, 5.0)
+    assert found
+    for crossing in found:
+        below, above = (
+            unstable_count(chain, crossing.speed * part, 1e-4) for part in (0.999, 1.001)
+        )
+        assert (below, above) == (crossing.unstable_before, crossing.unstable_after)
+
+
+# --------------------------------------------------------------------------- the pipe they tend to
+
+
+def test_a_spring_at_the_tip_makes_the_chain_diverge_as_the_pipe_does():
+    """u^3 + K (sin u - u cos u) = 0 for any beta: its root for K = 50."""
+    exact = float(mpmath.findroot(lambda u: u**3 + 50 * (mpmath.sin(u) - u * mpmath.cos(u)), 5.0))
+    chains = [pp.Chain(pp.Pipe(0.2, terms=(pp.Spring(1.0, 50.0),)), n) for n in (10, 20, 40)]
+    found = [pp.critical_speed(chain) for chain in chains]
+    assert all(speed.kind == "divergence" for speed in found)
+    errors = [abs(speed.speed - exact) for speed in found]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (np.abs(orders - 2.0) < 0.05).all()
+    assert errors[-1] < 6e-3
+
+
+@pytest.mark.parametrize("rule", ["consistent", "midpoint"])
+def test_a_mass_at_the_tip_slows_the_chain_as_it_slows_the_cantilever(rule):
+    """1 + cos k cosh k + mu k (cos k sinh k - sin k cosh k) = 0, omega = k^2."""
+    mu = 0.5
+    k = mpmath.findroot(
+        lambda k: (
+            1
+            + mpmath.cos(k) * mpmath.cosh(k)
+            + mu * k * (mpmath.cos(k) * mpmath.sinh(k) - mpmath.sin(k) * mpmath.cosh(k))
+        ),
+        1.4,
+    )
+    pipe = pp.Pipe(0.0, terms=(pp.PointMass(1.0, mu),))
+    errors = [
+        abs(pp.eigenvalues(pp.Chain(pipe, n, springs=rule), 0.0, count=2)[0].imag - float(k) ** 2)
+        for n in (10, 20, 40)
+    ]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (np.abs(orders - 2.0) < 0.1).all()
+    assert errors[-1] < 2e-3

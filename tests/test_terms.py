@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: MIT
+"""Every term in every model: a law's row in the table below is all that its tests need.
+
+The route is independent of the models' own: virtual work at the places that `shape` draws, whose
+derivatives are taken by differences.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import leggauss
+
+import pipedyn as pp
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A term and its law as a textbook writes it, of the place (x, y) and its velocity (vx, vy).
+
+    Load, mass, energy and power are those of the place, or per length.
+    """
+
+    term: pp.Term
+    load: Callable = lambda x, y, vx, vy: (0.0, 0.0)
+    mass: float = 0.0
+    energy: Callable = lambda x, y: 0.0
+    power: Callable = lambda x, y, vx, vy: 0.0
+
+
+TABLE = [
+    Row(pp.PointMass(at=0.37, mass=0.6), mass=0.6),
+    Row(pp.PointMass(at=1.0, mass=0.3), mass=0.3),
+    Row(
+        pp.Spring(at=0.62, stiffness=15.0),
+        load=lambda x, y, vx, vy: (-15.0 * x, 0.0),
+        energy=lambda x, y: 7.5 * x**2,
+    ),
+    Row(
+        pp.Spring(at=1.0, stiffness=4.0),
+        load=lambda x, y, vx, vy: (-4.0 * x, 0.0),
+        energy=lambda x, y: 2.0 * x**2,
+    ),
+]
+
+LENGTHS = [0.3, 0.1, 0.25, 0.35]
+MODELS = {
+    "chain": lambda pipe: pp.Chain(pipe, 4),
+    "unequal chain": lambda pipe: pp.Chain(pipe, lengths=LENGTHS, springs=[4.0, 3.0, 0.0, 5.0]),
+    "midpoint chain": lambda pipe: pp.Chain(pipe, 4, springs="midpoint"),
+    "beam modes": lambda pipe: pp.Galerkin(pipe, 4),
+    "Legendre functions": lambda pipe: pp.Galerkin(pipe, 5, "legendre"),
+}
+PIPE = pp.Pipe(0.3, 7.0, flow="aspirating", alpha=0.8, damping=0.02)
+SPEED = 1.7
+
+rows = pytest.mark.parametrize("row", TABLE, ids=lambda row: repr(row.term))
+models = pytest.mark.parametrize("kind", MODELS)
+
+# Central differences of eighth order (Fornberg 1988, table 1), exact to 1e-12 at these steps.
+FIRST = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+SECOND = {0: -205 / 72, 1: 8 / 5, 2: -1 / 5, 3: 8 / 315, 4: -1 / 560}
+
+
+def derivative(function, at, direction, step=0.02):
+    """Of a function along a direction."""
+    total = 0.0
+    for k, weight in FIRST.items():
+        ahead, behind = function(at + k * step * direction), function(at - k * step * direction)
+        total = total + weight * (ahead - behind)
+    return total / step
+
+
+def second_derivative(function, at, direction, step=0.04):
+    total = SECOND[0] * function(at)
+    for k in range(1, 5):
+        ahead, behind = function(at + k * step * direction), function(at - k * step * direction)
+        total = total + SECOND[k] * (ahead + behind)
+    return total / step**2
+
+
+def jacobian_by_differences(function, at, sizes, step=0.02):
+    """Steps are in units of the coordinates' sizes."""
+    directions = np.diag(np.broadcast_to(sizes, at.shape))
+    columns = [derivative(function, at, direction, step) for direction in directions]
+    return np.stack(columns, axis=-1) / sizes
+
+
+def with_and_without(row, kind, pipe=PIPE):
+    """The model with the term, and the same coordinates without: a term without weight."""
+    nothing = () if row.term.place is None else (pp.PointMass(row.term.place, 0.0),)
+    make = MODELS[kind]
+    fitted = make(dataclasses.replace(pipe, terms=(row.term,)))
+    return fitted, make(dataclasses.replace(pipe, terms=nothing))
+
+
+def sizes_of(model):
+    """What turns the pipe by an angle of about 1, of each coordinate."""
+    if isinstance(model, pp.Galerkin):
+        return 1.0 / np.abs(model.functions(np.linspace(0.0, 1.0, 201), 1)).max(axis=0)
+    return np.ones(model.dof)
+
+
+def state_of(model):
+    """Large angles, rates of the same size."""
+    rng = np.random.default_rng(3)
+    size = 0.5 * sizes_of(model)
+    return size * rng.standard_normal(model.dof), size * rng.standard_normal(model.dof)
+
+
+def places_of(row, model):
+    """Arc lengths where the term acts and their weights: one, or Gauss points between all kinks."""
+    if row.term.place is not None:
+        return np.array([row.term.place]), np.ones(1)
+    kinks = np.array([0.0, 1.0])
+    if isinstance(model, pp.Chain):
+        kinks = np.concatenate([[0.0], model.base + np.cumsum([0.0, *model.lengths])])
+        kinks = np.unique(np.minimum(kinks, 1.0))
+    nodes, weights = leggauss(30)
+    halves = np.diff(kinks)[:, None] / 2
+    middles = (kinks[1:] + kinks[:-1])[:, None] / 2
+    return (middles + halves * nodes).ravel(), (halves * weights).ravel()
+
+
+@models
+@rows
+def test_term_does_the_virtual_work_of_its_law(row, kind):
+    """Inertia, weight and load of the term, from the places that the model draws."""
+    model, plain = with_and_without(row, kind)
+    q, rate = state_of(model)
+    y = np.concatenate([q, rate])
+    fitted, bare = (m.rhs(0.0, y, SPEED)[m.dof :] for m in (model, plain))
+    places, weights = places_of(row, model)
+    work = plain.operators(q).mass @ (fitted - bare)
+    scale = np.abs(plain.operators(q).mass @ bare).max()
+    for s, weight in zip(places, weights, strict=True):
+
+        def place(coordinates, s=s):
+            return plain.shape(coordinates, [s])[0]
+
+        by_q = jacobian_by_differences(place, q, sizes_of(model))
+        velocity = by_q @ rate
+        bias = second_derivative(place, q, rate)
+        load = np.array(row.load(*place(q), *velocity))
+        load = load - row.mass * (by_q @ fitted + bias - np.array([0.0, PIPE.gamma]))
+        work = work - weight * by_q.T @ load
+    assert np.abs(work).max() < 1e-9 * scale
+
+
+@models
+@rows
+def test_energy_of_a_term_is_its_laws_and_changes_as_its_power_says(row, kind):
+    model, plain = with_and_without(row, kind)
+    q, rate = state_of(model)
+    y = np.concatenate([q, rate])
+    expected, power = 0.0, 0.0
+    for s, weight in zip(*places_of(row, model), strict=True):
+
+        def place(coordinates, s=s):
+            return plain.shape(coordinates, [s])[0]
+
+        x, height = place(q)
+        velocity = derivative(place, q, rate)
+        expected += weight * row.mass * (velocity @ velocity / 2 - PIPE.gamma * (height - s))
+        expected += weight * row.energy(x, height)
+        power += weight * row.power(x, height, *velocity)
+    assert model.energy(y) - plain.energy(y) == pytest.approx(expected, rel=1e-9)
+    parts = model.power(y, SPEED)
+    assert parts.others == pytest.approx(power, rel=1e-9, abs=1e-12)
+    change = derivative(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
+    assert parts.total == pytest.approx(change, rel=1e-9)
+
+
+@models
+@rows
+def test_jacobian_of_a_term_meets_differences(row, kind):
+    model, _ = with_and_without(row, kind)
+    y = np.concatenate(state_of(model))
+    exact = model.jacobian(0.0, y, SPEED)
+    sizes = np.tile(sizes_of(model), 2)
+    differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, SPEED), y, sizes)
+    assert np.abs(exact - differences).max() < 1e-9 * np.abs(exact).max()
+
+
+@models
+@rows
+def test_linear_operators_of_a_term_are_the_jacobian_at_rest(row, kind):
+    model, _ = with_and_without(row, kind)
+    n = model.dof
+    mass, velocity, stiffness = model.operators().at(SPEED)
+    at_rest = model.jacobian(0.0, np.zeros(2 * n), SPEED)[n:]
+    scale = np.abs(stiffness).max() + np.abs(velocity).max()
+    assert np.abs(mass @ at_rest[:, :n] + stiffness).max() < 1e-11 * scale
+    assert np.abs(mass @ at_rest[:, n:] + velocity).max() < 1e-11 * scale
+
+
+@models
+@rows
+def test_operators_of_a_bent_pipe_are_the_derivatives_of_the_forces_at_rest(row, kind):
+    model, _ = with_and_without(row, kind)
+    q, _ = state_of(model)
+    zero = np.zeros(model.dof)
+
+    def force(at):
+        return (
+            model.operators(at).mass @ model.rhs(0.0, np.concatenate([at, zero]), SPEED)[q.size :]
+        )
+
+    def moving_force(rates):
+        return model.operators(q).mass @ model.rhs(0.0, np.concatenate([q, rates]), SPEED)[q.size :]
+
+    _, velocity, stiffness = model.operators(q).at(SPEED)
+    differences = jacobian_by_differences(force, q, sizes_of(model))
+    assert np.abs(stiffness + differences).max() < 1e-9 * np.abs(stiffness).max()
+    differences = jacobian_by_differences(moving_force, zero, sizes_of(model))
+    assert np.abs(velocity + differences).max() < 1e-9 * np.abs(stiffness).max()
+
+
+@rows
+def test_a_scene_with_a_term_moves_as_the_chain_does(row):
+    pipe = dataclasses.replace(PIPE, terms=(row.term,))
+    chain, scene = pp.Chain(pipe, 4), pp.modular.chain(pipe, 4)
+    added = pp.modular.chain(PIPE, 4).plus(row.term)
+    assert added.pipe.terms == (row.term,)
+    q, rate = state_of(chain)
+    y, state = np.concatenate([q, rate]), scene.state(q, rate)
+    expected = chain.rhs(0.0, y, SPEED)
+    for model in (scene, added):
+        found = model.angles(model.rhs(0.0, state, SPEED))
+        del found
+        assert model.energy(state) == pytest.approx(chain.energy(y), rel=1e-12)
+        for name in ("flow", "joints", "others"):
+            mine, its = getattr(model.power(state, SPEED), name), chain.power(y, SPEED)
+            assert mine == pytest.approx(getattr(its, name), rel=1e-11, abs=1e-12)
+        ours = model.motion.rhs_and_power(0.0, np.append(y, 0.0), SPEED)[:-1]
+        assert np.abs(ours - expected).max() < 1e-11 * np.abs(expected).max()
+    found = pp.eigenvalues(scene, SPEED, count=4)
+    assert found == pytest.approx(pp.eigenvalues(chain, SPEED, count=4), rel=1e-10)
+
+
+@rows
+def test_chains_with_a_term_tend_to_the_pipe_at_second_order(row):
+    pipe = pp.Pipe(0.3, 7.0, terms=(row.term,))
+    exact = pp.critical_speed(pp.Continuum(pipe)).speed
+    errors = [pp.critical_speed(pp.Chain(pipe, n)).speed / exact - 1.0 for n in (20, 40, 80)]
+    assert abs(errors[-1]) < 2e-3
+    for coarse, fine in itertools.pairwise(errors):
+        assert 3.0 < coarse / fine < 5.0
+
+
+def test_terms_are_checked_where_they_are_given():
+    with pytest.raises(ValueError, match=r"terms\[1\]\.at must lie in \(0, 1\], got 1\.5"):
+        pp.Pipe(0.2, terms=[pp.PointMass(0.5, 0.1), pp.Spring(1.5, 2.0)])
+    with pytest.raises(TypeError, match="terms must be a tuple or list of terms"):
+        pp.Pipe(0.2, terms=pp.Spring(0.5, 2.0))
+    with pytest.raises(TypeError, match=r"terms\[0\] must be a term"):
+        pp.Pipe(0.2, terms=["mass"])
+    with pytest.raises(ValueError, match="terms must be at most 400"):
+        pp.Pipe(0.2, terms=[pp.Spring(0.5, 2.0)] * 401)
+    with pytest.raises(ValueError, match="at must be finite and > 0, got 0"):
+        pp.Spring(0.0, 1.0)
+    with pytest.raises(ValueError, match=r"stiffness must lie in \[0, 1e\+09\], got nan"):
+        pp.Spring(0.5, float("nan"))
+    with pytest.raises(TypeError, match="Term must be one of its laws"):
+        pp.Term()
+
+
+def test_terms_take_and_give_si_values():
+    pipe = pp.Pipe.from_si(
+        length=0.6,
+        bending_stiffness=7.3e-3,
+        pipe_mass=0.19,
+        fluid_mass=0.12,
+        terms=[pp.PointMass(at=0.6, mass=0.01), pp.Spring(at=0.3, stiffness=2.0)],
+    )
+    mass, spring = pipe.terms
+    assert mass == pp.PointMass(1.0, 0.01 / (0.31 * 0.6))
+    assert spring.at == pytest.approx(0.5, rel=1e-15)
+    assert spring.stiffness == pytest.approx(2.0 * 0.6**3 / 7.3e-3, rel=1e-14)
+    for term, given in zip(pipe.terms_si, (0.01, 2.0), strict=True):
+        assert list(term.numbers.values()) == pytest.approx([given], rel=1e-14)
+    with pytest.raises(ValueError, match=r"terms\[0\]\.at must lie in \(0, 0\.6\], got 0\.7"):
+        pp.Pipe.from_si(
+            length=0.6,
+            bending_stiffness=1.0,
+            pipe_mass=1.0,
+            fluid_mass=1.0,
+            terms=[pp.Spring(0.7, 1.0)],
+        )
+    with pytest.raises(ValueError, match="terms in SI need a pipe made with"):
+        _ = pp.Pipe(0.2, terms=[mass]).terms_si
