@@ -341,3 +341,17 @@ def test_a_mass_at_the_tip_slows_the_chain_as_it_slows_the_cantilever(rule):
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     assert (np.abs(orders - 2.0) < 0.1).all()
     assert errors[-1] < 2e-3
+
+
+@pytest.mark.parametrize("rule", ["consistent", "midpoint"])
+def test_terms_inside_leave_the_order_in_the_number_of_segments(rule):
+    pipe = pp.Pipe(0.2, 10.0, terms=(pp.PointMass(0.613, 0.3), pp.Spring(0.351, 20.0)))
+    exact = pp.critical_speed(pp.Continuum(pipe))
+    errors = [
+        abs(pp.critical_speed(pp.Chain(pipe, n, springs=rule)).speed - exact.speed)
+        for n in (10, 20, 40)
+    ]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (np.abs(orders - 2.0) < 0.2).all()
+    assert errors[-1] < 7e-3
+    assert exact.error < 1e-6

@@ -310,14 +310,13 @@ def _result(
     )
 
 
-def tip_of(motion: VectorField, rest: Array, q: Complex) -> complex:
-    """Transverse displacement of the free end, to first order."""
-    size = motion.model.largest_angle(q[: motion.half])
+def tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
+    """Transverse displacement of the free end, to first order: what its velocity is of rates."""
+    half, model = motion.half, motion.model
     parts = []
-    for part in (q.real, q.imag):
-        steps = np.outer(part, 0.01 / size * np.arange(1.0, 4.0))
-        ahead, behind = (motion.tip(rest[:, None] + sign * steps) for sign in (1.0, -1.0))
-        parts.append(float(STENCIL @ (ahead - behind)) / (0.01 / size))
+    for part in (mode.real, mode.imag):
+        q, rates = model.recorded(rest[None, :half], part[None, :half])
+        parts.append(float(model.tip_velocities(q.T, rates.T)[0, 0]))
     return complex(*parts)
 
 

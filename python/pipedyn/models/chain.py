@@ -199,7 +199,8 @@ class Chain(Model):
         return self._with_springs(self._springs + springs)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("core", "resistances")}
+        of_pipe = ("core", "resistances", "fitted_size")
+        return {name: value for name, value in self.__dict__.items() if name not in of_pipe}
 
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
@@ -298,9 +299,9 @@ class Chain(Model):
         """Whether a term of the pipe damps."""
         return bool(self.pipe.terms) and bool(self.resistances[:, 3:6].any())
 
-    @property
+    @cached_property
     def fitted_size(self) -> float:
-        """Trace of what terms add to the stiffness in elastic coordinates."""
+        """Trace, about, of what terms add to the stiffness in elastic coordinates."""
         if not self.pipe.terms:
             return 0.0
         zeroth, first, second, _, _, _, own = self.resistances.T
