@@ -96,7 +96,7 @@ class Quantity(ABC):
     """Degrees of freedom beyond which models are not asked."""
 
     @abstractmethod
-    def answer(self, model: AnyModel) -> Answer:
+    def answer(self, model: Model) -> Answer:
         """A model's answer."""
 
     @abstractmethod
@@ -241,11 +241,13 @@ class Frequencies(_Roots):
         object.__setattr__(self, "u", u)
         object.__setattr__(self, "count", check.count("count", self.count, high=100))
 
-    def answer(self, model: AnyModel) -> Answer:
+    def answer(self, model: Model) -> Answer:
         """The eigenvalues, shape (2 count,)."""
-        most = 2 * self.count
-        if isinstance(model, Model):  # roots of equal size may change places at the end of the row
-            most = min(most + 2, 2 * model.dof)
+        # Roots of equal size may change places at the end of the row: two more are asked for.
+        return self._first(model, min(2 * self.count + 2, 2 * model.dof))
+
+    def _first(self, model: AnyModel, most: int) -> Answer:
+        """So many eigenvalues, those asked for first."""
         found = modes(model, self.u, most)
         if not found.converged.all():
             raise NotConverged(f"eigenvalues at u = {self.u:g} failed their residual check", found)
@@ -255,9 +257,8 @@ class Frequencies(_Roots):
         asked, others = np.split(values, [2 * self.count])
         return Answer(asked, error=error, damping=pipe.damping, others=others)
 
-    def _roots(self, model: AnyModel) -> Answer:
+    def _roots(self, model: Model) -> Answer:
         """Without the modes' shapes, which are the half of an answer."""
-        assert isinstance(model, Model)
         found = lowest(eigenproblem(model), self.u, min(2 * self.count + 2, 2 * model.dof))
         return self._split(found.values, model.pipe)
 
@@ -280,7 +281,7 @@ class Frequencies(_Roots):
             asks = (self._roots, self._roots)
             found = grown_reference(pipe, LEGENDRE, sizes, asks, self.distance, tolerance)
         if found is None or found.error > tolerance:
-            answer = self.answer(Continuum(pipe))
+            answer = self._first(Continuum(pipe), 2 * self.count)
             if self._compared(answer).size == 0:
                 raise NotConverged(
                     f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta",
@@ -310,11 +311,9 @@ class RootLociOver(_Roots):
         object.__setattr__(self, "speeds", at)
         object.__setattr__(self, "count", check.count("count", self.count, high=100))
 
-    def answer(self, model: AnyModel) -> Answer:
+    def answer(self, model: Model) -> Answer:
         """The branches of the upper half plane, then their partners, shape (S, 2 count)."""
-        count = self.count  # of another model a branch beyond may be the one in question
-        if isinstance(model, Model):
-            count = min(self.count + 1, model.dof)
+        count = min(self.count + 1, model.dof)  # a branch beyond may be the one in question
         loci = root_loci(model, self.speeds, count)
         if not loci.converged.all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
@@ -458,9 +457,8 @@ class MotionOf(_Integrated):
         samples = check.count("samples", self.samples, low=2, high=100_000)
         object.__setattr__(self, "samples", samples)
 
-    def answer(self, model: AnyModel) -> Answer:
+    def answer(self, model: Model) -> Answer:
         """The free end's positions, shape (samples, 2)."""
-        assert isinstance(model, Model)
         assert self.start is not None
         assert self.rtol is not None
         motion = simulate(
@@ -530,9 +528,8 @@ class LimitCycleAt(_Integrated):
     def __post_init__(self) -> None:
         self._check_numbers(least_speed_is_open=True)
 
-    def answer(self, model: AnyModel) -> Answer:
+    def answer(self, model: Model) -> Answer:
         """Amplitude and frequency, shape (2,)."""
-        assert isinstance(model, Model)
         assert self.rtol is not None
         cycle = limit_cycle(model, self.u, rtol=self.rtol)
         return Answer(np.array([cycle.amplitude, cycle.frequency]), "", cycle.error)

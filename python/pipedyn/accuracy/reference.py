@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from pipedyn.accuracy.families import Family
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.continuum import AnyModel
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pencil import Vectors
 from pipedyn.models.pipe import Pipe
@@ -148,7 +147,7 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
 
 
 def onset_reference(
-    pipe: Pipe, more: int, ask: Callable[[AnyModel], Answer], tolerance: float
+    pipe: Pipe, more: int, ask: Callable[[Model], Answer], tolerance: float
 ) -> Reference | None:
     """A critical speed searched in a reduced model, its onset then tracked into larger ones.
 
@@ -191,7 +190,7 @@ def grown_reference(
     pipe: Pipe,
     family: Family,
     sizes: Sequence[int],
-    asks: tuple[Callable[[AnyModel], Answer], Callable[[AnyModel], Answer]],
+    asks: tuple[Callable[[Model], Answer], Callable[[Model], Answer]],
     distance: Callable[[Answer, Answer], float],
     tolerance: float,
     order: float = math.inf,
