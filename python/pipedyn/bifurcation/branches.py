@@ -29,10 +29,10 @@ from pipedyn.bifurcation.hopf import tip_of
 from pipedyn.bifurcation.normal_form import vectors
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
+    BranchStart,
     Breaking,
     HopfPoint,
-    Start,
-    Step,
+    OrbitStep,
     broken,
     followed,
     from_change,
@@ -267,7 +267,7 @@ def traced(
 
 def _trace(
     motion: VectorField,
-    starts: list[Start],
+    starts: list[BranchStart],
     begin: CycleEvent | None,
     asked: Asked,
     found: list[Traced],
@@ -356,7 +356,7 @@ class _Follower:
     def __init__(
         self,
         motion: VectorField,
-        start: Start,
+        start: BranchStart,
         begin: CycleEvent | None,
         asked: Asked,
         failed: list[Failed],
@@ -415,7 +415,7 @@ class _Follower:
             else:
                 self._stopped(here, str(reason))
 
-    def _asked_for(self, step: Step) -> bool:
+    def _asked_for(self, step: OrbitStep) -> bool:
         """Whether a step comes to speeds asked for."""
         low, high = sorted((step.begin.u, step.end.u))
         return bool(low <= self.asked.speeds[-1] and high >= self.asked.speeds[0])
@@ -496,7 +496,7 @@ class _Follower:
 
     # ----------------------------------------------------------------------- how it may end
 
-    def _vanishes(self, step: Step) -> bool:
+    def _vanishes(self, step: OrbitStep) -> bool:
         """Whether the branch goes over into what it leaves within a step, at rest or unbroken."""
         for kind in self._breakings(step.begin):
             here, there = (broken(orbit, kind) for orbit in (step.begin, step.end))
@@ -527,7 +527,7 @@ class _Follower:
             if self.motion.is_odd(orbit.u):
                 yield "pitchfork"
 
-    def _dies(self, step: Step, before: float, after: float) -> None:
+    def _dies(self, step: OrbitStep, before: float, after: float) -> None:
         """Tells at which onset a cycle shrinks to nothing."""
         u = step.begin.u + before / (before + after) * (step.end.u - step.begin.u)
         others = [onset for onset in self.asked.onsets if onset != self.onset]
@@ -538,7 +538,7 @@ class _Follower:
 
     # ---------------------------------------------------------------------- what lies on it
 
-    def noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
+    def noted(self, step: OrbitStep, last: LimitCycle | None) -> LimitCycle:
         """Keeps what lies on a step and its events; the cycle at its end.
 
         Args:
@@ -572,19 +572,19 @@ class _Follower:
                 self.events.append(place.event)
         return end.cycle
 
-    def _place(self, step: Step, length: float, point: Point | None = None) -> _Place:
+    def _place(self, step: OrbitStep, length: float, point: Point | None = None) -> _Place:
         """A point of a step, solved for where it is not given, and its cycle."""
         point = step.segment.at(length) if point is None else point
         return _Place(length, point, self.described(step.problem.orbit(point.z)))
 
-    def _fold(self, step: Step, top: _Place) -> CycleEvent:
+    def _fold(self, step: OrbitStep, top: _Place) -> CycleEvent:
         """Where the branch turns."""
         cycle = top.cycle
         beside = step.at(top.length + 1e-3 * step.length)
         error = max(abs(beside.u - cycle.u), 1e-9)
         return CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
 
-    def _passages(self, step: Step, low: _Place, high: _Place) -> Iterator[_Place]:
+    def _passages(self, step: OrbitStep, low: _Place, high: _Place) -> Iterator[_Place]:
         """Where multipliers pass the unit circle between two places, but for folds.
 
         Those show in the tangent.
@@ -605,7 +605,7 @@ class _Follower:
                 self.forks.append((event, orbit, a.stable or b.stable))
             yield replace(low, event=event)
 
-    def _narrowed(self, step: Step, low: _Place, high: _Place) -> tuple[_Place, _Place]:
+    def _narrowed(self, step: OrbitStep, low: _Place, high: _Place) -> tuple[_Place, _Place]:
         """Places right before and beyond the first passage of a multiplier through the circle.
 
         The modulus that passes 1 is a smooth function of the length, unless others pass as well.
@@ -624,7 +624,7 @@ class _Follower:
         beyond = next(i for i, one in enumerate(places) if outside(one.cycle.multipliers) != begin)
         return places[beyond - 1], places[beyond]
 
-    def _at_speeds(self, step: Step, part: Segment) -> Iterator[_Place]:
+    def _at_speeds(self, step: OrbitStep, part: Segment) -> Iterator[_Place]:
         """The cycles at the speeds asked for."""
         low, high = sorted((part.begin.p, part.end.p))
         speeds = self.asked.speeds
