@@ -57,9 +57,22 @@ std::vector<Constraint> constraints_of(const Whole& kind, const Whole& node, con
   return made;
 }
 
-Triplets triplets_of(const Whole& rows, const Whole& columns, const Vector& values) {
-  return {
-      {rows.begin(), rows.end()}, {columns.begin(), columns.end()}, {values.begin(), values.end()}};
+/// Rows in order, each with the entries that have its number.
+std::vector<InertiaRow> inertia_of(const Whole& row, const Whole& coordinate,
+                                   const Vector& weight) {
+  struct Entry {
+    std::int64_t row, coordinate;
+    double weight;
+  };
+  std::vector<InertiaRow> made;
+  std::int64_t last = -1;
+  for (const Entry& entry : items<Entry>("inertia", row, coordinate, weight)) {
+    if (made.empty() || entry.row != last) made.emplace_back();
+    last = entry.row;
+    made.back().coordinate.push_back(static_cast<int>(entry.coordinate));
+    made.back().weight.push_back(entry.weight);
+  }
+  return made;
 }
 
 /// Work of a scene's segment, in that of a chain's.
@@ -117,8 +130,8 @@ SceneParts scene_power(const Scene& scene, const py::object& y, const py::object
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   Numbers flow(states.members), joints(states.members), drag(states.members),
       others(states.members);
-  const ScenePowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data(),
-                              others.mutable_data()};
+  const PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data(),
+                         others.mutable_data()};
   run(scene.segments() * states.members, [&] { scene.power(batch, parts); });
   return py::make_tuple(number_or_array(flow, states.one), number_or_array(joints, states.one),
                         number_or_array(drag, states.one), number_or_array(others, states.one));
@@ -161,8 +174,8 @@ void define_scene(py::module_& m) {
                       const Vector& spring_stiffness, const Vector& spring_damping,
                       const Vector& spring_rest, bool flow, bool drag, const Whole& constraint_kind,
                       const Whole& constraint_node, const Vector& constraint_x,
-                      const Vector& constraint_y, const Whole& inertia_rows,
-                      const Whole& inertia_columns, const Vector& inertia) {
+                      const Vector& constraint_y, const Whole& inertia_row,
+                      const Whole& inertia_coordinate, const Vector& inertia_weight) {
             return std::make_unique<Scene>(
                 pipe,
                 Modules{
@@ -172,14 +185,14 @@ void define_scene(py::module_& m) {
                                                       spring_damping, spring_rest),
                     .constraints = constraints_of(constraint_kind, constraint_node, constraint_x,
                                                   constraint_y),
-                    .inertia = triplets_of(inertia_rows, inertia_columns, inertia),
+                    .inertia = inertia_of(inertia_row, inertia_coordinate, inertia_weight),
                     .flow = flow,
                     .drag = drag});
           }),
           "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "drag_point"_a, "base"_a,
           "spring_joint"_a, "spring_stiffness"_a, "spring_damping"_a, "spring_rest"_a, "flow"_a,
           "drag"_a, "constraint_kind"_a, "constraint_node"_a, "constraint_x"_a, "constraint_y"_a,
-          "inertia_rows"_a, "inertia_columns"_a, "inertia"_a)
+          "inertia_row"_a, "inertia_coordinate"_a, "inertia_weight"_a)
       .def_property_readonly("coordinates", &Scene::coordinates)
       .def("straight", &Scene::straight, Unlocked())
       .def("operators",

@@ -204,9 +204,9 @@ class Scene:
         constraint_node: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
         constraint_x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         constraint_y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        inertia_rows: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        inertia_columns: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        inertia_row: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        inertia_coordinate: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
+        inertia_weight: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     ) -> None: ...
     def acceleration_derivatives(
         self,

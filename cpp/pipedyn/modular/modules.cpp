@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/modular/modules.hpp"
 
-#include <algorithm>
 #include <cmath>
-#include <map>
-#include <stdexcept>
-#include <string>
 #include <utility>
 
 #include "pipedyn/terms/laws.hpp"
@@ -94,7 +90,7 @@ double TermLoad::energy(const Motion& motion) const {
   return place.weight * sum;
 }
 
-void TermLoad::add_power(const Motion& motion, ScenePower& out) const {
+void TermLoad::add_power(const Motion& motion, Power& out) const {
   Laws::with(term, [&](const auto& law) {
     out.others += place.weight * law.power(station(place, motion));
   });
@@ -115,7 +111,7 @@ void Drag::add_derivatives(const Motion& motion, Derivatives& out) const {
   add_derivatives_at(place, Block::Zero(), by_velocity, by_tangent / place.weight, out);
 }
 
-void Drag::add_power(const Motion& motion, ScenePower& out) const {
+void Drag::add_power(const Motion& motion, Power& out) const {
   const double v = normal(motion).dot(between(place, motion.rate));
   out.drag -= place.weight * coefficient * std::abs(v) * v * v;
 }
@@ -143,73 +139,6 @@ double Body::energy(const Motion& motion) const {
   return -weight * (height - straight_height);
 }
 
-void add_further_inertia(const Triplets& matrix, Index segments, std::vector<InertiaRow>& rows) {
-  const auto refuse = [](const char* rule) { throw std::invalid_argument(rule); };
-  const std::size_t count = matrix.values.size();
-  if (matrix.rows.size() != count || matrix.columns.size() != count) {
-    refuse("inertia must have as many rows and columns as values");
-  }
-  for (std::size_t i = 0; i < count; ++i) {
-    for (const std::int64_t c : {matrix.rows[i], matrix.columns[i]}) {
-      if (c < 0 || c >= 3 * segments) refuse("inertia must lie on the scene's coordinates");
-    }
-  }
-  constexpr double rounding = 1e-10;
-  std::map<int, std::map<int, double>> left;
-  for (std::size_t i = 0; i < matrix.values.size(); ++i) {
-    left[static_cast<int>(matrix.rows[i])][static_cast<int>(matrix.columns[i])] += matrix.values[i];
-  }
-  const auto entry = [&left](int row, int column) {
-    const auto entries = left.find(row);
-    if (entries == left.end()) return 0.0;
-    const auto found = entries->second.find(column);
-    return found == entries->second.end() ? 0.0 : found->second;
-  };
-  std::map<int, double> diagonal;
-  for (const auto& [row, entries] : left) {
-    for (const auto& [column, value] : entries) {
-      const double transposed = entry(column, row);
-      const double size = std::max(std::abs(value), std::abs(transposed));
-      if (std::abs(value - transposed) > rounding * size) refuse("inertia must be symmetric");
-      diagonal[column] = entry(column, column);
-    }
-  }
-  while (!left.empty()) {
-    const int c = left.rbegin()->first;
-    const std::map<int, double> entries = std::move(left.rbegin()->second);
-    left.erase(c);
-    const auto own = entries.find(c);
-    const double pivot = own == entries.end() ? 0.0 : own->second;
-    if (pivot <= rounding * diagonal[c]) {
-      // of a semidefinite matrix nothing is left in this row but rounding
-      bool negative = pivot < -10.0 * rounding * std::abs(diagonal[c]) || diagonal[c] < 0.0;
-      for (const auto& [column, value] : entries) {
-        const double size = std::sqrt(std::abs(diagonal[c] * diagonal[column]));
-        negative = negative || std::abs(value) > 1e-4 * size;
-      }
-      if (negative) refuse("inertia must not be negative");
-      for (auto& [row, others] : left) others.erase(c);
-      continue;
-    }
-    InertiaRow factor;
-    const double root = std::sqrt(pivot);
-    for (const auto& [column, value] : entries) {
-      factor.coordinate.push_back(column);
-      factor.weight.push_back(value / root);
-    }
-    for (const int row : factor.coordinate) {
-      if (row == c) continue;
-      std::map<int, double>& others = left[row];
-      const double weight = entries.at(row) / pivot;
-      for (const auto& [column, value] : entries) {
-        if (column != c) others[column] -= weight * value;
-      }
-      others.erase(c);
-    }
-    rows.push_back(std::move(factor));
-  }
-}
-
 // ------------------------------------------------------------------------------------- springs
 
 void TorsionalSpring::add_force(const Motion& motion, const Loads& loads) const {
@@ -227,7 +156,7 @@ double TorsionalSpring::energy(const Motion& motion) const {
   return 0.5 * stiffness * phi * (phi - 2.0 * rest);
 }
 
-void TorsionalSpring::add_power(const Motion& motion, ScenePower& out) const {
+void TorsionalSpring::add_power(const Motion& motion, Power& out) const {
   const double turning = motion.rate.angle(joint);
   out.joints -= damping * turning * turning;
 }
@@ -270,7 +199,7 @@ void InternalFlow::add_derivatives(const Motion& motion, Derivatives& out) const
   out.by_coordinates.add_uniform(segments, segments - 1, thrust);
 }
 
-void InternalFlow::add_power(const Motion& motion, ScenePower& out) const {
+void InternalFlow::add_power(const Motion& motion, Power& out) const {
   const double u = motion.flow_speed;
   const Point end = motion.rate(segments);
   const Point tangent = (motion.place(segments) - motion.place(segments - 1)) / last_length;

@@ -19,7 +19,7 @@ struct Module {
   void add_derivatives(const Motion&, Derivatives&) const {}
   /// Potential energy.
   double energy(const Motion&) const { return 0.0; }
-  void add_power(const Motion&, ScenePower&) const {}
+  void add_power(const Motion&, Power&) const {}
 };
 
 /// A mass m on segment j, the segment's own or a term's: kinetic energy
@@ -46,7 +46,7 @@ struct TorsionalSpring : Module {
   void add_force(const Motion& motion, const Loads& loads) const;
   void add_derivatives(const Motion& motion, Derivatives& out) const;
   double energy(const Motion& motion) const;
-  void add_power(const Motion& motion, ScenePower& out) const;
+  void add_power(const Motion& motion, Power& out) const;
 };
 
 /// A station on segment j: r = (1 - xi) r_{j-1} + xi r_j. A force f there is (1 - xi) f and xi f on
@@ -65,7 +65,7 @@ struct TermLoad : Module {
   void add_force(const Motion& motion, const Loads& loads) const;
   void add_derivatives(const Motion& motion, Derivatives& out) const;
   double energy(const Motion& motion) const;
-  void add_power(const Motion& motion, ScenePower& out) const;
+  void add_power(const Motion& motion, Power& out) const;
 };
 
 /// -kappa l |v| v n at the drag point of a segment of length l, v = n . r', n = (t_y, -t_x),
@@ -77,7 +77,7 @@ struct Drag : Module {
   Drag(const Place& at, double kappa) : place(at), coefficient(kappa) {}
   void add_force(const Motion& motion, const Loads& loads) const;
   void add_derivatives(const Motion& motion, Derivatives& out) const;
-  void add_power(const Motion& motion, ScenePower& out) const;
+  void add_power(const Motion& motion, Power& out) const;
 
  private:
   Point normal(const Motion& motion) const;
@@ -98,12 +98,7 @@ struct InternalFlow : Module {
   void add_operators(RedundantOperators& ops) const;
   void add_force(const Motion& motion, const Loads& loads) const;
   void add_derivatives(const Motion& motion, Derivatives& out) const;
-  void add_power(const Motion& motion, ScenePower& out) const;
+  void add_power(const Motion& motion, Power& out) const;
 };
-
-/// Rows W of further inertia 1/2 q'^T W^T W q', given as the matrix W^T W over the coordinates of n
-/// segments: by elimination from the last coordinate, so that what couples neighbours has local
-/// rows. Throws std::invalid_argument unless it is symmetric and positive semidefinite.
-void add_further_inertia(const Triplets& matrix, Index segments, std::vector<InertiaRow>& rows);
 
 }  // namespace pipedyn

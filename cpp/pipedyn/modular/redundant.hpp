@@ -89,7 +89,7 @@ struct Derivatives {
 };
 
 /// What flow, joints, drag and the pipe's terms add to the energy in unit time.
-struct ScenePower {
+struct Power {
   double flow = 0.0, joints = 0.0, drag = 0.0, others = 0.0;
 };
 

@@ -82,7 +82,13 @@ Enforcement Scene::assemble(const Pipe& pipe, const Modules& given) {
 
   std::vector<InertiaRow> rows;
   for (const Body& body : bodies) body.add_inertia(rows);
-  add_further_inertia(given.inertia, n, rows);
+  for (const InertiaRow& row : given.inertia) {
+    for (const int c : row.coordinate) {
+      if (c >= 0 && c < 3 * n) continue;
+      throw std::invalid_argument("inertia must lie on the scene's coordinates");
+    }
+    rows.push_back(row);
+  }
   std::vector<Group> groups;
   for (const Constraint& constraint : constraints_) {
     constraint.check(n);
@@ -90,20 +96,16 @@ Enforcement Scene::assemble(const Pipe& pipe, const Modules& given) {
     rows_ += constraint.rows();
     matrix_size_ += constraint.rows() * static_cast<Index>(groups.back().coordinate.size());
   }
-  for (const Constraint& constraint : constraints_) {
-    const auto hold = [&](Index axis, double value) {
-      const auto same = [&](const Held& other) {
-        return other.node == constraint.node && other.axis == axis;
-      };
-      if (std::none_of(held_.begin(), held_.end(), same)) {
-        held_.push_back({constraint.node, axis, value});
-      }
-    };
-    if (constraint.kind == Constraint::Kind::guide) hold(0, 0.0);
-    if (constraint.kind == Constraint::Kind::pin) {
-      hold(0, constraint.x);
-      hold(1, constraint.y);
+  const auto hold = [&](Index node, Index axis, double value) {
+    for (const Held& other : held_) {
+      if (other.node == node && other.axis == axis) return;
     }
+    held_.push_back({node, axis, value});
+  };
+  for (const Constraint& constraint : constraints_) {
+    const bool pin = constraint.kind == Constraint::Kind::pin;
+    if (pin || constraint.kind == Constraint::Kind::guide) hold(constraint.node, 0, constraint.x);
+    if (pin) hold(constraint.node, 1, constraint.y);
   }
   std::vector<double> scale(count(3 * n), 1.0);
   for (Index j = 1; j <= n; ++j) scale[count(phi_of(j))] = 1.0 / length[j - 1];
@@ -154,16 +156,24 @@ Derivatives Scene::force_derivatives(const Vector& y, double u) const {
 
 // --------------------------------------------------------------------------------- constraints
 
+/// Calls work(constraint, row), the first of its rows among all.
+template <class Work>
+void Scene::for_each_constraint(const Work& work) const {
+  Index row = 0;
+  for (const Constraint& constraint : constraints_) {
+    work(constraint, row);
+    row += constraint.rows();
+  }
+}
+
 /// matrix: each group's A over the coordinates that it touches, one group after the other.
 void Scene::fill_constraints(const Motion& motion, double* residual, double* matrix,
                              double* right_side) const {
-  for (std::size_t i = 0; i < constraints_.size(); ++i) {
-    const Constraint& constraint = constraints_[i];
-    constraint.fill(motion.place, motion.rate, length_, residual, matrix, right_side);
-    residual += constraint.rows();
-    right_side += constraint.rows();
-    matrix += enforcement_.matrix_size(i);
-  }
+  std::size_t group = 0;
+  for_each_constraint([&](const Constraint& constraint, Index row) {
+    constraint.fill(motion.place, motion.rate, length_, residual + row, matrix, right_side + row);
+    matrix += enforcement_.matrix_size(group++);
+  });
 }
 
 ConstraintRows Scene::constraints(const Vector& y) const {
@@ -187,11 +197,9 @@ Triplets Scene::curvature(const Vector& q, const Vector& multipliers) const {
   require("q", q.size(), coordinates());
   require("multipliers", multipliers.size(), rows_);
   Triplets out;
-  const double* own = multipliers.data();
-  for (const Constraint& constraint : constraints_) {
-    constraint.add_curvature({q.data(), base_}, length_, own, out);
-    own += constraint.rows();
-  }
+  for_each_constraint([&](const Constraint& constraint, Index row) {
+    constraint.add_curvature({q.data(), base_}, length_, multipliers.data() + row, out);
+  });
   return out;
 }
 
@@ -200,11 +208,9 @@ Derivatives Scene::acceleration_derivatives(const Vector& y, const Vector& accel
   require("acceleration", acceleration.size(), coordinates());
   const Motion now = motion(y.data(), 0.0);
   Derivatives out;
-  Index row = 0;
-  for (const Constraint& constraint : constraints_) {
+  for_each_constraint([&](const Constraint& constraint, Index row) {
     constraint.add_derivatives(now.place, now.rate, {acceleration.data(), 0.0}, length_, row, out);
-    row += constraint.rows();
-  }
+  });
   return out;
 }
 
@@ -317,21 +323,28 @@ void Scene::for_each_member(const Batch& batch, const Work& work) const {
   }
 }
 
+/// Accelerations under forces, as Enforcement::solve.
+int Scene::enforce(const Motion& motion, const double* force, double* accelerations) const {
+  thread_local std::vector<double> kept;
+  const Index needed = 2 * rows_ + matrix_size_;
+  if (kept.size() < count(needed)) kept.resize(count(needed));
+  double* const residual = kept.data();
+  double* const right_side = residual + rows_;
+  double* const matrix = right_side + rows_;
+  fill_constraints(motion, residual, matrix, right_side);
+  return enforcement_.solve(matrix, right_side, force, accelerations);
+}
+
 void Scene::rhs(const Batch& batch, const double* force, double* rates) const {
   const Index size = coordinates(), members = batch.members;
   thread_local std::vector<double> kept;
-  const Index needed = 2 * size + 2 * rows_ + matrix_size_;
-  if (kept.size() < count(needed)) kept.resize(count(needed));
+  if (kept.size() < count(2 * size)) kept.resize(count(2 * size));
   double* const sum = kept.data();
   double* const acceleration = sum + size;
-  double* const residual = acceleration + size;
-  double* const right_side = residual + rows_;
-  double* const matrix = right_side + rows_;
   for_each_member(batch, [&](Index k, const Motion& now) {
     for (Index i = 0; i < size; ++i) sum[i] = force != nullptr ? force[i * members + k] : 0.0;
     for_each_module([&](const auto& module) { module.add_force(now, {sum}); });
-    fill_constraints(now, residual, matrix, right_side);
-    if (enforcement_.solve(matrix, right_side, sum, acceleration) != Enforcement::complete) {
+    if (enforce(now, sum, acceleration) != Enforcement::complete) {
       std::fill_n(acceleration, size, std::numeric_limits<double>::quiet_NaN());
     }
     for (Index i = 0; i < size; ++i) {
@@ -343,12 +356,9 @@ void Scene::rhs(const Batch& batch, const double* force, double* rates) const {
 
 Index Scene::lacking(const Vector& q) const {
   require("q", q.size(), coordinates());
-  Vector y = Vector::Zero(2 * coordinates());
+  Vector y = Vector::Zero(2 * coordinates()), acceleration(coordinates());
   y.head(coordinates()) = q;
-  const Vector still = Vector::Zero(coordinates());
-  Vector acceleration(coordinates()), residual(rows_), right_side(rows_), matrix(matrix_size_);
-  fill_constraints(motion(y.data(), 0.0), residual.data(), matrix.data(), right_side.data());
-  return enforcement_.solve(matrix.data(), right_side.data(), still.data(), acceleration.data());
+  return enforce(motion(y.data(), 0.0), y.data() + coordinates(), acceleration.data());
 }
 
 void Scene::energy(const Batch& batch, double* out) const {
@@ -365,9 +375,9 @@ void Scene::energy(const Batch& batch, double* out) const {
   });
 }
 
-void Scene::power(const Batch& batch, const ScenePowerParts& out) const {
+void Scene::power(const Batch& batch, const PowerParts& out) const {
   for_each_member(batch, [&](Index k, const Motion& now) {
-    ScenePower sum;
+    Power sum;
     for_each_module([&](const auto& module) { module.add_power(now, sum); });
     out.flow[k] = sum.flow;
     out.joints[k] = sum.joints;

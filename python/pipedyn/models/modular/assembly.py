@@ -46,6 +46,7 @@ from pipedyn.models.modular.parts import (
     TorsionalSpring,
     described,
 )
+from pipedyn.models.pencil import LONGEST_DENSE, DensePencil, Pencil, ScenePencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
 from pipedyn.util import check
@@ -114,7 +115,7 @@ class Assembly(Model):
         )
         self._customs = CustomForces(self._layout.customs, self.core.straight())
         for custom in self._customs.each:
-            custom.validate(self._configuration(self._layout.rest))
+            custom.validate(self._configuration(self._layout.rest)[custom.index])
         self._refuse_massless()
         straight = np.zeros(self.moving)
         self._reference: Array | None = None
@@ -255,6 +256,11 @@ class Assembly(Model):
             met = np.abs(more._layout.missed(chosen)).max(initial=0.0) <= MET
             more._reference = chosen if met else more._reference
         return more
+
+    def pencil(self, dense: bool | None = None) -> Pencil:
+        """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
+        long = self.dof > LONGEST_DENSE if dense is None else not dense
+        return ScenePencil(self) if long else DensePencil(self)
 
     def with_pipe(self, pipe: Pipe) -> Assembly:
         """The same parts on another pipe, which has its own terms.
@@ -443,11 +449,10 @@ class Assembly(Model):
                 of freedom.
             TypeError: for what is no array of real numbers.
         """
-        self._check_dense()
-        linear = self._linear if q is None else self._linear_about(self._angles_of("q", q))
-        to_elastic = np.diff(self._basis_of(linear), axis=0, prepend=0.0) / linear.scale
-        zeta = linear.basis.gather(to_elastic)
-        return self._dense(linear, zeta)
+        linear = self._linear_at(q)
+        basis = linear.angle_basis.spread(np.eye(linear.dof))
+        zeta = linear.basis.gather(np.diff(basis, axis=0, prepend=0.0) / linear.scale)
+        return linear.operators(zeta)
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
@@ -456,36 +461,21 @@ class Assembly(Model):
 
         Args, Raises: as for `operators`.
         """
-        self._check_dense()
-        linear = self._linear if q is None else self._linear_about(self._angles_of("q", q))
-        return self._basis_of(linear)
+        linear = self._linear_at(q)
+        return linear.angle_basis.spread(np.eye(linear.dof))
 
     def free_directions(self, p: Array) -> Array:
         """Those of `basis`."""
         return self.basis(p)
 
-    def _basis_of(self, linear: Linear) -> Array:
-        return linear.angle_basis.spread(np.eye(linear.dof))
+    def _linear_at(self, q: ArrayLike | None) -> Linear:
+        """Small motions about q, or the reference, if dense operators can be made."""
+        self._check_dense()
+        return self._linear if q is None else self._linear_about(self._angles_of("q", q))
 
     def elastic_operators(self) -> Operators:
-        """The same operators in elastic coordinates, see `pipedyn.modular.linear`."""
-        self._check_dense()
-        return self._dense(self._linear, np.eye(self.dof))
-
-    @staticmethod
-    def _dense(linear: Linear, zeta: Array) -> Operators:
-        mass, gyroscopic, end_flux, damping, stiffness, flux = (
-            zeta.T @ product(zeta)
-            for product in (
-                *(linear.mass, linear.gyroscopic, linear.end_flux),
-                *(linear.damping, linear.stiffness, linear.flux),
-            )
-        )
-        return Operators(
-            *(0.5 * (mass + mass.T), 0.5 * (gyroscopic - gyroscopic.T)),
-            *(0.5 * (end_flux + end_flux.T), damping, stiffness, flux),
-            *(linear.parts.direction, linear.parts.centrifugal),
-        )
+        """The same operators in elastic coordinates, see `pipedyn.models.modular.linearisation`."""
+        return self._linear_at(None).operators(np.eye(self.dof))
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         """Degrees of freedom, shape (dof, ...), from elastic coordinates of the same shape.
@@ -737,27 +727,10 @@ class Assembly(Model):
         """Angles of the segments from angles or redundant coordinates that meet the constraints."""
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates))
         theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
-        if rows.size == self.coordinates:
-            off = np.abs(self._configuration(theta) - rows)
-            self._refuse(name, off, rows)
-        missed = np.abs(self._layout.missed(theta))
-        if missed.max(initial=0.0) > MET:
-            worst = self._layout.held[int(np.argmax(missed))]
-            raise ValueError(
-                f"{name} must meet {described(worst.part)}, got {missed.max():.1e} beside it; "
-                "closed(angles) gives angles that do"
-            )
+        q = rows if rows.size == self.coordinates else self._configuration(theta)
+        residual, _, _, group = self.core.constraints(np.concatenate([q, np.zeros_like(q)]))
+        self._require_met(f"{name} must meet", residual, group, MET)
         return np.array(theta)
-
-    def _refuse(self, name: str, off: Array, rows: Array) -> None:
-        if off.max() > MET:
-            still = np.concatenate([rows, np.zeros_like(rows)])
-            values, _, _, group = self.core.constraints(still)
-            worst = self.constraints[int(group[int(np.argmax(np.abs(values)))])]
-            raise ValueError(
-                f"{name} must meet the constraints, got {np.abs(values).max():.1e} beside "
-                f"{described(worst)}"
-            )
 
     def _rates_of(
         self, name: str, given: ArrayLike | None, theta: Array, sizes: tuple[int, ...] = ()
@@ -768,20 +741,23 @@ class Assembly(Model):
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates), 1e6)
         omega = rows if rows.size == self.moving else np.cumsum(rows[2::3])
         y = self.core.from_angles(theta, omega)
-        fast = 1.0 + float(np.abs(omega).max())
         if rows.size == self.coordinates:
-            off = float(np.abs(y[self.coordinates :] - rows).max())
-            if off > MET * fast:
-                raise ValueError(
-                    f"{name} must keep the joints together, got {off:.1e} that pulls them apart"
-                )
-        drift = [abs(float(y[self.coordinates + held.coordinate])) for held in self._layout.held]
-        if drift and max(drift) > MET * fast:
-            worst = self._layout.held[int(np.argmax(drift))]
-            raise ValueError(
-                f"{name} must keep {described(worst.part)}, got {max(drift):.1e} away from it"
-            )
+            y[self.coordinates :] = rows
+        residual, triplets, _, group = self.core.constraints(y)
+        drift = matrix(triplets, residual.size, self.coordinates) @ y[self.coordinates :]
+        self._require_met(
+            f"{name} must keep", drift, group, MET * (1.0 + float(np.abs(omega).max()))
+        )
         return np.array(omega)
+
+    def _require_met(self, rule: str, residual: Array, group: NDArray[Any], most: float) -> None:
+        """Raises ValueError, with the constraint that a residual is of, if one is too large."""
+        worst = int(np.argmax(np.abs(residual)))
+        if not abs(residual[worst]) <= most:
+            raise ValueError(
+                f"{rule} {described(self.constraints[int(group[worst])])}, got "
+                f"{abs(residual[worst]):.1e} beside it; closed(angles) gives angles that meet all"
+            )
 
 
 def _is_plain_spring(part: Module) -> bool:

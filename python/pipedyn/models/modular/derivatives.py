@@ -38,10 +38,9 @@ def forces(core: _core.Scene, customs: CustomForces, y: Array, u: float) -> tupl
     size = core.coordinates
     force = np.array(core.forces(y, u))
     by_q, by_rate = (matrix(part, size, size) for part in core.force_derivatives(y, u))
-    q, rates = y[:size], y[size:]
     for custom in customs.each:
+        q, rates, places = y[:size][custom.index], y[size:][custom.index], custom.module.places
         force[custom.index] += custom.force(q, rates)
-        places = custom.module.places
         by_q = by_q + matrix((*places, custom.by_q(q, rates).ravel()), size, size)
         by_rate = by_rate + matrix((*places, custom.by_qdot(q, rates).ravel()), size, size)
     return force, by_q, by_rate

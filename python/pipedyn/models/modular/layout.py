@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
+from pipedyn.models.modular.custom import inertia_rows
 from pipedyn.models.modular.linearisation import DEPENDENT, independent
 from pipedyn.models.modular.parts import (
     Clamp,
@@ -316,16 +317,13 @@ class Layout:
             pipe.damping * spring.stiffness if spring.damping is None else spring.damping
             for spring in springs
         ]
-        inertia = [
-            (*custom.places, np.ravel(np.asarray(custom.mass, dtype=np.float64)))
-            for custom in self.customs
-            if custom.mass is not None
+        factors = [(custom.index, row) for custom in self.customs for row in inertia_rows(custom)]
+        entries = [
+            (i, index[c], row[c])
+            for i, (index, row) in enumerate(factors)
+            for c in np.flatnonzero(row)
         ]
-        rows, columns, values = (
-            np.concatenate([part[i] for part in inertia]) if inertia else np.zeros(0)
-            for i in range(3)
-        )
-
+        rows = np.array(entries, dtype=np.float64).reshape(-1, 3)
         return _core.Scene(
             pipe=core_pipe(pipe),
             length=self.lengths,
@@ -345,9 +343,9 @@ class Layout:
             ),
             constraint_x=_numbers(getattr(c, "x", 0.0) for c in self.constraints),
             constraint_y=_numbers(getattr(c, "y", 0.0) for c in self.constraints),
-            inertia_rows=rows.astype(np.int64),
-            inertia_columns=columns.astype(np.int64),
-            inertia=values,
+            inertia_row=rows[:, 0].astype(np.int64),
+            inertia_coordinate=rows[:, 1].astype(np.int64),
+            inertia_weight=rows[:, 2],
         )
 
 
