@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,7 @@ GENERATIONS = 2
 """Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
 
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
+ORIGINS: dict[str, Origin] = {str(name): name for name in get_args(Origin)}
 
 
 @result
@@ -368,7 +369,7 @@ class _Follower:
         self.onset = math.nan
         self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
         if begin is not None:
-            self.origin, self.onset = _origin(begin), begin.speed
+            self.origin, self.onset = ORIGINS[begin.kind], begin.speed
             where = "onset" if begin.kind == "hopf" else begin.kind
             self.how = f"followed from the {where} at u = {begin.speed:.6g}"
         self.events = [] if begin is None else [begin]
@@ -650,15 +651,6 @@ class _Follower:
         if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
             return False
         return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
-
-
-def _origin(begin: CycleEvent) -> Origin:
-    origins: dict[str, Origin] = {
-        "hopf": "hopf",
-        "pitchfork": "pitchfork",
-        "period doubling": "period doubling",
-    }
-    return origins[begin.kind]
 
 
 def _solution(motion: VectorField, guess: PeriodicOrbit) -> PeriodicOrbit | None:
