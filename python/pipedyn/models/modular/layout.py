@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -32,6 +33,7 @@ from pipedyn.models.modular.parts import (
 )
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed, newton
 
 KINDS: dict[type[Constraint], int] = {Clamp: 0, Joint: 1, Guide: 2, Pin: 3}
 """Numbers of the constraints in the core."""
@@ -245,15 +247,20 @@ class Layout:
     def _newton(self, theta: Array, steps: int) -> tuple[Array, float]:
         """Newton's method by least turns, and how far its best angles miss."""
         best, least = theta, math.inf
-        for _ in range(steps):
+
+        def correction(theta: Array) -> tuple[Array, float]:
+            nonlocal best, least
             missed = self.missed(theta)
             far = float(np.abs(missed).max())
             if far < least:
                 best, least = theta, far
             if not far > 1e-14:
-                break
-            turn = np.linalg.pinv(self.rows(theta), rcond=1e-12) @ missed
-            theta = theta - turn * min(1.0, 0.5 / max(float(np.abs(turn).max()), 1e-300))
+                return np.zeros_like(theta), 0.0
+            turn = -np.linalg.pinv(self.rows(theta), rcond=1e-12) @ missed
+            return turn, float(np.abs(turn).max())
+
+        with suppress(NewtonFailed):  # the best may be near enough
+            newton(theta, correction, tolerance=0.0, longest=0.5, iterations=steps)
         return best, least
 
     def _found_rest(self) -> Array:
