@@ -54,7 +54,7 @@ class Case:
 
 @dataclass
 class Tally:
-    """What is told at the end: for each question the ratios of all its cases."""
+    """What is printed at the end: for each question the ratios of all its cases."""
 
     dearer: dict = field(default_factory=dict)
     longer: dict = field(default_factory=dict)
@@ -169,8 +169,8 @@ def hold(case, tally):
             quantity = choice.quantity
             truth = truth or true_answer(case, quantity)
         except pp.PipedynError as refused:
-            told = f"{type(refused).__name__}: {refused} ({clock() - begun:.1f} s)"
-            print(f"| {case.title} | {tolerance:g} | {told} | | | | | {case.pipe!r} |", flush=True)
+            why = f"{type(refused).__name__}: {refused} ({clock() - begun:.1f} s)"
+            print(f"| {case.title} | {tolerance:g} | {why} | | | | | {case.pipe!r} |", flush=True)
             continue
         error = quantity.distance(quantity.answer(choice.model), truth.answer)
 

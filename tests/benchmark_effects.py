@@ -3,7 +3,7 @@
 
 Run with `.venv/bin/python tests/benchmark_effects.py` after `pip install ".[bench,test]"`; pytest
 does not collect it. Prints, and fails on an error only. Each effect is timed alone beside the pipe
-without any; its error is that of the same code path with the effect too faint to act (1e-30 of it)
+without any; its error is that of the same code path with the effect too weak to act (1e-30 of it)
 beside the path that leaves it out. None and all are held against the dense equations or, for the
 reduced model, against three times the nodes. One thread.
 """
@@ -21,7 +21,7 @@ import pipedyn as pp
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
 
-SPEED, MEMBERS, FAINT, ROUNDS = 6.0, 256, 1e-30, 5
+SPEED, MEMBERS, WEAK, ROUNDS = 6.0, 256, 1e-30, 5
 STRENGTH = {"gravity": 2.0, "drag": 1.0, "damping": 1e-3, "flow": SPEED}
 """gamma, kappa, delta and u; the Coriolis part comes with flow, at beta = 0.2."""
 
@@ -95,8 +95,8 @@ def effects(name: str, make) -> None:
         check(errors[-1], 1e-6 if dragged else 1e-11, f"{name}, {what}")
     for effect, strength in STRENGTH.items():
         cases[effect] = {effect: strength}
-        errors.append(worst(rates(make, {effect: FAINT}, many), plain))
-        check(errors[-1], 1e-11, f"{name}, {effect} too faint to act")
+        errors.append(worst(rates(make, {effect: WEAK}, many), plain))
+        check(errors[-1], 1e-11, f"{name}, {effect} too weak to act")
     costs = seconds(make, list(cases.values()), many)
     for effect, cost, error in zip(cases, costs, errors, strict=True):
         cells = [

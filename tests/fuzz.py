@@ -597,9 +597,7 @@ def _scenes() -> Iterator[Target]:
             "damping": optional(stiff),
             "rest_angle": real((-1.0, 1.0), -1e300, 1e300),
         },
-        modular.TransverseSpring: {"node": node, "stiffness": stiff},
-        modular.Dashpot: {"node": node, "coefficient": stiff},
-        modular.PointMass: {"node": node, "mass": stiff},
+        modular.PointMass: {"at": real((0.1, 1.0), 0.0), "mass": stiff},
         modular.Clamp: {"base": real((0.0, 0.9), -0.1, 1.0)},
         modular.Joint: {"segment": count(2, 5, 10**6 + 1)},
         modular.Guide: {"node": node},
@@ -678,7 +676,7 @@ def _scenes() -> Iterator[Target]:
             "enforcement": word("orthonormal", "udwadia-kalaba"),
         },
         told={
-            "modules": "module|segment|node|lengths|inertia",
+            "modules": "module|segment|node|lengths|inertia|terms",
             "constraints": "constraint|(?i:joint|pin|clamp)|Guide|segment|node|inertia",
         },
     )
@@ -691,7 +689,7 @@ def _scenes() -> Iterator[Target]:
                 any_of(NONE, *NOTHINGS, *WORDS, one_of(*FURTHER, 3, [], modular.Segment(0.1))),
             )
         },
-        told={"parts": "parts|module|constraint|node|lengths|segment"},
+        told={"parts": "parts|module|constraint|node|lengths|segment|terms"},
     )
     angles = array(3, (-0.2, 0.2), (1e7,))
     for scene, tag in ((SCENE, ""), (HELD, "[held]")):

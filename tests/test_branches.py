@@ -11,8 +11,8 @@ import pytest
 
 import pipedyn as pp
 from pipedyn.bifurcation import branches as module
-from pipedyn.bifurcation.arcs import turns
-from pipedyn.bifurcation.events import nontrivial, outside, passage
+from pipedyn.bifurcation.continuation import folds
+from pipedyn.bifurcation.events import crossing_event, nontrivial, outside
 
 THREE = pp.Chain(pp.Pipe(0.2), 3)
 SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)
@@ -114,10 +114,10 @@ def test_a_fold_of_cycles_is_where_the_two_meet(subcritical):
 def test_a_cycle_that_is_born_and_dies_is_one_branch():
     model = pp.Galerkin(pp.Pipe(0.295), 9, "legendre")
     found = pp.bifurcation_diagram(model, [7.2, 7.6, 8.0])
-    passages = [c.speed for c in pp.crossings(model, 8.0)]
+    onsets = [c.speed for c in pp.crossings(model, 8.0)]
     (branch,) = found.cycles
     assert events(branch) == ["hopf", "hopf"]
-    assert [event.speed for event in branch.events] == pytest.approx(passages, rel=1e-9)
+    assert [event.speed for event in branch.events] == pytest.approx(onsets, rel=1e-9)
     assert (branch.amplitudes < 0.1).all()
 
 
@@ -193,12 +193,12 @@ def test_where_a_symmetric_branch_turns_is_a_fold_and_no_pitchfork(returning):
 
 
 class Bends:
-    """A step whose speed is a cubic of its length."""
+    """A segment whose parameter is a cubic of its length."""
 
     def __init__(self, *coefficients):
         self.u = np.polynomial.Polynomial(coefficients)
         self.length = 2.0
-        self.begin, self.end = (SimpleNamespace(u=float(self.u(s))) for s in (0.0, 2.0))
+        self.begin, self.end = (SimpleNamespace(p=float(self.u(s))) for s in (0.0, 2.0))
         self.slopes = (self.slope(0.0), self.slope(2.0))
 
     def slope(self, s):
@@ -218,7 +218,7 @@ class Bends:
     ],
 )
 def test_a_step_may_hold_no_fold_or_one_or_two(step, expected):
-    assert turns(step) == pytest.approx(expected, abs=1e-4)
+    assert folds(step, 1e-5) == pytest.approx(expected, abs=1e-4)
 
 
 # ------------------------------------------------------------------------ cycles that leave cycles
@@ -322,9 +322,9 @@ def test_where_motions_wind_up_without_end_it_is_told_that_no_cycle_was_found(mo
         (0.999 * np.exp(2j), True, "torus"),
     ],
 )
-def test_a_passage_is_named_by_where_the_multiplier_passes(root, mirrored, kind):
+def test_an_event_is_named_by_where_the_multiplier_passes(root, mirrored, kind):
     others = [root, np.conj(root)] if np.iscomplex(root) else [root]
-    named, multiplier = passage([1.0, 0.2, -0.3, 40.0, *others], mirrored)
+    named, multiplier = crossing_event([1.0, 0.2, -0.3, 40.0, *others], mirrored)
     assert named == kind
     power = 2 if mirrored else 1
     assert multiplier == pytest.approx((root / abs(root)) ** power)
@@ -367,7 +367,7 @@ def test_an_onset_that_fails_is_marked_and_the_equilibria_kept(monkeypatch):
     def fails(*given):
         raise pp.NoHopf("two pairs meet")
 
-    monkeypatch.setattr(module, "born", fails)
+    monkeypatch.setattr(module, "hopf_point", fails)
     found = pp.bifurcation_diagram(THREE, [4.0, 5.0])
     (branch,) = found.cycles
     assert branch.origin == "motion"

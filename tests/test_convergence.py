@@ -68,7 +68,7 @@ def test_chains_meet_the_printed_table(n, uniform, consistent, rayleigh, midpoin
         assert found == pytest.approx(speed, rel=0, abs=5.1e-5), rule
 
 
-def test_the_midpoint_cut_is_lucky_at_two_segments():
+def test_the_midpoint_cut_is_exact_by_chance_at_two_segments():
     """4.893 at n = 3."""
     found = pp.critical_speed(pp.Chain(PIPE, 3, springs="midpoint")).speed
     assert found == pytest.approx(4.893, rel=0, abs=5.1e-4)

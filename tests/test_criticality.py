@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where flutter sets in gently and where it snaps."""
+"""Where the onset of flutter is supercritical and where subcritical."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +15,7 @@ def three(beta):
     return pp.Chain(pp.Pipe(beta), 3)
 
 
-def test_three_segments_snap_at_great_fluid_mass_only():
+def test_three_segments_are_subcritical_at_great_fluid_mass_only():
     curve = pp.criticality_curve(three, [0.2, 0.7])
     assert curve.failures == ()
     assert curve.subcritical.tolist() == [False, True]
@@ -65,18 +65,18 @@ def test_bad_arguments_are_refused_by_name(given, kind, message):
 
 
 @pytest.mark.parametrize(("n", "last"), [(3, 0.5), (4, 0.6), (5, 0.75), (6, 0.8)])
-def test_chains_snap_beyond_a_share_of_fluid_that_grows_with_the_segments(n, last):
+def test_chains_are_subcritical_beyond_a_share_of_fluid_that_grows_with_the_segments(n, last):
     curve = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b), n), [0.2, last, last + 0.1, 0.95])
     assert curve.subcritical.tolist() == [False, False, True, True]
 
 
-def test_two_segments_snap_where_the_fluid_is_light_only():
+def test_two_segments_are_subcritical_where_the_fluid_is_light_only():
     curve = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b), 2), [0.05, 0.2, 0.5, 0.9])
     assert curve.subcritical.tolist() == [True, False, False, False]
 
 
 @pytest.mark.parametrize("gamma", [0.0, 10.0, 100.0])
-def test_the_continuous_pipe_snaps_nowhere_unless_it_hangs_heavily(gamma):
+def test_the_continuous_pipe_is_subcritical_nowhere_unless_it_hangs_heavily(gamma):
     curve = pp.criticality_curve(
         lambda b: pp.Galerkin(pp.Pipe(b, gamma=gamma), 12, "legendre"), [0.05, 0.3, 0.5, 0.7, 0.95]
     )
@@ -105,14 +105,14 @@ def test_changes_bracket_where_the_lyapunov_coefficient_passes_zero():
         pp.hopf(three(root))
 
 
-def test_no_change_is_told_across_a_point_that_failed():
+def test_no_change_is_reported_across_a_point_that_failed():
     curve = pp.criticality_curve(lambda b: three(b) if b != 0.6 else None, [0.5, 0.6, 0.7])
     assert curve.subcritical.tolist() == [False, False, True]
     assert curve.changes.shape == (0, 2)
 
 
 @pytest.mark.parametrize("drag", [1e-6, 0.1])
-def test_with_drag_a_curve_tells_where_the_pipe_snaps_past_its_onset(drag):
+def test_with_drag_a_curve_shows_where_cycles_fold_past_their_onset(drag):
     def make(beta):
         return pp.Chain(pp.Pipe(beta, drag=drag), 2)
 
@@ -125,12 +125,12 @@ def test_with_drag_a_curve_tells_where_the_pipe_snaps_past_its_onset(drag):
     assert np.isnan(bare.folds).all()
 
 
-def test_two_segments_snap_at_heavy_fluid_too_just_before_they_diverge():
+def test_two_segments_are_subcritical_at_heavy_fluid_too_just_before_they_diverge():
     curve = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b, gamma=20.0), 2), [0.05, 0.4, 0.8])
     assert curve.subcritical.tolist() == [True, False, True]
 
 
-def test_a_heavily_hanging_continuous_pipe_snaps_where_the_fluid_is_light():
+def test_a_heavily_hanging_continuous_pipe_is_subcritical_where_the_fluid_is_light():
     def make(beta, m=12):
         return pp.Galerkin(pp.Pipe(beta, gamma=300.0), m, "legendre")
 

@@ -76,7 +76,7 @@ SCENES = {
     "drag": (pp.Chain(pp.Pipe(0.2, drag=1.0), 6), 6.0),
     "drag, reduced": (pp.Galerkin(pp.Pipe(0.2, drag=1.0), 6, "legendre"), 6.0),
     "aspirating, drag": (pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=2.0, damping=0.01), 4), 0.2),
-    "scene": (pp.modular.chain(PIPE, n=4).plus(pp.modular.PointMass(node=4, mass=0.1)), 4.0),
+    "scene": (pp.modular.chain(PIPE, n=4).plus(pp.PointMass(at=1.0, mass=0.1)), 4.0),
     "guided": (pp.modular.chain(PIPE, n=4).plus(pp.modular.Guide(node=1)), 6.5),
     "unstable": (pp.Chain(pp.Pipe(0.8), 4), 8.2),
     "large": (pp.Chain(PIPE, 2), 6.0),
@@ -188,7 +188,7 @@ def test_the_error_told_bounds_what_refinement_changes(model, u):
 
 
 def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.MOST", 20)
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.MOST_INTERVALS", 20)
     with pytest.raises(pp.NotConverged, match=r"is known to .* only: that takes more") as caught:
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2, drag=1.0), 3), 6.0, rtol=1e-9)
     kept = caught.value.result
@@ -199,10 +199,28 @@ def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
 def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
     monkeypatch.setattr("pipedyn.bifurcation.floquet.TURN", 40.0)
     monkeypatch.setattr("pipedyn.bifurcation.floquet.MOST_HALVINGS", 1)
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.CHECKS", 1)
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.CHECKS", 1)
     with pytest.raises(pp.NotConverged, match="Floquet multipliers") as caught:
         pp.limit_cycle(pp.Chain(PIPE, 16), 6.0)
     assert caught.value.result.multiplier_error > 1e-6
+
+
+def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch):
+    """Right beside the onset the two are 2e-4 apart, and rounding moves both by 1e-6."""
+    model = pp.modular.chain(pp.Pipe(0.1, drag=2.0), n=3)
+    u = 3.946653574561674  # 3e-5 beyond the onset
+    cycle = pp.limit_cycle(model, u)
+    apart = np.abs(cycle.others - 1.0).min()
+    assert 1e-6 < cycle.multiplier_error < 0.01 * apart
+    assert apart < 1e-3
+    # What attracts there is the cycle: its amplitude is that of the normal form.
+    assert cycle.stable
+    assert cycle.amplitude == pytest.approx(pp.hopf(model).amplitude(u), rel=1e-2)
+    # By itself that error is refused.
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.CHECKS", 1)
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.TRUSTED", 0.0)
+    with pytest.raises(pp.NotConverged, match="one of which should be 1"):
+        pp.limit_cycle(model, u)
 
 
 def test_a_cycle_pickles(known):
@@ -232,8 +250,9 @@ def test_every_start_leads_to_the_same_cycle():
 
 
 def test_a_whole_period_tells_what_half_of_one_does(known, monkeypatch):
-    for module in ("arcs", "fourier", "limit_cycle"):
-        monkeypatch.setattr(f"pipedyn.bifurcation.{module}.is_odd", lambda motion, u: False)
+    monkeypatch.setattr(
+        "pipedyn.bifurcation.vector_field.VectorField.is_odd", lambda motion, u: False
+    )
     whole = pp.limit_cycle(ROM, 6.0)
     assert known.symmetric
     assert not whole.symmetric
@@ -285,7 +304,9 @@ def test_a_search_may_start_from_an_onset():
     assert pp.limit_cycle(model, 8.3, third).amplitude == pytest.approx(
         pp.limit_cycle(model, 8.3).amplitude, rel=1e-5
     )
-    with pytest.raises(pp.NoCycle, match=r"born at u = 7\.26.* does not come to u = 7"):
+    with pytest.raises(
+        pp.NoCycle, match=r"of the Hopf point at u = 7\.26.* does not come to u = 7"
+    ):
         pp.limit_cycle(model, 7.0, first)
     with pytest.raises(pp.NoCycle, match="does not come to"):
         pp.limit_cycle(model, third.speed, third)  # where it has no size
@@ -311,7 +332,9 @@ def test_below_the_fold_of_cycles_the_search_says_where_it_lies():
     model = pp.Chain(pp.Pipe(0.05), 2)
     onset = pp.hopf(model)
     assert onset.criticality == "subcritical"
-    with pytest.raises(pp.NoCycle, match=r"born at u = 3\.13387 reaches down to u = 3\.12922 only"):
+    with pytest.raises(
+        pp.NoCycle, match=r"of the Hopf point at u = 3\.13387 reaches down to u = 3\.12922 only"
+    ):
         pp.limit_cycle(model, 3.12)
     with pytest.raises(pp.NoCycle, match=r"reaches down to u = 3\.12922 only"):
         pp.limit_cycle(model, 3.12, onset)
@@ -483,8 +506,8 @@ def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
-def test_panels_are_not_halved_for_roughness_that_is_rounding(damping):
-    """The cycle needs 64 panels of 8 stages for ten digits; rounding would ask for a thousand."""
+def test_mesh_intervals_are_not_halved_for_defects_that_are_rounding(damping):
+    """The cycle needs 64 intervals of 8 stages for ten digits; rounding would ask for a thousand."""
     pipe = pp.Pipe(0.2, damping=damping)
     sharp = pp.limit_cycle(pp.Galerkin(pipe, 14, "legendre"), 6.0, rtol=1e-10)
     assert sharp.error <= 1e-10

@@ -16,13 +16,17 @@ from pipedyn.bifurcation.brute_force import ending_of, turning_points
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
-DIAGRAM = pp.bifurcation_diagram(
-    TWO, SPEEDS, cycles=0, brute_force=4, transient=40.0, duration=10.0
-)
 
 
-def test_equilibria_of_all_speeds_are_on_the_branches_each_once():
-    straight, *bent = DIAGRAM.equilibria
+@pytest.fixture(scope="module")
+def diagram():
+    return pp.bifurcation_diagram(
+        TWO, SPEEDS, cycles=0, brute_force=4, transient=40.0, duration=10.0
+    )
+
+
+def test_equilibria_of_all_speeds_are_on_the_branches_each_once(diagram):
+    straight, *bent = diagram.equilibria
     assert straight.straight
     assert [branch.straight for branch in bent] == [False, False]
     np.testing.assert_allclose(bent[0].tips[:, 0], -bent[1].tips[:, 0], atol=1e-9)
@@ -30,26 +34,26 @@ def test_equilibria_of_all_speeds_are_on_the_branches_each_once():
     folds = [branch.folds[0].speed for branch in bent]
     assert folds[0] == pytest.approx(folds[1])
     assert bent[0].folds[0].tip[0] == pytest.approx(-bent[1].folds[0].tip[0])
-    assert DIAGRAM.failures == ()
+    assert diagram.failures == ()
 
 
-def test_motions_end_on_stable_equilibria_where_there_are_some():
+def test_motions_end_on_stable_equilibria_where_there_are_some(diagram):
     for u in (0.5, 1.0, 2.0, 3.0):
         found = pp.equilibria(TWO, u)
         stable = found.tips[found.stable, 0]
-        ended = DIAGRAM.at(u)
+        ended = diagram.at(u)
         assert [one.start for one in ended] == [0, 1, 2, 3]
         for one in ended:
             assert one.ending in ("rest", "settling")
             assert np.abs(stable - one.turnings[-1]).min() < 1e-2
 
 
-def test_motions_end_on_a_cycle_beyond_the_fold():
-    for one in DIAGRAM.at(5.0):
+def test_motions_end_on_a_cycle_beyond_the_fold(diagram):
+    for one in diagram.at(5.0):
         assert (one.ending, one.period) == ("periodic", 3)  # two loops beside each swing
     motion = pp.simulate(TWO, 5.0, 60.0, lambda s: 0.3 * s, samples=30_001, rtol=1e-9)
     largest = np.abs(motion.tip[-5000:, 0]).max()
-    assert DIAGRAM.at(5.0)[0].turnings.max() == pytest.approx(largest, abs=1e-4)
+    assert diagram.at(5.0)[0].turnings.max() == pytest.approx(largest, abs=1e-4)
 
 
 def test_motions_that_are_periodic_are_cycles_though_a_period_has_a_dozen_maxima():
@@ -65,7 +69,7 @@ def test_motions_that_are_periodic_are_cycles_though_a_period_has_a_dozen_maxima
         assert cycle.amplitude == pytest.approx(0.5 * np.ptp(one.turnings), rel=1e-4)
 
 
-def test_batches_on_an_executor_give_the_same_diagram(capsys):
+def test_batches_on_an_executor_give_the_same_diagram(diagram, capsys):
     with ThreadPoolExecutor(2) as executor:
         again = pp.bifurcation_diagram(
             *(TWO, SPEEDS),
@@ -76,14 +80,14 @@ def test_batches_on_an_executor_give_the_same_diagram(capsys):
             executor=executor,
             progress=True,
         )
-    for a, b in zip(DIAGRAM.motions, again.motions, strict=True):
+    for a, b in zip(diagram.motions, again.motions, strict=True):
         np.testing.assert_array_equal(a.turnings, b.turnings)
     assert "brute force" in capsys.readouterr().err
 
 
-def test_diagram_pickles():
-    copy = pickle.loads(pickle.dumps(DIAGRAM))
-    np.testing.assert_array_equal(copy.equilibria[1].q, DIAGRAM.equilibria[1].q)
+def test_diagram_pickles(diagram):
+    copy = pickle.loads(pickle.dumps(diagram))
+    np.testing.assert_array_equal(copy.equilibria[1].q, diagram.equilibria[1].q)
 
 
 def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
@@ -120,9 +124,9 @@ def test_irregular_motions_are_asked_for_their_exponent():
         duration=10.0,
         exponents=True,
     )
-    told = [one for one in found.at(0.0) if one.ending == "irregular"]
-    assert told
-    for one in told:
+    irregular = [one for one in found.at(0.0) if one.ending == "irregular"]
+    assert irregular
+    for one in irregular:
         assert abs(one.exponent.value) < 0.5
 
 
@@ -190,8 +194,7 @@ def test_bad_arguments_are_refused_by_name(change, kind, message):
 
 
 @pytest.mark.parametrize("u", [math.nan, -1.0, "fast", None, [1.0]])
-def test_motions_at_no_speed_are_not_told(u):
-    diagram = pp.bifurcation_diagram(TWO, [0.0, 1.0], cycles=0)
+def test_motions_at_no_speed_are_refused(diagram, u):
     with pytest.raises((ValueError, TypeError), match=r"\bu must"):
         diagram.at(u)
 

@@ -57,6 +57,12 @@ def bent(found):
     return int(np.argmax(found.tips[:, 0]))
 
 
+@pytest.fixture(scope="module")
+def buckled_branch():
+    """The branch of two buckled segments, from no flow on past its fold."""
+    return pp.equilibrium_branch(TWO, pp.equilibria(TWO, 0.0).q[1], 0.0, (0.0, 6.0))
+
+
 @pytest.mark.parametrize("u", [0.0, 1.0, 1.6])
 def test_heavy_column_takes_the_shape_of_the_elastica(u):
     found = pp.equilibria(pp.Galerkin(STANDING, 12, "legendre"), u)
@@ -126,10 +132,10 @@ def test_flow_straightens_the_buckled_pipe_before_it_flutters():
     assert [point.kind for point in straight.points] == ["pitchfork", "hopf"]
     fork, flutter = straight.points
     # physics.md: straightened at 1.797, flutter from 4.866.
-    passages = pp.crossings(model, 6.0)
-    assert fork.speed == pytest.approx(passages[0].speed, abs=1e-9)
-    assert flutter.speed == pytest.approx(passages[1].speed, abs=1e-7)
-    assert flutter.frequency == pytest.approx(passages[1].frequency, abs=1e-6)
+    found = pp.crossings(model, 6.0)
+    assert fork.speed == pytest.approx(found[0].speed, abs=1e-9)
+    assert flutter.speed == pytest.approx(found[1].speed, abs=1e-7)
+    assert flutter.frequency == pytest.approx(found[1].frequency, abs=1e-6)
     assert (round(fork.speed, 3), round(flutter.speed, 3)) == (1.797, 4.866)
     buckled = pp.equilibrium_branch(model, pp.equilibria(model, 0.0).q[1], 0.0, (0.0, 6.0))
     assert buckled.ends == ("range", "pitchfork")
@@ -161,19 +167,15 @@ def test_branch_is_followed_around_its_fold(step):
     assert not branch.stable[~before][1:].any()
 
 
-def test_hopf_point_of_a_bent_branch_has_a_pair_on_the_axis():
-    start = pp.equilibria(TWO, 0.0)
-    branch = pp.equilibrium_branch(TWO, start.q[1], 0.0, (0.0, 6.0))
-    hopf = next(point for point in branch.points if point.kind == "hopf")
+def test_hopf_point_of_a_bent_branch_has_a_pair_on_the_axis(buckled_branch):
+    hopf = next(point for point in buckled_branch.points if point.kind == "hopf")
     found = np.linalg.eigvals(TWO.jacobian(0.0, np.concatenate([hopf.q, np.zeros(2)]), hopf.speed))
     nearest = found[np.argmin(np.abs(found - 1j * hopf.frequency))]
     assert abs(nearest - 1j * hopf.frequency) < 1e-7
 
 
-def test_cycles_about_a_bent_pipe_follow_the_law_of_its_hopf_point():
-    start = pp.equilibria(TWO, 0.0)
-    branch = pp.equilibrium_branch(TWO, start.q[1], 0.0, (0.0, 6.0))
-    (point,) = [point for point in branch.points if point.kind == "hopf"]
+def test_cycles_about_a_bent_pipe_follow_the_law_of_its_hopf_point(buckled_branch):
+    (point,) = [point for point in buckled_branch.points if point.kind == "hopf"]
     onset = pp.hopf(TWO, point)
     assert onset.criticality == "subcritical"
     assert (onset.growth < 0.0) == (onset.amplitude_law > 0.0)

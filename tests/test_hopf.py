@@ -160,7 +160,7 @@ def test_growth_is_the_slope_of_the_real_part():
         (pp.Chain(ASPIRATING, 6), 1),
         (pp.Galerkin(ASPIRATING, 6, "legendre"), 1),
         (pp.Chain(pp.Pipe(0.7), 3), -1),
-        (pp.modular.chain(PIPE, n=3).plus(pp.modular.TransverseSpring(node=3, stiffness=3.0)), 1),
+        (pp.modular.chain(PIPE, n=3).plus(pp.Spring(at=1.0, stiffness=3.0)), 1),
         (pp.modular.chain(PIPE, n=4).plus(pp.modular.Guide(node=1)), 1),
     ],
     ids=repr,
@@ -273,7 +273,7 @@ def test_drag_holds_a_subcritical_pipe_up_to_a_fold():
     assert gone.amplitude > 10.0 * held.amplitude
     with pytest.raises(ValueError, match=r"u must be below the fold at 3\.1339978"):
         onset.amplitude(onset.speed + 1.1 * beyond)
-    # Without drag it snaps at once.
+    # Without drag it is subcritical.
     assert pp.hopf(pp.Chain(pp.Pipe(0.05), 2)).fold is None
 
 
@@ -394,7 +394,7 @@ def test_where_there_is_no_flutter_there_is_no_hopf_point():
 
 def test_a_pair_that_only_touches_the_axis_is_no_hopf_point(monkeypatch):
     monkeypatch.setattr(
-        "pipedyn.bifurcation.vector_field.Field.jacobian_by_speed",
+        "pipedyn.bifurcation.vector_field.VectorField.jacobian_by_speed",
         lambda motion, y, u: np.zeros((8, 8)),
     )
     with pytest.raises(pp.NoHopf, match="touches the axis"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 import pipedyn as pp
 from pipedyn import modular as md
+from pipedyn.models.modular.derivatives import forces
 from pipedyn.motion.integrator import integrate
 from pipedyn.motion.simulate import checked_task
 
@@ -42,6 +44,8 @@ def slack(n: int, pipe: pp.Pipe = EJECTING, y: float = 0.9) -> md.Assembly:
     return md.chain(pipe, n).plus(md.Pin(n, 0.0, y))
 
 
+DAMPER = md.Custom(nodes=(4,), force=lambda q, v: np.array([-0.8 * v[0], 0.0 * v[1]]))
+
 SCENES: dict[str, Callable[[], md.Assembly]] = {
     "plain": lambda: md.chain(EJECTING, 5),
     "aspirating": lambda: md.chain(ASPIRATING, 6, "midpoint"),
@@ -51,10 +55,10 @@ SCENES: dict[str, Callable[[], md.Assembly]] = {
     "arch": lambda: slack(6),
     "pin and guide": lambda: slack(6).plus(md.Guide(6)),
     "fitted": lambda: md.chain(EJECTING, 5).plus(
-        md.PointMass(5, 0.3),
-        md.PointMass(2, 0.1),
-        md.TransverseSpring(3, 40.0),
-        md.Dashpot(4, 0.8),
+        pp.PointMass(at=1.0, mass=0.3),
+        pp.PointMass(at=0.37, mass=0.1),
+        pp.Spring(at=0.6, stiffness=40.0),
+        DAMPER,
         md.TorsionalSpring(2, 3.0, damping=0.2, rest_angle=0.3),
     ),
     "held twice": lambda: md.chain(EJECTING, 4).plus(md.Joint(3), md.Clamp()),
@@ -85,7 +89,7 @@ def test_every_recursion_gives_the_accelerations_of_the_one_shot_null_space(name
         mass = np.zeros((n, n))
         rows, columns, values = scene.core.operators()["mass"]
         np.add.at(mass, (rows, columns), values)
-        force = scene.core.forces(y, u)
+        force, _, _ = forces(scene.core, scene._customs, y, u)
         basis = scipy.linalg.null_space(matrix, rcond=1e-9)
         assert basis.shape[1] == scene.dof
         whole = np.concatenate([basis.T @ mass, matrix])
@@ -100,7 +104,7 @@ def test_every_recursion_gives_the_accelerations_of_the_one_shot_null_space(name
 
 
 def test_the_order_of_the_groups_does_not_matter() -> None:
-    scene = md.chain(ASPIRATING, 6).plus(md.Guide(6), md.PointMass(4, 0.2))
+    scene = md.chain(ASPIRATING, 6).plus(md.Guide(6), pp.PointMass(at=2.0 / 3.0, mass=0.2))
     y = state_of(scene)
     expected = scene.rhs(0.0, y, 3.0)
     scale = np.abs(expected).max()
@@ -218,6 +222,49 @@ def test_root_loci_of_a_scene_are_those_of_the_chain() -> None:
     s = np.linspace(0.0, 1.0, 13)
     for a, b in zip(modes.shapes, plain.shapes, strict=True):
         np.testing.assert_allclose(a(s), b(s), atol=1e-9)
+
+
+# ------------------------------------------------------------------------------- terms of the pipe
+
+
+def test_terms_inside_a_segment_are_modules_on_both_its_nodes() -> None:
+    """The same laws written by a user, on the nodes to the left and right of the place."""
+    stiffness, mass, share = 40.0, 0.3, np.array([0.35, 0.65])  # 0.65 of the second segment
+    gamma = EJECTING.gamma
+    own = md.Custom(
+        nodes=(1, 2),
+        energy=lambda q: (
+            0.5 * stiffness * (share @ q[0::2]) ** 2 - gamma * mass * (share @ q[1::2])
+        ),
+        mass=mass * np.kron(np.outer(share, share), np.eye(2)),
+        name="mass on a spring",
+    )
+    plain = md.chain(EJECTING, 4)
+    at = 0.25 + 0.65 * 0.25
+    terms = pp.PointMass(at, mass), pp.Spring(at, stiffness)
+    scene, other = plain.plus(*terms), plain.plus(own)
+    assert scene.pipe.terms == terms
+    assert scene.modules == plain.modules
+    y, u = state_of(plain), 4.0
+    for ask in (
+        lambda model: model.rhs(0.0, y, u),
+        lambda model: model.jacobian(0.0, y, u),
+        lambda model: model.energy(y),
+        lambda model: model.power(y, u).total,
+        lambda model: model.operators(scene.angles(y)).stiffness,
+        lambda model: model.operators().mass,
+        lambda model: pp.eigenvalues(model, u),
+    ):
+        mine, theirs = ask(scene), ask(other)
+        np.testing.assert_allclose(mine, theirs, rtol=1e-11, atol=1e-11 * np.abs(theirs).max())
+
+
+def test_a_term_on_the_fixed_base_does_nothing() -> None:
+    plain = md.chain(EJECTING, **UNEQUAL)
+    held = plain.plus(pp.PointMass(0.05, 10.0), pp.Spring(plain.constraints[0].base, 1e4))
+    y = state_of(plain)
+    np.testing.assert_array_equal(held.rhs(0.0, y, 3.0), plain.rhs(0.0, y, 3.0))
+    assert held.energy(y) == plain.energy(y)
 
 
 # ----------------------------------------------------------------------- derivatives and balances
@@ -345,7 +392,7 @@ def test_a_double_pendulum_swings_at_the_textbook_frequencies() -> None:
     gamma, heavy = 1.0, 1e6
     scene = md.Assembly(
         pp.Pipe(0.0, gamma),
-        [md.Segment(0.5), md.Segment(0.5), md.PointMass(1, heavy), md.PointMass(2, heavy)],
+        [md.Segment(0.5), md.Segment(0.5), *(pp.PointMass(at, heavy) for at in (0.5, 1.0))],
         [md.Clamp(), md.Joint(2)],
     )
     values = pp.eigenvalues(scene, 0.0)
@@ -367,23 +414,24 @@ def test_two_uniform_rods_swing_at_the_textbook_frequencies() -> None:
 
 
 FITTED = {
-    "end mass": ((pp.Fitting(1.0, mass=0.2),), pp.Pipe(0.2, 10.0)),
-    "inner spring": ((pp.Fitting(0.6, stiffness=60.0),), pp.Pipe(0.3)),
-    "both": (
-        (pp.Fitting(0.4, stiffness=30.0), pp.Fitting(0.8, mass=0.1), pp.Fitting(1.0, mass=0.05)),
-        pp.Pipe(0.25, 5.0, damping=0.001),
+    "end mass": pp.Pipe(0.2, 10.0, terms=[pp.PointMass(1.0, 0.2)]),
+    "inner spring": pp.Pipe(0.3, terms=[pp.Spring(0.6, 60.0)]),
+    "both": pp.Pipe(
+        *(0.25, 5.0),
+        damping=0.001,
+        terms=[pp.Spring(0.4, 30.0), pp.PointMass(0.8, 0.1), pp.PointMass(1.0, 0.05)],
     ),
 }
 
 
 @pytest.mark.parametrize("name", FITTED)
-def test_fittings_move_the_critical_speed_of_scene_and_continuum_alike(name: str) -> None:
-    fittings, pipe = FITTED[name]
-    exact = pp.critical_speed(pp.Continuum(pipe, fittings=fittings))
-    bare = pp.critical_speed(pp.Continuum(pipe))
+def test_terms_move_the_critical_speed_of_scene_and_continuum_alike(name: str) -> None:
+    pipe = FITTED[name]
+    exact = pp.critical_speed(pp.Continuum(pipe))
+    bare = pp.critical_speed(pp.Continuum(replace(pipe, terms=())))
     assert abs(exact.speed - bare.speed) > 0.1
     sizes = np.array([20, 40, 80])
-    found = [pp.critical_speed(md.chain(pipe, n, fittings=fittings)) for n in sizes.tolist()]
+    found = [pp.critical_speed(md.chain(pipe, n)) for n in sizes.tolist()]
     errors = np.array([critical.speed - exact.speed for critical in found])
     order = -np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]
     assert 1.8 < order < 2.2
@@ -485,7 +533,7 @@ def test_many_scenes_move_at_once() -> None:
 
 
 def test_both_enforcements_give_one_motion() -> None:
-    parts = md.chain(EJECTING, 3).plus(md.Guide(3), md.PointMass(2, 0.3))
+    parts = md.chain(EJECTING, 3).plus(md.Guide(3), pp.PointMass(at=2.0 / 3.0, mass=0.3))
     start = parts.bent(lambda s: 0.4 * np.sin(2.0 * math.pi * s))
     motions = [
         pp.simulate(
@@ -511,7 +559,7 @@ def test_initial_states_are_angles_or_coordinates_that_meet_the_constraints() ->
         pp.simulate(scene, 1.0, 0.1, [0.3, 0.1, -0.2, 0.1])
     torn = y[:12].copy()
     torn[3] += 0.01
-    with pytest.raises(ValueError, match=r"q0 must meet the constraints, got .* beside Joint"):
+    with pytest.raises(ValueError, match=r"q0 must meet Joint\(segment=.\), got .* beside it"):
         pp.simulate(scene, 1.0, 0.1, torn)
     with pytest.raises(ValueError, match=r"qdot0 must keep Guide\(node=4\)"):
         pp.simulate(scene, 1.0, 0.1, angles, [1.0, 0.0, 0.0, 0.0])

@@ -9,6 +9,7 @@ import pickle
 import re
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ def wave(s: np.ndarray) -> np.ndarray:
 
 
 def own_spring(node: int, stiffness: float, coefficient: float) -> md.Custom:
-    """A transverse spring and dashpot, written by a user."""
+    """A spring and a damper, written by a user."""
     return md.Custom(
         nodes=(node,),
         energy=lambda q: 0.5 * stiffness * q[0] ** 2,
@@ -41,8 +42,8 @@ def own_spring(node: int, stiffness: float, coefficient: float) -> md.Custom:
 @pytest.mark.parametrize("n", [4, 70])
 def test_a_module_in_python_is_the_built_in_one(n: int) -> None:
     plain = md.chain(PIPE, n)
-    built_in = plain.plus(md.TransverseSpring(2, 30.0), md.Dashpot(2, 0.7))
-    own = plain.plus(own_spring(2, 30.0, 0.7))
+    built_in = plain.plus(pp.Spring(2.0 / n, 30.0))
+    own = plain.plus(own_spring(2, 30.0, 0.0))
     theta, omega = np.sin(np.arange(1.0, n + 1.0)), np.cos(np.arange(1.0, n + 1.0))
     y = own.state(theta, omega)
     batch = np.stack([y, 0.5 * y], axis=1)
@@ -71,8 +72,8 @@ def test_a_motion_with_a_module_in_python_is_that_with_the_built_in_one() -> Non
         own, built_in = (
             pp.simulate(scene, 3.0, 0.5, wave, samples=11, rtol=1e-9, method=method)
             for scene in (
-                plain.plus(own_spring(2, 30.0, 0.7)),
-                plain.plus(md.TransverseSpring(2, 30.0), md.Dashpot(2, 0.7)),
+                plain.plus(own_spring(2, 30.0, 0.0)),
+                plain.plus(pp.Spring(2.0 / 3.0, 30.0)),
             )
         )
         np.testing.assert_allclose(own.q, built_in.q, atol=1e-8)
@@ -218,7 +219,7 @@ def test_a_force_that_only_places_tell_resists_no_velocity() -> None:
     by_force = plain.plus(
         md.Custom(nodes=(3,), force=lambda q, v: np.array([-30.0 * q[0], 0.0 * q[1]]))
     )
-    built_in = plain.plus(md.TransverseSpring(3, 30.0))
+    built_in = plain.plus(pp.Spring(0.75, 30.0))
     assert not by_force.resisted
     assert by_force.plus(own_spring(2, 0.0, 0.7)).resisted
     mine, theirs = (pp.crossings(scene, 8.0) for scene in (by_force, built_in))
@@ -257,7 +258,7 @@ def test_scenes_tell_what_they_are() -> None:
     assert "Guide(node=3)" in repr(scene)
     bent = md.chain(pp.Pipe(0.2), 3).about([0.1, 0.2, 0.3])
     assert "about array([0.1, 0.2, 0.3])" in repr(bent)
-    assert "about" in repr(bent.plus(md.PointMass(3, 0.1)))
+    assert "about" in repr(bent.plus(pp.PointMass(1.0, 0.1)))
     assert "about" not in repr(bent.plus(md.Guide(3)))
     dense = md.Assembly(PIPE, scene.modules, scene.constraints, "udwadia-kalaba")
     assert repr(dense).endswith("'udwadia-kalaba')")
@@ -281,13 +282,6 @@ def test_angles_are_found_though_segments_are_in_line_with_the_pin() -> None:
     np.testing.assert_allclose(scene.state(angles)[3:5], [0.05, 0.15], atol=1e-12)
 
 
-def test_fittings_side_by_side_share_a_node() -> None:
-    pair = [pp.Fitting(0.5, mass=0.1), pp.Fitting(0.5 + 1e-8, stiffness=30.0)]
-    scene = md.chain(pp.Pipe(0.2), 6, fittings=pair)
-    one = md.chain(pp.Pipe(0.2), 6, fittings=[pp.Fitting(0.5, mass=0.1, stiffness=30.0)])
-    np.testing.assert_allclose(pp.eigenvalues(scene, 3.0), pp.eigenvalues(one, 3.0), rtol=1e-7)
-
-
 def test_derivatives_that_are_given_need_no_complex_step() -> None:
     drag = md.Custom(
         nodes=(2,),
@@ -307,9 +301,11 @@ def test_derivatives_that_are_given_need_no_complex_step() -> None:
 
 def test_scenes_are_immutable_and_plus_makes_another() -> None:
     scene = md.chain(PIPE, 4)
-    more = scene.plus(md.PointMass(4, 0.1), md.Guide(4))
+    more = scene.plus(md.PointMass(1.0, 0.1), md.Guide(4))
     assert scene.dof == 4
-    assert len(scene.modules) + 1 == len(more.modules)
+    assert scene.modules == more.modules
+    assert scene.pipe.terms == ()
+    assert more.pipe.terms == (pp.PointMass(1.0, 0.1),)
     assert more.dof == 3
     assert more.constraints[-1] == md.Guide(4)
     with pytest.raises(AttributeError):
@@ -319,7 +315,7 @@ def test_scenes_are_immutable_and_plus_makes_another() -> None:
 
 
 def test_scenes_pickle() -> None:
-    scene = md.chain(PIPE, 4).plus(md.PointMass(4, 0.1), md.Guide(3))
+    scene = md.chain(PIPE, 4).plus(pp.PointMass(1.0, 0.1), md.Guide(3))
     _ = scene.core, scene.motion, scene.linear
     other = pickle.loads(pickle.dumps(scene))
     y = scene.state(scene.closed([0.1, 0.2, -0.3, 0.4]))
@@ -327,16 +323,18 @@ def test_scenes_pickle() -> None:
 
 
 def test_another_pipe_is_told_to_every_part() -> None:
-    pipe = pp.Pipe(0.1, -2.0, "aspirating", 0.8, 0.3, 0.02)
-    changed = md.chain(PIPE, 4).plus(md.PointMass(3, 0.2)).with_pipe(pipe)
-    fresh = md.chain(pipe, 4).plus(md.PointMass(3, 0.2))
+    mass = pp.PointMass(0.75, 0.2)
+    pipe = pp.Pipe(0.1, -2.0, "aspirating", 0.8, 0.3, 0.02, terms=[mass])
+    changed = md.chain(PIPE, 4).plus(pp.PointMass(1.0, 0.7)).with_pipe(pipe)
+    fresh = md.chain(replace(pipe, terms=()), 4).plus(mass)
+    assert changed.pipe == fresh.pipe == pipe
     y = fresh.state([0.1, 0.4, -0.3, 0.6], [1.0, -2.0, 0.5, 1.0])
     np.testing.assert_allclose(changed.rhs(0.0, y, 3.0), fresh.rhs(0.0, y, 3.0), rtol=1e-13)
     np.testing.assert_allclose(pp.eigenvalues(changed, 3.0), pp.eigenvalues(fresh, 3.0))
 
 
 def test_a_point_mass_weighs_and_a_rest_angle_bends() -> None:
-    heavy = md.chain(pp.Pipe(0.2, 10.0), 3).plus(md.PointMass(3, 0.5))
+    heavy = md.chain(pp.Pipe(0.2, 10.0), 3).plus(pp.PointMass(1.0, 0.5))
     turned = heavy.state([0.5, 0.5, 0.5])
     light = md.chain(pp.Pipe(0.2, 10.0), 3)
     lifted = 0.5 * 10.0 * (1.0 - math.cos(0.5))
@@ -392,14 +390,14 @@ def test_motions_of_scenes_are_drawn_though_their_ends_are_held() -> None:
 
 def test_a_stability_curve_of_scenes_is_one_of_models() -> None:
     masses = np.array([0.05, 0.1, 0.2])
-    curve = pp.stability_curve(lambda m: md.chain(PIPE, 6).plus(md.PointMass(6, m)), masses)
-    direct = [pp.critical_speed(md.chain(PIPE, 6).plus(md.PointMass(6, m))).speed for m in masses]
+    curve = pp.stability_curve(lambda m: md.chain(PIPE, 6).plus(pp.PointMass(1.0, m)), masses)
+    direct = [pp.critical_speed(md.chain(PIPE, 6).plus(pp.PointMass(1.0, m))).speed for m in masses]
     np.testing.assert_allclose([c.speed for c in curve.critical], direct, rtol=1e-12)
     assert not curve.failures
 
 
 def test_scenes_serve_processes() -> None:
-    scene = md.chain(PIPE, 3).plus(md.Guide(3), md.PointMass(2, 0.1))
+    scene = md.chain(PIPE, 3).plus(md.Guide(3), pp.PointMass(2.0 / 3.0, 0.1))
     start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         many = pp.simulate_many(scene, [1.0, 2.0], 0.2, start, samples=5, executor=pool)
@@ -418,18 +416,20 @@ def scene(*parts: Any) -> Callable[[], Any]:
 SEGMENTS = [md.Segment(0.5), md.Segment(0.5)]
 
 
+def lone_end() -> md.Assembly:
+    """Its last segment has no inertia but that of a point mass."""
+    last = md.Segment(0.5, center=0.0, gyration_radius=0.0)
+    return md.Assembly(PIPE, [SEGMENTS[0], last, pp.PointMass(1.0, 0.1)], [md.Clamp(), md.Joint(2)])
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (scene(md.PointMass(5, 0.1)), "PointMass(node=5, mass=0.1): node must be at most 4"),
+        (scene(pp.PointMass(1.25, 0.1)), "terms[0].at must lie in (0, 1], got 1.25"),
         (scene(md.TorsionalSpring(7, 1.0)), "joint must be at most 4, the number of segments"),
         (scene(md.Joint(5)), "Joint(segment=5): segment must be at most 4"),
         (scene(md.Guide(9)), "Guide(node=9): node must be at most 4"),
         (lambda: scene(md.Custom(nodes=(6,), energy=np.sum))(), "Custom: nodes must be at most 4"),
-        (lambda: md.PointMass(1, -0.1), "mass of PointMass must lie in [0, 1e+06], got -0.1"),
-        (lambda: md.PointMass(1, math.nan), "mass of PointMass must lie in [0, 1e+06], got nan"),
-        (lambda: md.TransverseSpring(2, -1.0), "stiffness of TransverseSpring must lie in"),
-        (lambda: md.Dashpot(2, math.inf), "coefficient of Dashpot must lie in"),
         (lambda: md.TorsionalSpring(1, 1.0, -2.0), "damping of TorsionalSpring must lie in"),
         (lambda: md.Segment(0.0), "length of Segment must lie in [1e-07, 1], got 0.0"),
         (lambda: md.Segment(0.5, center=1.5), "center of Segment must lie in [0, 1], got 1.5"),
@@ -483,14 +483,8 @@ SEGMENTS = [md.Segment(0.5), md.Segment(0.5)]
         ),
         (scene(md.Drag()), "modules must hold at most one Drag, got 2"),
         (
-            lambda: md.chain(
-                pp.Pipe(0.2), 2, fittings=[pp.Fitting(0.3, 1.0), pp.Fitting(0.5, 1.0)]
-            ),
-            "n must be more than 2, the fittings inside the pipe, got 2",
-        ),
-        (
-            lambda: md.chain(pp.Pipe(0.2), lengths=[0.5, 0.5], fittings=[pp.Fitting(0.3, 1.0)]),
-            "fittings must be at nodes, got Fitting(0.3, mass=1); the nearest is at 0.5",
+            lambda: lone_end().with_pipe(PIPE),
+            "phi_2 moves without inertia: give its segment a gyration radius",
         ),
         (lambda: md.Assembly(PIPE, SEGMENTS, [], "baumgarte"), "enforcement must be one of"),
     ],
@@ -504,14 +498,11 @@ def test_what_does_not_fit_is_named(make: Callable[[], Any], message: str) -> No
     ("make", "message"),
     [
         (lambda: md.Assembly(0.2, SEGMENTS, []), "pipe must be a Pipe"),
-        (lambda: md.Assembly(PIPE, [md.Clamp()], []), "modules must hold modules only"),
+        (lambda: md.Assembly(PIPE, [md.Clamp()], []), "modules must hold modules and terms only"),
         (lambda: md.Assembly(PIPE, SEGMENTS, SEGMENTS), "constraints must hold constraints only"),
         (lambda: md.Assembly(PIPE, 3, []), "modules must be parts in a sequence"),
-        (scene("mass"), "parts must be modules or constraints, got 'mass'"),
-        (lambda: md.PointMass(1.5, 0.1), "node of PointMass must be a whole number, got 1.5"),
-        (lambda: md.PointMass(1, "heavy"), "mass of PointMass must be a real number"),
+        (scene("mass"), "parts must be modules, constraints or terms, got 'mass'"),
         (lambda: md.Guide(True), "node of Guide must be a whole number, got True"),
-        (lambda: md.chain(PIPE, 3, fittings=3), "fittings must be"),
     ],
 )
 def test_what_is_no_part_is_refused(make: Callable[[], Any], message: str) -> None:

@@ -48,19 +48,19 @@ def test_a_pipe_without_coriolis_force_is_becks_column(horizontal):
     assert effect.verdict == "relevant"
 
 
-def test_the_limit_of_faint_coriolis_force_is_told_where_it_is_another(horizontal, hose):
+def test_the_limit_of_weak_coriolis_force_is_noted_where_it_is_another(horizontal, hose):
     assert "u = 4.19024," in horizontal["Coriolis"].note
     assert hose["Coriolis"].note == ""
 
 
-def test_the_faintest_coriolis_force_matters_to_an_undamped_pipe():
+def test_the_weakest_coriolis_force_matters_to_an_undamped_pipe():
     effect = pp.relevant(pp.Pipe(1e-10), 4.0)["Coriolis"]
     assert effect.size == pytest.approx(4.47783 / 4.190241 - 1.0, rel=1e-4)
     assert effect.verdict == "relevant"
 
 
 def test_without_centrifugal_force_no_ejecting_pipe_loses_stability(horizontal):
-    """Told without a search: the determinant's roots stay left of the axis."""
+    """Known without a search: the determinant's roots stay left of the axis."""
     effect = horizontal["centrifugal"]
     assert effect.size == math.inf
     assert effect.without == "no loss of stability at any speed"
@@ -189,7 +189,7 @@ def test_frequencies_without_flow_are_the_beams():
     ("pipe", "u", "count"),
     [
         (pp.Pipe(0.2), 6.0, 24),
-        (pp.Pipe(0.2, 10.0, damping=0.2), 12.0, None),  # the lowest all crowd at -5
+        (pp.Pipe(0.2, 10.0, damping=0.2), 12.0, None),  # the lowest all cluster at -5
         (pp.Pipe(0.2, -400.0), 1.0, 24),
         (pp.Pipe(0.2, flow="aspirating"), 3.0, 24),
     ],
@@ -258,7 +258,7 @@ def test_effects_are_sorted_by_size_and_absent_ones_last(horizontal, hose):
     }
 
 
-def test_dropping_all_that_is_negligible_changes_as_little_as_is_told(hose):
+def test_dropping_all_that_is_negligible_changes_as_little_as_is_said(hose):
     assert hose.negligible == ("damping", "drag")
     assert hose.together.verdict == "negligible"
     assert (hose.simplified.damping, hose.simplified.drag) == (0.0, 0.0)
@@ -361,7 +361,7 @@ def test_the_centrifugal_factor_is_one_ejecting_and_alpha_aspirating():
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_as_many_frequencies_are_told_as_were_asked_for(count):
+def test_as_many_frequencies_are_given_as_were_asked_for(count):
     """Two roots of another set lie beside the last, and are no part of the answer."""
     found = pp.relevant(pp.Pipe(0.3, 5.0, damping=1e-3), 3.0, "frequencies", count=count)
     assert found.full.count(",") == count - 1
@@ -377,7 +377,7 @@ def test_changes_of_roots_are_said_to_be_of_the_complex_ones():
     assert "complex" not in str(pp.relevant(pp.Pipe(0.3), 3.0))
 
 
-def test_growth_that_is_rounding_is_told_as_zero():
+def test_growth_that_is_rounding_is_given_as_zero():
     """Without flow an undamped pipe neither grows nor decays."""
     found = pp.relevant(pp.Pipe(0.3), 0.0, "root_loci", speeds=[0.0], count=2)
     assert found.full == "growth up to 0"

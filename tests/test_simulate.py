@@ -136,7 +136,7 @@ def test_small_motion_grows_or_decays_with_the_eigenvalue(u):
     assert 2 * np.pi / np.diff(times).mean() == pytest.approx(abs(value.imag), rel=2e-3)
 
 
-FEEDING = pp.Chain(pp.Pipe(0.5, flow="aspirating"), 5)  # far above onset, with nothing to bound it
+FEEDING = pp.Chain(pp.Pipe(0.5, flow="aspirating"), 2)  # far above onset, with nothing to bound it
 
 
 def test_a_motion_that_cannot_go_on_carries_what_there_is():
@@ -178,7 +178,7 @@ def test_a_motion_that_stops_before_its_first_sample_says_so_and_spoils_no_other
     late = {"times": [50.0, 100.0]}
     with pytest.raises(pp.MotionStopped, match="stopped before its first sample") as caught:
         pp.simulate(FEEDING, 5.0, 100.0, bow, **late)
-    assert caught.value.motion.q.shape == (0, 5)
+    assert caught.value.motion.q.shape == (0, 2)
     assert caught.value.motion.tip.shape == (0, 2)
     calm = pp.Chain(pp.Pipe(0.5, damping=0.1), 2)
     both = pp.simulate_many([calm, FEEDING], [0.5, 5.0], 100.0, bow, **late)
@@ -208,13 +208,13 @@ def test_no_motion_is_refused_that_keeps_to_its_bound(n, damping):
     """Not even near rest, where only stability holds the steps of an explicit method."""
     chain = pp.Chain(pp.Pipe(0.2, damping=damping), n)
 
-    def faint(**bounds):
+    def small(**bounds):
         return pp.simulate(chain, 0.0, 0.5, lambda s: 1e-6 * s, method="dop853", rtol=0.1, **bounds)
 
-    needed = faint().evaluations
-    assert faint(most=needed).evaluations == needed
+    needed = small().evaluations
+    assert small(most=needed).evaluations == needed
     with pytest.raises(pp.MotionStopped, match=r"at most|its most"):
-        faint(most=0.9 * needed)
+        small(most=0.9 * needed)
 
 
 @pytest.mark.parametrize("method", ["dop853", "lsoda", "Radau"])
@@ -401,9 +401,8 @@ def test_chain_and_reduced_model_tend_to_one_motion(scene):
 def test_the_reduced_model_settles_on_the_cycle_of_an_independent_program():
     # Extensible finite elements in arbitrary Lagrangian-Eulerian form: 0.27661 and 13.7913.
     model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre")
-    motion = pp.simulate(model, 6.0, 24.0, lambda s: 0.2 * s, samples=9601, rtol=1e-7)
-    late = motion.tip[motion.t > 20.0, 0]
-    times = motion.t[motion.t > 20.0]
+    times = np.linspace(20.0, 24.0, 1601)
+    late = pp.simulate(model, 6.0, 24.0, lambda s: 0.2 * s, times=times, rtol=1e-7).tip[:, 0]
     up = np.flatnonzero((late[:-1] < 0.0) & (late[1:] >= 0.0))
     zeros = times[up] - late[up] * (times[1] - times[0]) / (late[up + 1] - late[up])
     assert 0.5 * np.ptp(late) == pytest.approx(0.27661, abs=2e-5)
@@ -435,7 +434,7 @@ def test_drag_bounds_the_aspirating_pipe_that_any_flow_sets_in_motion():
     assert np.ptp(free.tip[-100:, 0]) > 5.0 * np.ptp(free.tip[:100, 0])
     for drag in (3.0, 10.0):
         chain = pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=drag), 5)
-        motion = pp.simulate(chain, u, 200.0, lambda s: 1e-3 * s, samples=2001, rtol=1e-5)
+        motion = pp.simulate(chain, u, 100.0, lambda s: 2e-2 * s, samples=2001, rtol=1e-5)
         parts = [np.ptp(part[:, 0]) for part in np.array_split(motion.tip, 8)]
         assert parts[-1] == pytest.approx(parts[-2], rel=0.02)
         width[drag] = parts[-1]

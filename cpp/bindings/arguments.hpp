@@ -7,6 +7,7 @@
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/typing.h>
 
 #include <cmath>
 #include <optional>
@@ -144,6 +145,15 @@ inline Numbers new_numbers(py::ssize_t rows, py::ssize_t columns, bool one) {
   return py::reinterpret_steal<Numbers>(made);
 }
 
+using NumberOrArray = py::typing::Union<py::float_, Numbers>;
+
+inline NumberOrArray number_or_array(const Numbers& values, bool number) {
+  if (number) return py::float_(*values.data());
+  return values;
+}
+
+using Unlocked = py::call_guard<py::gil_scoped_release>;
+
 /// Works without the interpreter lock where the work outweighs giving it up and taking it again.
 /// amount: in units of one segment's share of a chain's rhs.
 template <class Work>
@@ -156,5 +166,8 @@ void run(py::ssize_t amount, const Work& work) {
   const py::gil_scoped_release unlocked;
   work();
 }
+
+/// The class Scene, in scene.cpp.
+void define_scene(py::module_& m);
 
 }  // namespace pipedyn

@@ -10,17 +10,17 @@ from pipedyn.accuracy.trade import Trade, TradeRow, trade
 from pipedyn.bifurcation.branches import CycleBranch
 from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.criticality import CriticalityCurve, criticality_curve
+from pipedyn.bifurcation.cycles import LimitCycle, NoCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
-from pipedyn.bifurcation.equilibria import (
+from pipedyn.bifurcation.equilibria import Equilibria, equilibria
+from pipedyn.bifurcation.equilibrium_branch import (
     BranchPoint,
-    Equilibria,
     EquilibriumBranch,
-    equilibria,
     equilibrium_branch,
 )
 from pipedyn.bifurcation.events import CycleEvent
 from pipedyn.bifurcation.hopf import Hopf, hopf
-from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
+from pipedyn.bifurcation.limit_cycle import limit_cycle
 from pipedyn.bifurcation.normal_form import NoHopf
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
@@ -30,7 +30,6 @@ from pipedyn.models import modular
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
-from pipedyn.models.fitting import Fitting
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
@@ -59,7 +58,6 @@ __all__ = [
     "Equilibria",
     "EquilibriumBranch",
     "Failure",
-    "Fitting",
     "Galerkin",
     "Hopf",
     "LimitCycle",

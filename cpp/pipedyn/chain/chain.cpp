@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "pipedyn/chain/places.hpp"
 #include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/levels.hpp"
 #include "pipedyn/vector/scratch.hpp"
@@ -57,7 +58,25 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
                       .drag = pipe_.drag * l[j],
                       .weight = pipe_.gamma * first_moment_[j]});
   }
+  linearise_loads();
+}
+
+void Chain::place_terms() {
+  mass_ = segments_.length;
+  for_each_place(pipe_.terms, segments_.length, segments_.base,
+                 [&](const auto& law, const Term& term, Index j, double arm, double weight) {
+                   if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
+                   if (law.loads) loads_.push_back({j, arm, weight, term});
+                 });
+  std::stable_sort(
+      loads_.begin(), loads_.end(),
+      [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
+}
+
+void Chain::linearise_loads() {
   if (loads_.empty()) return;
+  const Index n = dof();
+  const Vector& l = segments_.length;
   const Vector straight = Vector::Zero(n), one = Vector::Ones(n);
   std::vector<LoadMoments> sums(static_cast<std::size_t>(n));
   load_moments(motion(), straight.data(), one.data(), nullptr, sums.data());
@@ -77,44 +96,14 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   }
 }
 
-void Chain::place_terms() {
-  const Vector& l = segments_.length;
-  const Index n = dof();
-  mass_ = l;
-  Vector ends(n);
-  double end = segments_.base;
-  for (Index j = 0; j < n; ++j) ends[j] = end += l[j];
-  for (const Term& term : pipe_.terms) {
-    Laws::with(term, [&](const auto& law) {
-      const auto place = [&](Index j, double arm, double weight) {
-        if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
-        if (law.loads) loads_.push_back({j, arm, weight, term});
-      };
-      if (law.along) {
-        const double gauss = 0.5 / std::sqrt(3.0);
-        for (Index j = 0; j < n; ++j) {
-          for (const double point : {0.5 - gauss, 0.5 + gauss}) place(j, point * l[j], 0.5 * l[j]);
-        }
-      } else if (term.at > segments_.base) {
-        const auto beyond = std::lower_bound(ends.begin(), ends.end(), term.at);
-        const Index j = std::min<Index>(beyond - ends.begin(), n - 1);
-        place(j, std::min(term.at - (j > 0 ? ends[j - 1] : segments_.base), l[j]), 1.0);
-      }
-    });
-  }
-  std::stable_sort(
-      loads_.begin(), loads_.end(),
-      [](const PlacedTerm& one, const PlacedTerm& other) { return one.segment < other.segment; });
-}
-
 void Chain::add_mass(Index segment, double arm, double mass) {
   const double l = segments_.length[segment];
   double &own = mass_[segment], &chi = segments_.center[segment];
   double& eta = segments_.gyration_radius[segment];
-  const double share = mass / (own + mass), apart = arm - chi * l;
-  eta = std::sqrt((1.0 - share) * (eta * eta + share * apart * apart));
+  const double total = own + mass, share = mass / total, apart = arm - chi * l;
+  eta = std::sqrt(own / total * (eta * eta + share * apart * apart));
   chi += share * apart / l;
-  own += mass;
+  own = total;
 }
 
 void Moments::before(double l, const Moments& own) {

@@ -17,6 +17,16 @@ void require_node(const char* what, Index node, Index least, Index most) {
   }
 }
 
+/// Calls put(i, derivative of a . d, derivative of cross(a, d)) for node j - i, i = 0, 1, 2, with
+/// a = r_j - r_{j-1} and d = r_{j-1} - r_{j-2}, over l_{j-1} both.
+template <class Put>
+void by_nodes(const Point& a, const Point& d, const Put& put) {
+  const Point across = turned(d), back = turned_back(a);
+  put(0, d, across);
+  put(1, a - d, back - across);
+  put(2, -a, -back);
+}
+
 }  // namespace
 
 void Constraint::check(Index segments) const {
@@ -48,7 +58,7 @@ std::vector<int> Constraint::coordinates() const {
 void Constraint::fill(const Nodes& place, const Nodes& rate, const Vector& length, double* residual,
                       double* matrix, double* right_side) const {
   if (kind == Kind::guide) {
-    residual[0] = place.x(node);
+    residual[0] = place(node).x();
     matrix[0] = 1.0;
     right_side[0] = 0.0;
     return;
@@ -81,17 +91,13 @@ void Constraint::fill(const Nodes& place, const Nodes& rate, const Vector& lengt
   const Index nodes = std::min<Index>(node, clamp ? 1 : 3);
   double* const first = matrix;
   double* const second = matrix + 2 * nodes + 1;
-  const auto put = [&](Index from_last, const Point& of_dot, const Point& of_cross) {
+  by_nodes(a_share, d, [&](Index from_last, const Point& of_dot, const Point& of_cross) {
     if (from_last >= nodes) return;
     for (Index i = 0; i < 2; ++i) {
       first[2 * (nodes - 1 - from_last) + i] = of_dot[i];
       second[2 * (nodes - 1 - from_last) + i] = of_cross[i];
     }
-  };
-  const Point across = turned(d), back = turned_back(a_share);
-  put(0, d, across);
-  put(1, a_share - d, back - across);
-  put(2, -a_share, -back);
+  });
   first[2 * nodes] = sine;
   second[2 * nodes] = -cosine;
 }
@@ -130,16 +136,14 @@ void Constraint::add_derivatives(const Nodes& place, const Nodes& rate, const No
   const auto add = [&](Triplets& to, const Nodes& change, double factor) {
     const Point a = factor * (change(node) - change(node - 1));
     const Point d = factor * (change(node - 1) - change(node - 2));
-    const auto put = [&](Index at, const Point& of_dot, const Point& of_cross) {
+    by_nodes(a, d, [&](Index from_last, const Point& of_dot, const Point& of_cross) {
+      const Index at = node - from_last;
       if (at == 0) return;
       for (Index i = 0; i < 2; ++i) {
         to.add(row, x_of(at) + i, of_dot[i]);
         to.add(row + 1, x_of(at) + i, of_cross[i]);
       }
-    };
-    put(node, d, turned(d));
-    put(node - 1, a - d, turned_back(a) - turned(d));
-    put(node - 2, -a, -turned_back(a));
+    });
   };
   add(out.by_coordinates, acceleration, 1.0 / length[node - 2]);
   add(out.by_rates, rate, 2.0 / length[node - 2]);

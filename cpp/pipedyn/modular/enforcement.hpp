@@ -48,6 +48,9 @@ class Enforcement {
   Enforcement(std::vector<double> scale, std::vector<InertiaRow> inertia,
               std::vector<Group> groups);
 
+  /// The rows W of all inertia; q'^T W^T W q' / 2 is the kinetic energy.
+  const std::vector<InertiaRow>& inertia() const { return inertia_; }
+
   static constexpr int complete = -1;
   static constexpr int node_size = 3;  // coordinates of a node, which come at once
 

@@ -15,27 +15,23 @@ namespace pipedyn {
 
 /// No share in anything.
 struct Module {
-  /// Throws std::invalid_argument unless it fits a scene of n segments.
-  void check(Index) const {}
-  void add_inertia(std::vector<InertiaRow>&) const {}
-  void add_operators(RedundantOperators&) const {}
   void add_force(const Motion&, const Loads&) const {}
   void add_derivatives(const Motion&, Derivatives&) const {}
+  /// Potential energy.
   double energy(const Motion&) const { return 0.0; }
-  void add_power(const Motion&, ScenePower&) const {}
+  void add_power(const Motion&, Power&) const {}
 };
 
-/// Rigid segment j: kinetic energy 1/2 l (|r*'|^2 + eta^2 |r_j' - r_{j-1}'|^2 / l^2),
-/// r* = (1 - chi) r_{j-1} + chi r_j, gravity's -gamma l (y* - y* of the straight pipe).
-struct Segment : Module {
-  Index node = 1;
-  double length = 1.0, center = 0.5, gyration_radius = 0.0;
-  double weight = 0.0;           // gamma l
-  double straight_height = 0.0;  // y* of the straight pipe
+/// A mass m on segment j, the segment's own or a term's: kinetic energy
+/// 1/2 m (|r*'|^2 + (eta / l)^2 |r_j' - r_{j-1}'|^2), r* = (1 - chi) r_{j-1} + chi r_j, gravity's
+/// -gamma m (y* - y* of the straight pipe).
+struct Body : Module {
+  Index node;
+  double mass, center, turning;  // m, chi, eta / l
+  double weight;                 // gamma m
+  double straight_height;        // y* of the straight pipe
 
-  void check(Index) const;
   void add_inertia(std::vector<InertiaRow>& rows) const;
-  void add_operators(RedundantOperators& ops) const;
   void add_force(const Motion& motion, const Loads& loads) const;
   double energy(const Motion& motion) const;
 };
@@ -47,94 +43,62 @@ struct TorsionalSpring : Module {
 
   TorsionalSpring(Index at, double k, double c, double p)
       : joint(at), stiffness(k), damping(c), rest(p) {}
-  void check(Index segments) const;
-  void add_operators(RedundantOperators& ops) const;
   void add_force(const Motion& motion, const Loads& loads) const;
   void add_derivatives(const Motion& motion, Derivatives& out) const;
   double energy(const Motion& motion) const;
-  void add_power(const Motion& motion, ScenePower& out) const;
+  void add_power(const Motion& motion, Power& out) const;
 };
 
-/// At node j: energy 1/2 k x^2.
-struct TransverseSpring : Module {
+/// A station on segment j: r = (1 - xi) r_{j-1} + xi r_j. A force f there is (1 - xi) f and xi f on
+/// the nodes; it counts `weight` times.
+struct Place {
   Index node;
-  double stiffness;
+  double point, weight;  // xi
+};
 
-  TransverseSpring(Index at, double k) : node(at), stiffness(k) {}
-  void check(Index segments) const;
-  void add_operators(RedundantOperators& ops) const;
+/// The load of one of the pipe's terms.
+struct TermLoad : Module {
+  Place place;
+  Term term;
+
+  TermLoad(const Place& at, const Term& of) : place(at), term(of) {}
   void add_force(const Motion& motion, const Loads& loads) const;
   void add_derivatives(const Motion& motion, Derivatives& out) const;
   double energy(const Motion& motion) const;
+  void add_power(const Motion& motion, Power& out) const;
 };
 
-/// At node j: force -c x'.
-struct Dashpot : Module {
-  Index node;
+/// -kappa l |v| v n at the drag point of a segment of length l, v = n . r', n = (t_y, -t_x),
+/// t = (r_j - r_{j-1}) / l. Its derivative has the share 2 |v| dv, 0 where v = 0.
+struct Drag : Module {
+  Place place;  // weight: l
   double coefficient;
 
-  Dashpot(Index at, double c) : node(at), coefficient(c) {}
-  void check(Index segments) const;
-  void add_operators(RedundantOperators& ops) const;
+  Drag(const Place& at, double kappa) : place(at), coefficient(kappa) {}
   void add_force(const Motion& motion, const Loads& loads) const;
   void add_derivatives(const Motion& motion, Derivatives& out) const;
-  void add_power(const Motion& motion, ScenePower& out) const;
-};
+  void add_power(const Motion& motion, Power& out) const;
 
-/// At node j: kinetic energy 1/2 m |r'|^2, gravity's -gamma m (y - y of the straight pipe).
-struct PointMass : Module {
-  Index node;
-  double mass;
-  double weight = 0.0;           // gamma m, from the scene
-  double straight_height = 0.0;  // y of the straight pipe, from the scene
-
-  PointMass(Index at, double m) : node(at), mass(m) {}
-  void check(Index segments) const;
-  void add_inertia(std::vector<InertiaRow>& rows) const;
-  void add_operators(RedundantOperators& ops) const;
-  void add_force(const Motion& motion, const Loads& loads) const;
-  double energy(const Motion& motion) const;
+ private:
+  Point normal(const Motion& motion) const;
 };
 
 /// -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment; at the end
 /// -sqrt(beta) U r_n' - a U^2 t_n, t_n = (r_n - r_{n-1}) / l_n. The centrifugal part of the
 /// Lagrangian along a segment is taken up by its rigidity.
 struct InternalFlow : Module {
-  Index segments = 1;
-  double last_length = 1.0;
-  double sqrt_beta = 0.0, centrifugal = 1.0;
+  Index segments;
+  double last_length, sqrt_beta, centrifugal;
 
+  InternalFlow(const Pipe& pipe, const Vector& length)
+      : segments(length.size()),
+        last_length(length[segments - 1]),
+        sqrt_beta(pipe.sqrt_beta()),
+        centrifugal(pipe.centrifugal) {}
   void add_operators(RedundantOperators& ops) const;
   void add_force(const Motion& motion, const Loads& loads) const;
   void add_derivatives(const Motion& motion, Derivatives& out) const;
-  void add_power(const Motion& motion, ScenePower& out) const;
-};
-
-/// On segment j at the fraction xi: -kappa l |v| v n, v = n . ((1 - xi) r_{j-1}' + xi r_j'),
-/// n = (t_y, -t_x), t = (r_j - r_{j-1}) / l.
-struct Drag : Module {
-  Index node = 1;
-  double length = 1.0, point = 0.5, coefficient = 0.0;  // kappa
-
-  void add_force(const Motion& motion, const Loads& loads) const;
-  /// Its share is 2 |v| dv, 0 where v = 0.
-  void add_derivatives(const Motion& motion, Derivatives& out) const;
-  void add_power(const Motion& motion, ScenePower& out) const;
-
- private:
-  Point normal(const Motion& motion) const;
-  Point velocity(const Motion& motion) const;
-};
-
-/// 1/2 q'^T W q' with a constant W, symmetric and positive semidefinite.
-struct FurtherInertia : Module {
-  Triplets matrix;
-
-  void check(Index segments) const;
-  /// By elimination from the last coordinate, so that what couples neighbours has local rows.
-  void add_inertia(std::vector<InertiaRow>& rows) const;
-  void add_operators(RedundantOperators& ops) const;
-  double energy(const Motion& motion) const;
+  void add_power(const Motion& motion, Power& out) const;
 };
 
 }  // namespace pipedyn

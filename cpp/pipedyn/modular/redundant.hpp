@@ -33,7 +33,6 @@ struct Nodes {
     if (node == 0) return {0.0, base};
     return {values[x_of(node)], values[y_of(node)]};
   }
-  double x(Index node) const { return values[x_of(node)]; }
   double angle(Index joint) const { return values[phi_of(joint)]; }
 };
 
@@ -52,7 +51,6 @@ struct Loads {
     values[x_of(node)] += force.x();
     values[y_of(node)] += force.y();
   }
-  void add_x(Index node, double force) const { values[x_of(node)] += force; }
   void add_moment(Index joint, double moment) const { values[phi_of(joint)] += moment; }
 };
 
@@ -79,11 +77,10 @@ struct Triplets {
   }
 };
 
-/// About the straight pipe: the forces are
-///   -(stiffness + a u^2 flux) q - (s u (gyroscopic + end_flux) + damping) q' + constants
-/// without drag; each (3 n, 3 n). Gravity's potential is linear, hence absent.
+/// Matrices (3 n, 3 n) that no coordinates change, as in Operators: of the inertia and the flow.
+/// Stiffness and damping about any place are the derivatives of the forces there, negated.
 struct RedundantOperators {
-  Triplets mass, gyroscopic, end_flux, damping, stiffness, flux;
+  Triplets mass, gyroscopic, end_flux, flux;
 };
 
 /// Derivatives by the coordinates and by their rates.
@@ -91,8 +88,8 @@ struct Derivatives {
   Triplets by_coordinates, by_rates;
 };
 
-/// What flow, joints, drag and dashpots add to the energy in unit time.
-struct ScenePower {
+/// What flow, joints, drag and the pipe's terms add to the energy in unit time.
+struct Power {
   double flow = 0.0, joints = 0.0, drag = 0.0, others = 0.0;
 };
 

@@ -9,6 +9,8 @@
 #include <string>
 #include <utility>
 
+#include "pipedyn/chain/places.hpp"
+
 namespace pipedyn {
 
 namespace {
@@ -46,49 +48,47 @@ Enforcement Scene::assemble(const Pipe& pipe, const Modules& given) {
   if (n < 1 || center.size() != n || gyration_radius.size() != n || drag_point.size() != n) {
     throw std::invalid_argument("segments must have one entry a segment in every array");
   }
+  if (!(length.minCoeff() > 0.0)) throw std::invalid_argument("length must be positive");
   const Vector upright = straight();
-  const auto height = [&](Index node) { return Nodes{upright.data(), base_}(node).y(); };
-  auto& [links, springs, transverse, dashpots, masses, flows, drags, inertias] = modules_;
+  const Nodes height{upright.data(), base_};
+  auto& [bodies, springs, loads, flows, drags] = modules_;
+  const auto add_body = [&](Index node, double mass, double chi, double turning) {
+    Body& body = bodies.emplace_back();
+    body.node = node;
+    body.mass = mass;
+    body.center = chi;
+    body.turning = turning;
+    body.weight = pipe.gamma * mass;
+    body.straight_height = (1.0 - chi) * height(node - 1).y() + chi * height(node).y();
+  };
   for (Index j = 1; j <= n; ++j) {
-    const double l = length[j - 1], chi = center[j - 1];
-    Segment& link = links.emplace_back();
-    link.node = j;
-    link.length = l;
-    link.center = chi;
-    link.gyration_radius = gyration_radius[j - 1];
-    link.weight = pipe.gamma * l;
-    link.straight_height = (1.0 - chi) * height(j - 1) + chi * height(j);
-    if (given.drag && pipe.drag != 0.0) {
-      Drag& drag = drags.emplace_back();
-      drag.node = j;
-      drag.length = l;
-      drag.point = drag_point[j - 1];
-      drag.coefficient = pipe.drag;
-    }
+    const double l = length[j - 1];
+    add_body(j, l, center[j - 1], gyration_radius[j - 1] / l);
+    if (given.drag && pipe.drag != 0.0) drags.push_back({{j, drag_point[j - 1], l}, pipe.drag});
   }
+  for_each_place(pipe.terms, length, base,
+                 [&](const auto& law, const Term& term, Index j, double arm, double weight) {
+                   const double point = arm / length[j];
+                   if (law.mass() != 0.0) add_body(j + 1, weight * law.mass(), point, 0.0);
+                   if (law.loads) loads.push_back({{j + 1, point, weight}, term});
+                 });
   springs = given.springs;
-  transverse = given.transverse_springs;
-  dashpots = given.dashpots;
-  masses = given.masses;
-  for (PointMass& m : masses) {
-    m.check(n);
-    m.weight = pipe.gamma * m.mass;
-    m.straight_height = height(m.node);
+  for (const TorsionalSpring& of : springs) {
+    if (of.joint >= 1 && of.joint <= n) continue;
+    throw std::invalid_argument("spring_joint must lie in 1.." + std::to_string(n) + ", got " +
+                                std::to_string(of.joint));
   }
-  if (given.flow) {
-    InternalFlow& flow = flows.emplace_back();
-    flow.segments = n;
-    flow.last_length = length[n - 1];
-    flow.sqrt_beta = pipe.sqrt_beta();
-    flow.centrifugal = pipe.centrifugal;
-  }
-  inertias.emplace_back().matrix = given.inertia;
+  if (given.flow) flows.emplace_back(pipe, length);
 
   std::vector<InertiaRow> rows;
-  for_each_module([&](const auto& module) {
-    module.check(n);
-    module.add_inertia(rows);
-  });
+  for (const Body& body : bodies) body.add_inertia(rows);
+  for (const InertiaRow& row : given.inertia) {
+    for (const int c : row.coordinate) {
+      if (c >= 0 && c < 3 * n) continue;
+      throw std::invalid_argument("inertia must lie on the scene's coordinates");
+    }
+    rows.push_back(row);
+  }
   std::vector<Group> groups;
   for (const Constraint& constraint : constraints_) {
     constraint.check(n);
@@ -96,20 +96,16 @@ Enforcement Scene::assemble(const Pipe& pipe, const Modules& given) {
     rows_ += constraint.rows();
     matrix_size_ += constraint.rows() * static_cast<Index>(groups.back().coordinate.size());
   }
-  for (const Constraint& constraint : constraints_) {
-    const auto hold = [&](Index axis, double value) {
-      const auto same = [&](const Held& other) {
-        return other.node == constraint.node && other.axis == axis;
-      };
-      if (std::none_of(held_.begin(), held_.end(), same)) {
-        held_.push_back({constraint.node, axis, value});
-      }
-    };
-    if (constraint.kind == Constraint::Kind::guide) hold(0, 0.0);
-    if (constraint.kind == Constraint::Kind::pin) {
-      hold(0, constraint.x);
-      hold(1, constraint.y);
+  const auto hold = [&](Index node, Index axis, double value) {
+    for (const Held& other : held_) {
+      if (other.node == node && other.axis == axis) return;
     }
+    held_.push_back({node, axis, value});
+  };
+  for (const Constraint& constraint : constraints_) {
+    const bool pin = constraint.kind == Constraint::Kind::pin;
+    if (pin || constraint.kind == Constraint::Kind::guide) hold(constraint.node, 0, constraint.x);
+    if (pin) hold(constraint.node, 1, constraint.y);
   }
   std::vector<double> scale(count(3 * n), 1.0);
   for (Index j = 1; j <= n; ++j) scale[count(phi_of(j))] = 1.0 / length[j - 1];
@@ -129,7 +125,16 @@ Vector Scene::straight() const {
 
 RedundantOperators Scene::operators() const {
   RedundantOperators ops;
-  for_each_module([&](const auto& module) { module.add_operators(ops); });
+  for (const InertiaRow& row : enforcement_.inertia()) {
+    for (std::size_t i = 0; i < row.weight.size(); ++i) {
+      for (std::size_t k = 0; k < row.weight.size(); ++k) {
+        ops.mass.add(row.coordinate[i], row.coordinate[k], row.weight[i] * row.weight[k]);
+      }
+    }
+  }
+  for (const InternalFlow& flow : std::get<std::vector<InternalFlow>>(modules_)) {
+    flow.add_operators(ops);
+  }
   return ops;
 }
 
@@ -151,16 +156,24 @@ Derivatives Scene::force_derivatives(const Vector& y, double u) const {
 
 // --------------------------------------------------------------------------------- constraints
 
+/// Calls work(constraint, row), the first of its rows among all.
+template <class Work>
+void Scene::for_each_constraint(const Work& work) const {
+  Index row = 0;
+  for (const Constraint& constraint : constraints_) {
+    work(constraint, row);
+    row += constraint.rows();
+  }
+}
+
 /// matrix: each group's A over the coordinates that it touches, one group after the other.
 void Scene::fill_constraints(const Motion& motion, double* residual, double* matrix,
                              double* right_side) const {
-  for (std::size_t i = 0; i < constraints_.size(); ++i) {
-    const Constraint& constraint = constraints_[i];
-    constraint.fill(motion.place, motion.rate, length_, residual, matrix, right_side);
-    residual += constraint.rows();
-    right_side += constraint.rows();
-    matrix += enforcement_.matrix_size(i);
-  }
+  std::size_t group = 0;
+  for_each_constraint([&](const Constraint& constraint, Index row) {
+    constraint.fill(motion.place, motion.rate, length_, residual + row, matrix, right_side + row);
+    matrix += enforcement_.matrix_size(group++);
+  });
 }
 
 ConstraintRows Scene::constraints(const Vector& y) const {
@@ -184,11 +197,9 @@ Triplets Scene::curvature(const Vector& q, const Vector& multipliers) const {
   require("q", q.size(), coordinates());
   require("multipliers", multipliers.size(), rows_);
   Triplets out;
-  const double* own = multipliers.data();
-  for (const Constraint& constraint : constraints_) {
-    constraint.add_curvature({q.data(), base_}, length_, own, out);
-    own += constraint.rows();
-  }
+  for_each_constraint([&](const Constraint& constraint, Index row) {
+    constraint.add_curvature({q.data(), base_}, length_, multipliers.data() + row, out);
+  });
   return out;
 }
 
@@ -197,11 +208,9 @@ Derivatives Scene::acceleration_derivatives(const Vector& y, const Vector& accel
   require("acceleration", acceleration.size(), coordinates());
   const Motion now = motion(y.data(), 0.0);
   Derivatives out;
-  Index row = 0;
-  for (const Constraint& constraint : constraints_) {
+  for_each_constraint([&](const Constraint& constraint, Index row) {
     constraint.add_derivatives(now.place, now.rate, {acceleration.data(), 0.0}, length_, row, out);
-    row += constraint.rows();
-  }
+  });
   return out;
 }
 
@@ -314,21 +323,28 @@ void Scene::for_each_member(const Batch& batch, const Work& work) const {
   }
 }
 
+/// Accelerations under forces, as Enforcement::solve.
+int Scene::enforce(const Motion& motion, const double* force, double* accelerations) const {
+  thread_local std::vector<double> kept;
+  const Index needed = 2 * rows_ + matrix_size_;
+  if (kept.size() < count(needed)) kept.resize(count(needed));
+  double* const residual = kept.data();
+  double* const right_side = residual + rows_;
+  double* const matrix = right_side + rows_;
+  fill_constraints(motion, residual, matrix, right_side);
+  return enforcement_.solve(matrix, right_side, force, accelerations);
+}
+
 void Scene::rhs(const Batch& batch, const double* force, double* rates) const {
   const Index size = coordinates(), members = batch.members;
   thread_local std::vector<double> kept;
-  const Index needed = 2 * size + 2 * rows_ + matrix_size_;
-  if (kept.size() < count(needed)) kept.resize(count(needed));
+  if (kept.size() < count(2 * size)) kept.resize(count(2 * size));
   double* const sum = kept.data();
   double* const acceleration = sum + size;
-  double* const residual = acceleration + size;
-  double* const right_side = residual + rows_;
-  double* const matrix = right_side + rows_;
   for_each_member(batch, [&](Index k, const Motion& now) {
     for (Index i = 0; i < size; ++i) sum[i] = force != nullptr ? force[i * members + k] : 0.0;
     for_each_module([&](const auto& module) { module.add_force(now, {sum}); });
-    fill_constraints(now, residual, matrix, right_side);
-    if (enforcement_.solve(matrix, right_side, sum, acceleration) != Enforcement::complete) {
+    if (enforce(now, sum, acceleration) != Enforcement::complete) {
       std::fill_n(acceleration, size, std::numeric_limits<double>::quiet_NaN());
     }
     for (Index i = 0; i < size; ++i) {
@@ -340,24 +356,28 @@ void Scene::rhs(const Batch& batch, const double* force, double* rates) const {
 
 Index Scene::lacking(const Vector& q) const {
   require("q", q.size(), coordinates());
-  Vector y = Vector::Zero(2 * coordinates());
+  Vector y = Vector::Zero(2 * coordinates()), acceleration(coordinates());
   y.head(coordinates()) = q;
-  const Vector still = Vector::Zero(coordinates());
-  Vector acceleration(coordinates()), residual(rows_), right_side(rows_), matrix(matrix_size_);
-  fill_constraints(motion(y.data(), 0.0), residual.data(), matrix.data(), right_side.data());
-  return enforcement_.solve(matrix.data(), right_side.data(), still.data(), acceleration.data());
+  return enforce(motion(y.data(), 0.0), y.data() + coordinates(), acceleration.data());
 }
 
 void Scene::energy(const Batch& batch, double* out) const {
   for_each_member(batch, [&](Index k, const Motion& now) {
     out[k] = 0.0;
+    for (const InertiaRow& row : enforcement_.inertia()) {
+      double momentum = 0.0;
+      for (std::size_t i = 0; i < row.weight.size(); ++i) {
+        momentum += row.weight[i] * now.rate.values[row.coordinate[i]];
+      }
+      out[k] += 0.5 * momentum * momentum;
+    }
     for_each_module([&](const auto& module) { out[k] += module.energy(now); });
   });
 }
 
-void Scene::power(const Batch& batch, const ScenePowerParts& out) const {
+void Scene::power(const Batch& batch, const PowerParts& out) const {
   for_each_member(batch, [&](Index k, const Motion& now) {
-    ScenePower sum;
+    Power sum;
     for_each_module([&](const auto& module) { module.add_power(now, sum); });
     out.flow[k] = sum.flow;
     out.joints[k] = sum.joints;

@@ -16,15 +16,13 @@
 
 namespace pipedyn {
 
-/// What a scene is made of. Of the segments their springs are not read.
+/// What a scene is made of beside the terms of its pipe. Of the segments their springs are not
+/// read.
 struct Modules {
   Segments segments{};
   std::vector<TorsionalSpring> springs{};
-  std::vector<TransverseSpring> transverse_springs{};
-  std::vector<Dashpot> dashpots{};
-  std::vector<PointMass> masses{};
   std::vector<Constraint> constraints{};  // any order gives the same motion
-  Triplets inertia{};                     // further, symmetric and positive semidefinite
+  std::vector<InertiaRow> inertia{};      // further
   bool flow = false;
   bool drag = false;
 };
@@ -37,17 +35,12 @@ struct ConstraintRows {
   std::vector<std::int64_t> group;
 };
 
-/// Power by what does the work; one entry a member in each.
-struct ScenePowerParts {
-  double *flow, *joints, *drag, *others;
-};
-
 /// Immutable; one scene may serve many threads. A state y = [q, q'] has 6 n entries. Each function
 /// of a state in a Vector throws std::invalid_argument on a wrong size.
 class Scene {
  public:
-  /// Throws std::invalid_argument where arrays differ in length, a joint or node is not the
-  /// scene's, a mass or inertia is negative, or further inertia is not symmetric.
+  /// Throws std::invalid_argument where arrays differ in length, a length is not positive, or a
+  /// joint, node or coordinate is not the scene's.
   Scene(const Pipe& pipe, const Modules& modules);
 
   Index segments() const { return length_.size(); }
@@ -77,8 +70,8 @@ class Scene {
   void rhs(const Batch& batch, const double* force, double* rates) const;
   /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, joints, drag and dashpots add to the energy in unit time.
-  void power(const Batch& batch, const ScenePowerParts& out) const;
+  /// What flow, joints, drag and the pipe's terms add to the energy in unit time.
+  void power(const Batch& batch, const PowerParts& out) const;
 
   /// Angles and rates (n, k) close to those given that meet guides and pins, by Newton's method in
   /// least steps; NaN where there are none close by.
@@ -107,9 +100,8 @@ class Scene {
   double direction_;
   double base_;
   Vector length_;
-  std::tuple<std::vector<Segment>, std::vector<TorsionalSpring>, std::vector<TransverseSpring>,
-             std::vector<Dashpot>, std::vector<PointMass>, std::vector<InternalFlow>,
-             std::vector<Drag>, std::vector<FurtherInertia>>
+  std::tuple<std::vector<Body>, std::vector<TorsionalSpring>, std::vector<TermLoad>,
+             std::vector<InternalFlow>, std::vector<Drag>>
       modules_;
   std::vector<Constraint> constraints_;
   std::vector<Held> held_;  // each once
@@ -124,8 +116,11 @@ class Scene {
   void for_each_member(const Batch& batch, const Work& work) const;
   Motion motion(const double* y, double u) const;
   void project_one(Vector& theta, Vector& omega) const;
+  template <class Work>
+  void for_each_constraint(const Work& work) const;
   void fill_constraints(const Motion& motion, double* residual, double* matrix,
                         double* right_side) const;
+  int enforce(const Motion& motion, const double* force, double* accelerations) const;
 };
 
 }  // namespace pipedyn

@@ -7,7 +7,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 from os import PathLike
 from typing import Any
@@ -24,6 +24,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.counters import clock, counted, limited
 from pipedyn.util.progress import track
+from pipedyn.util.result import result
 from pipedyn.util.table import Table
 
 SHARPER = 10.0
@@ -43,7 +44,7 @@ DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "
 """Families that are measured where none are named."""
 
 
-@dataclass(frozen=True)
+@result
 class TradeRow:
     """One model, or pair of models, measured.
 
@@ -92,7 +93,7 @@ class TradeRow:
 HEADINGS = ("family", "size", "dof", "error", "seconds", "spread", "rhs", "factorisations")
 
 
-@dataclass(frozen=True)
+@result
 class Trade:
     """Error against cost of models of one pipe for one quantity.
 
@@ -124,7 +125,9 @@ class Trade:
         return tuple(row for row in self.rows if row.failure is not None)
 
     def pareto(self, cost: str = "seconds") -> tuple[TradeRow, ...]:
-        """The rows that no other beats in both error and cost, the cheapest first.
+        """The Pareto front of error and cost: rows of which no other is better in both.
+
+        The cheapest stands first.
 
         Args:
             cost: "seconds", "dof", "right_hand_sides" or "factorisations".
@@ -186,8 +189,8 @@ class Trade:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow([*names, "failure"])
         for row in self.rows:
-            told = "" if row.failure is None else str(row.failure)
-            writer.writerow([*(getattr(row, name) for name in names), told])
+            failure = "" if row.failure is None else str(row.failure)
+            writer.writerow([*(getattr(row, name) for name in names), failure])
         if path is not None:
             with open(path, "w", encoding="utf-8", newline="") as file:
                 file.write(text.getvalue())
@@ -212,7 +215,7 @@ def trade(
     Args:
         pipe: the pipe.
         quantity: what is asked of it, and its conditions as further arguments:
-            "critical_speed" (max_speed=100: the lowest passage that destabilises),
+            "critical_speed" (max_speed=100: the lowest crossing that destabilises),
             "frequencies" (u=0, count=4: eigenvalues of the lowest modes, with damping delta those
             below 0.9 / delta),
             "root_loci" (speeds, count=4: branches of eigenvalues),

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Branches of cycles over the flow speed: from where they are born, past folds, with what changes.
+"""Branches of cycles over the flow speed: from where they begin, past folds, with their events.
 
-A branch is followed by arc length (`arcs.arc`), within the speeds with Floquet multipliers at every
-point. Folds are where the arc's tangent turns back; where the number of multipliers outside the
-unit circle changes, the step is halved down to the change, and the multiplier that passes names it.
-Cycles that leave a branch at pitchforks and period doublings are followed in turn.
+A branch is followed by arc length (`orbit_continuation.followed`), within the speeds with Floquet
+multipliers at every point. Folds are where the tangent turns back; where the number of multipliers
+outside the unit circle changes, the step is narrowed down to the event, and the multiplier that
+passes names it. Cycles that leave a branch at pitchforks and period doublings are followed in turn.
 """
 
 from __future__ import annotations
@@ -17,56 +17,65 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
-from pipedyn.bifurcation.arcs import (
-    Birth,
+from pipedyn.bifurcation.collocation import solved
+from pipedyn.bifurcation.continuation import Point, Segment, folds
+from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finished, on_branch
+from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
+from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, excess, outside
+from pipedyn.bifurcation.floquet import returns, shortened
+from pipedyn.bifurcation.hopf import tip_of
+from pipedyn.bifurcation.normal_form import vectors
+from pipedyn.bifurcation.orbit_continuation import (
+    FINE,
     Breaking,
+    HopfPoint,
     Start,
     Step,
-    arc,
     broken,
-    from_birth,
+    followed,
     from_change,
+    from_hopf,
     from_orbit,
-    turns,
 )
-from pipedyn.bifurcation.equilibria import EquilibriumBranch, Rest
-from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, excess, outside, passage
-from pipedyn.bifurcation.floquet import returns, shortened
-from pipedyn.bifurcation.fourier import Elsewhere, Equations, Orbit, is_odd
-from pipedyn.bifurcation.hopf import tip_of
-from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, amplitude_of, described, finished
-from pipedyn.bifurcation.mesh import course_of
-from pipedyn.bifurcation.normal_form import vectors
-from pipedyn.bifurcation.vector_field import Field
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
+from pipedyn.bifurcation.statics import Statics
+from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 NARROW = 1e-4
 """Share of a step to which an event is known."""
 
-ROUGH = 1e-5
-"""Roughness of the panels on which it is told which multiplier passes."""
+FOLD = 1e-5
+"""Share of a step to which the place of a fold is known; its speed is so to the square of that."""
 
 BESIDE = 0.02
-"""Share of a step around a fold in which its multiplier is not told from the trivial one."""
+"""Share of a step around a fold in which its multiplier is too near to the trivial one."""
+
+MOST_PASSAGES = 6
+"""Passages of multipliers on one step: more at once have not been met, and each costs some ten
+orbits."""
 
 SLOW = 0.5
 """Share of a branch's highest frequency below which, still falling, it falls towards 0."""
 
-TOLD = 1e-3
+DOUBTFUL = 1e-3
 """Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends."""
 
 SAMPLES = 65
 """States kept of each cycle."""
 
-BEYOND, MOST_BEYOND, UNKNOWNS_BEYOND = 1.25, 40, 600
-"""Factor by which a branch may leave both the speeds and its birth, since it may come back, steps
-out there in a row, and unknowns beyond which a cycle of more than 128 phases is too dear there."""
+BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
+"""Factor by which a branch may leave both the speeds and its beginning, since it may come back,
+steps out there in a row, and mesh intervals beyond which an orbit is too costly there."""
 
 GENERATIONS = 2
 """Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
@@ -74,9 +83,9 @@ GENERATIONS = 2
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
 
-@dataclass(frozen=True)
+@result
 class CycleBranch:
-    """Cycles along a branch, which may turn in the flow speed, in order from where it is born.
+    """Cycles along a branch, which may turn in the flow speed, in order from where it begins.
 
     Attributes:
         speeds: u, shape (S,).
@@ -91,10 +100,10 @@ class CycleBranch:
         cycles: the cycles themselves; those at the speeds asked for meet the tolerance of
             `limit_cycle` or are listed as failures, those between some 1e-5.
         mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
-        origin: where it is born: "hopf" (at an equilibrium), "pitchfork" or "period doubling" (of a
+        origin: where it begins: "hopf" (at an equilibrium), "pitchfork" or "period doubling" (of a
             branch of cycles), or "motion": a motion ended on it, from where it was followed both
             ways, and it is listed from its end on the side of lower speeds.
-        onset: flow speed at which it is born, NaN if that is unknown.
+        onset: flow speed at which it begins, NaN if that is unknown.
     """
 
     speeds: Array
@@ -172,9 +181,9 @@ def _same(a: CycleEvent | None, b: CycleEvent | None) -> bool:
     return a is not None and b is not None and a.same(b)
 
 
-def births(
+def hopf_points(
     model: Model, branches: tuple[EquilibriumBranch, ...], highest: float
-) -> Iterator[Birth | Failed]:
+) -> Iterator[HopfPoint | Failed]:
     """Hopf points of equilibria, of mirror images one, or what fails.
 
     Args:
@@ -183,12 +192,12 @@ def births(
             or not.
         highest: flow speed up to which these are sought.
     """
-    motion, rest = Field(model), Rest(model)
+    motion, statics = VectorField(model), Statics(model)
     points: list[tuple[float, float, Array]] = []
-    if rest.rests(highest):
+    if statics.rests(highest):
         try:
             points += [
-                (c.speed, c.frequency, rest.resting)
+                (c.speed, c.frequency, statics.resting)
                 for c in crossings(model, highest)
                 if c.kind == "flutter" and c.speed > 0.0
             ]
@@ -197,19 +206,19 @@ def births(
     for branch in branches:
         for point in branch.points:
             if point.kind == "hopf" and point.speed > 0.0 and not branch.straight:
-                points.append((point.speed, point.frequency, rest.from_start("q", point.q)))
+                points.append((point.speed, point.frequency, statics.from_start("q", point.q)))
     known: list[tuple[float, float]] = []
     for u, frequency, x in points:
         if any(np.allclose((u, frequency), other, rtol=1e-6) for other in known):
             continue
         known.append((u, frequency))
         try:
-            yield born(motion, np.concatenate([x, np.zeros(motion.half)]), u, frequency)
+            yield hopf_point(motion, np.concatenate([x, np.zeros(motion.half)]), u, frequency)
         except (PipedynError, ValueError) as error:
             yield u, error
 
 
-def born(motion: Field, rest: Array, u: float, frequency: float) -> Birth:
+def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
     """The pair on the axis at an equilibrium.
 
     Args:
@@ -219,15 +228,15 @@ def born(motion: Field, rest: Array, u: float, frequency: float) -> Birth:
         frequency: of the pair.
 
     Raises:
-        ValueError, PipedynError: if there is no such pair, or two, or the free end stands still.
+        ValueError, PipedynError: if there is no such pair, or two, or the free end does not move.
     """
     mode, _ = vectors(motion.jacobian(rest, u), frequency)
     mode = mode / tip_of(motion, rest, mode)
-    return Birth(rest, mode, u, frequency)
+    return HopfPoint(rest, mode, u, frequency)
 
 
 def traced(
-    model: Model, begin: Birth | Orbit, asked: Asked
+    model: Model, begin: HopfPoint | PeriodicOrbit, asked: Asked
 ) -> tuple[list[Traced], tuple[Failed, ...]]:
     """The branch of cycles from an onset, or both ways through a cycle, and those that leave it.
 
@@ -239,18 +248,18 @@ def traced(
     Returns:
         The branches and the speeds that failed.
     """
-    motion = Field(model)
+    motion = VectorField(model)
     failed: list[Failed] = []
     with one_thread(motion.size):
         event: CycleEvent | None = None
-        u = begin.u if isinstance(begin, Orbit) else begin.speed
+        u = begin.u if isinstance(begin, PeriodicOrbit) else begin.speed
         try:
-            if isinstance(begin, Orbit):
+            if isinstance(begin, PeriodicOrbit):
                 starts = [from_orbit(motion, begin, sign) for sign in (-1.0, 1.0)]
             else:
-                starts = [from_birth(motion, begin)]
+                starts = [from_hopf(motion, begin)]
                 event = CycleEvent("hopf", u, 1e-6, 1.0 + 0j, 0.0)
-        except Elsewhere as reason:
+        except NewtonFailed as reason:
             return [], ((u, NoCycle(f"no cycle beside u = {u:g}: {reason}", u)),)
         found: list[Traced] = []
         _trace(motion, starts, event, asked, found, failed, GENERATIONS)
@@ -258,7 +267,7 @@ def traced(
 
 
 def _trace(
-    motion: Field,
+    motion: VectorField,
     starts: list[Start],
     begin: CycleEvent | None,
     asked: Asked,
@@ -267,9 +276,9 @@ def _trace(
     generations: int,
 ) -> None:
     """A branch one way from an event or both ways from a cycle, and those that leave it."""
-    ways: list[_Followed] = []
+    ways: list[_Follower] = []
     for start in starts:
-        ways.append(_Followed(motion, start, begin, asked, failed))
+        ways.append(_Follower(motion, start, begin, asked, failed))
         ways[-1].run()
         if ways[-1].closed:
             ways = ways[-1:]
@@ -283,14 +292,14 @@ def _trace(
         kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
         try:
             leaving = [from_change(motion, orbit, kind)]
-        except Elsewhere as reason:
-            told = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
-            failed.append((event.speed, NoCycle(told, event.speed)))
+        except NewtonFailed as reason:
+            report = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
+            failed.append((event.speed, NoCycle(report, event.speed)))
             continue
         _trace(motion, leaving, event, asked, found, failed, generations - 1)
 
 
-def _joined(ways: list[_Followed]) -> Traced:
+def _joined(ways: list[_Follower]) -> Traced:
     """What was followed one way, or both ways from the same cycle."""
     way = ways[-1]
     cycles, events, begin = way.cycles, way.events, way.begin
@@ -310,27 +319,44 @@ def _joined(ways: list[_Followed]) -> Traced:
         multipliers=np.array([cycle.multipliers for cycle in cycles]),
         events=tuple(event for event in events if way.asked.holds(event.speed)),
         cycles=tuple(cycles),
-        mirrored=not cycles[0].symmetric and is_odd(way.motion, cycles[0].u),
+        mirrored=not cycles[0].symmetric and way.motion.is_odd(cycles[0].u),
         origin=way.origin,
         onset=way.onset,
     )
     return Traced(branch, begin, way.end)
 
 
-class _Followed:
+@dataclass(frozen=True)
+class _Place:
+    """A point of a step.
+
+    Attributes:
+        length: from the step's beginning.
+        point: the solution.
+        cycle: with its multipliers.
+        event: what happens there.
+    """
+
+    length: float
+    point: Point
+    cycle: LimitCycle
+    event: CycleEvent | None = None
+
+
+class _Follower:
     """A branch in the making, one way.
 
     Args:
         motion: the model's.
         start: where it sets out.
-        begin: the event at which it is born, if that is known.
+        begin: the event at which it begins, if that is known.
         asked: what is asked of it.
         failed: takes what fails.
     """
 
     def __init__(
         self,
-        motion: Field,
+        motion: VectorField,
         start: Start,
         begin: CycleEvent | None,
         asked: Asked,
@@ -340,15 +366,14 @@ class _Followed:
         self.failed = failed
         self.origin: Origin = "motion"
         self.onset = math.nan
-        told = f"a motion at u = {start.orbit.u:.6g}"
+        self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
         if begin is not None:
             self.origin, self.onset = _origin(begin), begin.speed
-            told = "onset" if begin.kind == "hopf" else begin.kind
-            told = f"the {told} at u = {begin.speed:.6g}"
-        self.how = f"followed from {told}"
+            where = "onset" if begin.kind == "hopf" else begin.kind
+            self.how = f"followed from the {where} at u = {begin.speed:.6g}"
         self.events = [] if begin is None else [begin]
         self.cycles: list[LimitCycle] = []
-        self.forks: list[tuple[CycleEvent, Orbit, bool]] = []
+        self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
         self.pace: list[float] = []
         self.end: CycleEvent | None = None
         self.closed = False
@@ -359,11 +384,11 @@ class _Followed:
     def run(self) -> None:
         """Follows the branch until it ends, is far from the speeds or its steps run out.
 
-        Beyond the speeds asked for nothing is told of it, so that multipliers are spared.
+        Beyond the speeds asked for multipliers are not computed.
         """
         here, last, beyond = self.start.orbit, None, 0
         try:
-            for number, step in enumerate(arc(self.motion, self.start)):
+            for number, step in enumerate(followed(self.motion, self.start, FINE)):
                 if number == 0:
                     last = self._first()
                 if self._vanishes(step):
@@ -372,8 +397,8 @@ class _Followed:
                 self.pace.append(here.frequency)
                 if self._asked_for(step):
                     last, beyond = self.noted(step, last), 0
-                    if last.multiplier_error > TOLD:
-                        raise Elsewhere(
+                    if last.multiplier_error > DOUBTFUL:
+                        raise NewtonFailed(
                             f"its multipliers are known to {last.multiplier_error:.1e} only"
                         )
                 else:
@@ -382,10 +407,10 @@ class _Followed:
                 if far or self.closed or self.end is not None:
                     return
                 if number + 1 >= self.asked.most or beyond == MOST_BEYOND:
-                    raise Elsewhere("its steps ran out")
-                if last is None and here.z.size > UNKNOWNS_BEYOND and here.phases.count > 128:
-                    raise Elsewhere(f"beyond the speeds it takes {here.phases.count} phases")
-        except Elsewhere as reason:
+                    raise NewtonFailed("its steps ran out")
+                if last is None and here.edges.size > INTERVALS_BEYOND:
+                    raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
+        except NewtonFailed as reason:
             if self._slowing():
                 self._ends("infinite period", here, 0.0)
             else:
@@ -397,7 +422,7 @@ class _Followed:
         return bool(low <= self.asked.speeds[-1] and high >= self.asked.speeds[0])
 
     def _first(self) -> LimitCycle | None:
-        """Cycles at speeds asked for up to the first of the arc; that itself if it is one."""
+        """Cycles at speeds asked for up to the branch's first; that itself if its speed is one."""
         base, first = self.start.base, self.start.orbit
         if base is None:
             cycle = self._finished(first.u, lambda: first)
@@ -410,28 +435,32 @@ class _Followed:
         between = asked[(asked > low) & (asked < high)]
         for u in sorted(map(float, between), key=lambda u: abs(u - base.u)):
 
-            def beside(u: float = u) -> Orbit:
+            def beside(u: float = u) -> PeriodicOrbit:
                 share = (u - base.u) / (first.u - base.u)
-                guesses = [base.z + share**power * (first.z - base.z) for power in powers]
-                for z in guesses:
-                    found = _settled(self.motion, replace(first, z=z, u=u))
-                    if found is not None and float(np.sum((found.z - base.z) * (z - base.z))) > 0.0:
+                along = first.packed() - base.packed()
+                for power in powers:
+                    guess = first.unpacked(base.packed() + share**power * along)
+                    found = _solution(self.motion, replace(guess, u=u))
+                    if found is None:
+                        continue
+                    moved = (one.starts - base.starts for one in (found, guess))
+                    if float(np.sum(np.prod(list(moved), axis=0))) > 0.0:
                         return found
-                raise Elsewhere("Newton's method fell back to what the branch leaves")
+                raise NewtonFailed("Newton's method fell back to what the branch leaves")
 
             cycle = self._finished(u, beside)
             if cycle is not None:
                 self.keep(cycle)
         return None
 
-    def _finished(self, u: float, orbit: Callable[[], Orbit]) -> LimitCycle | None:
+    def _finished(self, u: float, orbit: Callable[[], PeriodicOrbit]) -> LimitCycle | None:
         """The cycle at a speed asked for; None where there is none.
 
-        What fails to meet the tolerance is told, and kept for what it is.
+        What fails to meet the tolerance is a failure, and kept for what it is.
         """
         try:
             return finished(self.motion, orbit(), self.asked.rtol, SAMPLES, self.how)
-        except Elsewhere as reason:
+        except NewtonFailed as reason:
             self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
         except PipedynError as error:
             self.failed.append((u, error))
@@ -444,34 +473,34 @@ class _Followed:
         pace = self.pace
         return len(pace) > 3 and pace[-1] < SLOW * max(pace) and pace[-1] < pace[-3]
 
-    def described(self, orbit: Orbit) -> LimitCycle:
+    def described(self, orbit: PeriodicOrbit) -> LimitCycle:
         """The cycle of an orbit, with its multipliers."""
-        return described(self.motion, orbit, orbit.last_share, SAMPLES, self.how)
+        return on_branch(self.motion, orbit, FINE.defect, SAMPLES, self.how)
 
     def keep(self, cycle: LimitCycle) -> None:
         """Takes a cycle whose multipliers can be believed."""
-        if cycle.multiplier_error <= TOLD:
+        if cycle.multiplier_error <= DOUBTFUL:
             self.cycles.append(cycle)
 
-    def _ends(self, kind: EventKind, orbit: Orbit, error: float) -> None:
+    def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float) -> None:
         """Tells where the branch ends."""
         size = 0.0 if kind == "hopf" else amplitude_of(self.motion, orbit)[0]
         self.end = CycleEvent(kind, orbit.u, error, 1.0 + 0j, size)
         self.events.append(self.end)
 
-    def _stopped(self, orbit: Orbit, why: str) -> None:
+    def _stopped(self, orbit: PeriodicOrbit, why: str) -> None:
         """Tells that the branch was not followed further."""
         size = amplitude_of(self.motion, orbit)[0]
         self.events.append(CycleEvent("end", orbit.u, 0.0, 1.0 + 0j, size))
-        told = f"the cycles {self.how} were not followed beyond u = {orbit.u:g}: {why}"
-        self.failed.append((orbit.u, NotConverged(told)))
+        report = f"the cycles {self.how} were not followed beyond u = {orbit.u:g}: {why}"
+        self.failed.append((orbit.u, NotConverged(report)))
 
     # ----------------------------------------------------------------------- how it may end
 
     def _vanishes(self, step: Step) -> bool:
         """Whether the branch goes over into what it leaves within a step, at rest or unbroken."""
         for kind in self._breakings(step.begin):
-            here, there = (_content(orbit, orbit.z, kind) for orbit in (step.begin, step.end))
+            here, there = (broken(orbit, kind) for orbit in (step.begin, step.end))
             if float(np.sum(here * there)) >= 0.0:
                 continue
             before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
@@ -481,7 +510,7 @@ class _Followed:
             # The speed is as the square of what vanishes.
             way = step.length * before / (before + after)
             beside = [step.at(0.6 * way), step.at(0.85 * way)]
-            left = [float(np.sum(_content(near, near.z, kind) ** 2)) for near in beside]
+            left = [float(np.sum(broken(near, kind) ** 2)) for near in beside]
             near, size = beside[1], left[1]
             at = [
                 near.u + size * (near.u - u) / (other - size)
@@ -491,12 +520,12 @@ class _Followed:
             return True
         return False
 
-    def _breakings(self, orbit: Orbit) -> Iterator[EventKind]:
+    def _breakings(self, orbit: PeriodicOrbit) -> Iterator[EventKind]:
         """At which events an orbit may meet what it breaks from."""
         yield "hopf"
-        if not orbit.phases.half:
+        if not orbit.symmetric:
             yield "period doubling"
-            if is_odd(self.motion, orbit.u):
+            if self.motion.is_odd(orbit.u):
                 yield "pitchfork"
 
     def _dies(self, step: Step, before: float, after: float) -> None:
@@ -511,126 +540,109 @@ class _Followed:
     # ---------------------------------------------------------------------- what lies on it
 
     def noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
-        """Keeps what lies on a step, and what changes there; the cycle at its end.
+        """Keeps what lies on a step and its events; the cycle at its end.
 
         Args:
             step: the step.
             last: the cycle at its beginning, if that is known and kept.
         """
+        segment = step.segment
         if last is None:
             last = self.described(step.begin)
             self.keep(last)
-        end = self.described(step.end)
-        if max(end.multiplier_error, last.multiplier_error) > TOLD:
-            self.keep(end)
-            return end
-        marked: list[tuple[float, LimitCycle, CycleEvent | None]] = [(step.length, end, None)]
-        lengths, orbits, low, before = [], [], 0.0, last
-        for length in turns(step):
-            top = step.at(length)
-            cycle = self.described(top)
-            lengths.append(length)
-            orbits.append(top)
-            marked.append((length, cycle, self._fold(step, length, cycle)))
-            beside = BESIDE * step.length
-            if length - beside > low:
-                after = self.described(step.at(length - beside))
-                marked += self._changes(step, low, length - beside, before, after)
-            low = min(length + beside, step.length)
-            before = self.described(step.at(low))
-        if low < step.length:
-            marked += self._changes(step, low, step.length, before, end)
-        for a, b in pairwise([step.begin, *orbits, step.end]):
-            marked += self._landed(step, step.part(a, b))
-        for _, cycle, told in sorted(marked, key=lambda one: one[0]):
-            self.keep(cycle)
-            if told is not None:
-                self.events.append(told)
-        return end
+        end = self._place(step, step.length, segment.end)
+        if max(end.cycle.multiplier_error, last.multiplier_error) > DOUBTFUL:
+            self.keep(end.cycle)
+            return end.cycle
+        low, beside = _Place(0.0, segment.begin, last), BESIDE * step.length
+        places, ends = [end], [segment.begin]
+        for length in folds(segment, FOLD):
+            top = self._place(step, length)
+            places.append(replace(top, event=self._fold(step, top)))
+            ends.append(top.point)
+            if length - beside > low.length:
+                places += self._passages(step, low, self._place(step, length - beside))
+            low = self._place(step, min(length + beside, step.length))
+        if low.length < step.length:
+            places += self._passages(step, low, end)
+        for a, b in pairwise([*ends, segment.end]):
+            places += self._at_speeds(step, segment.part(a, b))
+        for place in sorted(places, key=lambda one: one.length):
+            self.keep(place.cycle)
+            if place.event is not None:
+                self.events.append(place.event)
+        return end.cycle
 
-    def _fold(self, step: Step, length: float, cycle: LimitCycle) -> CycleEvent:
+    def _place(self, step: Step, length: float, point: Point | None = None) -> _Place:
+        """A point of a step, solved for where it is not given, and its cycle."""
+        point = step.segment.at(length) if point is None else point
+        return _Place(length, point, self.described(step.problem.orbit(point.z)))
+
+    def _fold(self, step: Step, top: _Place) -> CycleEvent:
         """Where the branch turns."""
-        beside = step.at(length + 1e-3 * step.length)
+        cycle = top.cycle
+        beside = step.at(top.length + 1e-3 * step.length)
         error = max(abs(beside.u - cycle.u), 1e-9)
         return CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
 
-    def _changes(
-        self, step: Step, low: float, high: float, a: LimitCycle, b: LimitCycle
-    ) -> Iterator[tuple[float, LimitCycle, CycleEvent | None]]:
-        """Passages of multipliers through the unit circle between two lengths.
+    def _passages(self, step: Step, low: _Place, high: _Place) -> Iterator[_Place]:
+        """Where multipliers pass the unit circle between two places, but for folds.
 
-        One through 1 is that of a fold, which the tangent tells.
+        Those show in the tangent.
         """
-        end = outside(b.multipliers)
-        for _ in range(6):
-            begin = outside(a.multipliers)
-            if begin == end:
+        for _ in range(MOST_PASSAGES):
+            if outside(low.cycle.multipliers) == outside(high.cycle.multipliers):
                 return
-            low, before, a, orbit = self._narrowed(step, low, high, a, b)
-            course = shortened(self.motion, course_of(self.motion, orbit, ROUGH))
-            kind, multiplier = passage(returns(self.motion, course), course.half)
+            before, low = self._narrowed(step, low, high)
+            orbit = step.problem.orbit(low.point.z)
+            roots = returns(self.motion, shortened(self.motion, orbit))
+            kind, multiplier = crossing_event(roots, orbit.symmetric)
             if kind == "fold":
                 continue
-            speed, error = 0.5 * (before.u + a.u), 0.5 * abs(before.u - a.u)
-            size = 0.5 * (before.amplitude + a.amplitude)
-            event = CycleEvent(kind, speed, error, multiplier, size)
+            a, b = before.cycle, low.cycle
+            speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
+            event = CycleEvent(kind, speed, error, multiplier, 0.5 * (a.amplitude + b.amplitude))
             if kind != "torus" and self.asked.holds(speed):
-                self.forks.append((event, orbit, before.stable or a.stable))
-            yield low, a, event
+                self.forks.append((event, orbit, a.stable or b.stable))
+            yield replace(low, event=event)
 
-    def _narrowed(
-        self, step: Step, low: float, high: float, a: LimitCycle, b: LimitCycle
-    ) -> tuple[float, LimitCycle, LimitCycle, Orbit]:
-        """Where the number of multipliers outside the circle first differs from that at `low`.
+    def _narrowed(self, step: Step, low: _Place, high: _Place) -> tuple[_Place, _Place]:
+        """Places right before and beyond the first passage of a multiplier through the circle.
 
-        The modulus that passes 1 is a smooth function of the length, unless others pass as well:
-        false position, with the end that stays put weighed down, or else halving.
-
-        Returns:
-            The length beyond the passage, the cycles on both sides and the orbit beyond.
+        The modulus that passes 1 is a smooth function of the length, unless others pass as well.
         """
-        begin = outside(a.multipliers)
-        passing = begin - (outside(b.multipliers) < begin)
-        orbit, stayed = step.end, -1
-        sides = [excess(cycle.multipliers, passing) for cycle in (a, b)]
-        for turn in range(40):
-            if high - low <= NARROW * step.length:
-                break
-            share = 0.5 if turn % 4 == 3 else sides[0] / (sides[0] - sides[1])
-            middle = low + min(max(share, 0.02), 0.98) * (high - low)
-            found = step.at(middle)
-            cycle = self.described(found)
-            value = excess(cycle.multipliers, passing)
-            before = outside(cycle.multipliers) == begin
-            if before:
-                low, a = middle, cycle
-            else:
-                high, b, orbit = middle, cycle, found
-            stays = 1 if before else 0
-            sides[1 - stays] = value
-            sides[stays] *= 0.5 if stays == stayed else 1.0
-            stayed = stays
-        return high, a, b, orbit
+        begin = outside(low.cycle.multipliers)
+        passing = begin - (outside(high.cycle.multipliers) < begin)
+        known = {place.length: place for place in (low, high)}
 
-    def _landed(
-        self, step: Step, part: Step
-    ) -> Iterator[tuple[float, LimitCycle, CycleEvent | None]]:
+        def value(length: float) -> float:
+            if length not in known:
+                known[length] = self._place(step, length)
+            return excess(known[length].cycle.multipliers, passing)
+
+        brentq(value, low.length, high.length, xtol=NARROW * step.length)
+        places = sorted(known.values(), key=lambda one: one.length)
+        beyond = next(i for i, one in enumerate(places) if outside(one.cycle.multipliers) != begin)
+        return places[beyond - 1], places[beyond]
+
+    def _at_speeds(self, step: Step, part: Segment) -> Iterator[_Place]:
         """The cycles at the speeds asked for."""
-        low, high = sorted((part.begin.u, part.end.u))
+        low, high = sorted((part.begin.p, part.end.p))
         speeds = self.asked.speeds
-        passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.u)
+        passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.p)
+        if len(self.pace) == 1 and self.start.base is None:  # the first orbit is kept already
+            passed &= ~np.isclose(speeds, self.start.orbit.u, rtol=1e-7, atol=0.0)
         for u in map(float, speeds[passed]):
-            places: list[Orbit] = []
+            points: list[Point] = []
 
-            def landing(u: float = u, places: list[Orbit] = places) -> Orbit:
-                places.append(part.landing(u))
-                return places[0]
+            def landing(u: float = u, points: list[Point] = points) -> PeriodicOrbit:
+                points.append(part.where(u))
+                return step.problem.orbit(points[0].z)
 
             cycle = self._finished(u, landing)
-            if cycle is None:
-                continue
-            yield step.reach(places[0]), cycle, None
-            self.closed = self.closed or self._is_first(cycle)
+            if cycle is not None:
+                yield _Place(step.segment.reach(points[0].z), points[0], cycle)
+                self.closed = self.closed or self._is_first(cycle)
 
     def _is_first(self, cycle: LimitCycle) -> bool:
         """Whether a cycle is that from which the branch set out: it is closed."""
@@ -649,19 +661,12 @@ def _origin(begin: CycleEvent) -> Origin:
     return origins[begin.kind]
 
 
-def _settled(motion: Field, guess: Orbit) -> Orbit | None:
-    """The cycle near a guess, None where Newton's method does not settle."""
+def _solution(motion: VectorField, guess: PeriodicOrbit) -> PeriodicOrbit | None:
+    """The orbit near a guess, None where Newton's method fails."""
     try:
-        return Equations(motion, guess.phases).solve(guess)
-    except Elsewhere:
+        return solved(motion, guess, FINE.control.tolerance)
+    except NewtonFailed:
         return None
-
-
-def _content(orbit: Orbit, z: Array, kind: EventKind) -> Array:
-    """What of an orbit vanishes where it meets what it breaks from."""
-    if kind == "hopf":
-        return z if orbit.phases.half else z - z.mean(axis=0)
-    return broken(orbit, z, "pitchfork" if kind == "pitchfork" else "period doubling")
 
 
 def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:

@@ -24,6 +24,7 @@ from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import LARGEST_SAMPLES, Motion
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
+from pipedyn.util.result import result
 
 Ending = Literal["rest", "periodic", "settling", "irregular", "failed"]
 
@@ -42,16 +43,16 @@ SAMPLES_A_TIME = 100
 """Samples in a unit of time: cubics through them know a maximum of flutter to 1e-6."""
 
 
-@dataclass(frozen=True)
+@result
 class Attractor:
-    """Where one motion ended.
+    """Where one motion ends.
 
     Attributes:
         speed: u.
         start: which of the initial states, counted from 0.
         ending: "rest", "periodic" (maxima repeat to the accuracy with which they are known, or
             converge geometrically to such), "settling" (it still approaches rest or a cycle),
-            "irregular" (a torus, chaos, or a transient that has not ended) or "failed".
+            "irregular" (a torus, chaos, or a transient that still lasts) or "failed".
         period: maxima of the tip's transverse position in a period, 0 but for "periodic".
         turnings: transverse position of the tip where its velocity changes sign, in order, shape
             (K,); at rest the position itself.
@@ -167,7 +168,7 @@ def attractors(
 def _batch(
     model: Model, members: list[tuple[float, int]], starts: list[Array], plan: Plan
 ) -> list[Attractor | Exception]:
-    """Where each member of one batch ended, or why it stopped early."""
+    """Where each member of one batch ends, or why it stopped early."""
     ensemble = simulate_many(
         model,
         [u for u, _ in members],

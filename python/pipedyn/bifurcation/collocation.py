@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""The equations of a cycle on panels: a Radau IIA method on each, and Newton's method for all.
+"""Periodic orbits as solutions of collocation equations: a Radau IIA method on a mesh.
 
-The stages are eliminated panel by panel, which leaves y(k+1) = T(k) y(k) + g(k); orthogonal
+The stages are eliminated interval by interval, which leaves y(k+1) = T(k) y(k) + g(k); orthogonal
 transformations then eliminate the states in pairs down to L y(0) + R y(end) = c (Wright 1992). No
 product of the T is formed, so that neither modes that decay at once nor large multipliers cost
-digits. The cost is linear in the number of panels.
+digits. The cost is linear in the number of intervals.
 """
 
 from __future__ import annotations
@@ -15,68 +15,68 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import legendre
 
-from pipedyn.bifurcation.fourier import Elsewhere
-from pipedyn.bifurcation.mesh import RADAU, STAGES, Course
-from pipedyn.bifurcation.vector_field import Field
+from pipedyn.bifurcation.periodic_orbit import RADAU, STAGES, PeriodicOrbit
+from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.newton import NewtonFailed, newton
 
 MOST_ENTRIES = 500_000
 """Numbers in the stages' matrices that are made at a time: what a cache holds."""
 
-MOST_STEPS, MOST_SLOW = 15, 3
-"""Of Newton's method, and such in a row as are not half as long as the one before."""
+ITERATIONS = 15
+"""Of Newton's method; a good start takes 2 to 4, a poor one a few shortened steps more."""
+
+LONGEST_STEP = 0.5
+"""Of Newton's method, beside the size of the orbit, its frequency and the speed."""
+
+VANISHING, GROWN, FREQUENCIES = 0.03, 30.0, (0.1, 10.0)
+"""Beside the start's: size below which an orbit shrinks to rest, and size and frequencies beyond
+which Newton's method has nothing to do with its start any more."""
 
 
-# ------------------------------------------------------------------------------------- one panel
+# -------------------------------------------------------------------------------- one interval
 
 
 @dataclass(frozen=True)
-class _Answers:
-    """What the panels answer to small changes.
+class _Condensed:
+    """How intervals answer to small changes, with the stages eliminated.
 
     Attributes:
-        pushes: of the stages to the state at the beginning, to what they miss, to the frequency and
+        rates: of the stages to the state at the beginning, to what they miss, to the frequency and
             to the speed, shape (M, s, width, 2 moving + 3).
         ends: of the state at the end to the same, shape (M, 2 moving, 2 moving + 3).
     """
 
-    pushes: Array
+    rates: Array
     ends: Array
 
 
-def _answers(motion: Field, course: Course) -> _Answers:
-    """Variational equations of the panels."""
-    count, _, width = course.pushes.shape
+def _condensed(motion: VectorField, orbit: PeriodicOrbit) -> _Condensed:
+    """Variational equations of the intervals, as many at a time as a cache holds."""
+    count, _, width = orbit.rates.shape
     piece = max(1, MOST_ENTRIES // (STAGES * width) ** 2)
-    parts = [
-        _answered(
-            motion,
-            replace(
-                course,
-                edges=course.edges[i : i + piece + 1],
-                starts=course.starts[i : i + piece],
-                pushes=course.pushes[i : i + piece],
-            ),
-        )
-        for i in range(0, count, piece)
-    ]
-    pushes, ends = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return _Answers(pushes, ends)
+    parts = []
+    for i in range(0, count, piece):
+        some = slice(i, i + piece)
+        edges = orbit.edges[i : i + piece + 1]
+        part = replace(orbit, edges=edges, starts=orbit.starts[some], rates=orbit.rates[some])
+        parts.append(_eliminated(motion, part))
+    rates, ends = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return _Condensed(rates, ends)
 
 
-def _answered(motion: Field, course: Course) -> tuple[Array, Array]:
+def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """The same of a few."""
-    count, _, width = course.pushes.shape
-    size, half, u = motion.size, motion.half, course.u
-    stages = course.stages()
-    y = np.ascontiguousarray(stages.reshape(-1, size).T)
-    missed = motion(y, u)[-width:].T.reshape(course.pushes.shape) - course.pushes
-    by_speed = motion.by_speed(y, u)[-width:].T.reshape(course.pushes.shape)
+    count, _, width = orbit.rates.shape
+    size, half, u = motion.size, motion.half, orbit.u
+    y = np.ascontiguousarray(orbit.stages().reshape(-1, size).T)
+    missed = motion(y, u)[-width:].T.reshape(orbit.rates.shape) - orbit.rates
+    by_speed = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
     rows = motion.jacobians(y, u)[:, -width:].reshape(count, STAGES, width, size)
-    h = course.steps[:, None, None]
-    by_start, by_time = _carried(motion, course, h)
-    by_frequency = -h / course.frequency * by_time
+    h = orbit.durations[:, None, None]
+    by_start, by_time = _carried(motion, orbit, h)
+    by_frequency = -h / orbit.frequency * by_time
     forced = np.stack([missed, np.zeros_like(missed), by_speed], axis=-1)
     forced[..., 1] = (rows @ by_frequency[..., None])[..., 0]
     right = np.concatenate([rows @ by_start, forced], axis=-1)
@@ -84,7 +84,7 @@ def _answered(motion: Field, course: Course) -> tuple[Array, Array]:
     def spread(block: Array, weights: Array) -> Array:
         return block[:, :, :, None, :] * weights[:, None, :, None]
 
-    if motion.tied:
+    if motion.constrained:
         matrix = spread(-h[..., None] * rows, RADAU.once)
     else:
         matrix = spread(-(h[..., None] ** 2) * rows[..., :half], RADAU.twice)
@@ -98,30 +98,30 @@ def _answered(motion: Field, course: Course) -> tuple[Array, Array]:
     ends[..., :size] = by_start[:, -1]
     ends[..., size + 1] = by_frequency[:, -1]
     ends[:, -width:] += h * np.tensordot(RADAU.once[-1], found, (0, 1))
-    if not motion.tied:
+    if not motion.constrained:
         ends[:, :half] += h**2 * np.tensordot(RADAU.twice[-1], found, (0, 1))
     return found, ends
 
 
-def _carried(motion: Field, course: Course, h: Array) -> tuple[Array, Array]:
-    """How stages follow from the first state and the time taken while the pushes stay."""
+def _carried(motion: VectorField, orbit: PeriodicOrbit, h: Array) -> tuple[Array, Array]:
+    """How stages follow from the first state and the time taken while their rates stay."""
     size, half = motion.size, motion.half
-    by_start = np.zeros((len(course.starts), STAGES, size, size)) + np.eye(size)
-    once = RADAU.once @ course.pushes
-    if motion.tied:
+    by_start = np.zeros((len(orbit.starts), STAGES, size, size)) + np.eye(size)
+    once = RADAU.once @ orbit.rates
+    if motion.constrained:
         return by_start, once
     lag = RADAU.nodes[:, None]
     by_start[..., :half, half:] += (h * lag)[..., None] * np.eye(half)
-    further = lag * course.starts[:, None, half:] + 2.0 * h * (RADAU.twice @ course.pushes)
+    further = lag * orbit.starts[:, None, half:] + 2.0 * h * (RADAU.twice @ orbit.rates)
     return by_start, np.concatenate([further, once], axis=2)
 
 
-# ------------------------------------------------------------------------------------ all panels
+# -------------------------------------------------------------------------------- all intervals
 
 
 @dataclass(frozen=True)
 class _Link:
-    """L x(begin) + R x(end) = C, for one panel or several.
+    """L x(begin) + R x(end) = C, for one interval or several.
 
     Attributes:
         first, last, right: stacks of L, R and C, shape (k, n, n) twice and (k, n, r).
@@ -150,159 +150,243 @@ class _Link:
         return joined, (r[:, :n], _Link(first[:, :n], last[:, :n], right[:, :n]))
 
 
-_Passed = list[tuple[Array, _Link]]
+class Linearised:
+    """The collocation equations about an orbit, with all but its first state eliminated.
+
+    Args:
+        motion: the model's.
+        orbit: the orbit.
+        phase: row and value of the condition row @ unknowns = value that fixes the phase; where not
+            given, y(0) moves across the motion.
+    """
+
+    def __init__(
+        self,
+        motion: VectorField,
+        orbit: PeriodicOrbit,
+        phase: tuple[Array, float] | None = None,
+    ) -> None:
+        self.orbit, self._phase = orbit, phase
+        n, mirror = motion.size, orbit.mirror
+        self._units = _units(motion, orbit)
+        self._answers = _condensed(motion, orbit)
+        right = self._answers.ends[:, :, n:].copy()
+        right[:, :, 0] += orbit.stages()[:, -1]
+        right[:, :, 0] -= np.concatenate([orbit.starts[1:], mirror * orbit.starts[:1]])
+        self.link, self._between = _collapsed(self._answers, right, self._units)
+        across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
+        self._matrix = np.zeros((n + 2, n + 2))
+        self._matrix[:n, :n] = self.link.first[0] + mirror * self.link.last[0]
+        self._matrix[:n, n:] = -self.link.right[0, :, 1:]
+        self._matrix[n, :n] = across / np.linalg.norm(across)
+
+    def correction(self, row: Array, gap: float) -> Array:
+        """Newton's step, on which row @ step = gap; shape and order are those of `packed`."""
+        if self._phase is None:
+            right = np.append(self.link.right[0, :, 0], [0.0, gap])
+            step: Array = self._solved(row, right[:, None], np.ones(1))[:, 0]
+            return step
+        phase, value = self._phase
+        return self._combined(row, value - float(phase @ self.orbit.packed()), gap, 1.0)
+
+    def tangent(self, row: Array) -> Array:
+        """Change along the branch of orbits, on which row @ change = 1."""
+        return self._combined(row, 0.0, 1.0, 0.0)
+
+    def _combined(self, row: Array, shift: float, gap: float, missed: float) -> Array:
+        """The solution that meets both conditions, from three that meet simpler ones at y(0)."""
+        assert self._phase is not None
+        n = self._units.size
+        right = np.zeros((n + 2, 3))
+        right[:n, 0], right[n, 1], right[n + 1, 2] = self.link.right[0, :, 0] * missed, 1.0, 1.0
+        found = self._solved(row, right, np.array([missed, 0.0, 0.0]))
+        rows = np.stack([self._phase[0], row]) @ found
+        shares = np.linalg.solve(rows[:, 1:], np.array([shift, gap]) - rows[:, 0])
+        combined: Array = found[:, 0] + found[:, 1:] @ shares
+        return combined
+
+    def neutral(self) -> Array:
+        """Change at one speed after which the span, reflected, leaves least of its opposite.
+
+        Where an orbit loses its symmetry or doubles its period nothing is left.
+        """
+        opposite = self.link.first[0] - self.orbit.mirror * self.link.last[0]
+        y = np.linalg.svd(opposite)[2][-1]
+        ends = np.stack([y, -self.orbit.mirror * y])
+        change: Array = self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
+        return change
+
+    def _solved(self, row: Array, right: Array, missed: Array) -> Array:
+        """Of the equations with two conditions on (y(0), omega, u), for k right-hand sides.
+
+        Args:
+            row: of the second condition, of which what concerns these is taken.
+            right: shape (2 moving + 2, k).
+            missed: shares of what the equations miss, shape (k,).
+
+        Returns:
+            All unknowns, one column for each right-hand side.
+        """
+        n = self._units.size
+        matrix = self._matrix.copy()
+        matrix[n + 1] = np.append(row[:n] * self._units, row[-2:])
+        length = float(np.linalg.norm(matrix[n + 1]))
+        matrix[n + 1] /= length
+        right[n + 1] /= length
+        factorised()
+        found = np.linalg.solve(matrix, right)
+        ends = np.stack([found[:n], self.orbit.mirror * found[:n]])
+        return self._restored(ends, np.concatenate([missed[None], found[n:]]))
+
+    def _restored(self, ends: Array, factors: Array) -> Array:
+        """All unknowns, from the first and last states (2, n, k) and what acts, (3, k)."""
+        for triangles, rest in reversed(self._between):
+            pairs = len(triangles)
+            known = rest.right @ factors
+            known -= rest.first @ ends[:pairs] + rest.last @ ends[1 : pairs + 1]
+            more = np.empty((len(ends) + pairs, *ends.shape[1:]))
+            more[0 : 2 * pairs + 1 : 2] = ends[: pairs + 1]
+            more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)
+            more[2 * pairs + 1 :] = ends[pairs + 1 :]
+            ends = more
+        starts = ends[:-1] * self._units[:, None]
+        acting = np.broadcast_to(factors, (len(starts), *factors.shape))
+        rates = self._answers.rates @ np.concatenate([starts, acting], axis=1)[:, None]
+        columns = factors.shape[1]
+        return np.concatenate(
+            [starts.reshape(-1, columns), rates.reshape(-1, columns), factors[1:]]
+        )
 
 
-def _collapsed(answers: _Answers, right: Array, units: Array) -> tuple[_Link, _Passed]:
-    """One link over all the panels, in units of the state, and what gives the states between."""
-    n, passed = units.size, []
+def _collapsed(
+    answers: _Condensed, right: Array, units: Array
+) -> tuple[_Link, list[tuple[Array, _Link]]]:
+    """One link over all intervals, in units of the state, and what gives the states between."""
+    n, between = units.size, []
     through = answers.ends[:, :, :n] * units / units[:, None]
     link = _Link(-through, np.zeros_like(through) + np.eye(n), right / units[:, None])
     while len(link.first) > 1:
-        link, between = link.paired()
-        passed.append(between)
-    return link, passed
+        link, inner = link.paired()
+        between.append(inner)
+    return link, between
 
 
-def _restored(ends: Array, passed: _Passed, factors: Array) -> Array:
-    """States at all ends of panels from the first and the last, shape (2, n) to (M + 1, n)."""
-    for triangles, rest in reversed(passed):
-        pairs = len(triangles)
-        known = (rest.right @ factors)[..., None]
-        known -= rest.first @ ends[:pairs, :, None] + rest.last @ ends[1 : pairs + 1, :, None]
-        more = np.empty((len(ends) + pairs, ends.shape[1]))
-        more[0 : 2 * pairs + 1 : 2] = ends[: pairs + 1]
-        more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)[..., 0]
-        more[2 * pairs + 1 :] = ends[pairs + 1 :]
-        ends = more
-    return ends
-
-
-def _units(motion: Field, course: Course) -> Array:
+def _units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Units of the state in which its fastest mode turns at the rate of its coordinates."""
-    stiffest = motion.jacobian(course.starts[0], course.u)[motion.half :, : motion.half]
+    stiffest = motion.jacobian(orbit.starts[0], orbit.u)[motion.half :, : motion.half]
     units = np.ones(motion.size)
     units[motion.half :] = math.sqrt(max(float(np.abs(stiffest).max()), 1.0))
     return units
 
 
-# --------------------------------------------------------------------------- what is asked of it
-
-
-@dataclass(frozen=True)
-class Condition:
-    """What takes the place of a given speed: rows @ (y(0), omega, u) = values.
-
-    Attributes:
-        rows: the first fixes the phase, shape (2, 2 moving + 2).
-        values: shape (2,).
-    """
-
-    rows: Array
-    values: Array
-
-
-def head(course: Course) -> Array:
-    """(y(0), omega, u), shape (2 moving + 2,)."""
-    return np.append(course.starts[0], [course.frequency, course.u])
-
-
-def solved(
-    motion: Field, course: Course, tolerance: float, condition: Condition | None = None
-) -> Course:
-    """The cycle near a course, on its panels, by Newton's method.
-
-    Args:
-        motion: the model's.
-        course: where to begin.
-        tolerance: the last step, relative; one that shrinks no more may end at 1e3 times that.
-        condition: what takes the place of the speed.
-
-    Raises:
-        Elsewhere: if it is lost.
-    """
-    units, last, slow = _units(motion, course), math.inf, 0
-    begun, size = course.frequency, course.size
-    for _ in range(MOST_STEPS):
-        with np.errstate(over="raise", invalid="raise"):
-            try:
-                course, moved = _newton(motion, course, units, condition)
-            except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
-                raise Elsewhere("Newton's method left finite numbers") from error
-        if course.size < 0.03 * size:
-            raise Elsewhere("it shrank to rest")
-        far = course.size > 30.0 * size or not 0.1 * begun < course.frequency < 10.0 * begun
-        if far or course.u <= 0.0:
-            raise Elsewhere("Newton's method left the neighbourhood of its start")
-        if moved <= tolerance or (last < 1e3 * tolerance and moved >= 0.5 * last):
-            return course
-        slow = slow + 1 if moved > 0.5 * last else 0
-        if condition is not None and slow == MOST_SLOW:  # a shorter step is cheaper
-            break
-        last = moved
-    raise Elsewhere("Newton's method did not converge")
-
-
-def _newton(
-    motion: Field, course: Course, units: Array, condition: Condition | None
-) -> tuple[Course, float]:
-    """One step, and by what share of the cycle's size it goes."""
-    n, mirror = motion.size, course.mirror
-    answers = _answers(motion, course)
-    right = answers.ends[:, :, n:].copy()
-    right[:, :, 0] += course.stages()[:, -1]
-    right[:, :, 0] -= np.concatenate([course.starts[1:], mirror * course.starts[:1]])
-    link, passed = _collapsed(answers, right, units)
-    whole, known = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
-    whole[:n, :n] = link.first[0] + mirror * link.last[0]
-    whole[:n, n:] = -link.right[0, :, 1:]
-    known[:n] = link.right[0, :, 0]
-    if condition is None:
-        # The speed stays, and y(0) moves across the motion.
-        whole[n, :n] = motion(course.starts[:1].T, course.u)[:, 0] / units
-        whole[n] /= np.linalg.norm(whole[n])
-        whole[n + 1, n + 1] = 1.0
-    else:
-        whole[n:] = condition.rows * np.append(units, [1.0, 1.0])
-        known[n:] = condition.values - condition.rows @ head(course)
-    factorised()
-    found = np.linalg.solve(whole, known)
-    factors = np.array([1.0, found[n], found[n + 1]])
-    starts = _restored(np.stack([found[:n], mirror * found[:n]]), passed, factors)[:-1] * units
-    changes = np.concatenate([starts, np.tile(factors, (len(starts), 1))], axis=1)
-    pushes = (answers.pushes @ changes[:, None, :, None])[..., 0]
-    moved = max(
-        float(np.abs(starts[:, : motion.half]).max()) / course.size,
-        *(abs(found[n]) / course.frequency, abs(found[n + 1]) / course.u),
-    )
-    share = min(1.0, 0.5 / moved) if moved > 0.0 else 1.0
-    return plus(course, starts, pushes, float(found[n]), float(found[n + 1]), share), moved
-
-
-def plus(
-    course: Course, starts: Array, pushes: Array, frequency: float, u: float, share: float
-) -> Course:
-    """A course with a share of a change."""
-    return Course(
-        *(course.edges, course.starts + share * starts, course.pushes + share * pushes),
-        *(course.frequency + share * frequency, course.u + share * u),
-    )
-
-
-def through(motion: Field, course: Course) -> tuple[Array, Array]:
-    """L and R of L y(0) + R y(span) = 0 for small changes along a course, (2 moving,) * 2 each."""
-    units = _units(motion, course)
-    answers = _answers(motion, course)
+def through(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
+    """L and R of L y(0) + R y(span) = 0 for small changes along an orbit, (2 moving,) * 2 each."""
+    units = _units(motion, orbit)
+    answers = _condensed(motion, orbit)
     link, _ = _collapsed(answers, answers.ends[:, :, :0], units)
     return link.first[0] / units, link.last[0] / units
 
 
-def residual(motion: Field, course: Course) -> float:
+# ----------------------------------------------------------------------------- Newton's method
+
+
+class OrbitProblem:
+    """The collocation equations on one mesh, for pseudo-arclength continuation from an orbit.
+
+    Lengths are measured in L of the free end, and relative in frequency and speed.
+
+    Args:
+        motion: the model's.
+        start: the orbit.
+        unit: root mean square of what moves, for each L of the free end's amplitude.
+    """
+
+    def __init__(self, motion: VectorField, start: PeriodicOrbit, unit: float = 1.0) -> None:
+        self.motion, self.start, self.unit = motion, start, unit
+        self.weights = np.zeros(start.starts.size + start.rates.size + 2)
+        by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
+        by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * unit**2)
+        self.weights[-2:] = start.frequency**-2, start.u**-2
+        # The least change: none of it along the motion, which is a mere shift of the phase.
+        row = np.zeros_like(self.weights)
+        rates = motion(np.ascontiguousarray(start.starts.T), start.u).T
+        row[: rates.size] = self.weights[: rates.size] * rates.ravel()
+        self._phase = row, float(row @ start.packed())
+
+    def orbit(self, z: Array) -> PeriodicOrbit:
+        """The orbit of unknowns."""
+        return self.start.unpacked(z)
+
+    def linearised(self, z: Array) -> Linearised:
+        """The equations about unknowns."""
+        return Linearised(self.motion, self.orbit(z), self._phase)
+
+    def relative(self, z: Array, step: Array) -> float:
+        """Size of a step beside the orbit's own size, its frequency and its speed."""
+        return _relative(self.orbit(z), step)
+
+    def check(self, z: Array) -> None:
+        """Refuses what is no orbit near the start.
+
+        Raises:
+            NewtonFailed: with the reason.
+        """
+        _check(self.start, self.orbit(z))
+
+
+def _relative(orbit: PeriodicOrbit, step: Array) -> float:
+    moved = step[: orbit.starts.size].reshape(orbit.starts.shape)[:, : orbit.half]
+    by_state = float(np.abs(moved).max()) / orbit.size
+    return max(by_state, abs(float(step[-2])) / orbit.frequency, abs(float(step[-1])) / orbit.u)
+
+
+def _check(start: PeriodicOrbit, orbit: PeriodicOrbit) -> None:
+    if orbit.size < VANISHING * start.size:
+        raise NewtonFailed("it shrank to rest")
+    low, high = (share * start.frequency for share in FREQUENCIES)
+    if orbit.size > GROWN * start.size or not low < orbit.frequency < high or orbit.u <= 0.0:
+        raise NewtonFailed("Newton's method left the neighbourhood of its start")
+
+
+def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
+    """The periodic orbit near a start at its speed, on its mesh, by Newton's method.
+
+    Args:
+        motion: the model's.
+        orbit: where to begin.
+        tolerance: the last step, relative; one that shrinks no more may end at 1e3 times that.
+
+    Raises:
+        NewtonFailed: if there is none.
+    """
+    fixed = np.zeros(orbit.starts.size + orbit.rates.size + 2)
+    fixed[-1] = 1.0
+
+    def correction(here: PeriodicOrbit) -> tuple[Array, float]:
+        step = Linearised(motion, here).correction(fixed, 0.0)
+        return step, _relative(here, step)
+
+    def plus(here: PeriodicOrbit, step: Array, share: float) -> PeriodicOrbit:
+        return here.unpacked(here.packed() + share * step)
+
+    return newton(
+        orbit,
+        correction,
+        plus,
+        tolerance=tolerance,
+        stagnation=1e3 * tolerance,
+        longest=LONGEST_STEP,
+        iterations=ITERATIONS,
+        check=lambda here: _check(orbit, here),
+    ).state
+
+
+def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """Largest |dy/dt - f(y)| half-way between the stages, of the accelerations, relative."""
     share = np.concatenate([[0.0], RADAU.nodes])
     share = 0.5 * (share[:-1] + share[1:])
-    between = legendre.legvander(2.0 * share - 1.0, STAGES - 1) @ RADAU.waves
-    told = (between @ course.pushes)[:, :, -motion.half :]
-    phase = course.edges[:-1, None] + np.diff(course.edges)[:, None] * share
-    true = motion(course.states(phase.ravel()), course.u)[motion.half :]
-    return float(np.abs(told.reshape(true.T.shape) - true.T).max() / np.abs(true).max())
+    between = legendre.legvander(2.0 * share - 1.0, STAGES - 1) @ RADAU.to_legendre
+    given = (between @ orbit.rates)[:, :, -motion.half :]
+    phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share
+    true = motion(orbit.states(phase.ravel()), orbit.u)[motion.half :]
+    return float(np.abs(given.reshape(true.T.shape) - true.T).max() / np.abs(true).max())

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""On which side of the onset cycles are born, against any parameter."""
+"""Whether the onset of flutter is supercritical or subcritical, against any parameter."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +15,10 @@ from pipedyn.bifurcation.hopf import Hopf, hopf
 from pipedyn.linear.stability_curve import Failure, swept
 from pipedyn.models.base import Model
 from pipedyn.util.check import Array
+from pipedyn.util.result import result
 
 
-@dataclass(frozen=True)
+@result
 class CriticalityCurve:
     """Onsets of flutter against a parameter.
 
@@ -44,7 +45,7 @@ class CriticalityCurve:
 
     @property
     def subcritical(self) -> NDArray[np.bool_]:
-        """Where the cycle born repels and the pipe snaps, shape (S,)."""
+        """Where the cycle that emerges repels, so that flutter is large at once, shape (S,)."""
         return np.array(
             [one is not None and one.criticality == "subcritical" for one in self.onsets]
         )
@@ -53,8 +54,8 @@ class CriticalityCurve:
     def folds(self) -> Array:
         """Speeds of `Hopf.fold`, shape (S,), NaN for none.
 
-        With drag a pipe whose onset is supercritical snaps there, if not at the onset: under faint
-        drag that is hardly any later.
+        With drag an onset may be supercritical, but its cycles turn back at this speed, beyond
+        which flutter is large at once. Under weak drag that is hardly above the onset.
         """
         found = [None if one is None else one.fold for one in self.onsets]
         return np.array([math.nan if fold is None else fold for fold in found])
@@ -78,7 +79,7 @@ def criticality_curve(
     executor: Executor | None = None,
     progress: bool = False,
 ) -> CriticalityCurve:
-    """Whether flutter sets in gently or snaps, at the critical speed, against any parameter.
+    """Whether flutter at the critical speed is supercritical, against any parameter.
 
     Args:
         make_model: the model at a value of the parameter; called in this process, so a lambda will

@@ -3,23 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.bifurcation.arcs import Birth
 from pipedyn.bifurcation.branches import (
     Asked,
     CycleBranch,
     Failed,
     Traced,
-    births,
+    hopf_points,
     same_cycle,
     traced,
 )
@@ -31,42 +28,46 @@ from pipedyn.bifurcation.brute_force import (
     attractors,
     initial_bends,
 )
-from pipedyn.bifurcation.continuation import Lost, solve
-from pipedyn.bifurcation.equilibria import (
+from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
+from pipedyn.bifurcation.equilibria import checked_size, equilibria
+from pipedyn.bifurcation.equilibrium_branch import (
     EquilibriumBranch,
-    Rest,
-    checked_size,
-    equilibria,
     equilibrium_branch,
+    integrated,
+    is_stable_at,
+    lies_on,
+    mirror_image,
 )
-from pipedyn.bifurcation.fourier import Elsewhere
-from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
-from pipedyn.bifurcation.mesh import orbit_of
-from pipedyn.bifurcation.vector_field import Field
+from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
+from pipedyn.bifurcation.orbit_continuation import HopfPoint
+from pipedyn.bifurcation.statics import Statics
+from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import LARGEST_SAMPLES
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
 from pipedyn.util.progress import track
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 MOST_MOTIONS = 100_000
-"""Of one call."""
+"""Of one call: an hour at 30 ms each."""
 
-MOST_LED = 12
-"""Cycles, at most, that motions end on and that are followed from there."""
+MOST_FROM_MOTIONS = 12
+"""Cycles, at most, that motions end on and that are followed from there: a second or more each."""
 
 BEYOND = 1.5
 """Share of the highest speed up to which onsets are followed: their cycles may come back."""
 
-ELSEWHERE = -1
+NO_INDEX = -1
 """Index of a failure that is at none of the speeds asked for."""
 
 
-@dataclass(frozen=True)
+@result
 class BifurcationDiagram:
     """What a pipe does over the flow speed.
 
@@ -119,14 +120,13 @@ def bifurcation_diagram(
     """Equilibria and cycles over a range of flow speeds and, on request, where motions end.
 
     Equilibria are followed by arc length, so that their folds lie wherever they are, and so are the
-    cycles from each onset of flutter of the straight pipe and of bent ones, from onsets up to
-    1.5 times the highest speed given, and a quarter beyond both the speeds and the onset, since
-    they may come back. Cycles that leave cycles at
-    pitchforks and period doublings within the speeds are followed as well, two generations of them;
-    what leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
-    on a cycle that no onset leads to, that is followed both ways; without `brute_force` motions
-    look for one at the first, the middle and the last speed, if no cycle and no stable equilibrium
-    is known there.
+    cycles from each onset of flutter of the straight pipe and of bent ones. Onsets count up to 1.5
+    times the highest speed given. Their cycles are followed up to a quarter beyond both the speeds
+    and the onset, since they may come back. Cycles that leave cycles at pitchforks and period
+    doublings within the speeds are followed as well, two generations of them; what leaves at a
+    torus is no cycle. Motions are integrated at the speeds given. Where one ends on a cycle that no
+    onset leads to, that is followed both ways. Without `brute_force` motions look for one at the
+    first, the middle and the last speed, if no cycle and no stable equilibrium is known there.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -180,7 +180,7 @@ def bifurcation_diagram(
     branches = equilibrium_branches(model, at, failures, shown)
     found = _Cycles(model, Asked(at, plan.rtol, steps), failures)
     if steps:
-        found.born(branches, executor, shown)
+        found.from_onsets(branches, executor, shown)
     motions: tuple[Attractor, ...] = ()
     if count:
         starts = initial_bends(model, count, seed)
@@ -220,7 +220,7 @@ def equilibrium_branches(
         failures: takes what could not be followed.
         shown: show progress.
     """
-    rest = Rest(model)
+    statics = Statics(model)
     ends = float(speeds[0]), float(speeds[-1])
     branches: list[EquilibriumBranch] = []
     places = seeds(speeds)
@@ -231,9 +231,9 @@ def equilibrium_branches(
         except PipedynError as error:
             failures.append(Failure(i, u, error))
             continue
-        for x in _moving(rest, found.q):
+        for x in integrated(statics, found.q):
             with one_thread(model.dof):
-                if any(_lies_on(rest, branch, x, u) for branch in branches):
+                if any(lies_on(statics, branch, x, u) for branch in branches):
                     continue
             try:
                 branch = equilibrium_branch(model, x, u, ends)
@@ -241,63 +241,17 @@ def equilibrium_branches(
                 failures.append(Failure(i, u, error))
                 continue
             branches.append(branch)
-            image = _mirrored(rest, branch)
+            image = mirror_image(statics, branch)
             if image is not None:
                 branches.append(image)
     return tuple(branches)
-
-
-def _moving(rest: Rest, q: Array) -> Array:
-    """What integrators advance, (k, moving), of coordinates that users see, (k, coordinates)."""
-    return np.array([rest.from_start("q", row) for row in q])
-
-
-def _lies_on(rest: Rest, branch: EquilibriumBranch, x: Array, u: float) -> bool:
-    """Whether an equilibrium at a speed is one of a branch's."""
-    near = 1e-5 * (1.0 + float(np.abs(x).max()))
-    return any(float(np.abs(other - x).max()) < near for other in _passing(rest, branch, u))
-
-
-def _passing(rest: Rest, branch: EquilibriumBranch, u: float) -> Iterator[Array]:
-    """Equilibria of a branch at a speed."""
-    xs = _moving(rest, branch.q)
-    for (a, u_a), (b, u_b) in pairwise(zip(xs, branch.speeds, strict=True)):
-        if min(u_a, u_b) <= u <= max(u_a, u_b):
-            share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
-            try:
-                yield solve(rest, a + share * (b - a), u)[0]
-            except Lost:
-                continue
-
-
-def _mirrored(rest: Rest, branch: EquilibriumBranch) -> EquilibriumBranch | None:
-    """The mirror image, None where it is the branch itself or no branch of equilibria."""
-    xs = _moving(rest, branch.q)
-    middle = len(xs) // 2
-    x, u = -xs[middle], float(branch.speeds[middle])
-    try:
-        if rest.unbalanced(x, u) > 1e-8 or _lies_on(rest, branch, x, u):
-            return None
-    except ValueError:
-        return None
-    q = rest.recorded(-xs)
-
-    def image(given: Array) -> tuple[Array, Array]:
-        turned = rest.recorded(-_moving(rest, given[None]))
-        return turned[0], rest.model.tips(turned.T)[0]
-
-    points = []
-    for point in branch.points:
-        turned, tip = image(point.q)
-        points.append(replace(point, q=turned, tip=tip))
-    return replace(branch, q=q, tips=rest.model.tips(q.T), points=tuple(points))
 
 
 # ------------------------------------------------------------------------------------------- cycles
 
 
 class _Cycles:
-    """Branches of cycles in the making, each once.
+    """Branches of cycles that were found so far, each once.
 
     Args:
         model: the model.
@@ -315,7 +269,7 @@ class _Cycles:
 
     def fail(self, u: float, error: Exception) -> None:
         at = np.flatnonzero(self.asked.speeds == u)
-        self.failures.append(Failure(int(at[0]) if at.size else ELSEWHERE, u, error))
+        self.failures.append(Failure(int(at[0]) if at.size else NO_INDEX, u, error))
 
     def add(self, answer: tuple[list[Traced], tuple[Failed, ...]]) -> None:
         """Takes the branches of one beginning."""
@@ -326,35 +280,34 @@ class _Cycles:
             if not any(one.retraces(other) for other in self.found):
                 self.found.append(one)
 
-    def born(
+    def from_onsets(
         self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
     ) -> None:
         """From the onsets of flutter."""
-        begun: list[Birth] = []
+        begun: list[HopfPoint] = []
         with one_thread(self.model.dof):
-            for birth in births(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
-                if isinstance(birth, Birth):
-                    begun.append(birth)
+            for point in hopf_points(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
+                if isinstance(point, HopfPoint):
+                    begun.append(point)
                 else:
-                    self.fail(*birth)
-        self.asked = replace(self.asked, onsets=tuple(birth.speed for birth in begun))
-        jobs = [partial(traced, self.model, birth, self.asked) for birth in begun]
+                    self.fail(*point)
+        self.asked = replace(self.asked, onsets=tuple(point.speed for point in begun))
+        jobs = [partial(traced, self.model, point, self.asked) for point in begun]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
-        for birth, answer in zip(begun, answers, strict=True):
+        for point, answer in zip(begun, answers, strict=True):
             if isinstance(answer, Exception):
-                self.fail(birth.speed, answer)
+                self.fail(point.speed, answer)
             else:
                 self.add(answer)
 
     def through(self, u: float, state: Array) -> None:
-        """Through the cycle at one of the speeds that a motion from a state ends on."""
-        motion = Field(self.model)
+        """Through the cycle that a motion from a state, or from coordinates at rest, ends on."""
+        motion = VectorField(self.model)
         try:
             with one_thread(motion.size):
-                course, _ = cycle_from(motion, u, state)
-                amplitude, _ = amplitude_of(motion, course)
-                orbit = orbit_of(motion, course)
-        except Elsewhere as reason:
+                orbit, _ = cycle_from(motion, u, state)
+                amplitude, _ = amplitude_of(motion, orbit)
+        except NewtonFailed as reason:
             self.fail(u, NoCycle(f"the cycle at u = {u:g} was not followed: {reason}", u))
             return
         except PipedynError as error:
@@ -366,7 +319,7 @@ class _Cycles:
 
     def from_motions(self, motions: tuple[Attractor, ...]) -> None:
         """Through cycles on which motions end and that lie on no branch."""
-        left = MOST_LED
+        left = MOST_FROM_MOTIONS
         for one in motions:
             if one.ending != "periodic" or one.speed == 0.0:
                 continue
@@ -375,11 +328,11 @@ class _Cycles:
             if any(abs(c.amplitude / half - 1.0) < RECURRENCE for c in known):
                 continue
             if left == 0:
-                told = f"motions end on more than {MOST_LED} cycles that lie on no branch"
-                self.fail(one.speed, NotConverged(told))
+                many = f"motions end on more than {MOST_FROM_MOTIONS} cycles that lie on no branch"
+                self.fail(one.speed, NotConverged(many))
                 return
             left -= 1
-            self.through(one.speed, _state(self.model, one.end))
+            self.through(one.speed, one.end)
 
     def where_none(self, equilibria: tuple[EquilibriumBranch, ...]) -> None:
         """Through cycles at speeds at which no cycle and no stable equilibrium is known."""
@@ -387,28 +340,7 @@ class _Cycles:
             u = float(self.asked.speeds[i])
             if any(branch.passes(u) for branch in self.branches) or u == 0.0:
                 continue
-            if any(_rests(branch, u) for branch in equilibria):
+            if any(is_stable_at(branch, u) for branch in equilibria):
                 continue
             (bend,) = initial_bends(self.model, 1, 0)
-            self.through(u, _state(self.model, self.model.start(bend, None)))
-
-
-def _rests(branch: EquilibriumBranch, u: float) -> bool:
-    """Whether a branch has stable equilibria at a speed."""
-    for (a, b), (good, after) in zip(pairwise(branch.speeds), pairwise(branch.stable), strict=True):
-        if not min(a, b) <= u <= max(a, b) or not (good or after):
-            continue
-        stable_end, other = (a, b) if good else (b, a)
-        changes = [p.speed for p in branch.points if min(a, b) <= p.speed <= max(a, b)]
-        end = min(changes, key=lambda p: abs(p - stable_end), default=other)
-        if (good and after) or min(stable_end, end) <= u < max(stable_end, end):
-            return True
-    return False
-
-
-def _state(model: Model, y: ArrayLike) -> Array:
-    """[q, q'] of what integrators advance."""
-    whole = np.asarray(y, dtype=np.float64)[None]
-    half = model.moving
-    q, qdot = model.recorded(whole[:, :half], whole[:, half : 2 * half])
-    return np.concatenate([q[0], qdot[0]])
+            self.through(u, bend)

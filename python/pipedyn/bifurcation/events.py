@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util import check
+from pipedyn.util.result import result
 
 UNIT = 1e-6
 """By how much the modulus of a multiplier may exceed 1 on a stable cycle."""
@@ -27,7 +27,7 @@ EventKind = Literal[
 ]
 
 
-@dataclass(frozen=True)
+@result
 class CycleEvent:
     """Where the stability of a branch of cycles changes, or the branch turns or ends.
 
@@ -81,7 +81,7 @@ def excess(multipliers: ArrayLike, place: int) -> float:
     return float(np.log(max(sizes[place], 1e-300) / (1.0 + UNIT)))
 
 
-def passage(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex]:
+def crossing_event(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex]:
     """What a multiplier that passes the unit circle does, and that multiplier.
 
     One that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are squares

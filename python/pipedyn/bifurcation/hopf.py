@@ -22,22 +22,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal
 
 import numpy as np
 
-from pipedyn.bifurcation.equilibria import BranchPoint, Rest
+from pipedyn.bifurcation.equilibrium_branch import BranchPoint
 from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal_form
-from pipedyn.bifurcation.vector_field import STENCIL, Field
-from pipedyn.linear.critical_speed import critical_speed
-from pipedyn.linear.pencil import Complex
+from pipedyn.bifurcation.statics import Statics
+from pipedyn.bifurcation.vector_field import STENCIL, VectorField
+from pipedyn.linear.critical_speed import first_loss
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_HOPF = 500
@@ -47,7 +49,7 @@ LEAST_DRAG = 1e-100
 """Less acts at amplitudes alone that are nothing, and its law would leave finite numbers."""
 
 
-@dataclass(frozen=True)
+@result
 class Hopf:
     """A flutter onset, and the limit cycle that emerges there.
 
@@ -104,7 +106,7 @@ class Hopf:
         """Number of eigenvalues with positive real part at the onset, beside the pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
-        values = np.linalg.eigvals(Field(self.model).jacobian(self.rest, self.speed))
+        values = np.linalg.eigvals(VectorField(self.model).jacobian(self.rest, self.speed))
         pair = np.minimum(*(np.abs(values - sign * 1j * self.frequency) for sign in (1.0, -1.0)))
         return int(np.count_nonzero(values[np.argsort(pair)[2:]].real > 0.0))
 
@@ -212,9 +214,9 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
             "the pipe is unstable from u = 0 on: all its modes lie on the axis there, and no cycle "
             "belongs to one of them"
         )
-    motion = Field(model)
+    motion = VectorField(model)
     if isinstance(crossing, BranchPoint):
-        start = Rest(model).from_start("crossing", crossing.q)
+        start = Statics(model).from_start("crossing", crossing.q)
         rest = np.concatenate([start, np.zeros(motion.half)])
     else:
         model.require_equilibrium(u)
@@ -252,28 +254,19 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
     return _result(model, crossing, rest, form, slope, drag * mean, drag * spread)
 
 
-def with_drag(model: Model, drag: float) -> Field:
+def with_drag(model: Model, drag: float) -> VectorField:
     """The motion of a model with another drag."""
-    return Field(model.with_pipe(replace(model.pipe, drag=drag)))
+    return VectorField(model.with_pipe(replace(model.pipe, drag=drag)))
 
 
 def _first(model: Model) -> Crossing:
-    critical = critical_speed(model)
+    critical, found = first_loss(model)
     if critical.kind != "flutter":
         raise NoHopf(
             f"stability is lost by divergence at u = {critical.speed:g}; a flutter beyond it is "
             "asked for with crossing="
         )
-    return Crossing(
-        speed=critical.speed,
-        frequency=critical.frequency,
-        kind="flutter",
-        unstable_before=0,
-        unstable_after=2,
-        error=critical.error,
-        mode=critical.mode,
-        sensitivity=critical.sensitivity,
-    )
+    return next(one for one in found if one.destabilising)
 
 
 def _result(
@@ -317,18 +310,17 @@ def _result(
     )
 
 
-def tip_of(motion: Field, rest: Array, q: Complex) -> complex:
-    """Transverse displacement of the free end, to first order."""
-    size = motion.model.largest_angle(q[: motion.half])
+def tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
+    """Transverse displacement of the free end, to first order: what its velocity is of rates."""
+    half, model = motion.half, motion.model
     parts = []
-    for part in (q.real, q.imag):
-        steps = np.outer(part, 0.01 / size * np.arange(1.0, 4.0))
-        ahead, behind = (motion.tip(rest[:, None] + sign * steps) for sign in (1.0, -1.0))
-        parts.append(float(STENCIL @ (ahead - behind)) / (0.01 / size))
+    for part in (mode.real, mode.imag):
+        q, rates = model.recorded(rest[None, :half], part[None, :half])
+        parts.append(float(model.tip_velocities(q.T, rates.T)[0, 0]))
     return complex(*parts)
 
 
-def _slope(motion: Field, rest: Array, u: float, form: NormalForm) -> complex:
+def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> complex:
     """Derivative of lambda by u of the pair, the rest moving with the speed where it does."""
     by_speed = motion.jacobian_by_speed(rest, u)
     moved = motion.by_speed(rest[:, None], u)[:, 0]

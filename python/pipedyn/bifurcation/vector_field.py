@@ -21,7 +21,7 @@ STEP, STEP_ACROSS_KINKS = 2e-3, 1e-4
 the rates is ten times as long, as rates are."""
 
 
-class Field:
+class VectorField:
     """f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,).
 
     Args:
@@ -32,10 +32,14 @@ class Field:
         self.model = model
         self.half = model.moving
         self.size = 2 * model.moving
-        self.tied = model.moving != model.dof
+        self.constrained = model.moving != model.dof
         """Whether constraints are met by a projection, and p' alone is not the rate of p."""
+        self.width = self.size if self.constrained else self.half
+        """Rates that are no positions': accelerations, the last ones; with constraints all."""
         scene = model.motion if isinstance(model.motion, SceneMotion) else None
-        self.by_differences = self.tied or (scene is not None and scene.accelerations is None)
+        self.by_differences = self.constrained or (
+            scene is not None and scene.accelerations is None
+        )
         self.hidden_kinks = model.pipe.drag > 0.0 and not isinstance(model, Chain)
         """Whether f's second derivative jumps where `drag_velocities` does not tell."""
         self.evaluations = 0
@@ -69,7 +73,7 @@ class Field:
             return np.array([self.model.motion_jacobian(column, u) for column in columns])
         pipe = self.model.pipe
         if pipe.drag and not y[self.half :].any():  # at rest drag has no derivative to differ
-            return Field(self.model.with_pipe(replace(pipe, drag=0.0))).jacobians(y, u)
+            return VectorField(self.model.with_pipe(replace(pipe, drag=0.0))).jacobians(y, u)
         scale = STEP_ACROSS_KINKS if pipe.drag else STEP
         steps = np.repeat([scale, 10.0 * scale], self.half)
         moves = np.concatenate([k * np.diag(steps) for k in (1, 2, 3)], axis=1)
@@ -97,6 +101,16 @@ class Field:
         h = 0.5 * u
         return (self.jacobian(y, u + h) - self.jacobian(y, u - h)) / (2.0 * h)
 
+    def is_odd(self, u: float) -> bool:
+        """Whether the mirror image of every motion is one, as three states show."""
+        if self.resting().any():
+            return False
+        k = np.arange(1.0, self.size + 1.0)
+        y = 0.3 * np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
+        rates = self(np.concatenate([y, -y], axis=1), u)
+        ahead, behind = rates[:, :3], rates[:, 3:]
+        return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
+
     def resting(self) -> Array:
         """The state at rest where the model is linearised."""
         return np.concatenate([self.model.resting(), np.zeros(self.half)])
@@ -104,7 +118,7 @@ class Field:
     def drag_velocities(self, y: Array) -> Array:
         """Normal velocities at whose zeros f's second derivative jumps, shape (points, k).
 
-        Of the drag points of a chain; none elsewhere, as of other models these are many and weak
+        Of the drag points of a chain; none of other models, where these are many and weak
         or not known.
         """
         chain = self.model

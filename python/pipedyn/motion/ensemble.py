@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Any
 
@@ -32,13 +32,16 @@ from pipedyn.motion.simulate import (
 )
 from pipedyn.util import check
 from pipedyn.util.parallel import parallel
+from pipedyn.util.result import result
 
 LARGEST_ENSEMBLE = 1_000_000
+"""Members, each of which takes a kilobyte before anything is computed."""
+
 BATCH = 64
 """Members of a batch: measured, the cost of a member falls little beyond."""
 
 
-@dataclass(frozen=True)
+@result
 class MemberFailure:
     """A member whose motion stopped.
 
@@ -51,7 +54,7 @@ class MemberFailure:
     error: MotionStopped
 
 
-@dataclass(frozen=True)
+@result
 class Ensemble:
     """Motions of many members.
 
@@ -169,7 +172,7 @@ def _each(name: str, given: Any) -> list[Any]:
 
 def _solved(tasks: list[Task], executor: Executor | None, shown: bool) -> Ensemble:
     blocks = _blocks(tasks)
-    jobs = [partial(_motions, _joined([tasks[i] for i in block])) for block in blocks]
+    jobs = [partial(_motions, [tasks[i] for i in block]) for block in blocks]
     answers = parallel(jobs, executor, label="batches", progress=shown)
     motions: list[Any] = [None] * len(tasks)
     failures = []
@@ -198,6 +201,22 @@ def _blocks(tasks: list[Task]) -> list[list[int]]:
     return blocks
 
 
+def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
+    """Motion of each member of a batch, and why it stopped early.
+
+    A batch that stops is halved, unless it took all the right-hand sides that it may.
+    """
+    rows, evaluations, why = integrate(_joined(tasks))
+    if len(tasks) == 1:
+        return [(motion_of(tasks[0], rows, evaluations), why)]
+    if why is not None and evaluations < tasks[0].most:
+        half = len(tasks) // 2
+        return _motions(tasks[:half]) + _motions(tasks[half:])
+    return [
+        (motion_of(task, rows[:, :, j].copy(), evaluations), why) for j, task in enumerate(tasks)
+    ]
+
+
 def _joined(tasks: list[Task]) -> Task:
     """One task of several."""
     first = tasks[0]
@@ -211,28 +230,3 @@ def _joined(tasks: list[Task]) -> Task:
         rtol=max(first.rtol / sharper, 1e-14),
         atol=first.atol / sharper,
     )
-
-
-def _motions(task: Task) -> list[tuple[Motion, str | None]]:
-    """Motion of each member of a task, and why it stopped early.
-
-    A batch that stops is halved, unless it took all the right-hand sides that it may.
-    """
-    rows, evaluations, why = integrate(task)
-    if task.start.ndim == 1:
-        return [(motion_of(task, rows, evaluations), why)]
-    members = task.start.shape[1]
-    if why is not None and evaluations < task.most:
-        half = members // 2
-        return _motions(_part(task, slice(0, half))) + _motions(_part(task, slice(half, members)))
-    return [
-        (motion_of(_part(task, slice(j, j + 1)), rows[:, :, j].copy(), evaluations), why)
-        for j in range(members)
-    ]
-
-
-def _part(task: Task, which: slice) -> Task:
-    speeds, start = np.asarray(task.u)[which], task.start[:, which]
-    if speeds.size == 1:
-        return replace(task, u=float(speeds[0]), start=start[:, 0].copy())
-    return replace(task, u=speeds, start=np.ascontiguousarray(start))

@@ -38,7 +38,7 @@ counts, which is the dearer with its factorisation. Looks cost nothing beside so
 
 LEAST_STEP = 2e-5
 """Share of the fastest mode's time that each right-hand side must cover: methods that go on cover
-0.02 and more, of those that are stuck the step falls without end."""
+0.02 and more, of those that do not the step falls without end."""
 
 CALLS_A_RATE = 1.5
 """Right-hand sides of an explicit method in the time 1 / |lambda| of the fastest mode, at least:
@@ -52,7 +52,7 @@ MOST_STEPS = 1_000_000_000
 
 
 class Stopped(Exception):
-    """Why an integration ended early."""
+    """Why an integration stopped early."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class Guarded:
         return np.zeros((y.size, y.size))
 
     def reason(self, stopped: Stopped) -> str:
-        """Why an integration ended; what is neither its own nor a number's is raised again."""
+        """Why an integration stopped; what is neither its own nor a number's is raised again."""
         cause = self.interruption
         if cause is not None and not isinstance(cause, Stopped):
             raise cause from None

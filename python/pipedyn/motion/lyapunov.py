@@ -27,6 +27,7 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
 from pipedyn.util.progress import track
+from pipedyn.util.result import result
 
 Rates = Callable[[Array], Array]
 """Right-hand side y' of a state, shape (n,)."""
@@ -40,14 +41,14 @@ KINDS = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q
 METHODS = ("variational", "pair")
 
 DISTANCE = 1e-7
-"""Of a pair of neighbours, in the norm of the state, at the begin of each interval. Its square, by
+"""Of a pair of neighbours, in the norm of the state, where each interval begins. Its square, by
 which their motion differs from the linear one, is lost in rounding."""
 
 MOST_INTERVALS = 10_000_000
 """Whose growth is stored: 80 MB."""
 
 
-@dataclass(frozen=True)
+@result
 class LyapunovExponent:
     """The largest Lyapunov exponent of a motion, with its statistical error.
 
@@ -59,7 +60,7 @@ class LyapunovExponent:
             within a few of these around 0 is 0.
         blocks: mean over each block, shape (blocks,).
         t: ends of the intervals from the end of the transient on, shape (S,).
-        history: the value as it stood at these times, shape (S,).
+        history: the value from the time up to then, shape (S,).
         duration: over which it was taken.
         end: [p, p'] at the end, shape (2 moving,): a start for more.
     """

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from pipedyn.bifurcation.branches import CycleBranch
+from pipedyn.bifurcation.cycles import LimitCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram
-from pipedyn.bifurcation.equilibria import BranchPoint
+from pipedyn.bifurcation.equilibrium_branch import BranchPoint
 from pipedyn.bifurcation.events import CycleEvent, nontrivial
-from pipedyn.bifurcation.limit_cycle import LimitCycle
 from pipedyn.plot.interpolation import finer
 from pipedyn.plot.style import (
     BLACK,

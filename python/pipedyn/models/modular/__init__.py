@@ -7,26 +7,23 @@ from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
     Custom,
-    Dashpot,
     Drag,
     Guide,
     InternalFlow,
     Joint,
     Module,
     Pin,
-    PointMass,
     Segment,
     TorsionalSpring,
-    TransverseSpring,
 )
 from pipedyn.models.modular.plain_chain import chain
+from pipedyn.models.terms import PointMass
 
 __all__ = [
     "Assembly",
     "Clamp",
     "Constraint",
     "Custom",
-    "Dashpot",
     "Drag",
     "Guide",
     "InternalFlow",
@@ -37,6 +34,5 @@ __all__ = [
     "PointMass",
     "Segment",
     "TorsionalSpring",
-    "TransverseSpring",
     "chain",
 ]

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -22,46 +23,68 @@ from pipedyn.models.base import (
     checked_pipe,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
-from pipedyn.models.modular.custom import CustomForce, extra_forces
-from pipedyn.models.modular.derivatives import acceleration_jacobian, matrix, scene_matrices
+from pipedyn.models.modular.custom import CustomForces
+from pipedyn.models.modular.derivatives import (
+    acceleration_jacobian,
+    forces,
+    matrix,
+    scene_matrices,
+)
 from pipedyn.models.modular.enforcement import (
     Group,
     by_orthonormal_basis,
     by_udwadia_kalaba,
     projection,
 )
-from pipedyn.models.modular.layout import KINDS, MODULES, Closing, Layout
+from pipedyn.models.modular.layout import KINDS, MODULES, Layout
 from pipedyn.models.modular.linearisation import Linear, Tree
 from pipedyn.models.modular.motion import SceneMotion
-from pipedyn.models.modular.parts import Constraint, Module, Part, Segment, TorsionalSpring, told
+from pipedyn.models.modular.parts import (
+    Constraint,
+    Module,
+    Part,
+    Segment,
+    TorsionalSpring,
+    described,
+)
+from pipedyn.models.pencil import LONGEST_DENSE, DensePencil, Pencil, ScenePencil
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
-ENFORCEMENTS = ("orthonormal", "udwadia-kalaba")
+ENFORCEMENTS = {"orthonormal": by_orthonormal_basis, "udwadia-kalaba": by_udwadia_kalaba}
+"""The dense recursions by name; the default route does the first in O(n)."""
 
 LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
 """Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
 
 MET = 1e-9
-"""How closely given states must meet the constraints, in L, rad, and these per T."""
+"""How closely given states must meet the constraints, in L, rad, and these per T.
+
+States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
+"""
 
 
 class Assembly(Model):
     """A scene from parts: a pipe of rigid segments with whatever else stands in it.
 
     Every part writes its inertia and forces in redundant coordinates; constraints are enforced
-    afterwards, group by group. States live in these coordinates, q = (x_1, y_1, phi_1, x_2, ...),
-    shape (3 n,): x_j transverse and y_j downward is where node j, the end of segment j, stands
-    from the clamp, phi_j the angle of joint j. Operators live in the degrees of freedom that the
-    constraints leave: the angles of the segments, theta_j = phi_1 + .. + phi_j, or, where guides
-    and pins tie them, coordinates along an orthonormal basis of what these leave.
+    afterwards, group by group. What acts at a place of the pipe, or per length, is a term of the
+    pipe; its place may lie anywhere along a segment.
+
+    States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j
+    transverse and y_j downward is where node j, the end of segment j, stands from the clamp, phi_j
+    the angle of joint j. Operators live in the degrees of freedom that the constraints leave: the
+    angles of the segments, theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them,
+    coordinates along an orthonormal basis of what these leave.
 
     Immutable; `plus` makes another.
 
     Args:
         pipe: the pipe; all of flow, gravity, drag and Kelvin-Voigt damping take its numbers.
-        modules: parts with inertia or forces, the segments in their order from the clamp.
+        modules: parts with inertia or forces, the segments in their order from the clamp; terms
+            among them are added to those of the pipe.
         constraints: one group each, in any order: `Clamp` and for each further segment its `Joint`,
             and what else holds the pipe. Redundant ones are accepted.
         enforcement: "orthonormal" (a basis built group by group, O(n)) or "udwadia-kalaba" (dense,
@@ -79,30 +102,34 @@ class Assembly(Model):
     def __init__(
         self,
         pipe: Pipe,
-        modules: Iterable[Module],
+        modules: Iterable[Module | Term],
         constraints: Iterable[Constraint],
         enforcement: str = "orthonormal",
     ) -> None:
-        self._pipe = checked_pipe(pipe)
+        given = _parts("modules", modules, (Module, Term))
+        self._pipe = _with_terms(checked_pipe(pipe), given)
         self._enforcement = check.choice("enforcement", enforcement, ENFORCEMENTS)
         self._layout = Layout(
-            _parts("modules", modules, Module), _parts("constraints", constraints, Constraint)
+            [part for part in given if isinstance(part, Module)],
+            _parts("constraints", constraints, (Constraint,)),
         )
-        self._customs = tuple(CustomForce(module) for module in self._layout.customs)
-        rest = self._layout.rest
-        q = self._configuration(rest)
-        for custom in self._customs:
-            custom.tried(q)
-        lacking = self.core.lacking(q)
-        if lacking >= 0:
-            raise ValueError(
-                f"{self._layout.coordinate(lacking)} moves without inertia: give its segment a "
-                "gyration radius, or the node a mass"
-            )
-        straight = np.zeros_like(rest)
+        self._customs = CustomForces(self._layout.customs, self.core.straight())
+        for custom in self._customs.each:
+            custom.validate(self._configuration(self._layout.rest)[custom.index])
+        self._refuse_massless()
+        straight = np.zeros(self.moving)
         self._reference: Array | None = None
         if np.abs(self._layout.missed(straight)).max(initial=0.0) <= MET:
             self._reference = straight
+
+    def _refuse_massless(self) -> None:
+        """Raises ValueError where some direction that is left free has no inertia."""
+        massless = self.core.lacking(self._configuration(self._layout.rest))
+        if massless >= 0:
+            raise ValueError(
+                f"{self._layout.coordinate(massless)} moves without inertia: give its segment a "
+                "gyration radius, or the node a mass"
+            )
 
     @cached_property
     def core(self) -> _core.Scene:
@@ -127,9 +154,8 @@ class Assembly(Model):
         if layout.base:
             parts.append(f"base={layout.base:g}")
         others = [p for p in self.modules if not (isinstance(p, Segment) or _is_plain_spring(p))]
-        ties = dict.fromkeys(closing.part for closing in layout.closings)
-        parts += [told(part) for part in (*others, *ties)]
-        if self._enforcement != ENFORCEMENTS[0]:
+        parts += [described(part) for part in (*others, *layout.guides_and_pins)]
+        if self._enforcement != "orthonormal":
             parts.append(repr(self._enforcement))
         if self._reference is not None and self._reference.any():
             parts.append(f"about {check.shown(self._reference)}")
@@ -137,7 +163,7 @@ class Assembly(Model):
 
     @property
     def pipe(self) -> Pipe:
-        """The pipe."""
+        """The pipe, with the terms that were given among the parts."""
         return self._pipe
 
     @property
@@ -158,7 +184,7 @@ class Assembly(Model):
     @property
     def dof(self) -> int:
         """Number of degrees of freedom that the constraints leave."""
-        return self._layout.size - len(self._layout.kept)
+        return self._layout.size - len(self._layout.independent)
 
     @property
     def coordinates(self) -> int:
@@ -177,7 +203,7 @@ class Assembly(Model):
 
     @property
     def fitted_size(self) -> float:
-        """What gravity, springs across and custom modules add to the elastic stiffness, about."""
+        """What gravity, terms and custom modules add to the elastic stiffness, about."""
         return self._linear.added
 
     @property
@@ -187,10 +213,11 @@ class Assembly(Model):
 
     @cached_property
     def resisted(self) -> bool:
-        """Whether dashpots, joints of their own damping or custom modules resist velocities."""
-        q = self._configuration(self.resting())
-        own = (custom.by_qdot(q, np.zeros_like(q)) for custom in self._customs)
-        return self._layout.resisted or any(bool(block.any()) for block in own)
+        """Whether terms, joints of their own damping or custom modules resist velocities."""
+        other = self.with_pipe(replace(self._pipe, damping=0.0))
+        still = self.core.from_angles(self.resting(), np.zeros(self.moving))
+        _, _, by_rate = forces(other.core, self._customs, still, 0.0)
+        return bool(by_rate.count_nonzero())
 
     @property
     def elastic_share(self) -> Array:
@@ -204,21 +231,23 @@ class Assembly(Model):
         """Arc lengths of the nodes."""
         return np.minimum(self._layout.ends[1:], 1.0)
 
-    def plus(self, *parts: Part) -> Assembly:
-        """Another scene, with further modules and constraints.
+    def plus(self, *parts: Part | Term) -> Assembly:
+        """Another scene, with further modules, constraints and terms of the pipe.
 
         What `about` chose stays where the configuration meets the constraints, old and new.
 
         Raises:
-            TypeError: for what is neither.
+            TypeError: for what is none of these.
             ValueError: as for `Assembly`.
         """
         for part in parts:
-            if not isinstance(part, Module | Constraint):
-                raise TypeError(f"parts must be modules or constraints, got {check.shown(part)}")
+            if not isinstance(part, Module | Constraint | Term):
+                raise TypeError(
+                    f"parts must be modules, constraints or terms, got {check.shown(part)}"
+                )
         more = Assembly(
             self._pipe,
-            (*self.modules, *(part for part in parts if isinstance(part, Module))),
+            (*self.modules, *(part for part in parts if isinstance(part, Module | Term))),
             (*self.constraints, *(part for part in parts if isinstance(part, Constraint))),
             self._enforcement,
         )
@@ -228,11 +257,22 @@ class Assembly(Model):
             more._reference = chosen if met else more._reference
         return more
 
+    def pencil(self, dense: bool | None = None) -> Pencil:
+        """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
+        long = self.dof > LONGEST_DENSE if dense is None else not dense
+        return ScenePencil(self) if long else DensePencil(self)
+
     def with_pipe(self, pipe: Pipe) -> Assembly:
-        """The same parts on another pipe."""
+        """The same parts on another pipe, which has its own terms.
+
+        Raises:
+            ValueError: for a direction without inertia, where only a term of this pipe had any.
+        """
         other = Assembly.__new__(Assembly)
         other.__dict__.update(self.__getstate__())
         other._pipe = checked_pipe(pipe)
+        if other._pipe.terms != self._pipe.terms:
+            other._refuse_massless()
         return other
 
     def about(self, q: ArrayLike) -> Assembly:
@@ -313,7 +353,9 @@ class Assembly(Model):
         )
         theta, missed = self._layout.closed(given)
         if missed > 1e-12:
-            raise NotConverged(f"no angles close to those given meet {self._layout.ties()}", theta)
+            raise NotConverged(
+                f"no angles close to those given meet {self._layout.described_holds()}", theta
+            )
         return theta
 
     def equilibrium(self, start: ArrayLike, u: float = 0.0) -> Array:
@@ -359,8 +401,8 @@ class Assembly(Model):
     def _linear(self) -> Linear:
         if self._reference is None:
             raise ValueError(
-                f"the straight pipe misses {self._layout.ties()}: choose a configuration with "
-                "about(q), for example about(equilibrium(...))"
+                f"the straight pipe misses {self._layout.described_holds()}: choose a "
+                "configuration with about(q), for example about(equilibrium(...))"
             )
         return self._linear_about(self._reference)
 
@@ -376,7 +418,7 @@ class Assembly(Model):
             Tree(layout.lengths, theta),
             scene_matrices(self.core, self._pipe, layout, self._customs, q),
             elastic_scale(layout.springs),
-            np.array([closing.coordinate for closing in layout.closings], dtype=np.intp),
+            np.array([held.coordinate for held in layout.held], dtype=np.intp),
         )
 
     def unbalanced(self, u: float) -> float:
@@ -404,11 +446,10 @@ class Assembly(Model):
                 of freedom.
             TypeError: for what is no array of real numbers.
         """
-        self._check_dense()
-        linear = self._linear if q is None else self._linear_about(self._angles_of("q", q))
-        to_elastic = np.diff(self._basis_of(linear), axis=0, prepend=0.0) / linear.scale
-        zeta = linear.basis.gather(to_elastic)
-        return self._dense(linear, zeta)
+        linear = self._linear_at(q)
+        basis = linear.angle_basis.spread(np.eye(linear.dof))
+        zeta = linear.basis.gather(np.diff(basis, axis=0, prepend=0.0) / linear.scale)
+        return linear.operators(zeta)
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
@@ -417,32 +458,21 @@ class Assembly(Model):
 
         Args, Raises: as for `operators`.
         """
-        self._check_dense()
-        linear = self._linear if q is None else self._linear_about(self._angles_of("q", q))
-        return self._basis_of(linear)
-
-    def _basis_of(self, linear: Linear) -> Array:
+        linear = self._linear_at(q)
         return linear.angle_basis.spread(np.eye(linear.dof))
 
-    def elastic_operators(self) -> Operators:
-        """The same operators in elastic coordinates, see `pipedyn.modular.linear`."""
-        self._check_dense()
-        return self._dense(self._linear, np.eye(self.dof))
+    def free_directions(self, p: Array) -> Array:
+        """Those of `basis`."""
+        return self.basis(p)
 
-    @staticmethod
-    def _dense(linear: Linear, zeta: Array) -> Operators:
-        mass, gyroscopic, end_flux, damping, stiffness, flux = (
-            zeta.T @ product(zeta)
-            for product in (
-                *(linear.mass, linear.gyroscopic, linear.end_flux),
-                *(linear.damping, linear.stiffness, linear.flux),
-            )
-        )
-        return Operators(
-            *(0.5 * (mass + mass.T), 0.5 * (gyroscopic - gyroscopic.T)),
-            *(0.5 * (end_flux + end_flux.T), damping, stiffness, flux),
-            *(linear.parts.direction, linear.parts.centrifugal),
-        )
+    def _linear_at(self, q: ArrayLike | None) -> Linear:
+        """Small motions about q, or the reference, if dense operators can be made."""
+        self._check_dense()
+        return self._linear if q is None else self._linear_about(self._angles_of("q", q))
+
+    def elastic_operators(self) -> Operators:
+        """The same operators in elastic coordinates, see `pipedyn.models.modular.linearisation`."""
+        return self._linear_at(None).operators(np.eye(self.dof))
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         """Degrees of freedom, shape (dof, ...), from elastic coordinates of the same shape.
@@ -485,31 +515,25 @@ class Assembly(Model):
     def _accelerations(self, y: Array, u: Any) -> Array:
         """`rhs` of checked states."""
         size = self.coordinates
-        force = extra_forces(self._customs, y[:size], y[size:])
-        rates = self.core.rhs(0.0, y, u, force)
         if self._enforcement == "orthonormal":
-            return rates
-        columns = y.reshape(2 * size, -1)
-        speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), columns.shape[1:])
-        forces = np.zeros_like(columns[:size]) if force is None else force.reshape(size, -1)
-        found = np.empty_like(columns)
-        found[:size] = columns[size:]
-        for j in range(columns.shape[1]):
-            found[size:, j] = self._dense_accelerations(
-                by_udwadia_kalaba, columns[:, j].copy(), float(speeds[j]), forces[:, j]
+            return self.core.rhs(0.0, y, u, self._customs.force(y[:size], y[size:]))
+        rates = np.concatenate([y[size:], np.empty_like(y[:size])])
+        speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
+        for j in np.ndindex(y.shape[1:]):
+            state = y[(slice(None), *j)].copy()
+            rates[(slice(size, None), *j)] = self._enforced(
+                ENFORCEMENTS[self._enforcement], state, float(speeds[j])
             )
-        return found.reshape(y.shape)
+        return rates
 
-    def _dense_accelerations(
-        self,
-        enforce: Callable[[Array, Array, Sequence[Group]], Array],
-        y: Array,
-        u: float,
-        extra: Array,
+    def _enforced(
+        self, enforce: Callable[[Array, Array, list[Group]], Array], y: Array, u: float
     ) -> Array:
+        """Accelerations of one state by a dense recursion."""
         size = self.coordinates
         mass = matrix(self.core.operators()["mass"], size, size).toarray()
-        return enforce(mass, np.asarray(self.core.forces(y, u)) + extra, self._groups(y))
+        force = self.core.forces(y, u) + self._customs.force(y[:size], y[size:])
+        return enforce(mass, force, self._groups(y))
 
     def _groups(self, y: Array) -> list[Group]:
         """A_r and b_r of each constraint at a state."""
@@ -554,12 +578,8 @@ class Assembly(Model):
         name = check.choice("enforcement", enforcement, ENFORCEMENTS)
         u = check.real("u", u, low=0.0, high=1e100)
         self._check_size(LARGEST_RECURSION)
-        size = self.coordinates
-        state = check.array("y", y, size=2 * size).copy()
-        enforce = by_orthonormal_basis if name == "orthonormal" else by_udwadia_kalaba
-        extra = extra_forces(self._customs, state[:size], state[size:])
-        forces = np.zeros(size) if extra is None else extra
-        return self._dense_accelerations(enforce, state, u, forces)
+        state = check.array("y", y, size=2 * self.coordinates)
+        return self._enforced(ENFORCEMENTS[name], state, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
         """Derivative of `rhs` with respect to the redundant state, analytic, in O(n^2).
@@ -590,7 +610,7 @@ class Assembly(Model):
         return whole
 
     def _acceleration_jacobian(self, y: Array, u: float) -> Array:
-        return acceleration_jacobian(self.core, self._customs, self._layout.kept_rows, y, u)
+        return acceleration_jacobian(self.core, self._customs, self._layout.independent_rows, y, u)
 
     # ------------------------------------------------------------------------- what is integrated
 
@@ -704,27 +724,10 @@ class Assembly(Model):
         """Angles of the segments from angles or redundant coordinates that meet the constraints."""
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates))
         theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
-        if rows.size == self.coordinates:
-            off = np.abs(self._configuration(theta) - rows)
-            self._refuse(name, off, rows)
-        missed = np.abs(self._layout.missed(theta))
-        if missed.max(initial=0.0) > MET:
-            worst = self._layout.closings[int(np.argmax(missed))]
-            raise ValueError(
-                f"{name} must meet {told(worst.part)}, got {missed.max():.1e} beside it; "
-                "closed(angles) gives angles that do"
-            )
+        q = rows if rows.size == self.coordinates else self._configuration(theta)
+        residual, _, _, group = self.core.constraints(np.concatenate([q, np.zeros_like(q)]))
+        self._require_met(f"{name} must meet", residual, group, MET)
         return np.array(theta)
-
-    def _refuse(self, name: str, off: Array, rows: Array) -> None:
-        if off.max() > MET:
-            still = np.concatenate([rows, np.zeros_like(rows)])
-            values, _, _, group = self.core.constraints(still)
-            worst = self.constraints[int(group[int(np.argmax(np.abs(values)))])]
-            raise ValueError(
-                f"{name} must meet the constraints, got {np.abs(values).max():.1e} beside "
-                f"{told(worst)}"
-            )
 
     def _rates_of(
         self, name: str, given: ArrayLike | None, theta: Array, sizes: tuple[int, ...] = ()
@@ -735,21 +738,23 @@ class Assembly(Model):
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates), 1e6)
         omega = rows if rows.size == self.moving else np.cumsum(rows[2::3])
         y = self.core.from_angles(theta, omega)
-        fast = 1.0 + float(np.abs(omega).max())
         if rows.size == self.coordinates:
-            off = float(np.abs(y[self.coordinates :] - rows).max())
-            if off > MET * fast:
-                raise ValueError(
-                    f"{name} must keep the joints together, got {off:.1e} that pulls them apart"
-                )
-        closings: Sequence[Closing] = self._layout.closings
-        drift = [abs(float(y[self.coordinates + closing.coordinate])) for closing in closings]
-        if drift and max(drift) > MET * fast:
-            worst = closings[int(np.argmax(drift))]
-            raise ValueError(
-                f"{name} must keep {told(worst.part)}, got {max(drift):.1e} away from it"
-            )
+            y[self.coordinates :] = rows
+        residual, triplets, _, group = self.core.constraints(y)
+        drift = matrix(triplets, residual.size, self.coordinates) @ y[self.coordinates :]
+        self._require_met(
+            f"{name} must keep", drift, group, MET * (1.0 + float(np.abs(omega).max()))
+        )
         return np.array(omega)
+
+    def _require_met(self, rule: str, residual: Array, group: NDArray[Any], most: float) -> None:
+        """Raises ValueError, with the constraint that a residual is of, if one is too large."""
+        worst = int(np.argmax(np.abs(residual)))
+        if not abs(residual[worst]) <= most:
+            raise ValueError(
+                f"{rule} {described(self.constraints[int(group[worst])])}, got "
+                f"{abs(residual[worst]):.1e} beside it; closed(angles) gives angles that meet all"
+            )
 
 
 def _is_plain_spring(part: Module) -> bool:
@@ -757,20 +762,25 @@ def _is_plain_spring(part: Module) -> bool:
     return isinstance(part, TorsionalSpring) and part.damping is None and part.rest_angle == 0.0
 
 
-def _parts(name: str, given: Any, kind: type[Any]) -> tuple[Any, ...]:
+def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ...]:
     if isinstance(given, str | bytes) or not np.iterable(given):
         raise TypeError(f"{name} must be parts in a sequence, got {check.shown(given)}")
     parts = tuple(given)
     for part in parts:
-        if not isinstance(part, kind):
+        if not isinstance(part, kinds):
+            listed = " and ".join(f"{kind.__name__.lower()}s" for kind in kinds)
+            raise TypeError(f"{name} must hold {listed} only, got {check.shown(part)}")
+        if not isinstance(part, Term) and type(part) not in KINDS and type(part) not in MODULES:
             raise TypeError(
-                f"{name} must hold {kind.__name__.lower()}s only, got {check.shown(part)}"
-            )
-        if type(part) not in KINDS and type(part) not in MODULES:
-            raise TypeError(
-                f"{name} must hold this package's parts, got {check.shown(part)}; what a module "
-                "of your own does is told by a Custom"
+                f"{name} must hold this package's parts, got {check.shown(part)}; write a module "
+                "of your own as a Custom"
             )
     if len(parts) > 10 * LARGEST_CHAIN:
         raise ValueError(f"{name} must be at most {10 * LARGEST_CHAIN}, got {len(parts)}")
     return parts
+
+
+def _with_terms(pipe: Pipe, parts: Iterable[Any]) -> Pipe:
+    """The pipe with the terms among the parts added to its own."""
+    terms = tuple(part for part in parts if isinstance(part, Term))
+    return replace(pipe, terms=(*pipe.terms, *terms)) if terms else pipe

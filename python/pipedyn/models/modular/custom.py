@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""A user's own modules at work: their forces, energies and derivatives in redundant coordinates."""
+"""Forces, energies and derivatives of a user's own modules, in redundant coordinates."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,19 +15,45 @@ from pipedyn.models.modular.parts import Custom, Function
 from pipedyn.util.check import Array
 
 COMPLEX_STEP = 1e-30
+"""A complex step has no difference that cancels; its square must vanish beside any number."""
 
 STRIDE = 1e-3
-"""Of the differences of a complex-step gradient, of order 4: they err by some 1e-12."""
+"""Step of the differences of a complex-step gradient: of order 4, they err by some 1e-12."""
 
-TRIED, AGREEMENT = 1e-5, 1e-4
-"""Step of the differences that derivatives are tried against, and how closely they must agree."""
+TRIAL_STEP, AGREEMENT = 1e-5, 1e-4
+"""Step of the differences that check derivatives, and how closely these must agree.
 
-TRIED_AT = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
-"""Displacements at which functions are tried, in L and rad: what a wall does shows there."""
+The differences err by some 1e-10; a wrong derivative seldom agrees to four digits.
+"""
+
+TRIAL_SIZES = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
+"""Displacements at which functions are checked, in L and rad: both sides of a wall show there."""
+
+
+MASSLESS = 1e-10
+"""Inertia below this share of a coordinate's own is what rounding leaves of a semidefinite one."""
+
+
+def inertia_rows(module: Custom) -> list[Array]:
+    """Rows W of a module's mass W^T W, each of as many entries as it touches coordinates.
+
+    By elimination from the last coordinate, so that what couples neighbours has local rows.
+    """
+    if module.mass is None:
+        return []
+    mass, rows = np.array(module.mass, dtype=np.float64), []
+    own = np.diag(mass).copy()
+    for c in np.argsort(module.index)[::-1]:
+        if mass[c, c] > MASSLESS * own[c]:
+            row = mass[c] / np.sqrt(mass[c, c])
+            mass -= np.outer(row, row)
+            rows.append(row)
+        mass[c] = mass[:, c] = 0.0
+    return rows
 
 
 class CustomForce:
-    """One module of the user's own in a scene.
+    """One module of the user's own, as functions of the k coordinates that it touches.
 
     Args:
         module: its description.
@@ -38,54 +64,51 @@ class CustomForce:
         self.index = module.index
 
     def energy(self, q: Array) -> float:
-        """Potential energy at redundant coordinates, shape (3 n,)."""
-        if self.module.energy is None:
-            return 0.0
-        return float(self._call("energy", (), q[self.index]))
+        """Potential energy."""
+        return 0.0 if self.module.energy is None else float(self._call("energy", (), q))
 
     def force(self, q: Array, qdot: Array) -> Array:
-        """Generalized force on the coordinates it touches, shape (k,)."""
-        at = q[self.index]
-        if self.module.force is not None:
-            force: Array = self._call("force", at.shape, at, qdot[self.index])
-            return force
-        return -self._gradient(at)
+        """Generalized force, shape (k,)."""
+        if self.module.force is None:
+            return -self._gradient(q)
+        force: Array = self._call("force", q.shape, q, qdot)
+        return force
 
     def work(self, q: Array, qdot: Array) -> float:
         """Rate at which the force does more than its energy loses."""
         if self.module.force is None:
             return 0.0
-        work = float(self.force(q, qdot) @ qdot[self.index])
-        if self.module.energy is not None:
-            work += float(self._gradient(q[self.index]) @ qdot[self.index])
-        return work
+        return float((self.force(q, qdot) + self._gradient(q)) @ qdot)
 
     def by_q(self, q: Array, qdot: Array) -> Array:
         """Derivative of the force by the coordinates, shape (k, k)."""
-        at, rates = q[self.index], qdot[self.index]
-        if self.module.force_by_q is not None:
-            given: Array = self._call("force_by_q", (at.size, at.size), at, rates)
-            return given
-        if self.module.force is not None:
-            return self._stepped("force", at.shape, lambda z: (z, rates), at)
-        return -_fourth_order(self._gradient, at)
+        if self.module.force_by_q is None and self.module.force is None:
+            return -_differences(self._gradient, q, STRIDE * (1.0 + np.abs(q)))
+        return self._derivative("force_by_q", (q, qdot), lambda z: (z, qdot), q)
 
     def by_qdot(self, q: Array, qdot: Array) -> Array:
         """Derivative of the force by the rates, shape (k, k)."""
-        at, rates = q[self.index], qdot[self.index]
-        if self.module.force_by_qdot is not None:
-            given: Array = self._call("force_by_qdot", (at.size, at.size), at, rates)
-            return given
         if self.module.force is None:
-            return np.zeros((at.size, at.size))
-        return self._stepped("force", at.shape, lambda z: (at, z), rates)
+            return np.zeros((q.size, q.size))
+        return self._derivative("force_by_qdot", (q, qdot), lambda z: (q, z), qdot)
 
-    def _gradient(self, at: Array) -> Array:
+    def _derivative(
+        self, name: str, state: tuple[Array, Array], arguments: Function, at: Array
+    ) -> Array:
+        """What the module gives under the name, or the force's derivative by complex step."""
+        if getattr(self.module, name) is None:
+            return self._complex_step("force", at.shape, arguments, at)
+        given: Array = self._call(name, (at.size, at.size), *state)
+        return given
+
+    def _gradient(self, q: Array) -> Array:
         if self.module.energy is None:
-            return np.zeros(at.size)
-        return self._stepped("energy", (), lambda z: (z,), at)
+            return np.zeros(q.size)
+        return self._complex_step("energy", (), lambda z: (z,), q)
 
-    def _stepped(self, name: str, shape: tuple[int, ...], arguments: Function, at: Array) -> Array:
+    def _complex_step(
+        self, name: str, shape: tuple[int, ...], arguments: Function, at: Array
+    ) -> Array:
         """Derivative by complex step, shape (*shape, k)."""
         columns = []
         for i in range(at.size):
@@ -114,11 +137,11 @@ class CustomForce:
             raise TypeError(f"{whose} must return real numbers, got {answer.dtype}")
         return answer.astype(np.complex128 if kind == "c" else np.float64)
 
-    def tried(self, q: Array) -> None:
-        """Calls every function once and compares derivatives with differences.
+    def validate(self, q: Array) -> None:
+        """Calls every function and compares derivatives with differences.
 
         Args:
-            q: redundant coordinates near which the scene will be, shape (3 n,).
+            q: the coordinates that it touches, near which the scene will be.
 
         Raises:
             ValueError, TypeError: for what returns another shape, or no finite numbers, or
@@ -126,38 +149,32 @@ class CustomForce:
         """
         with warnings.catch_warnings():
             warnings.simplefilter("error", np.exceptions.ComplexWarning)  # an imaginary part lost
-            self._try(q)
+            for size in TRIAL_SIZES:
+                self._validate_at(q + size * np.cos(1.0 + self.index), size == TRIAL_SIZES[0])
 
-    def _try(self, q: Array) -> None:
-        wobble, rates = np.cos(1.0 + np.arange(q.size)), 0.1 * np.sin(1.0 + np.arange(q.size))
-        for reach in TRIED_AT:
-            at = q + reach * wobble
-            energy, force = self.energy(at), self.force(at, rates)
-            if not (np.isfinite(force).all() and np.isfinite(energy)):
-                if reach == TRIED_AT[0]:
-                    raise ValueError(f"{self.module.name} must give finite forces and energies")
-                continue  # a place that it is not made for
-            if self.module.energy is not None:
-                measured = self._differences(lambda p: np.array(self.energy(p)), at)
-                rule = "energy of {} must have its gradient by complex step"
-                self._compare(rule, self._gradient(at[self.index]), measured, energy)
-            size = float(np.abs(force).max(initial=0.0))
-            for name, given, measured in (
-                ("force_by_q", self.by_q, self._differences(lambda p: self.force(p, rates), at)),
-                ("force_by_qdot", self.by_qdot, self._differences(partial(self.force, at), rates)),
-            ):
-                rule = name + " of {} must be the force's derivative"
-                self._compare(rule, given(at, rates), measured, size)
+    def _validate_at(self, q: Array, must_be_finite: bool) -> None:
+        rates = 0.1 * np.sin(1.0 + self.index)
+        energy, force = self.energy(q), self.force(q, rates)
+        if not (np.isfinite(force).all() and np.isfinite(energy)):
+            if must_be_finite:
+                raise ValueError(f"{self.module.name} must give finite forces and energies")
+            return  # a place that it is not made for
+        if self.module.energy is not None:
+            rule = "energy of {} must have its gradient by complex step"
+            self._compare(rule, self._gradient(q), self.energy, q, energy)
+        largest = float(np.abs(force).max(initial=0.0))
+        rule = "{} of {{}} must be the force's derivative"
+        given = self.by_q(q, rates), self.by_qdot(q, rates)
+        self._compare(
+            rule.format("force_by_q"), given[0], lambda z: self.force(z, rates), q, largest
+        )
+        self._compare(
+            rule.format("force_by_qdot"), given[1], lambda z: self.force(q, z), rates, largest
+        )
 
-    def _differences(self, function: Function, at: Array) -> Array:
-        columns = []
-        for i in self.index:
-            step = np.zeros(at.size)
-            step[i] = TRIED
-            columns.append((function(at + step) - function(at - step)) / (2.0 * TRIED))
-        return np.stack(columns, axis=-1)
-
-    def _compare(self, rule: str, given: Array, measured: Array, size: float) -> None:
+    def _compare(self, rule: str, given: Array, function: Function, at: Array, size: float) -> None:
+        """Raises ValueError unless the derivative given is the function's."""
+        measured = _differences(function, at, np.full(at.size, TRIAL_STEP))
         if not np.isfinite(measured).all():
             return
         size = abs(size) + float(np.abs(measured).max(initial=0.0))
@@ -170,25 +187,62 @@ class CustomForce:
             )
 
 
-def _fourth_order(function: Function, at: Array) -> Array:
+def _differences(function: Function, at: Array, steps: Array) -> Array:
+    """Derivative by differences of order 4."""
     columns = []
-    for i in range(at.size):
-        step = STRIDE * (1.0 + abs(at[i])) * np.eye(at.size)[i]
+    for step in np.diag(steps):
         near = function(at + step) - function(at - step)
         far = function(at + 2.0 * step) - function(at - 2.0 * step)
-        columns.append((8.0 * near - far) / (12.0 * step[i]))
+        columns.append((8.0 * near - far) / (12.0 * step.sum()))
     return np.stack(columns, axis=-1)
 
 
-def extra_forces(customs: Sequence[CustomForce], q: Array, qdot: Array) -> Array | None:
-    """Generalized forces of all custom modules, shape (3 n,) or (3 n, k); None without any."""
-    if not customs:
-        return None
-    total = np.zeros_like(q)
-    for custom in customs:
-        if q.ndim == 1:
-            total[custom.index] += custom.force(q, qdot)
-        else:
-            for j in range(q.shape[1]):
-                total[custom.index, j] += custom.force(q[:, j], qdot[:, j])
-    return total
+class CustomForces:
+    """All modules of the user's own in a scene, at one state or at k.
+
+    Args:
+        modules: their descriptions.
+        straight: redundant coordinates of the straight pipe, where their energy counts as 0.
+    """
+
+    def __init__(self, modules: Sequence[Custom], straight: Array) -> None:
+        self.each = tuple(CustomForce(module) for module in modules)
+        self._straight = straight
+
+    def __bool__(self) -> bool:
+        return bool(self.each)
+
+    def force(self, q: Array, qdot: Array) -> Array:
+        """Generalized forces, shape (3 n,) or (3 n, k), at states of that shape."""
+        total = np.zeros(q.shape)
+        for column, place, rates in zip(*map(_columns, (total, q, qdot)), strict=True):
+            for custom in self.each:
+                column[custom.index] += custom.force(place[custom.index], rates[custom.index])
+        return total
+
+    def energy(self, q: Array) -> float | Array:
+        """Potential energy, a number or shape (k,)."""
+        total: float | Array = self._summed(CustomForce.energy, q) - self._straight_energy
+        return total
+
+    @cached_property
+    def _straight_energy(self) -> Any:
+        return self._summed(CustomForce.energy, self._straight)
+
+    def work(self, q: Array, qdot: Array) -> float | Array:
+        """Power of the forces beyond what their energy loses, a number or shape (k,)."""
+        work: float | Array = self._summed(CustomForce.work, q, qdot)
+        return work
+
+    def _summed(self, function: Callable[..., float], *states: Array) -> Any:
+        """Sum of a function over the modules, a number or shape (k,)."""
+        sums = [
+            sum(function(custom, *(row[custom.index] for row in rows)) for custom in self.each)
+            for rows in zip(*map(_columns, states), strict=True)
+        ]
+        return float(sums[0]) if states[0].ndim == 1 else np.array(sums)
+
+
+def _columns(states: Array) -> Array:
+    """Views of the columns of (3 n,) or (3 n, k), as rows."""
+    return np.atleast_2d(states.T)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Derivatives of a scene's forces and accelerations, sparse, custom modules included."""
+"""Forces and accelerations of a scene with their derivatives, custom modules included."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from pipedyn import _core
-from pipedyn.models.modular.custom import CustomForce
+from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.layout import Layout
 from pipedyn.models.modular.linearisation import SceneMatrices, factored
 from pipedyn.models.pipe import Pipe
@@ -26,33 +26,42 @@ def matrix(triplets: Any, rows: int, columns: int) -> Any:
     return sparse.coo_array((values, (row, column)), shape=(rows, columns)).tocsr()
 
 
-def _spread(custom: CustomForce, block: Array, size: int) -> Any:
-    """A custom module's (k, k) among all coordinates."""
-    return matrix((*custom.module.places, block.ravel()), size, size)
+def forces(core: _core.Scene, customs: CustomForces, y: Array, u: float) -> tuple[Array, Any, Any]:
+    """Forces of all modules at a state, shape (3 n,), and their derivatives by q and by q', sparse.
+
+    Args:
+        core: the compiled scene.
+        customs: modules of the user's own.
+        y: state [q, q'], shape (6 n,).
+        u: flow speed.
+    """
+    size = core.coordinates
+    force = np.array(core.forces(y, u))
+    by_q, by_rate = (matrix(part, size, size) for part in core.force_derivatives(y, u))
+    for custom in customs.each:
+        q, rates, places = y[:size][custom.index], y[size:][custom.index], custom.module.places
+        force[custom.index] += custom.force(q, rates)
+        by_q = by_q + matrix((*places, custom.by_q(q, rates).ravel()), size, size)
+        by_rate = by_rate + matrix((*places, custom.by_qdot(q, rates).ravel()), size, size)
+    return force, by_q, by_rate
 
 
 def scene_matrices(
-    core: _core.Scene, pipe: Pipe, layout: Layout, customs: Sequence[CustomForce], q: Array
+    core: _core.Scene, pipe: Pipe, layout: Layout, customs: CustomForces, q: Array
 ) -> SceneMatrices:
     """What all modules are to small motions about redundant coordinates q at rest."""
     size, operators = core.coordinates, core.operators()
-    names = ("mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux")
-    made = {name: matrix(operators[name], size, size) for name in names}
-    zero = np.zeros(size)
-    force = np.array(core.forces(np.concatenate([q, zero]), 0.0))
+    force, by_q, by_rate = forces(core, customs, np.concatenate([q, np.zeros(size)]), 0.0)
     thrust = np.zeros(size)
     if layout.has_flow:
         end = float(np.sum(q[2::3]))
         thrust[-3:-1] = -math.sin(end), -math.cos(end)
     springs = np.zeros(size)
     springs[2::3] = layout.springs
-    made["stiffness"] = made["stiffness"] - sparse.diags_array(springs)
-    for custom in customs:
-        force[custom.index] += custom.force(q, zero)
-        made["stiffness"] = made["stiffness"] - _spread(custom, custom.by_q(q, zero), size)
-        made["damping"] = made["damping"] - _spread(custom, custom.by_qdot(q, zero), size)
     return SceneMatrices(
-        **made,
+        **{name: matrix(triplets, size, size) for name, triplets in operators.items()},
+        damping=-by_rate,
+        stiffness=-by_q - sparse.diags_array(springs),
         springs=layout.springs,
         force=force,
         thrust=thrust,
@@ -63,8 +72,8 @@ def scene_matrices(
 
 def acceleration_jacobian(
     core: _core.Scene,
-    customs: Sequence[CustomForce],
-    kept_rows: NDArray[np.bool_],
+    customs: CustomForces,
+    independent_rows: NDArray[np.bool_],
     y: Array,
     u: float,
 ) -> Array:
@@ -73,27 +82,21 @@ def acceleration_jacobian(
     Args:
         core: the compiled scene.
         customs: modules of the user's own.
-        kept_rows: rows of A that do not depend on others.
+        independent_rows: rows of A that do not depend on others.
         y: state [q, q'], shape (6 n,).
         u: flow speed.
     """
     size = core.coordinates
     _, triplets, wanted, _ = core.constraints(y)
-    ties = matrix(triplets, wanted.size, size)[kept_rows]
+    ties = matrix(triplets, wanted.size, size)[independent_rows]
     solve = _solver(matrix(core.operators()["mass"], size, size), ties)
-    force = np.asarray(core.forces(y, u))
-    by_q, by_rate = (matrix(part, size, size) for part in core.force_derivatives(y, u))
-    for custom in customs:
-        q, rates = y[:size], y[size:]
-        force[custom.index] += custom.force(q, rates)
-        by_q = by_q + _spread(custom, custom.by_q(q, rates), size)
-        by_rate = by_rate + _spread(custom, custom.by_qdot(q, rates), size)
-    found = solve(np.concatenate([force, wanted[kept_rows]])[:, None])[:, 0]
+    force, by_q, by_rate = forces(core, customs, y, u)
+    found = solve(np.concatenate([force, wanted[independent_rows]])[:, None])[:, 0]
     multipliers = np.zeros(wanted.size)
-    multipliers[kept_rows] = found[size:]
+    multipliers[independent_rows] = found[size:]
     by_q = by_q - matrix(core.curvature(y[:size], multipliers), size, size)
     of_q, of_rate = (
-        matrix(part, wanted.size, size)[kept_rows]
+        matrix(part, wanted.size, size)[independent_rows]
         for part in core.acceleration_derivatives(y, found[:size])
     )
     right = sparse.block_array([[by_q, by_rate], [-of_q, -of_rate]]).toarray()

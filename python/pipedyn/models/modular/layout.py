@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
+from pipedyn.models.modular.custom import inertia_rows
 from pipedyn.models.modular.linearisation import DEPENDENT, independent
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
     Custom,
-    Dashpot,
     Drag,
     Guide,
     InternalFlow,
@@ -26,11 +26,9 @@ from pipedyn.models.modular.parts import (
     Module,
     Part,
     Pin,
-    PointMass,
     Segment,
     TorsionalSpring,
-    TransverseSpring,
-    told,
+    described,
 )
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
@@ -38,23 +36,20 @@ from pipedyn.util.check import Array
 KINDS: dict[type[Constraint], int] = {Clamp: 0, Joint: 1, Guide: 2, Pin: 3}
 """Numbers of the constraints in the core."""
 
-MODULES = (
-    *(Segment, TorsionalSpring, TransverseSpring, Dashpot),
-    *(PointMass, InternalFlow, Drag, Custom),
-)
+MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 """Modules that there are."""
 
 SAME = 1e-12
-"""Places of pins that differ by less are one; closer than this closing constraints are met."""
+"""Places of pins that differ by less are one; closer than this guides and pins are met."""
 
 TAUT = 1e-5
-"""Constraints that depend on one another to this only where a span is straight hold it taut."""
+"""Guides and pins that depend on one another to this, but only on a straight span, hold it taut."""
 
 P = TypeVar("P", bound=Part)
 
 
 @dataclass(frozen=True)
-class Closing:
+class Held:
     """A redundant coordinate that a guide or pin holds.
 
     Attributes:
@@ -98,20 +93,19 @@ class Layout:
         for array in (self.lengths, self.ends, self.springs):
             array.flags.writeable = False
         self.has_flow = bool(_of(modules, InternalFlow))
-        self.resisted = any(dashpot.coefficient > 0.0 for dashpot in _of(modules, Dashpot)) or any(
-            spring.damping for spring in _of(modules, TorsionalSpring)
-        )
-        self.closings = self._found_closings()
-        self.nodes = np.array([c.coordinate // 3 for c in self.closings], dtype=np.intp)
-        self.axes = np.array([c.coordinate % 3 for c in self.closings], dtype=np.intp)
-        self.wanted = np.array([c.value for c in self.closings])
+        self.held = self._found_held()
+        self.nodes = np.array([c.coordinate // 3 for c in self.held], dtype=np.intp)
+        self.axes = np.array([c.coordinate % 3 for c in self.held], dtype=np.intp)
+        self.wanted = np.array([c.value for c in self.held])
         self.rest = self._found_rest()
         kept = self._dependence(self.rest, DEPENDENT)
         self._refuse_taut()
-        self.kept = kept
+        self.independent = kept
         if kept.size == self.size:
-            raise ValueError(f"{self.ties()} must leave something that moves, got nothing")
-        self.kept_rows = self._found_rows()
+            raise ValueError(
+                f"{self.described_holds()} must leave something that moves, got nothing"
+            )
+        self.independent_rows = self._found_rows()
 
     # -------------------------------------------------------------------------------- what is where
 
@@ -122,7 +116,7 @@ class Layout:
                 place = getattr(part, name, 1)
                 if place > n:
                     raise ValueError(
-                        f"{told(part)}: {name} must be at most {n}, the number of segments"
+                        f"{described(part)}: {name} must be at most {n}, the number of segments"
                     )
             if isinstance(part, Custom):
                 for name in ("nodes", "joints"):
@@ -154,13 +148,13 @@ class Layout:
         if max(bases) - min(bases) > SAME:
             raise ValueError(
                 "constraints contradict one another: "
-                + " and ".join(told(clamp) for clamp in _of(self.constraints, Clamp))
+                + " and ".join(described(clamp) for clamp in _of(self.constraints, Clamp))
             )
         return bases[0]
 
-    def _found_closings(self) -> tuple[Closing, ...]:
+    def _found_held(self) -> tuple[Held, ...]:
         """What guides and pins hold, each coordinate once."""
-        found: dict[int, Closing] = {}
+        found: dict[int, Held] = {}
         for part in self.constraints:
             held: list[tuple[int, float]] = []
             if isinstance(part, Guide):
@@ -168,16 +162,17 @@ class Layout:
             elif isinstance(part, Pin):
                 held = [(3 * part.node - 3, part.x), (3 * part.node - 2, part.y)]
             for coordinate, value in held:
-                other = found.setdefault(coordinate, Closing(coordinate, value, part))
+                other = found.setdefault(coordinate, Held(coordinate, value, part))
                 if abs(other.value - value) > SAME:
                     raise ValueError(
-                        f"constraints contradict one another: {told(other.part)} and {told(part)}"
+                        f"constraints contradict one another: {described(other.part)} and "
+                        f"{described(part)}"
                     )
         return tuple(found.values())
 
     def _found_rows(self) -> NDArray[np.bool_]:
         """Which rows of the core's constraints are kept, so that none depends on the others."""
-        kept = {self.closings[i].coordinate for i in self.kept}
+        kept = {self.held[i].coordinate for i in self.independent}
         rows: list[bool] = []
         seen: set[Any] = set()
         for part in self.constraints:
@@ -198,10 +193,14 @@ class Layout:
         j, axis = divmod(index, 3)
         return f"phi_{j + 1}" if axis == 2 else f"node {j + 1} along {'xy'[axis]}"
 
-    def ties(self) -> str:
-        """The guides and pins, as messages tell them."""
-        parts = dict.fromkeys(closing.part for closing in self.closings)
-        return ", ".join(told(part) for part in parts)
+    @property
+    def guides_and_pins(self) -> list[Constraint]:
+        """Those that hold something, each once."""
+        return list(dict.fromkeys(held.part for held in self.held))
+
+    def described_holds(self) -> str:
+        """The guides and pins in a message."""
+        return ", ".join(described(part) for part in self.guides_and_pins)
 
     # ------------------------------------------------------------------------------- configurations
 
@@ -211,12 +210,12 @@ class Layout:
             np.stack([np.sin(theta).T, np.cos(theta).T]) * self.lengths, axis=-1
         )  # (2, k?, n)
         places[1] += self.base
-        held: Array = (
+        found: Array = (
             np.stack([places[a, ..., j] for j, a in zip(self.nodes, self.axes, strict=True)])
-            if self.closings
+            if self.held
             else np.zeros((0, *theta.shape[1:]))
         )
-        missed: Array = held - self.wanted.reshape(-1, *(1,) * (theta.ndim - 1))
+        missed: Array = found - self.wanted.reshape(-1, *(1,) * (theta.ndim - 1))
         return missed
 
     def rows(self, theta: Array) -> Array:
@@ -232,7 +231,7 @@ class Layout:
         Where Newton's method gets stuck, between segments in line with a pin, it starts again from
         between there and a configuration that is known.
         """
-        if not self.closings:
+        if not self.held:
             return theta, 0.0
         best, least = self._newton(theta, steps)
         for share in (0.25, 0.5, 0.75, 1.0):
@@ -259,7 +258,7 @@ class Layout:
 
     def _found_rest(self) -> Array:
         """Angles that meet all constraints: the straight pipe where it does."""
-        if not self.closings:
+        if not self.held:
             return np.zeros(self.size)
         s = 0.5 * (self.ends[:-1] + self.ends[1:])
         wave = [np.sin(math.pi * k * s) for k in (1, 2, 3)]
@@ -280,11 +279,9 @@ class Layout:
                 return best
         far = np.abs(self.missed(best))
         worst = dict.fromkeys(
-            closing.part
-            for closing, miss in zip(self.closings, far, strict=True)
-            if miss > 0.01 * far.max()
+            held.part for held, miss in zip(self.held, far, strict=True) if miss > 0.01 * far.max()
         )
-        named = " and ".join(told(part) for part in worst)
+        named = " and ".join(described(part) for part in worst)
         raise ValueError(
             f"constraints contradict the pipe's length or one another: {named} cannot be met, "
             f"the closest found misses by {least:.2g}"
@@ -295,13 +292,13 @@ class Layout:
 
     def _refuse_taut(self) -> None:
         """A span that is pulled straight has no neighbours: constraints lose their rank there."""
-        if not self.closings:
+        if not self.held:
             return
         bent = self.rest + 0.3 * np.cos(1.0 + 1.7 * np.arange(self.size))
         here = self._dependence(self.rest, TAUT)
         if here.size < self._dependence(bent, TAUT).size:
-            lost = [c for i, c in enumerate(self.closings) if i not in here]
-            named = " and ".join(dict.fromkeys(told(c.part) for c in lost))
+            lost = [c for i, c in enumerate(self.held) if i not in here]
+            named = " and ".join(dict.fromkeys(described(c.part) for c in lost))
             raise ValueError(f"{named} must leave some slack, got a span that is taut")
 
     # ------------------------------------------------------------------------------------- the core
@@ -309,22 +306,17 @@ class Layout:
     def compiled(self, pipe: Pipe) -> _core.Scene:
         """The scene as the core takes it, on a pipe."""
         springs = _of(self.modules, TorsionalSpring)
-        across = _of(self.modules, TransverseSpring)
-        dashpots, masses = _of(self.modules, Dashpot), _of(self.modules, PointMass)
         damping = [
             pipe.damping * spring.stiffness if spring.damping is None else spring.damping
             for spring in springs
         ]
-        inertia = [
-            (*custom.places, np.ravel(np.asarray(custom.mass, dtype=np.float64)))
-            for custom in self.customs
-            if custom.mass is not None
+        factors = [(custom.index, row) for custom in self.customs for row in inertia_rows(custom)]
+        entries = [
+            (i, index[c], row[c])
+            for i, (index, row) in enumerate(factors)
+            for c in np.flatnonzero(row)
         ]
-        rows, columns, values = (
-            np.concatenate([part[i] for part in inertia]) if inertia else np.zeros(0)
-            for i in range(3)
-        )
-
+        rows = np.array(entries, dtype=np.float64).reshape(-1, 3)
         return _core.Scene(
             pipe=core_pipe(pipe),
             length=self.lengths,
@@ -336,12 +328,6 @@ class Layout:
             spring_stiffness=_numbers(s.stiffness for s in springs),
             spring_damping=_numbers(damping),
             spring_rest=_numbers(s.rest_angle for s in springs),
-            transverse_node=_places(s.node for s in across),
-            transverse_stiffness=_numbers(s.stiffness for s in across),
-            dashpot_node=_places(d.node for d in dashpots),
-            dashpot_coefficient=_numbers(d.coefficient for d in dashpots),
-            mass_node=_places(m.node for m in masses),
-            mass=_numbers(m.mass for m in masses),
             flow=self.has_flow,
             drag=bool(_of(self.modules, Drag)),
             constraint_kind=_places(KINDS[type(c)] for c in self.constraints),
@@ -350,9 +336,9 @@ class Layout:
             ),
             constraint_x=_numbers(getattr(c, "x", 0.0) for c in self.constraints),
             constraint_y=_numbers(getattr(c, "y", 0.0) for c in self.constraints),
-            inertia_rows=rows.astype(np.int64),
-            inertia_columns=columns.astype(np.int64),
-            inertia=values,
+            inertia_row=rows[:, 0].astype(np.int64),
+            inertia_coordinate=rows[:, 1].astype(np.int64),
+            inertia_weight=rows[:, 2],
         )
 
 

@@ -10,7 +10,7 @@ modules' matrices in redundant coordinates give
 the last diagonal in dtheta: l_j t_j . S_j, S_j the force at rest on all nodes from j on, that of
 the closing constraints (guides and pins) included. These, B dphi = 0, are met by a basis of
 reflections, so that in elastic coordinates, phi = scale * Z zeta with Z^T Z = 1, the elastic
-stiffness stays the identity. Products are O(n (c + 1)) with c closing constraints. Solved is the
+stiffness stays the identity. Products are O(n (c + 1)) with c coordinates held. Solved is the
 sparse system of (phi, theta, x, y, forces f_x, f_y beyond a node, multipliers), segment after
 segment: a band of a few diagonals unless a custom module ties far nodes together.
 """
@@ -28,18 +28,22 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from pipedyn.models.base import Operators
 from pipedyn.util.band import Rows, band_solver
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
-Entries = list[tuple[NDArray[np.intp], NDArray[np.intp], Array]]
-"""Rows, columns and values of a sparse matrix, in parts; what meets adds up."""
+Entries = list[tuple[Any, Any, Any]]
+"""Rows, columns and values of a sparse matrix, in parts."""
 
 WIDEST_BAND = 60
-"""Diagonals up to which a band solver is used, beyond it a sparse one."""
+"""Diagonals up to which a band solver is used, beyond it a sparse one.
+
+A scene that only guides and pins hold has some 20; custom modules between far nodes need more.
+"""
 
 DEPENDENT = 1e-9
-"""Closing constraints that depend on the others to this are redundant."""
+"""Guides and pins that depend on the others to this, well above rounding, are redundant."""
 
 
 @dataclass(frozen=True)
@@ -164,25 +168,25 @@ class Linear:
         tree: displacements about the configuration.
         parts: what the modules are there.
         scale: joint angle of one elastic coordinate, shape (n,).
-        closings: redundant coordinates that guides and pins hold, shape (c,).
+        given: redundant coordinates that guides and pins hold, shape (c,).
     """
 
     def __init__(
-        self, tree: Tree, parts: SceneMatrices, scale: Array, closings: NDArray[np.intp]
+        self, tree: Tree, parts: SceneMatrices, scale: Array, given: NDArray[np.intp]
     ) -> None:
         self.tree, self.parts = tree, parts
         self.scale = scale[:, None]
         n = tree.size
-        held = np.zeros((3 * n, closings.size))
-        held[closings, np.arange(closings.size)] = 1.0
+        held = np.zeros((3 * n, given.size))
+        held[given, np.arange(given.size)] = 1.0
         rows = self.scale * tree.gather(held)
         chosen = independent(rows)
-        self.closings, held, rows = closings[chosen], held[:, chosen], rows[:, chosen]
+        self.held, held, rows = given[chosen], held[:, chosen], rows[:, chosen]
         self.basis = Reflections(rows)
         # The same for the angles theta: coordinates of the operators that users see.
         moments = tree.gather_angles(held)
         self.angle_basis = Reflections(moments)
-        self.dof = n - self.closings.size
+        self.dof = n - self.held.size
         self.elastic = (parts.springs * scale**2)[:, None]
         self.residuals, stiffening = [], []
         for force in (parts.force, parts.thrust):
@@ -257,6 +261,21 @@ class Linear:
         result: Rows = self._product(self.parts.flux, zeta)
         return result + self._bending(self.stiffening_by_thrust, zeta)
 
+    def operators(self, zeta: Array) -> Operators:
+        """Dense matrices in coordinates of which zeta, shape (dof, dof), are the columns."""
+        mass, gyroscopic, end_flux, damping, stiffness, flux = (
+            zeta.T @ product(zeta)
+            for product in (
+                *(self.mass, self.gyroscopic, self.end_flux),
+                *(self.damping, self.stiffness, self.flux),
+            )
+        )
+        return Operators(
+            *(0.5 * (mass + mass.T), 0.5 * (gyroscopic - gyroscopic.T)),
+            *(0.5 * (end_flux + end_flux.T), damping, stiffness, flux),
+            *(self.parts.direction, self.parts.centrifugal),
+        )
+
     def factor(self, value: complex, u: float) -> Callable[..., Rows]:
         """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose, O(n)."""
         if self._factors is None:
@@ -287,14 +306,11 @@ class Linear:
         """Rows and columns of the sparse system with the entries of each operator there."""
         n, parts, tree = self.tree.size, self.parts, self.tree
         # Unknowns phi, theta, x, y, f_x, f_y of each segment and the multipliers at its node; the
-        # equations have the places: angle, node x, node y, moment, force x, force y, closings.
-        at_node = np.bincount(self.closings // 3, minlength=n)
+        # equations have the places: angle, node x, node y, moment, force x, force y, held.
+        at_node = np.bincount(self.held // 3, minlength=n)
         first = 6 * np.arange(n) + np.concatenate([[0], np.cumsum(at_node)[:-1]])
-        place = first[:, None] + np.arange(6)
-        self._places = place
-        size = 6 * n + self.closings.size
-        unknown = np.empty(3 * n, dtype=np.intp)
-        unknown[0::3], unknown[1::3], unknown[2::3] = place[:, 2], place[:, 3], place[:, 0]
+        self._places = place = first[:, None] + np.arange(6)
+        size = 6 * n + self.held.size
         angle, node_x, node_y, moment, force_x, force_y = place.T
         phi, theta, x, y, beyond_x, beyond_y = place.T
         one = np.ones(n)
@@ -312,54 +328,50 @@ class Linear:
             (moment, beyond_x, across),
             (moment, beyond_y, -along),
         ]
-        order = np.argsort(self.closings, kind="stable")
-        seen: dict[int, int] = {}
-        for coordinate in self.closings[order]:
-            j, axis = divmod(int(coordinate), 3)
-            own = int(first[j]) + 6 + seen.get(j, 0)
-            seen[j] = seen.get(j, 0) + 1
-            held = place[j, 2 + axis]
-            fixed.append((np.array([own]), np.array([held]), np.ones(1)))
-            fixed.append((np.array([place[j, 4 + axis]]), np.array([own]), -np.ones(1)))
+        for i in np.argsort(self.held, kind="stable"):
+            j, axis = divmod(int(self.held[i]), 3)
+            own = first[j] + 5 + at_node[j]
+            at_node[j] -= 1
+            fixed.append(([own], [place[j, 2 + axis]], [1.0]))
+            fixed.append(([place[j, 4 + axis]], [own], [-1.0]))
 
-        def of(matrix: Any) -> Entries:
-            """A module matrix: rows of nodes enter the force balance, of joints two moments."""
-            entries = sparse.coo_array(matrix)
-            row, column, data = entries.row, unknown[entries.col], entries.data
-            joint, kind = np.divmod(row, 3)
-            nodal, angular = kind < 2, kind == 2
-            earlier = angular & (joint > 0)
-            return [
-                (place[joint[nodal], 4 + kind[nodal]], column[nodal], -data[nodal]),
-                (moment[joint[angular]], column[angular], data[angular]),
-                (moment[joint[earlier] - 1], column[earlier], -data[earlier]),
-            ]
-
+        # Rows of nodes enter the force balance, those of joints two moments.
+        row_x, row_y, row_phi = np.arange(3 * n).reshape(n, 3).T
+        balance: Entries = [
+            *((force_x, row_x, -one), (force_y, row_y, -one), (moment, row_phi, one)),
+            (moment[:-1], row_phi[1:], -one[1:]),
+        ]
+        equations = _sparse(balance, size, 3 * n)
+        unknowns = _sparse([(row_x, x, one), (row_y, y, one), (row_phi, phi, one)], 3 * n, size)
         springs = np.zeros(3 * n)
         springs[2::3] = parts.springs
+        mass, velocity, damping, stiffness, flux = (
+            equations @ of @ unknowns
+            for of in (
+                *(parts.mass, parts.direction * (parts.gyroscopic + parts.end_flux)),
+                *(parts.damping, parts.stiffness + sparse.diags_array(springs), parts.flux),
+            )
+        )
+        stiffness = stiffness + _sparse([(moment, theta, self.stiffening[:, 0])], size, size)
+        flux = flux + _sparse([(moment, theta, self.stiffening_by_thrust[:, 0])], size, size)
         matrices = [
-            fixed,
-            of(parts.mass),
-            of(parts.direction * (parts.gyroscopic + parts.end_flux)),
-            of(parts.damping),
-            [
-                *of(parts.stiffness + sparse.diags_array(springs)),
-                (moment, theta, self.stiffening[:, 0]),
-            ],
-            [*of(parts.flux), (moment, theta, self.stiffening_by_thrust[:, 0])],
+            sparse.coo_array(of)
+            for of in (_sparse(fixed, size, size), mass, velocity, damping, stiffness, flux)
         ]
         # One list of places serves all operators.
-        keys = [np.concatenate([c * size + r for r, c, _ in entries]) for entries in matrices]
+        keys = [of.col.astype(np.int64) * size + of.row for of in matrices]
         pattern = np.unique(np.concatenate(keys))
-        data = []
-        for key, entries in zip(keys, matrices, strict=True):
-            values = np.zeros(pattern.size)
-            np.add.at(
-                values, np.searchsorted(pattern, key), np.concatenate([v for *_, v in entries])
-            )
-            data.append(values)
+        data = np.zeros((len(keys), pattern.size))
+        for values, key, of in zip(data, keys, matrices, strict=True):
+            values[np.searchsorted(pattern, key)] = of.data
         column, row = np.divmod(pattern, size)
         return (size, row, column, *data)
+
+
+def _sparse(entries: Entries, rows: int, columns: int) -> Any:
+    """A sparse matrix by rows; what meets adds up."""
+    row, column, values = (np.concatenate(part) for part in zip(*entries, strict=True))
+    return sparse.coo_array((values, (row, column)), shape=(rows, columns)).tocsr()
 
 
 def factored(

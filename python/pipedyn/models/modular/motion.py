@@ -7,18 +7,18 @@ time. Guides and pins are met by a projection P of each state, and
     y' = f(P(y)) - return_rate (y - P(y)),
 
 so that what an integrator's errors leave beside the constraints decays. Recorded is P(y): nothing
-is left to grow. Without modules in Python all of it is compiled (cpp/pipedyn/modular.hpp).
+is left to grow. Without modules in Python all of it is compiled (cpp/pipedyn/modular/scene.hpp).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from pipedyn import _core
-from pipedyn.models.modular.custom import CustomForce
+from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.layout import Layout
 from pipedyn.util.check import Array
 
@@ -38,7 +38,7 @@ class SceneMotion:
         self,
         core: _core.Scene,
         layout: Layout,
-        customs: Sequence[CustomForce],
+        customs: CustomForces,
         accelerations: Callable[[Array, Any], Array] | None,
     ) -> None:
         self.core, self.layout = core, layout
@@ -55,13 +55,10 @@ class SceneMotion:
         turning = np.cumsum(self.accelerations(state, u)[3 * n + 2 :: 3], axis=0)
         rates = np.empty_like(y)
         rates[:n], rates[n : 2 * n] = met_omega, turning
-        if self.layout.closings:
+        if self.layout.held:
             rates[:n] -= self.core.return_rate * (theta - met_theta)
             rates[n : 2 * n] -= self.core.return_rate * (omega - met_omega)
-        flow, joints, drag, others = self.core.power(state, u)
-        rates[2 * n] = flow + joints + drag + others
-        if self.customs:
-            rates[2 * n] += self.custom_work(state)
+        rates[2 * n] = sum(self.power(state, u))
         return rates
 
     def energy(self, y: Any) -> float | Array:
@@ -69,31 +66,17 @@ class SceneMotion:
         energy = self.core.energy(y)
         if not self.customs:
             return energy
-        q = np.asarray(y, dtype=np.float64)[: 3 * self.layout.size]
-        straight = self.core.straight()
-        zero = sum(custom.energy(straight) for custom in self.customs)
-        if q.ndim == 1:
-            return float(energy) + sum(custom.energy(q) for custom in self.customs) - zero
-        each = [sum(custom.energy(column) for custom in self.customs) for column in q.T]
-        total: Array = np.asarray(energy) + np.array(each) - zero
-        return total
+        return energy + self.customs.energy(
+            np.asarray(y, dtype=np.float64)[: self.core.coordinates]
+        )
 
     def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
-        """Power of flow, joints, drag, and of dashpots and what custom modules do besides."""
+        """Power of flow, joints, drag, and of what terms and custom modules do besides."""
         flow, joints, drag, others = self.core.power(y, u)
         if self.customs:
-            others = others + self.custom_work(np.asarray(y, dtype=np.float64))
+            q, rates = np.split(np.asarray(y, dtype=np.float64), 2)
+            others = others + self.customs.work(q, rates)
         return flow, joints, drag, others
-
-    def custom_work(self, y: Array) -> Any:
-        """Power of the custom modules beyond their energy, a number or shape (k,)."""
-        half = 3 * self.layout.size
-        if y.ndim == 1:
-            return sum(custom.work(y[:half], y[half:]) for custom in self.customs)
-        columns = np.ascontiguousarray(y.T)
-        return np.array(
-            [sum(custom.work(c[:half], c[half:]) for custom in self.customs) for c in columns]
-        )
 
     def states(self, theta: Array, omega: Array) -> Array:
         """Redundant states of angles and rates, (6 n, k) from (n, k) each."""
@@ -101,7 +84,7 @@ class SceneMotion:
 
     def projected(self, theta: Array, omega: Array) -> tuple[Array, Array]:
         """Angles and rates that meet guides and pins, close to those given; NaN without any."""
-        if not self.layout.closings:
+        if not self.layout.held:
             return theta, omega
         shape = theta.shape
         n = self.layout.size
@@ -131,7 +114,7 @@ class SceneMotion:
         whole[:n, n:] = np.eye(n)
         whole[n:, :n] = turning[:, : 3 * n] @ by_angle + turning[:, 3 * n :] @ by_rate
         whole[n:, n:] = turning[:, 3 * n :] @ by_angle
-        if self.layout.closings:
+        if self.layout.held:
             rows = self.layout.rows(theta)
             away = np.linalg.pinv(rows, rcond=1e-9) @ rows
             onto = np.kron(np.eye(2), np.eye(n) - away)

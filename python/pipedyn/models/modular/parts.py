@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The parts of a scene: modules, which bring inertia and forces, and the constraints between them.
 
-Each is a description in numbers; what it does to a state is compiled (cpp/pipedyn/modular.hpp).
-Only `Custom` modules, a user's own, compute in Python.
+Each is a description in numbers; what it does to a state is compiled (cpp/pipedyn/modular/). Only
+`Custom` modules, a user's own, compute in Python. What acts at a place of the pipe, such as a point
+mass or a spring to the axis, is a term of the pipe: see `pipedyn.models.terms`.
 """
 
 from __future__ import annotations
@@ -14,14 +15,18 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.models.fitting import RANGES
+from pipedyn.models.chain import LARGEST_CHAIN
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
 STIFFEST = 1e15
-"""Largest stiffness of a joint."""
+"""Largest stiffness of a joint, as of a joint of `Chain`."""
 
-MOST_NODES = 1_000_000
+MOST_DAMPING, MOST_MASS = 1e9, 1e6
+"""Largest damping of a joint and mass of a Custom, as of the terms of a pipe."""
+
+MOST_NODES = LARGEST_CHAIN
+"""No scene has more segments than a chain."""
 
 
 class Part:
@@ -101,58 +106,7 @@ class TorsionalSpring(Module):
         self._check_place("joint")
         self._check(stiffness={"low": 0.0, "high": STIFFEST}, rest_angle={"low": -1e3, "high": 1e3})
         if self.damping is not None:
-            self._check(damping=RANGES["stiffness"])
-
-
-@dataclass(frozen=True)
-class TransverseSpring(Module):
-    """A spring between a node and the axis: the force -stiffness x along x.
-
-    Attributes:
-        node: number of the node, from 1; node j is the end of segment j.
-        stiffness: in EI / L^3, >= 0.
-    """
-
-    node: int
-    stiffness: float
-
-    def __post_init__(self) -> None:
-        self._check_place("node")
-        self._check(stiffness=RANGES["stiffness"])
-
-
-@dataclass(frozen=True)
-class Dashpot(Module):
-    """A damper between a node and the axis: the force -coefficient x' along x.
-
-    Attributes:
-        node: number of the node, from 1.
-        coefficient: in EI T / L^3, >= 0.
-    """
-
-    node: int
-    coefficient: float
-
-    def __post_init__(self) -> None:
-        self._check_place("node")
-        self._check(coefficient=RANGES["stiffness"])
-
-
-@dataclass(frozen=True)
-class PointMass(Module):
-    """A mass at a node, with its weight. A mass alone: no nozzle that narrows the jet.
-
-    Attributes:
-        node: number of the node, from 1.
-        mass: in units of the mass of the whole pipe with its fluid, >= 0.
-    """
-
-    node: int
-    mass: float
-
-    def __post_init__(self) -> None:
-        self._check_place("node")
-        self._check(mass=RANGES["mass"])
+            self._check(damping={"low": 0.0, "high": MOST_DAMPING})
 
 
 @dataclass(frozen=True)
@@ -242,9 +196,9 @@ class Custom(Module):
         raw = np.array(check.numbers(name, given, "an array of real numbers"), dtype=float)
         if raw.shape != (k, k):
             raise ValueError(f"{name} must have shape ({k}, {k}), got {raw.shape}")
-        size, most = float(np.abs(raw).max()), RANGES["mass"]["high"]
-        if not size <= most:
-            raise ValueError(f"{name} must be finite and at most {most:g}, got {size:g}")
+        size = float(np.abs(raw).max())
+        if not size <= MOST_MASS:
+            raise ValueError(f"{name} must be finite and at most {MOST_MASS:g}, got {size:g}")
         if np.abs(raw - raw.T).max() > 1e-12 * size:
             raise ValueError(f"{name} must be symmetric")
         if np.linalg.eigvalsh(raw)[0] < -1e-12 * size:
@@ -335,8 +289,8 @@ class Pin(Constraint):
         self._check(x={"low": -1e3, "high": 1e3}, y={"low": -1e3, "high": 1e3})
 
 
-def told(part: Part) -> str:
-    """The part in a message: its class with what places it."""
+def described(part: Part) -> str:
+    """The part in a message: its class with its numbers."""
     if isinstance(part, Custom):
         return part.name
     values = ((item.name, getattr(part, item.name)) for item in fields(part))  # type: ignore[arg-type]

@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: MIT
+"""What a periodic orbit is: amplitude, frequency and Floquet multipliers, and how well it is known.
+
+An orbit is refined until amplitude and frequency converge and the trivial multiplier is 1. Mesh
+intervals are short where the motion asks for it, and Radau's method takes modes that decay far
+faster than the cycle turns in its steps.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import field
+
+import numpy as np
+
+from pipedyn.bifurcation.collocation import residual, solved
+from pipedyn.bifurcation.floquet import floquet
+from pipedyn.bifurcation.periodic_orbit import MOST_INTERVALS, PeriodicOrbit, refined
+from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.motion.simulate import Trajectory
+from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
+
+DEFECT, DEFECT_ACROSS_KINKS = 1e-3, 1e-1
+"""Largest defect of an orbit beside rtol, where f is smooth and under drag, whose kinks the mesh
+follows: with these the first answer mostly meets the tolerance."""
+
+CHECKS = 3
+"""Times that the mesh is refined for the sake of the multipliers, and once at least."""
+
+DOUBTED = 1e-4
+"""Error of the multipliers of an orbit on a branch beyond which it is solved for more sharply."""
+
+TRIVIAL = 1e-6
+"""How far the trivial multiplier may be from 1."""
+
+TRUSTED = 0.01
+"""The same beside the distance from 1 of the next multiplier, where the two are near: what moves
+the one moves the other about as far, and up to a hundredth the next one's side of 1 is sure."""
+
+ROUNDING = 1e-13
+"""Error, relative, that is claimed at least: answers of ever finer meshes differ by some 3e-14."""
+
+PEAKS = 2048
+"""Phases among which the free end's extremes are found, before a polynomial goes through them."""
+
+
+@result
+class LimitCycle(Trajectory):
+    """One period of a periodic motion.
+
+    Attributes:
+        amplitude: half the peak-to-peak transverse motion of the free end, in L.
+        frequency: angular, in 1 / T.
+        period: in T.
+        multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first; the
+            trivial one, 1, among them.
+        stable: whether all others are smaller than 1 in modulus.
+        t: times from 0, where the free end is farthest to positive x, to the period, shape (S,).
+        q, qdot: coordinates and rates, shape (S, coordinates).
+        u: flow speed.
+        model: the model.
+        error: of amplitude and frequency, relative, estimated by refinement: what the last
+            halving of mesh intervals changed.
+        multiplier_error: distance of the trivial multiplier from 1, or what halving the mesh
+            intervals changes in the worst, relative if above 1, where that is more.
+        residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
+            solved, relative to the largest |f|, of the accelerations.
+        symmetric: whether the second half of the period was taken as the mirror image of the first.
+        phases: number of states solved for.
+        evaluations: right-hand sides and Jacobians.
+        method: how it was found.
+    """
+
+    amplitude: float
+    frequency: float
+    period: float
+    multipliers: Complex = field(repr=False)
+    stable: bool
+    t: Array = field(repr=False)
+    q: Array = field(repr=False)
+    qdot: Array = field(repr=False)
+    u: float
+    model: Model
+    error: float
+    multiplier_error: float
+    residual: float
+    symmetric: bool
+    phases: int
+    evaluations: int
+    method: str
+
+    @property
+    def tip(self) -> Array:
+        """Position (x, y) of the free end, shape (S, 2)."""
+        return self.model.tips(self.q.T)
+
+    @property
+    def others(self) -> Complex:
+        """Multipliers without the trivial one, shape (2 dof - 1,)."""
+        return np.delete(self.multipliers, int(np.argmin(np.abs(self.multipliers - 1.0))))
+
+
+class NoCycle(PipedynError):
+    """No limit cycle was found.
+
+    Attributes:
+        u: flow speed.
+    """
+
+    def __init__(self, message: str, u: float) -> None:
+        super().__init__(message, u)
+        self.u = u
+
+
+def finished(
+    motion: VectorField, orbit: PeriodicOrbit, rtol: float, samples: int, how: str
+) -> LimitCycle:
+    """The cycle, refined until its amplitude and frequency converge and its multipliers are right.
+
+    Args:
+        motion: the model's.
+        orbit: the cycle, on any mesh.
+        rtol: relative tolerance of amplitude and frequency.
+        samples: number of states that are given.
+        how: how it was found.
+
+    Raises:
+        NotConverged: if the tolerance is out of reach; `result` holds what was reached.
+    """
+    largest = rtol * (DEFECT_ACROSS_KINKS if motion.model.pipe.drag else DEFECT)
+    tolerance = min(1e-7, 1e-2 * rtol)
+    for attempt in range(CHECKS):
+        orbit, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
+        try:
+            result = described(motion, orbit, error, samples, how)
+        except NewtonFailed as failure:
+            raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
+        if error > rtol:
+            raise NotConverged(
+                f"the cycle at u = {orbit.u:g} is known to {error:.1e} only: {reason}", result
+            )
+        if result.multiplier_error <= max(rtol, _allowed(result.others)):
+            break
+        if attempt + 1 == CHECKS:
+            raise NotConverged(
+                f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of "
+                f"which should be 1, are known to {result.multiplier_error:.1e} only",
+                result,
+            )
+        largest *= 0.01  # the multipliers ask for more
+    return result
+
+
+def _allowed(others: Complex) -> float:
+    """Error of the trivial multiplier that the nearest of the others accounts for.
+
+    A change of the equations by eps moves a multiplier by eps / d if another lies d away.
+    """
+    apart = float(np.abs(others - 1.0).min(initial=1.0))
+    return max(TRIVIAL, min(TRUSTED * apart, TRIVIAL / apart))
+
+
+def _refined(
+    motion: VectorField, orbit: PeriodicOrbit, largest: float, rtol: float, tolerance: float
+) -> tuple[PeriodicOrbit, float, str]:
+    """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
+
+    Refined are the intervals with a large defect, and all of them where there is none, until what
+    is left of the defects is rounding, which halving does not lessen.
+    """
+    # Under drag two answers may agree by chance: believed is no more than the fourth power of h.
+    measured, error = amplitude_of(motion, orbit), math.inf
+    last = math.inf if motion.model.pipe.drag else 0.0
+    worst = math.inf
+    while True:
+        defects = orbit.defects()
+        coarse, before, worst = defects > largest, worst, float(defects.max())
+        if error <= 0.5 * rtol and (not coarse.any() or worst > 0.5 * before):
+            return orbit, error, ""
+        if not coarse.any():
+            coarse[:] = True
+        if len(orbit.starts) + np.count_nonzero(coarse) > MOST_INTERVALS:
+            return orbit, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
+        try:
+            finer = solved(motion, refined(motion, orbit, 1 + coarse, turning=True), tolerance)
+        except NewtonFailed as failure:
+            return orbit, error, str(failure)
+        sharper = amplitude_of(motion, finer)
+        change = max(abs(sharper[0] / measured[0] - 1.0), ROUNDING)
+        change = max(change, abs(finer.frequency / orbit.frequency - 1.0))
+        error, last = max(change, last / 16.0), change
+        orbit, measured = finer, sharper
+
+
+def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
+    """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
+    phase: Array = 2.0 * math.pi / PEAKS * np.arange(float(PEAKS))
+    across = motion.tip(orbit.states(phase))
+    greatest, where = _peak(across)
+    least, _ = _peak(-across)
+    return 0.5 * (greatest + least), 2.0 * math.pi / PEAKS * where
+
+
+def _peak(values: Array) -> tuple[float, float]:
+    """Maximum of a periodic function and its place, by the polynomial through five samples."""
+    i = int(np.argmax(values))
+    near = values[np.arange(i - 2, i + 3) % values.size]
+    line = np.polynomial.Polynomial.fit(np.arange(-2.0, 3.0), near, 4)
+    turns = line.deriv().roots()
+    inner = turns.real[(np.abs(turns.imag) < 1e-9) & (np.abs(turns.real) <= 1.0)]
+    if inner.size == 0:
+        return float(values[i]), float(i)
+    heights = line(inner)
+    return float(heights.max()), i + float(inner[int(np.argmax(heights))])
+
+
+def on_branch(
+    motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
+) -> LimitCycle:
+    """The cycle of an orbit on a branch; its error is taken for granted, its multipliers are not.
+
+    Raises:
+        NewtonFailed: if its multipliers leave finite numbers.
+    """
+    result = described(motion, orbit, error, samples, how)
+    if result.multiplier_error <= DOUBTED:
+        return result
+    with suppress(NewtonFailed):  # an orbit whose neighbours part fast has to be known better
+        finer = refined(motion, orbit, np.full(len(orbit.starts), 2), turning=True)
+        better = described(motion, solved(motion, finer, 1e-9), result.error, samples, how)
+        return min(result, better, key=lambda cycle: cycle.multiplier_error)
+    return result
+
+
+def described(
+    motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
+) -> LimitCycle:
+    """The cycle of an orbit as it is.
+
+    Raises:
+        NewtonFailed: if its multipliers leave finite numbers.
+    """
+    amplitude, first = amplitude_of(motion, orbit)
+    period = 2.0 * math.pi / orbit.frequency
+    t = np.linspace(0.0, period, samples)
+    y = orbit.states(first + orbit.frequency * t)
+    q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
+    multipliers, unsettled = floquet(motion, orbit)
+    trivial = int(np.argmin(np.abs(multipliers - 1.0)))
+    others = np.abs(np.delete(multipliers, trivial))
+    return LimitCycle(
+        amplitude=amplitude,
+        frequency=orbit.frequency,
+        period=period,
+        multipliers=multipliers,
+        stable=bool(others.max(initial=0.0) < 1.0),
+        t=t,
+        q=np.ascontiguousarray(q),
+        qdot=np.ascontiguousarray(qdot),
+        u=orbit.u,
+        model=motion.model,
+        error=error,
+        multiplier_error=max(float(np.abs(multipliers[trivial] - 1.0)), unsettled),
+        residual=residual(motion, orbit),
+        symmetric=orbit.symmetric,
+        phases=orbit.rates.shape[0] * orbit.rates.shape[1],
+        evaluations=motion.evaluations,
+        method=f"collocation, {how}",
+    )

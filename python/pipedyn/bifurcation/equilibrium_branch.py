@@ -1,0 +1,386 @@
+# SPDX-License-Identifier: MIT
+"""A branch of equilibria over the flow speed, past folds, with what changes along it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import field, replace
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.bifurcation.continuation import (
+    Continuation,
+    Control,
+    DenseProblem,
+    Point,
+    Segment,
+    change,
+    folds,
+    solve,
+)
+from pipedyn.bifurcation.equilibria import FAR, MOST_POINTS, checked_size, pitchforks
+from pipedyn.bifurcation.statics import BALANCED, Statics, rounding
+from pipedyn.linear.modes import LARGEST_SPEED
+from pipedyn.models.base import Model, NotConverged
+from pipedyn.motion.simulate import Start
+from pipedyn.util import check
+from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
+from pipedyn.util.threads import one_thread
+
+Change = Literal["fold", "pitchfork", "branch point", "hopf"]
+
+FOLD = 1e-12
+"""Share of a step to which the place of a fold is known: all that rounding leaves."""
+
+NEAR = 0.5
+"""Root mean square of the coordinates, in rad, within which a start leads to an equilibrium: far
+more than rounded numbers of an equilibrium are off by, and less than the way to another."""
+
+
+@result
+class BranchPoint:
+    """Where the stability of a branch changes or the branch turns.
+
+    Attributes:
+        kind: "fold", "pitchfork" (branches leave the straight pipe as mirror images, which is how
+            it diverges), "branch point" (another real eigenvalue passes 0) or "hopf" (flutter: a
+            pair passes the axis).
+        speed: u.
+        frequency: angular, in 1 / T; 0 but for "hopf".
+        q: the configuration, shape (coordinates,).
+        tip: position (x, y) of the free end.
+    """
+
+    kind: Change
+    speed: float
+    frequency: float
+    q: Array = field(repr=False)
+    tip: Array
+
+
+@result
+class EquilibriumBranch:
+    """A branch of equilibria, point by point along its arc length.
+
+    Attributes:
+        speeds: u, shape (S,).
+        q: coordinates, shape (S, coordinates).
+        stable: shape (S,).
+        unstable: number of eigenvalues with positive real part, shape (S,).
+        tips: position (x, y) of the free end in L, shape (S, 2).
+        points: where it turns or stability changes, in order along the branch.
+        ends: why it ends, at its first and its last point: "range" of speeds, "pitchfork" (it joins
+            its mirror image on the straight pipe), "closed", "far" (a coordinate beyond 60 rad),
+            "points" (their number ran out) or "lost" (it could not be followed).
+        model: the model.
+    """
+
+    speeds: Array
+    q: Array = field(repr=False)
+    stable: NDArray[np.bool_] = field(repr=False)
+    unstable: NDArray[np.int_] = field(repr=False)
+    tips: Array = field(repr=False)
+    points: tuple[BranchPoint, ...]
+    ends: tuple[str, str]
+    model: Model
+
+    def __len__(self) -> int:
+        return len(self.speeds)
+
+    @property
+    def folds(self) -> tuple[BranchPoint, ...]:
+        """Where it turns back in the flow speed."""
+        return tuple(point for point in self.points if point.kind == "fold")
+
+    @property
+    def straight(self) -> bool:
+        """Whether its configuration, that of the straight pipe, is the same at every speed."""
+        return not float(np.ptp(self.q, axis=0).max()) > 0.0
+
+
+def equilibrium_branch(
+    model: Model,
+    q0: Start,
+    u0: float,
+    speeds: tuple[float, float],
+    step: float = 0.05,
+) -> EquilibriumBranch:
+    """The branch of equilibria through a given one, followed in the flow speed past folds.
+
+    Args:
+        model: chain, reduced model or scene, up to 500 degrees of freedom; a point costs
+            eigenvalues of a dense matrix, O(dof^3).
+        q0: near the equilibrium, coordinates or an angle theta(s), as for `simulate`; Newton's
+            method goes on from there, to at most half a radian away, as the root mean square over
+            the coordinates.
+        u0: its flow speed, within `speeds`.
+        speeds: (lowest, highest) flow speed of the branch.
+        step: longest step along the branch, in [1e-4, 1]: in rad, as the root mean square over
+            the coordinates, and in tenths of the range of speeds.
+
+    Returns:
+        EquilibriumBranch, from the end that lies in the direction of falling speed at q0.
+
+    Raises:
+        NotConverged: if there is no equilibrium near q0, or none could be followed.
+        ValueError, TypeError: for bad arguments.
+
+    Source: Keller (1977) for the continuation.
+    """
+    statics = Statics(checked_size(model))
+    low, high = checked_range(speeds)
+    u0 = check.real("u0", u0, low=low, high=high)
+    step = check.real("step", step, low=1e-4, high=1.0)
+    start = statics.from_start("q0", q0)
+    with one_thread(model.dof):
+        try:
+            x, _ = solve(statics, start, u0)
+            if statics.unbalanced(x, u0) > BALANCED:
+                raise NewtonFailed("forces are left")
+        except NewtonFailed as error:
+            raise NotConverged(f"no equilibrium was found near q0 at u = {u0:g}") from error
+        away = statics.rms(x - start)
+        if away > NEAR:
+            raise NotConverged(
+                f"no equilibrium was found near q0 at u = {u0:g}: that to which Newton's method "
+                f"leads lies {away:.3g} rad away, more than {NEAR:g}"
+            )
+        return _branch(statics, x, u0, (low, high), step)
+
+
+def checked_range(speeds: Any) -> tuple[float, float]:
+    """The argument speeds, if it is a lowest and a highest flow speed."""
+    ends = check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED)
+    low, high = (float(end) for end in ends)
+    if not high - low >= 1e-9 * (1.0 + high):
+        raise ValueError(f"speeds must be (lowest, highest), got ({low:g}, {high:g})")
+    return low, high
+
+
+def _branch(
+    statics: Statics, x: Array, u: float, ends: tuple[float, float], step: float
+) -> EquilibriumBranch:
+    """The branch through an equilibrium, both ways."""
+    straight = statics.rms(x - statics.resting) < 1e-9 and statics.rests(0.0) and statics.rests(1.0)
+    problem = DenseProblem(statics, statics.size, 0.1 * (ends[1] - ends[0]))
+    branch = (_Straight if straight else Continuation)(problem, Control(longest=step))
+    falling = np.append(np.zeros_like(x), -1.0)
+    try:
+        down = branch.point(np.append(statics.resting if straight else x, u), falling)
+    except NewtonFailed as error:
+        raise NotConverged(f"the equilibrium at u = {u:g} is a branch point") from error
+    up = Point(down.z, -down.tangent)
+    first, second = (_Way(statics, branch, start, ends) for start in (down, up))
+    whys = (first.run(), "closed")
+    points, counts, changes = first.points, first.counts, first.changes
+    if whys[0] != "closed":
+        whys = (whys[0], second.run())
+        points = points[:0:-1] + second.points
+        counts = counts[:0:-1] + second.counts
+        changes = changes[::-1] + second.changes
+    q = statics.recorded(np.array([point.x for point in points]))
+    unstable = np.array(counts)
+    return EquilibriumBranch(
+        speeds=np.array([point.p for point in points]),
+        q=q,
+        stable=unstable == 0,
+        unstable=unstable,
+        tips=statics.model.tips(q.T),
+        points=tuple(changes),
+        ends=whys,
+        model=statics.model,
+    )
+
+
+class _Straight(Continuation):
+    """The branch of a configuration that rests at any speed: nothing needs to be solved."""
+
+    def point(self, z: Array, towards: Array) -> Point:
+        return self.starting(z, towards)
+
+    def at(self, start: Point, ds: float, guess: Array | None = None) -> Point:
+        return Point(start.z + ds * start.tangent, start.tangent)
+
+    def fixed(self, guess: Array, p: float) -> Point:
+        z = np.append(guess[:-1], p)
+        return self.starting(z, np.append(np.zeros_like(z[:-1]), 1.0))
+
+
+class _Way:
+    """A branch from one of its points on, one way."""
+
+    def __init__(
+        self, statics: Statics, branch: Continuation, start: Point, ends: tuple[float, float]
+    ) -> None:
+        self.statics, self.branch, self.ends = statics, branch, ends
+        self.longest = branch.control.longest
+        self.points, self.counts = [start], [self.count(start)]
+        self.changes: list[BranchPoint] = []
+
+    def count(self, point: Point) -> int:
+        return self.statics.unstable(point.x, abs(point.p))
+
+    def run(self) -> str:
+        """Follows the branch, and says why it ends."""
+        step = 0.2 * self.longest
+        low, high = self.ends
+        length = 0.0
+        while len(self.points) < MOST_POINTS // 2:
+            a = self.points[-1]
+            if (a.p <= low and a.tangent[-1] < 0.0) or (a.p >= high and a.tangent[-1] > 0.0):
+                return "range"
+            try:
+                segment, step = self.branch.next(a, step)
+                end = segment.end.p
+                if not low <= end <= high and a.p != (edge := min(max(end, low), high)):
+                    segment = segment.part(a, segment.where(edge))
+                joined = self._record(segment)
+            except NewtonFailed:
+                return "lost"
+            if joined:
+                return "pitchfork"
+            found, ds = segment.end, segment.length
+            length += ds
+            if float(np.abs(found.x).max()) > FAR:
+                return "far"
+            if length > 10.0 * self.longest and self._around(found, ds):
+                return "closed"
+        return "points"
+
+    def _around(self, found: Point, ds: float) -> bool:
+        start = self.points[0]
+        alike = self.branch.product(found.tangent, start.tangent) > 0.9
+        return alike and self.branch.length(found.z - start.z) <= ds
+
+    def _record(self, segment: Segment) -> bool:
+        """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
+
+        Undamped, a real eigenvalue near a fold is a root's root, so that the count changes as far
+        beside the fold as rounding in the count lets it: one change, listed once.
+        """
+        statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
+        meeting = self._meeting(a, b)
+        turns: list[float] = []
+        until = ds
+        if meeting is not None:
+            size = statics.rms(a.x)
+            until = 0.98 * ds * size / (size + statics.rms(b.x))
+        else:
+            turns = folds(segment, FOLD)
+        marked: list[tuple[float, BranchPoint]] = []
+        count, at = self.counts[-1], 0.0
+        last = self.count(b if meeting is None else segment.at(until))
+        for _ in range(8):
+            if count == last:
+                break
+            beyond, at = change(segment, at, until, self.count)
+            more = self.count(beyond) - count
+            count += more
+            if more % 2 == 0:
+                marked.append((at, self._point("hopf", beyond)))
+            elif all(abs(at - turn) > 1e-3 * ds for turn in turns):
+                kind: Change = "pitchfork" if statics.straight(beyond.x) else "branch point"
+                marked.append((at, self._point(kind, beyond)))
+        marked += [(turn, self._point("fold", segment.at(turn))) for turn in turns]
+        self.changes += [point for _, point in sorted(marked, key=lambda one: one[0])]
+        if meeting is not None:
+            b = Point(np.append(statics.resting, meeting), a.tangent)
+            self.changes.append(self._point("pitchfork", b))
+        self.points.append(b)
+        self.counts.append(last)
+        return meeting is not None
+
+    def _meeting(self, a: Point, b: Point) -> float | None:
+        """Speed of the pitchfork through which a branch goes over into its mirror image."""
+        statics = self.statics
+        if statics.resting.any() or statics.straight(a.x) or not float(a.x @ b.x) < 0.0:
+            return None
+        if max(statics.rms(a.x), statics.rms(b.x)) > 2.0 * self.longest:
+            return None
+        near = 0.02 * (1.0 + a.p)
+        forks = [u for u, _ in pitchforks(statics, a.p + near) if abs(u - a.p) < near]
+        return min(forks, key=lambda u: abs(u - a.p)) if forks else None
+
+    def _point(self, kind: Change, point: Point) -> BranchPoint:
+        statics = self.statics
+        frequency = 0.0
+        if kind == "hopf":
+            found = statics.eigenvalues(point.x, abs(point.p))
+            oscillating = found[np.abs(found.imag) > 1e-6]
+            if oscillating.size:
+                crossing = np.argmin(np.abs(oscillating.real - rounding(found)))
+                frequency = float(abs(oscillating[crossing].imag))
+        speed = abs(point.p)
+        if kind == "pitchfork":  # rounding in the count reaches further than in the roots of det K
+            near = 1e-4 * (1.0 + speed)
+            forks = [u for u, _ in pitchforks(statics, speed + near)]
+            speed = min(forks, key=lambda u: abs(u - speed), default=speed)
+        q = statics.recorded(point.x[None])[0]
+        return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])
+
+
+# ------------------------------------------------------------------------- questions about branches
+
+
+def integrated(statics: Statics, q: Array) -> Array:
+    """What integrators advance, (k, moving), of coordinates that users see, (k, coordinates)."""
+    return np.array([statics.from_start("q", row) for row in q])
+
+
+def lies_on(statics: Statics, branch: EquilibriumBranch, x: Array, u: float) -> bool:
+    """Whether an equilibrium at a speed is one of a branch's."""
+    near = 1e-5 * (1.0 + float(np.abs(x).max()))
+    return any(float(np.abs(other - x).max()) < near for other in _passing(statics, branch, u))
+
+
+def _passing(statics: Statics, branch: EquilibriumBranch, u: float) -> Iterator[Array]:
+    """Equilibria of a branch at a speed."""
+    xs = integrated(statics, branch.q)
+    for (a, u_a), (b, u_b) in pairwise(zip(xs, branch.speeds, strict=True)):
+        if min(u_a, u_b) <= u <= max(u_a, u_b):
+            share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
+            try:
+                yield solve(statics, a + share * (b - a), u)[0]
+            except NewtonFailed:
+                continue
+
+
+def mirror_image(statics: Statics, branch: EquilibriumBranch) -> EquilibriumBranch | None:
+    """The mirror image, None where it is the branch itself or no branch of equilibria."""
+    xs = integrated(statics, branch.q)
+    middle = len(xs) // 2
+    x, u = -xs[middle], float(branch.speeds[middle])
+    try:
+        if statics.unbalanced(x, u) > BALANCED or lies_on(statics, branch, x, u):
+            return None
+    except ValueError:
+        return None
+
+    def image(q: Array) -> tuple[Array, Array]:
+        mirrored = statics.recorded(-integrated(statics, q))
+        return mirrored, statics.model.tips(mirrored.T)
+
+    points = []
+    for point in branch.points:
+        q, tips = image(point.q[None])
+        points.append(replace(point, q=q[0], tip=tips[0]))
+    q, tips = image(branch.q)
+    return replace(branch, q=q, tips=tips, points=tuple(points))
+
+
+def is_stable_at(branch: EquilibriumBranch, u: float) -> bool:
+    """Whether a branch has stable equilibria at a speed."""
+    for (a, b), (good, after) in zip(pairwise(branch.speeds), pairwise(branch.stable), strict=True):
+        if not min(a, b) <= u <= max(a, b) or not (good or after):
+            continue
+        stable_end, other = (a, b) if good else (b, a)
+        changes = [p.speed for p in branch.points if min(a, b) <= p.speed <= max(a, b)]
+        end = min(changes, key=lambda p: abs(p - stable_end), default=other)
+        if (good and after) or min(stable_end, end) <= u < max(stable_end, end):
+            return True
+    return False

@@ -1,0 +1,417 @@
+# SPDX-License-Identifier: MIT
+"""Continuation of periodic orbits in the flow speed, past folds.
+
+A branch begins at a Hopf point, where an orbit loses its symmetry or doubles its period, or at any
+orbit. The mesh is refined and coarsened on the way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from pipedyn.bifurcation.collocation import (
+    ITERATIONS,
+    LONGEST_STEP,
+    Linearised,
+    OrbitProblem,
+    solved,
+)
+from pipedyn.bifurcation.continuation import Continuation, Control, Point, Segment, folds
+from pipedyn.bifurcation.periodic_orbit import (
+    COARSEST,
+    PeriodicOrbit,
+    coarsest_mesh,
+    divided,
+    interpolated,
+    resolved,
+    stage_phases,
+)
+from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
+
+SMALL, SMALLEST = 0.01, 1e-4
+"""Amplitude in L of a branch's first orbit beside what it leaves, and the least that is tried: the
+normal form holds at the first to a per cent or better, and at the last rounding is far below."""
+
+NEAR = 1e-3
+"""Share of the speed within which a branch's first orbit has to lie from its Hopf point."""
+
+MOST_INTERVALS = 250
+"""Mesh intervals of an orbit on a branch: 2,000 stages, with which orbits take seconds each."""
+
+OVERRESOLVED = 1e-3
+"""Share of the largest defect allowed below which an interval may be twice as long: its defect then
+is some 2^8 times what it was."""
+
+COARSER = 0.75
+"""Share of the mesh that a coarser one may have at most to take its place: a change of the mesh
+costs as much as a step."""
+
+PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
+"""Phases at which orbits are compared: enough for the harmonics that matter for a sign."""
+
+MOST_STEPS = 60
+"""Steps on the way to a speed: with the longest of them the amplitude could change by 18 L."""
+
+SHRUNK = 0.25
+"""Share of its first size below which a branch on its way to a speed shrinks to rest."""
+
+Breaking = Literal["pitchfork", "period doubling"]
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How branches of orbits are followed.
+
+    Attributes:
+        control: steps, in L of the free end and relative in speed and frequency.
+        first: length of the first step.
+        defect: largest defect of an orbit.
+    """
+
+    control: Control
+    first: float
+    defect: float
+
+
+def _control(longest: float, tolerance: float) -> Control:
+    # Orbits are costly: a tangent that turns by 37 degrees will do, and one linearisation serves
+    # the last correction and the tangent.
+    return Control(
+        longest=longest,
+        shortest=1e-4,
+        turn=math.acos(0.8),
+        shorten=0.4,
+        tolerance=tolerance,
+        stagnation=1e3 * tolerance,
+        iterations=ITERATIONS,
+        patience=3,
+        longest_change=LONGEST_STEP,
+        farthest=math.inf,
+        quick=ITERATIONS,
+        fresh=False,
+    )
+
+
+FINE = Pace(_control(0.15, 1e-8), 0.03, 1e-4)
+"""For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
+and 5e-5."""
+
+COARSE = Pace(_control(0.3, 1e-5), 0.05, 1e-3)
+"""On the way to a speed, where the orbit is refined."""
+
+
+@dataclass(frozen=True)
+class HopfPoint:
+    """A pair of eigenvalues on the imaginary axis, from which small periodic orbits come.
+
+    Attributes:
+        rest: the equilibrium, shape (2 moving,).
+        mode: complex, of unit displacement of the free end, shape (2 moving,).
+        speed, frequency: of the pair.
+    """
+
+    rest: Array = field(repr=False)
+    mode: Complex = field(repr=False)
+    speed: float
+    frequency: float
+
+    def orbit(
+        self, motion: VectorField, amplitude: float, u: float, frequency: float
+    ) -> PeriodicOrbit:
+        """The mode with an amplitude of the free end, on the coarsest mesh.
+
+        Rates are those of the mode and not of the forces, which at large amplitudes of a stiff
+        pipe are far from them.
+        """
+        edges = coarsest_mesh(not self.rest.any() and motion.is_odd(u))
+        mode = amplitude * self.mode
+        if not motion.constrained:
+            mode[motion.half :] = 1j * frequency * mode[: motion.half]
+        turn = np.exp(1j * stage_phases(edges))[..., None]
+        rates = (1j * frequency * mode[-motion.width :] * turn).real
+        starts = self.rest + (mode * np.exp(1j * edges[:-1])[:, None]).real
+        return PeriodicOrbit(edges, starts, rates, frequency, u)
+
+
+# ---------------------------------------------------------------------------- where it begins
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a branch begins.
+
+    Attributes:
+        orbit: its first orbit.
+        towards: direction in the unknowns; its length, if that is less than `Pace.first`, is that
+            of the first step.
+        base: what it leaves, an equilibrium or an orbit, on the same mesh.
+    """
+
+    orbit: PeriodicOrbit
+    towards: Array = field(repr=False)
+    base: PeriodicOrbit | None = None
+
+
+def from_hopf(motion: VectorField, point: HopfPoint) -> Start:
+    """At a small amplitude or, where the speed is by then more than `NEAR` off, less.
+
+    Raises:
+        NewtonFailed: if there is no small orbit.
+    """
+    amplitude = SMALL
+    start = _small(motion, point, amplitude)
+    while abs(start.orbit.u - point.speed) > NEAR * point.speed and amplitude > SMALLEST:
+        amplitude *= 0.3
+        start = _small(motion, point, amplitude)
+    return start
+
+
+def _small(motion: VectorField, point: HopfPoint, amplitude: float) -> Start:
+    """The orbit of a small amplitude, at whatever speed."""
+    ring = point.orbit(motion, amplitude, point.speed, point.frequency)
+    still = replace(
+        ring, starts=np.zeros_like(ring.starts) + point.rest, rates=np.zeros_like(ring.rates)
+    )
+    return _beside(motion, ring, still, ring.packed() - still.packed())
+
+
+def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> Start:
+    """From where an orbit loses its symmetry or doubles its period, in its neutral direction.
+
+    Args:
+        motion: the model's.
+        orbit: the orbit there; without a mirror symmetry it can only double its period.
+        kind: what happens.
+
+    Raises:
+        NewtonFailed: if there is no such orbit beside it.
+    """
+    neutral = orbit.unpacked(np.append(Linearised(motion, orbit).neutral()[:-2], [1.0, 0.0]))
+    base = orbit.doubled(kind)
+    # After the first half the perturbation is the opposite of what the orbit itself does.
+    halves = (
+        np.concatenate([part, -orbit.mirror * part]).ravel()
+        for part in (neutral.starts, neutral.rates)
+    )
+    direction = np.concatenate([*halves, [0.0, 0.0]])
+    branch = Continuation(OrbitProblem(motion, base, unit_of(motion, base)), FINE.control)
+    direction *= SMALL / branch.length(direction)
+    while True:
+        try:
+            return _beside(motion, base, base, direction)
+        except NewtonFailed:
+            direction = 0.4 * direction
+            if branch.length(direction) < SMALLEST:
+                raise
+
+
+def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> Start:
+    """From any orbit towards growing (1) or falling (-1) speed.
+
+    Raises:
+        NewtonFailed: if the equations do not tell where that is.
+    """
+    like = orbit.frequency, orbit.u, orbit.symmetric
+    orbit = resolved(motion, orbit.states, *like, FINE.defect)
+    orbit = solved(motion, orbit, FINE.control.tolerance)
+    branch = Continuation(OrbitProblem(motion, orbit, unit_of(motion, orbit)), FINE.control)
+    towards = np.zeros(orbit.packed().size)
+    towards[-1] = sign
+    return Start(orbit, branch.point(orbit.packed(), towards).tangent)
+
+
+def _beside(
+    motion: VectorField, like: PeriodicOrbit, base: PeriodicOrbit, direction: Array
+) -> Start:
+    """The orbit at a distance from what it leaves, in a direction of that length."""
+    problem = OrbitProblem(motion, like, unit_of(motion, like))
+    branch = Continuation(problem, FINE.control)
+    begin = base.packed()
+    found = branch.at(branch.starting(begin, direction), branch.length(direction))
+    return Start(problem.orbit(found.z), found.z - begin, base)
+
+
+def unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
+    """Root mean square of what moves, for each L of the free end's amplitude."""
+    states = orbit.states(PROBES)
+    positions, across = states[: motion.half], motion.tip(states)
+    centred = positions - positions.mean(axis=1, keepdims=True)
+    size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
+    return size / max(0.5 * float(np.ptp(across)), 0.01 * size)  # a free end may be held
+
+
+def broken(orbit: PeriodicOrbit, kind: str) -> Array:
+    """What of an orbit vanishes where it meets what it leaves, at `PROBES`, (k, moving).
+
+    Args:
+        orbit: the orbit.
+        kind: "hopf" (an equilibrium), "pitchfork" (its own mirror image) or "period doubling".
+    """
+    p = orbit.states(PROBES)[: orbit.half].T
+    later = np.roll(p, -PROBES.size // 2, axis=0)
+    if kind == "hopf":
+        return p if orbit.symmetric else p - p.mean(axis=0)
+    return 0.5 * (p + later if kind == "pitchfork" else p - later)
+
+
+# -------------------------------------------------------------------------------- following it
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step along a branch of orbits.
+
+    Attributes:
+        segment: between its two ends.
+        problem: whose unknowns are those of the segment.
+    """
+
+    segment: Segment
+    problem: OrbitProblem
+
+    @property
+    def length(self) -> float:
+        """Arc length."""
+        return self.segment.length
+
+    @property
+    def begin(self) -> PeriodicOrbit:
+        """The first orbit."""
+        return self.problem.orbit(self.segment.begin.z)
+
+    @property
+    def end(self) -> PeriodicOrbit:
+        """The last orbit."""
+        return self.problem.orbit(self.segment.end.z)
+
+    def at(self, s: float) -> PeriodicOrbit:
+        """The orbit at an arc length from the first.
+
+        Raises:
+            NewtonFailed: if Newton's method fails.
+        """
+        return self.problem.orbit(self.segment.at(s).z)
+
+
+def followed(motion: VectorField, start: Start, pace: Pace) -> Iterator[Step]:
+    """Steps along a branch of orbits, past folds, without end.
+
+    Args:
+        motion: the model's.
+        start: where it begins.
+        pace: how it is followed.
+
+    Raises:
+        NewtonFailed: where it cannot be followed.
+    """
+    here, towards = start.orbit, start.towards
+    unit, largest = unit_of(motion, here), pace.defect
+    length: float | None = None
+    while True:
+        problem = OrbitProblem(motion, here, unit)
+        branch = Continuation(problem, pace.control)
+        if length is None:
+            length = min(pace.first, branch.length(towards))
+        segment, following = branch.next(branch.starting(here.packed(), towards), length)
+        step = Step(segment, problem)
+        coarse = step.end.defects() > largest
+        if coarse.any():
+            if here.edges.size + np.count_nonzero(coarse) > MOST_INTERVALS:
+                raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
+            edges = divided(here.edges, 1 + coarse)
+            here, towards = _on_mesh(step, segment.begin, edges, pace.control)
+            length = segment.length
+            continue
+        yield step
+        here, towards, length = step.end, segment.end.tangent, following
+        fine = here.defects() <= OVERRESOLVED * largest
+        if np.count_nonzero(fine) > 2 * COARSEST:
+            edges = resolved(
+                *(motion, here.states, here.frequency, here.u, here.symmetric), largest
+            ).edges
+            if edges.size < COARSER * here.edges.size:
+                here, towards = _on_mesh(step, segment.end, edges, pace.control)
+
+
+def _on_mesh(
+    step: Step, point: Point, edges: Array, control: Control
+) -> tuple[PeriodicOrbit, Array]:
+    """A point's orbit and tangent on another mesh.
+
+    Raises:
+        NewtonFailed: if Newton's method fails there.
+    """
+    motion, orbit = step.problem.motion, step.problem.orbit(point.z)
+    problem = OrbitProblem(
+        *(motion, interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)),
+        step.problem.unit,
+    )
+    # The tangent's states there: any direction near it is good enough to find it by.
+    share = 1e-4
+    moved = step.problem.orbit(point.z + share * point.tangent)
+    towards = np.zeros(problem.weights.size)
+    starts = (moved.states(edges[:-1]) - orbit.states(edges[:-1])).T.ravel() / share
+    towards[: starts.size], towards[-2:] = starts, point.tangent[-2:]
+    branch = Continuation(problem, control)
+    found = branch.corrected(branch.point(problem.start.packed(), towards))
+    return problem.orbit(found.z), found.tangent
+
+
+def continued(motion: VectorField, point: HopfPoint, u: float, most: int) -> PeriodicOrbit:
+    """The orbit at a speed to which those of a Hopf point lead.
+
+    Args:
+        motion: the model's.
+        point: the Hopf point.
+        u: the speed.
+        most: evaluations of right-hand sides and Jacobians after which it is given up.
+
+    Raises:
+        NewtonFailed: if they do not lead there, or not so soon.
+    """
+    begun, stopped = motion.evaluations, "it takes too many steps"
+    start = from_hopf(motion, point)
+    turning: list[Step] = []
+    here = start.orbit
+    try:
+        for _, step in zip(range(MOST_STEPS), followed(motion, start, COARSE), strict=False):
+            if (step.begin.u - u) * (step.end.u - u) <= 0.0:
+                return step.problem.orbit(step.segment.where(u).z)
+            here = step.end
+            if step.segment.slopes[0] * step.segment.slopes[1] < 0.0:
+                turning.append(step)
+            across = np.sum(broken(step.begin, "hopf") * broken(here, "hopf"))
+            if here.size < SHRUNK * start.orbit.size or across < 0.0:
+                stopped = f"it shrinks to rest at u = {here.u:.6g}"
+                break
+            if not 0.5 * min(u, point.speed) < here.u < 1.5 * max(u, point.speed):
+                stopped = f"it goes off to u = {here.u:.6g}"
+                break
+            if motion.evaluations > begun + most:
+                break
+    except NewtonFailed as reason:
+        stopped = f"it is lost at u = {here.u:.6g}, where {reason}"
+    report = f"does not come to u = {u:g}: {stopped}"
+    turn = _nearest_turn(turning, u)
+    if turn is not None and (turn < point.speed) == (u < point.speed):
+        report = f"reaches {'down' if u < turn else 'up'} to u = {turn:.6g} only"
+    raise NewtonFailed(f"the cycle of the Hopf point at u = {point.speed:.6g} {report}")
+
+
+def _nearest_turn(steps: list[Step], u: float) -> float | None:
+    """The speed nearest to another at which orbits on their way there turned back, if any did."""
+    found = []
+    for step in steps:
+        if (u - step.begin.u) * step.segment.slopes[0] > 0.0:
+            with suppress(NewtonFailed):
+                found += [step.at(s).u for s in folds(step.segment, 1e-3)]
+    return min(found, key=lambda turn: abs(turn - u), default=None)

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: MIT
+"""Forces on a pipe at rest in the flow, and small motions about its equilibria.
+
+At rest the flow acts with a u^2 and with nothing else, so forces are affine in u^2 at any
+configuration. Their derivative is exact: the operators' stiffness and flux.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from pipedyn.models.base import Model, Operators
+from pipedyn.util.check import Array
+from pipedyn.util.counters import evaluated
+
+BALANCED = 1e-8
+"""Force that may be left at an equilibrium, beside 1 + |gamma| + a u^2: Newton's method leaves some
+1e-12, and what is no equilibrium 1e-3 and more."""
+
+
+class Statics:
+    """Forces at rest and their derivatives, in the coordinates that integrators advance.
+
+    With guides and pins the equations are those of accelerations along what these allow plus, for
+    what they forbid, the rates with which the motion returns to them: as many as unknowns, and zero
+    together at an equilibrium that meets the constraints.
+
+    Args:
+        model: the model.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.size = model.moving
+        self.constrained = model.dof < model.moving
+        self._last: tuple[bytes, Operators] | None = None
+        self.resting = np.array(model.resting(), dtype=np.float64)
+
+    def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
+        """Rates and accelerations of [x, 0], (moving,) each; rates are 0 but beside a guide."""
+        y = np.zeros(2 * self.size + 1)
+        y[: self.size] = x
+        evaluated(1)
+        rates = self.model.motion.rhs_and_power(0.0, y, u)
+        return rates[: self.size], rates[self.size : -1]
+
+    def residual(self, x: Array, p: float) -> Array:
+        """Forces, or for scenes accelerations and returns, shape (moving,)."""
+        rates, turning = self.accelerations(x, abs(p))
+        if self.constrained:
+            total: Array = rates + turning
+            return total
+        forces: Array = self.operators(x).mass @ turning
+        return forces
+
+    def operators(self, x: Array) -> Operators:
+        """About a configuration; the last are kept: forces and their derivative both use them."""
+        key = x.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self.model.operators(x)
+        return self._last[1]
+
+    def jacobian(self, x: Array, p: float) -> Array:
+        """Derivative of `residual` by x, (moving, moving)."""
+        if not self.constrained:
+            ops = self.operators(x)
+            slope: Array = -ops.stiffness - ops.centrifugal * p**2 * ops.flux
+            return slope
+        whole = self.model.motion_jacobian(np.concatenate([x, np.zeros(self.size)]), abs(p))
+        joined: Array = whole[self.size :, : self.size] + whole[: self.size, : self.size]
+        return joined
+
+    def by_parameter(self, x: Array, p: float) -> Array:
+        """Derivative of `residual` by the speed: forces are affine in its square."""
+        slope: Array = 2.0 * p * (self.residual(x, 1.0) - self.residual(x, 0.0))
+        return slope
+
+    def unbalanced(self, x: Array, u: float) -> float:
+        """Largest force left, beside 1 + |gamma| + a u^2, and how far guides are missed."""
+        rates, turning = self.accelerations(x, u)
+        missed = float(np.abs(rates).max())
+        if not missed < 1e-9:  # `operators` takes no configuration that misses a guide
+            return math.inf
+        along = self.model.free_directions(x).T @ turning if self.constrained else turning
+        pipe = self.model.pipe
+        size = 1.0 + abs(pipe.gamma) + pipe.centrifugal * u**2
+        return float(np.abs(self.operators(x).mass @ along).max()) / size + missed
+
+    def eigenvalues(self, x: Array, u: float) -> NDArray[np.complex128]:
+        """Of small motions about an equilibrium, shape (2 dof,)."""
+        mass, velocity, stiffness = self.operators(x).at(u)
+        lower = np.linalg.cholesky(mass)
+
+        def scaled(matrix: Array) -> Array:
+            half = scipy.linalg.solve_triangular(lower, matrix, lower=True)
+            whole: Array = scipy.linalg.solve_triangular(lower, half.T, lower=True).T
+            return whole
+
+        n = len(mass)
+        companion = np.zeros((2 * n, 2 * n))
+        companion[:n, n:] = np.eye(n)
+        companion[n:, :n], companion[n:, n:] = -scaled(stiffness), -scaled(velocity)
+        found: NDArray[np.complex128] = scipy.linalg.eigvals(companion)
+        return found
+
+    def unstable(self, x: Array, u: float) -> int:
+        """Number of eigenvalues whose real part is positive beyond rounding."""
+        return unstable_among(self.eigenvalues(x, u))
+
+    def recorded(self, xs: Array) -> Array:
+        """Coordinates that users see, (k, coordinates), of (k, moving)."""
+        return self.model.recorded(xs, np.zeros_like(xs))[0]
+
+    def from_start(self, name: str, start: Any) -> Array:
+        """The argument as [x], from coordinates or an angle theta(s)."""
+        given = self.model.bent(start) if callable(start) else start
+        try:
+            return np.array(self.model.start(given, None)[: self.size])
+        except (ValueError, TypeError) as error:
+            raise type(error)(str(error).replace("q0", name, 1)) from error
+
+    def rms(self, x: Array) -> float:
+        """Size of a difference of configurations."""
+        return float(np.linalg.norm(x)) / math.sqrt(self.size)
+
+    def straight(self, x: Array) -> bool:
+        """Whether a configuration is that of the straight pipe, its own mirror image."""
+        return not self.resting.any() and self.rms(x) < 1e-9
+
+    def rests(self, u: float) -> bool:
+        """Whether the configuration at rest is an equilibrium."""
+        return self.unbalanced(self.resting, u) <= BALANCED
+
+
+def unstable_among(eigenvalues: NDArray[np.complex128]) -> int:
+    """Number of those whose real part is positive beyond rounding."""
+    return int(np.count_nonzero(eigenvalues.real > rounding(eigenvalues)))
+
+
+def rounding(eigenvalues: NDArray[np.complex128]) -> float:
+    """Real part up to which an eigenvalue counts as neutral."""
+    largest = float(np.abs(eigenvalues).max())
+    return 1e-10 + min(4.0 * float(np.finfo(float).eps) * largest**2, 1e-6)
