@@ -196,7 +196,7 @@ def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> 
 
 
 @pytest.mark.parametrize("n", [6, 66])
-def test_the_plain_chain_has_the_passages_of_chain(n: int) -> None:
+def test_the_plain_chain_has_the_crossings_of_chain(n: int) -> None:
     for pipe in (pp.Pipe(0.2), pp.Pipe(0.3, -12.0), pp.Pipe(0.3, flow="aspirating", damping=0.02)):
         mine = pp.crossings(md.chain(pipe, n), 9.0)
         theirs = pp.crossings(pp.Chain(pipe, n), 9.0)
@@ -349,19 +349,19 @@ def test_a_guided_end_diverges_like_the_clamped_pinned_column() -> None:
 
 
 @pytest.mark.parametrize("beta", [0.05, 0.5, 0.9])
-def test_passages_of_a_guided_pipe_meet_the_eigenvalues_on_either_side(beta: float) -> None:
+def test_crossings_of_a_guided_pipe_meet_the_eigenvalues_on_either_side(beta: float) -> None:
     """Divergence, gyroscopic stabilisation and the meeting of modes, counted by numpy."""
     scene = md.chain(pp.Pipe(beta, 20.0), 10).plus(md.Guide(10))
-    passages = pp.crossings(scene, 12.0)
-    assert {"flutter", "divergence"} >= {c.kind for c in passages}
+    crossings = pp.crossings(scene, 12.0)
+    assert {"flutter", "divergence"} >= {c.kind for c in crossings}
     operators, n = scene.operators(), scene.dof
     for u in np.arange(0.13, 12.0, 0.37):
-        if min(abs(c.speed - u) for c in passages) < 1e-2:
+        if min(abs(c.speed - u) for c in crossings) < 1e-2:
             continue
         mass, velocity, stiffness = operators.at(u)
         free = np.linalg.solve(mass, np.hstack([stiffness, velocity]))
         values = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-free]]))
-        passed = [c.unstable_after for c in passages if c.speed < u]
+        passed = [c.unstable_after for c in crossings if c.speed < u]
         assert (passed[-1] if passed else 0) == np.sum(values.real > 1e-5 * (1.0 + np.abs(values)))
 
 
@@ -374,7 +374,7 @@ def test_the_divergence_of_a_conservative_pipe_knows_what_moves_it() -> None:
     assert critical(20.0).sensitivity.speed.gamma == pytest.approx(measured, rel=1e-6)
 
 
-def test_equal_spans_have_passages_though_their_modes_are_close() -> None:
+def test_equal_spans_have_crossings_though_their_modes_are_close() -> None:
     scene = md.chain(pp.Pipe(0.2), 100).plus(*(md.Guide(j) for j in (25, 50, 75, 100)))
     critical = pp.critical_speed(scene)
     dense = pp.critical_speed(
