@@ -24,6 +24,14 @@ CLAMPED_PINNED = 4.493409457909064
 EJECTING = pp.Pipe(0.3, 12.0, drag=0.7, damping=0.01)
 ASPIRATING = pp.Pipe(0.4, -3.0, "aspirating", 0.7, drag=1.5)
 
+LADEN = replace(  # places inside segments, on nodes and on the fixed base of some chains below
+    EJECTING,
+    terms=[
+        *(pp.PointMass(0.05, 0.4), pp.PointMass(0.62, 0.3), pp.PointMass(1.0, 0.1)),
+        *(pp.Spring(0.3, 20.0), pp.Spring(0.97, 5.0)),
+    ],
+)
+
 UNEQUAL = {
     "lengths": [0.2, 0.25, 0.15, 0.3],
     "springs": [9.0, 4.0, 7.0, 3.0],
@@ -150,6 +158,8 @@ def test_redundant_constraints_change_nothing() -> None:
         (ASPIRATING, {"n": 7, "springs": "midpoint"}),
         (EJECTING, UNEQUAL),
         (ASPIRATING, {"n": 1}),
+        (LADEN, {"n": 7}),
+        (LADEN, UNEQUAL),
     ],
 )
 def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
@@ -172,9 +182,10 @@ def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
         np.testing.assert_allclose(scene.tip(y[: 3 * n]), chain.tip(theta), atol=1e-14)
 
 
+@pytest.mark.parametrize("pipe", [EJECTING, LADEN])
 @pytest.mark.parametrize("angles", [None, "bent"])
-def test_the_plain_chain_has_the_operators_of_chain(angles: str | None) -> None:
-    chain, scene = pp.Chain(EJECTING, **UNEQUAL), md.chain(EJECTING, **UNEQUAL)
+def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp.Pipe) -> None:
+    chain, scene = pp.Chain(pipe, **UNEQUAL), md.chain(pipe, **UNEQUAL)
     q = None if angles is None else np.array([0.3, -0.5, 0.8, 0.2])
     mine, theirs = scene.operators(q), chain.operators(q)
     names = ["mass", "gyroscopic", "end_flux", "damping"]
@@ -187,7 +198,7 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None) -> None:
 
 
 @pytest.mark.parametrize("n", [8, 130])
-@pytest.mark.parametrize("pipe", [EJECTING, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
+@pytest.mark.parametrize("pipe", [EJECTING, LADEN, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
 def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> None:
     for u in (0.0, 6.0):
         mine = pp.eigenvalues(md.chain(pipe, n), u, 8)
