@@ -26,6 +26,7 @@ import math
 import os
 import random
 import time
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -80,10 +81,11 @@ MOVING, LINEAR, ONSETS = (x.replace("\n", "; ").split("; ") for x in (MOVING, LI
 LINEAR = MOVING[:-1] + LINEAR  # the last rests bent
 
 
-def fitted(pipe, fittings):
-    """The pipe and what models take besides; fittings are (at, mass, stiffness) each."""
-    made = tuple(pp.Fitting(at, mass=m, stiffness=k) for at, m, k in fittings)
-    return pipe, {"fittings": made} if made else {}
+def laden(pipe, fittings):
+    """The pipe with point masses and springs, (at, mass, stiffness) each."""
+    masses = [pp.PointMass(at, mass) for at, mass, _ in fittings if mass]
+    springs = [pp.Spring(at, stiffness) for at, _, stiffness in fittings if stiffness]
+    return replace(pipe, terms=(*masses, *springs))
 
 
 def parts(name):
@@ -99,22 +101,18 @@ def parts(name):
 def made(name):
     """A model by its name: kind, pipe, size, and what it has besides."""
     kind, pipe, *more = name.split()
-    pipe, held = fitted(PIPES[pipe], [FITTINGS[x] for x in more if x in FITTINGS])
+    given = [FITTINGS[x] for x in more if x in FITTINGS]
+    pipe = laden(PIPES[pipe], given)
     if kind == "continuum":
-        return pp.Continuum(pipe, **held)
+        return pp.Continuum(pipe)
     size, rest = int(more[0]), "".join(x for x in more[1:] if x not in FITTINGS)
     if kind in ("beam", "legendre"):
-        return pp.Galerkin(pipe, size, kind, **held)
+        return pp.Galerkin(pipe, size, kind)
     if kind == "scene":
-        given = [FITTINGS[x] for x in more if x in FITTINGS]
-        masses = [pp.PointMass(at, mass) for at, mass, _ in given]
-        springs = [pp.Spring(at, stiffness) for at, _, stiffness in given if stiffness]
         # the lengths that chain chose at 3ddf395, where fittings had to be at nodes
-        cut = {
-            "lengths": [0.4 / (size // 2)] * (size // 2) + [1.2 / (size + 1)] * (size - size // 2)
-        }
-        scene = pp.modular.chain(pipe, size, **(cut if given else {}))
-        return scene.plus(*masses, *springs, *parts(rest))
+        first = [0.4 / (size // 2)] * (size // 2)
+        cut = {"lengths": first + [1.2 / (size + 1)] * (size - size // 2)} if given else {}
+        return pp.modular.chain(pipe, size, **cut).plus(*parts(rest))
     return pp.Chain(pipe, size, **SEGMENTS.get(rest, {"springs": rest or "consistent"}))
 
 

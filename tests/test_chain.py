@@ -12,7 +12,6 @@ from independent import lagrangian_operators
 from scipy.linalg import eigvalsh
 
 import pipedyn as pp
-from pipedyn.linear.pencil import BandPencil, DensePencil
 
 FIRST_BEAM_FREQUENCY = 1.8751040687119612**2
 """First root of cos(k) cosh(k) = -1, squared (physics.md, section 2: 1.8751040687)."""
@@ -181,7 +180,7 @@ def test_an_elastic_coordinate_holds_half_a_unit_of_energy(chain):
 def test_sweeps_along_the_chain_multiply_like_its_matrices(chain, data):
     draw = st.lists(st.floats(-1.0, 1.0), min_size=2 * chain.dof, max_size=2 * chain.dof)
     x = np.array(data.draw(draw)).reshape(chain.dof, 2)
-    dense, band = DensePencil(chain), BandPencil(chain)
+    dense, band = chain.pencil(dense=True), chain.pencil(dense=False)
     for vectors in (x, x + 1j * x[::-1]):
         for name in ("mass", "velocity", "damping", "stiffness", "flux"):
             expected = getattr(dense, name)(vectors)
@@ -199,7 +198,7 @@ def test_the_band_solve_is_the_dense_solve(rule, flow, value):
     pipe = pp.Pipe(0.4, gamma=3.0, flow=flow, alpha=0.8, damping=2e-3)
     chain = pp.Chain(pipe, 30, springs=rule)
     u = 5.0
-    dense, band = DensePencil(chain), BandPencil(chain)
+    dense, band = chain.pencil(dense=True), chain.pencil(dense=False)
     rows = np.cos(np.arange(60.0)).reshape(30, 2) + 0.0j
     # The matrix from the operators in the angles, not from either route.
     mass, damping, stiffness = chain.operators().at(u)
@@ -219,7 +218,7 @@ def test_the_band_keeps_four_digits_beyond_the_dense_matrix_at_static_loads():
     """n = 2000, u = 0: a moment at the free end bends every joint alike, exactly 1 / k_j."""
     chain = pp.Chain(pp.Pipe(0.2), 2000)
     moment = np.ones((2000, 1)) * chain.elastic_scale[:, None]
-    turned = BandPencil(chain).factor(0.0, 0.0)(moment)[:, 0] * chain.elastic_scale
+    turned = chain.pencil().factor(0.0, 0.0)(moment)[:, 0] * chain.elastic_scale
     np.testing.assert_allclose(turned * chain.springs, 1.0, rtol=1e-12)
 
 

@@ -19,7 +19,6 @@ from independent import (
 
 import pipedyn as pp
 from pipedyn import _core
-from pipedyn.linear.pencil import BandPencil, DensePencil
 
 ALL = (
     pp.PointMass(0.37, 0.4),
@@ -213,7 +212,7 @@ def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
 @pytest.mark.parametrize("n", [1, 5, 100])
 def test_products_and_band_are_those_of_the_matrices(n):
     chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=0.01, terms=ALL), n)
-    dense, band = DensePencil(chain), BandPencil(chain)
+    dense, band = chain.pencil(dense=True), chain.pencil(dense=False)
     x = np.random.default_rng(7).normal(size=(n, 2)) + 1j
     for product in ("mass", "velocity", "damping", "stiffness", "gravity", "by_damping", "flux"):
         found, expected = getattr(band, product)(x), getattr(dense, product)(x)
@@ -342,3 +341,17 @@ def test_a_mass_at_the_tip_slows_the_chain_as_it_slows_the_cantilever(rule):
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     assert (np.abs(orders - 2.0) < 0.1).all()
     assert errors[-1] < 2e-3
+
+
+@pytest.mark.parametrize("rule", ["consistent", "midpoint"])
+def test_terms_inside_leave_the_order_in_the_number_of_segments(rule):
+    pipe = pp.Pipe(0.2, 10.0, terms=(pp.PointMass(0.613, 0.3), pp.Spring(0.351, 20.0)))
+    exact = pp.critical_speed(pp.Continuum(pipe))
+    errors = [
+        abs(pp.critical_speed(pp.Chain(pipe, n, springs=rule)).speed - exact.speed)
+        for n in (10, 20, 40)
+    ]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (np.abs(orders - 2.0) < 0.2).all()
+    assert errors[-1] < 7e-3
+    assert exact.error < 1e-6

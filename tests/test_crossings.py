@@ -20,7 +20,6 @@ from scipy.optimize import brentq, minimize_scalar
 import pipedyn as pp
 from pipedyn import modular
 from pipedyn.linear import crossings as sweeps
-from pipedyn.linear.eigensolver import pencil_of
 
 
 def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, told=0.9):
@@ -501,9 +500,9 @@ def test_irregular_chains_crossings_account_for_every_unstable_root(seed):
 @pytest.mark.parametrize("kind", [pp.Chain, pp.Galerkin, modular.chain])
 def test_derivatives_by_gravity_and_damping_are_told_at_the_ends_of_their_ranges(kind):
     x = np.eye(3)
-    none = pencil_of(kind(pp.Pipe(0.5), 3))
+    none = kind(pp.Pipe(0.5), 3).pencil()
     for gamma, damping in ((1e6, 0.0), (-1e6, 1e6), (0.0, 1.0)):
-        pencil = pencil_of(kind(pp.Pipe(0.5, gamma, damping=damping), 3))
+        pencil = kind(pp.Pipe(0.5, gamma, damping=damping), 3).pencil()
         np.testing.assert_allclose(pencil.gravity(x), none.gravity(x), rtol=0.0, atol=1e-8)
         np.testing.assert_allclose(pencil.by_damping(x), none.by_damping(x), rtol=0.0, atol=1e-8)
 
@@ -522,3 +521,19 @@ def test_what_is_found_twice_is_equal_and_may_stand_in_a_set():
     assert found[0] == found[1]
     assert found[0] != pp.critical_speed(pp.Chain(pp.Pipe(0.2), 4))
     assert len({*found}) == 1
+
+
+@pytest.mark.parametrize("model", [pp.Continuum, lambda pipe: pp.Chain(pipe, 6)])
+def test_hardly_any_damping_of_an_aspirating_pipe_is_outdone_by_hardly_any_flow(model):
+    """Speed is proportional to damping; where rounding hides the damping, speed 0 has an error."""
+
+    def critical(damping):
+        return pp.critical_speed(model(pp.Pipe(0.2, damping=damping, flow="aspirating")))
+
+    clear = critical(1e-9)
+    for damping in (1e-12, 1e-14, 1e-16):
+        found = critical(damping)
+        exact = clear.speed * damping / 1e-9
+        assert abs(found.speed - exact) <= found.error <= 1e-13
+        assert found.speed > 0.0 or damping < 1e-14
+        assert found.mode == 1

@@ -205,6 +205,24 @@ def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
     assert caught.value.result.multiplier_error > 1e-6
 
 
+def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch):
+    """Right beside the onset the two are 2e-4 apart, and rounding moves both by 1e-6."""
+    model = pp.modular.chain(pp.Pipe(0.1, drag=2.0), n=3)
+    u = 3.946653574561674  # 3e-5 beyond the onset
+    cycle = pp.limit_cycle(model, u)
+    apart = np.abs(cycle.others - 1.0).min()
+    assert 1e-6 < cycle.multiplier_error < 0.01 * apart
+    assert apart < 1e-3
+    # What attracts there is the cycle: its amplitude is that of the normal form.
+    assert cycle.stable
+    assert cycle.amplitude == pytest.approx(pp.hopf(model).amplitude(u), rel=1e-2)
+    # By itself that error is refused.
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.CHECKS", 1)
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.TRUSTED", 0.0)
+    with pytest.raises(pp.NotConverged, match="one of which should be 1"):
+        pp.limit_cycle(model, u)
+
+
 def test_a_cycle_pickles(known):
     copy = pickle.loads(pickle.dumps(known))
     assert np.array_equal(copy.q, known.q)
@@ -488,8 +506,8 @@ def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
-def test_panels_are_not_halved_for_roughness_that_is_rounding(damping):
-    """The cycle needs 64 panels of 8 stages for ten digits; rounding would ask for a thousand."""
+def test_mesh_intervals_are_not_halved_for_defects_that_are_rounding(damping):
+    """The cycle needs 64 intervals of 8 stages for ten digits; rounding would ask for a thousand."""
     pipe = pp.Pipe(0.2, damping=damping)
     sharp = pp.limit_cycle(pp.Galerkin(pipe, 14, "legendre"), 6.0, rtol=1e-10)
     assert sharp.error <= 1e-10

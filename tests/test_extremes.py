@@ -9,7 +9,7 @@ from extremes import QUICK, SECTIONS, Told, cells, judged, row
 from independent import chain_newton_step
 
 import pipedyn as pp
-from pipedyn.linear.pencil import Eigenpairs
+from pipedyn.linear.eigenproblem import Eigenpairs
 
 REFUSED = {
     "eigenvalues_of_the_pipe": {

@@ -269,6 +269,29 @@ def test_critical_speed_is_a_root_of_the_exponentials_determinant(terms):
     assert found.discretisation == found.error
 
 
+def test_every_mode_that_a_tip_mass_lets_grow_crosses_at_a_root_of_the_determinant():
+    """Without damping mode after mode loses stability, ever more slowly: 1e-7 of its frequency."""
+    beta, terms = 0.115, (pp.PointMass(1.0, 0.527), pp.Spring(1.0, 15.376))
+    found = pp.crossings(pp.Continuum(pp.Pipe(beta, terms=terms)), 9.0)
+    assert [c.mode for c in found if c.destabilising] == list(range(2, 15))
+    assert [c.mode for c in found if not c.destabilising] == [3]
+    with mpmath.workdps(40):
+        for crossing in found:
+            assert crossing.error <= 1e-5
+
+            def growth(u, value=1j * crossing.frequency):
+                root = mpmath.findroot(
+                    lambda x: exponentials_determinant(x, u, beta, terms),
+                    (value, value * (1.0 + 1e-8)),
+                    **{"tol": 1e-40, "verify": False},
+                )
+                assert abs(root - value) <= 1e-6 * abs(value)
+                return root.real
+
+            before, after = (growth(crossing.speed + e) for e in (-crossing.error, crossing.error))
+            assert before < 0.0 < after if crossing.destabilising else before > 0.0 > after
+
+
 @pytest.mark.parametrize(
     "pipe",
     [

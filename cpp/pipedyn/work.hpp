@@ -4,7 +4,6 @@
 // own order: E(t) - E(0) - W(t) then audits the motion.
 #pragma once
 
-#include <algorithm>
 #include <vector>
 
 #include "pipedyn/chain/motion.hpp"

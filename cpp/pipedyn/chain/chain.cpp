@@ -58,7 +58,25 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
                       .drag = pipe_.drag * l[j],
                       .weight = pipe_.gamma * first_moment_[j]});
   }
+  linearise_loads();
+}
+
+void Chain::place_terms() {
+  mass_ = segments_.length;
+  for_each_place(pipe_.terms, segments_.length, segments_.base,
+                 [&](const auto& law, const Term& term, Index j, double arm, double weight) {
+                   if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
+                   if (law.loads) loads_.push_back({j, arm, weight, term});
+                 });
+  std::stable_sort(
+      loads_.begin(), loads_.end(),
+      [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
+}
+
+void Chain::linearise_loads() {
   if (loads_.empty()) return;
+  const Index n = dof();
+  const Vector& l = segments_.length;
   const Vector straight = Vector::Zero(n), one = Vector::Ones(n);
   std::vector<LoadMoments> sums(static_cast<std::size_t>(n));
   load_moments(motion(), straight.data(), one.data(), nullptr, sums.data());
@@ -78,26 +96,14 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   }
 }
 
-void Chain::place_terms() {
-  mass_ = segments_.length;
-  for_each_place(pipe_.terms, segments_.length, segments_.base,
-                 [&](const auto& law, const Term& term, Index j, double arm, double weight) {
-                   if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
-                   if (law.loads) loads_.push_back({j, arm, weight, term});
-                 });
-  std::stable_sort(
-      loads_.begin(), loads_.end(),
-      [](const PlacedTerm& one, const PlacedTerm& other) { return one.segment < other.segment; });
-}
-
 void Chain::add_mass(Index segment, double arm, double mass) {
   const double l = segments_.length[segment];
   double &own = mass_[segment], &chi = segments_.center[segment];
   double& eta = segments_.gyration_radius[segment];
-  const double share = mass / (own + mass), apart = arm - chi * l;
-  eta = std::sqrt((1.0 - share) * (eta * eta + share * apart * apart));
+  const double total = own + mass, share = mass / total, apart = arm - chi * l;
+  eta = std::sqrt(own / total * (eta * eta + share * apart * apart));
   chi += share * apart / l;
-  own += mass;
+  own = total;
 }
 
 void Moments::before(double l, const Moments& own) {

@@ -129,10 +129,11 @@ class Chain {
   Vector mass_beyond_;   // sum_{i > k} mass_i
   Vector first_moment_;  // p_k
   std::vector<Link> links_;
-  std::vector<PlacedTerm> loads_;
+  std::vector<SegmentTerm> loads_;
   std::vector<LinearLoads> linear_loads_;  // empty where no term has a load
 
   void place_terms();
+  void linearise_loads();
   void add_mass(Index segment, double arm, double mass);
   void add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const;
   Matrix loads_times(const Matrix& x, bool by_position) const;

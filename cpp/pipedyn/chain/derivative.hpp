@@ -62,11 +62,6 @@ inline void row_inward(Count count, Plane moment, Plane force, double* __restric
   }
 }
 
-inline void row_of_motion(Count count, Plane answer, const double* __restrict vx,
-                          const double* __restrict vy, double* __restrict row) {
-  for (Count m = 0; m < count; ++m) row[m] = answer.x * vx[m] + answer.y * vy[m];
-}
-
 inline void add_row_of_motion(Count count, Plane answer, const double* __restrict vx,
                               const double* __restrict vy, double* __restrict row) {
   for (Count m = 0; m < count; ++m) row[m] += answer.x * vx[m] + answer.y * vy[m];
@@ -297,9 +292,8 @@ void columns_outward(const MotionModel& model, const Columns& columns, double* o
     double* const row = out + (n + k) * 2 * n;
     for (Count block = 0; block <= n; block += n) {
       if (model.drag || loaded) {
-        row_of_motion(k, columns.answer[k], columns.vx + block, columns.vy + block, row + block);
-      } else {
-        std::memset(row + block, 0, static_cast<std::size_t>(k) * sizeof(double));
+        add_row_of_motion(k, columns.answer[k], columns.vx + block, columns.vy + block,
+                          row + block);
       }
       if (loaded && block == 0) {  // positions change by an angle as velocities do by its rate
         add_row_of_motion(k, columns.position_answer[k], columns.vx + n, columns.vy + n, row);
@@ -329,7 +323,7 @@ void jacobian(const MotionModel& model, const double* y, double u, double* out, 
     load_moments(model, columns.sine, columns.cosine, y + n, columns.loads);
   }
 
-  std::memset(out, 0, static_cast<std::size_t>(2 * n * n) * sizeof(double));
+  std::memset(out, 0, static_cast<std::size_t>(4 * n * n) * sizeof(double));
   for (Count j = 0; j < n; ++j) out[j * 2 * n + n + j] = 1.0;
   columns_inward(model, columns, y + n, u, out);
   columns_outward(model, columns, out);

@@ -54,7 +54,7 @@ void energy_of(const MotionModel& model, const Members<Real>& members, double* o
         twice += link.spring * (turn * turn);
       },
       end_along, end_across);
-  for_each_load(model, sweep, [&](const auto& law, const PlacedTerm& place, const auto& at) {
+  for_each_load(model, sweep, [&](const auto& law, const SegmentTerm& place, const auto& at) {
     twice += (2.0 * place.weight) * law.energy(at);
   });
   members.write(out + members.first, 0.5 * twice);
@@ -82,7 +82,7 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Powe
         }
       },
       vt, vn);
-  for_each_load(model, sweep, [&](const auto& law, const PlacedTerm& place, const auto& at) {
+  for_each_load(model, sweep, [&](const auto& law, const SegmentTerm& place, const auto& at) {
     others += place.weight * law.power(at);
   });
   const Real u = members.speed();

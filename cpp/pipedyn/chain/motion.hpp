@@ -29,7 +29,7 @@ struct Link {
 };
 
 /// A term with a load, at its place on a segment.
-struct PlacedTerm {
+struct SegmentTerm {
   std::ptrdiff_t segment;
   double arm;     // from the segment's joint
   double weight;  // 1, or the length that a Gauss point stands for
@@ -39,14 +39,14 @@ struct PlacedTerm {
 /// What the kernels read of a chain and its pipe.
 struct MotionModel {
   const Link* links;
-  std::ptrdiff_t size;      // n
-  double base;              // length of the fixed part at the clamp
-  double gravity;           // gamma
-  double damping;           // delta
-  double coriolis;          // sqrt(beta) s
-  double centrifugal;       // a
-  bool drag;                // kappa > 0
-  const PlacedTerm* loads;  // from the clamp on
+  std::ptrdiff_t size;       // n
+  double base;               // length of the fixed part at the clamp
+  double gravity;            // gamma
+  double damping;            // delta
+  double coriolis;           // sqrt(beta) s
+  double centrifugal;        // a
+  bool drag;                 // kappa > 0
+  const SegmentTerm* loads;  // from the clamp on
   std::ptrdiff_t load_count;
 };
 

@@ -15,14 +15,14 @@
 
 namespace {
 
-using pipedyn::MotionModel, pipedyn::PlacedTerm;
+using pipedyn::MotionModel, pipedyn::SegmentTerm;
 
 /// From segment to segment, from the clamp on, past the places with a load.
 template <class Real>
 struct Walk {
   Real x{}, y, vx{}, vy{};  // of the joint
   Real sine{}, cosine;      // of the segment's angle
-  const PlacedTerm *next, *end;
+  const SegmentTerm *next, *end;
 
   explicit Walk(const MotionModel& model)
       : y(all<Real>(model.base)),
@@ -81,7 +81,7 @@ inline void load_moments(const MotionModel& model, const double* sine, const dou
     sum = {};
     walk.sine = sine[j];
     walk.cosine = cosine[j];
-    const auto visit = [&](const auto& law, const PlacedTerm& place, const Station<double>& at) {
+    const auto visit = [&](const auto& law, const SegmentTerm& place, const Station<double>& at) {
       const Load<double> load = law.load(at);
       const Slopes slopes = law.slopes(at);
       double weight = place.weight;

@@ -146,7 +146,7 @@ void add_loads(const MotionModel& model, const Sweep<Real>& sweep) {
     const Real drag = sweep.at(sweep.drag, j);
     Real along{}, across = drag, moment = link.drag_arm * drag;
     walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
-    const auto visit = [&](const auto& law, const PlacedTerm& place, const Station<Real>& at) {
+    const auto visit = [&](const auto& law, const SegmentTerm& place, const Station<Real>& at) {
       const Load<Real> load = law.load(at);
       const Real normal = place.weight * (at.cosine * load.x - at.sine * load.y);
       along -= place.weight * (at.sine * load.x + at.cosine * load.y);

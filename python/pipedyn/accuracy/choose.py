@@ -9,7 +9,7 @@ from __future__ import annotations
 import html
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from pipedyn.accuracy.trade import SHARPER, TradeRow
 from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.result import result
 
 DEFAULT = ("legendre", "beam", "consistent", "midpoint")
 """Families to choose among where none are named: of chains those whose error falls fastest."""
@@ -30,7 +31,7 @@ FINEST = 1e-8
 """Error down to which models are distinguished where the budget alone counts: few need more."""
 
 
-@dataclass(frozen=True)
+@result
 class Tried:
     """A family, and why it was not chosen.
 
@@ -45,7 +46,7 @@ class Tried:
     why: str
 
 
-@dataclass(frozen=True)
+@result
 class Choice:
     """The model chosen.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -13,12 +12,13 @@ from numpy.typing import NDArray
 
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.util.check import Array
+from pipedyn.util.result import result
 
 STEEPEST = 8.0
 """Order beyond which a fall is no power of the size: the families' orders are 1 to 4."""
 
 
-@dataclass(frozen=True)
+@result
 class ConvergenceLaw:
     """How the error of a family's critical speed falls as its models grow.
 

@@ -20,6 +20,7 @@ from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.result import result
 from pipedyn.util.table import Table
 
 SHARPNESS = 0.1
@@ -45,7 +46,7 @@ class _WithoutCentrifugal(Pipe):
         return 0.0
 
 
-@dataclass(frozen=True)
+@result
 class Effect:
     """One effect, and what its absence changes.
 
@@ -90,7 +91,7 @@ class Effect:
         return (self.name, self.strength, self.without, size, growth, self.verdict)
 
 
-@dataclass(frozen=True)
+@result
 class Relevance:
     """The size of each effect on one quantity of a pipe.
 

@@ -35,7 +35,8 @@ from pipedyn.accuracy.reference import (
 )
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
 from pipedyn.linear.critical_speed import checked_end, critical_speed
-from pipedyn.linear.eigensolver import lowest, pencil_of
+from pipedyn.linear.eigenproblem import eigenproblem
+from pipedyn.linear.eigensolver import lowest
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
 from pipedyn.linear.special.weak_damping import is_faint
 from pipedyn.models.base import Model, NotConverged
@@ -301,7 +302,7 @@ class Frequencies(_Roots):
     def _roots(self, model: AnyModel) -> Answer:
         """Without the modes' shapes, which are the half of an answer."""
         assert isinstance(model, Model)
-        found = lowest(pencil_of(model), self.u, min(2 * self.count + 2, 2 * model.dof))
+        found = lowest(eigenproblem(model), self.u, min(2 * self.count + 2, 2 * model.dof))
         return self._split(found.values, model.pipe)
 
     def distance(self, answer: Answer, other: Answer) -> float:
@@ -383,8 +384,8 @@ class RootLociOver(_Roots):
         assert isinstance(self.speeds, np.ndarray)
         count = min(2 * self.count + 8, 2 * model.dof)
         rows = sorted({0, self.speeds.size // 2, self.speeds.size - 1})
-        pencil = pencil_of(model)
-        values = np.stack([lowest(pencil, float(self.speeds[row]), count).values for row in rows])
+        problem = eigenproblem(model)
+        values = np.stack([lowest(problem, float(self.speeds[row]), count).values for row in rows])
         return self.distance(Answer(values), replace(answer, values=answer.values[rows]))
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
@@ -398,8 +399,8 @@ class RootLociOver(_Roots):
             loci = root_loci(Galerkin(pipe, size, "legendre"), self.speeds, self.count)
             values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
             answer = Answer(values, damping=pipe.damping)
-            pencil = pencil_of(Galerkin(pipe, size + STEP, "legendre"))
-            every = np.stack([lowest(pencil, float(u)).values for u in self.speeds])
+            problem = eigenproblem(Galerkin(pipe, size + STEP, "legendre"))
+            every = np.stack([lowest(problem, float(u)).values for u in self.speeds])
             # Beside clustered roots the larger may leave as much as it moved these at most.
             error = 2.0 * self.distance(Answer(every), answer)
             if error <= tolerance:

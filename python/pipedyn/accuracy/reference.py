@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.accuracy.families import Family
-from pipedyn.linear.eigensolver import pencil_of
-from pipedyn.linear.pencil import Vectors
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel
 from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.pencil import Vectors
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.counters import TookTooLong, clock, limited
+from pipedyn.util.result import result
 
 EPS = float(np.finfo(float).eps)
 
@@ -61,7 +62,7 @@ class Onset:
     error: float
 
 
-@dataclass(frozen=True)
+@result
 class Answer:
     """What a model answered.
 
@@ -130,20 +131,20 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
         speed: guess of u, > 0.
         frequency: guess of the frequency there.
     """
-    pencil = pencil_of(model)
+    problem = eigenproblem(model)
     u, value = speed, complex(0.0, frequency)
     vector: Vectors | None = None
     last = math.inf
     for _ in range(MOST_STEPS):
-        pair = pencil.refine(u, value, vector)
+        pair = problem.refine(u, value, vector)
         assert pair.left is not None
-        slope = complex(pencil.slopes(u, pair)[0])
+        slope = complex(problem.slopes(u, pair)[0])
         value = complex(pair.values[0])
         if not (slope.real > 0.0 and pair.converged[0]):
             return None
         change = -value.real / slope.real
         if abs(change) <= 1e-14 * u or abs(change) >= last < 1e-9 * u:
-            uncertain = float(pencil.uncertainties(u, pair)[0]) + abs(value.real)
+            uncertain = float(problem.uncertainties(u, pair)[0]) + abs(value.real)
             return Onset(u, abs(value.imag), uncertain / slope.real)
         u, value, vector = u + change, value + slope * change, pair.right[:, 0]
         if not speed / FARTHEST < u < speed * FARTHEST or value.imag <= 0.0:

@@ -7,7 +7,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 from os import PathLike
 from typing import Any
@@ -24,6 +24,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.counters import clock, counted, limited
 from pipedyn.util.progress import track
+from pipedyn.util.result import result
 from pipedyn.util.table import Table
 
 SHARPER = 10.0
@@ -43,7 +44,7 @@ DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "
 """Families that are measured where none are named."""
 
 
-@dataclass(frozen=True)
+@result
 class TradeRow:
     """One model, or pair of models, measured.
 
@@ -92,7 +93,7 @@ class TradeRow:
 HEADINGS = ("family", "size", "dof", "error", "seconds", "spread", "rhs", "factorisations")
 
 
-@dataclass(frozen=True)
+@result
 class Trade:
     """Error against cost of models of one pipe for one quantity.
 

@@ -43,11 +43,12 @@ from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 NARROW = 1e-4
@@ -82,7 +83,7 @@ GENERATIONS = 2
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
 
-@dataclass(frozen=True)
+@result
 class CycleBranch:
     """Cycles along a branch, which may turn in the flow speed, in order from where it begins.
 

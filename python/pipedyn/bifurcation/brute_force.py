@@ -24,6 +24,7 @@ from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import LARGEST_SAMPLES, Motion
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
+from pipedyn.util.result import result
 
 Ending = Literal["rest", "periodic", "settling", "irregular", "failed"]
 
@@ -42,7 +43,7 @@ SAMPLES_A_TIME = 100
 """Samples in a unit of time: cubics through them know a maximum of flutter to 1e-6."""
 
 
-@dataclass(frozen=True)
+@result
 class Attractor:
     """Where one motion ends.
 

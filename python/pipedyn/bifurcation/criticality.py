@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +15,10 @@ from pipedyn.bifurcation.hopf import Hopf, hopf
 from pipedyn.linear.stability_curve import Failure, swept
 from pipedyn.models.base import Model
 from pipedyn.util.check import Array
+from pipedyn.util.result import result
 
 
-@dataclass(frozen=True)
+@result
 class CriticalityCurve:
     """Onsets of flutter against a parameter.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -18,11 +18,12 @@ from pipedyn.bifurcation.collocation import residual, solved
 from pipedyn.bifurcation.floquet import floquet
 from pipedyn.bifurcation.periodic_orbit import MOST_INTERVALS, PeriodicOrbit, refined
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import Trajectory
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
 
 DEFECT, DEFECT_ACROSS_KINKS = 1e-3, 1e-1
 """Largest defect of an orbit beside rtol, where f is smooth and under drag, whose kinks the mesh
@@ -48,7 +49,7 @@ PEAKS = 2048
 """Phases among which the free end's extremes are found, before a polynomial goes through them."""
 
 
-@dataclass(frozen=True)
+@result
 class LimitCycle(Trajectory):
     """One period of a periodic motion.
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Any
 
@@ -51,6 +51,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
 from pipedyn.util.progress import track
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 MOST_MOTIONS = 100_000
@@ -66,7 +67,7 @@ NO_INDEX = -1
 """Index of a failure that is at none of the speeds asked for."""
 
 
-@dataclass(frozen=True)
+@result
 class BifurcationDiagram:
     """What a pipe does over the flow speed.
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from pipedyn.motion.simulate import Start, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST = 500
@@ -47,7 +48,7 @@ LEAVING = 0.02
 that its tangent differs from that of the straight pipe, and near enough for Newton's method."""
 
 
-@dataclass(frozen=True)
+@result
 class Equilibria:
     """Equilibria at one flow speed, the straight one first, the others from the least bent on.
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -29,6 +29,7 @@ from pipedyn.motion.simulate import Start
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
@@ -41,7 +42,7 @@ NEAR = 0.5
 more than rounded numbers of an equilibrium are off by, and less than the way to another."""
 
 
-@dataclass(frozen=True)
+@result
 class BranchPoint:
     """Where the stability of a branch changes or the branch turns.
 
@@ -62,7 +63,7 @@ class BranchPoint:
     tip: Array
 
 
-@dataclass(frozen=True)
+@result
 class EquilibriumBranch:
     """A branch of equilibria, point by point along its arc length.
 

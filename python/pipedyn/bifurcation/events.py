@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util import check
+from pipedyn.util.result import result
 
 UNIT = 1e-6
 """By how much the modulus of a multiplier may exceed 1 on a stable cycle."""
@@ -27,7 +27,7 @@ EventKind = Literal[
 ]
 
 
-@dataclass(frozen=True)
+@result
 class CycleEvent:
     """Where the stability of a branch of cycles changes, or the branch turns or ends.
 

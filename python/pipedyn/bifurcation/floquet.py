@@ -18,7 +18,7 @@ from scipy.optimize import linear_sum_assignment
 from pipedyn.bifurcation.collocation import through
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised

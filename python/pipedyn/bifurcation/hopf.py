@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal
 
 import numpy as np
@@ -32,13 +32,14 @@ from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal
 from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import STENCIL, VectorField
 from pipedyn.linear.critical_speed import first_loss
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_HOPF = 500
@@ -48,7 +49,7 @@ LEAST_DRAG = 1e-100
 """Less acts at amplitudes alone that are nothing, and its law would leave finite numbers."""
 
 
-@dataclass(frozen=True)
+@result
 class Hopf:
     """A flutter onset, and the limit cycle that emerges there.
 
@@ -309,14 +310,13 @@ def _result(
     )
 
 
-def tip_of(motion: VectorField, rest: Array, q: Complex) -> complex:
-    """Transverse displacement of the free end, to first order."""
-    size = motion.model.largest_angle(q[: motion.half])
+def tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
+    """Transverse displacement of the free end, to first order: what its velocity is of rates."""
+    half, model = motion.half, motion.model
     parts = []
-    for part in (q.real, q.imag):
-        steps = np.outer(part, 0.01 / size * np.arange(1.0, 4.0))
-        ahead, behind = (motion.tip(rest[:, None] + sign * steps) for sign in (1.0, -1.0))
-        parts.append(float(STENCIL @ (ahead - behind)) / (0.01 / size))
+    for part in (mode.real, mode.imag):
+        q, rates = model.recorded(rest[None, :half], part[None, :half])
+        parts.append(float(model.tip_velocities(q.T, rates.T)[0, 0]))
     return complex(*parts)
 
 

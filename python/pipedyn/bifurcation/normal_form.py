@@ -29,7 +29,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import NotConverged, PipedynError
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised

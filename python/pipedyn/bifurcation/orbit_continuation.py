@@ -33,7 +33,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     stage_phases,
 )
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 

@@ -10,11 +10,9 @@ from functools import cached_property
 from typing import Any
 
 from pipedyn.linear.crossings import Hunt, Passage, Sweep, Untracked
-from pipedyn.linear.eigensolver import is_long, rows_of
 from pipedyn.linear.modes import CONTINUUM_SPEED, LARGEST_SPEED
-from pipedyn.linear.pencil import SparsePencil
 from pipedyn.linear.sensitivity import Crossing, Kind, Sensitivity, crossings_of
-from pipedyn.linear.special.deflation import sweeping_pencil
+from pipedyn.linear.special.deflation import sweeping_problem
 from pipedyn.linear.special.undamped import CirculatoryHunt
 from pipedyn.linear.special.weak_damping import extrapolated, is_faint, strengthened
 from pipedyn.models.base import Model, PipedynError
@@ -22,6 +20,7 @@ from pipedyn.models.continuum import AnyModel, Continuum, checked_model
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_SWEEP = 2000
@@ -40,7 +39,7 @@ class NoCrossing(PipedynError):
         self.max_speed = max_speed
 
 
-@dataclass(frozen=True)
+@result
 class CriticalSpeed:
     """The lowest passage that destabilises.
 
@@ -261,7 +260,7 @@ def _grows(model: AnyModel, end: float) -> bool:
     """Whether a search is the cheaper, the sooner it ends."""
     if isinstance(model, Continuum):
         return True
-    return is_long(model) and _worth_following(_feeling(end), end, model.dof)
+    return _worth_following(_feeling(end), end, model.dof) and model.pencil().is_long
 
 
 def _sweep(
@@ -275,10 +274,10 @@ def _sweep(
     Of a long chain only as many modes are followed as can meet the flow: a mode of wave number k
     does where k is comparable to u. If a root beyond that turns unstable, more are followed.
     """
-    pencil = sweeping_pencil(model)
+    problem = sweeping_problem(model)
     followed: int | None = None
     count: int | None = None
-    if isinstance(pencil, SparsePencil):
+    if problem.is_long:
         followed = _feeling(max_speed)
         # Those before the crowd at -1 / delta, which no Krylov space can pass, may be enough.
         delta = model.pipe.damping
@@ -286,12 +285,12 @@ def _sweep(
         if max_speed / math.pi + 1.0 <= before < followed:
             followed, count = before, 2 * before + 2
     while True:
-        if followed is not None and not _worth_following(followed, max_speed, pencil.dof):
-            pencil, followed = pencil.dense(), None
-        kind = CirculatoryHunt if pencil.velocity_free(1.0) else Hunt
+        if followed is not None and not _worth_following(followed, max_speed, problem.dof):
+            problem, followed = problem.dense(), None
+        kind = CirculatoryHunt if problem.velocity_free(1.0) else Hunt
         try:
-            with one_thread(rows_of(pencil)):
-                return kind(pencil, max_speed, followed, trusted, count).run(until)
+            with one_thread(problem.rows):
+                return kind(problem, max_speed, followed, trusted, count).run(until)
         except Untracked:
             assert followed is not None
             followed, count = max(2 * followed, _feeling(max_speed)), None

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from pipedyn.linear.pencil import Complex, Eigenpairs, Pencil
+from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
 from pipedyn.linear.tracking import LONGEST_STEP, Crowd, Indices, Sample, Step, march, sample
 from pipedyn.models.base import NotConverged
 from pipedyn.models.galerkin import Galerkin
@@ -78,7 +78,7 @@ class Hunt:
     """One sweep from rest, for pipes with flow or damping.
 
     Args:
-        pencil: the model's.
+        problem: the model's.
         max_speed: end of the search.
         followed: how many modes are computed and followed; all without.
         trusted: how many modes, counted from rest, are looked at; all without.
@@ -87,19 +87,19 @@ class Hunt:
 
     def __init__(
         self,
-        pencil: Pencil,
+        problem: Eigenproblem,
         max_speed: float,
         followed: int | None = None,
         trusted: int | None = None,
         count: int | None = None,
     ) -> None:
-        self.pencil = pencil
+        self.problem = problem
         self.max_speed = max_speed
         self.count = None if followed is None else (count or 2 * followed + 16)
-        self.followed = pencil.dof if followed is None else followed
+        self.followed = problem.dof if followed is None else followed
         self.trusted = self.followed if trusted is None else trusted
         # Legendre's highest third is not the pipe's and heavily damped: matched, but not followed.
-        model, self.certain = pencil.model, self.followed
+        model, self.certain = problem.model, self.followed
         if isinstance(model, Galerkin) and model.basis == "legendre":
             self.certain = max(1, (2 * model.resolution) // 3)
         self.modes: Indices = np.zeros(0, dtype=np.intp)
@@ -112,7 +112,7 @@ class Hunt:
             NotConverged: if the passages found do not account for the unstable roots.
             Untracked: if a root beyond those followed turns unstable.
         """
-        longest = longest_step(self.pencil.pipe.gamma)
+        longest = longest_step(self.problem.pipe.gamma)
         steps = max(1, math.ceil(self.max_speed / longest))
         speeds = np.linspace(0.0, self.max_speed, steps + 1).tolist()
         first = self.take(0.0)
@@ -122,7 +122,7 @@ class Hunt:
         at_rest = unstable = self.count_unstable()
         passages: list[Passage] = []
         followed = np.arange(min(self.wanted, first.values.size))
-        crowd = Crowd(self.pencil.pipe.damping, 0.9, self.pencil.stuck)
+        crowd = Crowd(self.problem.pipe.damping, 0.9, self.problem.zero_tolerance)
         for step in march(self.take, first, speeds[1:], followed, crowd, self.sure, longest):
             found = self.passages(step)
             self.move(step)
@@ -153,14 +153,14 @@ class Hunt:
 
     def ranked(self, first: Sample) -> Indices:
         """Mode of each root at rest, by frequency."""
-        return modes_of_pairs(first.values, self.pencil.pipe.damping)
+        return modes_of_pairs(first.values, self.problem.pipe.damping)
 
     def take(self, u: float) -> Sample:
         """The sample at a speed; at rest zero is exact, and without damping the axis."""
-        at = sample(self.pencil, u, self.count)
+        at = sample(self.problem, u, self.count)
         if u == 0.0:
-            at.values[np.abs(at.values) < self.pencil.stuck] = 0.0
-        if u == 0.0 and not self.pencil.is_damped:
+            at.values[np.abs(at.values) < self.problem.zero_tolerance] = 0.0
+        if u == 0.0 and not self.problem.is_damped:
             at.values.real[at.values.imag != 0.0] = 0.0
         return at
 
@@ -188,7 +188,9 @@ class Hunt:
     def states(self, at: Sample, onto: Indices, before: Flags) -> Flags:
         """Which roots are unstable: by the sign of Re lambda, or as before where it has none."""
         values = at.values[onto]
-        known = (np.abs(values.real) > at.noise[onto]) & (np.abs(values) >= self.pencil.stuck)
+        known = (np.abs(values.real) > at.noise[onto]) & (
+            np.abs(values) >= self.problem.zero_tolerance
+        )
         known |= at.signatures[onto] != 0  # on the axis of a conservative system, where they stay
         states: Flags = np.where(known, values.real > 0.0, before)
         for i in np.flatnonzero(~known & (values.imag > 0.0)):  # a pair has one state
@@ -217,7 +219,7 @@ class Hunt:
         """Whether the signs before and after a meeting on the real axis tell what passed zero."""
         if _meets_off_axis(step, i):
             return True
-        if not self.pencil.is_conservative:
+        if not self.problem.is_conservative:
             return False
         # An imaginary pair that turns into opposite real roots, or back: at zero.
         k, j = int(step.meets[i]), int(step.onto[i])
@@ -235,7 +237,11 @@ class Hunt:
         for root in single[self._leaving(step, single)]:
             value = complex(0.0, step.left.values[root].imag)
             change = 2 if value.imag or step.right.values[step.onto[root]].imag else 1
-            found.append(Passage(0.0, value, change, int(self.modes[root]), 0.0))
+            error = 0.0
+            if value and self.problem.is_damped:  # less than rounding tells of its damping
+                hidden = abs(step.left.values[root].real) + step.left.noise[root]
+                error = float(hidden / step.left.slopes[root].real)
+            found.append(Passage(0.0, value, change, int(self.modes[root]), error))
         scanned = self._scan(step, single)
         for root, t, rising in self._ends(step, single) if scanned is None else scanned:
             meeting = self._meeting_on_axis(step, root, rising)
@@ -267,11 +273,11 @@ class Hunt:
 
     def _divergence(self, step: Step, t: float, change: int, mode: int) -> Passage | None:
         """Where det K(u) changes sign within the step, near its fraction t; None if it does not."""
-        pencil = self.pencil.static()
+        problem = self.problem.static()
         expected = step.left.u + t * step.length
         for where in (t, 0.0, 1.0, 0.5):
             found = _singular_speed(
-                *(pencil, step, expected), near=step.left.u + where * step.length
+                *(problem, step, expected), near=step.left.u + where * step.length
             )
             if found is not None:
                 break
@@ -280,13 +286,14 @@ class Hunt:
         u, pair = found
         assert pair.left is not None
         h = 1e-5 * (1.0 + u)
-        rate = (pencil.stiffened(u + h, pair.right) - pencil.stiffened(u - h, pair.right)) / (2 * h)
+        moved = problem.stiffened(u + h, pair.right) - problem.stiffened(u - h, pair.right)
+        rate = moved / (2.0 * h)
         change_of_zero = abs(complex(np.sum(pair.left.conj() * rate)))
-        uncertain = float(pair.residuals[0] + np.finfo(float).eps) * pencil.size(u)
+        uncertain = float(pair.residuals[0] + np.finfo(float).eps) * problem.size(u)
         error = uncertain / change_of_zero if change_of_zero else math.inf
         error += 4e-16 * (1.0 + u)
-        own = pencil.original(u, pair)
-        slope = None if own is None else complex(pencil.slopes(u, own)[0])
+        own = problem.original(u, pair)
+        slope = None if own is None else complex(problem.slopes(u, own)[0])
         return Passage(u, 0j, change, mode, error, own, slope)
 
     def _leaving(self, step: Step, roots: Indices) -> Flags:
@@ -297,7 +304,7 @@ class Hunt:
         resting = a == 0.0  # joints without a spring
         rises = step.left.slopes[roots].real * step.length > step.right.noise[step.onto[roots]]
         ends = self.states(step.right, step.onto[roots], np.zeros(roots.size, dtype=np.bool_))
-        on_axis = (np.abs(a.real) <= step.left.noise[roots]) & (not self.pencil.is_conservative)
+        on_axis = (np.abs(a.real) <= step.left.noise[roots]) & (not self.problem.is_conservative)
         return np.where(resting, ends, on_axis & rises)
 
     def _ends(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
@@ -320,7 +327,7 @@ class Hunt:
         # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
         misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
         band = 2.0 * misfit + 1e-4 * step.error[roots]
-        if self.pencil.is_conservative:  # the axis is left by meeting there, which `follow` sees
+        if self.problem.is_conservative:  # the axis is left by meeting there, which `follow` sees
             ends = np.stack([a, b, c1, end_slope])
             band[(np.abs(ends) <= noise).all(axis=0)] = 0.0
 
@@ -346,7 +353,7 @@ class Hunt:
 
     def _polish(self, step: Step, root: int, t: float, rising: bool) -> Passage:
         """A passage to rounding, by Newton's method on the model itself."""
-        pencil = self.pencil
+        problem = self.problem
         real = step.left.values[root].imag == 0.0
         if real:
             divergence = self._divergence(step, t, 1 if rising else -1, int(self.modes[root]))
@@ -358,9 +365,9 @@ class Hunt:
         slack = 1e-9 * (1.0 + u) + 0.1 * step.length
         last = math.inf
         for _ in range(12):
-            pair = pencil.refine(u, guess, vector)
-            slope = complex(pencil.slopes(u, pair)[0])
-            value = complex(pair.values[0])
+            pair = problem.refine(u, guess, vector)
+            slope = complex(problem.slopes(u, pair)[0])
+            value, _ = self._sharp(u, pair)
             change = -value.real / slope.real if slope.real else math.inf
             if not step.left.u - slack <= u + change <= step.right.u + slack:
                 break
@@ -369,9 +376,9 @@ class Hunt:
             if abs(change) <= 4e-16 * u or abs(change) >= last:
                 break
             last = abs(change)
-        pair = pencil.refine(u, guess, vector)
-        slope = complex(pencil.slopes(u, pair)[0])
-        value = complex(pair.values[0])
+        pair = problem.refine(u, guess, vector)
+        slope = complex(problem.slopes(u, pair)[0])
+        value, _ = self._sharp(u, pair)
         there = step.hermite(np.array([root]), np.array([(u - step.left.u) / step.length]))[0, 0]
         tolerance = 1e-6 * (1.0 + abs(value))
         strayed = abs(value - there) > 4.0 * step.error[root] + tolerance
@@ -386,7 +393,8 @@ class Hunt:
                 f"residual check with {pair.residuals[0]:.1e}"
             )
         assert pair.left is not None
-        uncertain = float(pencil.uncertainties(u, pair)[0]) + abs(value.real)
+        value, rounding = self._sharp(u, pair)
+        uncertain = rounding + abs(value.real)
         error = uncertain / abs(slope.real) if slope.real else math.inf
         change_of_count = (1 if real else 2) * (1 if rising else -1)
         frequency = 0.0 if real else abs(value.imag)
@@ -396,9 +404,14 @@ class Hunt:
             change_of_count,
             int(self.modes[root]),
             error,
-            pencil.original(u, pair),
+            problem.original(u, pair),
             slope,
         )
+
+    def _sharp(self, u: float, pair: Eigenpairs) -> tuple[complex, float]:
+        """The eigenvalue of one pair and how far it may be off."""
+        values, uncertain = self.problem.sharpened(u, pair, self.problem.uncertainties(u, pair))
+        return complex(values[0]), float(uncertain[0])
 
     def _meeting_on_axis(self, step: Step, root: int, rising: bool) -> Passage | None:
         """Where two pairs of a conservative system meet and leave the axis, or come back to it.
@@ -406,7 +419,7 @@ class Hunt:
         There the square of their difference is real, smooth in u and passes zero.
         """
         off = (step.right.values[step.onto[root]] if rising else step.left.values[root]).imag
-        if not (self.pencil.is_conservative and off):
+        if not (self.problem.is_conservative and off):
             return None
 
         def square(u: float) -> float:
@@ -466,20 +479,20 @@ def _refuse_twins(found: list[Passage]) -> None:
 
 
 def _singular_speed(
-    pencil: Pencil, step: Step, expected: float, near: float
+    problem: Eigenproblem, step: Step, expected: float, near: float
 ) -> tuple[float, Eigenpairs] | None:
     """Speed nearest to the expected one at which K(u) is singular, with its null vectors.
 
     1 / (d^T K^-1 b) has the determinant's zeros, and no pole nearby if d and b are close to the
     null vectors: they are those of the least singular value at a speed near by.
     """
-    seed = np.linspace(1.0, 0.5, pencil.dof).reshape(-1, 1)
-    start = pencil.null_pair(near, seed, seed)
+    seed = np.linspace(1.0, 0.5, problem.dof).reshape(-1, 1)
+    start = problem.null_pair(near, seed, seed)
     assert start.left is not None
     dual, vector = start.left.real, start.right.real
 
     def determinant(u: float) -> float:
-        return 1.0 / float((vector.T @ pencil.factor(0.0, u)(dual)).real[0, 0])
+        return 1.0 / float((vector.T @ problem.factor(0.0, u)(dual)).real[0, 0])
 
     slack = 1e-9 * (1.0 + step.right.u) + 0.1 * step.length
     least, most = max(step.left.u - slack, 0.0), step.right.u + slack
@@ -493,7 +506,7 @@ def _singular_speed(
             return None
         reach *= 4.0
     u = float(brentq(determinant, low, high, xtol=4e-16 * (1.0 + high), rtol=8.9e-16))
-    pair = pencil.null_pair(u, vector, dual)
+    pair = problem.null_pair(u, vector, dual)
     return (u, pair) if pair.converged[0] else None
 
 

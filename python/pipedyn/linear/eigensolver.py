@@ -16,52 +16,34 @@ where M and C act through running sums and K_s is a band matrix: O(n) a step.
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import lapack
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
-from pipedyn.linear.pencil import (
-    BandPencil,
-    Crowded,
-    DensePencil,
-    Eigenpairs,
-    Pencil,
-    ScenePencil,
-    SparsePencil,
-    unit,
-)
-from pipedyn.models.base import DENSE_LIMIT, Model
-from pipedyn.models.chain import Chain
-from pipedyn.models.modular import Assembly
-
-DENSE_CHAIN = 64
-"""Chains up to this size are solved dense: measured, the two routes take equal time near there."""
+from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem, unit
+from pipedyn.models.base import DENSE_LIMIT
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+from pipedyn.util.eigenvectors import eigenvectors
 
 SHIFTS = (0.97, 2.31, 0.41)
 """Tried in turn until every residual passes; an eigenvalue may lie on one of them by chance."""
 
 
-def is_long(model: Model) -> bool:
-    """Whether the model is solved in O(dof)."""
-    return isinstance(model, Chain | Assembly) and model.dof > DENSE_CHAIN
+DENSE_RESCUE, PATIENCE = 1000, 30
+"""Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or a
+cluster at -1 / delta), chains up to this size are solved dense; after a few it ends where it does.
+"""
+
+Inverse = tuple[Complex, Complex, Complex | None]
+"""mu, x and y (or None) of the inverse problem."""
 
 
-def pencil_of(model: Model, dense: bool | None = None) -> Pencil:
-    """The model's pencil: sparse for a long chain or scene, else dense matrices."""
-    if dense is None:
-        dense = not is_long(model)
-    if dense:
-        return DensePencil(model)
-    if isinstance(model, Assembly):
-        return ScenePencil(model)
-    assert isinstance(model, Chain)
-    return BandPencil(model)
-
-
-def rows_of(pencil: Pencil) -> int:
-    """Rows of the largest matrix that a solve hands to LAPACK; a band has none to speak of."""
-    return 1 if isinstance(pencil, SparsePencil) else 2 * pencil.dof
+class Clustered(Exception):
+    """Eigenvalues too close together for a Krylov space."""
 
 
 def lowest(
-    pencil: Pencil, u: float, count: int | None = None, left: bool = False, high: bool = True
+    problem: Eigenproblem, u: float, count: int | None = None, left: bool = False, high: bool = True
 ) -> Eigenpairs:
     """The `count` eigenvalues of least magnitude (all without count), with their residuals.
 
@@ -69,20 +51,20 @@ def lowest(
     `converged` says which. Without `high`, modes so high that rounding excuses any residual are
     left as they are.
     """
-    total = 2 * pencil.dof
+    total = 2 * problem.dof
     count = total if count is None else min(count, total)
-    if isinstance(pencil, SparsePencil) and count > pencil.dof // 2:
-        if pencil.dof > DENSE_LIMIT:
+    if problem.is_long and count > problem.dof // 2:
+        if problem.dof > DENSE_LIMIT:
             raise ValueError(
-                f"count must be at most dof / 2 = {pencil.dof // 2} for a long chain, got {count}"
+                f"count must be at most dof / 2 = {problem.dof // 2} for a long chain, got {count}"
             )
-        pencil = pencil.dense()
+        problem = problem.dense()
     best: Eigenpairs | None = None
     for shift in SHIFTS:
         try:
-            pairs = _about(pencil, u, count, left, high, shift)
-        except Crowded:
-            return lowest(pencil.dense(), u, count, left, high)
+            pairs = _about(problem, u, count, left, high, shift)
+        except Clustered:
+            return lowest(problem.dense(), u, count, left, high)
         if pairs is None:
             continue
         if best is None or pairs.residuals.max(initial=0.0) < best.residuals.max():
@@ -91,18 +73,21 @@ def lowest(
             break
     if best is None:
         empty = np.full(count, np.nan + 0j)
-        vectors = np.zeros((pencil.dof, count), dtype=np.complex128)
+        vectors = np.zeros((problem.dof, count), dtype=np.complex128)
         return Eigenpairs(empty, vectors, vectors if left else None, np.full(count, np.inf))
     return best
 
 
 def _about(
-    pencil: Pencil, u: float, count: int, left: bool, high: bool, shift: float
+    problem: Eigenproblem, u: float, count: int, left: bool, high: bool, shift: float
 ) -> Eigenpairs | None:
-    free = pencil.velocity_free(u)
-    asked = min(count + 6, 2 * pencil.dof)
+    free = problem.velocity_free(u)
+    asked = min(count + 6, 2 * problem.dof)
     while True:
-        found = pencil.inverse(u, shift, free, -(-asked // 2) if free else asked, left)
+        if problem.is_long:
+            found = arnoldi(problem, u, shift, free, -(-asked // 2) if free else asked)
+        else:
+            found = dense_inverse(problem, u, shift, free, left)
         if found is None:
             return None
         mu, right, dual = found
@@ -115,17 +100,17 @@ def _about(
                 dual = None if dual is None else np.hstack([dual, dual])
             else:
                 values = shift + 1.0 / mu
-        if isinstance(pencil, SparsePencil) and not free:  # conjugates agree only to rounding there
+        if problem.is_long and not free:  # conjugates agree only to rounding there
             real, upper = values.imag == 0.0, values.imag > 0.0
             values = np.concatenate([values[real], values[upper], values[upper].conj()])
             right = np.hstack([right[:, real], right[:, upper], right[:, upper].conj()])
-        if isinstance(pencil, DensePencil):
-            values, right, dual = pencil.sharpened(u, values, right, dual, free)
-        mine = pencil.genuine(values, free)
+        if problem.stiff is not None:
+            values, right, dual = problem.stiff.sharpened(u, values, right, dual, free)
+        mine = problem.genuine(values, free)
         values, right = values[mine], right[:, mine]
         dual = None if dual is None else dual[:, mine]
         order = np.lexsort((-values.imag, values.real, np.abs(values)))
-        if isinstance(pencil, DensePencil) or values.size >= 2 * pencil.dof:
+        if not problem.is_long or values.size >= 2 * problem.dof:
             break
         # All eigenvalues within `radius` of the shift are here, so all below radius - shift are.
         gap = shift**2 if free else shift
@@ -133,22 +118,24 @@ def _about(
         radius = np.sqrt(max(radius, 0.0)) if free else radius
         if values.size >= count and np.abs(values[order[count - 1]]) <= radius:
             break
-        if asked >= pencil.dof:
+        if asked >= problem.dof:
             break
-        asked = min(2 * asked, pencil.dof)
+        asked = min(2 * asked, problem.dof)
     order = order[:count]
     values, right = values[order], unit(right[:, order])
     none = ~np.isfinite(values)
     if none.any():
         values[none], right[:, none] = complex(np.nan, np.nan), 0.0
-    pairs = Eigenpairs(values, right, None, pencil.residuals(u, values, right))
+    pairs = Eigenpairs(values, right, None, problem.residuals(u, values, right))
     pairs.residuals[none] = np.inf
     if dual is not None:
         pairs = Eigenpairs(values, right, unit(dual[:, order]), pairs.residuals)
-    return _mended(pencil, u, pairs, left, high)
+    return _mended(problem, u, pairs, left, high)
 
 
-def _mended(pencil: Pencil, u: float, pairs: Eigenpairs, left: bool, high: bool) -> Eigenpairs:
+def _mended(
+    problem: Eigenproblem, u: float, pairs: Eigenpairs, left: bool, high: bool
+) -> Eigenpairs:
     """Pairs that failed, or want left vectors, refined one by one (conjugates together)."""
     todo = ~(pairs.converged if high else pairs.passable) | (left and pairs.left is None)
     if not todo.any():
@@ -159,7 +146,7 @@ def _mended(pencil: Pencil, u: float, pairs: Eigenpairs, left: bool, high: bool)
         if not np.isfinite(values[i]):
             continue
         twin = np.flatnonzero(pairs.values == np.conj(pairs.values[i]))
-        better = pencil.refine(u, complex(values[i]), right[:, i])
+        better = problem.refine(u, complex(values[i]), right[:, i])
         near = abs(better.values[0] - values[i]) <= 1e-3 * abs(values[i]) + 1e-6
         if not near or better.left is None:
             continue
@@ -173,3 +160,75 @@ def _mended(pencil: Pencil, u: float, pairs: Eigenpairs, left: bool, high: bool)
             values[j], residuals[j] = np.conj(values[i]), residuals[i]
             right[:, j], lefts[:, j] = right[:, i].conj(), lefts[:, i].conj()
     return Eigenpairs(values, right, lefts if left else None, residuals)
+
+
+def dense_inverse(
+    problem: Eigenproblem, u: float, shift: float, free: bool, left: bool
+) -> Inverse | None:
+    """All of the inverse problem, from matrices; None where P(shift) is singular or overflows.
+
+    `free` says that no term in the velocity is there; then mu = 1 / (lambda^2 - shift^2).
+    """
+    n = problem.dof
+    mass, damped, stiffness = problem.matrices(u)
+    shifted = shift**2 * mass + shift * damped + stiffness
+    lu, pivots, singular = lapack.dgetrf(shifted)
+    factorised()
+    if singular:
+        return None
+    if free:
+        step = -lapack.dgetrs(lu, pivots, mass)[0]
+    else:
+        both = np.hstack([damped + 2.0 * shift * mass, mass])
+        step = np.zeros((2 * n, 2 * n))
+        step[:n] = -lapack.dgetrs(lu, pivots, both)[0]
+        step[n:, :n] = np.eye(n)
+    if not np.isfinite(step).all():
+        return None
+    if not left:
+        factorised()
+        mu, vectors = np.linalg.eig(step)
+        return mu.astype(np.complex128), vectors[:n].astype(np.complex128), None
+    mu, lefts, vectors = eigenvectors(step)
+    dual = lapack.dgetrs(lu, pivots, np.hstack([lefts[:n].real, lefts[:n].imag]), trans=1)[0]
+    return mu, vectors[:n].astype(np.complex128), dual[:, : mu.size] + 1j * dual[:, mu.size :]
+
+
+def arnoldi(
+    problem: Eigenproblem, u: float, shift: float, free: bool, count: int
+) -> Inverse | None:
+    """The `count` largest |mu| of the inverse problem, O(dof) a step, without left vectors.
+
+    Raises:
+        Clustered: if the iteration does not end and the problem can be solved dense.
+    """
+    n = problem.dof
+    solve = problem.factor(shift, u)
+
+    def step(v: Array) -> Array:
+        x = v[:n].reshape(-1, 1)
+        if free:
+            return -solve(problem.mass(x))[:, 0]
+        y = v[n:].reshape(-1, 1)
+        rows = problem.mass(2.0 * shift * x + y) + problem.damped(u, x)
+        return np.concatenate([-solve(rows)[:, 0], v[:n]])
+
+    size = n if free else 2 * n
+    start = np.concatenate([np.linspace(1.0, 0.0, n, endpoint=False), np.zeros(size - n)])
+    operator = LinearOperator((size, size), matvec=step, dtype=np.float64)
+    ncv = min(size, max(2 * count + 1, 20))
+    options = {"v0": start, "tol": 0.0, "ncv": ncv}
+    if n <= DENSE_RESCUE:
+        options["maxiter"] = PATIENCE
+    try:
+        mu, vectors = eigs(operator, k=count, which="LM", **options)
+    except ArpackError as error:
+        if n <= DENSE_RESCUE:
+            raise Clustered from error
+        mu = getattr(error, "eigenvalues", np.zeros(0))
+        if mu.size == 0:
+            return None
+        vectors = error.eigenvectors
+    if not np.isfinite(mu).all():
+        return None
+    return mu, vectors[:n], None

@@ -4,21 +4,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.linear.crossings import modes_of_pairs
-from pipedyn.linear.eigensolver import lowest, pencil_of, rows_of
-from pipedyn.linear.pencil import Complex, DensePencil, Eigenpairs, Pencil
+from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem, eigenproblem
+from pipedyn.linear.eigensolver import lowest
 from pipedyn.linear.tracking import Crowd, march, sample
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.continuum import AnyModel, Continuum, Settled, checked_model, relative
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.progress import track
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_SPEED = 1e4
@@ -57,7 +58,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     return _good(modes(model, u, count)).eigenvalues
 
 
-@dataclass(frozen=True)
+@result
 class ModeShape:
     """Transverse displacement of one mode, complex; its largest magnitude is 1, there it is real.
 
@@ -85,7 +86,7 @@ class ModeShape:
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
-@dataclass(frozen=True)
+@result
 class Modes:
     """Eigenvalues and modes at one flow speed.
 
@@ -117,9 +118,9 @@ class Modes:
         vectors, computed at the first request; for `Continuum` with `discretisation`.
         """
         model = self.shapes[0].model
-        pencil = pencil_of(model)
-        with one_thread(rows_of(pencil)):
-            pairs = lowest(pencil, self.speed, self.eigenvalues.size, left=True)
+        problem = eigenproblem(model)
+        with one_thread(problem.rows):
+            pairs = lowest(problem, self.speed, self.eigenvalues.size, left=True)
         errors = np.full(self.eigenvalues.size, np.inf)
         good = np.flatnonzero(np.isfinite(self.eigenvalues))
         values = self.eigenvalues[good]
@@ -127,7 +128,7 @@ class Modes:
         same = [int(np.abs(there - value).argmin()) for value in values]
         # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
         found = replace(pairs.take(same), values=values, residuals=self.residuals[good])
-        errors[good] = pencil.uncertainties(self.speed, found)
+        errors[good] = problem.uncertainties(self.speed, found)
         errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
         return errors
 
@@ -190,9 +191,9 @@ def _check_table(count: int, model: Model) -> None:
 
 
 def _modes(model: Model, u: float, count: int | None) -> Modes:
-    pencil = pencil_of(model)
-    with one_thread(rows_of(pencil)):
-        pairs = lowest(pencil, u, count)
+    problem = eigenproblem(model)
+    with one_thread(problem.rows):
+        pairs = lowest(problem, u, count)
     coordinates = model.from_elastic(pairs.right)
     peaks = _peaks(model, coordinates)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -223,7 +224,7 @@ def _good(found: Modes) -> Modes:
     return found
 
 
-@dataclass(frozen=True)
+@result
 class RootLoci:
     """Eigenvalues as functions of the flow speed, each column one branch.
 
@@ -326,34 +327,34 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     # Where the modes asked for are overdamped, half of their roots lie beyond the crowd at
     # -1 / delta, which only a dense solve can pass.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
-    pencil = pencil_of(model, dense=True if overdamped else None)
+    problem = eigenproblem(model, dense=True if overdamped else None)
     taken = 2 * count + 16
     while True:
-        every = isinstance(pencil, DensePencil) or taken >= pencil.dof
-        with one_thread(rows_of(pencil)):
-            found = _followed(pencil, speeds, count, None if every else taken, shown)
+        every = not problem.is_long or taken >= problem.dof
+        with one_thread(problem.rows):
+            found = _followed(problem, speeds, count, None if every else taken, shown)
         if found is not None:
             return found
         taken *= 2  # a branch climbed out of the eigenvalues computed
 
 
 def _followed(
-    pencil: Pencil, speeds: Array, count: int, taken: int | None, shown: bool
+    problem: Eigenproblem, speeds: Array, count: int, taken: int | None, shown: bool
 ) -> RootLoci | None:
-    first = sample(pencil, float(speeds[0]), taken)
-    upper, lower = _pairs(first.values, count, pencil.pipe.damping)
+    first = sample(problem, float(speeds[0]), taken)
+    upper, lower = _pairs(first.values, count, problem.pipe.damping)
     if upper.size < count:
         return None
     # The crowd begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
-    delta = pencil.pipe.damping
+    delta = problem.pipe.damping
     beyond = delta * (math.pi * (count + 0.5)) ** 2
-    crowd = Crowd(delta, 0.5 / max(beyond, 1.0) ** 2, pencil.stuck)
+    crowd = Crowd(delta, 0.5 / max(beyond, 1.0) ** 2, problem.zero_tolerance)
     values = np.empty((speeds.size, count), dtype=np.complex128)
     partners = np.empty_like(values)
     converged = np.empty(values.shape, dtype=np.bool_)
     errors = np.empty(values.shape)
     steps = march(
-        lambda u: sample(pencil, u, taken),
+        lambda u: sample(problem, u, taken),
         first,
         map(float, speeds[1:]),
         np.concatenate([upper, lower]),
@@ -363,7 +364,7 @@ def _followed(
     def store(row: int, pairs: Eigenpairs) -> None:
         values[row], partners[row] = pairs.values[upper], pairs.values[lower]
         converged[row] = pairs.converged[upper] & pairs.converged[lower]
-        uncertain = pencil.uncertainties(float(speeds[row]), pairs)
+        uncertain = problem.uncertainties(float(speeds[row]), pairs)
         errors[row] = np.maximum(uncertain[upper], uncertain[lower])
 
     store(0, first.pairs)
@@ -390,7 +391,7 @@ def _followed(
             next(ticks)
     for _ in ticks:
         pass
-    return RootLoci(speeds, values, partners, converged, errors, pencil.dof)
+    return RootLoci(speeds, values, partners, converged, errors, problem.dof)
 
 
 def _pairs(

@@ -3,16 +3,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 import numpy as np
 
 from pipedyn.linear.crossings import Passage, Sweep
-from pipedyn.linear.eigensolver import pencil_of
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.util.check import Array
+from pipedyn.util.result import result
 
 Kind = Literal["flutter", "divergence"]
 
@@ -20,7 +21,7 @@ LEAST_BETA = 1e-300
 """Derivatives by a smaller beta, which grow like 1 / sqrt(beta), leave finite numbers."""
 
 
-@dataclass(frozen=True)
+@result
 class Derivatives:
     """Derivatives of one quantity by the pipe's numbers and the springs.
 
@@ -37,7 +38,7 @@ class Derivatives:
     springs: Array | None = field(default=None, repr=False, compare=False)
 
 
-@dataclass(frozen=True)
+@result
 class Sensitivity:
     """How a passage moves with the pipe's numbers.
 
@@ -50,7 +51,7 @@ class Sensitivity:
     frequency: Derivatives
 
 
-@dataclass(frozen=True)
+@result
 class Crossing:
     """A passage of an eigenvalue, or of a conjugate pair, through the imaginary axis.
 
@@ -114,14 +115,14 @@ def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
     pair, slope = passage.pair, passage.slope
     if pair is None or slope is None or pair.left is None or not model.rests_straight:
         return None
-    pencil = pencil_of(model)
+    problem = eigenproblem(model)
     pipe, u, value = model.pipe, passage.speed, passage.value
     x, y = pair.right, pair.left
     if value:
-        down = complex(pencil.derivative(u, np.array([value]), x, y)[0])
+        down = complex(problem.derivative(u, np.array([value]), x, y)[0])
     else:
         down = 1.0 + 0j
-        slope = -complex(np.sum(y.conj() * pencil.flux(x))) * 2.0 * pencil.centrifugal * u
+        slope = -complex(np.sum(y.conj() * problem.flux(x))) * 2.0 * problem.centrifugal * u
     if slope.real == 0.0:
         return None
 
@@ -136,12 +137,12 @@ def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
 
     beta: tuple[float | None, float | None] = (None, None)
     if pipe.beta >= LEAST_BETA:
-        beta = split(moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta)))
-    gamma = split(moved(pencil.gravity(x)))
-    damping = split(moved(value * pencil.by_damping(x)))
+        beta = split(moved(value * u * problem.velocity(x) / (2.0 * pipe.beta)))
+    gamma = split(moved(problem.pencil.gravity(x)))
+    damping = split(moved(value * problem.pencil.by_damping(x)))
     alpha = (0.0, 0.0)
     if pipe.flow == "aspirating":
-        alpha = split(moved(u**2 * pencil.flux(x)))
+        alpha = split(moved(u**2 * problem.flux(x)))
     springs: tuple[Array | None, Array | None] = (None, None)
     if isinstance(model, Chain):
         scale = model.elastic_scale**2 * (1.0 + pipe.damping * value)

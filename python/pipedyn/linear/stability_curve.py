@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from typing import Any, TypeVar
 
@@ -19,13 +19,14 @@ from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
+from pipedyn.util.result import result
 
 Point = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
 
 Answer = TypeVar("Answer")
 
 
-@dataclass(frozen=True)
+@result
 class Failure:
     """A point of a sweep that could not be computed.
 
@@ -40,7 +41,7 @@ class Failure:
     error: Exception
 
 
-@dataclass(frozen=True)
+@result
 class StabilityCurve:
     """Critical speed, and every passage, against a parameter.
 

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
 from pipedyn.linear.eigensolver import SHIFTS, lowest
-from pipedyn.linear.pencil import Complex, Eigenpairs, Pencil
 from pipedyn.models.base import NotConverged
 from pipedyn.util.check import Array
 
@@ -146,32 +146,35 @@ def hermite(a: Complex, b: Complex, da: Complex, db: Complex, t: Array) -> Compl
     return result
 
 
-def pairs_at(pencil: Pencil, u: float, count: int | None) -> Eigenpairs:
+def pairs_at(problem: Eigenproblem, u: float, count: int | None) -> Eigenpairs:
     """The `count` lowest eigenvalues (all without) at speed u, with both vectors.
 
     Raises:
         NotConverged: if double precision does not hold one of them.
     """
-    pairs = lowest(pencil, u, count, left=True, high=False)
+    pairs = lowest(problem, u, count, left=True, high=False)
     if not np.isfinite(pairs.values).all():
         raise NotConverged(f"an eigenvalue at u = {u:g} is beyond double precision")
     return pairs
 
 
-def sample(pencil: Pencil, u: float, count: int | None) -> Sample:
+def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
     """The `count` lowest eigenvalues (all without) at speed u, with slopes; no slope reads 0."""
-    pairs = pairs_at(pencil, u, count)
-    slopes = pencil.slopes(u, pairs)
+    pairs = pairs_at(problem, u, count)
+    slopes = problem.slopes(u, pairs)
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-    noise = _noise(pencil.uncertainties(u, pairs), pairs.values)
+    noise = _noise(problem.uncertainties(u, pairs), pairs.values)
+    if not problem.is_conservative:
+        values, noise = problem.sharpened(u, pairs, noise)
+        pairs = replace(pairs, values=values)
     signatures = np.zeros(pairs.values.size, dtype=np.int8)
-    if pencil.is_conservative:
+    if problem.is_conservative:
         # Eigenvalues come in fours: what is on the axis is there exactly, and moves along it.
         near = np.abs(pairs.values.real) <= noise + ON_AXIS * np.abs(pairs.values)
         on_axis = near & (pairs.values.imag != 0.0)
         pairs.values.real[on_axis], slopes.real[on_axis] = 0.0, 0.0
         # The sign of x^H (2 omega M - i G) x, a mode's energy by its frequency.
-        energy = pencil.derivative(u, pairs.values, pairs.right, pairs.right).imag
+        energy = problem.derivative(u, pairs.values, pairs.right, pairs.right).imag
         signatures[on_axis] = np.sign(energy[on_axis])
     return Sample(u, pairs, slopes, noise, signatures)
 

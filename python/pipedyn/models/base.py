@@ -5,17 +5,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
+from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import core_terms
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.result import result
 
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are made: six matrices of 128 MB."""
@@ -55,7 +56,7 @@ class NotConverged(PipedynError):
         self.result = result
 
 
-@dataclass(frozen=True)
+@result
 class Operators:
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
@@ -90,7 +91,7 @@ class Operators:
         return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
 
 
-@dataclass(frozen=True)
+@result
 class Power:
     """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
 
@@ -224,6 +225,15 @@ class Model(ABC):
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
                     f"force of {rest:.1e}; choose about(equilibrium(..., u))"
                 )
+
+    def pencil(self, dense: bool | None = None) -> Pencil:
+        """P(lambda) at any flow speed, in elastic coordinates.
+
+        Args:
+            dense: matrices, or products and solves in O(dof) where the model has them; without it
+                what is the faster.
+        """
+        return DensePencil(self)
 
     @abstractmethod
     def with_pipe(self, pipe: Pipe) -> Model:

@@ -22,6 +22,7 @@ from pipedyn.models.base import (
     core_pipe,
     operators_from,
 )
+from pipedyn.models.pencil import LONGEST_DENSE, ChainPencil, DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -198,7 +199,8 @@ class Chain(Model):
         return self._with_springs(self._springs + springs)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("core", "resistances")}
+        of_pipe = ("core", "resistances", "fitted_size")
+        return {name: value for name, value in self.__dict__.items() if name not in of_pipe}
 
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
@@ -259,6 +261,11 @@ class Chain(Model):
         """Length of the fixed part at the clamp."""
         return self._base
 
+    def pencil(self, dense: bool | None = None) -> Pencil:
+        """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
+        long = self.dof > LONGEST_DENSE if dense is None else not dense
+        return ChainPencil(self) if long else DensePencil(self)
+
     def with_pipe(self, pipe: Pipe) -> Chain:
         """The same segments and springs with another pipe's numbers."""
         other = Chain.__new__(Chain)
@@ -292,9 +299,9 @@ class Chain(Model):
         """Whether a term of the pipe damps."""
         return bool(self.pipe.terms) and bool(self.resistances[:, 3:6].any())
 
-    @property
+    @cached_property
     def fitted_size(self) -> float:
-        """Trace of what terms add to the stiffness in elastic coordinates."""
+        """Trace, about, of what terms add to the stiffness in elastic coordinates."""
         if not self.pipe.terms:
             return 0.0
         zeroth, first, second, _, _, _, own = self.resistances.T

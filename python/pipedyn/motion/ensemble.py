@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Any
 
@@ -32,6 +32,7 @@ from pipedyn.motion.simulate import (
 )
 from pipedyn.util import check
 from pipedyn.util.parallel import parallel
+from pipedyn.util.result import result
 
 LARGEST_ENSEMBLE = 1_000_000
 """Members, each of which takes a kilobyte before anything is computed."""
@@ -40,7 +41,7 @@ BATCH = 64
 """Members of a batch: measured, the cost of a member falls little beyond."""
 
 
-@dataclass(frozen=True)
+@result
 class MemberFailure:
     """A member whose motion stopped.
 
@@ -53,7 +54,7 @@ class MemberFailure:
     error: MotionStopped
 
 
-@dataclass(frozen=True)
+@result
 class Ensemble:
     """Motions of many members.
 

@@ -27,6 +27,7 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
 from pipedyn.util.progress import track
+from pipedyn.util.result import result
 
 Rates = Callable[[Array], Array]
 """Right-hand side y' of a state, shape (n,)."""
@@ -47,7 +48,7 @@ MOST_INTERVALS = 10_000_000
 """Whose growth is stored: 80 MB."""
 
 
-@dataclass(frozen=True)
+@result
 class LyapunovExponent:
     """The largest Lyapunov exponent of a motion, with its statistical error.
 

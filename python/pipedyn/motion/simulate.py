@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,6 +22,7 @@ from pipedyn.motion.integrator import METHODS, MOST_CALLS, Task, integrate
 from pipedyn.motion.stiffness import choose_method
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.result import result
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
@@ -60,7 +61,7 @@ class Trajectory:
         return self.model.tip_velocities(self.q.T, self.qdot.T)
 
 
-@dataclass(frozen=True)
+@result
 class Motion(Trajectory):
     """One motion, sampled.
 

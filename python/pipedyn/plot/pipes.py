@@ -55,7 +55,7 @@ POINTS = np.linspace(0.0, 1.0, 241)
 them, so that no corner is cut."""
 
 ARROW = 0.14
-"""Length of the arrow that shows the flow, in L: longer than the clamp is wide."""
+"""Length of the arrow that shows the flow, in L: it widens the picture by a seventh at most."""
 
 
 def snapshots(
@@ -102,9 +102,7 @@ def snapshots(
     lines.set_gid("shapes")
     ax.add_collection(lines)
     _surroundings(ax, motion, shapes)
-    flow = _flow_arrow(ax, motion)
-    if flow is not None:
-        flow.set_positions(*_flow(motion, shapes[-1]))
+    _flow_arrow(ax, motion, shapes[-1])
     what = f"a cycle of {end - start:.4g}" if cycle else rf"$\tau =$ {start:.4g} to {end:.4g}"
     ax.set_title(f"{motion_title(motion)}\n{count} shapes, {what} $T$")
     return ax
@@ -170,7 +168,7 @@ def animate(
     (trace,) = ax.plot([], [], color=BLUE, linewidth=0.9, zorder=1.8, gid="trace")
     (pipe,) = ax.plot([], [], color=BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
     _surroundings(ax, motion, shapes)
-    flow = _flow_arrow(ax, motion)
+    flow = _flow_arrow(ax, motion, shapes[0])
     title = motion_title(motion)
 
     def show(frame: int) -> Sequence[Any]:
@@ -178,7 +176,7 @@ def animate(
         # A cycle repeats, so its whole path is there from the start.
         trace.set_data(*path_of_tip[: None if cycle else dots * frame + 1].T)
         if flow is not None:
-            flow.set_positions(*_flow(motion, shapes[frame]))
+            flow.set_positions(*_flow_ends(motion, shapes[frame]))
         text = ax.set_title(f"{title}\n" + rf"$\tau = {times[frame]:.{_digits(times)}f}\,T$")
         return [pipe, trace, text]
 
@@ -266,28 +264,24 @@ def _surroundings(ax: Axes, motion: Motion, shapes: Array) -> None:
     if gamma != 0.0:
         at, length = -wide + 0.1, math.copysign(0.16, gamma)
         start = -0.06 if gamma > 0.0 else 0.1
-        arrow = _arrow(ax, BLACK, "gravity")
-        arrow.set_positions((at, start), (at, start + length))
+        _arrow(ax, BLACK, "gravity", ((at, start), (at, start + length)))
         ax.text(at + 0.03, start + 0.5 * length, "$g$", va="center")
     ax.set_xlabel("transverse $x$  $(L)$")
     ax.set_ylabel("along the straight pipe $y$  $(L)$")
 
 
-def _arrow(ax: Axes, colour: str, gid: str) -> FancyArrowPatch:
+def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
     look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 11.0, "linewidth": 1.8}
-    ends: dict[str, Any] = {"shrinkA": 0.0, "shrinkB": 0.0}
-    arrow = FancyArrowPatch(
-        (0.0, 0.0), (0.0, 1.0), color=colour, zorder=3.0, gid=gid, **look, **ends
-    )
+    arrow = FancyArrowPatch(*ends, color=colour, shrinkA=0, shrinkB=0, zorder=3, gid=gid, **look)
     ax.add_patch(arrow)
     return arrow
 
 
-def _flow_arrow(ax: Axes, motion: Motion) -> FancyArrowPatch | None:
-    return _arrow(ax, VERMILION, "flow") if motion.u > 0.0 else None
+def _flow_arrow(ax: Axes, motion: Motion, shape: Array) -> FancyArrowPatch | None:
+    return _arrow(ax, VERMILION, "flow", _flow_ends(motion, shape)) if motion.u > 0.0 else None
 
 
-def _flow(motion: Motion, shape: Array) -> tuple[Any, Any]:
+def _flow_ends(motion: Motion, shape: Array) -> tuple[Any, Any]:
     """Tail and head of the arrow at the free end: out of it, or into it."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)

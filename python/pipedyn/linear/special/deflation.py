@@ -16,26 +16,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.linear.eigensolver import pencil_of
-from pipedyn.linear.pencil import BandPencil, Complex, DensePencil, Eigenpairs, Pencil, Vectors
+from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
+from pipedyn.models.pencil import ChainPencil, Pencil, Vectors, lu_solver
 from pipedyn.util.check import Array
 
 MOVED = 4.321
 """c; any number serves that is not small."""
 
 
-def sweeping_pencil(model: Model, dense: bool | None = None) -> Pencil:
-    """The model's pencil, deflated where a root stands at zero at every speed."""
-    pencil = pencil_of(model, dense)
-    if not (isinstance(model, Chain) and loose_joints(model).size):
-        return pencil
-    return DeflatedDense(model) if isinstance(pencil, DensePencil) else DeflatedBand(model)
+def sweeping_problem(model: Model, dense: bool | None = None) -> Eigenproblem:
+    """The model's eigenproblem, deflated where a root stands at zero at every speed."""
+    pencil = model.pencil(dense)
+    if isinstance(model, Chain) and loose_joints(model).size:
+        return Deflated(pencil, model)
+    return Eigenproblem(pencil)
 
 
 def loose_joints(chain: Chain) -> NDArray[np.intp]:
@@ -47,22 +48,22 @@ def loose_joints(chain: Chain) -> NDArray[np.intp]:
     return free
 
 
-class Deflated(Pencil):
-    """What the two share; the model is a chain with a free joint, without gravity."""
+class Deflated(Eigenproblem):
+    """The problem of a chain with a free joint, without gravity, its root at zero taken away.
 
-    model: Chain
+    Args:
+        pencil: the chain's.
+        chain: the chain.
+    """
 
-    def __init__(self, model: Chain) -> None:
-        super().__init__(model)
+    def __init__(self, pencil: Pencil, chain: Chain) -> None:
+        super().__init__(pencil)
+        self.chain = chain
         self.squared = super().velocity_free(1.0)
-        self.free = loose_joints(model)
-        damped = bool(model.resistances[self.free[0] :, 3:6].any())
+        self.free = loose_joints(chain)
+        damped = bool(chain.resistances[self.free[0] :, 3:6].any())
         # Without fluid mass nothing but inertia holds the free joint: zero is double.
         self.doubled = self.pipe.beta == 0.0 and not self.squared and not damped
-        self.braces = np.zeros(model.dof)
-        self.braces[self.free] = 1.0 / model.elastic_scale[self.free] ** 2
-        self.braced = BandPencil(model)
-        self.braced.core = model.braced(self.braces)
         self.known: tuple[float, Array, Array, Array, Array] | None = None
 
     def null_vectors(self, u: float) -> Array:
@@ -73,7 +74,7 @@ class Deflated(Pencil):
         joint pulls with its stiffness, which is the load to solve for. Where no thrust ever acts
         (a = 0), each free joint has a vector of its own.
         """
-        scale = self.model.elastic_scale
+        scale = self.chain.elastic_scale
         free = self.free if self.centrifugal == 0.0 else self.free[:1]
         loads = np.zeros((self.dof, free.size))
         loads[free, np.arange(free.size)] = 1.0 / scale[free]
@@ -101,12 +102,12 @@ class Deflated(Pencil):
         result: Vectors = super().stiffened(u, x) + added @ (dual.T @ x)
         return result
 
-    def static(self) -> Pencil:
+    def static(self) -> Eigenproblem:
         if not self.doubled:
             return self
         # P(lambda) X(a u^2 / (1 + delta lambda)) = lambda^2 M X: damping does not move the passage.
         undamped = self.model.with_pipe(replace(self.pipe, damping=0.0))
-        return sweeping_pencil(undamped, isinstance(self, DensePencil))
+        return sweeping_problem(undamped, not self.is_long)
 
     def velocity_free(self, u: float) -> bool:
         """The same at every speed, lest the deflation change at rest."""
@@ -136,7 +137,7 @@ class Deflated(Pencil):
         rate = np.sum(pairs.left.conj() * change, axis=0) / (2.0 * h)
         with np.errstate(divide="ignore", invalid="ignore"):
             result: Complex = -rate / self.derivative(u, pairs.values, pairs.right, pairs.left)
-        self.tell(u, pairs.values, result, lambda pair: pair.slope)
+        self._replaced(u, pairs.values, result, lambda pair: pair.slope)
         return result
 
     def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:
@@ -147,30 +148,30 @@ class Deflated(Pencil):
         right = pairs.right * factor + MOVED * (x @ (dual.T @ pairs.right))
         return replace(pairs, right=right / np.linalg.norm(right, axis=0))
 
+    def dense(self) -> Eigenproblem:
+        return Deflated(self.chain.pencil(dense=True), self.chain)
 
-class DeflatedDense(Deflated, DensePencil):
-    """Matrices; O(n^3)."""
-
-    def dense(self) -> DensePencil:
-        return self
-
-    def matrices(self, u: float) -> tuple[Array, Array]:
+    def matrices(self, u: float) -> tuple[Array, Array, Array]:
         _, dual, to_velocity, to_stiffness = self.standing(u)
-        velocity, stiffness = super().matrices(u)
-        return velocity + to_velocity @ dual.T, stiffness + to_stiffness @ dual.T
+        mass, velocity, stiffness = super().matrices(u)
+        return mass, velocity + to_velocity @ dual.T, stiffness + to_stiffness @ dual.T
 
-
-class DeflatedBand(Deflated, BandPencil):
-    """A long chain; O(n).
-
-    The band of P would be singular at lambda = 0: solved is that of the chain with its free joints
-    braced by springs, and the difference, of low rank, is added by Woodbury's formula.
-    """
-
-    def dense(self) -> DensePencil:
-        return DeflatedDense(self.model)
+    @cached_property
+    def braced(self) -> ChainPencil:
+        """The chain with its free joints braced by springs."""
+        braces = np.zeros(self.dof)
+        braces[self.free] = 1.0 / self.chain.elastic_scale[self.free] ** 2
+        return ChainPencil(self.chain, self.chain.braced(braces))
 
     def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        """As for any; in O(n) the band of P would be singular at lambda = 0.
+
+        Solved is that of the braced chain, and the difference, of low rank, is added by Woodbury's
+        formula.
+        """
+        if not self.is_long:
+            mass, velocity, stiffness = self.matrices(u)
+            return lu_solver(value**2 * mass + value * velocity + stiffness)
         solve_braced = self.braced.factor(value, u)
         _, dual, to_velocity, to_stiffness = self.standing(u)
         brace = np.zeros((self.dof, self.free.size))
@@ -182,7 +183,7 @@ class DeflatedBand(Deflated, BandPencil):
         for adjoint, (outer, inner) in ((False, (left, right)), (True, (right, left))):
             through = solve_braced(outer, adjoint)
             small = np.eye(outer.shape[1]) + inner.conj().T @ through
-            if np.linalg.matrix_rank(small) < small.shape[0]:  # as a singular P is in DensePencil
+            if np.linalg.matrix_rank(small) < small.shape[0]:  # as a singular P is in `lu_solver`
                 small = small + np.finfo(float).eps * np.eye(outer.shape[1])
             ways[adjoint] = through, np.linalg.inv(small), inner
 

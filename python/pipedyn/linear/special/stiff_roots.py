@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
+from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.util.band import band_solver
 from pipedyn.util.check import Array
@@ -56,7 +57,7 @@ ENTRY = 8.0 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
-class FastPair:
+class StiffPair:
     """A root with both vectors of T.
 
     Attributes:
@@ -75,15 +76,15 @@ class FastPair:
     slope: complex
 
     @property
-    def conjugate(self) -> FastPair:
+    def conjugate(self) -> StiffPair:
         """The pair of the conjugate root."""
-        return FastPair(
+        return StiffPair(
             *(self.value.conjugate(), self.right.conj(), self.left.conj()),
             *(self.residual, self.uncertain, self.slope.conjugate()),
         )
 
 
-def is_fast(values: Any) -> Any:
+def is_stiff(values: Any) -> Any:
     """Which roots are beyond `SLOW`."""
     return np.isfinite(values) & (np.abs(values) > SLOW)
 
@@ -131,7 +132,12 @@ def node_shares(moments: Array, length: Array) -> tuple[Array, Array, Array]:
     return zeroth - first / length - mixed, mixed, second / length**2
 
 
-class FastRoots:
+def stiff_roots(model: Model) -> StiffRoots | None:
+    """The stiff roots of a chain that has them, None of any other model."""
+    return StiffRoots(model) if isinstance(model, Chain) and is_spread(model) else None
+
+
+class StiffRoots:
     """Roots of one chain beyond what its joint angles can tell."""
 
     def __init__(self, chain: Chain) -> None:
@@ -140,7 +146,7 @@ class FastRoots:
         self.n = chain.dof
         self.width = self.core.band_width
         self._reduce_to_mass()
-        self.known: dict[complex, FastPair] = {}
+        self.known: dict[complex, StiffPair] = {}
         self.known_at = -1.0
 
     def _reduce_to_mass(self) -> None:
@@ -211,6 +217,40 @@ class FastRoots:
         result: Complex = values[np.argsort(np.abs(values), kind="stable")]
         return result
 
+    def sharpened(
+        self, u: float, values: Complex, right: Complex, left: Complex | None, free: bool
+    ) -> tuple[Complex, Complex, Complex | None]:
+        """All roots of the inverse problem, with the stiff ones from the whole problem.
+
+        Args:
+            u: flow speed.
+            values: roots of the inverse problem, shape (r,).
+            right: their vectors in elastic coordinates, (n, r).
+            left: their left vectors, or None.
+            free: whether no term in the velocity is there.
+        """
+        kept, rough = self.starts(u, values, free)
+        values = np.concatenate([values[kept], rough])
+        lost = np.zeros((self.n, rough.size))
+        right = np.hstack([right[:, kept], lost])
+        left = None if left is None else np.hstack([left[:, kept], lost])
+        for i, pair in self.polished(u, values, free).items():
+            twin = np.flatnonzero(values == values[i].conj())[:1]
+            x, y = self.elastic(pair)
+            for j, found in ((twin, np.conj), ([i], np.asarray)):
+                values[j], right[:, j] = found(np.array([pair.value])), found(x)
+                if left is not None:
+                    left[:, j] = found(y)
+        return values, right, left
+
+    def elastic(self, pair: StiffPair) -> tuple[Vectors, Vectors]:
+        """Right and left vector in elastic coordinates, as good as these can hold them, (n, 1)."""
+        scale = self.chain.elastic_scale
+        right = (pair.right[0::4] / scale)[:, None]
+        left = (np.diff(pair.left[2::4], prepend=0.0) / scale)[:, None]
+        with np.errstate(all="ignore"):
+            return right / np.linalg.norm(right, axis=0), left / np.linalg.norm(left, axis=0)
+
     def starts(self, u: float, values: Complex, free: bool) -> tuple[NDArray[np.intp], Complex]:
         """Which of the inverse problem's roots to keep, and the rough ones in place of the others.
 
@@ -240,7 +280,7 @@ class FastRoots:
 
     def at(
         self, u: float, value: complex, vectors: tuple[Complex, Complex] | None = None
-    ) -> FastPair:
+    ) -> StiffPair:
         """Residual, uncertainty and slope at a root, as it is given, with vectors near its own."""
         if u != self.known_at:
             self.known, self.known_at = {}, u
@@ -248,17 +288,17 @@ class FastRoots:
             if value.imag < 0.0:
                 return self.at(u, value.conjugate()).conjugate
             _, right, left = self._iterated(u, value, vectors)
-            self.known[value] = self._told(u, value, right, left)
+            self.known[value] = self._described(u, value, right, left)
         return self.known[value]
 
-    def polished(self, u: float, values: Complex, free: bool) -> dict[int, FastPair]:
+    def polished(self, u: float, values: Complex, free: bool) -> dict[int, StiffPair]:
         """The fast ones among all roots, by their indices, of conjugates the upper only.
 
         Where Newton's method strays, or ends on another's root, the start remains, with the
         residual that it has.
         """
-        pairs: dict[int, FastPair] = {}
-        for i in map(int, np.flatnonzero(is_fast(values) & (values.imag >= 0.0))):
+        pairs: dict[int, StiffPair] = {}
+        for i in map(int, np.flatnonzero(is_stiff(values) & (values.imag >= 0.0))):
             start = complex(values[i])
             apart = np.abs(values - start)
             room = float(apart[apart > 0.0].min(initial=np.inf)) / abs(start)
@@ -271,7 +311,7 @@ class FastRoots:
             pairs[i] = pair
         return pairs
 
-    def near(self, u: float, start: complex, reach: float, free: bool = False) -> FastPair:
+    def near(self, u: float, start: complex, reach: float, free: bool = False) -> StiffPair:
         """The root next to a start and within a share of it, by Newton's method with both vectors.
 
         The start itself where it strays.
@@ -329,7 +369,7 @@ class FastRoots:
         left: Complex = solve((columns * dual)[:, None], True)[:, 0]
         return columns * right, rows * left
 
-    def _told(self, u: float, value: complex, right: Complex, left: Complex) -> FastPair:
+    def _described(self, u: float, value: complex, right: Complex, left: Complex) -> StiffPair:
         here = self.band(value, u)
         pulled = np.vdot(left, times(self.derivative(value, u), right))
         by_speed = 0.5 * (self.band(value, u + 1.0) - self.band(value, u - 1.0))
@@ -343,8 +383,8 @@ class FastRoots:
             slope = -complex(np.vdot(left, times(by_speed, right)) / pulled)
         if not uncertain < abs(value):
             none = np.ones_like(right)
-            return FastPair(value, none, none, math.inf, math.inf, slope)
-        return FastPair(value, right, left, rest / size, uncertain, slope)
+            return StiffPair(value, none, none, math.inf, math.inf, slope)
+        return StiffPair(value, right, left, rest / size, uncertain, slope)
 
 
 def normed(x: Complex) -> Complex:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pipedyn.linear.crossings import Flags, Hunt, Passage
-from pipedyn.linear.pencil import Complex
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.tracking import Indices, Sample, Step, pairs_at
 
 
@@ -26,14 +26,14 @@ class CirculatoryHunt(Hunt):
 
     def take(self, u: float) -> Sample:
         """Nu and d nu / du at a speed."""
-        pairs = pairs_at(self.pencil, u, self.count)
+        pairs = pairs_at(self.problem, u, self.count)
         values = pairs.values
         pairs = pairs.take((values.real > 0.0) | ((values.real == 0.0) & (values.imag > 0.0)))
-        slopes = 2.0 * pairs.values * self.pencil.slopes(u, pairs)
+        slopes = 2.0 * pairs.values * self.problem.slopes(u, pairs)
         squares = replace(pairs, values=pairs.values**2)
         squares.values.imag[(pairs.values.real == 0.0) | (pairs.values.imag == 0.0)] = 0.0
         if u == 0.0:
-            squares.values[np.abs(squares.values) < self.pencil.stuck] = 0.0
+            squares.values[np.abs(squares.values) < self.problem.zero_tolerance] = 0.0
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         none = np.zeros(squares.values.size)
         return Sample(u, squares, slopes, none, none.astype(np.int8))
@@ -52,7 +52,7 @@ class CirculatoryHunt(Hunt):
     def states(self, at: Sample, onto: Indices, before: Flags) -> Flags:
         """Which nu stand for an unstable root: the complex and the positive."""
         values = at.values[onto]
-        known = (np.abs(values) >= self.pencil.stuck) | (values.imag != 0.0)
+        known = (np.abs(values) >= self.problem.zero_tolerance) | (values.imag != 0.0)
         states: Flags = np.where(known, (values.imag != 0.0) | (values.real > 0.0), before)
         return states
 

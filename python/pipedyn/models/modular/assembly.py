@@ -46,6 +46,7 @@ from pipedyn.models.modular.parts import (
     TorsionalSpring,
     described,
 )
+from pipedyn.models.pencil import LONGEST_DENSE, DensePencil, Pencil, ScenePencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
 from pipedyn.util import check
@@ -255,6 +256,11 @@ class Assembly(Model):
             met = np.abs(more._layout.missed(chosen)).max(initial=0.0) <= MET
             more._reference = chosen if met else more._reference
         return more
+
+    def pencil(self, dense: bool | None = None) -> Pencil:
+        """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
+        long = self.dof > LONGEST_DENSE if dense is None else not dense
+        return ScenePencil(self) if long else DensePencil(self)
 
     def with_pipe(self, pipe: Pipe) -> Assembly:
         """The same parts on another pipe, which has its own terms.

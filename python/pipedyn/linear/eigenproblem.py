@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: MIT
+"""P(lambda, u) x = 0 of any model: residuals, conditions, slopes and refinement of its eigenpairs.
+
+The products come from `model.pencil()`; all is done in elastic coordinates, where the elastic
+stiffness is the identity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.linear.special.stiff_roots import StiffPair, StiffRoots, is_stiff, stiff_roots
+from pipedyn.models.base import Model
+from pipedyn.models.pencil import DensePencil, Pencil, Vectors
+from pipedyn.util.check import Array
+
+Complex = NDArray[np.complex128]
+
+TOLERANCE = 1e-10
+"""Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
+k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what terms add; to it
+comes the rounding of M x, eps |lambda|^2, which is what limits high modes."""
+
+WORTHLESS = 1e-4
+"""Relative residual of a pair that rounding does not excuse, however high the mode: refined, those
+of 300 segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functions (4e-5) pass."""
+
+
+SLOW_GROWTH = 1e-8
+"""Rounding of Re lambda up to which it is left as it is: what grows slower doubles in 1e8 T."""
+
+GROWTH_ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""Of the terms of an energy balance, vectors included: measured, bases of 120 and 200 functions
+give growth rates of modes 5 to 60 that differ by 2 eps of them at most."""
+
+
+@dataclass(frozen=True)
+class Eigenpairs:
+    """Eigenvalues with vectors, sorted by |lambda|, of conjugates the upper first.
+
+    Attributes:
+        values: lambda, complex, shape (r,).
+        right: x in elastic coordinates, shape (dof, r).
+        left: y with y^H P = 0, shape (dof, r), or None where not asked for.
+        residuals: relative residuals, shape (r,); `converged` says which are good.
+    """
+
+    values: Complex
+    right: Complex
+    left: Complex | None
+    residuals: Array
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Which pairs passed the check of their residual, shape (r,)."""
+        return self.passable & (self.residuals <= WORTHLESS)
+
+    @property
+    def passable(self) -> NDArray[np.bool_]:
+        """The same with all that rounding excuses: enough of high modes where low ones count."""
+        return self.residuals <= TOLERANCE + np.finfo(float).eps * np.abs(self.values) ** 2
+
+    def take(self, which: Any) -> Eigenpairs:
+        """Some of the pairs."""
+        left = None if self.left is None else self.left[:, which]
+        return Eigenpairs(self.values[which], self.right[:, which], left, self.residuals[which])
+
+
+class Eigenproblem:
+    """P(lambda, u) x = 0 of one model.
+
+    Args:
+        pencil: the model's.
+
+    Attributes:
+        stiff: the roots that elastic coordinates cannot hold, or None where they hold all.
+    """
+
+    def __init__(self, pencil: Pencil) -> None:
+        self.pencil = pencil
+        self.model, self.pipe, self.dof = pencil.model, pencil.pipe, pencil.dof
+        self.mass, self.velocity = pencil.mass, pencil.velocity
+        self.stiffness, self.flux = pencil.stiffness, pencil.flux
+        self.is_damped, self.is_long = pencil.is_damped, pencil.is_long
+        self.centrifugal = pencil.centrifugal
+        self.stiff: StiffRoots | None = None if self.is_long else stiff_roots(self.model)
+
+    @property
+    def rows(self) -> int:
+        """Rows of the largest matrix that a solve hands to LAPACK; a band has none to speak of."""
+        return 1 if self.is_long else 2 * self.dof
+
+    def damped(self, u: float, x: Vectors) -> Vectors:
+        """(u V + D) x."""
+        result = self.velocity(x) * u
+        return result + self.pencil.damping(x) if self.is_damped else result
+
+    def stiffened(self, u: float, x: Vectors) -> Vectors:
+        """(K + a u^2 A) x."""
+        result: Vectors = self.stiffness(x) + self.centrifugal * u**2 * self.flux(x)
+        return result
+
+    def matrices(self, u: float) -> tuple[Array, Array, Array]:
+        """(M, C, K) at speed u of a model in matrices, each of shape (dof, dof)."""
+        assert isinstance(self.pencil, DensePencil)
+        return self.pencil.matrices(u)
+
+    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose."""
+        return self.pencil.factor(value, u)
+
+    @cached_property
+    def is_conservative(self) -> bool:
+        """Whether eigenvalues come in fours, lambda, -lambda and conjugates, at every speed.
+
+        No damping, gyroscopic forces only and symmetric stiffness: ends that do no work.
+        """
+        if self.is_damped:
+            return False
+        angles = np.arange(1.0, self.dof + 1.0)
+        x, y = np.cos(angles)[:, None], np.sin(2.0 * angles)[:, None]
+
+        def differ(product: Callable[[Vectors], Vectors], sign: float) -> bool:
+            one, other = float((x.T @ product(y))[0, 0]), float((y.T @ product(x))[0, 0])
+            size = float(np.abs(x * product(y)).sum()) + self.dof  # springs have stiffness 1
+            return abs(one - sign * other) > 1e-11 * size
+
+        return not (
+            differ(self.velocity, -1.0) or differ(self.stiffness, 1.0) or (differ(self.flux, 1.0))
+        )
+
+    @property
+    def zero_tolerance(self) -> float:
+        """|lambda| below which a root counts as zero.
+
+        A double zero scatters by the root of rounding, the triple one of a free joint by its cube
+        root; damping slows all that is near zero.
+        """
+        least = 1e-4 if (self.model.elastic_share == 0.0).any() else 1e-6
+        return least / max(1.0, self.pipe.damping)
+
+    def velocity_free(self, u: float) -> bool:
+        """Whether P holds lambda only as lambda^2: no damping, and no flow or no fluid mass."""
+        return not self.is_damped and (u == 0.0 or self.pipe.beta == 0.0)
+
+    def dense(self) -> Eigenproblem:
+        """The same problem in matrices."""
+        return type(self)(self.model.pencil(dense=True))
+
+    def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:
+        """Pairs of the model itself, where it is deflated; None where they have no slope."""
+        return pairs
+
+    def static(self) -> Eigenproblem:
+        """The problem whose stiffness is singular where a real root passes zero, and only there."""
+        return self
+
+    def genuine(self, values: Complex, free: bool) -> NDArray[np.bool_]:
+        """Which eigenvalues of the inverse problem are the model's: all, unless it is deflated."""
+        return np.ones(values.size, dtype=np.bool_)
+
+    def size(self, u: float) -> float:
+        """Size of the stiffness matrix, elastic stiffness being 1."""
+        return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.fitted_size
+
+    def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
+        """Relative residual of each pair, shape (r,)."""
+        inertia, velocity = values**2 * self.mass(x), values * self.damped(u, x)
+        rest = np.linalg.norm(inertia + velocity + self.stiffened(u, x), axis=0)
+        size = np.linalg.norm(inertia, axis=0) + np.linalg.norm(velocity, axis=0)
+        result: Array = rest / (size + self.size(u) * np.linalg.norm(x, axis=0))
+        self._replaced(u, values, result, lambda pair: pair.residual)
+        return result
+
+    def _replaced(
+        self, u: float, values: Complex, result: Any, of: Callable[[StiffPair], Any]
+    ) -> None:
+        """Puts what is known of stiff roots in the place of a result for all, shape (r,)."""
+        if self.stiff is not None:
+            for i in np.flatnonzero(is_stiff(values)):
+                result[i] = of(self.stiff.at(u, complex(values[i])))
+
+    def derivative(self, u: float, values: Complex, x: Vectors, y: Vectors) -> Complex:
+        """y^H (dP/dlambda) x of each pair, shape (r,)."""
+        result: Complex = np.sum(
+            y.conj() * (2.0 * values * self.mass(x) + self.damped(u, x)), axis=0
+        )
+        return result
+
+    def uncertainties(self, u: float, pairs: Eigenpairs) -> Array:
+        """How far residual and rounding may have moved each eigenvalue, shape (r,)."""
+        assert pairs.left is not None
+        size = np.abs(pairs.values) ** 2 * np.linalg.norm(self.mass(pairs.right), axis=0)
+        size += np.abs(pairs.values) * np.linalg.norm(self.damped(u, pairs.right), axis=0)
+        size += self.size(u)
+        derivative = np.abs(self.derivative(u, pairs.values, pairs.right, pairs.left))
+        lost = np.finfo(float).eps * (size + self.formed(u, pairs))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: Array = (pairs.residuals * size + lost) / derivative
+        result[~np.isfinite(result)] = np.inf
+        self._replaced(u, pairs.values, result, lambda pair: pair.uncertain)
+        return result
+
+    def growth(self, u: float, pairs: Eigenpairs) -> tuple[Array, Array]:
+        """Re lambda of each pair by its energy balance, and how far rounding may move it, (r,).
+
+        With lambda = sigma + i omega the imaginary part of x^H P x = 0 is
+
+            sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
+
+        On the right only damping and what the ends do is left, so that rounding is small beside it,
+        while that of lambda is eps |lambda|^2. Of a real root it tells nothing (NaN).
+        """
+        x, omega = pairs.right, pairs.values.imag
+        damped, stiffened = self.damped(u, x), self.stiffened(u, x)
+        by_velocity, by_place = x.conj() * damped, x.conj() * stiffened
+        kinetic = np.sum(x.conj() * self.mass(x), axis=0).real
+        rate = 2.0 * omega * kinetic + np.sum(by_velocity, axis=0).imag
+        work = omega * np.sum(by_velocity, axis=0).real + np.sum(by_place, axis=0).imag
+        size = np.abs(omega) * np.sum(np.abs(by_velocity), axis=0)
+        size += np.sum(np.abs(by_place), axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return -work / rate, GROWTH_ROUNDING * size / np.abs(rate)
+
+    def sharpened(self, u: float, pairs: Eigenpairs, uncertain: Array) -> tuple[Complex, Array]:
+        """Eigenvalues and how far each may be off, with Re lambda by its energy balance if better.
+
+        That is so where rounding hides a slow growth, as in high modes without damping, and at rest
+        where damping is all there is.
+        """
+        values = pairs.values
+        hidden = (values.imag != 0.0) & (np.abs(values.real) < 1e3 * uncertain) & pairs.converged
+        if u > 0.0:
+            hidden &= uncertain > SLOW_GROWTH
+        if pairs.left is None or not hidden.any():
+            return values, uncertain
+        # Near a double root vectors are worse than values: y^H P' x is small beside x^H P' x there.
+        across = np.abs(self.derivative(u, values, pairs.right, pairs.left))
+        hidden &= across > 0.1 * np.abs(self.derivative(u, values, pairs.right, pairs.right))
+        growth, error = self.growth(u, pairs)
+        better = hidden & (error < uncertain)
+        return (
+            np.where(better, growth + 1j * values.imag, values),
+            np.where(better, error, uncertain),
+        )
+
+    def formed(self, u: float, pairs: Eigenpairs) -> Any:
+        """What rounding of the matrices themselves may hide, in eps: no residual shows it."""
+        if self.is_long:
+            return 0.0
+        assert pairs.left is not None
+        right, size = np.abs(pairs.right), np.abs(pairs.values)
+        mass, velocity, stiffness = (np.abs(matrix) @ right for matrix in self.matrices(u))
+        rows = size**2 * mass + size * velocity + stiffness
+        return np.sum(np.abs(pairs.left) * rows, axis=0)
+
+    def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
+        """D lambda / du of each pair, shape (r,)."""
+        assert pairs.left is not None
+        by_speed = pairs.values * self.velocity(pairs.right)
+        by_speed = by_speed + 2.0 * self.centrifugal * u * self.flux(pairs.right)
+        change = np.sum(pairs.left.conj() * by_speed, axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: Complex = -change / self.derivative(u, pairs.values, pairs.right, pairs.left)
+        self._replaced(u, pairs.values, result, lambda pair: pair.slope)
+        return result
+
+    def refine(
+        self, u: float, value: complex, x: Vectors | None = None, steps: int = 6
+    ) -> Eigenpairs:
+        """The pair nearest to a good guess, by two-sided Rayleigh quotient iteration."""
+        if self.stiff is not None and is_stiff(value):
+            near = self.stiff.near(u, value, 1.0)
+            rest = np.array([near.residual])
+            return Eigenpairs(np.array([near.value]), *self.stiff.elastic(near), rest)
+        seed = np.linspace(1.0, 0.5, self.dof, dtype=np.complex128)
+        right = (seed if x is None else x.astype(np.complex128)).reshape(-1, 1)
+        left = seed.reshape(-1, 1)
+        best: Eigenpairs | None = None
+        for _ in range(steps):
+            solve = self.factor(value, u)
+            right, left = unit(solve(right)), unit(solve(left, adjoint=True))
+            if not (np.isfinite(right).all() and np.isfinite(left).all()):
+                break
+            values = np.array([value])
+            rest = values**2 * self.mass(right) + values * self.damped(u, right)
+            rest = rest + self.stiffened(u, right)
+            derivative = self.derivative(u, values, right, left)[0]
+            if derivative == 0.0:
+                break
+            correction = np.sum(left.conj() * rest) / derivative
+            value = complex(value - correction)
+            values = np.array([value])
+            pair = Eigenpairs(values, right, left, self.residuals(u, values, right))
+            if best is not None and pair.residuals[0] >= best.residuals[0]:
+                break
+            best = pair
+            if abs(correction) <= 4e-16 * abs(value):
+                break
+        if best is None:
+            values = np.array([value], dtype=np.complex128)
+            return Eigenpairs(values, right, left, np.array([np.inf]))
+        return best
+
+    def null_pair(self, u: float, right: Vectors, left: Vectors) -> Eigenpairs:
+        """Singular vectors of K(u) to its least singular value: its null vectors, if any."""
+        solve = self.factor(0.0, u)
+        for _ in range(3):
+            left = unit(solve(right, adjoint=True))
+            right = unit(solve(left))
+        values = np.zeros(1, dtype=np.complex128)
+        right, left = right.astype(np.complex128), left.astype(np.complex128)
+        return Eigenpairs(values, right, left, self.residuals(u, values, right))
+
+
+def eigenproblem(model: Model, dense: bool | None = None) -> Eigenproblem:
+    """The model's eigenproblem; `dense` as for `Model.pencil`."""
+    return Eigenproblem(model.pencil(dense))
+
+
+def unit(x: Vectors) -> Vectors:
+    """Each column divided by its length."""
+    with np.errstate(all="ignore"):
+        result: Vectors = x / np.linalg.norm(x, axis=0)
+    return result

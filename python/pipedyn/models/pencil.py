@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: MIT
+"""P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies and solves with it.
+
+All is in a model's elastic coordinates, where the elastic stiffness is the identity. Small models
+are dense matrices; long chains and scenes multiply and solve in O(n).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from pipedyn.models.pipe import Pipe
+from pipedyn.util.band import band_solver
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+
+if TYPE_CHECKING:
+    from pipedyn.models.base import Model, Operators
+    from pipedyn.models.chain import Chain
+    from pipedyn.models.modular import Assembly
+
+Vectors = NDArray[Any]
+
+LONGEST_DENSE = 64
+"""Chains and scenes up to this size are dense: measured, both ways take equal time near there."""
+
+
+class Pencil(ABC):
+    """P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A, in elastic coordinates.
+
+    V = s (gyroscopic + end_flux) and A = flux. Each product takes and gives (dof, r).
+
+    Attributes:
+        is_long: whether products and solves are O(dof), and no matrices are there.
+    """
+
+    is_long = True
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.pipe = model.pipe
+        self.dof = model.dof
+        self.is_damped = model.pipe.damping != 0.0 or model.resisted
+        self.direction = self.pipe.direction
+        self.centrifugal = self.pipe.centrifugal
+
+    @abstractmethod
+    def mass(self, x: Vectors) -> Vectors:
+        """M x."""
+
+    @abstractmethod
+    def velocity(self, x: Vectors) -> Vectors:
+        """V x."""
+
+    @abstractmethod
+    def damping(self, x: Vectors) -> Vectors:
+        """D x: delta times the elastic stiffness, and what else damps."""
+
+    @abstractmethod
+    def stiffness(self, x: Vectors) -> Vectors:
+        """K x."""
+
+    @abstractmethod
+    def flux(self, x: Vectors) -> Vectors:
+        """A x."""
+
+    @abstractmethod
+    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose."""
+
+    def gravity(self, x: Vectors) -> Vectors:
+        """dK/dgamma x; K is linear in gamma."""
+        other, step = self._stepped("gamma")
+        result: Vectors = step * (other.stiffness(x) - self.stiffness(x))
+        return result
+
+    def by_damping(self, x: Vectors) -> Vectors:
+        """dD/ddelta x; D is linear in delta."""
+        other, step = self._stepped("damping")
+        result: Vectors = step * (other.damping(x) - self.damping(x))
+        return result
+
+    def _stepped(self, name: str) -> tuple[Pencil, float]:
+        """The pencil with one number changed by a step of 1 or -1, which keeps it in its range."""
+        value = getattr(self.pipe, name)
+        step = 1.0 if value < 1.0 else -1.0
+        pipe: Pipe = replace(self.pipe, **{name: value + step})
+        return type(self)(self.model.with_pipe(pipe)), step
+
+
+class DensePencil(Pencil):
+    """Matrices; O(dof^3)."""
+
+    is_long = False
+
+    @cached_property
+    def operators(self) -> Operators:
+        """The model's, computed at the first product."""
+        return self.model.elastic_operators()
+
+    @cached_property
+    def V(self) -> Array:
+        """S (gyroscopic + end_flux)."""
+        result: Array = self.direction * (self.operators.gyroscopic + self.operators.end_flux)
+        return result
+
+    def mass(self, x: Vectors) -> Vectors:
+        return self.operators.mass @ x
+
+    def velocity(self, x: Vectors) -> Vectors:
+        return self.V @ x
+
+    def damping(self, x: Vectors) -> Vectors:
+        return self.operators.damping @ x
+
+    def stiffness(self, x: Vectors) -> Vectors:
+        return self.operators.stiffness @ x
+
+    def flux(self, x: Vectors) -> Vectors:
+        return self.operators.flux @ x
+
+    def matrices(self, u: float) -> tuple[Array, Array, Array]:
+        """(M, C, K) at speed u, each of shape (dof, dof)."""
+        ops = self.operators
+        stiffness = ops.stiffness + self.centrifugal * u**2 * ops.flux
+        return ops.mass, u * self.V + ops.damping, stiffness
+
+    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        mass, velocity, stiffness = self.matrices(u)
+        return lu_solver(value**2 * mass + value * velocity + stiffness)
+
+
+def lu_solver(matrix: Vectors) -> Callable[..., Vectors]:
+    """solve(rows, adjoint=False); of a singular matrix, with one that differs in rounding."""
+    lu, pivots, _ = lapack.zgetrf(matrix.astype(np.complex128))
+    factorised()
+    exact = np.flatnonzero(np.diag(lu) == 0.0)
+    lu[exact, exact] = np.finfo(float).eps
+
+    def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
+        solution: Vectors = lapack.zgetrs(lu, pivots, rows, trans=2 if adjoint else 0)[0]
+        return solution
+
+    return solve
+
+
+class ChainPencil(Pencil):
+    """A long chain: running sums take joint angles to segments, P is a band matrix.
+
+    Args:
+        model: the chain.
+        core: the chain that multiplies and solves, with springs of its own; the model's if None.
+    """
+
+    def __init__(self, model: Chain, core: Any = None) -> None:
+        super().__init__(model)
+        self.core = model.core if core is None else core
+        self.resisted = model.resisted
+        self.scale = model.elastic_scale[:, None]
+        self.share = model.elastic_share[:, None]
+
+    def _rows(self, product: Callable[[Array], Array], x: Vectors) -> Vectors:
+        """A product in the angles, taken to elastic coordinates; complex columns as real pairs."""
+        angles = np.ascontiguousarray(np.cumsum(self.scale * x, axis=0))
+        if np.iscomplexobj(angles):
+            rows: Vectors = product(angles.view(np.float64)).view(np.complex128)
+        else:
+            rows = product(angles)
+        result: Vectors = self.scale * np.cumsum(rows[::-1], axis=0)[::-1]
+        return result
+
+    def elastic(self, x: Vectors) -> Vectors:
+        """Elastic stiffness times x: the springs'."""
+        result: Vectors = self.share * x
+        return result
+
+    def mass(self, x: Vectors) -> Vectors:
+        return self._rows(self.core.mass_times, x)
+
+    def velocity(self, x: Vectors) -> Vectors:
+        return self.direction * self._rows(self.core.velocity_times, x)
+
+    def damping(self, x: Vectors) -> Vectors:
+        result: Vectors = self.pipe.damping * self.elastic(x)
+        return result + self._rows(self.core.terms_damping_times, x) if self.resisted else result
+
+    def by_damping(self, x: Vectors) -> Vectors:
+        return self.elastic(x)
+
+    def stiffness(self, x: Vectors) -> Vectors:
+        result = self.elastic(x)
+        if self.pipe.terms:
+            result = result + self._rows(self.core.terms_stiffness_times, x)
+        return result + self.pipe.gamma * self.gravity(x) if self.pipe.gamma else result
+
+    def gravity(self, x: Vectors) -> Vectors:
+        return self._rows(self.core.gravity_times, x)
+
+    def flux(self, x: Vectors) -> Vectors:
+        return self._rows(self.core.flux_times, x)
+
+    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        width, band = self.core.band_width, self.core.band(complex(value), u)
+        solve_band = band_solver(band.real if np.imag(value) == 0.0 else band, width, width)
+
+        def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
+            loads = rows / self.scale
+            extended = np.zeros((4 * self.dof, rows.shape[1]), dtype=loads.dtype, order="F")
+            if adjoint:
+                extended[0::4] = loads
+                angles = solve_band(extended, True)
+                dual: Vectors = np.diff(angles[2::4], axis=0, prepend=0.0) / self.scale
+                return dual
+            extended[2::4] = loads
+            extended[2:-4:4] -= loads[1:]
+            joint_angles: Vectors = solve_band(extended, False)[0::4] / self.scale
+            return joint_angles
+
+        return solve
+
+
+class ScenePencil(Pencil):
+    """A long scene: a band or sparse matrix of its redundant coordinates and constraints."""
+
+    def __init__(self, model: Assembly) -> None:
+        super().__init__(model)
+        self.linear = model.linear
+
+    def mass(self, x: Vectors) -> Vectors:
+        return self.linear.mass(x)
+
+    def velocity(self, x: Vectors) -> Vectors:
+        return self.direction * (self.linear.gyroscopic(x) + self.linear.end_flux(x))
+
+    def damping(self, x: Vectors) -> Vectors:
+        return self.linear.damping(x)
+
+    def stiffness(self, x: Vectors) -> Vectors:
+        return self.linear.stiffness(x)
+
+    def flux(self, x: Vectors) -> Vectors:
+        return self.linear.flux(x)
+
+    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
+        return self.linear.factor(value, u)
