@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Passages through the imaginary axis: none missed, each with an honest error."""
+"""Crossings of the imaginary axis: none missed, each with an honest error."""
 
 import dataclasses
 import itertools

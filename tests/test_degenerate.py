@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Passages where plain eigenvalues tell nothing: free joints, meetings at zero, faint forces."""
+"""Crossings where plain eigenvalues do not serve: free joints, meetings at zero, weak forces."""
 
 import dataclasses
 import itertools

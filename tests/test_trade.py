@@ -233,16 +233,16 @@ def test_a_start_that_does_not_move_is_refused(ask):
 
 def test_a_motion_counts_what_its_integrator_does():
     chain = pp.Chain(DAMPED, 6)
-    with counted() as effort:
+    with counted() as counters:
         motion = pp.simulate(chain, 6.0, 1.0, lambda s: 0.05 * s**2, method="dop853")
-    assert effort.right_hand_sides == motion.evaluations
-    assert effort.factorisations == 0
+    assert counters.right_hand_sides == motion.evaluations
+    assert counters.factorisations == 0
 
 
 @pytest.mark.parametrize("method", ["lsoda", "Radau"])
 def test_an_implicit_motion_counts_its_factorisations(method):
     chain = pp.Chain(pp.Pipe(0.2, damping=0.1), 6)
-    with counted() as effort:
+    with counted() as counters:
         pp.simulate(*(chain, 6.0, 1.0, lambda s: 0.05 * s**2), method=method, rtol=1e-8, atol=1e-10)
     start = np.concatenate([chain.bent(lambda s: 0.05 * s**2), np.zeros(6)])
     peer = solve_ivp(
@@ -252,24 +252,24 @@ def test_an_implicit_motion_counts_its_factorisations(method):
         rtol=1e-8,
         atol=1e-10,
     )
-    assert 0.5 < effort.factorisations / peer.nlu < 2.0
+    assert 0.5 < counters.factorisations / peer.nlu < 2.0
 
 
 def test_a_row_has_the_counts_of_one_answer():
     family, asked = FAMILIES["legendre"], CriticalSpeedOf()
     reference = asked.reference(PIPE, 1e-6)
     row = measured(PIPE, asked, family, 6, reference, 3)
-    with counted() as effort:
+    with counted() as counters:
         asked.answer(family.make(PIPE, 6))
-    assert row.factorisations == effort.factorisations > 10
+    assert row.factorisations == counters.factorisations > 10
     assert row.right_hand_sides == 0
 
 
 def test_a_cycle_counts_its_right_hand_sides_and_factorisations():
-    with counted() as effort:
+    with counted() as counters:
         cycle = pp.limit_cycle(pp.Galerkin(DAMPED, 3, "legendre"), 6.0)
-    assert effort.right_hand_sides >= cycle.evaluations
-    assert effort.factorisations > cycle.phases
+    assert counters.right_hand_sides >= cycle.evaluations
+    assert counters.factorisations > cycle.phases
 
 
 def test_an_eigenvalue_problem_is_a_factorisation_and_itself():

@@ -38,7 +38,7 @@ from pipedyn.linear.critical_speed import checked_end, critical_speed
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.eigensolver import lowest
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
-from pipedyn.linear.special.weak_damping import is_faint
+from pipedyn.linear.special.weak_damping import is_weakly_damped
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin
@@ -193,7 +193,7 @@ class CriticalSpeedOf(Quantity):
         onset = None
         # With neither Coriolis force nor damping two frequencies meet: no root crosses the axis.
         crosses = model.pipe.beta > 0.0 or model.pipe.damping > 0.0
-        if found.kind == "flutter" and found.speed and crosses and not is_faint(model.pipe):
+        if found.kind == "flutter" and found.speed and crosses and not is_weakly_damped(model.pipe):
             onset = Onset(found.speed, found.frequency, found.error)
         return Answer(np.array([found.speed]), found.kind, error, onset)
 

@@ -304,7 +304,7 @@ def measured(
             dof = sum(model.dof for model in models)
             if models[0].dof < quantity.least:
                 raise ValueError(f"size must be at least {quantity.least} for it, got {size}")
-            with counted() as effort, limited(patience):
+            with counted() as counters, limited(patience):
                 start = clock()
                 answers = [quantity.answer(model) for model in models]
                 answer = _one(quantity, answers, family)
@@ -320,8 +320,8 @@ def measured(
         resolved=error >= SHARPER * reference.error,
         seconds=min(times),
         spread=max(times) / min(times) - 1.0,
-        right_hand_sides=effort.right_hand_sides,
-        factorisations=effort.factorisations,
+        right_hand_sides=counters.right_hand_sides,
+        factorisations=counters.factorisations,
         values=answer.values,
     )
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Critical speeds: passages through the imaginary axis, and what moves them."""
+"""Critical speeds: crossings of the imaginary axis, and what moves them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from pipedyn.linear.crossings import Hunt, Passage, Sweep, Untracked
+from pipedyn.linear.crossings import AxisCrossing, CrossingSearch, Sweep, Untracked
 from pipedyn.linear.modes import CONTINUUM_SPEED, LARGEST_SPEED
 from pipedyn.linear.sensitivity import Crossing, Kind, Sensitivity, crossings_of
 from pipedyn.linear.special.deflation import sweeping_problem
-from pipedyn.linear.special.undamped import CirculatoryHunt
-from pipedyn.linear.special.weak_damping import extrapolated, is_faint, strengthened
+from pipedyn.linear.special.undamped import CirculatorySearch
+from pipedyn.linear.special.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum, checked_model
 from pipedyn.models.galerkin import Galerkin
@@ -24,7 +24,7 @@ from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_SWEEP = 2000
-"""Degrees of freedom up to which passages are searched."""
+"""Degrees of freedom up to which crossings are searched."""
 
 
 class NoCrossing(PipedynError):
@@ -41,7 +41,7 @@ class NoCrossing(PipedynError):
 
 @result
 class CriticalSpeed:
-    """The lowest passage that destabilises.
+    """The lowest crossing that destabilises.
 
     Attributes:
         speed: u; 0 if the pipe is unstable from the smallest flow on.
@@ -88,10 +88,10 @@ class CriticalSpeed:
 
 
 def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
-    """Every passage of an eigenvalue through the imaginary axis up to a flow speed.
+    """Every crossing of the imaginary axis by an eigenvalue up to a flow speed.
 
     None is missed between samples: see `pipedyn.linear.crossings`. A pipe that is unstable from the
-    smallest flow on has passages at speed 0, one for each mode that leaves the axis there (for
+    smallest flow on has crossings at speed 0, one for each mode that leaves the axis there (for
     `Continuum`, those of its basis).
 
     Args:
@@ -99,11 +99,11 @@ def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
         max_speed: end of the search, > 0.
 
     Returns:
-        Passages in order of speed, flutter and divergence.
+        Crossings in order of speed, flutter and divergence.
 
     Raises:
-        NotConverged: if the passages found do not account for the unstable roots, or the continuous
-            pipe's do not stand still as the basis grows.
+        NotConverged: if the crossings found do not account for the unstable roots, or those of the
+            continuous pipe do not converge as the basis grows.
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
@@ -139,16 +139,16 @@ def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
 def first_loss(
     model: AnyModel, max_speed: float = 100.0
 ) -> tuple[CriticalSpeed, tuple[Crossing, ...]]:
-    """The critical speed, and the passages up to it, from a search that ends there.
+    """The critical speed, and the crossings up to it, from a search that ends there.
 
     Raises:
         NoCrossing: if there is none up to max_speed.
     """
     # A low critical speed needs no large basis and few modes of a long chain: the search grows
-    # from rest where that tells.
+    # from rest where that is cheaper.
     ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed and _grows(model, end)]
     for end in [*ends, max_speed]:
-        found = _search(model, end, lambda passage: passage.change > 0)
+        found = _search(model, end, lambda crossing: crossing.change > 0)
         critical = found.critical(max_speed)
         if critical is not None:
             return critical, found.crossings
@@ -158,14 +158,14 @@ def first_loss(
 def all_losses(
     model: AnyModel, max_speed: float
 ) -> tuple[CriticalSpeed | None, tuple[Crossing, ...]]:
-    """Every passage up to max_speed, and the critical speed if there is one."""
+    """Every crossing up to max_speed, and the critical speed if there is one."""
     found = _search(model, max_speed)
     return found.critical(max_speed), found.crossings
 
 
 @dataclass(frozen=True)
 class _Search:
-    """Passages, and how far the last growth of a Continuum moved them, relative."""
+    """Crossings, and how far the last growth of a Continuum moved them, relative."""
 
     model: AnyModel
     crossings: tuple[Crossing, ...]
@@ -173,7 +173,7 @@ class _Search:
     moved: float | None = None
 
     def critical(self, max_speed: float) -> CriticalSpeed | None:
-        """The first passage that destabilises."""
+        """The first crossing that destabilises."""
         first = next((c for c in self.crossings if c.destabilising), None)
         if first is None:
             return None
@@ -194,17 +194,17 @@ class _Search:
 
 
 def _search(
-    model: AnyModel, max_speed: float, until: Callable[[Passage], bool] | None = None
+    model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None = None
 ) -> _Search:
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
         return _Search(model, (), 0)  # the flow acts on nothing
-    if not is_faint(pipe) or (isinstance(model, Model) and model.resisted):
+    if not is_weakly_damped(pipe) or (isinstance(model, Model) and model.resisted):
         return _search_once(model, max_speed, until)
     solved = strengthened(model.pipe)
     found = [_search_once(model.with_pipe(pipe), max_speed, until) for pipe in solved]
-    passages = extrapolated(model.pipe, solved, [search.crossings for search in found])
-    return replace(found[0], model=model, crossings=passages)
+    reached = extrapolated(model.pipe, solved, [search.crossings for search in found])
+    return replace(found[0], model=model, crossings=reached)
 
 
 def _exact(model: AnyModel) -> Continuum | None:
@@ -215,7 +215,7 @@ def _exact(model: AnyModel) -> Continuum | None:
 
 
 def _search_once(
-    model: AnyModel, max_speed: float, until: Callable[[Passage], bool] | None
+    model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None
 ) -> _Search:
     if not isinstance(model, Continuum):
         if model.dof > LARGEST_SWEEP:
@@ -239,7 +239,7 @@ def _trusted(rom: Galerkin) -> int | None:
     """How many modes of a Legendre model to look at: three fifths are the pipe's to many digits.
 
     All, if damping is so strong that the last of these do not oscillate: then those beyond are
-    overdamped too, however they would grow without damping, and cannot be told from the others.
+    overdamped too, however they would grow without damping, and nothing sets them apart.
     """
     trusted = (3 * rom.resolution) // 5
     overdamped = rom.pipe.damping * (math.pi * trusted) ** 2 > 2.0
@@ -251,55 +251,55 @@ def _feeling(max_speed: float) -> int:
     return 12 + math.ceil(max_speed)
 
 
-def _worth_following(followed: int, max_speed: float, dof: int) -> bool:
+def _worth_tracking(tracked: int, max_speed: float, dof: int) -> bool:
     """Whether some modes of a long chain are computed faster than all."""
-    return followed <= dof // 4 and max_speed <= dof / 4
+    return tracked <= dof // 4 and max_speed <= dof / 4
 
 
 def _grows(model: AnyModel, end: float) -> bool:
     """Whether a search is the cheaper, the sooner it ends."""
     if isinstance(model, Continuum):
         return True
-    return _worth_following(_feeling(end), end, model.dof) and model.pencil().is_long
+    return _worth_tracking(_feeling(end), end, model.dof) and model.pencil().is_long
 
 
 def _sweep(
     model: Model,
     max_speed: float,
-    until: Callable[[Passage], bool] | None,
+    until: Callable[[AxisCrossing], bool] | None,
     trusted: int | None = None,
 ) -> Sweep:
-    """Passages of one model.
+    """Crossings of one model.
 
-    Of a long chain only as many modes are followed as can meet the flow: a mode of wave number k
-    does where k is comparable to u. If a root beyond that turns unstable, more are followed.
+    Of a long chain only as many modes are tracked as can meet the flow: a mode of wave number k
+    does where k is comparable to u. If a root beyond that turns unstable, more are tracked.
     """
     problem = sweeping_problem(model)
-    followed: int | None = None
+    tracked: int | None = None
     count: int | None = None
     if problem.is_long:
-        followed = _feeling(max_speed)
-        # Those before the crowd at -1 / delta, which no Krylov space can pass, may be enough.
+        tracked = _feeling(max_speed)
+        # Those before the cluster at -1 / delta, which no Krylov space can pass, may be enough.
         delta = model.pipe.damping
-        before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else followed
-        if max_speed / math.pi + 1.0 <= before < followed:
-            followed, count = before, 2 * before + 2
+        before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else tracked
+        if max_speed / math.pi + 1.0 <= before < tracked:
+            tracked, count = before, 2 * before + 2
     while True:
-        if followed is not None and not _worth_following(followed, max_speed, problem.dof):
-            problem, followed = problem.dense(), None
-        kind = CirculatoryHunt if problem.velocity_free(1.0) else Hunt
+        if tracked is not None and not _worth_tracking(tracked, max_speed, problem.dof):
+            problem, tracked = problem.dense(), None
+        kind = CirculatorySearch if problem.velocity_free(1.0) else CrossingSearch
         try:
             with one_thread(problem.rows):
-                return kind(problem, max_speed, followed, trusted, count).run(until)
+                return kind(problem, max_speed, tracked, trusted, count).run(until)
         except Untracked:
-            assert followed is not None
-            followed, count = max(2 * followed, _feeling(max_speed)), None
+            assert tracked is not None
+            tracked, count = max(2 * tracked, _feeling(max_speed)), None
 
 
 def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:
     """Largest relative change of a speed beyond what the errors of either explain.
 
-    Infinite where passages differ in kind or number.
+    Infinite where crossings differ in kind or number.
     """
     # Of modes that leave the axis at rest a larger model has more: the first stands for all.
     a, b = (tuple(c for c in found if c.speed > 0.0 or c is found[0]) for found in (a, b))

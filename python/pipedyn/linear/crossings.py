@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Where eigenvalues pass through the imaginary axis as the flow speed grows.
 
-Each step of a followed sweep (see `tracking`) gives a cubic for the real part of a branch.
+Each step of a tracked sweep (see `tracking`) gives a cubic for the real part of a branch.
 The step is believed where no extremum of the cubic lies closer to the axis than the cubic's own
 error, and halved elsewhere; so a branch that touches the axis between two samples, or passes it
-twice, is found. Each passage is then polished by Newton's method with d lambda / du on the model.
+twice, is found. Each crossing is then polished by Newton's method with d lambda / du on the model.
 
 A real part within rounding of zero has no sign: such a branch stays what it was, stable or not,
 until its real part leaves the noise. `special.undamped` is for pipes without any term in the
@@ -23,25 +23,33 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
-from pipedyn.linear.tracking import LONGEST_STEP, Crowd, Indices, Sample, Step, march, sample
+from pipedyn.linear.tracking import (
+    LONGEST_STEP,
+    Cluster,
+    Indices,
+    Sample,
+    Step,
+    sample,
+    tracked_steps,
+)
 from pipedyn.models.base import NotConverged
 from pipedyn.models.galerkin import Galerkin
 
 Flags = NDArray[np.bool_]
 
 WORST = 1e-3
-"""Relative error of a passage's speed beyond which it is no result."""
+"""Relative error of a crossing's speed beyond which it is no result."""
 
 HEAVY = 100.0
-"""gamma beyond which weight rather than stiffness tells at which speeds the flow is felt."""
+"""gamma beyond which weight rather than stiffness sets the speeds at which the flow is felt."""
 
 HIGH_DAMPING = 0.3
-"""Roots that need not be followed are not worth refining with Re < -0.3 |lambda| at both ends."""
+"""Roots that need not be tracked are not worth refining with Re < -0.3 |lambda| at both ends."""
 
 
 @dataclass(frozen=True)
-class Passage:
-    """One passage of a root, or a conjugate pair, through the imaginary axis.
+class AxisCrossing:
+    """One crossing of the imaginary axis by a root or a conjugate pair.
 
     Attributes:
         speed: u.
@@ -64,53 +72,53 @@ class Passage:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Passages in order of speed, and the number of unstable roots at rest."""
+    """Crossings in order of speed, and the number of unstable roots at rest."""
 
     unstable_at_rest: int
-    passages: tuple[Passage, ...]
+    crossings: tuple[AxisCrossing, ...]
 
 
 class Untracked(Exception):
-    """A root outside the followed set became unstable: more must be followed."""
+    """A root outside the tracked set became unstable: more must be tracked."""
 
 
-class Hunt:
+class CrossingSearch:
     """One sweep from rest, for pipes with flow or damping.
 
     Args:
         problem: the model's.
         max_speed: end of the search.
-        followed: how many modes are computed and followed; all without.
+        tracked: how many modes are computed and tracked; all without.
         trusted: how many modes, counted from rest, are looked at; all without.
-        count: roots computed where not all; without, two for each mode followed and 16.
+        count: roots computed where not all; without, two for each mode tracked and 16.
     """
 
     def __init__(
         self,
         problem: Eigenproblem,
         max_speed: float,
-        followed: int | None = None,
+        tracked: int | None = None,
         trusted: int | None = None,
         count: int | None = None,
     ) -> None:
         self.problem = problem
         self.max_speed = max_speed
-        self.count = None if followed is None else (count or 2 * followed + 16)
-        self.followed = problem.dof if followed is None else followed
-        self.trusted = self.followed if trusted is None else trusted
-        # Legendre's highest third is not the pipe's and heavily damped: matched, but not followed.
-        model, self.certain = problem.model, self.followed
+        self.count = None if tracked is None else (count or 2 * tracked + 16)
+        self.tracked = problem.dof if tracked is None else tracked
+        self.trusted = self.tracked if trusted is None else trusted
+        # Legendre's highest third is not the pipe's and heavily damped: matched, but not tracked.
+        model, self.certain = problem.model, self.tracked
         if isinstance(model, Galerkin) and model.basis == "legendre":
             self.certain = max(1, (2 * model.resolution) // 3)
         self.modes: Indices = np.zeros(0, dtype=np.intp)
         self.unstable: Flags = np.zeros(0, dtype=np.bool_)
 
-    def run(self, until: Callable[[Passage], bool] | None = None) -> Sweep:
-        """All passages up to max_speed, or up to the first that `until` accepts.
+    def run(self, until: Callable[[AxisCrossing], bool] | None = None) -> Sweep:
+        """All crossings up to max_speed, or up to the first that `until` accepts.
 
         Raises:
-            NotConverged: if the passages found do not account for the unstable roots.
-            Untracked: if a root beyond those followed turns unstable.
+            NotConverged: if the crossings found do not account for the unstable roots.
+            Untracked: if a root beyond those tracked turns unstable.
         """
         longest = longest_step(self.problem.pipe.gamma)
         steps = max(1, math.ceil(self.max_speed / longest))
@@ -120,35 +128,36 @@ class Hunt:
         every = np.arange(first.values.size)
         self.unstable = self.states(first, every, np.zeros(every.size, dtype=np.bool_))
         at_rest = unstable = self.count_unstable()
-        passages: list[Passage] = []
-        followed = np.arange(min(self.wanted, first.values.size))
-        crowd = Crowd(self.problem.pipe.damping, 0.9, self.problem.zero_tolerance)
-        for step in march(self.take, first, speeds[1:], followed, crowd, self.sure, longest):
-            found = self.passages(step)
+        crossings: list[AxisCrossing] = []
+        tracked = np.arange(min(self.wanted, first.values.size))
+        cluster = Cluster(self.problem.pipe.damping, 0.9, self.problem.zero_tolerance)
+        tracking = tracked_steps(self.take, first, speeds[1:], tracked, cluster, self.sure, longest)
+        for step in tracking:
+            found = self.crossings(step)
             self.move(step)
-            found += self._collapse(step, unstable + sum(passage.change for passage in found))
-            for passage in sorted(found, key=lambda passage: passage.speed):
-                if passage.error > WORST * passage.speed + 1e-12:
+            found += self._collapse(step, unstable + sum(crossing.change for crossing in found))
+            for crossing in sorted(found, key=lambda crossing: crossing.speed):
+                if crossing.error > WORST * crossing.speed + 1e-12:
                     raise NotConverged(
-                        f"a passage near u = {passage.speed:.6g} is known to {passage.error:.1e} "
-                        "only: the real part of its eigenvalue hardly leaves rounding",
-                        Sweep(at_rest, tuple(passages)),
+                        f"a crossing near u = {crossing.speed:.6g} is known to "
+                        f"{crossing.error:.1e} only: rounding hides the eigenvalue's real part",
+                        Sweep(at_rest, tuple(crossings)),
                     )
-                passages.append(passage)
-                unstable += passage.change
-                if until is not None and until(passage):
-                    return Sweep(at_rest, tuple(passages))
+                crossings.append(crossing)
+                unstable += crossing.change
+                if until is not None and until(crossing):
+                    return Sweep(at_rest, tuple(crossings))
             if unstable != self.count_unstable():
                 raise NotConverged(
                     f"{self.count_unstable()} unstable roots at u = {step.right.u:g}, where the "
-                    f"passages found account for {unstable}",
-                    Sweep(at_rest, tuple(passages)),
+                    f"crossings found account for {unstable}",
+                    Sweep(at_rest, tuple(crossings)),
                 )
-        return Sweep(at_rest, tuple(passages))
+        return Sweep(at_rest, tuple(crossings))
 
     @property
     def wanted(self) -> int:
-        """Roots to follow with certainty: two a mode."""
+        """Roots to track with certainty: two a mode."""
         return 2 * self.certain
 
     def ranked(self, first: Sample) -> Indices:
@@ -179,9 +188,9 @@ class Hunt:
         self.modes = modes
         self.unstable = self.states(step.right, np.arange(modes.size), before)
         if self.count is not None:
-            if bool(step.lost(np.flatnonzero(there & (before_modes <= self.followed))).any()):
+            if bool(step.lost(np.flatnonzero(there & (before_modes <= self.tracked))).any()):
                 raise Untracked
-            loose = self.unstable & ((modes == 0) | (modes > self.followed))
+            loose = self.unstable & ((modes == 0) | (modes > self.tracked))
             if loose.any():
                 raise Untracked
 
@@ -208,7 +217,7 @@ class Hunt:
         return np.flatnonzero(mine)
 
     def sure(self, step: Step) -> bool:
-        """Whether the step tells all passages in it."""
+        """Whether the step shows all crossings in it."""
         roots = self.rows(step)
         met = step.meets[roots] >= 0
         if self._scan(step, roots[~met]) is None:
@@ -216,7 +225,7 @@ class Hunt:
         return all(self._is_clear_meeting(step, int(i)) for i in roots[met])
 
     def _is_clear_meeting(self, step: Step, i: int) -> bool:
-        """Whether the signs before and after a meeting on the real axis tell what passed zero."""
+        """Whether the signs before and after a meeting on the real axis show what passed zero."""
         if _meets_off_axis(step, i):
             return True
         if not self.problem.is_conservative:
@@ -228,8 +237,8 @@ class Hunt:
         opposite = abs((a[i] + a[k]).real) + abs((b[j] + b[int(step.onto[k])]).real)
         return bool(across and opposite < 1e-6 * (1.0 + abs(a[i]) + abs(b[j])))
 
-    def passages(self, step: Step) -> list[Passage]:
-        """Passages within a step."""
+    def crossings(self, step: Step) -> list[AxisCrossing]:
+        """Crossings within a step."""
         roots = self.rows(step)
         met = step.meets[roots] >= 0
         single = roots[~met]
@@ -238,10 +247,10 @@ class Hunt:
             value = complex(0.0, step.left.values[root].imag)
             change = 2 if value.imag or step.right.values[step.onto[root]].imag else 1
             error = 0.0
-            if value and self.problem.is_damped:  # less than rounding tells of its damping
+            if value and self.problem.is_damped:  # its damping is within rounding
                 hidden = abs(step.left.values[root].real) + step.left.noise[root]
                 error = float(hidden / step.left.slopes[root].real)
-            found.append(Passage(0.0, value, change, int(self.modes[root]), error))
+            found.append(AxisCrossing(0.0, value, change, int(self.modes[root]), error))
         scanned = self._scan(step, single)
         for root, t, rising in self._ends(step, single) if scanned is None else scanned:
             meeting = self._meeting_on_axis(step, root, rising)
@@ -257,21 +266,21 @@ class Hunt:
                 )
                 value = 0j if odd else complex(0.0, abs(step.left.values[i].imag))
                 middle = 0.5 * (step.left.u + step.right.u)
-                met_there = Passage(middle, value, change, int(self.modes[i]), step.length)
+                met_there = AxisCrossing(middle, value, change, int(self.modes[i]), step.length)
                 found.append(divergence or met_there)
         _refuse_twins(found)
         return found
 
-    def _collapse(self, step: Step, told: int) -> list[Passage]:
-        """Three roots that pass zero as one (two free joints), where the matching tells nothing."""
-        change = self.count_unstable() - told
+    def _collapse(self, step: Step, expected: int) -> list[AxisCrossing]:
+        """Three roots that pass zero as one (two free joints), which the matching cannot show."""
+        change = self.count_unstable() - expected
         if change % 2 == 0:
             return []
         mode = int(self.modes[np.argmin(np.abs(step.right.values))])
-        passage = self._divergence(step, 0.5, change, mode)
-        return [] if passage is None else [passage]
+        crossing = self._divergence(step, 0.5, change, mode)
+        return [] if crossing is None else [crossing]
 
-    def _divergence(self, step: Step, t: float, change: int, mode: int) -> Passage | None:
+    def _divergence(self, step: Step, t: float, change: int, mode: int) -> AxisCrossing | None:
         """Where det K(u) changes sign within the step, near its fraction t; None if it does not."""
         problem = self.problem.static()
         expected = step.left.u + t * step.length
@@ -294,7 +303,7 @@ class Hunt:
         error += 4e-16 * (1.0 + u)
         own = problem.original(u, pair)
         slope = None if own is None else complex(problem.slopes(u, own)[0])
-        return Passage(u, 0j, change, mode, error, own, slope)
+        return AxisCrossing(u, 0j, change, mode, error, own, slope)
 
     def _leaving(self, step: Step, roots: Indices) -> Flags:
         """Which roots lie on the axis at rest and turn unstable at once."""
@@ -308,13 +317,13 @@ class Hunt:
         return np.where(resting, ends, on_axis & rises)
 
     def _ends(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
-        """What a shortest step tells: the state at either end."""
+        """What a shortest step shows: the state at either end."""
         before = self.unstable[roots] | self._leaving(step, roots)
         after = self.states(step.right, step.onto, self.unstable)[roots]
         return [(int(roots[r]), 0.5, bool(after[r])) for r in np.flatnonzero(before != after)]
 
     def _scan(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]] | None:
-        """(root, t, rising) of every passage that the cubics show; None where unsure."""
+        """(root, t, rising) of every crossing that the cubics show; None where unsure."""
         if roots.size == 0:
             return []
         onto = step.onto[roots]
@@ -327,7 +336,7 @@ class Hunt:
         # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
         misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
         band = 2.0 * misfit + 1e-4 * step.error[roots]
-        if self.problem.is_conservative:  # the axis is left by meeting there, which `follow` sees
+        if self.problem.is_conservative:  # tracking sees two roots meet and leave the axis
             ends = np.stack([a, b, c1, end_slope])
             band[(np.abs(ends) <= noise).all(axis=0)] = 0.0
 
@@ -351,8 +360,8 @@ class Hunt:
             found += _sign_changes(int(roots[r]), bool(states[r]), cubic, points)
         return found
 
-    def _polish(self, step: Step, root: int, t: float, rising: bool) -> Passage:
-        """A passage to rounding, by Newton's method on the model itself."""
+    def _polish(self, step: Step, root: int, t: float, rising: bool) -> AxisCrossing:
+        """A crossing to rounding, by Newton's method on the model itself."""
         problem = self.problem
         real = step.left.values[root].imag == 0.0
         if real:
@@ -398,7 +407,7 @@ class Hunt:
         error = uncertain / abs(slope.real) if slope.real else math.inf
         change_of_count = (1 if real else 2) * (1 if rising else -1)
         frequency = 0.0 if real else abs(value.imag)
-        return Passage(
+        return AxisCrossing(
             float(u),
             complex(0.0, frequency),
             change_of_count,
@@ -413,7 +422,7 @@ class Hunt:
         values, uncertain = self.problem.sharpened(u, pair, self.problem.uncertainties(u, pair))
         return complex(values[0]), float(uncertain[0])
 
-    def _meeting_on_axis(self, step: Step, root: int, rising: bool) -> Passage | None:
+    def _meeting_on_axis(self, step: Step, root: int, rising: bool) -> AxisCrossing | None:
         """Where two pairs of a conservative system meet and leave the axis, or come back to it.
 
         There the square of their difference is real, smooth in u and passes zero.
@@ -441,7 +450,7 @@ class Hunt:
         error = 1e-14 * frequency**2 / slope if slope else step.length
         change = 2 if rising else -2
         mode = int(self.modes[root])
-        return Passage(u, complex(0.0, frequency), change, mode, error + tolerance)
+        return AxisCrossing(u, complex(0.0, frequency), change, mode, error + tolerance)
 
     def _nearest(self, u: float, step: Step, root: int) -> Sample:
         """The root's own eigenvalue at a speed within the step."""
@@ -470,12 +479,12 @@ def longest_step(gamma: float) -> float:
     return LONGEST_STEP * float(np.cbrt(1.0 + max(gamma, 0.0) / HEAVY))
 
 
-def _refuse_twins(found: list[Passage]) -> None:
-    """Two real roots that are told to pass zero at one speed are one of them told twice."""
-    static = sorted(passage.speed for passage in found if passage.value == 0.0 < passage.speed)
+def _refuse_twins(found: list[AxisCrossing]) -> None:
+    """Raises where two real roots pass zero at one speed: they are one root, found twice."""
+    static = sorted(crossing.speed for crossing in found if crossing.value == 0.0 < crossing.speed)
     for low, high in itertools.pairwise(static):
         if high - low <= 1e-11 * high:
-            raise NotConverged(f"two divergences near u = {low:.9g} cannot be told apart")
+            raise NotConverged(f"two divergences near u = {low:.9g} cannot be distinguished")
 
 
 def _singular_speed(

@@ -215,7 +215,7 @@ class Eigenproblem:
             sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
 
         On the right only damping and what the ends do is left, so that rounding is small beside it,
-        while that of lambda is eps |lambda|^2. Of a real root it tells nothing (NaN).
+        while that of lambda is eps |lambda|^2. It says nothing of a real root (NaN).
         """
         x, omega = pairs.right, pairs.values.imag
         damped, stiffened = self.damped(u, x), self.stiffened(u, x)

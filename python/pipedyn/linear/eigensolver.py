@@ -9,7 +9,7 @@ K_s = P(sigma),
 
 so the lowest eigenvalues are the largest mu and survive rounding, and a singular K does no harm.
 Small problems are solved dense; where segments differ by orders of magnitude, joint angles cannot
-hold the fast roots, which `special.stiff_roots` has. A long chain is solved by Arnoldi iteration,
+hold the stiff roots, which `special.stiff_roots` has. A long chain is solved by Arnoldi iteration,
 where M and C act through running sums and K_s is a band matrix: O(n) a step.
 """
 

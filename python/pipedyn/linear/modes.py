@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.linear.crossings import modes_of_pairs
 from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem, eigenproblem
 from pipedyn.linear.eigensolver import lowest
-from pipedyn.linear.tracking import Crowd, march, sample
+from pipedyn.linear.tracking import Cluster, sample, tracked_steps
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.continuum import AnyModel, Continuum, Settled, checked_model, relative
 from pipedyn.util import check
@@ -145,7 +145,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         Modes, in the order of `eigenvalues`; one that fails its residual check has converged False.
 
     Raises:
-        NotConverged: if the continuous pipe's eigenvalues do not stand still as the basis grows.
+        NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows.
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
@@ -253,7 +253,7 @@ class RootLoci:
 def root_loci(
     model: AnyModel, speeds: ArrayLike, count: int = 4, progress: bool = False
 ) -> RootLoci:
-    """Branches of eigenvalues followed along the flow speed, not sorted.
+    """Branches of eigenvalues tracked along the flow speed, not sorted.
 
     Between the speeds asked for, others are visited where a match would be doubtful.
 
@@ -267,7 +267,7 @@ def root_loci(
         RootLoci, at the speeds asked for only.
 
     Raises:
-        NotConverged: if the continuous pipe's branches do not stand still as the basis grows.
+        NotConverged: if the continuous pipe's branches do not converge as the basis grows.
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
@@ -307,24 +307,24 @@ def root_loci(
 def _moved(a: RootLoci, b: RootLoci, delta: float) -> float:
     """Largest relative change of a root; with damping, of those that are not overdamped.
 
-    Overdamped roots of neighbouring modes meet and part in the crowd at -1 / delta, so that which
+    Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that which
     is which is a convention.
     """
     if delta == 0.0:
         return max(relative(a.eigenvalues, b.eigenvalues), relative(a.partners, b.partners))
-    telling = ~(_overdamped(a, delta) & _overdamped(b, delta))
-    return relative(a.eigenvalues[telling], b.eigenvalues[telling])
+    compared = ~(_overdamped(a, delta) & _overdamped(b, delta))
+    return relative(a.eigenvalues[compared], b.eigenvalues[compared])
 
 
 def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
-    """Which roots do not oscillate for their damping, or are in the crowd at -1 / delta."""
+    """Which roots do not oscillate for their damping, or are in the cluster at -1 / delta."""
     values = loci.eigenvalues
     on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
-    return (on_axis | Crowd(delta).holds(values)) & (delta > 0.0)
+    return (on_axis | Cluster(delta).holds(values)) & (delta > 0.0)
 
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
-    # Where the modes asked for are overdamped, half of their roots lie beyond the crowd at
+    # Where the modes asked for are overdamped, half of their roots lie beyond the cluster at
     # -1 / delta, which only a dense solve can pass.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model, dense=True if overdamped else None)
@@ -332,33 +332,33 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     while True:
         every = not problem.is_long or taken >= problem.dof
         with one_thread(problem.rows):
-            found = _followed(problem, speeds, count, None if every else taken, shown)
+            found = _tracked_loci(problem, speeds, count, None if every else taken, shown)
         if found is not None:
             return found
         taken *= 2  # a branch climbed out of the eigenvalues computed
 
 
-def _followed(
+def _tracked_loci(
     problem: Eigenproblem, speeds: Array, count: int, taken: int | None, shown: bool
 ) -> RootLoci | None:
     first = sample(problem, float(speeds[0]), taken)
     upper, lower = _pairs(first.values, count, problem.pipe.damping)
     if upper.size < count:
         return None
-    # The crowd begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
+    # The cluster begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
     delta = problem.pipe.damping
     beyond = delta * (math.pi * (count + 0.5)) ** 2
-    crowd = Crowd(delta, 0.5 / max(beyond, 1.0) ** 2, problem.zero_tolerance)
+    cluster = Cluster(delta, 0.5 / max(beyond, 1.0) ** 2, problem.zero_tolerance)
     values = np.empty((speeds.size, count), dtype=np.complex128)
     partners = np.empty_like(values)
     converged = np.empty(values.shape, dtype=np.bool_)
     errors = np.empty(values.shape)
-    steps = march(
+    steps = tracked_steps(
         lambda u: sample(problem, u, taken),
         first,
         map(float, speeds[1:]),
         np.concatenate([upper, lower]),
-        crowd,
+        cluster,
     )
 
     def store(row: int, pairs: Eigenpairs) -> None:
@@ -376,12 +376,12 @@ def _followed(
         upper, lower = step.onto[upper], step.onto[lower]
         if (upper < 0).any() or (lower < 0).any() or (lost and taken is not None):
             return None
-        # While a pair is complex its partner is the conjugate, whichever root of the crowd that is.
+        # A complex root's partner is its conjugate, whichever root of the cluster that is.
         for i in np.flatnonzero(step.right.values[upper].imag != 0.0):
             twin = np.flatnonzero(step.right.values == step.right.values[upper[i]].conj())
             lower[i] = twin[0] if twin.size else lower[i]
         # A branch that left the upper half plane comes back there.
-        swap = (was_real | crowd.holds(step.right.values[upper])) & (
+        swap = (was_real | cluster.holds(step.right.values[upper])) & (
             step.right.values[upper].imag < 0.0
         )
         upper, lower = np.where(swap, lower, upper), np.where(swap, upper, lower)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Passages as users see them: with the number of unstable roots, and what moves them."""
+"""Crossings as users see them: with the number of unstable roots, and what moves them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipedyn.linear.crossings import Passage, Sweep
+from pipedyn.linear.crossings import AxisCrossing, Sweep
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
@@ -40,7 +40,7 @@ class Derivatives:
 
 @result
 class Sensitivity:
-    """How a passage moves with the pipe's numbers.
+    """How a crossing moves with the pipe's numbers.
 
     Attributes:
         speed: derivatives of its speed.
@@ -53,7 +53,7 @@ class Sensitivity:
 
 @result
 class Crossing:
-    """A passage of an eigenvalue, or of a conjugate pair, through the imaginary axis.
+    """A crossing of the imaginary axis by an eigenvalue or a conjugate pair.
 
     Attributes:
         speed: u.
@@ -84,39 +84,39 @@ class Crossing:
 
 
 def crossings_of(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
-    """The passages of a sweep, with counts and sensitivities."""
+    """The crossings of a sweep, with counts and sensitivities."""
     found = []
     unstable = swept.unstable_at_rest
-    for passage in swept.passages:
-        after = unstable + passage.change
+    for crossing in swept.crossings:
+        after = unstable + crossing.change
         found.append(
             Crossing(
-                speed=passage.speed,
-                frequency=abs(passage.value.imag),
-                kind="flutter" if passage.change % 2 == 0 else "divergence",
+                speed=crossing.speed,
+                frequency=abs(crossing.value.imag),
+                kind="flutter" if crossing.change % 2 == 0 else "divergence",
                 unstable_before=unstable,
                 unstable_after=after,
-                error=passage.error,
-                mode=passage.mode,
-                sensitivity=_sensitivity(model, passage),
+                error=crossing.error,
+                mode=crossing.mode,
+                sensitivity=_sensitivity(model, crossing),
             )
         )
         unstable = after
     return tuple(found)
 
 
-def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
+def _sensitivity(model: Model, crossing: AxisCrossing) -> Sensitivity | None:
     """From left and right eigenvectors, along P(i omega, u; p) x = 0 with Re lambda held at 0.
 
     du/dp = -Re lambda_p / Re lambda_u and domega/dp = Im(lambda_p + lambda_u du/dp). At a
     divergence all is real and y^H P_lambda x, by which both are divided, may be 0 (of a
     conservative pipe zero is a double root): there du/dp = -y^H P_p x / y^H P_u x.
     """
-    pair, slope = passage.pair, passage.slope
+    pair, slope = crossing.pair, crossing.slope
     if pair is None or slope is None or pair.left is None or not model.rests_straight:
         return None
     problem = eigenproblem(model)
-    pipe, u, value = model.pipe, passage.speed, passage.value
+    pipe, u, value = model.pipe, crossing.speed, crossing.value
     x, y = pair.right, pair.left
     if value:
         down = complex(problem.derivative(u, np.array([value]), x, y)[0])
@@ -132,7 +132,7 @@ def _sensitivity(model: Model, passage: Passage) -> Sensitivity | None:
 
     def split(change: Any) -> tuple[Any, Any]:
         speed = -np.real(change) / slope.real
-        frequency = np.imag(change + slope * speed) if passage.value.imag else 0.0 * speed
+        frequency = np.imag(change + slope * speed) if crossing.value.imag else 0.0 * speed
         return (speed, frequency) if np.ndim(speed) else (float(speed), float(frequency))
 
     beta: tuple[float | None, float | None] = (None, None)

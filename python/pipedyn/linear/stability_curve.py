@@ -43,12 +43,12 @@ class Failure:
 
 @result
 class StabilityCurve:
-    """Critical speed, and every passage, against a parameter.
+    """Critical speed, and every crossing, against a parameter.
 
     Attributes:
         values: the parameter, shape (S,).
         critical: CriticalSpeed at each value, None where there is none or the point failed.
-        crossings: passages at each value; those up to the critical speed where no max_speed was
+        crossings: crossings at each value; those up to the critical speed where no max_speed was
             asked for; empty where the point failed.
         failures: the points that failed, with what they raised.
     """
@@ -82,7 +82,7 @@ def stability_curve(
         make_model: the model at a value of the parameter; called in this process, so a lambda will
             do.
         values: the parameter, shape (S,).
-        max_speed: collect every passage up to this speed; without it the search ends at the
+        max_speed: collect every crossing up to this speed; without it the search ends at the
             critical speed.
         executor: a `concurrent.futures.Executor` that takes the points.
         progress: show progress on stderr.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Eigenvalues followed along the flow speed: which at one speed is which at the next.
+"""Eigenvalues tracked along the flow speed: which at one speed is which at the next.
 
 Two neighbouring samples are joined by cubic Hermite curves through eigenvalues and their slopes
 d lambda / du, which left and right eigenvectors give. How far the two slopes disagree about the
@@ -46,21 +46,21 @@ Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Crowd:
-    """Overdamped roots of a Kelvin-Voigt pipe crowd at -1 / delta, where they need no names.
+class Cluster:
+    """Overdamped roots of a Kelvin-Voigt pipe cluster at -1 / delta, where they need no names.
 
     Attributes:
-        delta: the damping; without it there is no crowd.
-        radius: how far the crowd reaches, in 1 / delta.
-        stuck: |lambda| below which roots count as zero, where they need no names either.
+        delta: the damping; without it there is no cluster.
+        radius: how far the cluster reaches, in 1 / delta.
+        zero: |lambda| below which roots count as zero, where they need no names either.
     """
 
     delta: float
     radius: float = 0.5
-    stuck: float = 0.0
+    zero: float = 0.0
 
     def holds(self, values: Complex) -> NDArray[np.bool_]:
-        """Which roots belong to the crowd."""
+        """Which roots belong to the cluster."""
         result: NDArray[np.bool_] = np.abs(self.delta * values + 1.0) < self.radius
         return result
 
@@ -188,12 +188,12 @@ def _noise(uncertain: Array, values: Complex) -> Array:
     return noise
 
 
-def march(
+def tracked_steps(
     take: Callable[[float], Sample],
     first: Sample,
     speeds: Iterable[float],
-    followed: Indices,
-    crowd: Crowd,
+    tracked: Indices,
+    cluster: Cluster,
     sure: Callable[[Step], bool] = lambda step: True,
     longest: float = LONGEST_STEP,
 ) -> Iterator[Step]:
@@ -203,9 +203,9 @@ def march(
         take: gives the sample at a speed.
         first: the sample to start from.
         speeds: strictly increasing, above the first sample's.
-        followed: the roots of the first sample that must be followed with certainty; the others
+        tracked: the roots of the first sample that must be tracked with certainty; the others
             are matched as well as they can be.
-        crowd: roots that need not be told apart.
+        cluster: roots that need not be distinguished.
         sure: a further condition that a step must meet, unless it is the shortest.
         longest: step in u above which it is split before anything is believed of it.
 
@@ -228,19 +228,19 @@ def march(
             continue
         patience -= 1
         if patience < 0:
-            raise NotConverged(f"eigenvalues near u = {left.u:.6g} are too close to be followed")
-        step, clear = _join(left, right, followed, crowd)
+            raise NotConverged(f"eigenvalues near u = {left.u:.6g} are too close to be tracked")
+        step, clear = _join(left, right, tracked, cluster)
         if not step.shortest and not (clear and sure(step)):
             stack.append(take(middle))
             continue
         yield step
-        followed = step.onto[followed]
-        followed = followed[followed >= 0]
+        tracked = step.onto[tracked]
+        tracked = tracked[tracked >= 0]
         left = stack.pop()
 
 
-def _join(left: Sample, right: Sample, followed: Indices, crowd: Crowd) -> tuple[Step, bool]:
-    """The best match of two samples, and whether it is beyond doubt for the followed roots."""
+def _join(left: Sample, right: Sample, tracked: Indices, cluster: Cluster) -> tuple[Step, bool]:
+    """The best match of two samples, and whether it is beyond doubt for the tracked roots."""
     h = right.u - left.u
     ahead = left.values + 0.5 * h * left.slopes
     behind = right.values - 0.5 * h * right.slopes
@@ -255,7 +255,7 @@ def _join(left: Sample, right: Sample, followed: Indices, crowd: Crowd) -> tuple
     meets = np.full(left.values.size, -1, dtype=np.intp)
     step = Step(left, right, onto, error, meets)
     matched = onto >= 0
-    if not matched[followed].all():
+    if not matched[tracked].all():
         return step, False
     # Zero roots at rest (free joints) are alike and have no slope of their own there: lambda leaves
     # like u, lambda^2 like u^2.
@@ -272,29 +272,29 @@ def _join(left: Sample, right: Sample, followed: Indices, crowd: Crowd) -> tuple
     curves = step.hermite(roots, t)
     position = np.full(left.values.size, -1, dtype=np.intp)
     position[roots] = np.arange(roots.size)
-    mine = position[followed]
+    mine = position[tracked]
     gaps = np.full((mine.size, roots.size), np.inf)
     for k in range(t.size):
         apart = np.abs(curves[mine, None, k] - curves[None, :, k])
         if t[k] == 0.0:
-            apart[resting[followed, None] & resting[None, roots]] = np.inf
+            apart[resting[tracked, None] & resting[None, roots]] = np.inf
         np.minimum(gaps, apart, out=gaps)
-    doubt = gaps < 3.0 * (error[followed, None] + error[None, roots])
+    doubt = gaps < 3.0 * (error[tracked, None] + error[None, roots])
     doubt[np.arange(mine.size), mine] = False
-    stuck = (np.abs(left.values) < crowd.stuck) & (np.abs(right.values[onto]) < crowd.stuck)
-    doubt &= ~(stuck[followed, None] & stuck[None, roots])
-    crowded = crowd.holds(left.values) & crowd.holds(right.values[onto])
-    doubt &= ~(crowded[followed, None] & crowded[None, roots])
+    at_zero = (np.abs(left.values) < cluster.zero) & (np.abs(right.values[onto]) < cluster.zero)
+    doubt &= ~(at_zero[tracked, None] & at_zero[None, roots])
+    clustered = cluster.holds(left.values) & cluster.holds(right.values[onto])
+    doubt &= ~(clustered[tracked, None] & clustered[None, roots])
     before, after = left.signatures, right.signatures[onto]
-    same = (before[followed, None] == before[None, roots]) & (before[followed, None] != 0)
-    doubt &= ~(same & (after[followed, None] == after[None, roots]) & (after[followed, None] != 0))
+    same = (before[tracked, None] == before[None, roots]) & (before[tracked, None] != 0)
+    doubt &= ~(same & (after[tracked, None] == after[None, roots]) & (after[tracked, None] != 0))
     for m, r in zip(*np.nonzero(doubt), strict=True):
-        i, k = int(followed[m]), int(roots[r])
+        i, k = int(tracked[m]), int(roots[r])
         if meets[i] < 0 and meets[k] < 0 and _meeting(step, i, k):
             meets[i], meets[k] = k, i
             _order_meeting(step, i, k)
     met = meets >= 0
-    clear = not (doubt & ~met[followed, None] & ~met[None, roots]).any()
+    clear = not (doubt & ~met[tracked, None] & ~met[None, roots]).any()
     return step, clear
 
 

@@ -191,7 +191,7 @@ def _is_real(value: Any) -> bool:
 
 
 def _entries(value: Any) -> int:
-    """How many entries an array of this would have, as far as the first of each list tells."""
+    """How many entries an array of this would have, by the first entry of each list."""
     entries = 1
     for _ in range(32):
         if isinstance(value, str | bytes) or not isinstance(value, Sequence):
@@ -207,7 +207,7 @@ def _entries(value: Any) -> int:
 
 
 def _leaves(value: Any, depth: int = 0) -> Iterator[Any]:
-    """What stands in a list and the lists in it."""
+    """Entries of a list and of the lists in it."""
     for part in value:
         if isinstance(part, list | tuple) and depth < 32:
             yield from _leaves(part, depth + 1)

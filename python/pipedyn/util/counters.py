@@ -21,7 +21,7 @@ class TookTooLong(Exception):
 
 
 @dataclass
-class Effort:
+class Counters:
     """Counts of a computation.
 
     Attributes:
@@ -33,17 +33,17 @@ class Effort:
     factorisations: int = 0
 
 
-_tally: ContextVar[Effort | None] = ContextVar("effort", default=None)
+_tally: ContextVar[Counters | None] = ContextVar("counters", default=None)
 _end: ContextVar[tuple[float, str]] = ContextVar("end", default=(math.inf, ""))
 
 
 @contextmanager
-def counted() -> Iterator[Effort]:
+def counted() -> Iterator[Counters]:
     """Within, what this thread computes is counted; an inner count keeps its own."""
-    effort = Effort()
-    token = _tally.set(effort)
+    counters = Counters()
+    token = _tally.set(counters)
     try:
-        yield effort
+        yield counters
     finally:
         _tally.reset(token)
 
@@ -65,22 +65,22 @@ def limited(seconds: float) -> Iterator[None]:
 
 def in_time() -> None:
     """Asks whether there is time left."""
-    end, told = _end.get()
+    end, message = _end.get()
     if end < math.inf and clock() > end:
-        raise TookTooLong(told)
+        raise TookTooLong(message)
 
 
 def factorised(matrices: int = 1) -> None:
     """Counts matrices that were factorised."""
     in_time()
-    effort = _tally.get()
-    if effort is not None:
-        effort.factorisations += matrices
+    counters = _tally.get()
+    if counters is not None:
+        counters.factorisations += matrices
 
 
 def evaluated(states: int) -> None:
     """Counts states at which the right-hand side was computed."""
     in_time()
-    effort = _tally.get()
-    if effort is not None:
-        effort.right_hand_sides += states
+    counters = _tally.get()
+    if counters is not None:
+        counters.right_hand_sides += states

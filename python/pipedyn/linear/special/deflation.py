@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Chains whose stiffness is singular at every speed: the root that stands at zero, taken away.
+"""Chains whose stiffness is singular at every speed: the root that stays at zero, taken away.
+
+Needed for a free joint that nothing holds. Without it the double zero of a divergence scatters by
+the square root of rounding, and crossings at rest and at the divergence are lost.
 
 Without gravity det K(u) is the product of the springs. With a free joint (k_j = 0) lambda = 0 is an
 eigenvalue at every speed, unless a term of the pipe resists what is beyond the joint. A real root
@@ -8,7 +11,7 @@ vectors X(u) of K are known, so with V^T X = I the pencil
 
     P(lambda) (I + c/lambda X V^T) = P(lambda) + c (lambda M X + C X) V^T
 
-has the same eigenvalues, but -c in place of each that stands at zero, and -c is left out. Without a
+has the same eigenvalues, but -c in place of each that stays at zero, and -c is left out. Without a
 term in the velocity the same is done for lambda^2, and c M X V^T is added.
 """
 
@@ -32,7 +35,7 @@ MOVED = 4.321
 
 
 def sweeping_problem(model: Model, dense: bool | None = None) -> Eigenproblem:
-    """The model's eigenproblem, deflated where a root stands at zero at every speed."""
+    """The model's eigenproblem, deflated where a root stays at zero at every speed."""
     pencil = model.pencil(dense)
     if isinstance(model, Chain) and loose_joints(model).size:
         return Deflated(pencil, model)
@@ -80,7 +83,7 @@ class Deflated(Eigenproblem):
         loads[free, np.arange(free.size)] = 1.0 / scale[free]
         return self.braced.factor(0.0, u)(loads)
 
-    def standing(self, u: float) -> tuple[Array, Array, Array, Array]:
+    def deflating(self, u: float) -> tuple[Array, Array, Array, Array]:
         """X, V, and what is added at speed u: A_C V^T to C and A_K V^T to K; each (dof, r)."""
         if self.known is None or self.known[0] != u:
             x = self.null_vectors(u)
@@ -93,19 +96,19 @@ class Deflated(Eigenproblem):
         return self.known[1:]
 
     def damped(self, u: float, x: Vectors) -> Vectors:
-        _, dual, added, _ = self.standing(u)
+        _, dual, added, _ = self.deflating(u)
         result: Vectors = super().damped(u, x) + added @ (dual.T @ x)
         return result
 
     def stiffened(self, u: float, x: Vectors) -> Vectors:
-        _, dual, _, added = self.standing(u)
+        _, dual, _, added = self.deflating(u)
         result: Vectors = super().stiffened(u, x) + added @ (dual.T @ x)
         return result
 
     def static(self) -> Eigenproblem:
         if not self.doubled:
             return self
-        # P(lambda) X(a u^2 / (1 + delta lambda)) = lambda^2 M X: damping does not move the passage.
+        # P(lambda) X(a u^2 / (1 + delta lambda)) = lambda^2 M X: damping moves no crossing.
         undamped = self.model.with_pipe(replace(self.pipe, damping=0.0))
         return sweeping_problem(undamped, not self.is_long)
 
@@ -126,7 +129,7 @@ class Deflated(Eigenproblem):
     @property
     def moved_count(self) -> int:
         """How many roots were moved."""
-        return int(self.standing(0.0)[0].shape[1])
+        return int(self.deflating(0.0)[0].shape[1])
 
     def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
         """D lambda / du of each pair; that of the pencil by central differences, to 1e-9."""
@@ -143,7 +146,7 @@ class Deflated(Eigenproblem):
     def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:
         if (pairs.values == 0.0).any():
             return None  # zero is double there: no derivative by gravity or the free spring
-        x, dual, _, _ = self.standing(u)
+        x, dual, _, _ = self.deflating(u)
         factor = pairs.values**2 if self.squared else pairs.values
         right = pairs.right * factor + MOVED * (x @ (dual.T @ pairs.right))
         return replace(pairs, right=right / np.linalg.norm(right, axis=0))
@@ -152,7 +155,7 @@ class Deflated(Eigenproblem):
         return Deflated(self.chain.pencil(dense=True), self.chain)
 
     def matrices(self, u: float) -> tuple[Array, Array, Array]:
-        _, dual, to_velocity, to_stiffness = self.standing(u)
+        _, dual, to_velocity, to_stiffness = self.deflating(u)
         mass, velocity, stiffness = super().matrices(u)
         return mass, velocity + to_velocity @ dual.T, stiffness + to_stiffness @ dual.T
 
@@ -173,7 +176,7 @@ class Deflated(Eigenproblem):
             mass, velocity, stiffness = self.matrices(u)
             return lu_solver(value**2 * mass + value * velocity + stiffness)
         solve_braced = self.braced.factor(value, u)
-        _, dual, to_velocity, to_stiffness = self.standing(u)
+        _, dual, to_velocity, to_stiffness = self.deflating(u)
         brace = np.zeros((self.dof, self.free.size))
         brace[self.free, np.arange(self.free.size)] = 1.0
         by_braces = -(1.0 + self.pipe.damping * value) * brace

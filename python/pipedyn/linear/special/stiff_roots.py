@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Fast roots of chains whose segments differ by orders of magnitude, to rounding.
+"""Stiff roots of chains whose segments differ by orders of magnitude, to rounding.
+
+Needed where segments or springs differ by orders of magnitude (`is_spread`). Without it the highest
+roots fail their residual check, or are wrong by eps |lambda|^2.
 
 A short segment that spins between long ones turns its two joints by nearly opposite angles, and the
 turn of a long neighbour, their difference, is lost in rounding: joint angles, which serve slow
-motion, cannot hold a fast one. Two things can:
+motion, cannot hold a stiff one. Two things can:
 
-- displacements w of the nodes, made orthonormal to the mass, in which fast roots stand out as slow
+- displacements w of the nodes, made orthonormal to the mass, in which stiff roots stand out as slow
   ones do in joint angles: they give all roots but the slowest roughly;
 - the whole linear problem T(lambda) X = 0 with nothing eliminated (angles, displacements and forces
   side by side; see `band` in cpp/pipedyn/chain.hpp), whose entries are no differences: Newton's
@@ -35,7 +38,7 @@ SLOW = 30.0
 
 SPREAD, UNEQUAL = 1e4, 10.0
 """A chain whose highest frequency is beyond both the one and the other times n^2 (equal segments
-have 3 n^2 by the estimate made, 7 n^2 in fact) has its fast roots from here."""
+have 3 n^2 by the estimate made, 7 n^2 in fact) has its stiff roots from here."""
 
 STIFFER = 1e6
 """So has one whose springs differ by such a factor."""
@@ -138,7 +141,7 @@ def stiff_roots(model: Model) -> StiffRoots | None:
 
 
 class StiffRoots:
-    """Roots of one chain beyond what its joint angles can tell."""
+    """Roots of one chain beyond what its joint angles can hold."""
 
     def __init__(self, chain: Chain) -> None:
         self.chain = chain
@@ -292,7 +295,7 @@ class StiffRoots:
         return self.known[value]
 
     def polished(self, u: float, values: Complex, free: bool) -> dict[int, StiffPair]:
-        """The fast ones among all roots, by their indices, of conjugates the upper only.
+        """The stiff ones among all roots, by their indices, of conjugates the upper only.
 
         Where Newton's method strays, or ends on another's root, the start remains, with the
         residual that it has.

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Passages of pipes without any term in the velocity: no damping, and no fluid mass (beta = 0).
+"""Crossings of pipes without any term in the velocity: no damping, and no fluid mass (beta = 0).
 
-There lambda enters only as nu = lambda^2. Real nu < 0 are roots on the imaginary axis, and the axis
-is left where two of them meet and turn complex (flutter; Beck's column) or one reaches zero
-(divergence). nu is followed in place of lambda; the passages of pipes with flow and damping, found
-from the sign of Re lambda, are in `pipedyn.linear.crossings`.
+Needed because all roots then lie on the imaginary axis, or symmetric about it. Without it Re lambda
+of each is rounding, and flutter, where two roots meet without a slope d lambda / du, is refused.
+
+lambda enters only as nu = lambda^2, which is tracked in its place. Real nu < 0 are roots on the
+axis; it is left where two of them meet and turn complex (flutter; Beck's column) or one reaches
+zero (divergence).
 """
 
 from __future__ import annotations
@@ -16,12 +18,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import brentq
 
-from pipedyn.linear.crossings import Flags, Hunt, Passage
+from pipedyn.linear.crossings import AxisCrossing, CrossingSearch, Flags
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.tracking import Indices, Sample, Step, pairs_at
 
 
-class CirculatoryHunt(Hunt):
+class CirculatorySearch(CrossingSearch):
     """One sweep from rest, of nu = lambda^2."""
 
     def take(self, u: float) -> Sample:
@@ -40,7 +42,7 @@ class CirculatoryHunt(Hunt):
 
     @property
     def wanted(self) -> int:
-        """Roots to follow with certainty: one nu a mode."""
+        """Roots to track with certainty: one nu a mode."""
         return self.certain
 
     def ranked(self, first: Sample) -> Indices:
@@ -85,8 +87,8 @@ class CirculatoryHunt(Hunt):
                 return False
         return True
 
-    def passages(self, step: Step) -> list[Passage]:
-        """Passages within a step."""
+    def crossings(self, step: Step) -> list[AxisCrossing]:
+        """Crossings within a step."""
         found = []
         roots = self.rows(step)
         after = self.states(step.right, step.onto, self.unstable)
@@ -96,12 +98,12 @@ class CirculatoryHunt(Hunt):
             if step.left.values[i] == 0.0:  # a free joint at rest
                 side = step.right.values[step.onto[i]].imag
                 if side >= 0.0:
-                    found.append(Passage(0.0, 0j, 2 if side else 1, mode, 0.0))
+                    found.append(AxisCrossing(0.0, 0j, 2 if side else 1, mode, 0.0))
             elif k < 0:
                 divergence = self._divergence(step, 0.5, change, mode)
                 if divergence is None:
                     speed, error = self._root_of(step, i, lambda nu: float(nu[0].real), 1)
-                    divergence = Passage(speed, 0j, change, mode, error)
+                    divergence = AxisCrossing(speed, 0j, change, mode, error)
                 found.append(replace(divergence, pair=None, slope=None))
             elif i < k:
                 speed, error = self._root_of(
@@ -110,7 +112,7 @@ class CirculatoryHunt(Hunt):
                 centre = float(np.mean(self._closest(speed, step, i, 2)).real)
                 value = complex(0.0, math.sqrt(max(-centre, 0.0)))
                 mode = max(mode, int(self.modes[k]))
-                found.append(Passage(speed, value, 2 * change, mode, error))
+                found.append(AxisCrossing(speed, value, 2 * change, mode, error))
         return found
 
     def _closest(self, u: float, step: Step, i: int, count: int) -> Complex:

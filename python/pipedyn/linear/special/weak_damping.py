@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Passages of pipes whose gyroscopic force and damping are so faint that rounding hides Re lambda.
+"""Crossings of pipes whose gyroscopic force and damping are so weak that rounding hides Re lambda.
 
-Both are odd under reversal of time, so with their ratio sqrt(beta) : delta held, passages are even
+Needed below sqrt(beta) = delta = 2e-5. Without it the sign of Re lambda is rounding, and crossings
+are found where there are none, or refused.
+
+Both are odd under reversal of time, so with their ratio sqrt(beta) : delta held, crossings are even
 functions of their size: u_c = F(ratio) + O(beta, delta^2). Solved is the same pipe with both made
-stronger, in three sizes, and the passages are extrapolated to the size asked for. (The limit is not
-the pipe with neither, which is circulatory: Ziegler's paradox.)
+stronger, in three sizes, and the crossings are extrapolated to the size asked for. The limit is not
+the pipe with neither, which is circulatory (Ziegler's paradox).
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from pipedyn.models.pipe import Pipe
 STRONG = 1e-4
 """sqrt(beta) or delta of the least size solved: rounding then moves speeds by 1e-10 to 1e-8."""
 
-FAINT = 0.2
+WEAK = 0.2
 """Sizes below this share of it are extrapolated to."""
 
 SQUARES = (1.0, 2.0, 4.0)
@@ -34,9 +37,9 @@ def _size(pipe: Pipe) -> float:
     return max(math.sqrt(pipe.beta), pipe.damping) / STRONG
 
 
-def is_faint(pipe: Pipe) -> bool:
+def is_weakly_damped(pipe: Pipe) -> bool:
     """Whether rounding would hide what gyroscopic force and damping there is."""
-    return 0.0 < _size(pipe) < FAINT
+    return 0.0 < _size(pipe) < WEAK
 
 
 def strengthened(pipe: Pipe) -> list[Pipe]:
@@ -49,7 +52,7 @@ def strengthened(pipe: Pipe) -> list[Pipe]:
 def extrapolated(
     pipe: Pipe, solved: Sequence[Pipe], found: Sequence[tuple[Crossing, ...]]
 ) -> tuple[Crossing, ...]:
-    """The passages of the faint pipe from those of the pipes solved in its place.
+    """The crossings of the pipe from those of the pipes solved in its place.
 
     Raises:
         NotConverged: if these do not pass alike.
@@ -57,7 +60,7 @@ def extrapolated(
     kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
     if any(row != kinds[0] for row in kinds):
         raise NotConverged(
-            f"passages at beta = {pipe.beta:g}, damping = {pipe.damping:g} tend to no limit that "
+            f"crossings at beta = {pipe.beta:g}, damping = {pipe.damping:g} tend to no limit that "
             "larger values would show",
             found[0],
         )
