@@ -48,6 +48,11 @@ TABLE = [
         load=lambda x, y, vx, vy: (-1.5 * vx, 0.0),
         power=lambda x, y, vx, vy: -1.5 * vx**2,
     ),
+    Row(
+        pp.Foundation(stiffness=20.0),
+        load=lambda x, y, vx, vy: (-20.0 * x, 0.0),
+        energy=lambda x, y: 10.0 * x**2,
+    ),
 ]
 
 LENGTHS = [0.3, 0.1, 0.25, 0.35]
