@@ -322,7 +322,7 @@ def test_scenes_pickle() -> None:
     np.testing.assert_array_equal(other.rhs(0.0, y, 2.0), scene.rhs(0.0, y, 2.0))
 
 
-def test_another_pipe_is_told_to_every_part() -> None:
+def test_another_pipe_reaches_every_part() -> None:
     mass = pp.PointMass(0.75, 0.2)
     pipe = pp.Pipe(0.1, -2.0, "aspirating", 0.8, 0.3, 0.02, terms=[mass])
     changed = md.chain(PIPE, 4).plus(pp.PointMass(1.0, 0.7)).with_pipe(pipe)
@@ -368,7 +368,7 @@ def test_without_internal_flow_the_speed_does_nothing() -> None:
     assert pp.crossings(still, 10.0) == ()
 
 
-def test_motions_of_scenes_are_drawn_though_their_ends_are_held() -> None:
+def test_motions_of_scenes_are_plotted_though_their_ends_are_held() -> None:
     pipe = pp.Pipe(0.2, 2.0, drag=0.2)
     guided = md.chain(pipe, 4).plus(md.Guide(4))
     arch = md.chain(pipe, 4).plus(md.Pin(4, 0.0, 0.9))

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +29,10 @@ from pipedyn.bifurcation.hopf import tip_of
 from pipedyn.bifurcation.normal_form import vectors
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
+    BranchStart,
     Breaking,
     HopfPoint,
-    Start,
-    Step,
+    OrbitStep,
     broken,
     followed,
     from_change,
@@ -81,6 +81,7 @@ GENERATIONS = 2
 """Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
 
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
+ORIGINS: dict[str, Origin] = {str(name): name for name in get_args(Origin)}
 
 
 @result
@@ -268,7 +269,7 @@ def traced(
 
 def _trace(
     motion: VectorField,
-    starts: list[Start],
+    starts: list[BranchStart],
     begin: CycleEvent | None,
     asked: Asked,
     found: list[Traced],
@@ -357,7 +358,7 @@ class _Follower:
     def __init__(
         self,
         motion: VectorField,
-        start: Start,
+        start: BranchStart,
         begin: CycleEvent | None,
         asked: Asked,
         failed: list[Failed],
@@ -368,7 +369,7 @@ class _Follower:
         self.onset = math.nan
         self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
         if begin is not None:
-            self.origin, self.onset = _origin(begin), begin.speed
+            self.origin, self.onset = ORIGINS[begin.kind], begin.speed
             where = "onset" if begin.kind == "hopf" else begin.kind
             self.how = f"followed from the {where} at u = {begin.speed:.6g}"
         self.events = [] if begin is None else [begin]
@@ -416,7 +417,7 @@ class _Follower:
             else:
                 self._stopped(here, str(reason))
 
-    def _asked_for(self, step: Step) -> bool:
+    def _asked_for(self, step: OrbitStep) -> bool:
         """Whether a step comes to speeds asked for."""
         low, high = sorted((step.begin.u, step.end.u))
         return bool(low <= self.asked.speeds[-1] and high >= self.asked.speeds[0])
@@ -497,7 +498,7 @@ class _Follower:
 
     # ----------------------------------------------------------------------- how it may end
 
-    def _vanishes(self, step: Step) -> bool:
+    def _vanishes(self, step: OrbitStep) -> bool:
         """Whether the branch goes over into what it leaves within a step, at rest or unbroken."""
         for kind in self._breakings(step.begin):
             here, there = (broken(orbit, kind) for orbit in (step.begin, step.end))
@@ -528,7 +529,7 @@ class _Follower:
             if self.motion.is_odd(orbit.u):
                 yield "pitchfork"
 
-    def _dies(self, step: Step, before: float, after: float) -> None:
+    def _dies(self, step: OrbitStep, before: float, after: float) -> None:
         """Tells at which onset a cycle shrinks to nothing."""
         u = step.begin.u + before / (before + after) * (step.end.u - step.begin.u)
         others = [onset for onset in self.asked.onsets if onset != self.onset]
@@ -539,7 +540,7 @@ class _Follower:
 
     # ---------------------------------------------------------------------- what lies on it
 
-    def noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
+    def noted(self, step: OrbitStep, last: LimitCycle | None) -> LimitCycle:
         """Keeps what lies on a step and its events; the cycle at its end.
 
         Args:
@@ -573,19 +574,19 @@ class _Follower:
                 self.events.append(place.event)
         return end.cycle
 
-    def _place(self, step: Step, length: float, point: Point | None = None) -> _Place:
+    def _place(self, step: OrbitStep, length: float, point: Point | None = None) -> _Place:
         """A point of a step, solved for where it is not given, and its cycle."""
         point = step.segment.at(length) if point is None else point
         return _Place(length, point, self.described(step.problem.orbit(point.z)))
 
-    def _fold(self, step: Step, top: _Place) -> CycleEvent:
+    def _fold(self, step: OrbitStep, top: _Place) -> CycleEvent:
         """Where the branch turns."""
         cycle = top.cycle
         beside = step.at(top.length + 1e-3 * step.length)
         error = max(abs(beside.u - cycle.u), 1e-9)
         return CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
 
-    def _passages(self, step: Step, low: _Place, high: _Place) -> Iterator[_Place]:
+    def _passages(self, step: OrbitStep, low: _Place, high: _Place) -> Iterator[_Place]:
         """Where multipliers pass the unit circle between two places, but for folds.
 
         Those show in the tangent.
@@ -606,7 +607,7 @@ class _Follower:
                 self.forks.append((event, orbit, a.stable or b.stable))
             yield replace(low, event=event)
 
-    def _narrowed(self, step: Step, low: _Place, high: _Place) -> tuple[_Place, _Place]:
+    def _narrowed(self, step: OrbitStep, low: _Place, high: _Place) -> tuple[_Place, _Place]:
         """Places right before and beyond the first passage of a multiplier through the circle.
 
         The modulus that passes 1 is a smooth function of the length, unless others pass as well.
@@ -625,7 +626,7 @@ class _Follower:
         beyond = next(i for i, one in enumerate(places) if outside(one.cycle.multipliers) != begin)
         return places[beyond - 1], places[beyond]
 
-    def _at_speeds(self, step: Step, part: Segment) -> Iterator[_Place]:
+    def _at_speeds(self, step: OrbitStep, part: Segment) -> Iterator[_Place]:
         """The cycles at the speeds asked for."""
         low, high = sorted((part.begin.p, part.end.p))
         speeds = self.asked.speeds
@@ -650,15 +651,6 @@ class _Follower:
         if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
             return False
         return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
-
-
-def _origin(begin: CycleEvent) -> Origin:
-    origins: dict[str, Origin] = {
-        "hopf": "hopf",
-        "pitchfork": "pitchfork",
-        "period doubling": "period doubling",
-    }
-    return origins[begin.kind]
 
 
 def _solution(motion: VectorField, guess: PeriodicOrbit) -> PeriodicOrbit | None:

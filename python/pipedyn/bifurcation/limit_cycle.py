@@ -116,7 +116,8 @@ def limit_cycle(
         NotConverged: if a cycle was found, but not to the tolerance; `result` holds it.
         ValueError, TypeError: for bad arguments.
 
-    Source: see the module's head.
+    Source: Doedel, Keller and Kernevez (1991), Numerical analysis and control of bifurcation
+    problems (II), for periodic orbits by collocation.
     """
     model = checked_model_in_motion(model)
     if model.dof > LARGEST_CYCLE:

@@ -146,7 +146,7 @@ class HopfPoint:
 
 
 @dataclass(frozen=True)
-class Start:
+class BranchStart:
     """Where a branch begins.
 
     Attributes:
@@ -161,7 +161,7 @@ class Start:
     base: PeriodicOrbit | None = None
 
 
-def from_hopf(motion: VectorField, point: HopfPoint) -> Start:
+def from_hopf(motion: VectorField, point: HopfPoint) -> BranchStart:
     """At a small amplitude or, where the speed is by then more than `NEAR` off, less.
 
     Raises:
@@ -175,7 +175,7 @@ def from_hopf(motion: VectorField, point: HopfPoint) -> Start:
     return start
 
 
-def _small(motion: VectorField, point: HopfPoint, amplitude: float) -> Start:
+def _small(motion: VectorField, point: HopfPoint, amplitude: float) -> BranchStart:
     """The orbit of a small amplitude, at whatever speed."""
     ring = point.orbit(motion, amplitude, point.speed, point.frequency)
     still = replace(
@@ -184,7 +184,7 @@ def _small(motion: VectorField, point: HopfPoint, amplitude: float) -> Start:
     return _beside(motion, ring, still, ring.packed() - still.packed())
 
 
-def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> Start:
+def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> BranchStart:
     """From where an orbit loses its symmetry or doubles its period, in its neutral direction.
 
     Args:
@@ -214,7 +214,7 @@ def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> St
                 raise
 
 
-def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> Start:
+def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> BranchStart:
     """From any orbit towards growing (1) or falling (-1) speed.
 
     Raises:
@@ -226,18 +226,18 @@ def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> Start:
     branch = Continuation(OrbitProblem(motion, orbit, unit_of(motion, orbit)), FINE.control)
     towards = np.zeros(orbit.packed().size)
     towards[-1] = sign
-    return Start(orbit, branch.point(orbit.packed(), towards).tangent)
+    return BranchStart(orbit, branch.point(orbit.packed(), towards).tangent)
 
 
 def _beside(
     motion: VectorField, like: PeriodicOrbit, base: PeriodicOrbit, direction: Array
-) -> Start:
+) -> BranchStart:
     """The orbit at a distance from what it leaves, in a direction of that length."""
     problem = OrbitProblem(motion, like, unit_of(motion, like))
     branch = Continuation(problem, FINE.control)
     begin = base.packed()
     found = branch.at(branch.starting(begin, direction), branch.length(direction))
-    return Start(problem.orbit(found.z), found.z - begin, base)
+    return BranchStart(problem.orbit(found.z), found.z - begin, base)
 
 
 def unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
@@ -267,7 +267,7 @@ def broken(orbit: PeriodicOrbit, kind: str) -> Array:
 
 
 @dataclass(frozen=True)
-class Step:
+class OrbitStep:
     """A step along a branch of orbits.
 
     Attributes:
@@ -302,7 +302,7 @@ class Step:
         return self.problem.orbit(self.segment.at(s).z)
 
 
-def followed(motion: VectorField, start: Start, pace: Pace) -> Iterator[Step]:
+def followed(motion: VectorField, start: BranchStart, pace: Pace) -> Iterator[OrbitStep]:
     """Steps along a branch of orbits, past folds, without end.
 
     Args:
@@ -322,7 +322,7 @@ def followed(motion: VectorField, start: Start, pace: Pace) -> Iterator[Step]:
         if length is None:
             length = min(pace.first, branch.length(towards))
         segment, following = branch.next(branch.starting(here.packed(), towards), length)
-        step = Step(segment, problem)
+        step = OrbitStep(segment, problem)
         coarse = step.end.defects() > largest
         if coarse.any():
             if here.edges.size + np.count_nonzero(coarse) > MOST_INTERVALS:
@@ -343,7 +343,7 @@ def followed(motion: VectorField, start: Start, pace: Pace) -> Iterator[Step]:
 
 
 def _on_mesh(
-    step: Step, point: Point, edges: Array, control: Control
+    step: OrbitStep, point: Point, edges: Array, control: Control
 ) -> tuple[PeriodicOrbit, Array]:
     """A point's orbit and tangent on another mesh.
 
@@ -380,7 +380,7 @@ def continued(motion: VectorField, point: HopfPoint, u: float, most: int) -> Per
     """
     begun, stopped = motion.evaluations, "it takes too many steps"
     start = from_hopf(motion, point)
-    turning: list[Step] = []
+    turning: list[OrbitStep] = []
     here = start.orbit
     try:
         for _, step in zip(range(MOST_STEPS), followed(motion, start, COARSE), strict=False):
@@ -407,7 +407,7 @@ def continued(motion: VectorField, point: HopfPoint, u: float, most: int) -> Per
     raise NewtonFailed(f"the cycle of the Hopf point at u = {point.speed:.6g} {report}")
 
 
-def _nearest_turn(steps: list[Step], u: float) -> float | None:
+def _nearest_turn(steps: list[OrbitStep], u: float) -> float | None:
     """The speed nearest to another at which orbits on their way there turned back, if any did."""
     found = []
     for step in steps:

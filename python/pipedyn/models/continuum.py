@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.models.base import Model, NotConverged, checked_pipe
-from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints
+from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints, enriched
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 
@@ -109,19 +109,24 @@ class Continuum:
         tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
         smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
         largest = check.count("largest", largest, high=LARGEST_BASIS)
-        joints = FUNCTIONS_A_JOINT * basis_joints(self._pipe.terms).size
-        size = smallest = min(smallest + joints, LARGEST_BASIS - 8)
-        largest = min(largest + joints, LARGEST_BASIS)
+        inner = basis_joints(self._pipe.terms).size
+        size = smallest = min(smallest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS - 8)
+        largest = min(largest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS)
+        last = max(largest, smallest + 8)
         before = question(self.frozen(size))
+        more = 0
         while True:
-            size = min(max(size + 8, (5 * size) // 4), max(largest, smallest + 8))
-            answer = question(self.frozen(size))
+            more += 1  # so that every panel has more functions than before
+            step = max(8, inner + 1, size // 4)
+            # The last step is no shorter than the others.
+            size = last if last - (size + step) < step else size + step
+            answer = question(enriched(self.frozen(size), more))
             error = distance(before, answer)
             if not isinstance(error, Real):
                 raise TypeError(f"distance must return a number, got {check.shown(error)}")
             if error <= tolerance:
                 return Settled(answer, size, error)
-            if size >= largest:
+            if size == last:
                 raise NotConverged(
                     f"the continuous pipe's answer still moves by {error:.1e} at {size} functions",
                     answer,

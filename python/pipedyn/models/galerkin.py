@@ -100,6 +100,7 @@ class Galerkin(Model):
         self._pipe = checked_pipe(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
         self._basis = check.choice("basis", basis, BASES)
+        self._more = 0
         if self._size < self.panels:
             raise ValueError(
                 f"m must be at least {self.panels}, the number of panels between terms, "
@@ -118,6 +119,7 @@ class Galerkin(Model):
             legendre=self._basis == "legendre",
             size=self._size,
             joints=self._joints,
+            more=self._more,
             nodes=nodes,
             weights=weights,
         )
@@ -130,6 +132,7 @@ class Galerkin(Model):
             legendre=self._basis == "legendre",
             size=self._size,
             joints=self._joints,
+            more=self._more,
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -171,7 +174,7 @@ class Galerkin(Model):
 
     def with_pipe(self, pipe: Pipe) -> Galerkin:
         """As many functions of the same family for another pipe."""
-        return Galerkin(pipe, self._size, self._basis)
+        return enriched(Galerkin(pipe, self._size, self._basis), self._more)
 
     @cached_property
     def _joints(self) -> Array:
@@ -186,7 +189,7 @@ class Galerkin(Model):
     @cached_property
     def _most(self) -> int:
         """Number of functions on the panel that has most."""
-        return _core.most_on_a_panel(self._size, self._joints)
+        return _core.most_on_a_panel(self._size, self._joints, self._more)
 
     def _rule(self, count: int) -> tuple[Array, Array]:
         """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
@@ -416,3 +419,14 @@ class Galerkin(Model):
         at = arc_lengths(s)
         result: NDArray[Any] = self.functions(at) @ self._displaced(q, at.size)
         return result
+
+
+def enriched(model: Galerkin, more: int) -> Galerkin:
+    """As many functions, with so many more of them on panels whose share of the length is small.
+
+    Two models of growing size and growing `more` differ on every panel of the basis but those
+    shorter than 0.003, so that the distance of their answers bounds what short panels miss, too.
+    """
+    made = Galerkin(model.pipe, model.dof, model.basis)
+    made._more = more
+    return made
