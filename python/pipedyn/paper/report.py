@@ -14,7 +14,6 @@ import numpy as np
 from pipedyn import plot
 from pipedyn.accuracy.convergence import convergence_law
 from pipedyn.linear.critical_speed import CriticalSpeed
-from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, Row, map_top
 
@@ -188,19 +187,15 @@ def second_mode(findings: Findings) -> list[str]:
             f"{answer}; {len(modes) - len(others)} of {len(modes)} models agree{named}."
         )
     for gamma, curve in findings.curves.items():
-        if runs := _mode_runs(curve):
+        pairs = zip(curve.values, curve.critical, strict=True)
+        known = [(float(beta), found.mode) for beta, found in pairs if found is not None]
+        runs = []
+        for mode, group in groupby(known, key=lambda point: point[1]):
+            betas = [f"{beta:.3g}" for beta, _ in group]
+            runs.append(f"mode {mode} at beta {' to '.join(dict.fromkeys((betas[0], betas[-1])))}")
+        if runs:
             lines.append(f"  On the map, gamma = {gamma:g}: {', '.join(runs)}.")
     return lines
-
-
-def _mode_runs(curve: StabilityCurve) -> list[str]:
-    pairs = zip(curve.values, curve.critical, strict=True)
-    known = [(float(beta), found.mode) for beta, found in pairs if found is not None]
-    runs = []
-    for mode, group in groupby(known, key=lambda point: point[1]):
-        betas = [f"{beta:.3g}" for beta, _ in group]
-        runs.append(f"mode {mode} at beta {' to '.join(dict.fromkeys((betas[0], betas[-1])))}")
-    return runs
 
 
 def _by_family(findings: Findings) -> dict[str, list[CriticalSpeed]]:
