@@ -22,7 +22,7 @@ from pipedyn import plot
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.modes import RootLoci, root_loci
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
+from pipedyn.linear.stability_curve import Failure, Point, StabilityCurve, stability_curve
 from pipedyn.models.base import Model
 from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum
@@ -256,23 +256,30 @@ def stability_map(
     def continuous(beta: float) -> Continuum:
         return Continuum(replace(pipe, beta=beta))
 
-    curve = stability_curve(reduced, MAP_BETAS, max_speed=end, executor=executor)
-    three = slice(None, None, MAP_BETAS.size // 2)
-    exact = stability_curve(continuous, MAP_BETAS[three], max_speed=end, executor=executor)
-    failed = {failure.index for failure in exact.failures}
-    pairs = enumerate(zip(curve.crossings[three], exact.crossings, strict=True))
-    difference = max([0.0, *(_distance(*pair) for i, pair in pairs if i not in failed)])
-    while True:
-        between = [
-            0.5 * (curve.values[i] + curve.values[i + 1])
-            for i, neighbours in enumerate(pairwise(curve.crossings))
-            if curve.values[i + 1] - curve.values[i] > MAP_STEP
-            and _distance(*neighbours) > MAP_JUMP * top
+    points: dict[float, Point] = {}
+    failures: list[Failure] = []
+    betas = MAP_BETAS.tolist()
+    while betas:
+        curve = stability_curve(reduced, betas, max_speed=end, executor=executor)
+        answers = zip(curve.critical, curve.crossings, strict=True)
+        points |= zip(curve.values.tolist(), answers, strict=True)
+        failures += curve.failures
+        betas = [
+            0.5 * (a + b)
+            for a, b in pairwise(sorted(points))
+            if b - a > MAP_STEP and _distance(points[a][1], points[b][1]) > MAP_JUMP * top
         ]
-        if not between:
-            return curve, difference
-        more = stability_curve(reduced, between, max_speed=end, executor=executor)
-        curve = _merged(curve, more)
+    values = sorted(points)
+    critical, found = zip(*(points[value] for value in values), strict=True)
+    failures.sort(key=lambda failure: failure.value)
+    failed = tuple(replace(one, index=values.index(one.value)) for one in failures)
+    three = MAP_BETAS[:: MAP_BETAS.size // 2].tolist()
+    exact = stability_curve(continuous, three, max_speed=end, executor=executor)
+    missing = {failure.value for failure in exact.failures}
+    pairs = zip(three, exact.crossings, strict=True)
+    distances = [_distance(points[value][1], c) for value, c in pairs if value not in missing]
+    curve = StabilityCurve(np.array(values), critical, found, failed)
+    return curve, max(distances, default=0.0)
 
 
 def _distance(left: Sequence[Crossing], right: Sequence[Crossing]) -> float:
@@ -281,18 +288,3 @@ def _distance(left: Sequence[Crossing], right: Sequence[Crossing]) -> float:
     if len(a) != len(b):
         return math.inf
     return max((abs(p.speed - q.speed) for p, q in zip(a, b, strict=True)), default=0.0)
-
-
-def _merged(a: StabilityCurve, b: StabilityCurve) -> StabilityCurve:
-    """One curve of the points of two, sorted by their values, which differ."""
-    values = np.concatenate([a.values, b.values])
-    order = np.argsort(values)
-    places = {float(value): i for i, value in enumerate(values[order])}
-    failures = (replace(one, index=places[one.value]) for one in a.failures + b.failures)
-    critical, found = a.critical + b.critical, a.crossings + b.crossings
-    return StabilityCurve(
-        values[order],
-        tuple(critical[i] for i in order),
-        tuple(found[i] for i in order),
-        tuple(sorted(failures, key=lambda failure: failure.index)),
-    )

@@ -77,9 +77,8 @@ def convergence(
     Raises:
         TypeError: for bad arguments.
     """
-    check_mapping("families", families)
+    check_mapping("families", families, Sequence)
     for name, found in families.items():
-        check_type(f"families[{name!r}]", found, Sequence)
         for i, critical in enumerate(found):
             check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
     check_type("exact", exact, CriticalSpeed)

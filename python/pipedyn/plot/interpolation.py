@@ -56,10 +56,10 @@ def checked_motion(motion: Any, name: str = "motion") -> Motion:
     return checked
 
 
-def checked_motions(motions: Any) -> list[Motion]:
-    """The argument, if it is a motion, several or an ensemble."""
+def checked_motions(motions: Any) -> dict[str, Motion]:
+    """A motion, several or those of an ensemble, under the names of the argument."""
     if isinstance(motions, Motion):
-        return [checked_motion(motions, "motions")]
+        return {"motions": checked_motion(motions, "motions")}
     several = motions.motions if isinstance(motions, Ensemble) else motions
     if not isinstance(several, Sequence) or isinstance(several, str):
         raise TypeError(
@@ -67,7 +67,8 @@ def checked_motions(motions: Any) -> list[Motion]:
         )
     if not several:
         raise ValueError("motions must hold at least one, got none")
-    return [checked_motion(motion, f"motions[{i}]") for i, motion in enumerate(several)]
+    names = [f"motions[{i}]" for i in range(len(several))]
+    return {name: checked_motion(one, name) for name, one in zip(names, several, strict=True)}
 
 
 def tip_of(motion: Motion, part: slice = EVERY) -> CubicHermiteSpline:
