@@ -294,11 +294,6 @@ class Chain(Model):
         """
         return _frozen(self.core.resistances())
 
-    @property
-    def resisted(self) -> bool:
-        """Whether a term of the pipe damps."""
-        return bool(self.pipe.terms) and bool(self.resistances[:, 3:6].any())
-
     @cached_property
     def fitted_size(self) -> float:
         """Trace, about, of what terms add to the stiffness in elastic coordinates."""
