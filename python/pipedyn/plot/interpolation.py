@@ -89,6 +89,11 @@ def observed_point(motion: Motion, part: slice = EVERY) -> CubicHermiteSpline:
     return CubicHermiteSpline(motion.t[part], motion.q[part, own], motion.qdot[part, own])
 
 
+def transverse(point: CubicHermiteSpline) -> CubicHermiteSpline:
+    """The transverse position alone."""
+    return CubicHermiteSpline(point.x, point(point.x)[:, 0], point(point.x, 1)[:, 0])
+
+
 def coordinates_at(motion: Motion, times: Array) -> Array:
     """Coordinates at times within the motion's, shape (len(times), coordinates)."""
     part = _around(motion, float(times.min()), float(times.max()))
@@ -103,27 +108,20 @@ def _around(motion: Motion, start: float, end: float) -> slice:
 
 
 def refuse_coarse(
-    name: str,
-    t: Array,
-    positions: Array,
-    velocities: Array,
-    *,
-    invisible: float = 0.0,
-    rates_shown: bool = False,
+    name: str, curve: CubicHermiteSpline, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> None:
     """Refuse samples too far apart to interpolate.
 
     Args:
         name: of the argument that is refused.
-        t: times, shape (k,), k >= 3.
-        positions: shape (k,) or (k, d).
-        velocities: of the same shape.
+        curve: through positions and velocities at three samples or more.
         invisible: an error of positions that does not matter.
         rates_shown: whether velocities are shown, too.
 
     Raises:
         ValueError: if a cubic through every other sample misses those between.
     """
+    t, positions, velocities = curve.x, curve(curve.x), curve(curve.x, 1)
     if np.ptp(positions, axis=0).max() < ROUNDING:
         return
     kept = slice(0, None, 2) if t.size % 2 else slice(0, -1, 2)
@@ -147,8 +145,7 @@ def upward_crossings(motion: Motion, start: float, end: float) -> Array:
     The middle is the median of its transverse position in the last quarter of the span. A crossing
     counts if the point swings by a tenth of its late range before the next that counts.
     """
-    tip = observed_point(motion, _around(motion, start, end))
-    x = CubicHermiteSpline(tip.x, tip(tip.x)[:, 0], tip(tip.x, 1)[:, 0])
+    x = transverse(observed_point(motion, _around(motion, start, end)))
     late = x(np.linspace(end - 0.25 * (end - start), end, POINTS))
     crossings = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
     crossings = crossings[(crossings >= start) & (crossings <= end)]  # drops NaN: a piece at rest
@@ -204,8 +201,7 @@ def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
             f"span must be a start and a later end within the motion's times, "
             f"[{begin:g}, {finish:g}], got {check.shown(span)}"
         )
-    tip = tip_of(motion, _around(motion, start, end))
-    refuse_coarse("motion", tip.x, tip(tip.x), tip(tip.x, 1), invisible=INVISIBLE)
+    refuse_coarse("motion", tip_of(motion, _around(motion, start, end)), invisible=INVISIBLE)
     return motion, start, end, cycle is not None
 
 

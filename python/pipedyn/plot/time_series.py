@@ -12,7 +12,14 @@ from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn.motion.ensemble import Ensemble
 from pipedyn.motion.simulate import Motion
-from pipedyn.plot.interpolation import checked_motions, finer, last_cycle, refuse_coarse, tip_of
+from pipedyn.plot.interpolation import (
+    checked_motions,
+    finer,
+    last_cycle,
+    refuse_coarse,
+    tip_of,
+    transverse,
+)
 from pipedyn.plot.style import (
     TIME_LABEL,
     TIP_LABEL,
@@ -106,12 +113,11 @@ def _signals(named: Mapping[str, Motion], index: int | None, rates_shown: bool) 
     curves = []
     for name, motion in named.items():
         if index is None:
-            tip = tip_of(motion)
-            t, position, velocity = tip.x, tip(tip.x)[:, 0], tip(tip.x, 1)[:, 0]
+            curve = transverse(tip_of(motion))
         else:
-            t, position, velocity = motion.t, motion.q[:, index], motion.qdot[:, index]
-        refuse_coarse(name, t, position, velocity, rates_shown=rates_shown)
-        curves.append(CubicHermiteSpline(t, position, velocity))
+            curve = CubicHermiteSpline(motion.t, motion.q[:, index], motion.qdot[:, index])
+        refuse_coarse(name, curve, rates_shown=rates_shown)
+        curves.append(curve)
     motions = list(named.values())
     labels = [f"$u = {motion.u:.6g}$" for motion in motions]
     if len(set(labels)) < len(labels):
