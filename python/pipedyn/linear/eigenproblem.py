@@ -167,7 +167,7 @@ class Eigenproblem:
 
     def size(self, u: float) -> float:
         """Size of the stiffness matrix, elastic stiffness being 1."""
-        return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.fitted_size
+        return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.term_stiffness
 
     def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
         """Relative residual of each pair, shape (r,)."""
