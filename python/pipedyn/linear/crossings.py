@@ -33,9 +33,12 @@ from pipedyn.linear.tracking import (
     tracked_steps,
 )
 from pipedyn.models.base import NotConverged
-from pipedyn.models.galerkin import Galerkin
+from pipedyn.util.newton import NewtonFailed, newton
 
 Flags = NDArray[np.bool_]
+
+Iterate = tuple[float, complex, Complex]
+"""u, lambda and its right vector."""
 
 WORST = 1e-3
 """Relative error of a crossing's speed beyond which it is no result."""
@@ -107,9 +110,7 @@ class CrossingSearch:
         self.tracked = problem.dof if tracked is None else tracked
         self.trusted = self.tracked if trusted is None else trusted
         # Legendre's highest third is not the pipe's and heavily damped: matched, but not tracked.
-        model, self.certain = problem.model, self.tracked
-        if isinstance(model, Galerkin) and model.basis == "legendre":
-            self.certain = max(1, (2 * model.resolution) // 3)
+        self.certain = min(self.tracked, problem.model.resolved_modes)
         self.modes: Indices = np.zeros(0, dtype=np.intp)
         self.unstable: Flags = np.zeros(0, dtype=np.bool_)
 
@@ -368,26 +369,36 @@ class CrossingSearch:
             divergence = self._divergence(step, t, 1 if rising else -1, int(self.modes[root]))
             if divergence is not None:
                 return divergence
-        u = step.left.u + t * step.length
-        guess = complex(step.hermite(np.array([root]), np.array([t]))[0, 0])
-        vector = step.left.pairs.right[:, root]
-        slack = 1e-9 * (1.0 + u) + 0.1 * step.length
-        last = math.inf
-        for _ in range(12):
-            pair = problem.refine(u, guess, vector)
-            slope = complex(problem.slopes(u, pair)[0])
-            value, _ = self._sharp(u, pair)
+        slack = 1e-9 * (1.0 + step.left.u + t * step.length) + 0.1 * step.length
+
+        def refined(near: Iterate) -> tuple[Eigenpairs, complex, complex]:
+            pair = problem.refine(*near)
+            slope = complex(problem.slopes(near[0], pair)[0])
+            return pair, slope, self._sharp(near[0], pair)[0]
+
+        def correction(near: Iterate) -> tuple[Iterate, float]:
+            pair, slope, value = refined(near)
             change = -value.real / slope.real if slope.real else math.inf
-            if not step.left.u - slack <= u + change <= step.right.u + slack:
-                break
-            u, vector = max(u + change, 0.0), pair.right[:, 0]
-            guess = value + slope * change
-            if abs(change) <= 4e-16 * u or abs(change) >= last:
-                break
-            last = abs(change)
-        pair = problem.refine(u, guess, vector)
-        slope = complex(problem.slopes(u, pair)[0])
-        value, _ = self._sharp(u, pair)
+            if not step.left.u - slack <= near[0] + change <= step.right.u + slack:
+                raise NewtonFailed("Newton's method left the step", near)
+            moved = max(near[0] + change, 0.0), value + slope * change, pair.right[:, 0]
+            return moved, abs(change)
+
+        guess = complex(step.hermite(np.array([root]), np.array([t]))[0, 0])
+        last: Iterate = step.left.u + t * step.length, guess, step.left.pairs.right[:, root]
+        try:
+            last = newton(
+                *(last, correction, lambda before, moved, share: moved),
+                tolerance=4e-16,
+                stagnation=math.inf,
+                slower=1.0,
+                iterations=12,
+                scale=lambda near: near[0],
+            ).state
+        except NewtonFailed as failed:  # what is there is judged by where the step has the root
+            last = failed.state
+        u = last[0]
+        pair, slope, value = refined(last)
         there = step.hermite(np.array([root]), np.array([(u - step.left.u) / step.length]))[0, 0]
         tolerance = 1e-6 * (1.0 + abs(value))
         strayed = abs(value - there) > 4.0 * step.error[root] + tolerance

@@ -208,6 +208,16 @@ class Model(ABC):
         return np.ones(self.dof)
 
     @property
+    def stiffness_by_springs(self) -> Array | None:
+        """Derivative of each elastic stiffness by its spring, (dof,); None without springs."""
+        return None
+
+    @property
+    def resolved_modes(self) -> int:
+        """How many modes, from the lowest, need tracking: all, or those that are the pipe's."""
+        return self.dof
+
+    @property
     def stations(self) -> Array:
         """Arc lengths among which the largest displacement of a mode is found."""
         return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))

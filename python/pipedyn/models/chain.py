@@ -278,6 +278,11 @@ class Chain(Model):
         share: Array = self._springs * self.elastic_scale**2
         return share
 
+    @property
+    def stiffness_by_springs(self) -> Array | None:
+        derivative: Array = self.elastic_scale**2
+        return derivative
+
     @cached_property
     def resistances(self) -> Array:
         """What the pipe's terms resist small motions of each segment with, shape (n, 7).

@@ -173,6 +173,11 @@ class Galerkin(Model):
         """Number of functions on one panel that would resolve as many modes."""
         return max(self._size - JOINT_COST * (self.panels - 1), self._size // 2)
 
+    @property
+    def resolved_modes(self) -> int:
+        # Legendre's highest third is not the pipe's and heavily damped.
+        return max(1, (2 * self.resolution) // 3) if self._basis == "legendre" else self.dof
+
     @cached_property
     def term_stiffness(self) -> float:
         return self.core.term_stiffness()
