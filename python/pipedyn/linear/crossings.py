@@ -331,12 +331,17 @@ class CrossingSearch:
         a, b = step.left.values[roots].real, step.right.values[onto].real
         c1 = step.left.slopes[roots].real * step.length
         end_slope = step.right.slopes[onto].real * step.length
+        # Slopes within their rounding say nothing, at any length: the line through both ends does.
+        hidden = (np.abs(step.left.slopes[roots].real) < step.left.slope_noise[roots]) | (
+            np.abs(step.right.slopes[onto].real) < step.right.slope_noise[onto]
+        )
+        c1, end_slope = np.where(hidden, b - a, c1), np.where(hidden, b - a, end_slope)
         c2, c3 = 3.0 * (b - a) - 2.0 * c1 - end_slope, 2.0 * (a - b) + c1 + end_slope
         noise = np.maximum(step.left.noise[roots], step.right.noise[onto])
         noise[step.left.values[roots] == 0.0] = np.inf
         # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
         misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
-        band = 2.0 * misfit + 1e-4 * step.error[roots]
+        band = np.where(hidden, 0.0, 2.0 * misfit + 1e-4 * step.error[roots])
         if self.problem.is_conservative:  # tracking sees two roots meet and leave the axis
             ends = np.stack([a, b, c1, end_slope])
             band[(np.abs(ends) <= noise).all(axis=0)] = 0.0
@@ -469,7 +474,8 @@ class CrossingSearch:
         t = np.array([(u - step.left.u) / step.length])
         where = int(np.argmin(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0])))
         pairs, own = at.pairs.take([where]), [where]
-        return Sample(u, pairs, at.slopes[own], at.noise[own], at.signatures[own])
+        slopes, noise = at.slopes[own], at.noise[own]
+        return Sample(u, pairs, slopes, noise, at.slope_noise[own], at.signatures[own])
 
     def _bisect(self, step: Step, root: int) -> float:
         def real_part(u: float) -> float:
