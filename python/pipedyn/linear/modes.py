@@ -155,15 +155,11 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     if isinstance(model, Continuum):
         if count is None:
             raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
-        if count > CONTINUUM_COUNT:
-            raise ValueError(
-                f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}"
-            )
-        asked = count
+        asked = _continuum_count(count)
         continuous = model.converge(
             lambda rom: _modes(rom, u, asked),
             lambda a, b: relative(a.eigenvalues, b.eigenvalues),
-            smallest=max(16, count),
+            smallest=max(16, asked),
         )
         found = continuous.value
         return Modes(
@@ -180,6 +176,12 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         _check_table(count, model)
     model.require_equilibrium(u)
     return _modes(model, u, count)
+
+
+def _continuum_count(count: int) -> int:
+    if count > CONTINUUM_COUNT:
+        raise ValueError(f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}")
+    return count
 
 
 def _check_table(count: int, model: Model) -> None:
@@ -281,10 +283,7 @@ def root_loci(
             raise ValueError(
                 f"speeds must be at most {CONTINUUM_SPEED:g} for a Continuum, got {at[-1]:g}"
             )
-        if count > CONTINUUM_COUNT:
-            raise ValueError(
-                f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}"
-            )
+        count = _continuum_count(count)
         smallest = max(16, 3 * count, math.ceil(at[-1]))
         continuous: Converged[RootLoci] = model.converge(
             lambda rom: _root_loci(rom, at, count, shown),
