@@ -43,6 +43,11 @@ TABLE = [
         load=lambda x, y, vx, vy: (-4.0 * x, 0.0),
         energy=lambda x, y: 2.0 * x**2,
     ),
+    Row(
+        pp.Damper(at=0.62, coefficient=1.5),
+        load=lambda x, y, vx, vy: (-1.5 * vx, 0.0),
+        power=lambda x, y, vx, vy: -1.5 * vx**2,
+    ),
 ]
 
 LENGTHS = [0.3, 0.1, 0.25, 0.35]

@@ -4,6 +4,7 @@
 // vector/pack.hpp.
 #pragma once
 
+#include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/spring.hpp"
 
@@ -27,6 +28,7 @@ struct LawTable {
 };
 
 using Laws = LawTable<PointMass,  //
-                      Spring>;
+                      Spring,     //
+                      Damper>;
 
 }  // namespace

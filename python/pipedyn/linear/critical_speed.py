@@ -199,7 +199,7 @@ def _search(
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
         return _Search(model, (), 0)  # the flow acts on nothing
-    if not is_weakly_damped(pipe) or (isinstance(model, Model) and model.resisted):
+    if not is_weakly_damped(pipe) or model.resisted:
         return _search_once(model, max_speed, until)
     solved = strengthened(model.pipe)
     found = [_search_once(model.with_pipe(pipe), max_speed, until) for pipe in solved]

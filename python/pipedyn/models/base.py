@@ -200,7 +200,7 @@ class Model(ABC):
     @property
     def resisted(self) -> bool:
         """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
-        return False
+        return core_pipe(self.pipe).resisted
 
     @property
     def elastic_share(self) -> Array:

@@ -293,10 +293,6 @@ class Chain(Model):
         """
         return _frozen(self.core.resistances())
 
-    @property
-    def resisted(self) -> bool:
-        return bool(self.pipe.terms) and bool(self.resistances[:, 3:6].any())
-
     @cached_property
     def term_stiffness(self) -> float:
         # The trace of what is added, each part of it with its absolute value.

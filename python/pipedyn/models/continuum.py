@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.models.base import Model, NotConverged, checked_pipe
+from pipedyn.models.base import Model, NotConverged, checked_pipe, core_pipe
 from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints, enriched
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -72,6 +72,11 @@ class Continuum:
 
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"
+
+    @property
+    def resisted(self) -> bool:
+        """Whether terms of the pipe resist velocities."""
+        return core_pipe(self._pipe).resisted
 
     def frozen(self, m: int) -> Galerkin:
         """The reduced model with m Legendre functions.

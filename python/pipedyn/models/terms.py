@@ -135,6 +135,37 @@ class Spring(Term):
     stiffness: float = number(1e9, mass=1, length=1, time=-2)
 
 
+@dataclass(frozen=True, repr=False)
+class Damper(Term):
+    """A viscous damper between one place of the pipe and the ground, across the pipe.
+
+    Its force is -coefficient * x' along x alone, x' the transverse velocity of the place; it is
+    linear at any amplitude.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        coefficient: >= 0, in sqrt(EI (mu_p + mu_f)) / L.
+
+    In `Pipe.from_si`: at in m, coefficient in N s/m.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+
+    Source: power -coefficient * x'^2.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Damper(at=0.5, coefficient=1.0)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        6.0513
+    """
+
+    law: ClassVar[str] = "damper"
+    at: float = place()
+    coefficient: float = number(1e9, mass=1, length=1, time=-1)
+
+
 Law = TypeVar("Law", bound=Term)
 
 
