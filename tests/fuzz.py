@@ -499,7 +499,7 @@ def _chains() -> Iterator[Target]:
     yield Target("Continuum.frozen", EXACT.frozen, {"m": count(1, 9, 2001)})
     no_function = any_of(NONE, *NOTHINGS[:12], *WORDS, one_of(3, NAN))
     yield Target(
-        "Continuum.settle",
+        "Continuum.converge",
         EXACT.settle,
         {
             "question": Kind(one_of(lambda rom: rom.dof), no_function),

@@ -477,7 +477,7 @@ def test_a_larger_basis_of_the_continuum_has_more_functions_on_every_panel(inner
         return model.dof
 
     with pytest.raises(pp.NotConverged):
-        pp.Continuum(pipe).settle(question, lambda a, b: 1.0, largest=200)
+        pp.Continuum(pipe).converge(question, lambda a, b: 1.0, largest=200)
     assert len(counts) > 5
     assert (np.diff(counts, axis=0) >= 1).all()
 

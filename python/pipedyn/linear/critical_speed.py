@@ -225,14 +225,14 @@ def _search_once(
             )
         model.require_equilibrium(0.0, max_speed)
         return _Search(model, crossings_of(model, _sweep(model, max_speed, until)), model.dof)
-    settled = model.settle(
+    continuous = model.converge(
         lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _trusted(rom))),
         _difference,
         smallest=max(16, math.ceil(0.8 * max_speed) + 8),
     )
-    moved = settled.error
-    found = tuple(replace(c, error=2.0 * c.error + moved * c.speed) for c in settled.value)
-    return _Search(model, found, settled.size, moved)
+    moved = continuous.error
+    found = tuple(replace(c, error=2.0 * c.error + moved * c.speed) for c in continuous.value)
+    return _Search(model, found, continuous.size, moved)
 
 
 def _trusted(rom: Galerkin) -> int | None:

@@ -139,19 +139,19 @@ class Step:
         a, b = self.left.values[roots], self.right.values[self.onto[roots]]
         da = self.left.slopes[roots] * self.length
         db = self.right.slopes[self.onto[roots]] * self.length
-        return hermite(a, b, da, db, t)
+        a, b, da, db = (values[:, None] for values in (a, b, da, db))
+        result: Complex = (
+            a * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+            + b * (3.0 - 2.0 * t) * t**2
+            + da * t * (1.0 - t) ** 2
+            - db * t**2 * (1.0 - t)
+        )
+        return result
 
-
-def hermite(a: Complex, b: Complex, da: Complex, db: Complex, t: Array) -> Complex:
-    """Cubics with values a, b and slopes da, db at t = 0 and 1, shape (len(a), len(t))."""
-    a, b, da, db = (np.asarray(v)[:, None] for v in (a, b, da, db))
-    result: Complex = (
-        a * (1.0 + 2.0 * t) * (1.0 - t) ** 2
-        + b * (3.0 - 2.0 * t) * t**2
-        + da * t * (1.0 - t) ** 2
-        - db * t**2 * (1.0 - t)
-    )
-    return result
+    def expected(self, root: int, u: float) -> complex:
+        """Where the cubic of one root has it at a speed within the step."""
+        t = (u - self.left.u) / self.length
+        return complex(self.hermite(np.array([root]), np.array([t]))[0, 0])
 
 
 def pairs_at(problem: Eigenproblem, u: float, count: int | None) -> Eigenpairs:

@@ -202,7 +202,7 @@ class Assembly(Model):
         return False
 
     @property
-    def fitted_size(self) -> float:
+    def term_stiffness(self) -> float:
         """What gravity, terms and custom modules add to the elastic stiffness, about."""
         return self._linear.added
 
