@@ -229,7 +229,7 @@ def _on_branch(
         if (point.p - target) * (found.p - target) <= 0.0 and point.p != found.p:
             share = (target - point.p) / (found.p - point.p)
             with suppress(NewtonFailed):
-                yield solve(problem.equations, point.x + share * (found.x - point.x), target)[0]
+                yield solve(problem.equations, point.x + share * (found.x - point.x), target)
         away = found.x - x
         back = float(away @ direction) / math.sqrt(x.size)
         if abs(back) < 0.5 * LEAVING and float(np.linalg.norm(away)) < LEAVING * math.sqrt(x.size):
@@ -278,7 +278,7 @@ class _Distinct:
         with suppress(NewtonFailed, ValueError):
             found = root(statics.residual, x, args=(u,), jac=statics.jacobian, method="hybr")
             if float(np.abs(found.x).max()) <= FAR:
-                self.add(solve(statics, found.x, u)[0])
+                self.add(solve(statics, found.x, u))
 
     def sorted(self) -> list[Array]:
         """From the least bent on, a mirror image beside its original, to the right first."""

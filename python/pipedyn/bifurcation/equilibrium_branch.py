@@ -139,7 +139,7 @@ def equilibrium_branch(
     start = statics.from_start("q0", q0)
     with one_thread(model.dof):
         try:
-            x, _ = solve(statics, start, u0)
+            x = solve(statics, start, u0)
             if statics.unbalanced(x, u0) > BALANCED:
                 raise NewtonFailed("forces are left")
         except NewtonFailed as error:
@@ -345,7 +345,7 @@ def _passing(statics: Statics, branch: EquilibriumBranch, u: float) -> Iterator[
         if min(u_a, u_b) <= u <= max(u_a, u_b):
             share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
             try:
-                yield solve(statics, a + share * (b - a), u)[0]
+                yield solve(statics, a + share * (b - a), u)
             except NewtonFailed:
                 continue
 
