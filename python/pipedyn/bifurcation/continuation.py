@@ -278,10 +278,6 @@ class Segment:
         """The point at an arc length."""
         return self.branch.at(self.begin, s, self.guess(s))
 
-    def slope(self, s: float) -> float:
-        """Derivative of the parameter by arc length."""
-        return float(self.at(s).tangent[-1])
-
     def part(self, begin: Point, end: Point) -> Segment:
         """What lies between two of its points."""
         return replace(self, begin=begin, end=end)
@@ -325,7 +321,7 @@ def folds(segment: Segment, rtol: float) -> list[float]:
 
     def slope(s: float) -> float:
         if s not in known:
-            known[s] = segment.slope(s)
+            known[s] = float(segment.at(s).tangent[-1])
         return known[s]
 
     brackets = []
