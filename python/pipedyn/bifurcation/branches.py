@@ -397,7 +397,8 @@ class _Follower:
                     return
                 here = step.end
                 self.pace.append(here.frequency)
-                if self._within(step):
+                low, high = sorted((step.begin.u, here.u))
+                if low <= self.options.speeds[-1] and high >= self.options.speeds[0]:
                     last, beyond = self.noted(step, last), 0
                     if last.multiplier_error > DOUBTFUL:
                         raise NewtonFailed(
@@ -417,11 +418,6 @@ class _Follower:
                 self._ends("infinite period", here, 0.0)
             else:
                 self._stopped(here, str(reason))
-
-    def _within(self, step: OrbitStep) -> bool:
-        """Whether a step comes to speeds given."""
-        low, high = sorted((step.begin.u, step.end.u))
-        return bool(low <= self.options.speeds[-1] and high >= self.options.speeds[0])
 
     def _first(self) -> LimitCycle | None:
         """Cycles at speeds given up to the branch's first; that itself if its speed is one."""
@@ -563,7 +559,10 @@ class _Follower:
         places, ends = [end], [segment.begin]
         for length in folds(segment, FOLD):
             top = self._place(step, length)
-            places.append(replace(top, event=self._fold(step, top)))
+            u, amplitude = top.cycle.u, top.cycle.amplitude
+            error = max(abs(step.at(length + 1e-3 * step.length).u - u), 1e-9)
+            event = CycleEvent("fold", u, error, 1.0 + 0j, amplitude)
+            places.append(replace(top, event=event))
             ends.append(top.point)
             if length - beside > low.length:
                 places += self._crossings(step, low, self._place(step, length - beside))
@@ -582,13 +581,6 @@ class _Follower:
         """A point of a step, solved for where it is not given, and its cycle."""
         point = step.segment.at(length) if point is None else point
         return _Place(length, point, self.described(step.problem.orbit(point.z)))
-
-    def _fold(self, step: OrbitStep, top: _Place) -> CycleEvent:
-        """Where the branch turns."""
-        cycle = top.cycle
-        beside = step.at(top.length + 1e-3 * step.length)
-        error = max(abs(beside.u - cycle.u), 1e-9)
-        return CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
 
     def _crossings(self, step: OrbitStep, low: _Place, high: _Place) -> Iterator[_Place]:
         """Where multipliers cross the unit circle between two places, but for folds.

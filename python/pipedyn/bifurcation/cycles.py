@@ -222,7 +222,7 @@ def _peak(values: Array) -> tuple[float, float]:
 def on_branch(
     motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
 ) -> LimitCycle:
-    """The cycle of an orbit on a branch: its error is taken for granted, but not its multipliers."""
+    """The cycle of an orbit on a branch: its error is given, its multipliers are checked."""
     result = described(motion, orbit, error, samples, how)
     if result.multiplier_error <= DOUBTED:
         return result

@@ -155,19 +155,15 @@ def _branch_points(
         highest: parameter.
         squared: whether they are affine in the square.
     """
-    none = equations.jacobian(x, 0.0)
-    values = [w for w in _singular(none, equations.jacobian(x, 1.0) - none) if w > 0.0]
-    parameters = [math.sqrt(w) if squared else w for w in values]
-    # The null vector of the singular matrix is the direction.
-    return [(p, np.linalg.svd(equations.jacobian(x, p))[2][-1]) for p in parameters if p <= highest]
-
-
-def _singular(a: Array, b: Array) -> list[float]:
-    """Real w, in order, at which a + w b is singular."""
+    a = equations.jacobian(x, 0.0)
+    b = equations.jacobian(x, 1.0) - a
     top, bottom = scipy.linalg.eig(a, -b, right=False, homogeneous_eigvals=True)
     good = np.abs(bottom) > 1e-12 * np.abs(top)  # b has a small rank: the others lie at infinity
     values = top[good] / bottom[good]
-    return sorted(values.real[np.abs(values.imag) <= 1e-9 * np.abs(values)].tolist())
+    real = np.sort(values.real[np.abs(values.imag) <= 1e-9 * np.abs(values)])
+    parameters = [math.sqrt(w) if squared else float(w) for w in real if w > 0.0]
+    # The null vector of the singular matrix is the direction.
+    return [(p, np.linalg.svd(equations.jacobian(x, p))[2][-1]) for p in parameters if p <= highest]
 
 
 def _on_primary_branches(statics: Statics, u: float) -> Iterator[Array]:

@@ -140,20 +140,14 @@ class BranchStart:
 def from_hopf(motion: VectorField, point: HopfPoint) -> BranchStart:
     """At a small amplitude or, where the speed is by then more than `NEAR` off, less."""
     amplitude = SMALL
-    start = _small(motion, point, amplitude)
-    while abs(start.orbit.u - point.speed) > NEAR * point.speed and amplitude > SMALLEST:
+    while True:
+        ring = point.orbit(motion, amplitude, point.speed, point.frequency)
+        rest = np.broadcast_to(point.rest, ring.starts.shape)
+        still = replace(ring, starts=rest, rates=np.zeros_like(ring.rates))
+        start = _beside(motion, ring, still, ring.packed() - still.packed())
+        if abs(start.orbit.u - point.speed) <= NEAR * point.speed or amplitude <= SMALLEST:
+            return start
         amplitude *= 0.3
-        start = _small(motion, point, amplitude)
-    return start
-
-
-def _small(motion: VectorField, point: HopfPoint, amplitude: float) -> BranchStart:
-    """The orbit of a small amplitude, at whatever speed."""
-    ring = point.orbit(motion, amplitude, point.speed, point.frequency)
-    still = replace(
-        ring, starts=np.zeros_like(ring.starts) + point.rest, rates=np.zeros_like(ring.rates)
-    )
-    return _beside(motion, ring, still, ring.packed() - still.packed())
 
 
 def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> BranchStart:
