@@ -745,13 +745,12 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
   check(plain.constraints(y).residual.cwiseAbs().maxCoeff() < 1e-14, "angles meet constraints");
 
   Modules held = modules;
-  held.transverse_springs.push_back({n, 2.0});
-  held.dashpots.push_back({n, 0.5});
-  held.masses.push_back({n, 0.3});
-  held.inertia.add(0, 0, 0.2);
-  held.inertia.add(3 * n - 1, 3 * n - 1, 0.1);
+  Pipe laden = pipe;
+  laden.terms = {pipedyn::make_term("spring", 1.0, {2.0}),
+                 pipedyn::make_term("point_mass", 0.7, {0.3})};
+  held.inertia = {{{0}, {0.4}}, {{static_cast<int>(3 * n - 1)}, {0.3}}};
   for (int i = 0; i < 2; ++i) held.constraints.push_back({Constraint::Kind::guide, n});
-  const Scene scene_held(pipe, held);
+  const Scene scene_held(laden, held);
   scene_held.rhs({y.data(), &u, 1, 0}, nullptr, rates.data());
   const Vector acceleration = rates.tail(3 * n);
   const auto rows = scene_held.constraints(y);
@@ -812,9 +811,8 @@ void check_scenes() {
     check_refused([&] { Scene(Pipe{}, wrong); }, claim);
   };
   refused([](Modules& wrong) { wrong.segments.center.resize(2); }, "a centre short");
-  refused([](Modules& wrong) { wrong.masses.push_back({4, 1.0}); }, "a mass beyond the end");
-  refused([](Modules& wrong) { wrong.masses.push_back({3, -1.0}); }, "a negative mass");
-  refused([](Modules& wrong) { wrong.inertia.add(0, 1, 1.0); }, "an inertia not symmetric");
+  refused([](Modules& wrong) { wrong.segments.length[1] = 0.0; }, "a segment without length");
+  refused([](Modules& wrong) { wrong.inertia = {{{9}, {1.0}}}; }, "an inertia beyond the end");
   refused([](Modules& wrong) { wrong.constraints.push_back({Constraint::Kind::joint, 1}); },
           "a joint at the clamp");
 }
@@ -943,12 +941,13 @@ void check_wild_reduced(Wild& wild) {
 void check_wild_scene(Wild& wild) {
   const Index n = wild.size({1, 2, 3, 8});
   scene = "any scene of " + std::to_string(n);
-  const Pipe pipe = wild.pipe();
-  const auto node = [&] { return 1 + static_cast<Index>(wild.dice.between(0.0, 0.999) * n); };
+  Pipe pipe = wild.pipe();
   Modules modules = chained(wild.segments(n), pipe.damping);
-  modules.transverse_springs.push_back({node(), wild.one_of({0.0, 1e9})});
-  modules.dashpots.push_back({node(), wild.one_of({0.0, 1e9})});
-  modules.masses.push_back({node(), wild.one_of({0.0, 1e-9, 1e6})});
+  const auto add_term = [&](const char* law, double number) {
+    pipe.terms.push_back(pipedyn::make_term(law, wild.dice.between(0.01, 1.0), {number}));
+  };
+  add_term("spring", wild.one_of({0.0, 1e9}));
+  add_term("point_mass", wild.one_of({0.0, 1e-9, 1e6}));
   if (n > 1) {
     const Constraint::Kind kind = n > 2 ? Constraint::Kind::pin : Constraint::Kind::guide;
     modules.constraints.push_back({kind, n, 0.0, 0.9});

@@ -450,8 +450,10 @@ def _pipes() -> Iterator[Target]:
         {"velocity": rows, "areas": array(3, (0.1, 1.0), (0.0, -1.0)), "section": optional(size)},
         told={"areas": "areas|velocity"},
     )
-    yield Target("PointMass", pp.PointMass, {"at": SHARE, "mass": real((0.1, 1.0), -1.0, 1e300)})
-    yield Target("Spring", pp.Spring, {"at": SHARE, "stiffness": real((0.1, 9.0), -1.0, 1e300)})
+    for law in pp.Term.__subclasses__():
+        kinds = {item.name: real((0.1, 1.0), -1.0, 1e300) for item in dataclasses.fields(law)}
+        place = {"at": real((0.01, 0.99), -0.1, 0.0)} if "at" in kinds else {}
+        yield Target(law.__name__, law, kinds | place)
 
 
 def _chains() -> Iterator[Target]:
@@ -497,7 +499,7 @@ def _chains() -> Iterator[Target]:
     yield Target("Continuum.frozen", EXACT.frozen, {"m": count(1, 9, 2001)})
     no_function = any_of(NONE, *NOTHINGS[:12], *WORDS, one_of(3, NAN))
     yield Target(
-        "Continuum.settle",
+        "Continuum.converge",
         EXACT.settle,
         {
             "question": Kind(one_of(lambda rom: rom.dof), no_function),

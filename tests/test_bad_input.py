@@ -68,8 +68,8 @@ def array(name, call, size, bad=(), optional=False):
     yield name, call, []
 
 
-def settled(**given):
-    return EXACT.settle(lambda rom: 0.0, lambda a, b: abs(a - b), **given)
+def converged(**given):
+    return EXACT.converge(lambda rom: 0.0, lambda a, b: abs(a - b), **given)
 
 
 def not_columns():
@@ -190,15 +190,15 @@ CASES = [
     ),
     *(("pipe", lambda v: pp.Continuum(v), v) for v in [None, 0.2, CHAIN, "pipe"]),
     *count("m", lambda v: EXACT.frozen(v), high=[2001]),
-    *(("question", lambda v: EXACT.settle(v, lambda a, b: 0.0), v) for v in [None, "u", 3.0]),
-    *(("distance", lambda v: EXACT.settle(lambda rom: 0.0, v), v) for v in [None, "u", 3.0]),
+    *(("question", lambda v: EXACT.converge(v, lambda a, b: 0.0), v) for v in [None, "u", 3.0]),
+    *(("distance", lambda v: EXACT.converge(lambda rom: 0.0, v), v) for v in [None, "u", 3.0]),
     *(
-        ("distance", lambda v: EXACT.settle(lambda rom: 0.0, v), lambda a, b, v=v: v)
+        ("distance", lambda v: EXACT.converge(lambda rom: 0.0, v), lambda a, b, v=v: v)
         for v in [None, "near", 1j]
     ),
-    *real("tolerance", lambda v: settled(tolerance=v), below=[0.0, -1.0]),
-    *count("smallest", lambda v: settled(smallest=v), high=[1993, 10**9]),
-    *count("largest", lambda v: settled(largest=v), high=[2001, 10**9]),
+    *real("tolerance", lambda v: converged(tolerance=v), below=[0.0, -1.0]),
+    *count("smallest", lambda v: converged(smallest=v), high=[1993, 10**9]),
+    *count("largest", lambda v: converged(largest=v), high=[2001, 10**9]),
     # what models answer
     *real("u", lambda v: CHAIN.operators().at(v), below=[-1e-9]),
     *real("u", lambda v: ROM.operators().at(v), below=[-1.0]),
@@ -377,12 +377,12 @@ IMAGINARY_NAN = np.array([0.0, complex(1.0, NAN), 0.0])
         ),
         (lambda: ROM.from_elastic(np.zeros((2, 3))), "z must have shape (3, ...), got (2, 3)"),
         (
-            lambda: settled(smallest=5000),
+            lambda: converged(smallest=5000),
             "smallest must be from 1 to 1992, got 5000",
         ),
-        (lambda: settled(tolerance=NAN), "tolerance must be finite and > 0, got nan"),
+        (lambda: converged(tolerance=NAN), "tolerance must be finite and > 0, got nan"),
         (
-            lambda: EXACT.settle("speed", lambda a, b: 0.0),
+            lambda: EXACT.converge("speed", lambda a, b: 0.0),
             "question must be a function, got 'speed'",
         ),
     ],

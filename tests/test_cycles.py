@@ -507,7 +507,7 @@ def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
 def test_mesh_intervals_are_not_halved_for_defects_that_are_rounding(damping):
-    """Ten digits take 64 intervals of 8 stages; rounding would ask for a thousand."""
+    """The cycle needs 64 intervals of 8 stages for ten digits; rounding would ask for 1,000."""
     pipe = pp.Pipe(0.2, damping=damping)
     sharp = pp.limit_cycle(pp.Galerkin(pipe, 14, "legendre"), 6.0, rtol=1e-10)
     assert sharp.error <= 1e-10

@@ -12,12 +12,12 @@ import pytest
 import pipedyn as pp
 from pipedyn import modular, plot
 
-MADE_BY_USERS = {pp.Pipe, pp.Chain, pp.Galerkin, pp.Continuum, pp.PointMass, pp.Spring}
+MADE_BY_USERS = {pp.Pipe, pp.Chain, pp.Galerkin, pp.Continuum, *pp.Term.__subclasses__()}
 MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != "Mechanism"}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
 CALLED_WITH_CHECKED = {"braced", "motion_jacobian", "recorded", "require_equilibrium", "start"}
-CALLED_WITH_CHECKED |= {"unbalanced"}
+CALLED_WITH_CHECKED |= {"free_directions", "largest_angle", "pencil", "unbalanced"}
 """Methods that integrators and searches call, with what they have checked."""
 
 

@@ -24,6 +24,14 @@ CLAMPED_PINNED = 4.493409457909064
 EJECTING = pp.Pipe(0.3, 12.0, drag=0.7, damping=0.01)
 ASPIRATING = pp.Pipe(0.4, -3.0, "aspirating", 0.7, drag=1.5)
 
+LADEN = replace(  # places inside segments, on nodes and on the fixed base of some chains below
+    EJECTING,
+    terms=[
+        *(pp.PointMass(0.05, 0.4), pp.PointMass(0.62, 0.3), pp.PointMass(1.0, 0.1)),
+        *(pp.Spring(0.3, 20.0), pp.Spring(0.97, 5.0)),
+    ],
+)
+
 UNEQUAL = {
     "lengths": [0.2, 0.25, 0.15, 0.3],
     "springs": [9.0, 4.0, 7.0, 3.0],
@@ -44,8 +52,6 @@ def slack(n: int, pipe: pp.Pipe = EJECTING, y: float = 0.9) -> md.Assembly:
     return md.chain(pipe, n).plus(md.Pin(n, 0.0, y))
 
 
-DAMPER = md.Custom(nodes=(4,), force=lambda q, v: np.array([-0.8 * v[0], 0.0 * v[1]]))
-
 SCENES: dict[str, Callable[[], md.Assembly]] = {
     "plain": lambda: md.chain(EJECTING, 5),
     "aspirating": lambda: md.chain(ASPIRATING, 6, "midpoint"),
@@ -58,7 +64,7 @@ SCENES: dict[str, Callable[[], md.Assembly]] = {
         pp.PointMass(at=1.0, mass=0.3),
         pp.PointMass(at=0.37, mass=0.1),
         pp.Spring(at=0.6, stiffness=40.0),
-        DAMPER,
+        pp.Damper(at=0.75, coefficient=0.8),
         md.TorsionalSpring(2, 3.0, damping=0.2, rest_angle=0.3),
     ),
     "held twice": lambda: md.chain(EJECTING, 4).plus(md.Joint(3), md.Clamp()),
@@ -150,6 +156,8 @@ def test_redundant_constraints_change_nothing() -> None:
         (ASPIRATING, {"n": 7, "springs": "midpoint"}),
         (EJECTING, UNEQUAL),
         (ASPIRATING, {"n": 1}),
+        (LADEN, {"n": 7}),
+        (LADEN, UNEQUAL),
     ],
 )
 def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
@@ -172,9 +180,10 @@ def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
         np.testing.assert_allclose(scene.tip(y[: 3 * n]), chain.tip(theta), atol=1e-14)
 
 
+@pytest.mark.parametrize("pipe", [EJECTING, LADEN])
 @pytest.mark.parametrize("angles", [None, "bent"])
-def test_the_plain_chain_has_the_operators_of_chain(angles: str | None) -> None:
-    chain, scene = pp.Chain(EJECTING, **UNEQUAL), md.chain(EJECTING, **UNEQUAL)
+def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp.Pipe) -> None:
+    chain, scene = pp.Chain(pipe, **UNEQUAL), md.chain(pipe, **UNEQUAL)
     q = None if angles is None else np.array([0.3, -0.5, 0.8, 0.2])
     mine, theirs = scene.operators(q), chain.operators(q)
     names = ["mass", "gyroscopic", "end_flux", "damping"]
@@ -187,7 +196,7 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None) -> None:
 
 
 @pytest.mark.parametrize("n", [8, 130])
-@pytest.mark.parametrize("pipe", [EJECTING, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
+@pytest.mark.parametrize("pipe", [EJECTING, LADEN, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
 def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> None:
     for u in (0.0, 6.0):
         mine = pp.eigenvalues(md.chain(pipe, n), u, 8)
@@ -196,7 +205,7 @@ def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> 
 
 
 @pytest.mark.parametrize("n", [6, 66])
-def test_the_plain_chain_has_the_passages_of_chain(n: int) -> None:
+def test_the_plain_chain_has_the_crossings_of_chain(n: int) -> None:
     for pipe in (pp.Pipe(0.2), pp.Pipe(0.3, -12.0), pp.Pipe(0.3, flow="aspirating", damping=0.02)):
         mine = pp.crossings(md.chain(pipe, n), 9.0)
         theirs = pp.crossings(pp.Chain(pipe, n), 9.0)
@@ -349,19 +358,19 @@ def test_a_guided_end_diverges_like_the_clamped_pinned_column() -> None:
 
 
 @pytest.mark.parametrize("beta", [0.05, 0.5, 0.9])
-def test_passages_of_a_guided_pipe_meet_the_eigenvalues_on_either_side(beta: float) -> None:
+def test_crossings_of_a_guided_pipe_meet_the_eigenvalues_on_either_side(beta: float) -> None:
     """Divergence, gyroscopic stabilisation and the meeting of modes, counted by numpy."""
     scene = md.chain(pp.Pipe(beta, 20.0), 10).plus(md.Guide(10))
-    passages = pp.crossings(scene, 12.0)
-    assert {"flutter", "divergence"} >= {c.kind for c in passages}
+    crossings = pp.crossings(scene, 12.0)
+    assert {"flutter", "divergence"} >= {c.kind for c in crossings}
     operators, n = scene.operators(), scene.dof
     for u in np.arange(0.13, 12.0, 0.37):
-        if min(abs(c.speed - u) for c in passages) < 1e-2:
+        if min(abs(c.speed - u) for c in crossings) < 1e-2:
             continue
         mass, velocity, stiffness = operators.at(u)
         free = np.linalg.solve(mass, np.hstack([stiffness, velocity]))
         values = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-free]]))
-        passed = [c.unstable_after for c in passages if c.speed < u]
+        passed = [c.unstable_after for c in crossings if c.speed < u]
         assert (passed[-1] if passed else 0) == np.sum(values.real > 1e-5 * (1.0 + np.abs(values)))
 
 
@@ -374,7 +383,7 @@ def test_the_divergence_of_a_conservative_pipe_knows_what_moves_it() -> None:
     assert critical(20.0).sensitivity.speed.gamma == pytest.approx(measured, rel=1e-6)
 
 
-def test_equal_spans_have_passages_though_their_modes_are_close() -> None:
+def test_equal_spans_have_crossings_though_their_modes_are_close() -> None:
     scene = md.chain(pp.Pipe(0.2), 100).plus(*(md.Guide(j) for j in (25, 50, 75, 100)))
     critical = pp.critical_speed(scene)
     dense = pp.critical_speed(

@@ -359,6 +359,7 @@ def test_panels_restore_exponential_convergence():
             legendre=True,
             size=m,
             joints=np.array(joints),
+            more=0,
             nodes=nodes,
             weights=weights,
         )
@@ -453,6 +454,32 @@ def test_many_terms_converge_within_their_error():
     finer = pp.critical_speed(pp.Galerkin(pipe, 90, "legendre"))
     assert abs(found.speed - finer.speed) <= found.error + finer.error
     assert found.error < 1e-8
+
+
+def test_the_error_counts_what_a_short_panel_misses():
+    """With 60 functions the panel of length 0.025 has one more than with any number up to 47."""
+    pipe = pp.Pipe(0.645204, gamma=267.145, terms=(pp.Spring(0.975, 1.75),))
+    found = pp.critical_speed(pp.Continuum(pipe))
+    finer = pp.critical_speed(pp.Galerkin(pipe, 60, "legendre"))
+    assert abs(found.speed - finer.speed) <= found.error < 1e-8
+
+
+@pytest.mark.parametrize("inner", [(0.975,), (0.004, 0.5, 0.99), tuple(np.arange(1, 20) / 20)])
+def test_a_larger_basis_of_the_continuum_has_more_functions_on_every_panel(inner):
+    pipe = pp.Pipe(0.2, terms=[pp.Spring(at, 1.0) for at in inner])
+    ends = [0.0, *inner, 1.0]
+    places = [0.3 * low + 0.7 * high for low, high in pairwise(ends)]
+    counts = []
+
+    def question(model):
+        counts.append((np.abs(model.functions(places, 2)) > 0.0).sum(axis=1))
+        assert counts[-1].sum() == model.dof
+        return model.dof
+
+    with pytest.raises(pp.NotConverged):
+        pp.Continuum(pipe).converge(question, lambda a, b: 1.0, largest=200)
+    assert len(counts) > 5
+    assert (np.diff(counts, axis=0) >= 1).all()
 
 
 def test_terms_side_by_side_are_as_at_one_place():

@@ -27,6 +27,11 @@ namespace {
 /// Name of the law, arc length, the law's numbers.
 using TermArguments = std::tuple<std::string, double, std::vector<double>>;
 
+Basis basis_of(bool legendre, pipedyn::Index size, const pipedyn::Vector& joints,
+               pipedyn::Index more) {
+  return Basis(legendre ? Family::legendre : Family::beam, size, joints, more);
+}
+
 /// Work of a state, in that of a chain's segment.
 py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const GalerkinMotion& motion) { return 4 * motion.dof() * motion.dof(); }
@@ -134,7 +139,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
            "terms"_a = std::vector<TermArguments>{})
-      .def_property_readonly("direction", &Pipe::direction);
+      .def_property_readonly("direction", &Pipe::direction)
+      .def_property_readonly("resisted",
+                             [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 
   py::class_<Operators>(m, "Operators")
       .def_readonly("mass", &Operators::mass)
@@ -174,12 +181,12 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
 
   py::class_<Galerkin>(m, "Galerkin")
       .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
-                       const pipedyn::Vector& joints, pipedyn::Vector nodes,
+                       const pipedyn::Vector& joints, pipedyn::Index more, pipedyn::Vector nodes,
                        pipedyn::Vector weights) {
-             return Galerkin(pipe, Basis(legendre ? Family::legendre : Family::beam, size, joints),
-                             std::move(nodes), std::move(weights));
+             return Galerkin(pipe, basis_of(legendre, size, joints, more), std::move(nodes),
+                             std::move(weights));
            }),
-           "pipe"_a, "legendre"_a, "size"_a, "joints"_a, "nodes"_a, "weights"_a)
+           "pipe"_a, "legendre"_a, "size"_a, "joints"_a, "more"_a, "nodes"_a, "weights"_a)
       .def("operators", &Galerkin::operators, Unlocked())
       .def(
           "basis",
@@ -191,20 +198,21 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
   m.def(
       "most_on_a_panel",
-      [](pipedyn::Index size, const pipedyn::Vector& joints) {
-        return Basis(Family::legendre, size, joints).most_on_a_panel();
+      [](pipedyn::Index size, const pipedyn::Vector& joints, pipedyn::Index more) {
+        return basis_of(true, size, joints, more).most_on_a_panel();
       },
-      "size"_a, "joints"_a);
+      "size"_a, "joints"_a, "more"_a);
 
   py::class_<GalerkinMotion> galerkin_motion(m, "GalerkinMotion");
   galerkin_motion
       .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
-                       const pipedyn::Vector& joints, pipedyn::Index least_nodes) {
-             return std::make_unique<GalerkinMotion>(
-                 pipe, Basis(legendre ? Family::legendre : Family::beam, size, joints),
-                 least_nodes);
+                       const pipedyn::Vector& joints, pipedyn::Index more,
+                       pipedyn::Index least_nodes) {
+             return std::make_unique<GalerkinMotion>(pipe, basis_of(legendre, size, joints, more),
+                                                     least_nodes);
            }),
-           "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "least_nodes"_a = 0)
+           "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,
+           "least_nodes"_a = 0)
       .def("nodes", &GalerkinMotion::nodes, "q"_a, Unlocked())
       .def("operators", &GalerkinMotion::operators, "q"_a, Unlocked());
   define_motion(galerkin_motion);

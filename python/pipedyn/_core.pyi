@@ -42,6 +42,8 @@ class Pipe:
     ) -> None: ...
     @property
     def direction(self) -> float: ...
+    @property
+    def resisted(self) -> bool: ...
 
 class Operators:
     @property
@@ -136,6 +138,7 @@ class Galerkin:
         legendre: bool,
         size: typing.SupportsInt | typing.SupportsIndex,
         joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        more: typing.SupportsInt | typing.SupportsIndex,
         nodes: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         weights: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     ) -> None: ...
@@ -157,6 +160,7 @@ class GalerkinMotion:
         legendre: bool,
         size: typing.SupportsInt | typing.SupportsIndex,
         joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        more: typing.SupportsInt | typing.SupportsIndex = 0,
         least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
@@ -312,6 +316,7 @@ class Scene:
 def most_on_a_panel(
     size: typing.SupportsInt | typing.SupportsIndex,
     joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    more: typing.SupportsInt | typing.SupportsIndex,
 ) -> int: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(

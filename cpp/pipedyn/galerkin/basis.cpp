@@ -64,9 +64,13 @@ Matrix legendre_functions(const Vector& s, Index count, int derivative) {
   return out;
 }
 
+/// Of a panel of length h the function of degree k > 1 moves a mass of about (h / k)^4 / 100: at
+/// this length 1e-15 with k = 6, below which eigenvalues are rounding.
+constexpr double shortest_enriched = 3e-3;
+
 }  // namespace
 
-Basis::Basis(Family family, Index m, const Vector& joints)
+Basis::Basis(Family family, Index m, const Vector& joints, Index more)
     : family_(family), size_(m), ends_(joints.size() + 2) {
   if (m < 1) throw std::invalid_argument("a basis must have at least one function");
   if (family == Family::beam) {
@@ -87,9 +91,11 @@ Basis::Basis(Family family, Index m, const Vector& joints)
   numbers_.resize(static_cast<std::size_t>(panels));
   const auto claim = [&](Index panel) {
     const double length = lengths[panel];
-    const double few = length < 0.03 ? std::floor(-6.0 / std::log10(length)) : 4.0;
+    double few = length < 0.03 ? std::floor(-6.0 / std::log10(length)) : 4.0;
+    if (length >= shortest_enriched) few += static_cast<double>(more);
     const auto has = static_cast<double>(numbers_[static_cast<std::size_t>(panel)].size());
-    return has > few ? length / (has - few) : length + 6.0 - has;  // 1 at most, 1 at least
+    const double most = 6.0 + static_cast<double>(more);
+    return has > few ? length / (has - few) : length + most - has;  // 1 at most, 1 at least
   };
   Vector claims(panels);
   for (Index panel = 0; panel < panels; ++panel) claims[panel] = claim(panel);

@@ -30,9 +30,10 @@ enum class Family {
 /// shortest, where h^f < 1e-6, the size of its Legendre coefficients there, comes first.
 class Basis {
  public:
-  /// joints: inner ends of the panels, ascending; none for beam modes. Throws
-  /// std::invalid_argument unless 0 < joints < 1 ascend and m is at least the number of panels.
-  Basis(Family family, Index m, const Vector& joints = Vector());
+  /// joints: inner ends of the panels, ascending; none for beam modes. more: added to f on panels
+  /// where that many functions still move a mass above rounding. Throws std::invalid_argument
+  /// unless 0 < joints < 1 ascend and m is at least the number of panels.
+  Basis(Family family, Index m, const Vector& joints = Vector(), Index more = 0);
 
   Family family() const { return family_; }
   Index size() const { return size_; }

@@ -9,11 +9,13 @@ namespace pipedyn {
 
 namespace {
 
-/// A row of constraints this small against its coefficients says nothing new.
+/// A row of constraints this small against its coefficients follows from others: rounding leaves
+/// some 1e-16 a stage of such a row.
 constexpr double redundant = 1e-10;
-/// A living coordinate that sees a variable this little does not see it.
+/// A living coordinate that depends on a variable to this does so by rounding.
 constexpr double unseen = 1e-15;
-/// An inertia this small against the front's is none, both as square roots.
+/// An inertia this small against the front's is none, both as square roots: a gyration radius of
+/// 1e-13 L.
 constexpr double massless = 1e-13;
 /// Of squares; what is left of rounding after many stages would underflow.
 constexpr double nothing = 1e-200;

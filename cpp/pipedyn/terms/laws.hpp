@@ -4,6 +4,8 @@
 // vector/pack.hpp.
 #pragma once
 
+#include "pipedyn/terms/damper.hpp"
+#include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/spring.hpp"
 
@@ -27,6 +29,8 @@ struct LawTable {
 };
 
 using Laws = LawTable<PointMass,  //
-                      Spring>;
+                      Spring,     //
+                      Damper,     //
+                      Foundation>;
 
 }  // namespace

@@ -27,4 +27,15 @@ Term make_term(const std::string& law, double at, const std::vector<double>& num
   return term;
 }
 
+bool resist(const Terms& terms) {
+  return std::any_of(terms.begin(), terms.end(), [](const Term& term) {
+    bool resists = false;
+    const Station<double> straight{0.0, term.at, 0.0, 1.0, 0.0, 0.0, 0.0};
+    Laws::with(term, [&](const auto& law) {
+      for (const auto& row : law.slopes(straight).by_velocity) resists |= row[0] != 0.0;
+    });
+    return resists;
+  });
+}
+
 }  // namespace pipedyn

@@ -19,4 +19,7 @@ using Terms = std::vector<Term>;
 /// lies in (0, 1] where the law acts at one place, and there are at most three numbers.
 Term make_term(const std::string& law, double at, const std::vector<double>& numbers);
 
+/// Whether one of them resists small velocities of the straight pipe.
+bool resist(const Terms& terms);
+
 }  // namespace pipedyn

@@ -410,7 +410,7 @@ def _growth(pipe: Pipe, u: float) -> float:
     try:
         return (
             Continuum(pipe)
-            .settle(
+            .converge(
                 least_damped,
                 lambda a, b: abs(a - b) / max(abs(b), 1.0),
                 tolerance=1e-8,

@@ -199,7 +199,7 @@ def _search(
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
         return _Search(model, (), 0)  # the flow acts on nothing
-    if not is_weakly_damped(pipe) or (isinstance(model, Model) and model.resisted):
+    if not is_weakly_damped(pipe) or model.resisted:
         return _search_once(model, max_speed, until)
     solved = strengthened(model.pipe)
     found = [_search_once(model.with_pipe(pipe), max_speed, until) for pipe in solved]
@@ -225,14 +225,14 @@ def _search_once(
             )
         model.require_equilibrium(0.0, max_speed)
         return _Search(model, crossings_of(model, _sweep(model, max_speed, until)), model.dof)
-    settled = model.settle(
+    continuous = model.converge(
         lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _trusted(rom))),
         _difference,
         smallest=max(16, math.ceil(0.8 * max_speed) + 8),
     )
-    moved = settled.error
-    found = tuple(replace(c, error=2.0 * c.error + moved * c.speed) for c in settled.value)
-    return _Search(model, found, settled.size, moved)
+    moved = continuous.error
+    found = tuple(replace(c, error=2.0 * c.error + moved * c.speed) for c in continuous.value)
+    return _Search(model, found, continuous.size, moved)
 
 
 def _trusted(rom: Galerkin) -> int | None:

@@ -3,7 +3,7 @@
 
 Each step of a tracked sweep (see `tracking`) gives a cubic for the real part of a branch.
 The step is believed where no extremum of the cubic lies closer to the axis than the cubic's own
-error, and halved elsewhere; so a branch that touches the axis between two samples, or passes it
+error, and halved otherwise; so a branch that touches the axis between two samples, or passes it
 twice, is found. Each crossing is then polished by Newton's method with d lambda / du on the model.
 
 A real part within rounding of zero has no sign: such a branch stays what it was, stable or not,
@@ -33,14 +33,17 @@ from pipedyn.linear.tracking import (
     tracked_steps,
 )
 from pipedyn.models.base import NotConverged
-from pipedyn.models.galerkin import Galerkin
+from pipedyn.util.newton import NewtonFailed, newton
 
 Flags = NDArray[np.bool_]
 
-WORST = 1e-3
+Iterate = tuple[float, complex, Complex]
+"""u, lambda and its right vector."""
+
+LARGEST_ERROR = 1e-3
 """Relative error of a crossing's speed beyond which it is no result."""
 
-HEAVY = 100.0
+LARGE_GRAVITY = 100.0
 """gamma beyond which weight rather than stiffness sets the speeds at which the flow is felt."""
 
 HIGH_DAMPING = 0.3
@@ -107,9 +110,7 @@ class CrossingSearch:
         self.tracked = problem.dof if tracked is None else tracked
         self.trusted = self.tracked if trusted is None else trusted
         # Legendre's highest third is not the pipe's and heavily damped: matched, but not tracked.
-        model, self.certain = problem.model, self.tracked
-        if isinstance(model, Galerkin) and model.basis == "legendre":
-            self.certain = max(1, (2 * model.resolution) // 3)
+        self.certain = min(self.tracked, problem.model.resolved_modes)
         self.modes: Indices = np.zeros(0, dtype=np.intp)
         self.unstable: Flags = np.zeros(0, dtype=np.bool_)
 
@@ -137,7 +138,7 @@ class CrossingSearch:
             self.move(step)
             found += self._collapse(step, unstable + sum(crossing.change for crossing in found))
             for crossing in sorted(found, key=lambda crossing: crossing.speed):
-                if crossing.error > WORST * crossing.speed + 1e-12:
+                if crossing.error > LARGEST_ERROR * crossing.speed + 1e-12:
                     raise NotConverged(
                         f"a crossing near u = {crossing.speed:.6g} is known to "
                         f"{crossing.error:.1e} only: rounding hides the eigenvalue's real part",
@@ -330,12 +331,17 @@ class CrossingSearch:
         a, b = step.left.values[roots].real, step.right.values[onto].real
         c1 = step.left.slopes[roots].real * step.length
         end_slope = step.right.slopes[onto].real * step.length
+        # Slopes within their rounding say nothing, at any length: the line through both ends does.
+        hidden = (np.abs(step.left.slopes[roots].real) < step.left.slope_noise[roots]) | (
+            np.abs(step.right.slopes[onto].real) < step.right.slope_noise[onto]
+        )
+        c1, end_slope = np.where(hidden, b - a, c1), np.where(hidden, b - a, end_slope)
         c2, c3 = 3.0 * (b - a) - 2.0 * c1 - end_slope, 2.0 * (a - b) + c1 + end_slope
         noise = np.maximum(step.left.noise[roots], step.right.noise[onto])
         noise[step.left.values[roots] == 0.0] = np.inf
         # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
         misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
-        band = 2.0 * misfit + 1e-4 * step.error[roots]
+        band = np.where(hidden, 0.0, 2.0 * misfit + 1e-4 * step.error[roots])
         if self.problem.is_conservative:  # tracking sees two roots meet and leave the axis
             ends = np.stack([a, b, c1, end_slope])
             band[(np.abs(ends) <= noise).all(axis=0)] = 0.0
@@ -369,29 +375,38 @@ class CrossingSearch:
             if divergence is not None:
                 return divergence
         u = step.left.u + t * step.length
-        guess = complex(step.hermite(np.array([root]), np.array([t]))[0, 0])
-        vector = step.left.pairs.right[:, root]
         slack = 1e-9 * (1.0 + u) + 0.1 * step.length
-        last = math.inf
-        for _ in range(12):
-            pair = problem.refine(u, guess, vector)
-            slope = complex(problem.slopes(u, pair)[0])
-            value, _ = self._sharp(u, pair)
+
+        def refined(near: Iterate) -> tuple[Eigenpairs, complex, complex]:
+            pair = problem.refine(*near)
+            slope = complex(problem.slopes(near[0], pair)[0])
+            return pair, slope, self._sharp(near[0], pair)[0]
+
+        def correction(near: Iterate) -> tuple[Iterate, float]:
+            pair, slope, value = refined(near)
             change = -value.real / slope.real if slope.real else math.inf
-            if not step.left.u - slack <= u + change <= step.right.u + slack:
-                break
-            u, vector = max(u + change, 0.0), pair.right[:, 0]
-            guess = value + slope * change
-            if abs(change) <= 4e-16 * u or abs(change) >= last:
-                break
-            last = abs(change)
-        pair = problem.refine(u, guess, vector)
-        slope = complex(problem.slopes(u, pair)[0])
-        value, _ = self._sharp(u, pair)
-        there = step.hermite(np.array([root]), np.array([(u - step.left.u) / step.length]))[0, 0]
+            if not step.left.u - slack <= near[0] + change <= step.right.u + slack:
+                raise NewtonFailed("Newton's method left the step", near)
+            moved = max(near[0] + change, 0.0), value + slope * change, pair.right[:, 0]
+            return moved, abs(change)
+
+        last: Iterate = u, step.expected(root, u), step.left.pairs.right[:, root]
+        try:
+            last = newton(
+                *(last, correction, lambda before, moved, share: moved),
+                tolerance=4e-16,
+                stagnation=math.inf,
+                slower=1.0,
+                iterations=12,
+                scale=lambda near: near[0],
+            ).state
+        except NewtonFailed as failed:  # what is there is judged by where the step has the root
+            last = failed.state
+        u = last[0]
+        pair, slope, value = refined(last)
         tolerance = 1e-6 * (1.0 + abs(value))
-        strayed = abs(value - there) > 4.0 * step.error[root] + tolerance
-        if (slope.real > 0.0) != rising or strayed or abs(value.real) > tolerance:
+        another = abs(value - step.expected(root, u)) > 4.0 * step.error[root] + tolerance
+        if (slope.real > 0.0) != rising or another or abs(value.real) > tolerance:
             u = self._bisect(step, root)
             near = self._nearest(u, step, root)
             pair, slope = near.pairs, complex(near.slopes[0])
@@ -433,8 +448,7 @@ class CrossingSearch:
 
         def square(u: float) -> float:
             at = self.take(u)
-            t = np.array([(u - step.left.u) / step.length])
-            near = np.argsort(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0]))
+            near = np.argsort(np.abs(at.values - step.expected(root, u)))
             one, other = at.values[near[:2]]
             return float(((one - other) ** 2).real)
 
@@ -455,10 +469,10 @@ class CrossingSearch:
     def _nearest(self, u: float, step: Step, root: int) -> Sample:
         """The root's own eigenvalue at a speed within the step."""
         at = self.take(u)
-        t = np.array([(u - step.left.u) / step.length])
-        where = int(np.argmin(np.abs(at.values - step.hermite(np.array([root]), t)[0, 0])))
+        where = int(np.argmin(np.abs(at.values - step.expected(root, u))))
         pairs, own = at.pairs.take([where]), [where]
-        return Sample(u, pairs, at.slopes[own], at.noise[own], at.signatures[own])
+        slopes, noise = at.slopes[own], at.noise[own]
+        return Sample(u, pairs, slopes, noise, at.slope_noise[own], at.signatures[own])
 
     def _bisect(self, step: Step, root: int) -> float:
         def real_part(u: float) -> float:
@@ -476,7 +490,7 @@ def longest_step(gamma: float) -> float:
     Near the free end of a heavy hanging pipe, where its weight no longer stretches it, lengths are
     in gamma^(-1/3) and flow speeds in gamma^(1/3).
     """
-    return LONGEST_STEP * float(np.cbrt(1.0 + max(gamma, 0.0) / HEAVY))
+    return LONGEST_STEP * float(np.cbrt(1.0 + max(gamma, 0.0) / LARGE_GRAVITY))
 
 
 def _refuse_twins(found: list[AxisCrossing]) -> None:

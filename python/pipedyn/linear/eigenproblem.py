@@ -167,7 +167,7 @@ class Eigenproblem:
 
     def size(self, u: float) -> float:
         """Size of the stiffness matrix, elastic stiffness being 1."""
-        return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.fitted_size
+        return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.term_stiffness
 
     def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
         """Relative residual of each pair, shape (r,)."""
@@ -238,6 +238,8 @@ class Eigenproblem:
         hidden = (values.imag != 0.0) & (np.abs(values.real) < 1e3 * uncertain) & pairs.converged
         if u > 0.0:
             hidden &= uncertain > SLOW_GROWTH
+        if self.stiff is not None:  # elastic coordinates do not hold their vectors
+            hidden &= ~is_stiff(values)
         if pairs.left is None or not hidden.any():
             return values, uncertain
         # Near a double root vectors are worse than values: y^H P' x is small beside x^H P' x there.

@@ -15,7 +15,7 @@ from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem, eigen
 from pipedyn.linear.eigensolver import lowest
 from pipedyn.linear.tracking import Cluster, sample, tracked_steps
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.models.continuum import AnyModel, Continuum, Settled, checked_model, relative
+from pipedyn.models.continuum import AnyModel, Continuum, Converged, checked_model, relative
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.progress import track
@@ -155,20 +155,16 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     if isinstance(model, Continuum):
         if count is None:
             raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
-        if count > CONTINUUM_COUNT:
-            raise ValueError(
-                f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}"
-            )
-        asked = count
-        settled = model.settle(
+        asked = _continuum_count(count)
+        continuous = model.converge(
             lambda rom: _modes(rom, u, asked),
             lambda a, b: relative(a.eigenvalues, b.eigenvalues),
-            smallest=max(16, count),
+            smallest=max(16, asked),
         )
-        found = settled.value
+        found = continuous.value
         return Modes(
             *(u, found.eigenvalues, found.shapes, found.residuals, found.converged),
-            *(settled.size, settled.error),
+            *(continuous.size, continuous.error),
         )
     if count is not None and count > 2 * model.dof:
         raise ValueError(f"count must be at most 2 dof = {2 * model.dof}, got {count}")
@@ -180,6 +176,12 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         _check_table(count, model)
     model.require_equilibrium(u)
     return _modes(model, u, count)
+
+
+def _continuum_count(count: int) -> int:
+    if count > CONTINUUM_COUNT:
+        raise ValueError(f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}")
+    return count
 
 
 def _check_table(count: int, model: Model) -> None:
@@ -281,21 +283,18 @@ def root_loci(
             raise ValueError(
                 f"speeds must be at most {CONTINUUM_SPEED:g} for a Continuum, got {at[-1]:g}"
             )
-        if count > CONTINUUM_COUNT:
-            raise ValueError(
-                f"count must be at most {CONTINUUM_COUNT} for a Continuum, got {count}"
-            )
+        count = _continuum_count(count)
         smallest = max(16, 3 * count, math.ceil(at[-1]))
-        settled: Settled[RootLoci] = model.settle(
+        continuous: Converged[RootLoci] = model.converge(
             lambda rom: _root_loci(rom, at, count, shown),
             partial(_moved, delta=model.pipe.damping),
             tolerance=1e-8,
             smallest=smallest,
             largest=smallest + 32,
         )
-        found = settled.value
+        found = continuous.value
         scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
-        moved = np.where(_overdamped(found, model.pipe.damping), np.inf, settled.error * scale)
+        moved = np.where(_overdamped(found, model.pipe.damping), np.inf, continuous.error * scale)
         return replace(found, errors=found.errors + moved)
     if count > model.dof:
         raise ValueError(f"count must be at most dof = {model.dof}, got {count}")

@@ -11,7 +11,6 @@ import numpy as np
 from pipedyn.linear.crossings import AxisCrossing, Sweep
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import Model
-from pipedyn.models.chain import Chain
 from pipedyn.util.check import Array
 from pipedyn.util.result import result
 
@@ -144,8 +143,8 @@ def _sensitivity(model: Model, crossing: AxisCrossing) -> Sensitivity | None:
     if pipe.flow == "aspirating":
         alpha = split(moved(u**2 * problem.flux(x)))
     springs: tuple[Array | None, Array | None] = (None, None)
-    if isinstance(model, Chain):
-        scale = model.elastic_scale**2 * (1.0 + pipe.damping * value)
+    if model.stiffness_by_springs is not None:
+        scale = model.stiffness_by_springs * (1.0 + pipe.damping * value)
         springs = split(-(y[:, 0].conj() * scale * x[:, 0]) / down)
     speed, frequency = (
         Derivatives(

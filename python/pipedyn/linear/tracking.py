@@ -65,6 +65,11 @@ class Cluster:
         return result
 
 
+SLOPE_NOISE = 10.0
+"""Rounding of Re d lambda / du, in that of lambda: measured on 80 segments with a tip mass, at most
+7 at u = 0.003 and less beyond, 0.1 at u = 3."""
+
+
 @dataclass(frozen=True)
 class Sample:
     """The lowest eigenvalues at one speed.
@@ -74,6 +79,8 @@ class Sample:
         pairs: eigenvalues with both vectors.
         slopes: d lambda / du, shape (r,).
         noise: how far rounding may have moved each eigenvalue, shape (r,).
+        slope_noise: the same of the real part of a slope, shape (r,); 0 where it does not matter,
+            since the eigenvalue itself is no better known.
         signatures: Krein signature of each eigenvalue of a conservative system on the imaginary
             axis, -1 or 1, and 0 for all others, shape (r,): two alike pass through each other
             there and stay on the axis.
@@ -83,6 +90,7 @@ class Sample:
     pairs: Eigenpairs
     slopes: Complex
     noise: Array
+    slope_noise: Array
     signatures: NDArray[np.int8]
 
     @property
@@ -131,19 +139,19 @@ class Step:
         a, b = self.left.values[roots], self.right.values[self.onto[roots]]
         da = self.left.slopes[roots] * self.length
         db = self.right.slopes[self.onto[roots]] * self.length
-        return hermite(a, b, da, db, t)
+        a, b, da, db = (values[:, None] for values in (a, b, da, db))
+        result: Complex = (
+            a * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+            + b * (3.0 - 2.0 * t) * t**2
+            + da * t * (1.0 - t) ** 2
+            - db * t**2 * (1.0 - t)
+        )
+        return result
 
-
-def hermite(a: Complex, b: Complex, da: Complex, db: Complex, t: Array) -> Complex:
-    """Cubics with values a, b and slopes da, db at t = 0 and 1, shape (len(a), len(t))."""
-    a, b, da, db = (np.asarray(v)[:, None] for v in (a, b, da, db))
-    result: Complex = (
-        a * (1.0 + 2.0 * t) * (1.0 - t) ** 2
-        + b * (3.0 - 2.0 * t) * t**2
-        + da * t * (1.0 - t) ** 2
-        - db * t**2 * (1.0 - t)
-    )
-    return result
+    def expected(self, root: int, u: float) -> complex:
+        """Where the cubic of one root has it at a speed within the step."""
+        t = (u - self.left.u) / self.length
+        return complex(self.hermite(np.array([root]), np.array([t]))[0, 0])
 
 
 def pairs_at(problem: Eigenproblem, u: float, count: int | None) -> Eigenpairs:
@@ -164,9 +172,11 @@ def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
     slopes = problem.slopes(u, pairs)
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
     noise = _noise(problem.uncertainties(u, pairs), pairs.values)
+    slope_noise = np.zeros(noise.size)
     if not problem.is_conservative:
-        values, noise = problem.sharpened(u, pairs, noise)
-        pairs = replace(pairs, values=values)
+        values, sharp = problem.sharpened(u, pairs, noise)
+        slope_noise = np.where(sharp < noise, SLOPE_NOISE * noise, 0.0)
+        noise, pairs = sharp, replace(pairs, values=values)
     signatures = np.zeros(pairs.values.size, dtype=np.int8)
     if problem.is_conservative:
         # Eigenvalues come in fours: what is on the axis is there exactly, and moves along it.
@@ -176,7 +186,7 @@ def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
         # The sign of x^H (2 omega M - i G) x, a mode's energy by its frequency.
         energy = problem.derivative(u, pairs.values, pairs.right, pairs.right).imag
         signatures[on_axis] = np.sign(energy[on_axis])
-    return Sample(u, pairs, slopes, noise, signatures)
+    return Sample(u, pairs, slopes, noise, slope_noise, signatures)
 
 
 def _noise(uncertain: Array, values: Complex) -> Array:

@@ -188,8 +188,8 @@ class Model(ABC):
         return False
 
     @property
-    def fitted_size(self) -> float:
-        """What other parts than the pipe add to the stiffness of elastic coordinates, about."""
+    def term_stiffness(self) -> float:
+        """Bound on the norm of what terms and modules add to the stiffness, elastic coordinates."""
         return 0.0
 
     @property
@@ -200,12 +200,22 @@ class Model(ABC):
     @property
     def resisted(self) -> bool:
         """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
-        return False
+        return core_pipe(self.pipe).resisted
 
     @property
     def elastic_share(self) -> Array:
         """Elastic stiffness by the elastic coordinates: 1 each, less where a joint has none."""
         return np.ones(self.dof)
+
+    @property
+    def stiffness_by_springs(self) -> Array | None:
+        """Derivative of each elastic stiffness by its spring, (dof,); None without springs."""
+        return None
+
+    @property
+    def resolved_modes(self) -> int:
+        """How many modes, from the lowest, need tracking: all, or those that are the pipe's."""
+        return self.dof
 
     @property
     def stations(self) -> Array:
@@ -241,7 +251,19 @@ class Model(ABC):
 
     @abstractmethod
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Linear operators in q about a configuration at rest, the straight pipe where not given.
+        """Linear operators in q about a configuration at rest.
+
+        Mass, gyroscopic, end_flux and damping are what multiplies q'' and q' there; at rest drag
+        has no linear part. stiffness is the derivative of the forces of bending, gravity and terms,
+        flux that of the follower force. Small motions about q obey them where q is an equilibrium
+        at the speed in question; elsewhere `jacobian` at rest has besides these the derivative of
+        the mass, -M^-1 (dM/dq q'').
+
+        Args:
+            q: coordinates, shape (dof,); the straight pipe where not given.
+
+        Returns:
+            Six matrices, each (dof, dof).
 
         Raises:
             ValueError: for coordinates out of range or of another shape, or more than 4000 degrees
@@ -263,11 +285,42 @@ class Model(ABC):
 
     @abstractmethod
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
-        """dy/dt of the state y = [q, q'], shape (2 dof,) or (2 dof, k); u a number or (k,)."""
+        """Rate of the state, geometrically exact at any amplitude.
+
+        Flow, gravity, bending, Kelvin-Voigt damping, quadratic drag and terms, each only where the
+        pipe has it. A batch is one call; its members go through the processor's vectors together.
+        Several threads may call one model at once.
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [q, q'], shape (2 dof,), or (2 dof, k) for k states; k may be 0.
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+
+        Returns:
+            dy/dt = [q', q''], of the shape of y.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, or a speed below 0.
+            TypeError: for what is no array of real numbers.
+        """
 
     @abstractmethod
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        """Derivative of `rhs` with respect to the state, analytic, shape (2 dof, 2 dof)."""
+        """Derivative of `rhs` with respect to the state, analytic.
+
+        Args:
+            t: time; nothing depends on it.
+            y: state [q, q'], shape (2 dof,).
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
+
+        Returns:
+            d(dy/dt)/dy, shape (2 dof, 2 dof). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
+
+        Raises:
+            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 4000
+                segments of a chain.
+            TypeError: for what is no array of real numbers.
+        """
 
     @property
     @abstractmethod
@@ -344,7 +397,18 @@ class Model(ABC):
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        """Centreline (x, y) at arc lengths s, shape (len(s), 2); x transverse, y downward."""
+        """Centreline (x, y) at arc lengths s, inextensible at any amplitude.
+
+        Args:
+            q: coordinates, shape (coordinates,).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
+
+        Returns:
+            x transverse and y downward, shape (k, 2).
+
+        Raises:
+            ValueError: for coordinates or arc lengths out of range or of another shape.
+        """
 
     @abstractmethod
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
@@ -367,7 +431,18 @@ class Model(ABC):
 
     @abstractmethod
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end, exact, (k, 2), for k states, (coordinates, k)."""
+        """Velocities (x', y') of the free end in L / T, exact.
+
+        Args:
+            q: coordinates of k states, shape (coordinates, k).
+            qdot: their rates, of the same shape.
+
+        Returns:
+            Shape (k, 2).
+
+        Raises:
+            ValueError, TypeError: for what has another shape, or is not of finite real numbers.
+        """
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:

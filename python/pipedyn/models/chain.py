@@ -41,7 +41,7 @@ class Chain(Model):
 
     Coordinates: the angles theta_j of the segments from the straight pipe, shape (n,), from the
     clamp to the free end. The terms of the pipe act where they are, anywhere along a segment; what
-    acts at a place of the fixed base moves nothing.
+    acts at a place of the fixed base moves nothing. `rhs` takes O(n), `jacobian` O(n^2).
 
     Args:
         pipe: the pipe.
@@ -191,7 +191,6 @@ class Chain(Model):
 
     @property
     def motion(self) -> _core.Chain:
-        """The compiled chain."""
         return self.core
 
     def braced(self, springs: Array) -> _core.Chain:
@@ -199,7 +198,7 @@ class Chain(Model):
         return self._with_springs(self._springs + springs)
 
     def __getstate__(self) -> dict[str, Any]:
-        of_pipe = ("core", "resistances", "fitted_size")
+        of_pipe = ("core", "resistances", "term_stiffness")
         return {name: value for name, value in self.__dict__.items() if name not in of_pipe}
 
     def __repr__(self) -> str:
@@ -208,12 +207,10 @@ class Chain(Model):
 
     @property
     def pipe(self) -> Pipe:
-        """The pipe."""
         return self._pipe
 
     @property
     def dof(self) -> int:
-        """Number of segments n."""
         return self._lengths.size
 
     @property
@@ -228,7 +225,6 @@ class Chain(Model):
 
     @property
     def linear_cost(self) -> bool:
-        """True: forces are summed in one pass along the chain."""
         return True
 
     @property
@@ -267,7 +263,6 @@ class Chain(Model):
         return ChainPencil(self) if long else DensePencil(self)
 
     def with_pipe(self, pipe: Pipe) -> Chain:
-        """The same segments and springs with another pipe's numbers."""
         other = Chain.__new__(Chain)
         other.__dict__.update(self.__getstate__())
         other._pipe = checked_pipe(pipe)
@@ -280,9 +275,13 @@ class Chain(Model):
 
     @property
     def elastic_share(self) -> Array:
-        """Elastic stiffness of each elastic coordinate, shape (n,)."""
         share: Array = self._springs * self.elastic_scale**2
         return share
+
+    @property
+    def stiffness_by_springs(self) -> Array | None:
+        derivative: Array = self.elastic_scale**2
+        return derivative
 
     @cached_property
     def resistances(self) -> Array:
@@ -294,14 +293,9 @@ class Chain(Model):
         """
         return _frozen(self.core.resistances())
 
-    @property
-    def resisted(self) -> bool:
-        """Whether a term of the pipe damps."""
-        return bool(self.pipe.terms) and bool(self.resistances[:, 3:6].any())
-
     @cached_property
-    def fitted_size(self) -> float:
-        """Trace, about, of what terms add to the stiffness in elastic coordinates."""
+    def term_stiffness(self) -> float:
+        # The trace of what is added, each part of it with its absolute value.
         if not self.pipe.terms:
             return 0.0
         zeroth, first, second, _, _, _, own = self.resistances.T
@@ -324,96 +318,27 @@ class Chain(Model):
         return np.minimum(self._base + np.cumsum(self._lengths), 1.0)
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Linear operators about a configuration at rest, in the angles theta.
-
-        Mass, gyroscopic, end_flux and damping are what multiplies theta'' and theta' there; at rest
-        drag has no linear part. stiffness is the derivative of the moments of springs, gravity and
-        terms, flux that of the follower force's. Small motions about q obey them where q is an
-        equilibrium at the speed in question; elsewhere `jacobian` at rest has besides these the
-        derivative of the mass, -M^-1 (dM/dq q'').
-
-        Args:
-            q: angles theta, rad, shape (n,); the straight pipe where not given.
-
-        Returns:
-            Six matrices, each (n, n).
-
-        Raises:
-            ValueError: for angles out of range or of another shape, or more than 4000 segments.
-            TypeError: for what is no array of real numbers.
-        """
         self._check_dense()
         if q is None:
             return operators_from(self.core.operators(), self._pipe)
         return operators_from(self.core.operators(self._coordinates(q)), self._pipe)
 
     def elastic_operators(self) -> Operators:
-        """The same operators in the joint angles divided by `elastic_scale`."""
         self._check_dense()
         return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        """Angles, shape (n, ...), from elastic coordinates of the same shape.
-
-        Raises:
-            ValueError, TypeError: for z of another shape, or not of finite numbers.
-        """
         joints = (self.elastic_scale * self._columns("z", z).T).T
         return np.cumsum(joints, axis=0, out=joints)
 
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
-        """Rate of the state, exact at any amplitude, in O(n).
-
-        Flow, gravity, springs, joint damping, quadratic drag at the drag points and the pipe's
-        terms, each only where the pipe has it. A batch is one call; its members go through the
-        processor's vectors together. Several threads may call one chain at once.
-
-        Args:
-            t: time; nothing depends on it.
-            y: state [theta, theta'], rad and rad per unit time, shape (2 n,), or (2 n, k) for k
-                states; k may be 0.
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
-
-        Returns:
-            dy/dt = [theta', theta''], of the shape of y.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, or a speed below 0.
-            TypeError: for what is no array of real numbers.
-
-        Source: Orsino and Di Giulio, eqs. (1)-(11), solved by recursion over the segments.
-        """
         return self.core.rhs(t, y, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        """Derivative of `rhs` with respect to the state, analytic, in O(n^2).
-
-        Args:
-            t: time; nothing depends on it.
-            y: state [theta, theta'], shape (2 n,).
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
-
-        Returns:
-            d(dy/dt)/dy, shape (2 n, 2 n). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 4000
-                segments.
-            TypeError: for what is no array of real numbers.
-        """
         self._check_dense()
         return self.core.jacobian(t, y, u)
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        """Centreline (x, y) at arc lengths s, shape (len(s), 2).
-
-        Args:
-            q: angles theta, rad, shape (n,).
-            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
-
-        Raises:
-            ValueError: for angles or arc lengths out of range or of another shape.
-        """
         angles = self._coordinates(q)
         at = arc_lengths(s)
         x = self._along(self._lengths * np.sin(angles), at)
@@ -421,54 +346,20 @@ class Chain(Model):
         return np.stack([x, y], axis=-1)
 
     def tips(self, q: ArrayLike) -> Array:
-        """Positions (x, y) of the free end, shape (k, 2), for k configurations, angles (n, k)."""
         angles = self._configurations("q", q)
         down = self._base + self._lengths @ np.cos(angles)
         return np.stack([self._lengths @ np.sin(angles), down], axis=-1)
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end in L / T, exact.
-
-        Args:
-            q: angles theta of k states, rad, shape (n, k).
-            qdot: their rates, rad / T, shape (n, k).
-
-        Returns:
-            Shape (k, 2).
-
-        Raises:
-            ValueError, TypeError: for what has another shape, or is not of finite real numbers.
-        """
         angles, rates = self._moving_columns(q, qdot)
         across = self._lengths @ (rates * np.cos(angles))
         return np.stack([across, -self._lengths @ (rates * np.sin(angles))], axis=-1)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """Angles of the segments of a bent pipe, shape (n,): theta(s) at their middles.
-
-        Args:
-            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
-
-        Raises:
-            TypeError: if angle is no function.
-            ValueError: if it gives another shape, or no finite numbers.
-        """
         ends = self._base + np.cumsum(self._lengths)
         return self._angles(angle, ends - 0.5 * self._lengths)
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        """Transverse displacement for small angles at arc lengths s.
-
-        Args:
-            q: angles theta, rad, real or complex, shape (n,) or (n, k).
-            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
-
-        Returns:
-            Displacements, shape (p,) or (p, k).
-
-        Raises:
-            ValueError, TypeError: for angles or arc lengths that are not such.
-        """
         at = arc_lengths(s)
         return self._along((self._lengths * self._displaced(q, at.size).T).T, at)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The continuous pipe: a reduced model grown until the answer asked for stands still."""
+"""The continuous pipe: a reduced model grown until the answer asked for converges."""
 
 from __future__ import annotations
 
@@ -11,29 +11,30 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.models.base import Model, NotConverged, checked_pipe
-from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints
+from pipedyn.models.base import Model, NotConverged, checked_pipe, core_pipe
+from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints, enriched
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 
 Answer = TypeVar("Answer")
 
 SMALLEST, LARGEST = 16, 240
-"""Sizes between which the basis grows."""
+"""Sizes between which the basis grows: 16 functions hold five modes to ten digits, and with more
+than 240 rounding moves eigenvalues more than the basis does."""
 
 FUNCTIONS_A_JOINT = 4
 """By which both are larger for each joint between panels."""
 
 
 @dataclass(frozen=True)
-class Settled(Generic[Answer]):
-    """An answer that stood still.
+class Converged(Generic[Answer]):
+    """An answer that converged.
 
     Attributes:
         value: the answer at the larger of the last two sizes.
         size: number of functions.
-        error: how far it moved from the size before, relative; a bound on its error where
-            convergence is exponential.
+        error: its change from the size before, relative; a bound on its error where convergence is
+            exponential.
     """
 
     value: Answer
@@ -72,6 +73,11 @@ class Continuum:
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"
 
+    @property
+    def resisted(self) -> bool:
+        """Whether terms of the pipe resist velocities."""
+        return core_pipe(self._pipe).resisted
+
     def frozen(self, m: int) -> Galerkin:
         """The reduced model with m Legendre functions.
 
@@ -81,26 +87,26 @@ class Continuum:
         """
         return Galerkin(self._pipe, m, "legendre")
 
-    def settle(
+    def converge(
         self,
         question: Callable[[Galerkin], Answer],
         distance: Callable[[Answer, Answer], float],
         tolerance: float = 1e-10,
         smallest: int = SMALLEST,
         largest: int = LARGEST,
-    ) -> Settled[Answer]:
-        """The answer to a question, from a basis grown until the answer stands still.
+    ) -> Converged[Answer]:
+        """The answer to a question, from a basis grown until it converges.
 
         Args:
             question: asked of reduced models of growing size.
             distance: relative distance between two answers; infinite where they differ in kind.
-            tolerance: distance at which the answer stands still, > 0.
+            tolerance: distance between the last two answers at which they count as one, > 0.
             smallest: first size, from 1 to 1992.
             largest: last size, up to 2000, or one step above the first. Terms inside the pipe
                 add four to either size for each joint that they make.
 
         Raises:
-            NotConverged: if it still moves at the last size; carries the last answer.
+            NotConverged: if it has not converged at the last size; carries the last answer.
             ValueError, TypeError: for bad arguments.
         """
         for name, given in (("question", question), ("distance", distance)):
@@ -109,19 +115,24 @@ class Continuum:
         tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
         smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
         largest = check.count("largest", largest, high=LARGEST_BASIS)
-        joints = FUNCTIONS_A_JOINT * basis_joints(self._pipe.terms).size
-        size = smallest = min(smallest + joints, LARGEST_BASIS - 8)
-        largest = min(largest + joints, LARGEST_BASIS)
+        inner = basis_joints(self._pipe.terms).size
+        size = smallest = min(smallest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS - 8)
+        largest = min(largest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS)
+        last = max(largest, smallest + 8)
         before = question(self.frozen(size))
+        more = 0
         while True:
-            size = min(max(size + 8, (5 * size) // 4), max(largest, smallest + 8))
-            answer = question(self.frozen(size))
+            more += 1  # so that every panel has more functions than before
+            step = max(8, inner + 1, size // 4)
+            # The last step is no shorter than the others.
+            size = last if last - (size + step) < step else size + step
+            answer = question(enriched(self.frozen(size), more))
             error = distance(before, answer)
             if not isinstance(error, Real):
                 raise TypeError(f"distance must return a number, got {check.shown(error)}")
             if error <= tolerance:
-                return Settled(answer, size, error)
-            if size >= largest:
+                return Converged(answer, size, error)
+            if size == last:
                 raise NotConverged(
                     f"the continuous pipe's answer still moves by {error:.1e} at {size} functions",
                     answer,

@@ -75,7 +75,15 @@ def basis_joints(terms: tuple[Term, ...]) -> Array:
 class Galerkin(Model):
     """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
 
-    The functions satisfy the clamp; the free end's conditions follow from the projection.
+    The functions satisfy the clamp; the free end's conditions follow from the projection. The angle
+    of the centreline is sum_i q_i w_i'(s).
+
+    `rhs` takes integrals along the pipe with as many nodes as the configuration needs: what they
+    miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for angles up to
+    pi in any of the functions. Configurations wilder than that are given the largest number of
+    nodes, some 16 m + 96, beyond 250 functions fewer. With terms all this holds for each panel
+    between their places. Rates are NaN where the mass matrix is singular to rounding, or where q
+    coils the pipe more often (some 100 turns of 8 functions) than the quadrature resolves.
 
     Args:
         pipe: the pipe.
@@ -93,13 +101,15 @@ class Galerkin(Model):
         TypeError: for what is no whole number, word or pipe.
 
     Source: Gregory and Paidoussis (1966) for the equation; Orsino and Pesce (2018) for reduced
-    models of this pipe.
+    models of this pipe. Motion is by virtual work along the inextensible centreline; the flow's
+    forces are those of Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
     """
 
     def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
         self._pipe = checked_pipe(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
         self._basis = check.choice("basis", basis, BASES)
+        self._more = 0
         if self._size < self.panels:
             raise ValueError(
                 f"m must be at least {self.panels}, the number of panels between terms, "
@@ -118,18 +128,19 @@ class Galerkin(Model):
             legendre=self._basis == "legendre",
             size=self._size,
             joints=self._joints,
+            more=self._more,
             nodes=nodes,
             weights=weights,
         )
 
     @cached_property
     def motion(self) -> _core.GalerkinMotion:
-        """The compiled equations of motion."""
         return _core.GalerkinMotion(
             pipe=core_pipe(self._pipe),
             legendre=self._basis == "legendre",
             size=self._size,
             joints=self._joints,
+            more=self._more,
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -141,12 +152,10 @@ class Galerkin(Model):
 
     @property
     def pipe(self) -> Pipe:
-        """The pipe."""
         return self._pipe
 
     @property
     def dof(self) -> int:
-        """Number of functions m."""
         return self._size
 
     @property
@@ -164,14 +173,17 @@ class Galerkin(Model):
         """Number of functions on one panel that would resolve as many modes."""
         return max(self._size - JOINT_COST * (self.panels - 1), self._size // 2)
 
+    @property
+    def resolved_modes(self) -> int:
+        # Legendre's highest third is not the pipe's and heavily damped.
+        return max(1, (2 * self.resolution) // 3) if self._basis == "legendre" else self.dof
+
     @cached_property
-    def fitted_size(self) -> float:
-        """Bound on the norm of what terms add to the stiffness in elastic coordinates."""
+    def term_stiffness(self) -> float:
         return self.core.term_stiffness()
 
     def with_pipe(self, pipe: Pipe) -> Galerkin:
-        """As many functions of the same family for another pipe."""
-        return Galerkin(pipe, self._size, self._basis)
+        return enriched(Galerkin(pipe, self._size, self._basis), self._more)
 
     @cached_property
     def _joints(self) -> Array:
@@ -186,7 +198,7 @@ class Galerkin(Model):
     @cached_property
     def _most(self) -> int:
         """Number of functions on the panel that has most."""
-        return _core.most_on_a_panel(self._size, self._joints)
+        return _core.most_on_a_panel(self._size, self._joints, self._more)
 
     def _rule(self, count: int) -> tuple[Array, Array]:
         """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
@@ -217,24 +229,6 @@ class Galerkin(Model):
         return self.core.basis(at, order)
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Linear operators about a configuration at rest, in the amplitudes q.
-
-        Mass, gyroscopic, end_flux and damping are what multiplies q'' and q' there; at rest drag
-        has no linear part. stiffness is the derivative of the forces of bending and gravity, flux
-        that of the follower force's. Small motions about q obey them where q is an equilibrium at
-        the speed in question; elsewhere `jacobian` at rest has besides these the derivative of the
-        mass, -M^-1 (dM/dq q'').
-
-        Args:
-            q: amplitudes, shape (m,); the straight pipe where not given.
-
-        Returns:
-            Six matrices, each (m, m).
-
-        Raises:
-            ValueError: for amplitudes out of range or of another shape.
-            TypeError: for what is no array of real numbers.
-        """
         if q is None:
             return operators_from(self.core.operators(), self._pipe)
         return operators_from(self.motion.operators(self._coordinates(q)), self._pipe)
@@ -246,7 +240,6 @@ class Galerkin(Model):
         return scale
 
     def elastic_operators(self) -> Operators:
-        """The same operators in the amplitudes divided by `elastic_scale`."""
         ops = self.operators()
         both = np.outer(self.elastic_scale, self.elastic_scale)
         return Operators(
@@ -256,76 +249,16 @@ class Galerkin(Model):
         )
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        """Amplitudes, shape (m, ...), from elastic coordinates of the same shape.
-
-        Raises:
-            ValueError, TypeError: for z of another shape, or not of finite numbers.
-        """
         result: NDArray[Any] = (self.elastic_scale * self._columns("z", z).T).T
         return result
 
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
-        """Rate of the state, geometrically exact at any amplitude.
-
-        Flow, gravity, bending, Kelvin-Voigt damping, quadratic drag and terms, each only where the
-        pipe has it. A batch is one call; its members go through the processor's vectors together.
-        Several threads may call one model at once.
-
-        The integrals along the pipe are taken with as many nodes as the configuration needs: what
-        they miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for
-        angles up to pi in any of the functions. Configurations wilder than that are given the
-        largest number of nodes, some 16 m + 96, beyond 250 functions fewer. With terms all this
-        holds for each panel between their places.
-
-        Args:
-            t: time; nothing depends on it.
-            y: state [q, q'], shape (2 m,), or (2 m, k) for k states; k may be 0.
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
-
-        Returns:
-            dy/dt = [q', q''], of the shape of y; NaN where the mass matrix is singular to rounding,
-            or where q coils the pipe more often (some 100 turns of 8 functions) than the quadrature
-            resolves.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, a speed below 0, or so many functions
-                that they depend on one another to rounding.
-            TypeError: for what is no array of real numbers.
-
-        Source: virtual work along the inextensible centreline; the flow's forces are those of
-        Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
-        """
         return self.motion.rhs(t, y, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        """Derivative of `rhs` with respect to the state, analytic.
-
-        Args:
-            t: time; nothing depends on it.
-            y: state [q, q'], shape (2 m,).
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
-
-        Returns:
-            d(dy/dt)/dy, shape (2 m, 2 m). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, or a speed below 0.
-            TypeError: for what is no array of real numbers.
-        """
         return self.motion.jacobian(t, y, u)
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        """Centreline (x, y) at arc lengths s, shape (len(s), 2), inextensible at any amplitude.
-
-        The angle of the centreline is sum_i q_i w_i'(s).
-
-        Args:
-            q: amplitudes, shape (m,).
-            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
-
-        Raises:
-            ValueError: for amplitudes or arc lengths out of range or of another shape.
-        """
         amplitudes = self._coordinates(q)
         at = arc_lengths(s)
         nodes, weights = gauss_nodes(self._count_for(amplitudes[:, None]))
@@ -342,25 +275,12 @@ class Galerkin(Model):
         return line
 
     def tips(self, q: ArrayLike) -> Array:
-        """Positions (x, y) of the free end, shape (k, 2), for k configurations, q (m, k)."""
         amplitudes = self._configurations("q", q)
         nodes, weights = self._rule(self._count_for(amplitudes))
         angles = self.core.basis(nodes, 1) @ amplitudes
         return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end in L / T, exact.
-
-        Args:
-            q: amplitudes of k states, shape (m, k).
-            qdot: their rates, shape (m, k).
-
-        Returns:
-            Shape (k, 2).
-
-        Raises:
-            ValueError, TypeError: for what has another shape, or is not of finite real numbers.
-        """
         amplitudes, rates = self._moving_columns(q, qdot)
         nodes, weights = self._rule(self._count_for(amplitudes))
         slopes = self.core.basis(nodes, 1)
@@ -380,20 +300,10 @@ class Galerkin(Model):
         return count + math.ceil(most)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        """Of small displacements by amplitudes p, shape (m,), from 401 places along the pipe."""
         across = self.deflection(p, np.linspace(0.0, 1.0, 401))
         return float(np.abs(np.diff(across)).max()) * 400
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """Amplitudes of a bent pipe, shape (m,): theta(s) fitted by least squares.
-
-        Args:
-            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
-
-        Raises:
-            TypeError: if angle is no function.
-            ValueError: if it gives another shape, or no finite numbers.
-        """
         nodes, weights = self._rule(4 * self._most + 60)
         root = np.sqrt(weights)
         table = root[:, None] * self.core.basis(nodes, 1)
@@ -401,18 +311,17 @@ class Galerkin(Model):
         return np.asarray(fitted, dtype=np.float64)
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        """Transverse displacement for small amplitudes at arc lengths s.
-
-        Args:
-            q: amplitudes, real or complex, shape (m,) or (m, k).
-            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
-
-        Returns:
-            Displacements, shape (p,) or (p, k).
-
-        Raises:
-            ValueError, TypeError: for amplitudes or arc lengths that are not such.
-        """
         at = arc_lengths(s)
         result: NDArray[Any] = self.functions(at) @ self._displaced(q, at.size)
         return result
+
+
+def enriched(model: Galerkin, more: int) -> Galerkin:
+    """As many functions, with so many more of them on panels whose share of the length is small.
+
+    Two models of growing size and growing `more` differ on every panel of the basis but those
+    shorter than 0.003, so that the distance of their answers bounds what short panels miss, too.
+    """
+    made = Galerkin(model.pipe, model.dof, model.basis)
+    made._more = more
+    return made

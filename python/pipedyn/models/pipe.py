@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.terms import Term, checked_terms
+from pipedyn.models.terms import Term, checked_terms, from_si, in_si
 from pipedyn.util import check
 
 Flow = Literal["ejecting", "aspirating"]
@@ -184,7 +184,7 @@ class Pipe:
             },
             flow=flow,
             alpha=alpha,
-            terms=tuple(term.from_si(units) for term in checked_terms(terms, end=length)),
+            terms=tuple(from_si(term, units) for term in checked_terms(terms, end=length)),
             scales=units,
         )
 
@@ -222,7 +222,7 @@ class Pipe:
         """
         if self.scales is None:
             raise ValueError(f"terms in SI need a pipe made with Pipe.from_si, got {self!r}")
-        return tuple(term.in_si(self.scales) for term in self.terms)
+        return tuple(in_si(term, self.scales) for term in self.terms)
 
     def _scale(self, name: str) -> float:
         if self.scales is None:

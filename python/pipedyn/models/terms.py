@@ -10,7 +10,7 @@ them.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from pipedyn.util import check
 
@@ -73,31 +73,6 @@ class Term:
         """Its numbers by name, without the place."""
         return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
 
-    def in_si(self, scales: Scales) -> Self:
-        """The same term with its numbers in SI units.
-
-        Args:
-            scales: SI values of the pipe's units.
-        """
-        units = self._units(scales)
-        return replace(self, **{name: getattr(self, name) * unit for name, unit in units.items()})
-
-    def from_si(self, scales: Scales) -> Self:
-        """The same term in the pipe's units, where its numbers are in SI.
-
-        Args:
-            scales: SI values of the pipe's units.
-        """
-        units = self._units(scales)
-        return replace(self, **{name: getattr(self, name) / unit for name, unit in units.items()})
-
-    def _units(self, scales: Scales) -> dict[str, float]:
-        powers = {item.name: item.metadata["powers"] for item in fields(self)}
-        return {
-            name: scales.mass**mass * scales.length**length * scales.time**time
-            for name, (mass, length, time) in powers.items()
-        }
-
 
 @dataclass(frozen=True, repr=False)
 class PointMass(Term):
@@ -158,6 +133,89 @@ class Spring(Term):
     law: ClassVar[str] = "spring"
     at: float = place()
     stiffness: float = number(1e9, mass=1, length=1, time=-2)
+
+
+@dataclass(frozen=True, repr=False)
+class Damper(Term):
+    """A viscous damper between one place of the pipe and the ground, across the pipe.
+
+    Its force is -coefficient * x' along x alone, x' the transverse velocity of the place; it is
+    linear at any amplitude.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        coefficient: >= 0, in sqrt(EI (mu_p + mu_f)) / L.
+
+    In `Pipe.from_si`: at in m, coefficient in N s/m.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+
+    Source: power -coefficient * x'^2.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Damper(at=0.5, coefficient=1.0)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        6.0513
+    """
+
+    law: ClassVar[str] = "damper"
+    at: float = place()
+    coefficient: float = number(1e9, mass=1, length=1, time=-1)
+
+
+@dataclass(frozen=True, repr=False)
+class Foundation(Term):
+    """An elastic foundation all along the pipe, of springs that do not know of each other.
+
+    Its force per length -stiffness * x acts along x alone, x the transverse displacement; it is
+    linear at any amplitude.
+
+    Attributes:
+        stiffness: >= 0, in EI / L^4.
+
+    In `Pipe.from_si`: stiffness in N/m^2.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+
+    Source: Winkler's foundation, energy stiffness * x^2 / 2 per length.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Foundation(stiffness=10.0)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.7084
+    """
+
+    law: ClassVar[str] = "foundation"
+    stiffness: float = number(1e9, mass=1, time=-2)
+
+
+Law = TypeVar("Law", bound=Term)
+
+
+def in_si(term: Law, scales: Scales) -> Law:
+    """The term with its numbers in SI units, by the SI values of the pipe's units."""
+    units = _units(term, scales)
+    return replace(term, **{name: getattr(term, name) * unit for name, unit in units.items()})
+
+
+def from_si(term: Law, scales: Scales) -> Law:
+    """The term in the pipe's units, where its numbers are in SI."""
+    units = _units(term, scales)
+    return replace(term, **{name: getattr(term, name) / unit for name, unit in units.items()})
+
+
+def _units(term: Term, scales: Scales) -> dict[str, float]:
+    powers = {item.name: item.metadata["powers"] for item in fields(term)}
+    return {
+        name: scales.mass**mass * scales.length**length * scales.time**time
+        for name, (mass, length, time) in powers.items()
+    }
 
 
 def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:

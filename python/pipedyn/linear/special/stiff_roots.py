@@ -29,9 +29,13 @@ from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.util.band import band_solver
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed, newton
 
 Complex = NDArray[np.complex128]
 Vectors = NDArray[Any]
+
+Iterate = tuple[complex, tuple[Complex, Complex] | None]
+"""lambda and both vectors of T."""
 
 SLOW = 30.0
 """|lambda| up to which joint angles serve: they lose eps |lambda|^2."""
@@ -319,23 +323,31 @@ class StiffRoots:
 
         The start itself where it strays.
         """
-        value = start
-        last = math.inf
-        vectors: tuple[Complex, Complex] | None = None
-        for _ in range(MOST_STEPS):
-            change, *both = self._iterated(u, value, vectors)
+
+        def correction(near: Iterate) -> tuple[Iterate, float]:
+            change, right, left = self._iterated(u, *near)
             if start.imag == 0.0:
                 change = complex(change.real)
             elif free and start.real == 0.0:
                 change = 1j * change.imag
-            if not abs(value + change - start) <= reach * abs(start):
-                return self.at(u, start)
-            if abs(change) >= last:
-                break
-            value, last, vectors = value + change, abs(change), (both[0], both[1])
-            if last <= 1e-13 * abs(value):
-                break
-        return self.at(u, value, vectors)
+            value = near[0] + change
+            if not abs(value - start) <= reach * abs(start):
+                raise NewtonFailed("Newton's method left the root", (start, None))
+            return (value, (right, left)), abs(change)
+
+        last: Iterate = start, None
+        try:
+            last = newton(
+                *(last, correction, lambda before, moved, share: moved),
+                tolerance=1e-13,
+                slower=1.0,
+                patience=1,
+                iterations=MOST_STEPS,
+                scale=lambda near: abs(near[0]),
+            ).state
+        except NewtonFailed as failed:  # the last iterate before steps grew, or the start
+            last = failed.state
+        return self.at(u, *last)
 
     def _iterated(
         self, u: float, value: complex, vectors: tuple[Complex, Complex] | None = None

@@ -38,7 +38,7 @@ class CirculatorySearch(CrossingSearch):
             squares.values[np.abs(squares.values) < self.problem.zero_tolerance] = 0.0
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         none = np.zeros(squares.values.size)
-        return Sample(u, squares, slopes, none, none.astype(np.int8))
+        return Sample(u, squares, slopes, none, none, none.astype(np.int8))
 
     @property
     def wanted(self) -> int:

@@ -65,30 +65,30 @@ def extrapolated(
             found[0],
         )
     x = _size(pipe) ** 2
-    weights = [
-        math.prod((x - other) / (own - other) for other in SQUARES if other != own)
-        for own in SQUARES
-    ]
-    line = [
-        (SQUARES[1] - x) / (SQUARES[1] - SQUARES[0]),
-        (x - SQUARES[0]) / (SQUARES[1] - SQUARES[0]),
-    ]
+    parabola, line = _weights(SQUARES, x), _weights(SQUARES[:2], x)
     result = []
     for same in zip(*found, strict=True):
         speeds, frequencies = [c.speed for c in same], [c.frequency for c in same]
-        speed = float(np.dot(weights, speeds))
+        speed = float(np.dot(parabola, speeds))
         curved = abs(speed - float(np.dot(line, speeds[:2])))
-        error = curved + float(np.dot(np.abs(weights), [c.error for c in same]))
+        error = curved + float(np.dot(np.abs(parabola), [c.error for c in same]))
         result.append(
             replace(
                 same[0],
                 speed=speed,
-                frequency=float(np.dot(weights, frequencies)),
+                frequency=float(np.dot(parabola, frequencies)),
                 error=error,
                 sensitivity=_weakened(pipe, solved[0], same[0].sensitivity),
             )
         )
     return tuple(result)
+
+
+def _weights(nodes: Sequence[float], x: float) -> list[float]:
+    """Lagrange's polynomials of some nodes at x."""
+    return [
+        math.prod((x - other) / (own - other) for other in nodes if other != own) for own in nodes
+    ]
 
 
 def _weakened(pipe: Pipe, solved: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
@@ -52,6 +51,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed, newton
 
 ENFORCEMENTS = {"orthonormal": by_orthonormal_basis, "udwadia-kalaba": by_udwadia_kalaba}
 """The dense recursions by name; the default route does the first in O(n)."""
@@ -202,7 +202,7 @@ class Assembly(Model):
         return False
 
     @property
-    def fitted_size(self) -> float:
+    def term_stiffness(self) -> float:
         """What gravity, terms and custom modules add to the elastic stiffness, about."""
         return self._linear.added
 
@@ -377,23 +377,26 @@ class Assembly(Model):
         given = self._rows("start", start, (self.moving, self.coordinates))
         if given.size == self.coordinates:
             given = np.cumsum(given[2::3])
-        theta = self.closed(given)
-        size = 1.0 + abs(self._pipe.gamma) + self._pipe.centrifugal * u**2
-        last = math.inf
-        for _ in range(100):
+
+        def correction(theta: Array) -> tuple[Array, float]:
             linear = self._linear_about(theta)
-            rest = linear.unbalanced(u)
-            step = linear.factor(0.0, u)(rest[:, None])
+            step = linear.factor(0.0, u)(linear.unbalanced(u)[:, None])
             turn = np.cumsum(linear.joint_angles(step)[:, 0])
-            largest = float(np.abs(turn).max())
-            if not math.isfinite(largest):
-                break
-            unbalanced = float(np.abs(rest).max())
-            if largest < 1e-9 and (unbalanced <= 1e-13 * size or unbalanced >= last):
-                return self._configuration(theta)
-            last = unbalanced
-            theta = self.closed(theta + turn * min(1.0, 0.3 / max(largest, 1e-300)))
-        raise NotConverged(f"no equilibrium was found at u = {u:g} from there")
+            return turn, float(np.abs(turn).max())
+
+        try:
+            found = newton(
+                self.closed(given),
+                correction,
+                lambda theta, turn, share: self.closed(theta + share * turn),
+                tolerance=1e-13,
+                stagnation=1e-9,
+                longest=0.3,
+                iterations=100,
+            )
+        except NewtonFailed as reason:
+            raise NotConverged(f"no equilibrium was found at u = {u:g} from there") from reason
+        return self._configuration(found.state)
 
     # ------------------------------------------------------------------------------ linear motion
 

@@ -3,7 +3,7 @@
 
 Free modules obey M q'' = f; constraints A_r q'' = b_r, r = 1 .. R, enter in groups, in any order.
 Two recursions give the accelerations. The default route does the first of them in O(n), see
-cpp/pipedyn/enforcement.hpp; here both are O(n^3), to read, to compare and to teach.
+cpp/pipedyn/modular/enforcement.hpp; here both are O(n^3), to read, to compare and to teach.
 
 Orthonormal basis. C_0 = I; S_r spans the null space of A_r C_{r-1}, and C_r = C_{r-1} S_r. Then
 q'' = p + C_R a with any p that meets the constraints (kept by the same recursion), and
@@ -33,7 +33,7 @@ from pipedyn.models.base import PipedynError
 from pipedyn.util.check import Array
 
 RANK = 1e-10
-"""Singular values of a group below this share of its rows' size are redundant."""
+"""Singular values of a group below this share of its rows' size are redundant, as in the core."""
 
 Group = tuple[Array, Array]
 """A_r, shape (m, N), and b_r, shape (m,)."""

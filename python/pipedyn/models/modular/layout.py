@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -32,6 +33,7 @@ from pipedyn.models.modular.parts import (
 )
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed, newton
 
 KINDS: dict[type[Constraint], int] = {Clamp: 0, Joint: 1, Guide: 2, Pin: 3}
 """Numbers of the constraints in the core."""
@@ -40,10 +42,13 @@ MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 """Modules that there are."""
 
 SAME = 1e-12
-"""Places of pins that differ by less are one; closer than this guides and pins are met."""
+"""Places that differ by less are one, and guides and pins are met: rounding leaves some 1e-15."""
 
 TAUT = 1e-5
-"""Guides and pins that depend on one another to this, but only on a straight span, hold it taut."""
+"""Guides and pins that depend on one another to this, but only on a straight span, hold it taut.
+
+Newton's method meets them to 1e-12, which leaves angles of some 1e-6 on a span without slack.
+"""
 
 P = TypeVar("P", bound=Part)
 
@@ -98,10 +103,9 @@ class Layout:
         self.axes = np.array([c.coordinate % 3 for c in self.held], dtype=np.intp)
         self.wanted = np.array([c.value for c in self.held])
         self.rest = self._found_rest()
-        kept = self._dependence(self.rest, DEPENDENT)
+        self.independent = self._independent(self.rest, DEPENDENT)
         self._refuse_taut()
-        self.independent = kept
-        if kept.size == self.size:
+        if self.independent.size == self.size:
             raise ValueError(
                 f"{self.described_holds()} must leave something that moves, got nothing"
             )
@@ -171,8 +175,8 @@ class Layout:
         return tuple(found.values())
 
     def _found_rows(self) -> NDArray[np.bool_]:
-        """Which rows of the core's constraints are kept, so that none depends on the others."""
-        kept = {self.held[i].coordinate for i in self.independent}
+        """Which rows of the core's constraints to take, so that none depends on the others."""
+        taken = {self.held[i].coordinate for i in self.independent}
         rows: list[bool] = []
         seen: set[Any] = set()
         for part in self.constraints:
@@ -184,7 +188,7 @@ class Layout:
             assert isinstance(part, Guide | Pin)
             first = 3 * part.node - 3
             for coordinate in range(first, first + (1 if isinstance(part, Guide) else 2)):
-                rows.append(coordinate in kept and coordinate not in seen)
+                rows.append(coordinate in taken and coordinate not in seen)
                 seen.add(coordinate)
         return np.array(rows)
 
@@ -228,7 +232,7 @@ class Layout:
     def closed(self, theta: Array, steps: int = 100) -> tuple[Array, float]:
         """Angles close to those given that meet guides and pins, and how far they still miss.
 
-        Where Newton's method gets stuck, between segments in line with a pin, it starts again from
+        Where Newton's method fails, between segments in line with a pin, it starts again from
         between there and a configuration that is known.
         """
         if not self.held:
@@ -245,15 +249,20 @@ class Layout:
     def _newton(self, theta: Array, steps: int) -> tuple[Array, float]:
         """Newton's method by least turns, and how far its best angles miss."""
         best, least = theta, math.inf
-        for _ in range(steps):
+
+        def correction(theta: Array) -> tuple[Array, float]:
+            nonlocal best, least
             missed = self.missed(theta)
             far = float(np.abs(missed).max())
             if far < least:
                 best, least = theta, far
             if not far > 1e-14:
-                break
-            turn = np.linalg.pinv(self.rows(theta), rcond=1e-12) @ missed
-            theta = theta - turn * min(1.0, 0.5 / max(float(np.abs(turn).max()), 1e-300))
+                return np.zeros_like(theta), 0.0
+            turn = -np.linalg.pinv(self.rows(theta), rcond=1e-12) @ missed
+            return turn, float(np.abs(turn).max())
+
+        with suppress(NewtonFailed):  # the best may be near enough
+            newton(theta, correction, tolerance=0.0, longest=0.5, iterations=steps)
         return best, least
 
     def _found_rest(self) -> Array:
@@ -287,7 +296,8 @@ class Layout:
             f"the closest found misses by {least:.2g}"
         )
 
-    def _dependence(self, theta: Array, tolerance: float) -> NDArray[np.intp]:
+    def _independent(self, theta: Array, tolerance: float) -> NDArray[np.intp]:
+        """Which held coordinates depend on none of the others at some angles."""
         return independent(self.rows(theta).T / self.lengths[:, None] ** 0.5, tolerance)
 
     def _refuse_taut(self) -> None:
@@ -295,8 +305,8 @@ class Layout:
         if not self.held:
             return
         bent = self.rest + 0.3 * np.cos(1.0 + 1.7 * np.arange(self.size))
-        here = self._dependence(self.rest, TAUT)
-        if here.size < self._dependence(bent, TAUT).size:
+        here = self._independent(self.rest, TAUT)
+        if here.size < self._independent(bent, TAUT).size:
             lost = [c for i, c in enumerate(self.held) if i not in here]
             named = " and ".join(dict.fromkeys(described(c.part) for c in lost))
             raise ValueError(f"{named} must leave some slack, got a span that is taut")

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+//
+// A dashpot between one place of the pipe and the ground, across the pipe: force -c x' along x
+// alone, which takes the power c x'^2.
+#pragma once
+
+#include "pipedyn/terms/station.hpp"
+#include "pipedyn/terms/term.hpp"
+
+namespace {
+
+struct Damper : NoLaw {
+  static constexpr const char* name = "damper";
+  static constexpr bool loads = true;
+  double c;
+
+  explicit Damper(const pipedyn::Term& term) : c(term.numbers[0]) {}
+  template <class Real>
+  Load<Real> load(const Station<Real>& at) const {
+    return {-c * at.vx, Real{}};
+  }
+  Slopes slopes(const Station<double>&) const { return {.by_velocity = {{-c, 0.0}, {0.0, 0.0}}}; }
+  template <class Real>
+  Real power(const Station<Real>& at) const {
+    return -c * (at.vx * at.vx);
+  }
+};
+
+}  // namespace

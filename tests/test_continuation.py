@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: MIT
+"""Pseudo-arclength continuation: on curves that are known, and of orbits on meshes that change."""
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+from pipedyn.bifurcation.continuation import Continuation, Control, DenseProblem, change, folds
+from pipedyn.bifurcation.limit_cycle import hopf_point
+from pipedyn.bifurcation.orbit_continuation import FINE, followed, from_hopf
+from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.util.newton import NewtonFailed
+
+
+class Circle:
+    """x^2 + p^2 = 1, twice."""
+
+    def residual(self, x, p):
+        return x**2 + p**2 - 1.0
+
+    def jacobian(self, x, p):
+        return np.diag(2.0 * x)
+
+    def by_parameter(self, x, p):
+        return np.full(2, 2.0 * p)
+
+
+@pytest.fixture
+def circle():
+    return Continuation(DenseProblem(Circle(), 2, 1.0), Control(longest=0.2))
+
+
+def test_a_closed_curve_is_followed_around_both_folds(circle):
+    point = circle.point(np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    step, turns, gone = 0.05, [], 0.0
+    while gone < 2.0 * np.pi:
+        segment, step = circle.next(point, step)
+        turns += [segment.at(s).p for s in folds(segment, 1e-9)]
+        point, gone = segment.end, gone + segment.length
+        assert point.x**2 + point.p**2 == pytest.approx(np.ones(2), abs=1e-12)
+        assert circle.length(point.tangent) == pytest.approx(1.0, abs=1e-14)
+        # With this metric the curve is the unit circle: its tangent is across the radius.
+        assert circle.product(point.tangent, point.z) == pytest.approx(0.0, abs=1e-12)
+    assert turns == pytest.approx([1.0, -1.0], abs=1e-12)
+
+
+def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
+    begin = circle.point(np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    segment, _ = circle.next(begin, 0.2)
+    assert segment.at(0.1).p == pytest.approx(0.1, abs=1e-13)  # along the tangent at p = 0
+    found = segment.where(0.15)
+    assert found.x == pytest.approx(np.full(2, np.sqrt(1.0 - 0.15**2)), abs=1e-12)
+    assert found.tangent[-1] > 0.0
+    beyond, s = change(segment, 0.0, 0.2, lambda point: int(point.p > 0.123))
+    assert s == pytest.approx(0.123, abs=1e-9)
+    assert beyond.p > 0.123
+    # The cubic through the ends misses by the fourth power of the length.
+    for length in (0.05, 0.1, 0.15):
+        assert segment.guess(length) == pytest.approx(segment.at(length).z, abs=1e-4)
+
+
+def test_where_a_curve_ends_continuation_fails():
+    class Ending(Circle):
+        def residual(self, x, p):
+            return x - np.sqrt(0.1 - p)
+
+        def jacobian(self, x, p):
+            return np.eye(2)
+
+        def by_parameter(self, x, p):
+            return np.full(2, 0.5 / np.sqrt(0.1 - p))
+
+    branch = Continuation(DenseProblem(Ending(), 2, 1.0), Control(longest=0.2, shortest=1e-3))
+    point, step = branch.point(np.append(np.full(2, np.sqrt(0.1)), 0.0), np.array([0, 0, 1.0])), 0.1
+
+    def follow(point, step):
+        while point.p < 0.1:
+            segment, step = branch.next(point, step)
+            point = segment.end
+
+    with pytest.raises(NewtonFailed):
+        follow(point, step)
+
+
+def test_meshes_of_orbits_are_refined_on_the_way_and_beyond_1000_unknowns():
+    """Twenty segments far beyond the onset: the orbits are those that are found there alone."""
+    model = pp.Chain(pp.Pipe(0.2), 20)
+    motion = VectorField(model)
+    sizes, last = [], None
+    for step in followed(motion, from_hopf(motion, hopf_point(pp.hopf(model))), FINE):
+        orbit = step.end
+        sizes.append(orbit.rates.size)
+        assert orbit.defects().max() <= FINE.defect
+        assert orbit.states(np.array([0.0])) == pytest.approx(
+            -orbit.states(np.array([np.pi])), abs=1e-9 * np.abs(orbit.starts).max()
+        )
+        if step.begin.u < 9.0 <= orbit.u:
+            last = step.problem.orbit(step.segment.where(9.0).z)
+            break
+    assert sizes[0] == 4 * 8 * 20
+    assert sizes[-1] > 1000
+    alone = pp.limit_cycle(model, 9.0)
+    assert last.frequency == pytest.approx(alone.frequency, rel=1e-8)
