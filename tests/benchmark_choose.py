@@ -111,6 +111,11 @@ def nonlinear_cases(rng):
     yield Case(pipe, "limit_cycle", cycle, (1e-1,), "chain")
 
 
+def is_linear(name):
+    """Whether a question is one of eigenvalues."""
+    return name not in ("motion", "limit_cycle")
+
+
 def true_answer(case, quantity):
     """Of functions beyond those of the search, and its own error."""
     if quantity.name == "critical_speed":
@@ -119,7 +124,7 @@ def true_answer(case, quantity):
         sharp = pp.Galerkin(case.pipe, SHARP[True][-1], "legendre")
         loci = pp.root_loci(sharp, quantity.speeds, quantity.count)
         return Reference(Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1)), 0.0, "")
-    sizes = SHARP[quantity.is_linear]
+    sizes = SHARP[is_linear(quantity.name)]
     sharp = quantity.sharpened(1e-2 * min(case.tolerances[-1], 1e-3))
     answers = [sharp.answer(pp.Galerkin(case.pipe, size, "legendre")) for size in sizes]
     return Reference(answers[-1], quantity.distance(answers[0], answers[-1]), "")
@@ -129,12 +134,12 @@ def least_by_hand(case, choice, truth, tolerance, most):
     """The cheapest row of all families and sizes, tried until they are dear."""
     quantity = choice.quantity
     names = (*RULES, "beam", "legendre")
-    if not quantity.is_linear:
+    if not is_linear(quantity.name):
         names = tuple(RULES) if case.among else DEFAULT
     good = []
     for name in names:
         sizes = HAND
-        if not quantity.is_linear:
+        if not is_linear(quantity.name):
             near = range(max(2, choice.size - 3), choice.size + 5)
             sizes = CHAINS if name in RULES else near
         for size in sizes:
@@ -143,7 +148,7 @@ def least_by_hand(case, choice, truth, tolerance, most):
             row = measured(case.pipe, quantity, FAMILIES[name], size, truth, 1)
             if row.error <= tolerance:
                 good.append(row)
-            if row.seconds > (DEAR if quantity.is_linear else 1.5 * most):
+            if row.seconds > (DEAR if is_linear(quantity.name) else 1.5 * most):
                 break
     return min(good, key=lambda row: row.seconds, default=None)
 
@@ -162,10 +167,9 @@ def hold(case, tally):
     """A case's choices against the truth and against the models tried by hand."""
     truth = None
     for tolerance in case.tolerances:
-        linear = case.name not in ("motion", "limit_cycle")
         begun = clock()
         try:
-            choice, search = searched(case, tolerance, 3 if linear else 1)
+            choice, search = searched(case, tolerance, 3 if is_linear(case.name) else 1)
             quantity = choice.quantity
             truth = truth or true_answer(case, quantity)
         except pp.PipedynError as refused:

@@ -91,7 +91,7 @@ def laden(pipe, fittings):
 def parts(name):
     """What a scene has besides a pipe."""
     md = pp.modular
-    damper = md.Custom(nodes=(4,), force=lambda q, v: np.array([-0.8 * v[0], 0.0 * v[1]]))
+    damper = pp.Damper(at=0.8, coefficient=0.8)
     held = pp.PointMass(at=0.4, mass=0.1), pp.Spring(at=0.6, stiffness=40.0), damper
     bent = md.TorsionalSpring(2, 3.0, damping=0.2, rest_angle=0.3)
     own = md.Custom(nodes=(3,), energy=lambda q: 5.0 * q[0] ** 4 + 2.0 * q[0] ** 2)

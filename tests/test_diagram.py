@@ -151,6 +151,7 @@ def test_turning_points_of_a_sine():
         (lambda t: 0.2 * np.sin(9.0 * t), ("periodic", 1)),
         (lambda t: 0.2 * np.sin(9.0 * t) + 0.1 * np.sin(4.5 * t + 0.3), ("periodic", 2)),
         (lambda t: 0.2 * np.exp(-0.1 * t) * np.sin(9.0 * t), ("settling", 0)),
+        (lambda t: 0.2 * np.sin(9.0 * t) * (1 - 0.5 * np.exp(-0.2 * t)), ("settling", 0)),
         (lambda t: 0.2 * np.sin(9.0 * t) + 0.15 * np.sin(math.e * t), ("irregular", 0)),
         # Maxima that repeat to 1e-3 of the range: a torus, what comes to a cycle, and too slowly.
         (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.sin(0.8 * t)), ("irregular", 0)),

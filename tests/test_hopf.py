@@ -395,7 +395,7 @@ def test_where_there_is_no_flutter_there_is_no_hopf_point():
 def test_a_pair_that_only_touches_the_axis_is_no_hopf_point(monkeypatch):
     monkeypatch.setattr(
         "pipedyn.bifurcation.vector_field.VectorField.jacobian_by_speed",
-        lambda motion, y, u: np.zeros((8, 8)),
+        lambda motion, y, u, moved: np.zeros((8, 8)),
     )
     with pytest.raises(pp.NoHopf, match="touches the axis"):
         pp.hopf(pp.Chain(PIPE, 4))

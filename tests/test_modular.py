@@ -52,8 +52,6 @@ def slack(n: int, pipe: pp.Pipe = EJECTING, y: float = 0.9) -> md.Assembly:
     return md.chain(pipe, n).plus(md.Pin(n, 0.0, y))
 
 
-DAMPER = md.Custom(nodes=(4,), force=lambda q, v: np.array([-0.8 * v[0], 0.0 * v[1]]))
-
 SCENES: dict[str, Callable[[], md.Assembly]] = {
     "plain": lambda: md.chain(EJECTING, 5),
     "aspirating": lambda: md.chain(ASPIRATING, 6, "midpoint"),
@@ -66,7 +64,7 @@ SCENES: dict[str, Callable[[], md.Assembly]] = {
         pp.PointMass(at=1.0, mass=0.3),
         pp.PointMass(at=0.37, mass=0.1),
         pp.Spring(at=0.6, stiffness=40.0),
-        DAMPER,
+        pp.Damper(at=0.75, coefficient=0.8),
         md.TorsionalSpring(2, 3.0, damping=0.2, rest_angle=0.3),
     ),
     "held twice": lambda: md.chain(EJECTING, 4).plus(md.Joint(3), md.Clamp()),

@@ -88,6 +88,7 @@ def rich(n, more=(), **given):
         **{
             "terms": [
                 *(("spring", at, [k]) for at, k in zip(places, [3.0, 2.0], strict=True)),
+                *(("damper", at, [c]) for at, c in zip(places, [0.7, 0.2], strict=True)),
                 *(("point_mass", at, [m]) for at, m in zip(places, [0.3, 0.1], strict=True)),
             ],
             "spring_joint": np.r_[1 : n + 1, n, 1],
@@ -452,6 +453,7 @@ def test_energy_changes_by_the_power(guided, drag, aspirating, alpha):
     parts = made.core.power(y, 3.0)
     assert change == pytest.approx(sum(parts), rel=1e-6)
     assert (parts[2] != 0.0) == drag
+    assert parts[3] < 0.0
 
 
 def test_energy_and_power_of_a_chain_are_the_chains():

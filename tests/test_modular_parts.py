@@ -42,8 +42,8 @@ def own_spring(node: int, stiffness: float, coefficient: float) -> md.Custom:
 @pytest.mark.parametrize("n", [4, 70])
 def test_a_module_in_python_is_the_built_in_one(n: int) -> None:
     plain = md.chain(PIPE, n)
-    built_in = plain.plus(pp.Spring(2.0 / n, 30.0))
-    own = plain.plus(own_spring(2, 30.0, 0.0))
+    built_in = plain.plus(pp.Spring(2.0 / n, 30.0), pp.Damper(2.0 / n, 0.7))
+    own = plain.plus(own_spring(2, 30.0, 0.7))
     theta, omega = np.sin(np.arange(1.0, n + 1.0)), np.cos(np.arange(1.0, n + 1.0))
     y = own.state(theta, omega)
     batch = np.stack([y, 0.5 * y], axis=1)
@@ -72,8 +72,8 @@ def test_a_motion_with_a_module_in_python_is_that_with_the_built_in_one() -> Non
         own, built_in = (
             pp.simulate(scene, 3.0, 0.5, wave, samples=11, rtol=1e-9, method=method)
             for scene in (
-                plain.plus(own_spring(2, 30.0, 0.0)),
-                plain.plus(pp.Spring(2.0 / 3.0, 30.0)),
+                plain.plus(own_spring(2, 30.0, 0.7)),
+                plain.plus(pp.Spring(2.0 / 3.0, 30.0), pp.Damper(2.0 / 3.0, 0.7)),
             )
         )
         np.testing.assert_allclose(own.q, built_in.q, atol=1e-8)

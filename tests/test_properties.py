@@ -96,15 +96,6 @@ def reduced(pipe):
     )
 
 
-def dashpot(node, coefficient):
-    """A user's own module: the force -coefficient x' on a node."""
-    return modular.Custom(
-        nodes=(node,),
-        force=lambda q, v: np.array([-coefficient * v[0], 0.0 * v[1]]),
-        name="dashpot",
-    )
-
-
 @st.composite
 def scenes(draw, pipe, guided=False):
     """Chains from parts, with further parts."""
@@ -118,7 +109,7 @@ def scenes(draw, pipe, guided=False):
             st.one_of(
                 st.builds(pp.PointMass, place, size),
                 st.builds(pp.Spring, place, size),
-                st.builds(dashpot, node, size),
+                st.builds(pp.Damper, place, size),
                 st.builds(modular.TorsionalSpring, node, size, size),
             ),
             max_size=2,

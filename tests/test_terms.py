@@ -48,6 +48,11 @@ TABLE = [
         load=lambda x, y, vx, vy: (-1.5 * vx, 0.0),
         power=lambda x, y, vx, vy: -1.5 * vx**2,
     ),
+    Row(
+        pp.Foundation(stiffness=20.0),
+        load=lambda x, y, vx, vy: (-20.0 * x, 0.0),
+        energy=lambda x, y: 10.0 * x**2,
+    ),
 ]
 
 LENGTHS = [0.3, 0.1, 0.25, 0.35]
@@ -296,3 +301,23 @@ def test_terms_take_and_give_si_values():
         )
     with pytest.raises(ValueError, match="terms in SI need a pipe made with"):
         _ = pp.Pipe(0.2, terms=[mass]).terms_si
+
+
+@pytest.mark.parametrize(
+    ("beta", "terms", "speed", "frequency"),
+    [
+        (0.1, (pp.Foundation(10.0),), 4.783532, 14.54114),
+        (0.1, (pp.Foundation(100.0),), 5.133889, 17.17017),
+        (0.2, (pp.Foundation(100.0),), 7.172840, 17.72512),
+        (0.2, (pp.Spring(1.0, 50.0),), 5.03750298, 0.0),
+        (0.2, (pp.Spring(1.0, 1000.0),), 4.51428818, 0.0),
+    ],
+)
+def test_continuous_pipe_meets_independent_numbers(beta, terms, speed, frequency):
+    """Determinants of exponentials in 30 digits; the tip springs by u^3 + K (sin u - u cos u) = 0.
+
+    Digits as printed by those programs.
+    """
+    found = pp.critical_speed(pp.Continuum(pp.Pipe(beta, terms=terms)))
+    assert found.speed == pytest.approx(speed, rel=2e-7 if frequency else 2e-9)
+    assert found.frequency == pytest.approx(frequency, rel=5e-7)

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.accuracy.families import FAMILIES, expected_size
+from pipedyn.accuracy.families import FAMILIES, resolving_size
 from pipedyn.accuracy.quantities import (
     CriticalSpeedOf,
     Frequencies,
@@ -24,7 +24,7 @@ from pipedyn.accuracy.quantities import (
     MotionOf,
     RootLociOver,
 )
-from pipedyn.accuracy.reference import onset_near
+from pipedyn.accuracy.reference import onset_near, wave_number
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import TookTooLong, counted, limited
 
@@ -296,20 +296,16 @@ def test_a_followed_onset_that_is_lost_is_none():
     assert onset_near(pp.Chain(PIPE, 2), 40.0, 300.0) is None
 
 
-@pytest.mark.parametrize(
-    ("family", "factor"), [("consistent", 2.0), ("beam", 2.5), ("legendre", 1.6)]
-)
-def test_sizes_are_expected_within_a_factor(family, factor):
-    wave = CriticalSpeedOf().reference(PIPE, 1e-6).wave_number
+def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
+    wave = wave_number(PIPE, EXACT, 13.7j)
     sizes = range(2, 60)
     errors = [
         abs(onset.speed / EXACT - 1.0) if onset else math.inf
-        for onset in (onset_near(FAMILIES[family].make(PIPE, n), EXACT, 13.7) for n in sizes)
+        for onset in (onset_near(pp.Galerkin(PIPE, n, "legendre"), EXACT, 13.7) for n in sizes)
     ]
     for tolerance in (1e-2, 2e-3):
         least = 1 + max(n for n, error in zip(sizes, errors, strict=True) if error > tolerance)
-        expected = expected_size(FAMILIES[family], wave, tolerance)
-        assert 1.0 / factor <= expected / least <= factor
+        assert 1.0 / 1.6 <= resolving_size(wave, tolerance) / least <= 1.6
 
 
 # ------------------------------------------------------------------------------ how it is shown

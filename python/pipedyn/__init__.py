@@ -33,7 +33,7 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
-from pipedyn.models.terms import Damper, PointMass, Spring, Term
+from pipedyn.models.terms import Damper, Foundation, PointMass, Spring, Term
 from pipedyn.motion.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import Motion, MotionStopped, simulate
@@ -59,6 +59,7 @@ __all__ = [
     "Equilibria",
     "EquilibriumBranch",
     "Failure",
+    "Foundation",
     "Galerkin",
     "Hopf",
     "LimitCycle",

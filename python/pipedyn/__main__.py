@@ -9,25 +9,30 @@ from __future__ import annotations
 
 import argparse
 import csv
-import math
 import multiprocessing
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, NoReturn
-
-import numpy as np
 
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
 from pipedyn.models.pipe import FLOWS, Pipe
-from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Case, Findings, gather
+from pipedyn.paper.analysis import (
+    HIGHEST_SPEED,
+    LEAST_HIGHEST,
+    Case,
+    Findings,
+    gather,
+    one_blas_thread,
+)
 from pipedyn.paper.report import HEADER, draw, report, table
+from pipedyn.util import check
 
 LARGEST_CHAIN = 1000
 """Segments: root loci at 181 speeds take 12 s."""
@@ -102,7 +107,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
 
     add = parser.add_argument_group("output").add_argument
     text = "folder to write to, made if it does not exist (default: figures)"
-    add("--output", type=_folder, default=Path("figures"), metavar="FOLDER", help=text)
+    add("--output", default="figures", metavar="FOLDER", help=text)
     add("--format", choices=FORMATS, default="png", help="of the figures (default: png)")
     text = "processes that share the work; 0: this one alone (default: %(default)s)"
     add("--workers", type=int, default=min(2, os.cpu_count() or 1), metavar="K", help=text)
@@ -115,54 +120,40 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
 
 
 def _positional(word: str) -> str:
-    """The word, changed if it is a negative number that argparse would take for an option."""
+    """The word, a negative number after a space: argparse could take it for an option."""
     try:
-        number = float(word)
+        float(word)
     except ValueError:
         return word
-    if word.startswith("-") and not math.isfinite(number):
-        return f" {word}"
-    if word.startswith("-") and "e" in word.lower():
-        return np.format_float_positional(number, trim="0")
-    return word
+    return f" {word}" if word.startswith("-") else word
 
 
 def _size(largest: int) -> Callable[[str], int]:
     def size(text: str) -> int:
-        try:
-            number = int(text)
-        except ValueError:
-            number = 0
-        if not 1 <= number <= largest:
+        text = text.strip()
+        if not text.isdecimal() or not 1 <= int(text) <= largest:
             raise argparse.ArgumentTypeError(
                 f"sizes must be whole numbers from 1 to {largest}, got {text!r}"
             )
-        return number
+        return int(text)
 
     return size
 
 
-def _folder(text: str) -> Path:
-    if not text.strip() or "\0" in text:
-        raise argparse.ArgumentTypeError(f"must name a folder, got {text!r}")
-    return Path(text)
-
-
 def _checked(given: argparse.Namespace) -> Case:
-    numbers = {name: getattr(given, name) for name in ("beta", "gamma", "alpha", "damping")}
-    pipe = Pipe(**numbers, flow=given.flow)
-    highest, speeds, workers = given.highest, given.speeds, given.workers
-    if highest is not None and not 0.0 < highest <= HIGHEST_SPEED:
-        rule = f"must lie in (0, {HIGHEST_SPEED:g}]"
-        raise ValueError(f"argument --highest: {rule}, got {highest:g}")
-    if not 2 <= speeds <= MOST_SPEEDS:
-        raise ValueError(f"argument --speeds: must be from 2 to {MOST_SPEEDS}, got {speeds}")
-    if not 0 <= workers <= MOST_WORKERS:
-        raise ValueError(f"argument --workers: must be from 0 to {MOST_WORKERS}, got {workers}")
+    pipe = Pipe(given.beta, given.gamma, given.flow, alpha=given.alpha, damping=given.damping)
+    highest = given.highest
+    if highest is not None:
+        name = "argument --highest:"
+        highest = check.real(name, highest, low=0.0, high=HIGHEST_SPEED, open_low=True)
+    speeds = check.count("argument --speeds:", given.speeds, low=2, high=MOST_SPEEDS)
+    workers = check.count("argument --workers:", given.workers, low=0, high=MOST_WORKERS)
     for name in ("chain", "reduced"):
         if len(set(getattr(given, name))) > MOST_PANELS:
             raise ValueError(f"argument --{name}: at most {MOST_PANELS} sizes fit a page")
-    folder: Path = given.output
+    if not given.output.strip() or "\0" in given.output:
+        raise ValueError(f"argument --output: must name a folder, got {given.output!r}")
+    folder = Path(given.output)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -185,29 +176,15 @@ def _checked(given: argparse.Namespace) -> Case:
     )
 
 
-@contextmanager
-def _pool(workers: int) -> Iterator[Executor | None]:
+def _pool(workers: int) -> AbstractContextManager[Executor | None]:
     """Processes with one BLAS thread each; None without workers or where none can be started."""
-    name = "OPENBLAS_NUM_THREADS"  # read when a worker imports numpy
-    before = os.environ.get(name)
-    with ExitStack() as stack:
-        pool = None
-        if workers > 0:
-            os.environ[name] = "1"
-            stack.callback(_restore, name, before)
-            try:
-                spawn = multiprocessing.get_context("spawn")
-                pool = stack.enter_context(ProcessPoolExecutor(workers, spawn))
-            except (OSError, ImportError, NotImplementedError):  # a system without semaphores
-                pool = None
-        yield pool
-
-
-def _restore(name: str, value: str | None) -> None:
-    if value is None:
-        os.environ.pop(name, None)
-    else:
-        os.environ[name] = value
+    if workers > 0:
+        try:
+            spawn = multiprocessing.get_context("spawn")
+            return ProcessPoolExecutor(workers, spawn, one_blas_thread)
+        except (OSError, ImportError, NotImplementedError):  # a system without semaphores
+            pass
+    return nullcontext()
 
 
 def write(case: Case, findings: Findings, figures: dict[str, plot.Figure]) -> list[Path]:

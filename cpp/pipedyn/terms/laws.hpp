@@ -5,6 +5,7 @@
 #pragma once
 
 #include "pipedyn/terms/damper.hpp"
+#include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/spring.hpp"
 
@@ -29,6 +30,7 @@ struct LawTable {
 
 using Laws = LawTable<PointMass,  //
                       Spring,     //
-                      Damper>;
+                      Damper,     //
+                      Foundation>;
 
 }  // namespace

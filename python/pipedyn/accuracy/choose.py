@@ -139,8 +139,7 @@ class NoModel(PipedynError):
 
     Attributes:
         tried: what was tried, with the reasons.
-        nearest: the row that comes nearest, its times NaN where the model is too large to be timed
-            and its error is an estimate; None where every model failed.
+        nearest: the row that comes nearest; None where every model failed.
     """
 
     def __init__(self, message: str, tried: tuple[Tried, ...], nearest: TradeRow | None) -> None:
@@ -238,10 +237,10 @@ def _tried(search: Search, chosen: TradeRow | None) -> tuple[Tried, ...]:
     if chosen is not None:
         last[chosen.family] = chosen
     found = []
-    for name in dict.fromkeys((*last, *search.left)):
-        row = last.get(name)
-        why = search.left.get(name, "" if row is None else described(row))
-        found.append(Tried(name, row, "" if row is not None and row is chosen else why))
+    for family in search.families:
+        row, left = last.get(family.name), search.left.get(family.name, "")
+        why = ", and ".join(part for part in (described(row) if row else "", left) if part)
+        found.append(Tried(family.name, row, "" if row is not None and row is chosen else why))
     return tuple(found)
 
 
@@ -251,14 +250,11 @@ def _refusal(search: Search, nearest: TradeRow | None, demand: str) -> NoModel:
     if nearest is None or math.isinf(search.bound(nearest)):
         why = "; ".join(f"{one.family}: {one.why}" for one in tried)
         return NoModel(f"no model meets {demand}: {why}", tried, None)
-    cost = f"takes {1e3 * nearest.seconds:.3g} ms"
-    if math.isnan(nearest.seconds):
-        cost = "was not timed"
     left = search.left.get(nearest.family, "")
     return NoModel(
         f"no model meets {demand}: the nearest, {nearest.family} of size {nearest.size}, has "
         f"an error of {search.bound(nearest):.1e} (the reference's {search.reference.error:.1e} "
-        f"in it) and {cost}" + (f"; {left}" if "limit" in left else ""),
+        f"in it) and takes {1e3 * nearest.seconds:.3g} ms" + (f"; {left}" if left else ""),
         tried,
         nearest,
     )

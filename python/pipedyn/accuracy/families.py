@@ -62,32 +62,21 @@ WAVY = 128
 """Legendre functions up to which their law is asked."""
 
 
-def expected_size(family: Family, wave: float, tolerance: float) -> float:
-    """About the size at which a family carries a wave to a tolerance; infinite where none does.
+def resolving_size(wave: float, tolerance: float) -> float:
+    """About the number of Legendre functions that carry a wave to a tolerance.
 
-    Of Legendre functions by what they leave of a wave, its share j_(m-1)(k / 2)^2; of chains of
-    second order, and of the paper's, by the error of a discrete beam's frequency, (k / n)^2 / 24,
-    though the paper's does not fall below its limit. The others are fitted to critical speeds of
-    pipes at beta = 0.2 to 0.95: within a factor of two or so.
+    By what they leave of the wave, its share j_(m-1)(k / 2)^2. Infinite where none of some hundred
+    do.
 
     Args:
-        family: of models.
         wave: wave number k, in 1 / L.
         tolerance: relative error.
     """
-    if family.order == math.inf:
-        sizes = np.arange(1, WAVY)
-        enough = spherical_jn(sizes - 1, 0.5 * wave) ** 2 <= tolerance
-        enough &= sizes > 0.5 * wave  # there the share falls, before it swings
-        fits = sizes[enough]
-        return float(fits[0]) if fits.size else math.inf
-    if family.name == "beam":
-        return max(wave / 9.0 / math.sqrt(math.sqrt(tolerance)), wave / math.pi)
-    if family.order == 1.0:
-        return 0.1 * wave / tolerance
-    if family.order in (0.0, 2.0):
-        return wave / math.sqrt(24.0 * tolerance)
-    return 0.14 * wave / math.sqrt(math.sqrt(tolerance))
+    sizes = np.arange(1, WAVY)
+    enough = spherical_jn(sizes - 1, 0.5 * wave) ** 2 <= tolerance
+    enough &= sizes > 0.5 * wave  # there the share falls, before it swings
+    fits = sizes[enough]
+    return float(fits[0]) if fits.size else math.inf
 
 
 def _chain(rule: str, pipe: Pipe, n: int) -> Model:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from pipedyn.accuracy.families import FAMILIES, expected_size
+from pipedyn.accuracy.families import FAMILIES, resolving_size
 from pipedyn.accuracy.reference import (
     EPS,
     FEWEST,
@@ -29,7 +29,6 @@ from pipedyn.accuracy.reference import (
     Onset,
     Reference,
     grown_reference,
-    onset_near,
     onset_reference,
     wave_number,
 )
@@ -90,20 +89,11 @@ class Quantity(ABC):
 
     name: ClassVar[str]
 
-    is_linear: ClassVar[bool] = True
-    """Whether an answer's cost depends on little else than the degrees of freedom."""
-
     least: int = 1
     """Degrees of freedom that a model must have to answer."""
 
     most: ClassVar[int] = 2000
     """Degrees of freedom beyond which models are not asked."""
-
-    growth: ClassVar[float] = 1.0
-    """Power of the size with which the cost of an answer grows at the least."""
-
-    cheaper_share: ClassVar[float] = 1.5
-    """Share of another model's degrees of freedom up to which an answer may cost less than its."""
 
     @abstractmethod
     def answer(self, model: AnyModel) -> Answer:
@@ -117,13 +107,6 @@ class Quantity(ABC):
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's answer, its error below a tolerance where that can be had."""
 
-    def estimate(self, model: Model, answer: Answer) -> float | None:
-        """A model's error, looked for beside the reference's answer, far cheaper than its own.
-
-        None where nothing is found. Asked where the reference is said to be estimable.
-        """
-        return None
-
     def excluded(self, pipe: Pipe, family: str) -> str:
         """Why a family's answers do not come near a pipe's as it grows; empty if they do."""
         return ""
@@ -132,14 +115,6 @@ class Quantity(ABC):
     def floor(self) -> float:
         """Error below which answers differ by how they were solved, not by their models."""
         return 0.0
-
-    def comparable_dof(self, dof: int) -> float:
-        """Degrees of freedom up to which another model's answer may cost less than this one's.
-
-        Linear answers and cycles of few degrees of freedom cost alike, of many more always more.
-        """
-        share = self.cheaper_share
-        return max(share * dof, dof + 3.0) if share > 1.0 else share * dof
 
     def sharpened(self, tolerance: float) -> Self:
         """The same, solved so sharply that its own error is no part of a tolerance."""
@@ -201,29 +176,18 @@ class CriticalSpeedOf(Quantity):
         """Relative difference of the speeds; infinite where the kinds differ."""
         return math.inf if answer.kind != other.kind else _relative(answer.values, other.values)
 
-    def estimate(self, model: Model, answer: Answer) -> float | None:
-        """By the onset of flutter next to the reference's."""
-        assert answer.onset is not None
-        onset = onset_near(model, answer.onset.speed, answer.onset.frequency)
-        return None if onset is None else abs(onset.speed / answer.onset.speed - 1.0)
-
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """An onset tracked into larger models, or else the continuous pipe's own answer."""
         tracked = onset_reference(pipe, LEGENDRE.for_terms(pipe), self.answer, tolerance)
         if tracked is not None:
             return tracked
         found = self.answer(Continuum(pipe))
-        onset, error = found.onset, max(found.error, EPS)
-        if onset is None:
-            return Reference(found, error, "Continuum")
-        wave = wave_number(pipe, onset.speed, 1j * onset.frequency)
-        return Reference(found, error, "Continuum", wave, is_estimable=True)
+        return Reference(found, max(found.error, EPS), "Continuum")
 
 
 class _Roots(Quantity):
     """Eigenvalues, each held against its own; those that cluster at -1 / delta are left out."""
 
-    cheaper_share: ClassVar[float] = 0.5
     count: int
 
     @property
@@ -234,7 +198,7 @@ class _Roots(Quantity):
     def _resolving(self, pipe: Pipe, u: float, tolerance: float) -> float:
         """Legendre functions that resolve the modes asked for, by their wave number."""
         wave = wave_number(pipe, u, 1j * (math.pi * (self.count + 0.5)) ** 2)
-        size = max(expected_size(LEGENDRE, wave, tolerance), self.count + 2.0)
+        size = max(resolving_size(wave, tolerance), self.count + 2.0)
         return size + LEGENDRE.for_terms(pipe)
 
 
@@ -254,14 +218,6 @@ def _apart(values: NDArray[Any], other: NDArray[Any]) -> float:
         return math.inf
     rows, columns = linear_sum_assignment(cost)
     return float(cost[rows, columns].max(initial=0.0))
-
-
-def _largest_wave(pipe: Pipe, u: float, values: NDArray[Any]) -> float:
-    """Of the root farthest out, but for those that cluster at -1 / delta."""
-    telling = values[_outside(values, pipe.damping)]
-    if telling.size == 0:
-        return math.pi
-    return wave_number(pipe, u, complex(telling[np.argmax(np.abs(telling))]))
 
 
 @dataclass(frozen=True)
@@ -316,10 +272,6 @@ class Frequencies(_Roots):
         compared: NDArray[Any] = answer.values[below & _outside(answer.values, answer.damping)]
         return compared
 
-    def estimate(self, model: Model, answer: Answer) -> float | None:
-        """By the eigenvalues without their modes."""
-        return self.distance(self._roots(model), answer)
-
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """Legendre functions that resolve the modes, grown; or else the continuous pipe."""
         found, resolving = None, self._resolving(pipe, self.u, tolerance)
@@ -335,8 +287,7 @@ class Frequencies(_Roots):
                     answer,
                 )
             found = Reference(answer, max(answer.error, LEAST_ERROR), "Continuum")
-        wave = _largest_wave(pipe, self.u, found.answer.values)
-        return replace(found, wave_number=wave, is_estimable=True)
+        return found
 
 
 @dataclass(frozen=True)
@@ -379,15 +330,6 @@ class RootLociOver(_Roots):
         rows = zip(answer.candidates, other.values, strict=True)
         return max(_apart(values, exact[_outside(exact, other.damping)]) for values, exact in rows)
 
-    def estimate(self, model: Model, answer: Answer) -> float | None:
-        """By the eigenvalues at the first, the middle and the last speed."""
-        assert isinstance(self.speeds, np.ndarray)
-        count = min(2 * self.count + 8, 2 * model.dof)
-        rows = sorted({0, self.speeds.size // 2, self.speeds.size - 1})
-        problem = eigenproblem(model)
-        values = np.stack([lowest(problem, float(self.speeds[row]), count).values for row in rows])
-        return self.distance(Answer(values), replace(answer, values=answer.values[rows]))
-
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The branches of a model, held against all roots of a larger one."""
         assert isinstance(self.speeds, np.ndarray)
@@ -406,8 +348,7 @@ class RootLociOver(_Roots):
             if error <= tolerance:
                 break
         source = f"{size} Legendre functions, held against the roots of {size + STEP}"
-        wave = _largest_wave(pipe, fastest, answer.values[-1])
-        return Reference(answer, max(error, LEAST_ERROR), source, wave, is_estimable=True)
+        return Reference(answer, max(error, LEAST_ERROR), source)
 
 
 # ---------------------------------------------------------------------------- nonlinear questions
@@ -418,8 +359,6 @@ Angle: TypeAlias = Callable[[Array], ArrayLike]
 
 class _Integrated(Quantity):
     """A motion or a cycle, integrated with a relative tolerance."""
-
-    is_linear: ClassVar[bool] = False
 
     sharpest: ClassVar[float]
     """Least relative tolerance of the integration."""
@@ -467,19 +406,13 @@ class _Integrated(Quantity):
         if self.excluded(pipe, "legendre"):
             family, order, sizes = FAMILIES["beam"], BEAM_ORDER, BEAM_MODES
         else:
-            expected = expected_size(family, wave_number(pipe, self.u, second_mode), tolerance)
+            expected = resolving_size(wave_number(pipe, self.u, second_mode), tolerance)
             first, more = int(min(max(expected, FIRST), MOST - 2)), family.for_terms(pipe)
             sizes = tuple(range(first + more, MOST + more + 1, 2))
         asks = (self.sharpened(tolerance).answer, self.sharpened(0.25 * tolerance).answer)
-        found = grown_reference(
+        return grown_reference(
             *(pipe, family, sizes, asks, self.distance, tolerance, order, LONGEST_REFERENCE)
         )
-        root = self._root(found.answer) or second_mode
-        return replace(found, wave_number=wave_number(pipe, self.u, root))
-
-    def _root(self, answer: Answer) -> complex | None:
-        """The root i omega whose waves an answer takes; the second mode's where none is known."""
-        return None
 
 
 @dataclass(frozen=True)
@@ -500,8 +433,6 @@ class MotionOf(_Integrated):
 
     name: ClassVar[str] = "motion"
     most: ClassVar[int] = 1000
-    growth: ClassVar[float] = 1.5
-    cheaper_share: ClassVar[float] = math.inf
     sharpest: ClassVar[float] = 1e-12
     share: ClassVar[float] = 0.01
     noise: ClassVar[float] = 20.0
@@ -590,7 +521,6 @@ class LimitCycleAt(_Integrated):
 
     name: ClassVar[str] = "limit_cycle"
     most: ClassVar[int] = LARGEST_CYCLE
-    cheaper_share: ClassVar[float] = 1.0
     sharpest: ClassVar[float] = 1e-10
     share: ClassVar[float] = 0.1
     noise: ClassVar[float] = 10.0
@@ -610,9 +540,6 @@ class LimitCycleAt(_Integrated):
     def distance(self, answer: Answer, other: Answer) -> float:
         """The larger relative difference of the two."""
         return _relative(answer.values, other.values)
-
-    def _root(self, answer: Answer) -> complex | None:
-        return 1j * float(answer.values[1])
 
 
 # --------------------------------------------------------------------------------- by their names

@@ -100,19 +100,13 @@ class Reference:
         answer: the numbers.
         error: bound on their error, relative: by what the last growth of the model moved them.
         source: which model gave it.
-        wave_number: the largest that the answer takes, in 1 / L; pi where it is not known.
-        is_estimable: whether a model's error can be estimated beside this answer.
-        family: of the smaller models that it grew from.
-        smaller: their sizes and errors.
+        family: of the models that it grew from, if it did.
     """
 
     answer: Answer = field(repr=False)
     error: float
     source: str
-    wave_number: float = math.pi
-    is_estimable: bool = False
     family: str = ""
-    smaller: tuple[tuple[int, float], ...] = field(default=(), repr=False)
 
 
 def wave_number(pipe: Pipe, u: float, value: complex) -> float:
@@ -187,8 +181,6 @@ def onset_reference(
                     Answer(np.array([onset.speed]), "flutter", error, onset),
                     error,
                     f"search with {size} Legendre functions, tracked to {size + step}",
-                    wave_number(pipe, onset.speed, 1j * onset.frequency),
-                    is_estimable=True,
                 )
             before = onset
         size = larger
@@ -243,11 +235,9 @@ def grown_reference(
             error = left * distance(answers[-2], answers[-1]) + answers[-1].error
         if error <= tolerance:
             break
-    errors = [distance(smaller, answers[-1]) for smaller in answers[:-1]]
     return Reference(
         answers[-1],
         max(error, LEAST_ERROR),
         f"Galerkin, {sizes[len(answers) - 1]} {family.name} functions{failed}",
-        family=family.name,
-        smaller=tuple(zip(sizes, errors, strict=False)),
+        family.name,
     )

@@ -10,7 +10,8 @@ passes names it. Cycles that leave a branch at pitchforks and period doublings a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal, get_args
@@ -60,9 +61,9 @@ FOLD = 1e-5
 BESIDE = 0.02
 """Share of a step around a fold in which its multiplier is too near to the trivial one."""
 
-MOST_PASSAGES = 6
-"""Passages of multipliers on one step: more at once have not been met, and each costs some ten
-orbits."""
+MOST_CROSSINGS = 6
+"""Multipliers that cross the unit circle on one step: more at once have not been met, and each
+costs some ten orbits."""
 
 SLOW = 0.5
 """Share of a branch's highest frequency below which, still falling, it falls towards 0."""
@@ -98,7 +99,7 @@ class CycleBranch:
         multipliers: Floquet multipliers, the largest first, the trivial one among them, shape
             (S, n).
         events: in order along the branch.
-        cycles: the cycles themselves; those at the speeds asked for meet the tolerance of
+        cycles: the cycles themselves; those at the speeds given meet the tolerance of
             `limit_cycle` or are listed as failures, those between some 1e-5.
         mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
         origin: where it begins: "hopf" (at an equilibrium), "pitchfork" or "period doubling" (of a
@@ -123,7 +124,7 @@ class CycleBranch:
         return len(self.speeds)
 
     def at(self, u: float) -> tuple[LimitCycle, ...]:
-        """The cycles at one of the speeds asked for, in order along the branch."""
+        """The cycles at one of the speeds given, in order along the branch."""
         u = check.real("u", u, low=0.0)
         return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
 
@@ -138,8 +139,8 @@ Failed = tuple[float, Exception]
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What is asked of every branch.
+class BranchOptions:
+    """How branches are followed.
 
     Attributes:
         speeds: flow speeds at which cycles are solved for, increasing.
@@ -154,7 +155,7 @@ class Asked:
     onsets: tuple[float, ...] = ()
 
     def holds(self, u: float) -> bool:
-        """Whether a speed lies within those asked for."""
+        """Whether a speed lies within those given."""
         low, high = float(self.speeds[0]), float(self.speeds[-1])
         near = 1e-9 * (1.0 + high)
         return low - near <= u <= high + near
@@ -165,7 +166,7 @@ class Traced:
     """A branch that was followed.
 
     Attributes:
-        branch: what lies within the speeds asked for, if anything does.
+        branch: what lies within the speeds given, if anything does.
         begin, end: events at which it begins and ends, wherever; None where it goes on.
     """
 
@@ -237,14 +238,14 @@ def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> 
 
 
 def traced(
-    model: Model, begin: HopfPoint | PeriodicOrbit, asked: Asked
+    model: Model, begin: HopfPoint | PeriodicOrbit, options: BranchOptions
 ) -> tuple[list[Traced], tuple[Failed, ...]]:
     """The branch of cycles from an onset, or both ways through a cycle, and those that leave it.
 
     Args:
         model: chain, reduced model or scene, up to 100 degrees of freedom.
         begin: the onset or the cycle.
-        asked: what is asked of every branch.
+        options: how branches are followed.
 
     Returns:
         The branches and the speeds that failed.
@@ -263,7 +264,7 @@ def traced(
         except NewtonFailed as reason:
             return [], ((u, NoCycle(f"no cycle beside u = {u:g}: {reason}", u)),)
         found: list[Traced] = []
-        _trace(motion, starts, event, asked, found, failed, GENERATIONS)
+        _trace(motion, starts, event, options, found, failed, GENERATIONS)
         return found, tuple(failed)
 
 
@@ -271,7 +272,7 @@ def _trace(
     motion: VectorField,
     starts: list[BranchStart],
     begin: CycleEvent | None,
-    asked: Asked,
+    options: BranchOptions,
     found: list[Traced],
     failed: list[Failed],
     generations: int,
@@ -279,7 +280,7 @@ def _trace(
     """A branch one way from an event or both ways from a cycle, and those that leave it."""
     ways: list[_Follower] = []
     for start in starts:
-        ways.append(_Follower(motion, start, begin, asked, failed))
+        ways.append(_Follower(motion, start, begin, options, failed))
         ways[-1].run()
         if ways[-1].closed:
             ways = ways[-1:]
@@ -297,7 +298,7 @@ def _trace(
             report = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
             failed.append((event.speed, NoCycle(report, event.speed)))
             continue
-        _trace(motion, leaving, event, asked, found, failed, generations - 1)
+        _trace(motion, leaving, event, options, found, failed, generations - 1)
 
 
 def _joined(ways: list[_Follower]) -> Traced:
@@ -308,7 +309,7 @@ def _joined(ways: list[_Follower]) -> Traced:
         cycles = ways[0].cycles[:0:-1] + cycles
         events = ways[0].events[::-1] + events
         begin = ways[0].end
-    cycles = [cycle for cycle in cycles if way.asked.holds(cycle.u)]
+    cycles = [cycle for cycle in cycles if way.options.holds(cycle.u)]
     if not cycles:
         return Traced(None, begin, way.end)
     branch = CycleBranch(
@@ -318,7 +319,7 @@ def _joined(ways: list[_Follower]) -> Traced:
         frequencies=np.array([cycle.frequency for cycle in cycles]),
         stable=np.array([cycle.stable for cycle in cycles]),
         multipliers=np.array([cycle.multipliers for cycle in cycles]),
-        events=tuple(event for event in events if way.asked.holds(event.speed)),
+        events=tuple(event for event in events if way.options.holds(event.speed)),
         cycles=tuple(cycles),
         mirrored=not cycles[0].symmetric and way.motion.is_odd(cycles[0].u),
         origin=way.origin,
@@ -351,7 +352,7 @@ class _Follower:
         motion: the model's.
         start: where it sets out.
         begin: the event at which it begins, if that is known.
-        asked: what is asked of it.
+        options: how it is followed.
         failed: takes what fails.
     """
 
@@ -360,10 +361,10 @@ class _Follower:
         motion: VectorField,
         start: BranchStart,
         begin: CycleEvent | None,
-        asked: Asked,
+        options: BranchOptions,
         failed: list[Failed],
     ) -> None:
-        self.motion, self.start, self.begin, self.asked = motion, start, begin, asked
+        self.motion, self.start, self.begin, self.options = motion, start, begin, options
         self.failed = failed
         self.origin: Origin = "motion"
         self.onset = math.nan
@@ -378,14 +379,14 @@ class _Follower:
         self.pace: list[float] = []
         self.end: CycleEvent | None = None
         self.closed = False
-        lowest = min(float(asked.speeds[asked.speeds > 0.0][0]), start.orbit.u)
-        highest = max(float(asked.speeds[-1]), start.orbit.u)
+        lowest = min(float(options.speeds[options.speeds > 0.0][0]), start.orbit.u)
+        highest = max(float(options.speeds[-1]), start.orbit.u)
         self.far = lowest / BEYOND, highest * BEYOND
 
     def run(self) -> None:
         """Follows the branch until it ends, is far from the speeds or its steps run out.
 
-        Beyond the speeds asked for multipliers are not computed.
+        Beyond the speeds given multipliers are not computed.
         """
         here, last, beyond = self.start.orbit, None, 0
         try:
@@ -396,7 +397,8 @@ class _Follower:
                     return
                 here = step.end
                 self.pace.append(here.frequency)
-                if self._asked_for(step):
+                low, high = sorted((step.begin.u, here.u))
+                if low <= self.options.speeds[-1] and high >= self.options.speeds[0]:
                     last, beyond = self.noted(step, last), 0
                     if last.multiplier_error > DOUBTFUL:
                         raise NewtonFailed(
@@ -407,7 +409,7 @@ class _Follower:
                 far = not self.far[0] < here.u < self.far[1]
                 if far or self.closed or self.end is not None:
                     return
-                if number + 1 >= self.asked.most or beyond == MOST_BEYOND:
+                if number + 1 >= self.options.most or beyond == MOST_BEYOND:
                     raise NewtonFailed("its steps ran out")
                 if last is None and here.edges.size > INTERVALS_BEYOND:
                     raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
@@ -417,52 +419,50 @@ class _Follower:
             else:
                 self._stopped(here, str(reason))
 
-    def _asked_for(self, step: OrbitStep) -> bool:
-        """Whether a step comes to speeds asked for."""
-        low, high = sorted((step.begin.u, step.end.u))
-        return bool(low <= self.asked.speeds[-1] and high >= self.asked.speeds[0])
-
     def _first(self) -> LimitCycle | None:
-        """Cycles at speeds asked for up to the branch's first; that itself if its speed is one."""
+        """Cycles at speeds given up to the branch's first; that itself if its speed is one."""
         base, first = self.start.base, self.start.orbit
         if base is None:
-            cycle = self._finished(first.u, lambda: first)
+            cycle = self._finished(first.u, first)
             if cycle is not None:
                 self.keep(cycle)
             return cycle
         low, high = sorted((base.u, first.u))
-        powers = (1.0, 0.5) if self.origin == "hopf" and self.motion.model.pipe.drag else (0.5,)
-        asked = self.asked.speeds
-        between = asked[(asked > low) & (asked < high)]
+        speeds = self.options.speeds
+        between = speeds[(speeds > low) & (speeds < high)]
         for u in sorted(map(float, between), key=lambda u: abs(u - base.u)):
-
-            def beside(u: float = u) -> PeriodicOrbit:
-                share = (u - base.u) / (first.u - base.u)
-                along = first.packed() - base.packed()
-                for power in powers:
-                    guess = first.unpacked(base.packed() + share**power * along)
-                    found = _solution(self.motion, replace(guess, u=u))
-                    if found is None:
-                        continue
-                    moved = (one.starts - base.starts for one in (found, guess))
-                    if float(np.sum(np.prod(list(moved), axis=0))) > 0.0:
-                        return found
-                raise NewtonFailed("Newton's method fell back to what the branch leaves")
-
-            cycle = self._finished(u, beside)
-            if cycle is not None:
+            orbit = self._beside(base, u)
+            if orbit is None:
+                self._no_cycle(u, "Newton's method fell back to what the branch leaves")
+            elif (cycle := self._finished(u, orbit)) is not None:
                 self.keep(cycle)
         return None
 
-    def _finished(self, u: float, orbit: Callable[[], PeriodicOrbit]) -> LimitCycle | None:
-        """The cycle at a speed asked for; None where there is none.
+    def _beside(self, base: PeriodicOrbit, u: float) -> PeriodicOrbit | None:
+        """The orbit at a speed between that of what the branch leaves and that of its first."""
+        first = self.start.orbit
+        share = (u - base.u) / (first.u - base.u)
+        along = first.packed() - base.packed()
+        powers = (1.0, 0.5) if self.origin == "hopf" and self.motion.model.pipe.drag else (0.5,)
+        for power in powers:
+            guess = replace(first.unpacked(base.packed() + share**power * along), u=u)
+            with suppress(NewtonFailed):
+                found = solved(self.motion, guess, FINE.control.tolerance)
+                if float(np.vdot(found.starts - base.starts, guess.starts - base.starts)) > 0.0:
+                    return found
+        return None
+
+    def _no_cycle(self, u: float, reason: object) -> None:
+        """Takes note of a speed at which no cycle was found."""
+        self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
+
+    def _finished(self, u: float, orbit: PeriodicOrbit) -> LimitCycle | None:
+        """The cycle of the orbit at one of the speeds given; None where there is none.
 
         What fails to meet the tolerance is a failure, and kept for what it is.
         """
         try:
-            return finished(self.motion, orbit(), self.asked.rtol, SAMPLES, self.how)
-        except NewtonFailed as reason:
-            self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
+            return finished(self.motion, orbit, self.options.rtol, SAMPLES, self.how)
         except PipedynError as error:
             self.failed.append((u, error))
             if isinstance(error, NotConverged) and isinstance(error.result, LimitCycle):
@@ -532,7 +532,7 @@ class _Follower:
     def _dies(self, step: OrbitStep, before: float, after: float) -> None:
         """Tells at which onset a cycle shrinks to nothing."""
         u = step.begin.u + before / (before + after) * (step.end.u - step.begin.u)
-        others = [onset for onset in self.asked.onsets if onset != self.onset]
+        others = [onset for onset in self.options.onsets if onset != self.onset]
         near = min(others, key=lambda onset: abs(onset - u), default=math.inf)
         known = abs(near - u) < 0.01 * u
         error = 1e-6 if known else abs(step.begin.u - u)
@@ -559,13 +559,16 @@ class _Follower:
         places, ends = [end], [segment.begin]
         for length in folds(segment, FOLD):
             top = self._place(step, length)
-            places.append(replace(top, event=self._fold(step, top)))
+            u, amplitude = top.cycle.u, top.cycle.amplitude
+            error = max(abs(step.at(length + 1e-3 * step.length).u - u), 1e-9)
+            event = CycleEvent("fold", u, error, 1.0 + 0j, amplitude)
+            places.append(replace(top, event=event))
             ends.append(top.point)
             if length - beside > low.length:
-                places += self._passages(step, low, self._place(step, length - beside))
+                places += self._crossings(step, low, self._place(step, length - beside))
             low = self._place(step, min(length + beside, step.length))
         if low.length < step.length:
-            places += self._passages(step, low, end)
+            places += self._crossings(step, low, end)
         for a, b in pairwise([*ends, segment.end]):
             places += self._at_speeds(step, segment.part(a, b))
         for place in sorted(places, key=lambda one: one.length):
@@ -579,19 +582,12 @@ class _Follower:
         point = step.segment.at(length) if point is None else point
         return _Place(length, point, self.described(step.problem.orbit(point.z)))
 
-    def _fold(self, step: OrbitStep, top: _Place) -> CycleEvent:
-        """Where the branch turns."""
-        cycle = top.cycle
-        beside = step.at(top.length + 1e-3 * step.length)
-        error = max(abs(beside.u - cycle.u), 1e-9)
-        return CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
-
-    def _passages(self, step: OrbitStep, low: _Place, high: _Place) -> Iterator[_Place]:
-        """Where multipliers pass the unit circle between two places, but for folds.
+    def _crossings(self, step: OrbitStep, low: _Place, high: _Place) -> Iterator[_Place]:
+        """Where multipliers cross the unit circle between two places, but for folds.
 
         Those show in the tangent.
         """
-        for _ in range(MOST_PASSAGES):
+        for _ in range(MOST_CROSSINGS):
             if outside(low.cycle.multipliers) == outside(high.cycle.multipliers):
                 return
             before, low = self._narrowed(step, low, high)
@@ -603,12 +599,12 @@ class _Follower:
             a, b = before.cycle, low.cycle
             speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
             event = CycleEvent(kind, speed, error, multiplier, 0.5 * (a.amplitude + b.amplitude))
-            if kind != "torus" and self.asked.holds(speed):
+            if kind != "torus" and self.options.holds(speed):
                 self.forks.append((event, orbit, a.stable or b.stable))
             yield replace(low, event=event)
 
     def _narrowed(self, step: OrbitStep, low: _Place, high: _Place) -> tuple[_Place, _Place]:
-        """Places right before and beyond the first passage of a multiplier through the circle.
+        """Places right before and beyond the first crossing of a multiplier.
 
         The modulus that passes 1 is a smooth function of the length, unless others pass as well.
         """
@@ -627,22 +623,21 @@ class _Follower:
         return places[beyond - 1], places[beyond]
 
     def _at_speeds(self, step: OrbitStep, part: Segment) -> Iterator[_Place]:
-        """The cycles at the speeds asked for."""
+        """The cycles at the speeds given."""
         low, high = sorted((part.begin.p, part.end.p))
-        speeds = self.asked.speeds
+        speeds = self.options.speeds
         passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.p)
         if len(self.pace) == 1 and self.start.base is None:  # the first orbit is kept already
             passed &= ~np.isclose(speeds, self.start.orbit.u, rtol=1e-7, atol=0.0)
         for u in map(float, speeds[passed]):
-            points: list[Point] = []
-
-            def landing(u: float = u, points: list[Point] = points) -> PeriodicOrbit:
-                points.append(part.where(u))
-                return step.problem.orbit(points[0].z)
-
-            cycle = self._finished(u, landing)
+            try:
+                point = part.where(u)
+            except NewtonFailed as reason:
+                self._no_cycle(u, reason)
+                continue
+            cycle = self._finished(u, step.problem.orbit(point.z))
             if cycle is not None:
-                yield _Place(step.segment.reach(points[0].z), points[0], cycle)
+                yield _Place(step.segment.reach(point.z), point, cycle)
                 self.closed = self.closed or self._is_first(cycle)
 
     def _is_first(self, cycle: LimitCycle) -> bool:
@@ -651,14 +646,6 @@ class _Follower:
         if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
             return False
         return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
-
-
-def _solution(motion: VectorField, guess: PeriodicOrbit) -> PeriodicOrbit | None:
-    """The orbit near a guess, None where Newton's method fails."""
-    try:
-        return solved(motion, guess, FINE.control.tolerance)
-    except NewtonFailed:
-        return None
 
 
 def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:

@@ -21,7 +21,7 @@ from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.motion.ensemble import BATCH, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
-from pipedyn.motion.simulate import LARGEST_SAMPLES, Motion
+from pipedyn.motion.simulate import LARGEST_SAMPLES, Motion, slight_bend
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
@@ -57,7 +57,7 @@ class Attractor:
         turnings: transverse position of the tip where its velocity changes sign, in order, shape
             (K,); at rest the position itself.
         end: [p, p'] at the end, shape (2 moving,), empty where it failed.
-        exponent: the largest Lyapunov exponent, where it was asked for and the motion is irregular.
+        exponent: the largest Lyapunov exponent, where it was wanted and the motion is irregular.
     """
 
     speed: float
@@ -70,13 +70,13 @@ class Attractor:
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What is asked of every motion.
+class MotionOptions:
+    """How motions are computed.
 
     Attributes:
         transient, duration: time left out, and time recorded.
         rtol: of the integration.
-        exponents: whether irregular motions are asked for their exponent.
+        exponents: whether the exponents of irregular motions are computed.
     """
 
     transient: float
@@ -96,7 +96,7 @@ def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
     Amplitudes range from a hundredth of a radian to some radians.
     """
     random = np.random.default_rng(seed)
-    found = [model.bent(lambda s: 0.05 * s**2)]
+    found = [model.bent(slight_bend)]
     while len(found) < count:
         parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
         parts *= 10.0 ** random.uniform(-1.5, 0.0)
@@ -118,13 +118,13 @@ def attractors(
     model: Model,
     speeds: Array,
     starts: list[Array],
-    plan: Plan,
+    options: MotionOptions,
     executor: Executor | None,
     shown: bool,
 ) -> tuple[tuple[Attractor, ...], tuple[Failure, ...]]:
     """Where motions end, from each start at each speed, and the members that failed."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
-    most = min(BATCH, max(LARGEST_SAMPLES // (plan.samples * model.coordinates), 1))
+    most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
     parts = [
         [members[i] for i in part]
         for part in np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
@@ -135,7 +135,7 @@ def attractors(
     def fail(u: float, error: Exception) -> None:
         failures.append(Failure(int(np.searchsorted(speeds, u)), u, error))
 
-    jobs = [partial(_batch, model, part, starts, plan) for part in parts]
+    jobs = [partial(_batch, model, part, starts, options) for part in parts]
     answers = parallel(jobs, executor, label="brute force", progress=shown)
     for part, answer in zip(parts, answers, strict=True):
         if isinstance(answer, Exception):
@@ -145,19 +145,19 @@ def attractors(
                 fail(u, one)
                 one = Attractor(u, k, "failed", 0, np.zeros(0), np.zeros(0))
             found.append(one)
-    if plan.exponents:
-        asked = [i for i, one in enumerate(found) if one.ending == "irregular"]
+    if options.exponents:
+        irregular = [i for i, one in enumerate(found) if one.ending == "irregular"]
         exponents = [
             partial(
                 lyapunov_exponent,
                 *(model, found[i].speed, found[i].end),
-                duration=2.0 * plan.duration,
+                duration=2.0 * options.duration,
                 transient=20.0,
             )
-            for i in asked
+            for i in irregular
         ]
         results = parallel(exponents, executor, label="exponents", progress=shown)
-        for i, exponent in zip(asked, results, strict=True):
+        for i, exponent in zip(irregular, results, strict=True):
             if isinstance(exponent, Exception):
                 fail(found[i].speed, exponent)
             else:
@@ -166,20 +166,20 @@ def attractors(
 
 
 def _batch(
-    model: Model, members: list[tuple[float, int]], starts: list[Array], plan: Plan
+    model: Model, members: list[tuple[float, int]], starts: list[Array], options: MotionOptions
 ) -> list[Attractor | Exception]:
     """Where each member of one batch ends, or why it stopped early."""
     ensemble = simulate_many(
         model,
         [u for u, _ in members],
-        plan.transient + plan.duration,
+        options.transient + options.duration,
         [starts[k] for _, k in members],
-        times=plan.transient + np.linspace(0.0, plan.duration, plan.samples),
-        rtol=plan.rtol,
+        times=options.transient + np.linspace(0.0, options.duration, options.samples),
+        rtol=options.rtol,
     )
     errors = {failure.index: failure.error for failure in ensemble.failures}
     return [
-        errors[i] if i in errors else _attractor(u, k, motion, plan.rtol)
+        errors[i] if i in errors else _attractor(u, k, motion, options.rtol)
         for i, ((u, k), motion) in enumerate(zip(members, ensemble.motions, strict=True))
     ]
 
@@ -225,16 +225,16 @@ def ending_of(x: Array, turnings: Array, error: float) -> tuple[Ending, int]:
     approaching = all(b < a for a, b in pairwise(quarters)) and quarters[-1] < 0.8 * quarters[0]
     for period in range(1, min(LONGEST_PERIOD, highs.size // 3) + 1):
         change = np.abs(highs[period:] - highs[:-period])
-        if change.max() >= near:
-            continue
-        if change.max() <= error:
+        recurs = bool(change.max() < near)
+        if recurs and change.max() <= error:
             return "periodic", period
         if change.size < 4 * period:
             continue
         # A Floquet multiplier that still acts shrinks the changes by a constant factor. Beside a
         # torus they may shrink for a while as well, but not twice as much in each quarter.
         parts = [max(float(part.max()), error) for part in np.array_split(change, 4)]
-        if all(b <= max(0.5 * a, error) for a, b in pairwise(parts)):
+        converges = all(b <= max(0.5 * a, error) for a, b in pairwise(parts))
+        if recurs and converges:
             return "periodic", period
-        approaching = approaching or all(b < a for a, b in pairwise(parts))
+        approaching |= converges or (recurs and all(b < a for a, b in pairwise(parts)))
     return ("settling" if approaching else "irregular"), 0

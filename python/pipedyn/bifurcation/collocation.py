@@ -15,11 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import legendre
 
+from pipedyn.bifurcation.continuation import Continuation, Control
 from pipedyn.bifurcation.periodic_orbit import RADAU, STAGES, PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-from pipedyn.util.newton import NewtonFailed, newton
+from pipedyn.util.newton import NewtonFailed
 
 MOST_ENTRIES = 500_000
 """Numbers in the stages' matrices that are made at a time: what a cache holds."""
@@ -38,22 +39,16 @@ which Newton's method has nothing to do with its start any more."""
 # -------------------------------------------------------------------------------- one interval
 
 
-@dataclass(frozen=True)
-class _Condensed:
+def _condensed(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """How intervals answer to small changes, with the stages eliminated.
 
-    Attributes:
-        rates: of the stages to the state at the beginning, to what they miss, to the frequency and
-            to the speed, shape (M, s, width, 2 moving + 3).
-        ends: of the state at the end to the same, shape (M, 2 moving, 2 moving + 3).
+    As many intervals are taken at a time as a cache holds.
+
+    Returns:
+        Rates of the stages to the state at the beginning, to what they miss, to the frequency and
+        to the speed, shape (M, s, width, 2 moving + 3), and the state at the end to the same, shape
+        (M, 2 moving, 2 moving + 3).
     """
-
-    rates: Array
-    ends: Array
-
-
-def _condensed(motion: VectorField, orbit: PeriodicOrbit) -> _Condensed:
-    """Variational equations of the intervals, as many at a time as a cache holds."""
     count, _, width = orbit.rates.shape
     piece = max(1, MOST_ENTRIES // (STAGES * width) ** 2)
     parts = []
@@ -63,7 +58,7 @@ def _condensed(motion: VectorField, orbit: PeriodicOrbit) -> _Condensed:
         part = replace(orbit, edges=edges, starts=orbit.starts[some], rates=orbit.rates[some])
         parts.append(_eliminated(motion, part))
     rates, ends = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return _Condensed(rates, ends)
+    return rates, ends
 
 
 def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
@@ -156,24 +151,20 @@ class Linearised:
     Args:
         motion: the model's.
         orbit: the orbit.
-        phase: row and value of the condition row @ unknowns = value that fixes the phase; where not
-            given, y(0) moves across the motion.
+        phase: row and value of the condition row @ unknowns = value that fixes the phase.
     """
 
     def __init__(
-        self,
-        motion: VectorField,
-        orbit: PeriodicOrbit,
-        phase: tuple[Array, float] | None = None,
+        self, motion: VectorField, orbit: PeriodicOrbit, phase: tuple[Array, float]
     ) -> None:
         self.orbit, self._phase = orbit, phase
         n, mirror = motion.size, orbit.mirror
         self._units = _units(motion, orbit)
-        self._answers = _condensed(motion, orbit)
-        right = self._answers.ends[:, :, n:].copy()
+        self._rates, ends = _condensed(motion, orbit)
+        right = ends[:, :, n:].copy()
         right[:, :, 0] += orbit.stages()[:, -1]
         right[:, :, 0] -= np.concatenate([orbit.starts[1:], mirror * orbit.starts[:1]])
-        self.link, self._between = _collapsed(self._answers, right, self._units)
+        self.link, self._between = _collapsed(ends, right, self._units)
         across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
         self._matrix = np.zeros((n + 2, n + 2))
         self._matrix[:n, :n] = self.link.first[0] + mirror * self.link.last[0]
@@ -182,10 +173,6 @@ class Linearised:
 
     def correction(self, row: Array, gap: float) -> Array:
         """Newton's step, on which row @ step = gap; shape and order are those of `packed`."""
-        if self._phase is None:
-            right = np.append(self.link.right[0, :, 0], [0.0, gap])
-            step: Array = self._solved(row, right[:, None], np.ones(1))[:, 0]
-            return step
         phase, value = self._phase
         return self._combined(row, value - float(phase @ self.orbit.packed()), gap, 1.0)
 
@@ -195,7 +182,6 @@ class Linearised:
 
     def _combined(self, row: Array, shift: float, gap: float, missed: float) -> Array:
         """The solution that meets both conditions, from three that meet simpler ones at y(0)."""
-        assert self._phase is not None
         n = self._units.size
         right = np.zeros((n + 2, 3))
         right[:n, 0], right[n, 1], right[n + 1, 2] = self.link.right[0, :, 0] * missed, 1.0, 1.0
@@ -251,19 +237,17 @@ class Linearised:
             ends = more
         starts = ends[:-1] * self._units[:, None]
         acting = np.broadcast_to(factors, (len(starts), *factors.shape))
-        rates = self._answers.rates @ np.concatenate([starts, acting], axis=1)[:, None]
+        rates = self._rates @ np.concatenate([starts, acting], axis=1)[:, None]
         columns = factors.shape[1]
         return np.concatenate(
             [starts.reshape(-1, columns), rates.reshape(-1, columns), factors[1:]]
         )
 
 
-def _collapsed(
-    answers: _Condensed, right: Array, units: Array
-) -> tuple[_Link, list[tuple[Array, _Link]]]:
+def _collapsed(ends: Array, right: Array, units: Array) -> tuple[_Link, list[tuple[Array, _Link]]]:
     """One link over all intervals, in units of the state, and what gives the states between."""
     n, between = units.size, []
-    through = answers.ends[:, :, :n] * units / units[:, None]
+    through = ends[:, :, :n] * units / units[:, None]
     link = _Link(-through, np.zeros_like(through) + np.eye(n), right / units[:, None])
     while len(link.first) > 1:
         link, inner = link.paired()
@@ -282,8 +266,8 @@ def _units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 def through(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """L and R of L y(0) + R y(span) = 0 for small changes along an orbit, (2 moving,) * 2 each."""
     units = _units(motion, orbit)
-    answers = _condensed(motion, orbit)
-    link, _ = _collapsed(answers, answers.ends[:, :, :0], units)
+    _, ends = _condensed(motion, orbit)
+    link, _ = _collapsed(ends, ends[:, :, :0], units)
     return link.first[0] / units, link.last[0] / units
 
 
@@ -323,7 +307,10 @@ class OrbitProblem:
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step beside the orbit's own size, its frequency and its speed."""
-        return _relative(self.orbit(z), step)
+        orbit = self.orbit(z)
+        moved = step[: orbit.starts.size].reshape(orbit.starts.shape)[:, : orbit.half]
+        sizes = float(np.abs(moved).max()), abs(float(step[-2])), abs(float(step[-1]))
+        return max(sizes[0] / orbit.size, sizes[1] / orbit.frequency, sizes[2] / orbit.u)
 
     def check(self, z: Array) -> None:
         """Refuses what is no orbit near the start.
@@ -331,21 +318,38 @@ class OrbitProblem:
         Raises:
             NewtonFailed: with the reason.
         """
-        _check(self.start, self.orbit(z))
+        start, orbit = self.start, self.orbit(z)
+        if orbit.size < VANISHING * start.size:
+            raise NewtonFailed("it shrank to rest")
+        low, high = (share * start.frequency for share in FREQUENCIES)
+        if orbit.size > GROWN * start.size or not low < orbit.frequency < high or orbit.u <= 0.0:
+            raise NewtonFailed("Newton's method left the neighbourhood of its start")
 
 
-def _relative(orbit: PeriodicOrbit, step: Array) -> float:
-    moved = step[: orbit.starts.size].reshape(orbit.starts.shape)[:, : orbit.half]
-    by_state = float(np.abs(moved).max()) / orbit.size
-    return max(by_state, abs(float(step[-2])) / orbit.frequency, abs(float(step[-1])) / orbit.u)
+def control(longest: float, tolerance: float) -> Control:
+    """How orbits are solved for: steps are measured as by `OrbitProblem`.
 
+    Orbits are costly: a tangent that turns by 37 degrees will do, and one linearisation serves the
+    last correction and the tangent.
 
-def _check(start: PeriodicOrbit, orbit: PeriodicOrbit) -> None:
-    if orbit.size < VANISHING * start.size:
-        raise NewtonFailed("it shrank to rest")
-    low, high = (share * start.frequency for share in FREQUENCIES)
-    if orbit.size > GROWN * start.size or not low < orbit.frequency < high or orbit.u <= 0.0:
-        raise NewtonFailed("Newton's method left the neighbourhood of its start")
+    Args:
+        longest: step along a branch.
+        tolerance: relative size of Newton's last step.
+    """
+    return Control(
+        longest=longest,
+        shortest=1e-4,
+        turn=math.acos(0.8),
+        shorten=0.4,
+        tolerance=tolerance,
+        stagnation=1e3 * tolerance,
+        iterations=ITERATIONS,
+        patience=3,
+        longest_change=LONGEST_STEP,
+        farthest=math.inf,
+        quick=ITERATIONS,
+        fresh=False,
+    )
 
 
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
@@ -359,26 +363,9 @@ def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> Perio
     Raises:
         NewtonFailed: if there is none.
     """
-    fixed = np.zeros(orbit.starts.size + orbit.rates.size + 2)
-    fixed[-1] = 1.0
-
-    def correction(here: PeriodicOrbit) -> tuple[Array, float]:
-        step = Linearised(motion, here).correction(fixed, 0.0)
-        return step, _relative(here, step)
-
-    def plus(here: PeriodicOrbit, step: Array, share: float) -> PeriodicOrbit:
-        return here.unpacked(here.packed() + share * step)
-
-    return newton(
-        orbit,
-        correction,
-        plus,
-        tolerance=tolerance,
-        stagnation=1e3 * tolerance,
-        longest=LONGEST_STEP,
-        iterations=ITERATIONS,
-        check=lambda here: _check(orbit, here),
-    ).state
+    problem = OrbitProblem(motion, orbit)
+    branch = Continuation(problem, replace(control(math.inf, tolerance), patience=None))
+    return problem.orbit(branch.fixed(orbit.packed(), orbit.u).z)
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

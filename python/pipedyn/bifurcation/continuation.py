@@ -5,7 +5,8 @@ From a solution z = (x, p) with unit tangent t the predictor is z + ds t; the co
 method with the condition <t, Z - z> = ds, which stays regular at a fold. The product is weighted:
 <a, b> = sum of weights a b. The problem solves its own bordered linear equations [G_z; row] dz =
 [-G; gap], so that equilibria (dense matrices), periodic orbits (almost block diagonal ones) and any
-other problem with one free parameter share this engine.
+other problem with one free parameter share this engine. Whatever solves for a point raises
+`NewtonFailed` where there is none.
 
 Source: Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue problems.
 """
@@ -140,11 +141,7 @@ class Continuation:
         return math.sqrt(self.product(change, change))
 
     def point(self, z: Array, towards: Array) -> Point:
-        """A solution with its tangent on the side of a direction.
-
-        Raises:
-            NewtonFailed: if there is no tangent.
-        """
+        """A solution with its tangent on the side of a direction."""
         row = self.problem.weights * towards
         return Point(z, self._unit(self.problem.linearised(z), row / self.length(towards)))
 
@@ -169,9 +166,6 @@ class Continuation:
             start: the other.
             ds: the length.
             guess: where Newton's method begins; on the tangent where not given.
-
-        Raises:
-            NewtonFailed: if there is none.
         """
         z = start.z + ds * start.tangent if guess is None else guess
         row = self.problem.weights * start.tangent
@@ -180,20 +174,12 @@ class Continuation:
         )
 
     def corrected(self, start: Point) -> Point:
-        """The point nearest to one that misses the equations, across its tangent.
-
-        Raises:
-            NewtonFailed: if there is none.
-        """
+        """The point nearest to one that misses the equations, across its tangent."""
         row = self.problem.weights * start.tangent
         return self._solved(start.z, row, float(row @ start.z), math.inf)
 
     def fixed(self, guess: Array, p: float) -> Point:
-        """The point at a value of the parameter.
-
-        Raises:
-            NewtonFailed: if there is none.
-        """
+        """The point at a value of the parameter."""
         row = np.zeros(guess.size)
         row[-1] = 1.0
         return self._solved(np.append(guess[:-1], p), row, p, math.inf)
@@ -289,27 +275,15 @@ class Segment:
         return self.begin.z + share * moved + cubic
 
     def at(self, s: float) -> Point:
-        """The point at an arc length.
-
-        Raises:
-            NewtonFailed: if Newton's method fails.
-        """
+        """The point at an arc length."""
         return self.branch.at(self.begin, s, self.guess(s))
-
-    def slope(self, s: float) -> float:
-        """Derivative of the parameter by arc length."""
-        return float(self.at(s).tangent[-1])
 
     def part(self, begin: Point, end: Point) -> Segment:
         """What lies between two of its points."""
         return replace(self, begin=begin, end=end)
 
     def where(self, p: float) -> Point:
-        """The point at a value of the parameter between those at the ends.
-
-        Raises:
-            NewtonFailed: if Newton's method fails.
-        """
+        """The point at a value of the parameter between those at the ends."""
         part = self
         for _ in range(HALVINGS):
             try:
@@ -340,9 +314,6 @@ def folds(segment: Segment, rtol: float) -> list[float]:
     Args:
         segment: the segment.
         rtol: tolerance beside the length of the segment.
-
-    Raises:
-        NewtonFailed: if Newton's method fails within it.
     """
     first, last = segment.slopes
     length = segment.length
@@ -350,7 +321,7 @@ def folds(segment: Segment, rtol: float) -> list[float]:
 
     def slope(s: float) -> float:
         if s not in known:
-            known[s] = segment.slope(s)
+            known[s] = float(segment.at(s).tangent[-1])
         return known[s]
 
     brackets = []
@@ -383,9 +354,6 @@ def change(
 
     Returns:
         The point just beyond the change and its arc length.
-
-    Raises:
-        NewtonFailed: if Newton's method fails at an end.
     """
     first = count(segment.at(low))
     width = 1e-10 * (1.0 + high)
@@ -473,19 +441,13 @@ class _Bordered:
         return _dense_solution(np.vstack([self.derivative, row]), right)
 
 
-def solve(
-    equations: Equations, x: Array, p: float, longest_step: float = 0.5
-) -> tuple[Array, float]:
+def solve(equations: Equations, x: Array, p: float) -> Array:
     """A solution at a given parameter by Newton's method.
 
     Args:
         equations: the equations.
         x: where to begin, shape (n,).
         p: the parameter.
-        longest_step: of an entry of x; longer steps are shortened.
-
-    Returns:
-        The solution and the largest entry of Newton's last step, which measures its error.
 
     Raises:
         NewtonFailed: if none is found from there.
@@ -501,11 +463,11 @@ def solve(
         correction,
         tolerance=control.tolerance,
         stagnation=control.stagnation,
-        longest=longest_step,
-        iterations=60,  # those that are shortened go 30 rad, five turns
+        longest=0.5,
+        iterations=60,  # those that are shortened to half a radian go 30 rad, five turns
         scale=lambda x: 1.0 + float(np.abs(x).max()),
     )
-    return found.state, found.step
+    return found.state
 
 
 def _dense_solution(matrix: Array, right: Array) -> Array:

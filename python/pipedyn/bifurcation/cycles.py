@@ -222,11 +222,7 @@ def _peak(values: Array) -> tuple[float, float]:
 def on_branch(
     motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
 ) -> LimitCycle:
-    """The cycle of an orbit on a branch; its error is taken for granted, its multipliers are not.
-
-    Raises:
-        NewtonFailed: if its multipliers leave finite numbers.
-    """
+    """The cycle of an orbit on a branch: its error is given, its multipliers are checked."""
     result = described(motion, orbit, error, samples, how)
     if result.multiplier_error <= DOUBTED:
         return result
@@ -240,11 +236,7 @@ def on_branch(
 def described(
     motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
 ) -> LimitCycle:
-    """The cycle of an orbit as it is.
-
-    Raises:
-        NewtonFailed: if its multipliers leave finite numbers.
-    """
+    """The cycle of an orbit as it is; raises `NewtonFailed` as `floquet` does."""
     amplitude, first = amplitude_of(motion, orbit)
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.branches import (
-    Asked,
+    BranchOptions,
     CycleBranch,
     Failed,
     Traced,
@@ -24,7 +24,7 @@ from pipedyn.bifurcation.brute_force import (
     RECURRENCE,
     SAMPLES_A_TIME,
     Attractor,
-    Plan,
+    MotionOptions,
     attractors,
     initial_bends,
 )
@@ -45,7 +45,7 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.motion.simulate import LARGEST_SAMPLES
+from pipedyn.motion.simulate import LARGEST_SAMPLES, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -64,7 +64,7 @@ BEYOND = 1.5
 """Share of the highest speed up to which onsets are followed: their cycles may come back."""
 
 NO_INDEX = -1
-"""Index of a failure that is at none of the speeds asked for."""
+"""Index of a failure that is at none of the speeds given."""
 
 
 @result
@@ -72,12 +72,12 @@ class BifurcationDiagram:
     """What a pipe does over the flow speed.
 
     Attributes:
-        speeds: u asked for, shape (S,).
+        speeds: u as given, shape (S,).
         equilibria: branches over the range of these, the straight pipe's first, mirror images
             included.
         cycles: branches of cycles within these speeds, those from onsets of flutter first, each
             followed by those that leave it; of two that are mirror images one.
-        motions: where motions from a batch of starts end; empty where they were not asked for.
+        motions: where motions from a batch of starts end; empty where they were not wanted.
         failures: points that failed, with what they raised, by speed; `value` is the flow speed and
             `index` its place among `speeds`, -1 where a branch failed at none of these.
         model: the model.
@@ -132,7 +132,7 @@ def bifurcation_diagram(
         model: chain, reduced model or scene, up to 500 degrees of freedom.
         speeds: flow speeds, increasing, at least 2, shape (S,).
         cycles: number of steps along each branch of cycles at most; 0 for no cycles. Models of more
-            than 100 degrees of freedom have to be asked for none.
+            than 100 degrees of freedom have to be given 0.
         brute_force: number of initial states for each speed; 0 for none.
         transient: time in T after which motions count as arrived.
         duration: time over which they are then recorded.
@@ -161,16 +161,16 @@ def bifurcation_diagram(
         raise ValueError(
             f"brute_force must ask for at most {MOST_MOTIONS} motions, got {count * at.size}"
         )
-    plan = Plan(
+    options = MotionOptions(
         check.real("transient", transient, low=0.0, high=1e6),
         check.real("duration", duration, low=1.0, high=1e4),
         check.real("rtol", rtol, low=1e-12, high=1e-2),
         check.flag("exponents", exponents),
     )
-    if count and plan.samples * model.coordinates > LARGEST_SAMPLES:
+    if count and options.samples * model.coordinates > LARGEST_SAMPLES:
         raise ValueError(
             f"duration must ask for at most {LARGEST_SAMPLES} numbers a motion, at "
-            f"{SAMPLES_A_TIME} samples a unit of time, got {plan.samples * model.coordinates}"
+            f"{SAMPLES_A_TIME} samples a unit of time, got {options.samples * model.coordinates}"
         )
     seed = check.count("seed", seed, low=0)
     check.executor("executor", executor)
@@ -178,13 +178,13 @@ def bifurcation_diagram(
 
     failures: list[Failure] = []
     branches = equilibrium_branches(model, at, failures, shown)
-    found = _Cycles(model, Asked(at, plan.rtol, steps), failures)
+    found = _Cycles(model, BranchOptions(at, options.rtol, steps), failures)
     if steps:
         found.from_onsets(branches, executor, shown)
     motions: tuple[Attractor, ...] = ()
     if count:
         starts = initial_bends(model, count, seed)
-        motions, failed = attractors(model, at, starts, plan, executor, shown)
+        motions, failed = attractors(model, at, starts, options, executor, shown)
         failures += failed
     if steps:
         found.from_motions(motions)
@@ -255,12 +255,12 @@ class _Cycles:
 
     Args:
         model: the model.
-        asked: what is asked of every branch.
+        options: how branches are followed.
         failures: takes what could not be followed.
     """
 
-    def __init__(self, model: Model, asked: Asked, failures: list[Failure]) -> None:
-        self.model, self.asked, self.failures = model, asked, failures
+    def __init__(self, model: Model, options: BranchOptions, failures: list[Failure]) -> None:
+        self.model, self.options, self.failures = model, options, failures
         self.found: list[Traced] = []
 
     @property
@@ -268,7 +268,7 @@ class _Cycles:
         return [one.branch for one in self.found if one.branch is not None]
 
     def fail(self, u: float, error: Exception) -> None:
-        at = np.flatnonzero(self.asked.speeds == u)
+        at = np.flatnonzero(self.options.speeds == u)
         self.failures.append(Failure(int(at[0]) if at.size else NO_INDEX, u, error))
 
     def add(self, answer: tuple[list[Traced], tuple[Failed, ...]]) -> None:
@@ -286,13 +286,14 @@ class _Cycles:
         """From the onsets of flutter."""
         begun: list[HopfPoint] = []
         with one_thread(self.model.dof):
-            for point in hopf_points(self.model, equilibria, BEYOND * float(self.asked.speeds[-1])):
+            highest = BEYOND * float(self.options.speeds[-1])
+            for point in hopf_points(self.model, equilibria, highest):
                 if isinstance(point, HopfPoint):
                     begun.append(point)
                 else:
                     self.fail(*point)
-        self.asked = replace(self.asked, onsets=tuple(point.speed for point in begun))
-        jobs = [partial(traced, self.model, point, self.asked) for point in begun]
+        self.options = replace(self.options, onsets=tuple(point.speed for point in begun))
+        jobs = [partial(traced, self.model, point, self.options) for point in begun]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
         for point, answer in zip(begun, answers, strict=True):
             if isinstance(answer, Exception):
@@ -315,7 +316,7 @@ class _Cycles:
             return
         known = (cycle for branch in self.branches for cycle in branch.at(u))
         if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
-            self.add(traced(self.model, orbit, self.asked))
+            self.add(traced(self.model, orbit, self.options))
 
     def from_motions(self, motions: tuple[Attractor, ...]) -> None:
         """Through cycles on which motions end and that lie on no branch."""
@@ -336,11 +337,10 @@ class _Cycles:
 
     def where_none(self, equilibria: tuple[EquilibriumBranch, ...]) -> None:
         """Through cycles at speeds at which no cycle and no stable equilibrium is known."""
-        for i in seeds(self.asked.speeds):
-            u = float(self.asked.speeds[i])
+        for i in seeds(self.options.speeds):
+            u = float(self.options.speeds[i])
             if any(branch.passes(u) for branch in self.branches) or u == 0.0:
                 continue
             if any(is_stable_at(branch, u) for branch in equilibria):
                 continue
-            (bend,) = initial_bends(self.model, 1, 0)
-            self.through(u, bend)
+            self.through(u, self.model.bent(slight_bend))

@@ -35,7 +35,9 @@ LARGEST = 500
 """Degrees of freedom up to which equilibria are searched: factorisations here are dense."""
 
 DISTINCT = 1e-6
-"""Coordinates by which two equilibria differ at least: those of one differ by 1e-10."""
+"""Change of coordinates, beside 1 and the largest, from which two equilibria differ. In 11 searches
+of five models solutions for one equilibrium differed by 7e-16 at most, and two equilibria by 0.1 at
+least."""
 
 FAR = 60.0
 """Coordinate beyond which a branch is not followed: ten turns."""
@@ -153,19 +155,15 @@ def _branch_points(
         highest: parameter.
         squared: whether they are affine in the square.
     """
-    none = equations.jacobian(x, 0.0)
-    values = [w for w in _singular(none, equations.jacobian(x, 1.0) - none) if w > 0.0]
-    parameters = [math.sqrt(w) if squared else w for w in values]
-    # The null vector of the singular matrix is the direction.
-    return [(p, np.linalg.svd(equations.jacobian(x, p))[2][-1]) for p in parameters if p <= highest]
-
-
-def _singular(a: Array, b: Array) -> list[float]:
-    """Real w, in order, at which a + w b is singular."""
+    a = equations.jacobian(x, 0.0)
+    b = equations.jacobian(x, 1.0) - a
     top, bottom = scipy.linalg.eig(a, -b, right=False, homogeneous_eigvals=True)
     good = np.abs(bottom) > 1e-12 * np.abs(top)  # b has a small rank: the others lie at infinity
     values = top[good] / bottom[good]
-    return sorted(values.real[np.abs(values.imag) <= 1e-9 * np.abs(values)].tolist())
+    real = np.sort(values.real[np.abs(values.imag) <= 1e-9 * np.abs(values)])
+    parameters = [math.sqrt(w) if squared else float(w) for w in real if w > 0.0]
+    # The null vector of the singular matrix is the direction.
+    return [(p, np.linalg.svd(equations.jacobian(x, p))[2][-1]) for p in parameters if p <= highest]
 
 
 def _on_primary_branches(statics: Statics, u: float) -> Iterator[Array]:
@@ -229,7 +227,7 @@ def _on_branch(
         if (point.p - target) * (found.p - target) <= 0.0 and point.p != found.p:
             share = (target - point.p) / (found.p - point.p)
             with suppress(NewtonFailed):
-                yield solve(problem.equations, point.x + share * (found.x - point.x), target)[0]
+                yield solve(problem.equations, point.x + share * (found.x - point.x), target)
         away = found.x - x
         back = float(away @ direction) / math.sqrt(x.size)
         if abs(back) < 0.5 * LEAVING and float(np.linalg.norm(away)) < LEAVING * math.sqrt(x.size):
@@ -278,7 +276,7 @@ class _Distinct:
         with suppress(NewtonFailed, ValueError):
             found = root(statics.residual, x, args=(u,), jac=statics.jacobian, method="hybr")
             if float(np.abs(found.x).max()) <= FAR:
-                self.add(solve(statics, found.x, u)[0])
+                self.add(solve(statics, found.x, u))
 
     def sorted(self) -> list[Array]:
         """From the least bent on, a mirror image beside its original, to the right first."""

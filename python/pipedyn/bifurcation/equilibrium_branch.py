@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import field, replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -139,7 +139,7 @@ def equilibrium_branch(
     start = statics.from_start("q0", q0)
     with one_thread(model.dof):
         try:
-            x, _ = solve(statics, start, u0)
+            x = solve(statics, start, u0)
             if statics.unbalanced(x, u0) > BALANCED:
                 raise NewtonFailed("forces are left")
         except NewtonFailed as error:
@@ -335,19 +335,14 @@ def integrated(statics: Statics, q: Array) -> Array:
 def lies_on(statics: Statics, branch: EquilibriumBranch, x: Array, u: float) -> bool:
     """Whether an equilibrium at a speed is one of a branch's."""
     near = 1e-5 * (1.0 + float(np.abs(x).max()))
-    return any(float(np.abs(other - x).max()) < near for other in _passing(statics, branch, u))
-
-
-def _passing(statics: Statics, branch: EquilibriumBranch, u: float) -> Iterator[Array]:
-    """Equilibria of a branch at a speed."""
     xs = integrated(statics, branch.q)
     for (a, u_a), (b, u_b) in pairwise(zip(xs, branch.speeds, strict=True)):
         if min(u_a, u_b) <= u <= max(u_a, u_b):
             share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
-            try:
-                yield solve(statics, a + share * (b - a), u)[0]
-            except NewtonFailed:
-                continue
+            with suppress(NewtonFailed):
+                if float(np.abs(solve(statics, a + share * (b - a), u) - x).max()) < near:
+                    return True
+    return False
 
 
 def mirror_image(statics: Statics, branch: EquilibriumBranch) -> EquilibriumBranch | None:

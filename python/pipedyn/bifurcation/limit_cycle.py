@@ -70,9 +70,6 @@ two of the longest periods; right-hand sides after which a search ends."""
 MOST_EVALUATIONS = 100_000
 """Right-hand sides after which a search along a branch ends, where each comes with a Jacobian."""
 
-TURNS = LONGEST_PERIOD
-"""Returns of the free end, at most, that a simulated motion's period may have."""
-
 
 CycleStart: TypeAlias = "LimitCycle | Hopf | Motion | Start | None"
 """Where the search for a cycle begins."""
@@ -157,8 +154,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             raise NoCycle("the motion to start from comes back to no state it had before", u)
         return _improved(motion, guess, u), "from a motion"
     y = state_of(motion.model, "start", start, KINDS)
-    q, qdot = motion.model.recorded(y[None, : motion.half], y[None, motion.half :])
-    return _simulated(motion, u, q[0], qdot[0]), "simulation"
+    return _simulated(motion, u, y), "simulation"
 
 
 def _keeps_volumes(model: Model) -> bool:
@@ -250,7 +246,7 @@ def _far(
     ways: list[tuple[str, Callable[[], PeriodicOrbit]]] = [
         (
             "simulation",
-            lambda: _simulated(motion, u, *_near_rest(motion, u), SEARCH * (2 if bounded else 1)),
+            lambda: _simulated(motion, u, _near_rest(motion, u), SEARCH * (2 if bounded else 1)),
         )
     ]
     if bounded:
@@ -390,27 +386,24 @@ def _improved(motion: VectorField, guess: PeriodicOrbit, u: float) -> PeriodicOr
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
 
-def _near_rest(motion: VectorField, u: float) -> tuple[Array, Array]:
-    """A state near rest, in the direction that grows fastest."""
+def _near_rest(motion: VectorField, u: float) -> Array:
+    """A state [p, p'] near rest, in the direction that grows fastest."""
     rest = motion.resting()
     factorised()
     values, vectors = np.linalg.eig(motion.jacobian(rest, u))
     mode = vectors[:, int(np.argmax(values.real))]
     across = mode[: motion.half]
     grown = (mode / across[int(np.argmax(np.abs(across)))]).real
-    y = rest + 0.1 * grown
-    q, qdot = motion.model.recorded(y[None, : motion.half], y[None, motion.half :])
-    return q[0], qdot[0]
+    near: Array = rest + 0.1 * grown
+    return near
 
 
-def _simulated(
-    motion: VectorField, u: float, q0: Array, qdot0: Array, limit: int = SEARCH
-) -> PeriodicOrbit:
-    """The cycle on which a motion ends."""
+def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH) -> PeriodicOrbit:
+    """The cycle on which the motion from a state [p, p'] ends."""
     model = motion.model
     reason = "the motion comes back to no state it had before"
-    first = motion.resting()
-    q_rest = model.recorded(first[None, : motion.half], first[None, motion.half :])[0][0]
+    states = np.stack([start, motion.resting()])
+    (q0, q_rest), (qdot0, _) = model.recorded(states[:, : motion.half], states[:, motion.half :])
     evaluations, time, passed, chunk = 0, 0.0, None, CHUNK
     limit *= PATIENT if model.dof <= FEW else 1
     while evaluations < limit:
@@ -474,7 +467,7 @@ def _from_motion(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit 
     last = states[-1]
     scale = np.ptp(p[t.size // 2 :], axis=0)
     scale = np.maximum(scale, 1e-3 * scale.max())
-    back = np.abs((states[:-1] - last) / scale).max(axis=1)[::-1][:TURNS]
+    back = np.abs((states[:-1] - last) / scale).max(axis=1)[::-1][:LONGEST_PERIOD]
     close = np.flatnonzero(back <= max(2.0 * float(back.min()), 0.01))
     turns = int(close[0])
     if back[turns] > 0.1:

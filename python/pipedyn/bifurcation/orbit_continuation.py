@@ -2,7 +2,8 @@
 """Continuation of periodic orbits in the flow speed, past folds.
 
 A branch begins at a Hopf point, where an orbit loses its symmetry or doubles its period, or at any
-orbit. The mesh is refined and coarsened on the way.
+orbit. The mesh is refined and coarsened on the way. Whatever solves for an orbit raises
+`NewtonFailed` where there is none.
 """
 
 from __future__ import annotations
@@ -15,13 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from pipedyn.bifurcation.collocation import (
-    ITERATIONS,
-    LONGEST_STEP,
-    Linearised,
-    OrbitProblem,
-    solved,
-)
+from pipedyn.bifurcation.collocation import OrbitProblem, control, solved
 from pipedyn.bifurcation.continuation import Continuation, Control, Point, Segment, folds
 from pipedyn.bifurcation.periodic_orbit import (
     COARSEST,
@@ -82,30 +77,11 @@ class Pace:
     defect: float
 
 
-def _control(longest: float, tolerance: float) -> Control:
-    # Orbits are costly: a tangent that turns by 37 degrees will do, and one linearisation serves
-    # the last correction and the tangent.
-    return Control(
-        longest=longest,
-        shortest=1e-4,
-        turn=math.acos(0.8),
-        shorten=0.4,
-        tolerance=tolerance,
-        stagnation=1e3 * tolerance,
-        iterations=ITERATIONS,
-        patience=3,
-        longest_change=LONGEST_STEP,
-        farthest=math.inf,
-        quick=ITERATIONS,
-        fresh=False,
-    )
-
-
-FINE = Pace(_control(0.15, 1e-8), 0.03, 1e-4)
+FINE = Pace(control(0.15, 1e-8), 0.03, 1e-4)
 """For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
 and 5e-5."""
 
-COARSE = Pace(_control(0.3, 1e-5), 0.05, 1e-3)
+COARSE = Pace(control(0.3, 1e-5), 0.05, 1e-3)
 """On the way to a speed, where the orbit is refined."""
 
 
@@ -162,26 +138,16 @@ class BranchStart:
 
 
 def from_hopf(motion: VectorField, point: HopfPoint) -> BranchStart:
-    """At a small amplitude or, where the speed is by then more than `NEAR` off, less.
-
-    Raises:
-        NewtonFailed: if there is no small orbit.
-    """
+    """At a small amplitude or, where the speed is by then more than `NEAR` off, less."""
     amplitude = SMALL
-    start = _small(motion, point, amplitude)
-    while abs(start.orbit.u - point.speed) > NEAR * point.speed and amplitude > SMALLEST:
+    while True:
+        ring = point.orbit(motion, amplitude, point.speed, point.frequency)
+        rest = np.broadcast_to(point.rest, ring.starts.shape)
+        still = replace(ring, starts=rest, rates=np.zeros_like(ring.rates))
+        start = _beside(motion, ring, still, ring.packed() - still.packed())
+        if abs(start.orbit.u - point.speed) <= NEAR * point.speed or amplitude <= SMALLEST:
+            return start
         amplitude *= 0.3
-        start = _small(motion, point, amplitude)
-    return start
-
-
-def _small(motion: VectorField, point: HopfPoint, amplitude: float) -> BranchStart:
-    """The orbit of a small amplitude, at whatever speed."""
-    ring = point.orbit(motion, amplitude, point.speed, point.frequency)
-    still = replace(
-        ring, starts=np.zeros_like(ring.starts) + point.rest, rates=np.zeros_like(ring.rates)
-    )
-    return _beside(motion, ring, still, ring.packed() - still.packed())
 
 
 def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> BranchStart:
@@ -191,11 +157,9 @@ def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> Br
         motion: the model's.
         orbit: the orbit there; without a mirror symmetry it can only double its period.
         kind: what happens.
-
-    Raises:
-        NewtonFailed: if there is no such orbit beside it.
     """
-    neutral = orbit.unpacked(np.append(Linearised(motion, orbit).neutral()[:-2], [1.0, 0.0]))
+    equations = OrbitProblem(motion, orbit).linearised(orbit.packed())
+    neutral = orbit.unpacked(np.append(equations.neutral()[:-2], [1.0, 0.0]))
     base = orbit.doubled(kind)
     # After the first half the perturbation is the opposite of what the orbit itself does.
     halves = (
@@ -215,11 +179,7 @@ def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> Br
 
 
 def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> BranchStart:
-    """From any orbit towards growing (1) or falling (-1) speed.
-
-    Raises:
-        NewtonFailed: if the equations do not tell where that is.
-    """
+    """From any orbit towards growing (1) or falling (-1) speed."""
     like = orbit.frequency, orbit.u, orbit.symmetric
     orbit = resolved(motion, orbit.states, *like, FINE.defect)
     orbit = solved(motion, orbit, FINE.control.tolerance)
@@ -294,11 +254,7 @@ class OrbitStep:
         return self.problem.orbit(self.segment.end.z)
 
     def at(self, s: float) -> PeriodicOrbit:
-        """The orbit at an arc length from the first.
-
-        Raises:
-            NewtonFailed: if Newton's method fails.
-        """
+        """The orbit at an arc length from the first."""
         return self.problem.orbit(self.segment.at(s).z)
 
 
@@ -309,9 +265,6 @@ def followed(motion: VectorField, start: BranchStart, pace: Pace) -> Iterator[Or
         motion: the model's.
         start: where it begins.
         pace: how it is followed.
-
-    Raises:
-        NewtonFailed: where it cannot be followed.
     """
     here, towards = start.orbit, start.towards
     unit, largest = unit_of(motion, here), pace.defect
@@ -345,11 +298,7 @@ def followed(motion: VectorField, start: BranchStart, pace: Pace) -> Iterator[Or
 def _on_mesh(
     step: OrbitStep, point: Point, edges: Array, control: Control
 ) -> tuple[PeriodicOrbit, Array]:
-    """A point's orbit and tangent on another mesh.
-
-    Raises:
-        NewtonFailed: if Newton's method fails there.
-    """
+    """A point's orbit and tangent on another mesh."""
     motion, orbit = step.problem.motion, step.problem.orbit(point.z)
     problem = OrbitProblem(
         *(motion, interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)),
@@ -374,9 +323,6 @@ def continued(motion: VectorField, point: HopfPoint, u: float, most: int) -> Per
         point: the Hopf point.
         u: the speed.
         most: evaluations of right-hand sides and Jacobians after which it is given up.
-
-    Raises:
-        NewtonFailed: if they do not lead there, or not so soon.
     """
     begun, stopped = motion.evaluations, "it takes too many steps"
     start = from_hopf(motion, point)

@@ -96,10 +96,17 @@ class VectorField:
             return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
         return (4.0 * self(y, h) - self(y, 2.0 * h) - 3.0 * self(y, 0.0)) / (2.0 * h)
 
-    def jacobian_by_speed(self, y: Array, u: float) -> Array:
-        """d^2 f / dy du at u > 0, shape (2 moving, 2 moving); exact but for rounding."""
-        h = 0.5 * u
-        return (self.jacobian(y, u + h) - self.jacobian(y, u - h)) / (2.0 * h)
+    def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
+        """d/du of df/dy along states with dy/du = moved, at u > 0, shape (2 moving, 2 moving).
+
+        By central differences; where the state stays they are exact but for rounding.
+        """
+        h = min(u / 6.0, 0.01 / max(float(np.abs(moved).max()), 1e-6))
+        total = np.zeros((self.size, self.size))
+        for weight, step in zip(STENCIL, h * np.arange(1.0, 4.0), strict=True):
+            ahead = self.jacobian(y + step * moved, u + step)
+            total += weight / h * (ahead - self.jacobian(y - step * moved, u - step))
+        return total
 
     def is_odd(self, u: float) -> bool:
         """Whether the mirror image of every motion is one, as three states show."""

@@ -166,6 +166,35 @@ class Damper(Term):
     coefficient: float = number(1e9, mass=1, length=1, time=-1)
 
 
+@dataclass(frozen=True, repr=False)
+class Foundation(Term):
+    """An elastic foundation all along the pipe, of springs that do not know of each other.
+
+    Its force per length -stiffness * x acts along x alone, x the transverse displacement; it is
+    linear at any amplitude.
+
+    Attributes:
+        stiffness: >= 0, in EI / L^4.
+
+    In `Pipe.from_si`: stiffness in N/m^2.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+
+    Source: Winkler's foundation, energy stiffness * x^2 / 2 per length.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Foundation(stiffness=10.0)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.7084
+    """
+
+    law: ClassVar[str] = "foundation"
+    stiffness: float = number(1e9, mass=1, time=-2)
+
+
 Law = TypeVar("Law", bound=Term)
 
 

@@ -21,7 +21,13 @@ from scipy.linalg import block_diag
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.integrator import Guarded, Stopped, compiled
-from pipedyn.motion.simulate import Start, Trajectory, checked_model_in_motion, state_of
+from pipedyn.motion.simulate import (
+    Start,
+    Trajectory,
+    checked_model_in_motion,
+    slight_bend,
+    state_of,
+)
 from pipedyn.motion.stiffness import choose_method
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -121,7 +127,9 @@ def lyapunov_exponent(
     """
     model = checked_model_in_motion(model)
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
-    state = state_of(model, "start", _bend if start is None else start, KINDS)
+    if start is None:
+        start = slight_bend
+    state = state_of(model, "start", start, KINDS)
     plan = Averaging(
         duration=check.real("duration", duration, low=1e-3, high=1e6),
         transient=check.real("transient", transient, low=0.0, high=1e6),
@@ -146,10 +154,6 @@ def lyapunov_exponent(
     return largest_exponent(
         rates, jacobian, state, plan, stiff=choose_method(model, rtol) == "lsoda", shown=shown
     )
-
-
-def _bend(s: Array) -> Array:
-    return 0.05 * s**2
 
 
 @dataclass(frozen=True)
@@ -266,6 +270,3 @@ class _Neighbour:
         block = self.jacobian(whole[: self.size])
         result: Array = block_diag(block, block)
         return result
-
-
-__all__ = ["LyapunovExponent", "largest_exponent", "lyapunov_exponent"]

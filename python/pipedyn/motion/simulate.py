@@ -172,6 +172,11 @@ def simulate(
     return motion
 
 
+def slight_bend(s: Array) -> Array:
+    """The angle theta(s) from which motions set out where no start is given."""
+    return 0.05 * s**2
+
+
 def checked_model_in_motion(model: Any, name: str = "model") -> Model:
     """The argument, if it is a model that moves."""
     if isinstance(model, Continuum) or not isinstance(model, Model):

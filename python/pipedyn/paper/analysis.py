@@ -7,7 +7,7 @@ They are computed on a few processes. What fails is left out and named; the rest
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from pipedyn import plot
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.modes import RootLoci, root_loci
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
+from pipedyn.linear.stability_curve import Failure, Point, StabilityCurve, stability_curve
 from pipedyn.models.base import Model
 from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum
@@ -102,7 +103,7 @@ class Findings:
         failures: what could not be computed, and why.
     """
 
-    highest: float
+    highest: float = 0.0
     exact: CriticalSpeed | None = None
     remark: str = ""
     crossings: tuple[Crossing, ...] = ()
@@ -114,13 +115,9 @@ class Findings:
     failures: list[str] = field(default_factory=list)
 
 
-def _outcomes(jobs: Sequence[Job[Any]], executor: Executor | None, shown: bool) -> Iterator[Any]:
-    """The result of each job or what it raised; if the worker processes died, the job runs here."""
-    outcomes = parallel(jobs, executor, label="models", progress=shown)
-    for job, outcome in zip(jobs, outcomes, strict=True):
-        if isinstance(outcome, BrokenExecutor):
-            (outcome,) = parallel([job])
-        yield outcome
+def one_blas_thread() -> None:
+    """Start of a worker process: as many processes share the work as there are processors."""
+    threadpool_limits(1, "blas")
 
 
 def gather(case: Case, executor: Executor | None = None) -> Findings:
@@ -131,15 +128,20 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
         executor: takes the models; without one they are computed in this process.
     """
     exact = Continuum(case.pipe)
-    first: Any
-    (first,) = parallel([partial(critical_speed, exact)])
-    critical = first if isinstance(first, CriticalSpeed) else None
-    findings = Findings(_highest(case, critical), critical)
-    if critical is None:
-        findings.remark = _remark(first)
-        if not isinstance(first, NoCrossing):
-            findings.failures.append(f"critical speed, continuous pipe: {findings.remark}")
+    findings = Findings()
 
+    def kept(what: str, outcome: Any) -> tuple[Any, str]:
+        """The outcome, or None and the reason; a failure is recorded."""
+        if not isinstance(outcome, Exception):
+            return outcome, ""
+        if not isinstance(outcome, NoCrossing):
+            findings.failures.append(f"{what}: {_remark(outcome)}")
+        return None, _remark(outcome)
+
+    first: Job[Any] = partial(critical_speed, exact)
+    (outcome,) = parallel([first])
+    findings.exact, findings.remark = kept("critical speed, continuous pipe", outcome)
+    findings.highest = _highest(case, findings.exact)
     speeds = np.linspace(0.0, findings.highest, case.speeds)
     panels, families = _panels(case), _families(case)
     pictured = [model for row in panels for _, model in row]
@@ -149,16 +151,14 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
         *(partial(root_loci, model, speeds, min(BRANCHES, model.dof)) for model in pictured),
         *(partial(critical_speed, model) for _, _, model in families),
     ]
-    outcomes = iter(list(_outcomes(jobs, executor, case.progress)))
+    answers = parallel(jobs, executor, label="models", progress=case.progress)
+    outcomes = (  # a job whose worker process died runs here
+        next(parallel([job])) if isinstance(answer, BrokenExecutor) else answer
+        for job, answer in zip(jobs, answers, strict=True)
+    )
 
     def next_of(what: str) -> tuple[Any, str]:
-        """The next outcome, or None and the reason; a failure is recorded."""
-        outcome = next(outcomes)
-        if not isinstance(outcome, Exception):
-            return outcome, ""
-        if not isinstance(outcome, NoCrossing):
-            findings.failures.append(f"{what}: {_remark(outcome)}")
-        return None, _remark(outcome)
+        return kept(what, next(outcomes))
 
     findings.benchmark, _ = next_of("root loci, continuous pipe")
     findings.crossings = next_of("crossings, continuous pipe")[0] or ()
@@ -174,10 +174,10 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
     for gamma in track(gammas, len(gammas), "stability map", case.progress):
         pipe = replace(case.pipe, gamma=gamma)
         try:
-            curve, difference = stability_map(pipe, map_top(critical), executor)
+            curve, difference = stability_map(pipe, map_top(findings.exact), executor)
         except BrokenExecutor:
             executor = None
-            curve, difference = stability_map(pipe, map_top(critical), executor)
+            curve, difference = stability_map(pipe, map_top(findings.exact), executor)
         findings.curves[gamma] = curve
         findings.map_error = max(findings.map_error, difference)
         if math.isinf(difference):
@@ -256,23 +256,30 @@ def stability_map(
     def continuous(beta: float) -> Continuum:
         return Continuum(replace(pipe, beta=beta))
 
-    curve = stability_curve(reduced, MAP_BETAS, max_speed=end, executor=executor)
-    three = slice(None, None, MAP_BETAS.size // 2)
-    exact = stability_curve(continuous, MAP_BETAS[three], max_speed=end, executor=executor)
-    failed = {failure.index for failure in exact.failures}
-    pairs = enumerate(zip(curve.crossings[three], exact.crossings, strict=True))
-    difference = max([0.0, *(_distance(*pair) for i, pair in pairs if i not in failed)])
-    while True:
-        between = [
-            0.5 * (curve.values[i] + curve.values[i + 1])
-            for i, neighbours in enumerate(pairwise(curve.crossings))
-            if curve.values[i + 1] - curve.values[i] > MAP_STEP
-            and _distance(*neighbours) > MAP_JUMP * top
+    points: dict[float, Point] = {}
+    failures: list[Failure] = []
+    betas = MAP_BETAS.tolist()
+    while betas:
+        curve = stability_curve(reduced, betas, max_speed=end, executor=executor)
+        answers = zip(curve.critical, curve.crossings, strict=True)
+        points |= zip(curve.values.tolist(), answers, strict=True)
+        failures += curve.failures
+        betas = [
+            0.5 * (a + b)
+            for a, b in pairwise(sorted(points))
+            if b - a > MAP_STEP and _distance(points[a][1], points[b][1]) > MAP_JUMP * top
         ]
-        if not between:
-            return curve, difference
-        more = stability_curve(reduced, between, max_speed=end, executor=executor)
-        curve = _merged(curve, more)
+    values = sorted(points)
+    critical, found = zip(*(points[value] for value in values), strict=True)
+    failures.sort(key=lambda failure: failure.value)
+    failed = tuple(replace(one, index=values.index(one.value)) for one in failures)
+    three = MAP_BETAS[:: MAP_BETAS.size // 2].tolist()
+    exact = stability_curve(continuous, three, max_speed=end, executor=executor)
+    missing = {failure.value for failure in exact.failures}
+    pairs = zip(three, exact.crossings, strict=True)
+    distances = [_distance(points[value][1], c) for value, c in pairs if value not in missing]
+    curve = StabilityCurve(np.array(values), critical, found, failed)
+    return curve, max(distances, default=0.0)
 
 
 def _distance(left: Sequence[Crossing], right: Sequence[Crossing]) -> float:
@@ -281,18 +288,3 @@ def _distance(left: Sequence[Crossing], right: Sequence[Crossing]) -> float:
     if len(a) != len(b):
         return math.inf
     return max((abs(p.speed - q.speed) for p, q in zip(a, b, strict=True)), default=0.0)
-
-
-def _merged(a: StabilityCurve, b: StabilityCurve) -> StabilityCurve:
-    """One curve of the points of two, sorted by their values, which differ."""
-    values = np.concatenate([a.values, b.values])
-    order = np.argsort(values)
-    places = {float(value): i for i, value in enumerate(values[order])}
-    failures = (replace(one, index=places[one.value]) for one in a.failures + b.failures)
-    critical, found = a.critical + b.critical, a.crossings + b.crossings
-    return StabilityCurve(
-        values[order],
-        tuple(critical[i] for i in order),
-        tuple(found[i] for i in order),
-        tuple(sorted(failures, key=lambda failure: failure.index)),
-    )

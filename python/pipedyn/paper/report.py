@@ -14,7 +14,6 @@ import numpy as np
 from pipedyn import plot
 from pipedyn.accuracy.convergence import convergence_law
 from pipedyn.linear.critical_speed import CriticalSpeed
-from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, Row, map_top
 
@@ -33,12 +32,26 @@ def draw(case: Case, findings: Findings) -> dict[str, plot.Figure]:
         for axes, ends in ((axes_2, (left, right)), (axes_3, (-0.02 * end, 1.02 * end))):
             axes[0, 0].set_xlim(ends)
             axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
-        return {
-            "figure-2-root-loci": figure_2,
-            "figure-3-frequencies": figure_3,
-            "convergence": _convergence(case, findings),
-            "stability-map": _map(case, findings),
-        }
+
+        convergence, ((ax,),) = plot.panels(1, 1, 6.4, 5.2)
+        if findings.exact is None:
+            plot.notice(findings.remark, ax)
+        else:
+            plot.convergence(_by_family(findings), findings.exact, ax)
+        sentence = textwrap.fill(verdict(findings), 105).replace("-", "\u2212")
+        ax.set_title(f"{_title(case.pipe)}\n{sentence}", loc="left")
+
+        stability_map, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
+        curves = {rf"$\gamma = {gamma:g}$": curve for gamma, curve in findings.curves.items()}
+        plot.stability_map(curves, map_top(findings.exact), findings.exact, ax)
+        ax.set_xlim(0.0, 1.0)
+        ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
+    return {
+        "figure-2-root-loci": figure_2,
+        "figure-3-frequencies": figure_3,
+        "convergence": convergence,
+        "stability-map": stability_map,
+    }
 
 
 def _panels(
@@ -97,28 +110,6 @@ def _ranges(findings: Findings) -> tuple[float, float, float]:
     top = min(1.5 * top, max(float(np.nanmax(v.imag)) for v in values))
     margin = 0.04 * max(right - left, 1.0)
     return left - margin, right + margin, max(top, 1.0)
-
-
-def _convergence(case: Case, findings: Findings) -> plot.Figure:
-    figure, axes = plot.panels(1, 1, 6.4, 5.2)
-    ax = axes[0, 0]
-    if findings.exact is None:
-        plot.notice(findings.remark, ax)
-    else:
-        plot.convergence(_by_family(findings), findings.exact, ax)
-    sentence = textwrap.fill(verdict(findings), 105).replace("-", "\u2212")
-    ax.set_title(f"{_title(case.pipe)}\n{sentence}", loc="left")
-    return figure
-
-
-def _map(case: Case, findings: Findings) -> plot.Figure:
-    figure, axes = plot.panels(1, 1, 6.4, 4.8)
-    ax = axes[0, 0]
-    curves = {rf"$\gamma = {gamma:g}$": curve for gamma, curve in findings.curves.items()}
-    plot.stability_map(curves, map_top(findings.exact), findings.exact, ax)
-    ax.set_xlim(0.0, 1.0)
-    ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
-    return figure
 
 
 def _title(pipe: Pipe) -> str:
@@ -188,19 +179,15 @@ def second_mode(findings: Findings) -> list[str]:
             f"{answer}; {len(modes) - len(others)} of {len(modes)} models agree{named}."
         )
     for gamma, curve in findings.curves.items():
-        if runs := _mode_runs(curve):
+        pairs = zip(curve.values, curve.critical, strict=True)
+        known = [(float(beta), found.mode) for beta, found in pairs if found is not None]
+        runs = []
+        for mode, group in groupby(known, key=lambda point: point[1]):
+            betas = [f"{beta:.3g}" for beta, _ in group]
+            runs.append(f"mode {mode} at beta {' to '.join(dict.fromkeys((betas[0], betas[-1])))}")
+        if runs:
             lines.append(f"  On the map, gamma = {gamma:g}: {', '.join(runs)}.")
     return lines
-
-
-def _mode_runs(curve: StabilityCurve) -> list[str]:
-    pairs = zip(curve.values, curve.critical, strict=True)
-    known = [(float(beta), found.mode) for beta, found in pairs if found is not None]
-    runs = []
-    for mode, group in groupby(known, key=lambda point: point[1]):
-        betas = [f"{beta:.3g}" for beta, _ in group]
-        runs.append(f"mode {mode} at beta {' to '.join(dict.fromkeys((betas[0], betas[-1])))}")
-    return runs
 
 
 def _by_family(findings: Findings) -> dict[str, list[CriticalSpeed]]:

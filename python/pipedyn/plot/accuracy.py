@@ -7,10 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, ScalarFormatter
 
 from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, own_error, relative_errors
@@ -79,9 +77,8 @@ def convergence(
     Raises:
         TypeError: for bad arguments.
     """
-    check_mapping("families", families)
+    check_mapping("families", families, Sequence)
     for name, found in families.items():
-        check_type(f"families[{name!r}]", found, Sequence)
         for i, critical in enumerate(found):
             check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
     check_type("exact", exact, CriticalSpeed)
@@ -242,28 +239,23 @@ def _ranges(ax: Axes, rows: Sequence[TradeRow], cost: str, floor: float) -> None
 def _legend_on_top(ax: Axes, low: float, high: float) -> None:
     """Major grid, and a legend inside logarithmic axes above the range from low to high."""
     ax.grid(True, which="major", color="0.9", linewidth=0.5, zorder=0.2)
-    handles, _ = ax.get_legend_handles_labels()
-    size = min(
-        7.0, FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    )
-    box = ax.get_window_extent()
-    dots = getattr(ax.get_figure(), "dpi", 100.0)
-    width, height = 72.0 * box.width / dots, 72.0 * box.height / dots
-    columns = 2 if width > 44.0 * size else 1
-    rows = math.ceil(len(handles) / columns)
-    share = min(0.6, (1.5 * rows + 2.5) * size / height) if rows else 0.0
-    ax.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))
-    decades = np.arange(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
-    step = math.ceil(decades.size / 20)
-    ax.yaxis.set_major_locator(FixedLocator((10.0**decades)[::-step].tolist()))
-    ax.yaxis.set_minor_locator(NullLocator())
-    if handles:
-        ax.legend(
+    share = 0.0
+    for columns in (2, 1) if ax.get_legend_handles_labels()[0] else ():
+        legend = ax.legend(
             loc="upper center",
             ncols=columns,
-            fontsize=size,
+            fontsize=7.0,
             handlelength=2.5,
             handletextpad=0.6,
             columnspacing=1.0,
             framealpha=1.0,
         )
+        taken, whole = legend.get_window_extent(), ax.get_window_extent()
+        share = min(0.6, 1.25 * taken.height / whole.height)  # it stands off the frame
+        if taken.width < whole.width:
+            break
+    ax.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))
+    decades = np.arange(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
+    step = math.ceil(decades.size / 20)
+    ax.yaxis.set_major_locator(FixedLocator((10.0**decades)[::-step].tolist()))
+    ax.yaxis.set_minor_locator(NullLocator())

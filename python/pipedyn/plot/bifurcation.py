@@ -10,13 +10,12 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from pipedyn.bifurcation.branches import CycleBranch
 from pipedyn.bifurcation.cycles import LimitCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram
-from pipedyn.bifurcation.equilibrium_branch import BranchPoint
+from pipedyn.bifurcation.equilibrium_branch import BranchPoint, EquilibriumBranch
 from pipedyn.bifurcation.events import CycleEvent, nontrivial
 from pipedyn.plot.interpolation import finer
 from pipedyn.plot.style import (
@@ -32,6 +31,8 @@ from pipedyn.plot.style import (
     VERMILION,
     axes_or_new,
     check_type,
+    checked_coordinate,
+    coordinate_label,
     cycled_styles,
     open_marker,
 )
@@ -52,9 +53,6 @@ MARKS: dict[str, dict[str, Any]] = {
 
 STABLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.4}
 UNSTABLE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.0}
-
-MOST_MULTIPLIERS = 2000
-"""Multipliers beyond which those of a branch are thinned out: more markers cover one another."""
 
 OUTSIDE = 1e-6
 """A modulus is outside the unit circle if it exceeds 1 by more: the default error of a cycle."""
@@ -81,11 +79,7 @@ def bifurcation_diagram(
         ValueError, TypeError: for bad arguments.
     """
     check_type("diagram", diagram, BifurcationDiagram)
-    index: int | None = None
-    if isinstance(coordinate, str):
-        check.choice("coordinate", coordinate, ("tip",))
-    else:
-        index = check.count("coordinate", coordinate, low=0, high=diagram.model.coordinates - 1)
+    index = checked_coordinate(coordinate, diagram.model.coordinates)
     ax = axes_or_new(ax, 6.4, 4.2)
     used: dict[str, Line2D] = {}
 
@@ -104,12 +98,10 @@ def bifurcation_diagram(
         used["turning points of late motion"] = Line2D([], [], markersize=4.0, **dots)
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
-        stable = _stable_steps(branch.speeds, branch.stable, branch.points)
-        _line(ax, branch.speeds, heights, stable, BLACK, "equilibrium", used)
+        _line(ax, branch, heights, branch.points, BLACK, "equilibrium", used)
     for cycles in diagram.cycles if index is None else ():
-        stable = _stable_steps(cycles.speeds, cycles.stable, cycles.events)
         for heights in _extremes(cycles):
-            _line(ax, cycles.speeds, heights, stable, BLUE, "cycle", used)
+            _line(ax, cycles, heights, cycles.events, BLUE, "cycle", used)
     for kind, u, height in _bifurcations(diagram, index):
         look = {**MARKS[kind], "linestyle": "none", "markersize": 5.0}
         look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
@@ -122,7 +114,7 @@ def bifurcation_diagram(
         used["failed"] = Line2D([], [], **look)
     ax.set_xlim(float(diagram.speeds[0]), float(diagram.speeds[-1]))
     ax.set_xlabel(SPEED_LABEL)
-    ax.set_ylabel(TIP_LABEL if index is None else f"coordinate $q_{{{index}}}$, counted from 0")
+    ax.set_ylabel(coordinate_label(index))
     ax.legend(used.values(), used.keys(), loc="best")
     return ax
 
@@ -135,14 +127,22 @@ def _extremes(cycles: CycleBranch) -> list[Array]:
 
 def _line(
     ax: Axes,
-    speeds: Array,
+    branch: EquilibriumBranch | CycleBranch,
     heights: Array,
-    stable: NDArray[np.bool_],
+    events: Sequence[BranchPoint | CycleEvent],
     colour: str,
     name: str,
     used: dict[str, Line2D],
 ) -> None:
-    """A branch in stable and unstable pieces; stable: of each step between neighbouring points."""
+    """A branch in stable and unstable pieces.
+
+    A step between neighbouring points is as stable as the one it starts from; from a bifurcation it
+    is as stable as the next.
+    """
+    speeds, stable = branch.speeds, branch.stable
+    if speeds.size > 1:
+        special = np.isin(speeds.round(6), np.round([event.speed for event in events], 6))
+        stable = np.where(special[:-1], stable[1:], stable[:-1])
     ends = [0, *(np.flatnonzero(np.diff(stable)) + 1), stable.size]
     for start, stop in pairwise(ends):
         good = bool(stable[start])
@@ -151,17 +151,6 @@ def _line(
         ax.plot(speeds[part], heights[part], zorder=2.0 + good, **look)
         label = f"{name}, {'stable' if good else 'unstable'}"
         used.setdefault(label, Line2D([], [], **look))
-
-
-def _stable_steps(
-    speeds: Array, stable: NDArray[np.bool_], events: Sequence[BranchPoint | CycleEvent]
-) -> NDArray[np.bool_]:
-    """Whether a branch is stable between neighbouring points, some of which are its bifurcations.
-
-    A step is as stable as the point it starts from. From a bifurcation it is as the next point.
-    """
-    special = np.isin(speeds.round(6), np.round([event.speed for event in events], 6))
-    return np.where(special[:-1], stable[1:], stable[:-1]) if speeds.size > 1 else stable
 
 
 def _bifurcations(
@@ -230,8 +219,7 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
         TypeError: for bad arguments.
     """
     if isinstance(cycles, CycleBranch):
-        every = -(-cycles.multipliers.size // MOST_MULTIPLIERS)
-        rows, speeds = cycles.multipliers[::every], cycles.speeds[::every]
+        rows, speeds = cycles.multipliers, cycles.speeds
     else:
         (cycle,) = _checked_cycles(cycles)
         rows, speeds = np.asarray(cycle.multipliers, dtype=np.complex128)[None], None

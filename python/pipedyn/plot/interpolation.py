@@ -40,6 +40,9 @@ as the same: a curve that misses its start by less looks closed."""
 MOST_CROSSINGS = 50
 """Crossings of the middle that one cycle may hold; motion that repeats later is hardly periodic."""
 
+EVERY = slice(None)
+"""All samples."""
+
 POINTS = 4000
 """Points of a curve through fewer samples: two for each pixel of a picture 2000 pixels wide."""
 
@@ -53,10 +56,10 @@ def checked_motion(motion: Any, name: str = "motion") -> Motion:
     return checked
 
 
-def checked_motions(motions: Any) -> list[Motion]:
-    """The argument, if it is a motion, several or an ensemble."""
+def checked_motions(motions: Any) -> dict[str, Motion]:
+    """A motion, several or those of an ensemble, under the names of the argument."""
     if isinstance(motions, Motion):
-        return [checked_motion(motions, "motions")]
+        return {"motions": checked_motion(motions, "motions")}
     several = motions.motions if isinstance(motions, Ensemble) else motions
     if not isinstance(several, Sequence) or isinstance(several, str):
         raise TypeError(
@@ -64,73 +67,61 @@ def checked_motions(motions: Any) -> list[Motion]:
         )
     if not several:
         raise ValueError("motions must hold at least one, got none")
-    return [checked_motion(motion, f"motions[{i}]") for i, motion in enumerate(several)]
+    names = [f"motions[{i}]" for i in range(len(several))]
+    return {name: checked_motion(one, name) for name, one in zip(names, several, strict=True)}
 
 
-def tip_of(motion: Motion, first: int = 0, stop: int | None = None) -> CubicHermiteSpline:
+def tip_of(motion: Motion, part: slice = EVERY) -> CubicHermiteSpline:
     """Position (x, y) of the free end at any time between two samples."""
-    part = slice(first, stop)
     velocity = motion.model.tip_velocities(motion.q[part].T, motion.qdot[part].T)
     return CubicHermiteSpline(motion.t[part], motion.tip[part], velocity)
 
 
-def observed_point(motion: Motion, first: int = 0, stop: int | None = None) -> CubicHermiteSpline:
+def observed_point(motion: Motion, part: slice = EVERY) -> CubicHermiteSpline:
     """Position (x, y) of the point from which cycles are found: the free end, unless it is held.
 
     Then it is the node of the scene with the largest transverse motion.
     """
-    scene = motion.model
-    if not isinstance(scene, Assembly) or np.ptp(motion.tip[:, 0]) > ROUNDING:
-        return tip_of(motion, first, stop)
-    part = slice(first, stop)
+    if not isinstance(motion.model, Assembly) or np.ptp(motion.tip[:, 0]) > ROUNDING:
+        return tip_of(motion, part)
     x = 3 * int(np.argmax(np.ptp(motion.q[:, 0::3], axis=0)))
     own = slice(x, x + 2)
     return CubicHermiteSpline(motion.t[part], motion.q[part, own], motion.qdot[part, own])
 
 
+def transverse(point: CubicHermiteSpline) -> CubicHermiteSpline:
+    """The transverse position alone."""
+    return CubicHermiteSpline(point.x, point(point.x)[:, 0], point(point.x, 1)[:, 0])
+
+
 def coordinates_at(motion: Motion, times: Array) -> Array:
     """Coordinates at times within the motion's, shape (len(times), coordinates)."""
-    first, stop = _around(motion, float(times.min()), float(times.max()))
-    part = slice(first, stop)
+    part = _around(motion, float(times.min()), float(times.max()))
     return np.asarray(CubicHermiteSpline(motion.t[part], motion.q[part], motion.qdot[part])(times))
 
 
-def _around(motion: Motion, start: float, end: float) -> tuple[int, int]:
+def _around(motion: Motion, start: float, end: float) -> slice:
     """The samples that hold a span, two more on either side where there are."""
     first = int(np.searchsorted(motion.t, start, side="right")) - 3
     stop = int(np.searchsorted(motion.t, end, side="left")) + 3
-    return max(first, 0), min(stop, motion.t.size)
-
-
-def refuse_coarse_tip(name: str, motion: Motion, span: tuple[float, float]) -> None:
-    """Refuse a motion whose free end cannot be interpolated within a span."""
-    first, stop = _around(motion, *span)
-    spline = tip_of(motion, first, stop)
-    refuse_coarse(name, spline.x, spline(spline.x), spline(spline.x, 1), invisible=INVISIBLE)
+    return slice(max(first, 0), stop)
 
 
 def refuse_coarse(
-    name: str,
-    t: Array,
-    positions: Array,
-    velocities: Array,
-    *,
-    invisible: float = 0.0,
-    rates_shown: bool = False,
+    name: str, curve: CubicHermiteSpline, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> None:
     """Refuse samples too far apart to interpolate.
 
     Args:
         name: of the argument that is refused.
-        t: times, shape (k,), k >= 3.
-        positions: shape (k,) or (k, d).
-        velocities: of the same shape.
+        curve: through positions and velocities at three samples or more.
         invisible: an error of positions that does not matter.
         rates_shown: whether velocities are shown, too.
 
     Raises:
         ValueError: if a cubic through every other sample misses those between.
     """
+    t, positions, velocities = curve.x, curve(curve.x), curve(curve.x, 1)
     if np.ptp(positions, axis=0).max() < ROUNDING:
         return
     kept = slice(0, None, 2) if t.size % 2 else slice(0, -1, 2)
@@ -154,9 +145,7 @@ def upward_crossings(motion: Motion, start: float, end: float) -> Array:
     The middle is the median of its transverse position in the last quarter of the span. A crossing
     counts if the point swings by a tenth of its late range before the next that counts.
     """
-    first, stop = _around(motion, start, end)
-    tip = observed_point(motion, first, stop)
-    x = CubicHermiteSpline(tip.x, tip(tip.x)[:, 0], tip(tip.x, 1)[:, 0])
+    x = transverse(observed_point(motion, _around(motion, start, end)))
     late = x(np.linspace(end - 0.25 * (end - start), end, POINTS))
     crossings = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
     crossings = crossings[(crossings >= start) & (crossings <= end)]  # drops NaN: a piece at rest
@@ -194,19 +183,26 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
     return float(start), float(crossings[-1])
 
 
-def checked_span(span: Any, motion: Motion) -> tuple[float, float, bool]:
-    """Start and end of what is shown, and whether that is the last cycle."""
+def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
+    """The motion, start and end of what is shown, and whether that is the last cycle.
+
+    Raises:
+        ValueError: for a span outside the motion's times, or samples too far apart.
+        TypeError: for bad arguments.
+    """
+    motion = checked_motion(motion)
     begin, finish = float(motion.t[0]), float(motion.t[-1])
-    if span is None:
-        cycle = last_cycle(motion)
-        return (begin, finish, False) if cycle is None else (*cycle, True)
-    start, end = check.array("span", span, size=2)
+    cycle = last_cycle(motion) if span is None else None
+    start, end = (begin, finish) if cycle is None else cycle
+    if span is not None:
+        start, end = (float(time) for time in check.array("span", span, size=2))
     if not begin <= start < end <= finish:
         raise ValueError(
             f"span must be a start and a later end within the motion's times, "
             f"[{begin:g}, {finish:g}], got {check.shown(span)}"
         )
-    return float(start), float(end), False
+    refuse_coarse("motion", tip_of(motion, _around(motion, start, end)), invisible=INVISIBLE)
+    return motion, start, end, cycle is not None
 
 
 def finer(t: Array) -> Array:

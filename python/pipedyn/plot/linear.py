@@ -10,21 +10,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, SymLogNorm
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pipedyn.linear.modes import Modes, RootLoci
 from pipedyn.plot.style import (
-    BLACK,
-    BLUE,
+    CURVE_STYLES,
     FREQUENCY_LABEL,
-    GREEN,
     IMAGINARY_LABEL,
-    ORANGE,
-    PURPLE,
     REAL_LABEL,
-    SKY,
     SPEED_LABEL,
-    VERMILION,
     axes_or_new,
     check_type,
     open_marker,
@@ -65,14 +59,12 @@ def root_loci(
     end = float(loci.speeds[-1])
     if highest is not None:
         end = check.real("highest", highest, low=0.0, open_low=True)
+    branches = _branches(loci)
     norm = Normalize(0.0, end or 1.0)
-    middle = 0.5 * (loci.speeds[1:] + loci.speeds[:-1])
-    for branch in _branches(loci):
-        segments, exists = _segments(branch.real, branch.imag)
-        _coloured(ax, segments, middle[exists], "viridis", norm)
+    _coloured(ax, branches.real, branches.imag, loci.speeds[:, None], "viridis", norm)
     if benchmark is not None:
-        for branch in _branches(benchmark):
-            _dots(ax, benchmark, branch.real, branch.imag)
+        exact = _branches(benchmark)
+        _dots(ax, benchmark, exact.real, exact.imag)
     ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
     ax.set_xlabel(REAL_LABEL)
@@ -103,26 +95,15 @@ def frequencies(
     ax = _checked(loci, benchmark, ax)
     branches = _branches(loci)
     if largest is None:
-        largest = max((float(abs(x)) for x in np.ravel(branches).real if x == x), default=0.0)
+        largest = float(np.nanmax(np.abs(branches.real), initial=0.0))
     largest = check.real("largest", largest, low=0.0)
     norm = SymLogNorm(1.0, vmin=-max(largest, 2.0), vmax=max(largest, 2.0))
-    pieces, means = [], []
-    for branch in branches:
-        segments, exists = _segments(loci.speeds, branch.imag)
-        pieces += segments
-        means.append((0.5 * (branch.real[1:] + branch.real[:-1]))[exists])
-    real = np.concatenate(means)
-    order = np.argsort(real)  # of two roots with one frequency, the less stable is on top
-    pieces, real = [pieces[i] for i in order], real[order]
-    unstable = real > NEUTRAL
-    outline = np.where(unstable, "black", "0.35").tolist()
-    _coloured(ax, pieces, real, "RdBu_r", norm, outline, np.where(unstable, 4.2, 2.6).tolist())
-    for branch in branches:
-        onsets = _onsets(loci.speeds, branch)
-        ax.plot(*onsets, **open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0))
+    speeds = loci.speeds[:, None]
+    _coloured(ax, speeds, branches.imag, branches.real, "RdBu_r", norm, outlined=NEUTRAL)
+    onsets = _onsets(loci.speeds, branches)
+    ax.plot(*onsets, **open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0))
     if benchmark is not None:
-        for branch in _branches(benchmark):
-            _dots(ax, benchmark, benchmark.speeds, branch.imag)
+        _dots(ax, benchmark, benchmark.speeds, _branches(benchmark).imag)
     ax.autoscale_view()
     ax.set_xlabel(SPEED_LABEL)
     ax.set_ylabel(FREQUENCY_LABEL)
@@ -139,55 +120,56 @@ def _checked(loci: Any, benchmark: Any, ax: Any) -> Axes:
 
 def _coloured(
     ax: Axes,
-    segments: list[Array],
+    x: Array,
+    y: Array,
     values: Array,
     colours: str,
     norm: Normalize,
-    outline: ArrayLike = "0.35",
-    widths: ArrayLike = 2.6,
+    outlined: float = math.inf,
 ) -> None:
-    """Segments coloured by their values, over an outline of their own colours and widths."""
-    lines = LineCollection(segments, cmap=colours, norm=norm, linewidths=2.0, zorder=2.2)
-    lines.set_array(values)
-    border: Any = {"colors": outline, "linewidths": widths}
-    for collection in (lines, LineCollection(segments, zorder=2.1, **border)):
+    """Branches, the columns of x and y, as segments coloured by the mean of their values.
+
+    The largest values are on top: of two roots with one frequency, the less stable one. Those above
+    `outlined` have a black outline, the others a thin grey one.
+    """
+    points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
+    both = np.stack([points[:-1], points[1:]], axis=-2)
+    segments = both[np.isfinite(both).all(axis=(-2, -1))]
+    means = segments[:, :, 2].mean(axis=1)
+    order = np.argsort(means, kind="stable")
+    ends, means = list(segments[order, :, :2]), means[order]
+    lines = LineCollection(ends, cmap=colours, norm=norm, linewidths=2.0, zorder=2.2)
+    lines.set_array(means)
+    outline = np.where(means > outlined, "black", "0.35").tolist()
+    widths = np.where(means > outlined, 4.2, 2.6).tolist()
+    below = LineCollection(ends, colors=outline, linewidths=widths, zorder=2.1)
+    for collection in (lines, below):
         collection.set_capstyle("round")
         ax.add_collection(collection)
 
 
-def _branches(loci: RootLoci) -> list[NDArray[np.complex128]]:
-    """Upper roots, then the partners where they are real; NaN where there is nothing to draw."""
-    nothing = complex(math.nan, math.nan)
-    upper = np.where(loci.converged, loci.eigenvalues, nothing)
-    upper = upper.real + 1j * np.abs(upper.imag)
+def _branches(loci: RootLoci) -> NDArray[np.complex128]:
+    """Upper roots, then the partners where they are real, as columns; NaN: nothing to draw."""
     on_axis = loci.eigenvalues.imag == 0.0
     real = on_axis.copy()
     # The step that leads to the real axis is shown for both roots.
     real[1:] |= on_axis[:-1]
     real[:-1] |= on_axis[1:]
-    partners = np.where(loci.converged & real, loci.partners, nothing)
-    partners = partners.real + 1j * np.abs(partners.imag)
-    columns = [*upper.T, *(column for column in partners.T if np.isfinite(column).any())]
-    return [np.asarray(column) for column in columns]
+    nothing = complex(math.nan, math.nan)
+    upper = np.where(loci.converged, loci.eigenvalues, nothing)
+    roots = np.column_stack([upper, np.where(loci.converged & real, loci.partners, nothing)])
+    roots = roots[:, np.isfinite(roots).any(axis=0)]
+    return np.asarray(roots.real + 1j * np.abs(roots.imag))
 
 
-def _segments(x: Array, y: Array) -> tuple[list[Array], NDArray[np.bool_]]:
-    """Segments between neighbouring points, each of shape (2, 2), and which of them exist."""
-    points = np.stack([x, y], axis=-1)
-    both = np.stack([points[:-1], points[1:]], axis=1)
-    exists = np.asarray(np.isfinite(both).all(axis=(1, 2)))
-    return list(both[exists]), exists
-
-
-def _onsets(speeds: Array, branch: NDArray[np.complex128]) -> tuple[Array, Array]:
-    """Speed and |Im| where the real part becomes positive, by linear interpolation."""
-    real = branch.real
-    with np.errstate(invalid="ignore"):
-        at = np.flatnonzero((real[:-1] <= NEUTRAL) & (real[1:] > NEUTRAL))
-    part = real[at] / (real[at] - real[at + 1])
+def _onsets(speeds: Array, branches: NDArray[np.complex128]) -> tuple[Array, Array]:
+    """Speed and |Im| where a real part becomes positive, by linear interpolation."""
+    real, imaginary = branches.real, branches.imag
+    i, j = np.nonzero((real[:-1] <= NEUTRAL) & (real[1:] > NEUTRAL))
+    part = real[i, j] / (real[i, j] - real[i + 1, j])
     return (
-        speeds[at] + part * (speeds[at + 1] - speeds[at]),
-        branch.imag[at] + part * (branch.imag[at + 1] - branch.imag[at]),
+        speeds[i] + part * (speeds[i + 1] - speeds[i]),
+        imaginary[i, j] + part * (imaginary[i + 1, j] - imaginary[i, j]),
     )
 
 
@@ -198,7 +180,7 @@ def dot_stride(loci: RootLoci) -> int:
 
 
 def _dots(ax: Axes, benchmark: RootLoci, x: Array, y: Array) -> None:
-    """A benchmark's branch as dots."""
+    """A benchmark's branches as dots."""
     every = slice(None, None, dot_stride(benchmark))
     ax.plot(x[every], y[every], "o", markersize=2.2, color="black", markeredgewidth=0.0, zorder=3.0)
 
@@ -217,10 +199,9 @@ def mode_shapes(modes: Modes, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, 6.4, 4.2)
     s = np.linspace(0.0, 1.0, 401)
     upper = [shape for shape in modes.shapes if shape.eigenvalue.imag >= 0.0]
-    colours = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
     for i, shape in enumerate(upper):
         displacement = shape(s)
-        colour, width = colours[i % len(colours)], 1.0 + 0.4 * (i % 3)
+        colour, width = CURVE_STYLES[i % len(CURVE_STYLES)]["color"], 1.0 + 0.4 * (i % 3)
         value = shape.eigenvalue
         label = rf"$\lambda = {value.real:.3g} {value.imag:+.4g}\,\mathrm{{i}}$"
         ax.plot(s, displacement.real, label=label, color=colour, linewidth=width)

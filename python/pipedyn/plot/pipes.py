@@ -25,13 +25,7 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 
 from pipedyn.motion.simulate import Motion
-from pipedyn.plot.interpolation import (
-    checked_motion,
-    checked_span,
-    coordinates_at,
-    refuse_coarse_tip,
-    upward_crossings,
-)
+from pipedyn.plot.interpolation import coordinates_at, shown_part, upward_crossings
 from pipedyn.plot.style import BLACK, BLUE, VERMILION, axes_or_new, check_type, motion_title
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -84,16 +78,15 @@ def snapshots(
             samples, or samples too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    motion = checked_motion(motion)
-    start, end, cycle = checked_span(span, motion)
+    motion, start, end, cycle = shown_part(motion, span)
     count = check.count("count", count, low=2, high=MOST_SHAPES)
-    refuse_coarse_tip("motion", motion, (start, end))
     ax = axes_or_new(ax, 4.4, 5.0)
     times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
     shapes = _shapes(motion, times)
+    darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
     lines = LineCollection(
         list(shapes),
-        cmap=ListedColormap([(1.0 - a, 1.0 - 0.9 * a, 1.0 - 0.75 * a) for a in _shades(256)]),
+        cmap=ListedColormap(1.0 - darkness[:, None] * [1.0, 0.9, 0.75]),
         linewidths=[1.1] * (count - 1) + [2.4],
         zorder=2.0,
         capstyle="round",
@@ -101,8 +94,7 @@ def snapshots(
     lines.set_array(times)
     lines.set_gid("shapes")
     ax.add_collection(lines)
-    _surroundings(ax, motion, shapes)
-    _flow_arrow(ax, motion, shapes[-1])
+    _surroundings(ax, motion, shapes, shapes[-1])
     what = f"a cycle of {end - start:.4g}" if cycle else rf"$\tau =$ {start:.4g} to {end:.4g}"
     ax.set_title(f"{motion_title(motion)}\n{count} shapes, {what} $T$")
     return ax
@@ -140,16 +132,15 @@ def animate(
             for fewer than 3 samples, or samples too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    motion = checked_motion(motion)
-    start, end, cycle = checked_span(span, motion)
+    motion, start, end, cycle = shown_part(motion, span)
     target = _checked_path(path)
     fps = check.real("fps", fps, low=1.0, high=50.0)
     if speed is not None:
         speed = check.real("speed", speed, low=0.0, open_low=True)
     if ax is not None:
         check_type("ax", ax, Axes)
-    refuse_coarse_tip("motion", motion, (start, end))
-    period = end - start if cycle else _period_within(motion, start, end)
+    periods = [end - start] if cycle else np.diff(upward_crossings(motion, start, end))
+    period = float(np.median(periods)) if len(periods) else None
     frames = _frames(end - start, period, fps, speed)
     own = ax is None
     if ax is None:
@@ -167,9 +158,8 @@ def animate(
     path_of_tip = motion.model.tips(coordinates_at(motion, fine).T)
     (trace,) = ax.plot([], [], color=BLUE, linewidth=0.9, zorder=1.8, gid="trace")
     (pipe,) = ax.plot([], [], color=BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
-    _surroundings(ax, motion, shapes)
-    flow = _flow_arrow(ax, motion, shapes[0])
-    title = motion_title(motion)
+    flow = _surroundings(ax, motion, shapes, shapes[0])
+    digits = max(0, -math.floor(math.log10(times[1] - times[0])))  # neighbouring times differ
 
     def show(frame: int) -> Sequence[Any]:
         pipe.set_data(*shapes[frame].T)
@@ -177,7 +167,8 @@ def animate(
         trace.set_data(*path_of_tip[: None if cycle else dots * frame + 1].T)
         if flow is not None:
             flow.set_positions(*_flow_ends(motion, shapes[frame]))
-        text = ax.set_title(f"{title}\n" + rf"$\tau = {times[frame]:.{_digits(times)}f}\,T$")
+        now = rf"$\tau = {times[frame]:.{digits}f}\,T$"
+        text = ax.set_title(f"{motion_title(motion)}\n{now}")
         return [pipe, trace, text]
 
     show(0)
@@ -203,12 +194,6 @@ def _checked_path(path: Any) -> Path | None:
     return target
 
 
-def _period_within(motion: Motion, start: float, end: float) -> float | None:
-    """Median period of the cycles in a span; None if there is none."""
-    periods = np.diff(upward_crossings(motion, start, end))
-    return float(np.median(periods)) if periods.size else None
-
-
 def _frames(duration: float, period: float | None, fps: float, speed: float | None) -> int:
     """Number of frames of an animation; refuses too many, and too few to show the motion."""
     if speed is None:
@@ -231,23 +216,17 @@ def _frames(duration: float, period: float | None, fps: float, speed: float | No
     return round(wanted)
 
 
-def _shades(count: int) -> Array:
-    """From light to dark, none as light as the page."""
-    return np.linspace(0.22, 1.0, count)
-
-
 def _shapes(motion: Motion, times: Array) -> Array:
     """The pipe at some times, shape (len(times), points, 2)."""
     return np.stack([motion.model.shape(q, POINTS) for q in coordinates_at(motion, times)])
 
 
-def _digits(times: Array) -> int:
-    """Decimals by which neighbouring times differ."""
-    return max(0, -math.floor(math.log10(times[1] - times[0])))
+def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> FancyArrowPatch | None:
+    """Clamp, gravity, and axes of equal scale with room for the shapes and the flow's arrow.
 
-
-def _surroundings(ax: Axes, motion: Motion, shapes: Array) -> None:
-    """Clamp, gravity, and axes of equal scale with room for the shapes and the flow's arrow."""
+    Returns:
+        The arrow of the flow at one shape; None without flow.
+    """
     gamma = motion.model.pipe.gamma
     wide = max(0.36, float(np.abs(shapes[..., 0]).max()) + ARROW + 0.06)
     low = min(-0.12, float(shapes[..., 1].min()) - ARROW - 0.06)
@@ -268,6 +247,9 @@ def _surroundings(ax: Axes, motion: Motion, shapes: Array) -> None:
         ax.text(at + 0.03, start + 0.5 * length, "$g$", va="center")
     ax.set_xlabel("transverse $x$  $(L)$")
     ax.set_ylabel("along the straight pipe $y$  $(L)$")
+    if motion.u == 0.0:
+        return None
+    return _arrow(ax, VERMILION, "flow", _flow_ends(motion, shape))
 
 
 def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
@@ -275,10 +257,6 @@ def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrow
     arrow = FancyArrowPatch(*ends, color=colour, shrinkA=0, shrinkB=0, zorder=3, gid=gid, **look)
     ax.add_patch(arrow)
     return arrow
-
-
-def _flow_arrow(ax: Axes, motion: Motion, shape: Array) -> FancyArrowPatch | None:
-    return _arrow(ax, VERMILION, "flow", _flow_ends(motion, shape)) if motion.u > 0.0 else None
 
 
 def _flow_ends(motion: Motion, shape: Array) -> tuple[Any, Any]:

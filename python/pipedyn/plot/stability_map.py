@@ -9,6 +9,7 @@ from itertools import pairwise, product
 
 import numpy as np
 from matplotlib.axes import Axes
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn.linear.critical_speed import CriticalSpeed
@@ -58,9 +59,7 @@ def stability_map(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    check_mapping("curves", curves)
-    for label, curve in curves.items():
-        check_type(f"curves[{label!r}]", curve, StabilityCurve)
+    check_mapping("curves", curves, StabilityCurve)
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
     if marked is not None:
@@ -132,12 +131,11 @@ def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
         for j, k in pairs:
             arc = _hermite_arc((values[i], left[j]), (values[i + 1], right[k]), scale)
             join(((i, j), 1), ((i + 1, k), -1), arc)
-        single = [j for j in range(len(left)) if j not in {j for j, _ in pairs}]
-        for j, k, points in _fold_tips(values[i], left, single, step):
-            join(((i, j), 1), ((i, k), 1), points)
-        single = [k for k in range(len(right)) if k not in {k for _, k in pairs}]
-        for j, k, points in _fold_tips(values[i + 1], right, single, -step):
-            join(((i + 1, j), -1), ((i + 1, k), -1), points)
+        joined = [set(side) for side in zip(*pairs, strict=True)] or [set(), set()]
+        for k, column, towards in ((i, left, 1), (i + 1, right, -1)):
+            single = [j for j in range(len(column)) if j not in joined[k - i]]
+            for a, b, points in _fold_tips(values[k], column, single, towards * step):
+                join(((k, a), towards), ((k, b), towards), points)
     nodes = {(i, j): c for i, column in enumerate(columns) for j, c in enumerate(column)}
     places = {node: np.array([values[node[0]], c.speed]) for node, c in nodes.items()}
     return [(points, nodes[first].kind) for first, points in _traced(places, edges)]
@@ -199,16 +197,15 @@ def _slopes(crossing: Crossing) -> tuple[float, float]:
 def _hermite_arc(a: tuple[float, Crossing], b: tuple[float, Crossing], scale: float) -> Array:
     """Hermite cubic by arc length between two crossings, shape (k, 2)."""
     ends = np.array([[x, crossing.speed] for x, crossing in (a, b)])
-    stretch = np.array([scale, 1.0])  # beta spans 1
-    p, q = ends * stretch
-    chord = q - p
     if any(crossing.sensitivity is None for _, crossing in (a, b)):
         return ends
-    tangents = [np.array([1.0, _slopes(crossing)[0]]) * stretch for _, crossing in (a, b)]
-    d, e = (t / np.linalg.norm(t) * np.linalg.norm(chord) for t in tangents)
-    t = np.linspace(0.0, 1.0, 9)[:, None]
-    points = p + chord * t * t * (3 - 2 * t) + d * t * (1 - t) ** 2 - e * t * t * (1 - t)
-    return np.asarray(points / stretch)
+    stretch = np.array([scale, 1.0])  # beta spans 1
+    tangents = np.array([[1.0, _slopes(crossing)[0]] for _, crossing in (a, b)]) * stretch
+    tangents *= (
+        np.linalg.norm(np.diff(ends * stretch, axis=0)) / np.linalg.norm(tangents, axis=1)[:, None]
+    )
+    arc = CubicHermiteSpline([0.0, 1.0], ends * stretch, tangents)
+    return np.asarray(arc(np.linspace(0.0, 1.0, 9)) / stretch)
 
 
 def _fold_tips(

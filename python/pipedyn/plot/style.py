@@ -133,11 +133,25 @@ def check_type(name: str, value: Any, kind: type) -> None:
         raise TypeError(f"{name} must be of type {kind.__name__}, got {check.shown(value)}")
 
 
-def check_mapping(name: str, value: Any) -> None:
-    """Refuse all but a mapping from words."""
+def check_mapping(name: str, value: Any, kind: type) -> None:
+    """Refuse all but a mapping from words to values of one type."""
     check_type(name, value, Mapping)
-    for key in value:
+    for key, one in value.items():
         check_type(f"the names of {name}", key, str)
+        check_type(f"{name}[{key!r}]", one, kind)
+
+
+def checked_coordinate(coordinate: Any, coordinates: int) -> int | None:
+    """The index of a coordinate; None for "tip", the free end's transverse displacement."""
+    if isinstance(coordinate, str):
+        check.choice("coordinate", coordinate, ("tip",))
+        return None
+    return check.count("coordinate", coordinate, low=0, high=coordinates - 1)
+
+
+def coordinate_label(index: int | None) -> str:
+    """Label of an axis that shows the free end or a coordinate."""
+    return TIP_LABEL if index is None else f"coordinate $q_{{{index}}}$, counted from 0"
 
 
 def notice(text: str, ax: Axes | None = None) -> Axes:
