@@ -19,8 +19,8 @@ from pipedyn.util import check
 Answer = TypeVar("Answer")
 
 SMALLEST, LARGEST = 16, 240
-"""Sizes between which the basis grows: 16 functions hold five modes to ten digits, and with more
-than 240 rounding moves eigenvalues more than the basis does."""
+"""Sizes between which the basis grows: measured, 16 functions hold the four lowest modes to 2e-12
+at u = 5 and to 3e-10 at u = 9 with gamma = 10; 240, dense problems of 480 rows, limit the time."""
 
 FUNCTIONS_A_JOINT = 4
 """By which both are larger for each joint between panels."""
