@@ -278,6 +278,10 @@ class Segment:
         """The point at an arc length."""
         return self.branch.at(self.begin, s, self.guess(s))
 
+    def slope(self, s: float) -> float:
+        """Derivative of the parameter by arc length."""
+        return float(self.at(s).tangent[-1])
+
     def part(self, begin: Point, end: Point) -> Segment:
         """What lies between two of its points."""
         return replace(self, begin=begin, end=end)
@@ -321,7 +325,7 @@ def folds(segment: Segment, rtol: float) -> list[float]:
 
     def slope(s: float) -> float:
         if s not in known:
-            known[s] = float(segment.at(s).tangent[-1])
+            known[s] = segment.slope(s)
         return known[s]
 
     brackets = []

@@ -46,8 +46,8 @@ MOST_POINTS = 4000
 """Points of one branch: at the usual step those of 200 rad, three times as far as `FAR`."""
 
 LEAVING = 0.02
-"""Distance from a branch point, in rad, at which a branch that leaves it is taken up: far enough
-that its tangent differs from that of the straight pipe, and near enough for Newton's method."""
+"""Distance from a branch point, in rad, at which a branch that leaves it is taken up: in 7 searches
+of four models 0.001 to 0.02 led to all equilibria, 0.08 and more missed a pair."""
 
 
 @result

@@ -99,13 +99,16 @@ class VectorField:
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
         """d/du of df/dy along states with dy/du = moved, at u > 0, shape (2 moving, 2 moving).
 
-        By central differences; where the state stays they are exact but for rounding.
+        By central differences: of second order where the state stays, as they are exact then but
+        for rounding, else of sixth.
         """
-        h = min(u / 6.0, 0.01 / max(float(np.abs(moved).max()), 1e-6))
+        weights, h = np.array([0.5]), 0.5 * u
+        if moved.any():
+            weights, h = STENCIL, min(u / 6.0, 0.01 / float(np.abs(moved).max()))
         total = np.zeros((self.size, self.size))
-        for weight, step in zip(STENCIL, h * np.arange(1.0, 4.0), strict=True):
-            ahead = self.jacobian(y + step * moved, u + step)
-            total += weight / h * (ahead - self.jacobian(y - step * moved, u - step))
+        for k, weight in enumerate(weights, 1):
+            ahead = self.jacobian(y + k * h * moved, u + k * h)
+            total += weight / h * (ahead - self.jacobian(y - k * h * moved, u - k * h))
         return total
 
     def is_odd(self, u: float) -> bool:
