@@ -3,6 +3,12 @@
 
 namespace pipedyn {
 
+void multiply(WritableSlab out, const Slab& a, const Slab& b) { out.noalias() = a * b; }
+
+void multiply_upper(WritableSlab out, const Matrix& a, const Matrix& b) {
+  out.noalias() = a.triangularView<Eigen::Upper>() * b;
+}
+
 void add_inner(WritableSlab out, double factor, const Slab& a, const Slab& b) {
   out.noalias() += factor * a.transpose() * b;
 }
@@ -12,6 +18,20 @@ Matrix inner(const Slab& a, const Vector& weight, const Slab& b) {
   Matrix out = Matrix::Zero(a.cols(), b.cols());
   add_inner(out, 1.0, a, weighted);
   return out;
+}
+
+bool solve_positive(Cholesky& factors, const Matrix& a, Matrix& b) {
+  factors.compute(a);
+  factors.solveInPlace(b);
+  return factors.info() == Eigen::Success;
+}
+
+bool factor_positive(const Matrix& a, Matrix& upper, Matrix& inverse) {
+  const Cholesky factors(a);
+  upper = factors.matrixU();
+  inverse.setIdentity(a.rows(), a.cols());
+  factors.matrixU().solveInPlace(inverse);
+  return factors.info() == Eigen::Success;
 }
 
 }  // namespace pipedyn

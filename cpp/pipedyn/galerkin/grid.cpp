@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/grid.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <numbers>
 #include <stdexcept>
@@ -38,7 +37,9 @@ Matrix slope_series(const Basis& basis, double low, double high) {
                        (static_cast<double>(k) * angle.transpose().array()).cos();
   }
   transform.row(0) *= 0.5;
-  Matrix coefficient = (transform * basis.evaluate(s, 1)).cwiseAbs();
+  Matrix coefficient(count, basis.size());
+  multiply(coefficient, transform, basis.evaluate(s, 1));
+  coefficient = coefficient.cwiseAbs();
   for (Index i = 0; i < basis.size(); ++i) {
     const double floor = 1e-13 * coefficient.col(i).maxCoeff();
     for (Index k = 0; k < count; ++k) {
@@ -93,13 +94,10 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family
     const Matrix value = basis.evaluate(low + length * rule.node.array(), 0);
     mass += inner(value, length * rule.weight, value);
   }
-  const Eigen::LLT<Matrix> factors(mass);
-  if (factors.info() != Eigen::Success) {
+  if (!factor_positive(mass, inverse, to_basis)) {
     throw std::invalid_argument("m must be smaller for a motion: the mass matrix of " +
                                 std::to_string(m) + " functions is singular to rounding");
   }
-  inverse = factors.matrixU();
-  factors.matrixU().solveInPlace(to_basis);
 }
 
 Panels::Panels(const Basis& basis, const Terms& terms) {
@@ -154,7 +152,7 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(s[p]);
   slope_ = basis.evaluate(s, 1);
   orthonormal_ = Matrix::Zero(points, whole(m, GridTables::multiple));
-  orthonormal_.leftCols(m) = slope_ * orthonormal.to_basis;
+  multiply(orthonormal_.leftCols(m), slope_, orthonormal.to_basis);
   slope_by_function_ = Matrix::Zero(m, stride);
   slope_by_function_.leftCols(points) = slope_.transpose();
   const Vector& weight = rule.weight;

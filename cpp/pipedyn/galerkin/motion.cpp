@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/motion.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <limits>
 #include <stdexcept>
@@ -107,8 +106,8 @@ struct Frame {
   Matrix integrand;
   Vector scratch;
 
-  template <class Amplitudes, class Rates>
-  void set(const Grid& grid, const Amplitudes& q, const Rates& rate) {
+  void set(const Grid& grid, const Eigen::Ref<const Vector>& q,
+           const Eigen::Ref<const Vector>& rate) {
     angle.noalias() = grid.slope() * q;
     omega.noalias() = grid.slope() * rate;
     sine.resize(angle.size());
@@ -142,8 +141,7 @@ struct Frame {
 
 /// Derivatives of the position, integral of n Theta_i, at a grid's points: x, then y (N, 2 m);
 /// slopes (N, m) holds the Theta_i.
-template <class Functions>
-void set_position_derivatives(const Grid& grid, const Frame& frame, const Functions& slopes,
+void set_position_derivatives(const Grid& grid, const Frame& frame, const Slab& slopes,
                               Matrix& integrand, Matrix& xy) {
   const Index m = slopes.cols();
   integrand.resize(slopes.rows(), 2 * m);
@@ -266,7 +264,7 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
     Matrix integrand, xy, along, across, sums, sum_along, sum_across;
     Matrix by_angle, by_rate, by_drag, turn, weighted, force, mass, elastic, swept, system;
     Vector acceleration, spin, pressure, factor;
-    Eigen::LLT<Matrix> factors;
+    Cholesky factors;
   };
   static thread_local Workspace work;
   auto& [frame, terms, integrand, xy, along, across, sums, sum_along, sum_across, by_angle, by_rate,
@@ -353,7 +351,6 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   }
   // Rows of the system belong to orthonormal coordinates, columns to the basis.
   const Orthonormal& functions = grids_.orthonormal();
-  const auto to_basis = functions.to_basis.triangularView<Eigen::Upper>();
   system.setZero(m, 2 * m);
   if (drags || loads) {
     swept.setZero(m, m);
@@ -386,13 +383,12 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   elastic.noalias() = functions.to_basis.transpose() * stiffness.asDiagonal();
   system.leftCols(m) -= elastic;
   if (effects.damping != 0.0) system.rightCols(m) -= effects.damping * elastic;
-  factors.compute(mass);
-  factors.solveInPlace(system);
+  const bool positive = solve_positive(factors, mass, system);
   Eigen::Map<Matrix> result(out, 2 * m, 2 * m);
   result.topLeftCorner(m, m).setZero();
   result.topRightCorner(m, m).setIdentity();
-  result.bottomRows(m).noalias() = to_basis * system;
-  if (factors.info() != Eigen::Success || !grids_.resolves(number, y, 1)) {
+  multiply_upper(result.bottomRows(m), functions.to_basis, system);
+  if (!positive || !grids_.resolves(number, y, 1)) {
     result.bottomRows(m).setConstant(not_a_number);
   }
 }
@@ -406,7 +402,7 @@ Operators GalerkinMotion::operators(const Vector& q) const {
   const Map stiffness(grid.tables().stiffness, m), beyond(grid.tables().beyond, last + 1);
   Frame frame;
   Matrix integrand, xy;
-  frame.set(grid, q, Vector(Vector::Zero(m)));
+  frame.set(grid, q, Vector::Zero(m));
   set_position_derivatives(grid, frame, slope, integrand, xy);
   const auto x = xy.leftCols(m), y = xy.rightCols(m);
   const auto s = frame.sine.array(), c = frame.cosine.array();
