@@ -500,7 +500,7 @@ def _chains() -> Iterator[Target]:
     no_function = any_of(NONE, *NOTHINGS[:12], *WORDS, one_of(3, NAN))
     yield Target(
         "Continuum.converge",
-        EXACT.settle,
+        EXACT.converge,
         {
             "question": Kind(one_of(lambda rom: rom.dof), no_function),
             "distance": Kind(
