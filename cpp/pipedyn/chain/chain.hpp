@@ -1,6 +1,18 @@
 // SPDX-License-Identifier: MIT
 //
 // Chain of n rigid segments joined by torsional springs (Orsino and Di Giulio, eqs. (1)-(11)).
+//
+// Where the paper's equations stand:
+//   (1)       Hamilton's principle     this file, below: what it gives for each segment
+//   (2), (5)  Lagrangian               chain/sweeps.hpp, recursion in O(n); modular/modules.hpp
+//   (3), (6)  momentum through the end chain/sweeps.hpp; modular/modules.hpp, InternalFlow
+//   (4)       centres, tangents        chain/sweeps.hpp; modular/modules.hpp, Segment
+//   (7), (8)  inlet coefficient        python/pipedyn/models/inlet.py
+//   (9)       drag                     chain/sweeps.hpp; modular/modules.hpp, Drag
+//   (10)      clamp                    modular/constraint.hpp
+//   (11)      joints                   modular/constraint.hpp
+// Their limit for short segments: galerkin/motion.hpp; linear: galerkin/galerkin.hpp.
+//
 // Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
 // + chi_k l_k^2, row k reads
 //
