@@ -312,7 +312,9 @@ class CrossingSearch:
             return np.zeros(roots.size, dtype=np.bool_)
         a = step.left.values[roots]
         resting = a == 0.0  # joints without a spring
-        rises = step.left.slopes[roots].real * step.length > step.right.noise[step.onto[roots]]
+        hidden = step.right.noise[step.onto[roots]]
+        hidden = np.maximum(hidden, step.left.slope_noise[roots] * step.length)
+        rises = step.left.slopes[roots].real * step.length > hidden
         ends = self.states(step.right, step.onto[roots], np.zeros(roots.size, dtype=np.bool_))
         on_axis = (np.abs(a.real) <= step.left.noise[roots]) & (not self.problem.is_conservative)
         return np.where(resting, ends, on_axis & rises)

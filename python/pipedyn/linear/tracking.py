@@ -79,8 +79,8 @@ class Sample:
         pairs: eigenvalues with both vectors.
         slopes: d lambda / du, shape (r,).
         noise: how far rounding may have moved each eigenvalue, shape (r,).
-        slope_noise: the same of the real part of a slope, shape (r,); 0 where it does not matter,
-            since the eigenvalue itself is no better known.
+        slope_noise: the same of the real part of a slope, shape (r,); beyond rest 0 where it does
+            not matter, since the eigenvalue itself is no better known.
         signatures: Krein signature of each eigenvalue of a conservative system on the imaginary
             axis, -1 or 1, and 0 for all others, shape (r,): two alike pass through each other
             there and stay on the axis.
@@ -175,7 +175,7 @@ def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
     slope_noise = np.zeros(noise.size)
     if not problem.is_conservative:
         values, sharp = problem.sharpened(u, pairs, noise)
-        slope_noise = np.where(sharp < noise, SLOPE_NOISE * noise, 0.0)
+        slope_noise = np.where((sharp < noise) | (u == 0.0), SLOPE_NOISE * noise, 0.0)
         noise, pairs = sharp, replace(pairs, values=values)
     signatures = np.zeros(pairs.values.size, dtype=np.int8)
     if problem.is_conservative:

@@ -146,7 +146,7 @@ AnyModel: TypeAlias = Model | Continuum
 def checked_model(model: Any) -> AnyModel:
     """The argument, if it is a model."""
     if not isinstance(model, Model | Continuum):
-        raise TypeError(f"model must be a Chain, Galerkin or Continuum, got {check.shown(model)}")
+        raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}")
     return model
 
 

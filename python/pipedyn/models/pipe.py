@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.terms import Term, checked_terms, from_si, in_si
+from pipedyn.models.terms import Term, checked_terms, from_si, in_range, in_si
 from pipedyn.util import check
 
 Flow = Literal["ejecting", "aspirating"]
@@ -82,7 +82,7 @@ class Pipe:
         checked: dict[str, Any] = {
             "flow": check.choice("flow", self.flow, FLOWS),
             **{name: check.real(name, getattr(self, name), **RANGES[name]) for name in RANGES},
-            "terms": checked_terms(self.terms),
+            "terms": in_range(checked_terms(self.terms)),
         }
         if self.scales is not None:
             if not isinstance(self.scales, tuple) or len(self.scales) != 4:
@@ -184,7 +184,10 @@ class Pipe:
             },
             flow=flow,
             alpha=alpha,
-            terms=tuple(from_si(term, units) for term in checked_terms(terms, end=length)),
+            terms=in_range(
+                tuple(from_si(term, units) for term in checked_terms(terms, end=length)),
+                " from its SI value, length, bending_stiffness and the masses",
+            ),
             scales=units,
         )
 

@@ -9,6 +9,7 @@ them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
@@ -16,6 +17,10 @@ from pipedyn.util import check
 
 if TYPE_CHECKING:
     from pipedyn.models.pipe import Scales
+
+SLACK = 1e-9
+"""Of a place at the free end, in the length: what rounding of sums of lengths leaves, and as much
+as a chain's lengths may miss 1."""
 
 MOST_TERMS = 400
 """A reduced model has a panel between each two places, with matrices of as many functions."""
@@ -55,8 +60,9 @@ class Term:
     def __post_init__(self) -> None:
         if type(self) is Term:
             raise TypeError("Term must be one of its laws, such as PointMass, got Term itself")
-        for item in fields(self):
-            value = check.real(item.name, getattr(self, item.name), **item.metadata["range"])
+        for item in fields(self):  # the largest numbers are the pipe's matter: these may be in SI
+            rule = {k: v for k, v in item.metadata.get("range", {}).items() if k != "high"}
+            value = check.real(item.name, getattr(self, item.name), **rule)
             object.__setattr__(self, item.name, value)
 
     def __repr__(self) -> str:
@@ -210,12 +216,30 @@ def from_si(term: Law, scales: Scales) -> Law:
     return replace(term, **{name: getattr(term, name) / unit for name, unit in units.items()})
 
 
+def in_range(terms: tuple[Term, ...], given: str = "") -> tuple[Term, ...]:
+    """The terms, if their nondimensional numbers are in their ranges.
+
+    Args:
+        terms: any.
+        given: what a message says of where the numbers come from.
+
+    Raises:
+        ValueError: for a number beyond its range.
+    """
+    for i, term in enumerate(terms):
+        for item in fields(term):
+            rule = item.metadata["range"]
+            check.real(f"terms[{i}].{item.name}{given}", getattr(term, item.name), **rule)
+    return terms
+
+
 def _units(term: Term, scales: Scales) -> dict[str, float]:
     powers = {item.name: item.metadata["powers"] for item in fields(term)}
-    return {
-        name: scales.mass**mass * scales.length**length * scales.time**time
-        for name, (mass, length, time) in powers.items()
-    }
+    bases = (scales.mass, scales.length, scales.time)
+    try:
+        return {name: math.prod(map(pow, bases, power)) for name, power in powers.items()}
+    except OverflowError:
+        raise ValueError(f"{term!r} has no finite numbers in units of {scales}") from None
 
 
 def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
@@ -238,9 +262,13 @@ def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
             raise TypeError(
                 f"terms[{i}] must be a term, such as PointMass or Spring, got {check.shown(term)}"
             )
-        if term.place is not None and term.place > end:
+        if type(term).__module__ != __name__:
+            raise TypeError(f"terms[{i}] must be a law of the package, got {check.shown(term)}")
+        if term.place is not None and term.place > end * (1.0 + SLACK):
             raise ValueError(f"terms[{i}].at must lie in (0, {end:g}], got {term.place!r}")
-    return tuple(terms)
+    return tuple(
+        term if term.place is None or term.place <= end else replace(term, at=end) for term in terms
+    )
 
 
 def core_terms(terms: tuple[Term, ...]) -> list[tuple[str, float, list[float]]]:

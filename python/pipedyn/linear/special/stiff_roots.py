@@ -11,8 +11,8 @@ motion, cannot hold a stiff one. Two things can:
 - displacements w of the nodes, made orthonormal to the mass, in which stiff roots stand out as slow
   ones do in joint angles: they give all roots but the slowest roughly;
 - the whole linear problem T(lambda) X = 0 with nothing eliminated (angles, displacements and forces
-  side by side; see `band` in cpp/pipedyn/chain.hpp), whose entries are no differences: Newton's
-  method on it ends within what rounding its entries does to a root, eps |y|^T |T| |x|.
+  side by side; see `band` in cpp/pipedyn/chain/chain.hpp), whose entries are no differences:
+  Newton's method on it ends within what rounding its entries does to a root, eps |y|^T |T| |x|.
 """
 
 from __future__ import annotations
