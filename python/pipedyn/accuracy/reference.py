@@ -214,7 +214,8 @@ def grown_reference(
         PipedynError: if one of the first two models fails.
     """
     answers: list[Answer] = []
-    end, failed, error = clock() + seconds, "", math.inf
+    failed, error = "", math.inf
+    end = clock() + seconds if seconds < math.inf else math.inf
     for i, size in enumerate(sizes):
         try:
             with limited(end - clock()) if end < math.inf else nullcontext():
