@@ -49,7 +49,7 @@ class Family:
 
     def for_terms(self, pipe: Pipe) -> int:
         """Functions that Legendre bases take beside, where terms inside the pipe joint panels."""
-        if self.order < math.inf:
+        if self.order < math.inf or not pipe.terms:
             return 0
         return FUNCTIONS_A_JOINT * (Galerkin(pipe, LARGEST_BASIS, "legendre").panels - 1)
 
