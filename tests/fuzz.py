@@ -599,7 +599,7 @@ def _scenes() -> Iterator[Target]:
             "damping": optional(stiff),
             "rest_angle": real((-1.0, 1.0), -1e300, 1e300),
         },
-        modular.PointMass: {"at": real((0.1, 1.0), 0.0), "mass": stiff},
+        modular.PointMass: {"at": real((0.1, 1.0), 0.0), "mass": real((0.1, 1.0), -1.0)},
         modular.Clamp: {"base": real((0.0, 0.9), -0.1, 1.0)},
         modular.Joint: {"segment": count(2, 5, 10**6 + 1)},
         modular.Guide: {"node": node},
