@@ -1,30 +1,16 @@
 // SPDX-License-Identifier: MIT
 //
-// An elastic foundation all along the pipe (Winkler): force -k x per length along x alone, energy
-// k x^2 / 2 per length.
+// An elastic foundation all along the pipe (Winkler): the law of a spring, per length.
 #pragma once
 
-#include "pipedyn/terms/station.hpp"
-#include "pipedyn/terms/term.hpp"
+#include "pipedyn/terms/spring.hpp"
 
 namespace {
 
-struct Foundation : NoLaw {
+struct Foundation : Spring {
   static constexpr const char* name = "foundation";
   static constexpr bool along = true;
-  static constexpr bool loads = true;
-  double k;
-
-  explicit Foundation(const pipedyn::Term& term) : k(term.numbers[0]) {}
-  template <class Real>
-  Load<Real> load(const Station<Real>& at) const {
-    return {-k * at.x, Real{}};
-  }
-  Slopes slopes(const Station<double>&) const { return {.by_position = {{-k, 0.0}, {0.0, 0.0}}}; }
-  template <class Real>
-  Real energy(const Station<Real>& at) const {
-    return 0.5 * k * (at.x * at.x);
-  }
+  using Spring::Spring;
 };
 
 }  // namespace

@@ -152,7 +152,7 @@ class Moving(Protocol):
         """Energy of states [q, q'], a number or shape (k,)."""
 
     def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
-        """Power of flow, joints, drag and, where there are any, other parts."""
+        """Power of flow, joints, drag and other parts."""
 
 
 class Model(ABC):
@@ -392,8 +392,7 @@ class Model(ABC):
             ValueError: for another shape, NaN or infinity, or a speed below 0.
             TypeError: for what is no array of real numbers.
         """
-        flow, joints, drag, *others = self.motion.power(y, u)
-        return Power(flow, joints, drag, others[0] if others else 0.0 * drag)
+        return Power(*self.motion.power(y, u))
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
