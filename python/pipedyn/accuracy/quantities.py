@@ -11,7 +11,7 @@ import inspect
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Self, TypeAlias
 
@@ -19,66 +19,42 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from pipedyn.accuracy.families import FAMILIES, resolving_size
+from pipedyn.accuracy.families import FAMILIES
 from pipedyn.accuracy.reference import (
     EPS,
-    FEWEST,
     LEAST_ERROR,
-    STEP,
     Answer,
     Onset,
     Reference,
-    grown_reference,
     onset_reference,
+    resolving_size,
     wave_number,
 )
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
 from pipedyn.linear.critical_speed import checked_end, critical_speed
-from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.linear.eigensolver import lowest
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
 from pipedyn.linear.special.weak_damping import is_weakly_damped
-from pipedyn.models.base import Model, NotConverged
+from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import simulate
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.counters import TookTooLong, clock, limited
 
 LEGENDRE = FAMILIES["legendre"]
 
 BEFORE_CLUSTER = 0.9
 """Share of 1 / delta up to which roots are compared: from 1 / delta on there is no next one."""
 
-GROWN = (0, 4, 10, 18, 28)
-"""By how many functions the reference of eigenvalues grows: fast at first, as most converge in one
-step; those of much damping converge slowly."""
-
 FIRST, MOST = 6, 20
 """Legendre functions of the first nonlinear reference at the least, and of the last: a cycle of 20
 takes seconds."""
 
-BEAM_MODES: tuple[int, ...] = (4, 6, 8, 11, 15, 20, 27)
-"""Sizes of beam modes, for motions that Legendre functions spoil; 27 take ten seconds."""
-
-BEAM_ORDER, DRAG_ORDER = 4.0, 3.0
-"""Powers of the size with which errors fall: of beam modes, and of functions under drag, as |v| v
-has a kink."""
-
 LONGEST_REFERENCE = 30.0
 """Seconds of processor time after which a nonlinear reference grows no more: half of what a search
 waits for one answer."""
-
-STARTING = 24
-"""Legendre functions at the least for the mode from which a motion starts: those of it and of its
-neighbours are exact then."""
-
-START = 0.05
-"""Displacement of the free end, in L, with which a motion starts: 2 % of it is nonlinear."""
-
-AT_REST = 1e-12
-"""Largest amplitude of a start that is rounding."""
 
 RTOL = 1e-8
 """Relative tolerance of a motion or a cycle where no other is asked for."""
@@ -94,6 +70,14 @@ class Quantity(ABC):
 
     most: ClassVar[int] = 2000
     """Degrees of freedom beyond which models are not asked."""
+
+    floor: float = 0.0
+    """Error below which answers differ by how they were solved, not by their models."""
+
+    def _set(self, **checked: Any) -> None:
+        """Fields of the frozen class, after their check."""
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
 
     @abstractmethod
     def answer(self, model: Model) -> Answer:
@@ -111,13 +95,8 @@ class Quantity(ABC):
         """Why a family's answers do not come near a pipe's as it grows; empty if they do."""
         return ""
 
-    @property
-    def floor(self) -> float:
-        """Error below which answers differ by how they were solved, not by their models."""
-        return 0.0
-
-    def sharpened(self, tolerance: float) -> Self:
-        """The same, solved so sharply that its own error is no part of a tolerance."""
+    def solved_for(self, tolerance: float) -> Self:
+        """The same, solved so accurately that its own error is no part of a tolerance."""
         return self
 
     def prepared(self, pipe: Pipe) -> Self:
@@ -159,7 +138,7 @@ class CriticalSpeedOf(Quantity):
     max_speed: float = 100.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "max_speed", checked_end(self.max_speed))
+        self._set(max_speed=checked_end(self.max_speed))
 
     def answer(self, model: AnyModel) -> Answer:
         """The speed, shape (1,), with the kind of instability."""
@@ -186,7 +165,10 @@ class CriticalSpeedOf(Quantity):
 
 
 class _Roots(Quantity):
-    """Eigenvalues, each held against its own; those that cluster at -1 / delta are left out."""
+    """Eigenvalues, each held against its own; those that cluster at -1 / delta are left out.
+
+    Roots smaller than 1 in 1 / T are held against 1.
+    """
 
     count: int
 
@@ -195,11 +177,27 @@ class _Roots(Quantity):
         """One mode for each of those asked for."""
         return self.count
 
-    def _resolving(self, pipe: Pipe, u: float, tolerance: float) -> float:
-        """Legendre functions that resolve the modes asked for, by their wave number."""
-        wave = wave_number(pipe, u, 1j * (math.pi * (self.count + 0.5)) ** 2)
-        size = max(resolving_size(wave, tolerance), self.count + 2.0)
-        return size + LEGENDRE.for_terms(pipe)
+    @abstractmethod
+    def compared(self, answer: Answer) -> list[NDArray[Any]]:
+        """The roots of an answer that others are held against, row by row."""
+
+    def distance(self, answer: Answer, other: Answer) -> float:
+        """Largest distance of a root, each from its own."""
+        rows = zip(np.atleast_2d(answer.candidates), self.compared(other), strict=True)
+        return max(_apart(row, exact) for row, exact in rows)
+
+    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+        """The continuous pipe's: its basis grows until these roots converge, whatever others do."""
+        found = Continuum(pipe).converge(
+            self.answer,
+            # Near a cluster convergence is slow: what is left may be as much as the last change.
+            lambda before, answer: 2.0 * self.distance(before, answer),
+            # Rounding leaves more than the least; 1e-6 costs no more than what is looser.
+            tolerance=min(max(tolerance, 1e-10), 1e-6),
+            smallest=max(16, 2 * self.count + 2),
+        )
+        source = f"Continuum, {found.size} Legendre functions"
+        return Reference(found.value, max(found.error, LEAST_ERROR), source)
 
 
 def _outside(values: NDArray[Any], damping: float) -> NDArray[np.bool_]:
@@ -209,15 +207,11 @@ def _outside(values: NDArray[Any], damping: float) -> NDArray[np.bool_]:
 
 
 def _apart(values: NDArray[Any], other: NDArray[Any]) -> float:
-    """Largest difference of roots of another set from some of these, each with its own, relative.
-
-    Roots smaller than 1 in 1 / T are held against 1.
-    """
+    """Largest difference of roots of another set from some of these, each from its own."""
     cost = np.abs(other[:, None] - values[None, :]) / np.maximum(np.abs(other), 1.0)[:, None]
     if other.size > values.size or not np.isfinite(cost).all():
         return math.inf
-    rows, columns = linear_sum_assignment(cost)
-    return float(cost[rows, columns].max(initial=0.0))
+    return float(cost[linear_sum_assignment(cost)].max(initial=0.0))
 
 
 @dataclass(frozen=True)
@@ -238,57 +232,31 @@ class Frequencies(_Roots):
 
     def __post_init__(self) -> None:
         u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED)
-        object.__setattr__(self, "u", u)
-        object.__setattr__(self, "count", check.count("count", self.count, high=100))
+        self._set(u=u, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
         """The eigenvalues, shape (2 count,)."""
         # Roots of equal size may change places at the end of the row: two more are asked for.
-        return self._first(model, min(2 * self.count + 2, 2 * model.dof))
-
-    def _first(self, model: AnyModel, most: int) -> Answer:
-        """So many eigenvalues, those asked for first."""
-        found = modes(model, self.u, most)
+        found = modes(model, self.u, min(2 * self.count + 2, 2 * model.dof))
         if not found.converged.all():
             raise NotConverged(f"eigenvalues at u = {self.u:g} failed their residual check", found)
-        return self._split(found.eigenvalues, model.pipe, found.discretisation or 0.0)
+        asked, others = np.split(found.eigenvalues, [2 * self.count])
+        return Answer(asked, damping=model.pipe.damping, others=others)
 
-    def _split(self, values: NDArray[Any], pipe: Pipe, error: float = 0.0) -> Answer:
-        asked, others = np.split(values, [2 * self.count])
-        return Answer(asked, error=error, damping=pipe.damping, others=others)
+    def compared(self, answer: Answer) -> list[NDArray[Any]]:
+        """The lowest roots; of a damped pipe those below the cluster at -1 / delta.
 
-    def _roots(self, model: Model) -> Answer:
-        """Without the modes' shapes, which are the half of an answer."""
-        found = lowest(eigenproblem(model), self.u, min(2 * self.count + 2, 2 * model.dof))
-        return self._split(found.values, model.pipe)
-
-    def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest distance of a root; infinite where none of the reference's is compared."""
-        compared = self._compared(other)
-        return _apart(answer.candidates, compared) if compared.size else math.inf
-
-    def _compared(self, answer: Answer) -> NDArray[Any]:
-        """The lowest roots; of a damped pipe those below the cluster at -1 / delta."""
+        Raises:
+            NotConverged: where there are none.
+        """
         below = answer.damping * np.abs(answer.values) < BEFORE_CLUSTER
-        compared: NDArray[Any] = answer.values[below & _outside(answer.values, answer.damping)]
-        return compared
-
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        """Legendre functions that resolve the modes, grown; or else the continuous pipe."""
-        found, resolving = None, self._resolving(pipe, self.u, tolerance)
-        if math.isfinite(resolving):
-            sizes = [int(resolving) + more for more in GROWN]
-            asks = (self._roots, self._roots)
-            found = grown_reference(pipe, LEGENDRE, sizes, asks, self.distance, tolerance)
-        if found is None or found.error > tolerance:
-            answer = self._first(Continuum(pipe), 2 * self.count)
-            if self._compared(answer).size == 0:
-                raise NotConverged(
-                    f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta",
-                    answer,
-                )
-            found = Reference(answer, max(answer.error, LEAST_ERROR), "Continuum")
-        return found
+        compared = answer.values[below & _outside(answer.values, answer.damping)]
+        if not compared.size:
+            raise NotConverged(
+                f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta",
+                answer,
+            )
+        return [compared]
 
 
 @dataclass(frozen=True)
@@ -308,8 +276,7 @@ class RootLociOver(_Roots):
         at = check.array("speeds", self.speeds, low=0.0, high=CONTINUUM_SPEED, longest=10_000)
         if np.any(np.diff(at) <= 0.0):
             raise ValueError("speeds must be strictly increasing")
-        object.__setattr__(self, "speeds", at)
-        object.__setattr__(self, "count", check.count("count", self.count, high=100))
+        self._set(speeds=at, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
         """The branches of the upper half plane, then their partners, shape (S, 2 count)."""
@@ -324,30 +291,9 @@ class RootLociOver(_Roots):
         )
         return Answer(asked, damping=model.pipe.damping, others=others)
 
-    def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest distance of a root at any speed."""
-        rows = zip(answer.candidates, other.values, strict=True)
-        return max(_apart(values, exact[_outside(exact, other.damping)]) for values, exact in rows)
-
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        """The branches of a model, held against all roots of a larger one."""
-        assert isinstance(self.speeds, np.ndarray)
-        fastest = float(self.speeds[-1])
-        resolving = self._resolving(pipe, fastest, tolerance)
-        enough = max(FEWEST, 3 * self.count, math.ceil(fastest)) + LEGENDRE.for_terms(pipe)
-        first = int(min(resolving, enough))
-        for size in range(first, first + 5 * STEP, STEP):
-            loci = root_loci(Galerkin(pipe, size, "legendre"), self.speeds, self.count)
-            values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
-            answer = Answer(values, damping=pipe.damping)
-            problem = eigenproblem(Galerkin(pipe, size + STEP, "legendre"))
-            every = np.stack([lowest(problem, float(u)).values for u in self.speeds])
-            # Beside clustered roots the larger may leave as much as it moved these at most.
-            error = 2.0 * self.distance(Answer(every), answer)
-            if error <= tolerance:
-                break
-        source = f"{size} Legendre functions, held against the roots of {size + STEP}"
-        return Reference(answer, max(error, LEAST_ERROR), source)
+    def compared(self, answer: Answer) -> list[NDArray[Any]]:
+        """At each speed the roots outside the cluster."""
+        return [row[_outside(row, answer.damping)] for row in answer.values]
 
 
 # ---------------------------------------------------------------------------- nonlinear questions
@@ -359,7 +305,7 @@ Angle: TypeAlias = Callable[[Array], ArrayLike]
 class _Integrated(Quantity):
     """A motion or a cycle, integrated with a relative tolerance."""
 
-    sharpest: ClassVar[float]
+    least_rtol: ClassVar[float]
     """Least relative tolerance of the integration."""
 
     share: ClassVar[float]
@@ -372,21 +318,21 @@ class _Integrated(Quantity):
     rtol: float | None
 
     def _check_numbers(self, least_speed_is_open: bool) -> None:
-        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=least_speed_is_open)
-        object.__setattr__(self, "u", u)
+        self._set(
+            u=check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=least_speed_is_open)
+        )
         if self.rtol is not None:
-            rtol = check.real("rtol", self.rtol, low=self.sharpest, high=1e-2)
-            object.__setattr__(self, "rtol", rtol)
+            self._set(rtol=check.real("rtol", self.rtol, low=self.least_rtol, high=1e-2))
 
     @property
-    def floor(self) -> float:
+    def floor(self) -> float:  # type: ignore[override]
         """The integration's part."""
         return self.noise * (self.rtol or RTOL)
 
-    def sharpened(self, tolerance: float) -> Self:
+    def solved_for(self, tolerance: float) -> Self:
         """With a share of the tolerance, but no looser than it is."""
         loosest = 1e-2 if self.rtol is None else self.rtol
-        rtol = min(loosest, max(self.share * tolerance, self.sharpest))
+        rtol = min(loosest, max(self.share * tolerance, self.least_rtol))
         return replace(self, rtol=rtol)  # type: ignore[type-var]
 
     def prepared(self, pipe: Pipe) -> Self:
@@ -397,21 +343,48 @@ class _Integrated(Quantity):
         """From Legendre functions, or from beam modes where those spoil the answer.
 
         Solved by turns with two tolerances: what the looser leaves is part of the difference.
+
+        Raises:
+            NotConverged: if the second model has no answer in half a minute.
+            PipedynError: if one of the first two models fails.
         """
         assert self.rtol is not None
         tolerance = max(tolerance, self.rtol)
-        family, order = LEGENDRE, math.inf if pipe.drag == 0.0 else DRAG_ORDER
-        second_mode = 1j * (1.5 * math.pi) ** 2
+        # Errors fall exponentially; under drag, as |v| v has a kink, like the third power of the
+        # size, of beam modes like the fourth: the last step then moves less than what remains.
+        family, order = LEGENDRE, math.inf if pipe.drag == 0.0 else 3.0
+        sizes: tuple[int, ...] = (4, 6, 8, 11, 15, 20, 27)  # 27 beam modes take ten seconds
         if self.excluded(pipe, "legendre"):
-            family, order, sizes = FAMILIES["beam"], BEAM_ORDER, BEAM_MODES
+            family, order = FAMILIES["beam"], FAMILIES["beam"].order
         else:
+            second_mode = 1j * (1.5 * math.pi) ** 2
             expected = resolving_size(wave_number(pipe, self.u, second_mode), tolerance)
             first, more = int(min(max(expected, FIRST), MOST - 2)), family.for_terms(pipe)
             sizes = tuple(range(first + more, MOST + more + 1, 2))
-        asks = (self.sharpened(tolerance).answer, self.sharpened(0.25 * tolerance).answer)
-        return grown_reference(
-            *(pipe, family, sizes, asks, self.distance, tolerance, order, LONGEST_REFERENCE)
-        )
+        asked = (self.solved_for(tolerance), self.solved_for(0.25 * tolerance))
+        answers: list[Answer] = []
+        failed, error, end = "", math.inf, clock() + LONGEST_REFERENCE
+        for i, size in enumerate(sizes):
+            try:
+                with limited(end - clock()):
+                    answers.append(asked[i % 2].answer(family.make(pipe, size)))
+            except (TookTooLong, PipedynError) as failure:
+                if i < 2 and isinstance(failure, PipedynError):
+                    raise
+                if i < 2:
+                    raise NotConverged(
+                        f"the continuous pipe's answer is not known: of reduced models, the one of "
+                        f"{size} {family.name} functions was not done in {LONGEST_REFERENCE:g} s"
+                    ) from None
+                failed = f", as that of {size} failed"
+                break
+            if i > 0:
+                left = max(1.0, 1.0 / ((size / sizes[i - 1]) ** order - 1.0))
+                error = left * self.distance(answers[-2], answers[-1]) + answers[-1].error
+            if error <= tolerance:
+                break
+        source = f"Galerkin, {sizes[len(answers) - 1]} {family.name} functions{failed}"
+        return Reference(answers[-1], max(error, LEAST_ERROR), source, family.name)
 
 
 @dataclass(frozen=True)
@@ -432,7 +405,7 @@ class MotionOf(_Integrated):
 
     name: ClassVar[str] = "motion"
     most: ClassVar[int] = 1000
-    sharpest: ClassVar[float] = 1e-12
+    least_rtol: ClassVar[float] = 1e-12
     share: ClassVar[float] = 0.01
     noise: ClassVar[float] = 20.0
     u: float
@@ -453,9 +426,8 @@ class MotionOf(_Integrated):
                 )
         if self.rates is not None and self.start is None:
             raise ValueError("rates must come with a start")
-        object.__setattr__(self, "duration", duration)
         samples = check.count("samples", self.samples, low=2, high=100_000)
-        object.__setattr__(self, "samples", samples)
+        self._set(duration=duration, samples=samples)
 
     def answer(self, model: Model) -> Answer:
         """The free end's positions, shape (samples, 2)."""
@@ -472,20 +444,21 @@ class MotionOf(_Integrated):
     def prepared(self, pipe: Pipe) -> MotionOf:
         """With its start: the least damped mode where none is given."""
         asked = super().prepared(pipe)
+        more = LEGENDRE.for_terms(pipe)
         if self.start is not None:
-            straight = LEGENDRE.make(pipe, FIRST + LEGENDRE.for_terms(pipe))
+            straight = LEGENDRE.make(pipe, FIRST + more)
             bends = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
-            if np.abs(bends).max() < AT_REST:
+            if np.abs(bends).max() < 1e-12:  # rounding
                 raise ValueError("start must bend the pipe, which does not move from where it is")
             return asked
-        size = max(STARTING, math.ceil(self.u)) + LEGENDRE.for_terms(pipe)
-        found = modes(Galerkin(pipe, size, "legendre"), self.u, 8)
+        # 24 functions have the mode and its neighbours exactly.
+        model = Galerkin(pipe, max(24, math.ceil(self.u)) + more, "legendre")
+        found = modes(model, self.u, 8)
         growth = found.eigenvalues.real  # all modes of an undamped pipe may grow alike: the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
-        q = START * mode.coordinates / mode(np.ones(1))[0]
-        angle = partial(_slope, mode.model, q.real.copy())
-        rates = partial(_slope, mode.model, (mode.eigenvalue * q).real)
-        return replace(asked, start=angle, rates=rates)
+        q = 0.05 * mode.coordinates / mode(np.ones(1))[0]  # 2 % of such a motion is nonlinear
+        angle = partial(_slope, model, q.real.copy())
+        return replace(asked, start=angle, rates=partial(_slope, model, (mode.eigenvalue * q).real))
 
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest distance of the free end, in the other's largest excursion."""
@@ -501,9 +474,8 @@ class MotionOf(_Integrated):
         return "its highest functions grow many times faster than the pipe" if spoilt else ""
 
 
-def _slope(model: Model, q: Array, s: Array) -> Array:
-    """The angle of a reduced model at arc lengths."""
-    assert isinstance(model, Galerkin)
+def _slope(model: Galerkin, q: Array, s: Array) -> Array:
+    """The angle of a reduced model at arc lengths; a function of the module, so that it pickles."""
     return model.functions(s, 1) @ q
 
 
@@ -519,7 +491,7 @@ class LimitCycleAt(_Integrated):
 
     name: ClassVar[str] = "limit_cycle"
     most: ClassVar[int] = LARGEST_CYCLE
-    sharpest: ClassVar[float] = 1e-10
+    least_rtol: ClassVar[float] = 1e-10
     share: ClassVar[float] = 0.1
     noise: ClassVar[float] = 10.0
     u: float
@@ -546,6 +518,16 @@ QUANTITIES: dict[str, type[Quantity]] = {
 }
 
 
+def conditions_of(quantity: Any) -> dict[str, inspect.Parameter]:
+    """What a quantity takes besides the pipe, by name.
+
+    Raises:
+        ValueError: for an unknown quantity.
+    """
+    kind = QUANTITIES[check.choice("quantity", quantity, tuple(QUANTITIES))]
+    return dict(inspect.signature(kind).parameters)
+
+
 def checked_quantity(quantity: Any, settings: dict[str, Any]) -> Quantity:
     """A quantity by its name, with its conditions.
 
@@ -554,18 +536,15 @@ def checked_quantity(quantity: Any, settings: dict[str, Any]) -> Quantity:
         TypeError: for conditions that it does not take, or lacks; and as it says for what is wrong
             with them.
     """
-    kind = QUANTITIES[check.choice("quantity", quantity, tuple(QUANTITIES))]
-    known = {one.name: one for one in fields(kind)}  # type: ignore[arg-type]
-    listed = ", ".join(known)
+    known = conditions_of(quantity)
     for name in settings:
         if name not in known:
-            raise TypeError(f"{quantity!r} takes {listed}, got {check.shown(name)}")
-    signature = inspect.signature(kind)
+            raise TypeError(f"{quantity!r} takes {', '.join(known)}, got {check.shown(name)}")
     missing = [
         name
-        for name, one in signature.parameters.items()
+        for name, one in known.items()
         if one.default is inspect.Parameter.empty and name not in settings
     ]
     if missing:
-        raise TypeError(f"{quantity!r} takes {listed}, and lacks {', '.join(missing)}")
-    return kind(**settings)
+        raise TypeError(f"{quantity!r} takes {', '.join(known)}, and lacks {', '.join(missing)}")
+    return QUANTITIES[quantity](**settings)
