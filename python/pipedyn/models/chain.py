@@ -21,6 +21,7 @@ from pipedyn.models.base import (
     checked_pipe,
     core_pipe,
     operators_from,
+    stored,
 )
 from pipedyn.models.pencil import LONGEST_DENSE, ChainPencil, DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
@@ -28,10 +29,13 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 
 SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
+
 FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
 
 LARGEST_CHAIN = 1_000_000
+"""Segments: their arrays take 8 MB each, a right-hand side some 0.1 s."""
+
 SHORTEST_SEGMENT = 1e-7
 """Shorter segments, or a last one with less inertia, are lost in rounding beside the others."""
 
@@ -206,56 +210,23 @@ class Chain(Model):
         return f"Chain({self._pipe!r}, n={self.dof}, springs={rule})"
 
     @property
-    def pipe(self) -> Pipe:
-        return self._pipe
-
-    @property
     def dof(self) -> int:
         return self._lengths.size
-
-    @property
-    def rule(self) -> str | None:
-        """Name of the spring rule, None for springs of the user's own."""
-        return self._rule
-
-    @property
-    def approximates_pipe(self) -> bool:
-        """Whether springs and inertia follow from the pipe, not from arrays of the user's."""
-        return self._approximates
 
     @property
     def linear_cost(self) -> bool:
         return True
 
-    @property
-    def lengths(self) -> Array:
-        """l_j, shape (n,)."""
-        return self._lengths
-
-    @property
-    def springs(self) -> Array:
-        """k_j, shape (n,)."""
-        return self._springs
-
-    @property
-    def centers(self) -> Array:
-        """chi_j, shape (n,)."""
-        return self._centers
-
-    @property
-    def gyration_radii(self) -> Array:
-        """eta_j, shape (n,)."""
-        return self._gyration_radii
-
-    @property
-    def drag_points(self) -> Array:
-        """xi_j, shape (n,)."""
-        return self._drag_points
-
-    @property
-    def base(self) -> float:
-        """Length of the fixed part at the clamp."""
-        return self._base
+    approximates_pipe = stored(
+        *("_approximates", "Whether springs and inertia follow from the pipe, not from arrays.")
+    )
+    rule = stored("_rule", "Name of the spring rule, None for springs of the user's own.")
+    base = stored("_base", "Length of the fixed part at the clamp.")
+    lengths = stored("_lengths", "l_j, shape (n,).")
+    springs = stored("_springs", "k_j, shape (n,).")
+    centers = stored("_centers", "chi_j, shape (n,).")
+    gyration_radii = stored("_gyration_radii", "eta_j, shape (n,).")
+    drag_points = stored("_drag_points", "xi_j, shape (n,).")
 
     def pencil(self, dense: bool | None = None) -> Pencil:
         """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
@@ -317,12 +288,6 @@ class Chain(Model):
         """Arc lengths of the nodes: polylines peak there."""
         return np.minimum(self._base + np.cumsum(self._lengths), 1.0)
 
-    def operators(self, q: ArrayLike | None = None) -> Operators:
-        self._check_dense()
-        if q is None:
-            return operators_from(self.core.operators(), self._pipe)
-        return operators_from(self.core.operators(self._coordinates(q)), self._pipe)
-
     def elastic_operators(self) -> Operators:
         self._check_dense()
         return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
@@ -330,13 +295,6 @@ class Chain(Model):
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         joints = (self.elastic_scale * self._columns("z", z).T).T
         return np.cumsum(joints, axis=0, out=joints)
-
-    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
-        return self.core.rhs(t, y, u)
-
-    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        self._check_dense()
-        return self.core.jacobian(t, y, u)
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         angles = self._coordinates(q)
