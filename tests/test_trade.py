@@ -24,7 +24,7 @@ from pipedyn.accuracy.quantities import (
     MotionOf,
     RootLociOver,
 )
-from pipedyn.accuracy.reference import onset_near, resolving_size, wave_number
+from pipedyn.accuracy.reference import onset_near, resolving_size
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import TookTooLong, counted, limited
 
@@ -297,7 +297,6 @@ def test_a_followed_onset_that_is_lost_is_none():
 
 
 def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
-    wave = wave_number(PIPE, EXACT, 13.7j)
     sizes = range(2, 60)
     errors = [
         abs(onset.speed / EXACT - 1.0) if onset else math.inf
@@ -305,7 +304,7 @@ def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
     ]
     for tolerance in (1e-2, 2e-3):
         least = 1 + max(n for n, error in zip(sizes, errors, strict=True) if error > tolerance)
-        assert 1.0 / 1.6 <= resolving_size(wave, tolerance) / least <= 1.6
+        assert 1.0 / 1.6 <= resolving_size(PIPE, EXACT, 13.7j, tolerance) / least <= 1.6
 
 
 # ------------------------------------------------------------------------------ how it is shown

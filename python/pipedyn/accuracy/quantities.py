@@ -28,7 +28,6 @@ from pipedyn.accuracy.reference import (
     Reference,
     onset_reference,
     resolving_size,
-    wave_number,
 )
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
 from pipedyn.linear.critical_speed import checked_end, critical_speed
@@ -83,9 +82,19 @@ class Quantity(ABC):
     def answer(self, model: Model) -> Answer:
         """A model's answer."""
 
-    @abstractmethod
     def distance(self, answer: Answer, other: Answer) -> float:
-        """How far one is from another, relative to that; infinite where they differ in kind."""
+        """How far one is from another, relative to that; infinite where they differ in kind.
+
+        By the largest difference of the numbers, each relative to its own.
+        """
+        values, exact = answer.values, other.values
+        comparable = answer.kind == other.kind and values.shape == exact.shape
+        if not (comparable and np.isfinite(values).all()):
+            return math.inf
+        moved = np.abs(values - exact)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(moved == 0.0, 0.0, moved / np.abs(exact))
+        return float(shares.max(initial=0.0))
 
     @abstractmethod
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
@@ -111,16 +120,6 @@ class Quantity(ABC):
         error = fine.error + (fine.error + coarse.error) / share
         values = fine.values + (fine.values - coarse.values) / share
         return replace(fine, values=values, error=error, others=None)
-
-
-def _relative(values: NDArray[Any], other: NDArray[Any]) -> float:
-    """Largest relative difference of entries, infinite where there is none."""
-    if values.shape != other.shape or not np.isfinite(values).all():
-        return math.inf
-    moved = np.abs(values - other)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = np.where(moved == 0.0, 0.0, moved / np.abs(other))
-    return float(shares.max(initial=0.0))
 
 
 # ------------------------------------------------------------------------------- linear questions
@@ -151,10 +150,6 @@ class CriticalSpeedOf(Quantity):
             onset = Onset(found.speed, found.frequency, found.error)
         return Answer(np.array([found.speed]), found.kind, error, onset)
 
-    def distance(self, answer: Answer, other: Answer) -> float:
-        """Relative difference of the speeds; infinite where the kinds differ."""
-        return math.inf if answer.kind != other.kind else _relative(answer.values, other.values)
-
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """An onset tracked into larger models, or else the continuous pipe's own answer."""
         tracked = onset_reference(pipe, LEGENDRE.for_terms(pipe), self.answer, tolerance)
@@ -165,10 +160,7 @@ class CriticalSpeedOf(Quantity):
 
 
 class _Roots(Quantity):
-    """Eigenvalues, each held against its own; those that cluster at -1 / delta are left out.
-
-    Roots smaller than 1 in 1 / T are held against 1.
-    """
+    """Eigenvalues, each compared with its own; those that cluster at -1 / delta are left out."""
 
     count: int
 
@@ -177,14 +169,22 @@ class _Roots(Quantity):
         """One mode for each of those asked for."""
         return self.count
 
-    @abstractmethod
-    def compared(self, answer: Answer) -> list[NDArray[Any]]:
-        """The roots of an answer that others are held against, row by row."""
+    def compared(self, answer: Answer) -> NDArray[np.bool_]:
+        """Which roots others are compared with."""
+        outside: NDArray[np.bool_] = np.abs(answer.damping * answer.values + 1.0) > 0.5
+        return outside
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest distance of a root, each from its own."""
-        rows = zip(np.atleast_2d(answer.candidates), self.compared(other), strict=True)
-        return max(_apart(row, exact) for row, exact in rows)
+        """Largest difference of a root from its own, relative to that or, where it is less, 1."""
+        both = np.atleast_2d(answer.candidates), np.atleast_2d(other.values)
+        worst = 0.0
+        for row, exact, mask in zip(*both, np.atleast_2d(self.compared(other)), strict=True):
+            own = exact[mask][:, None]
+            cost = np.abs(own - row) / np.maximum(np.abs(own), 1.0)
+            if own.size > row.size or not np.isfinite(cost).all():
+                return math.inf
+            worst = max(worst, float(cost[linear_sum_assignment(cost)].max(initial=0.0)))
+        return worst
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's: its basis grows until these roots converge, whatever others do."""
@@ -198,20 +198,6 @@ class _Roots(Quantity):
         )
         source = f"Continuum, {found.size} Legendre functions"
         return Reference(found.value, max(found.error, LEAST_ERROR), source)
-
-
-def _outside(values: NDArray[Any], damping: float) -> NDArray[np.bool_]:
-    """Which roots do not cluster at -1 / delta."""
-    outside: NDArray[np.bool_] = np.abs(damping * values + 1.0) > 0.5
-    return outside
-
-
-def _apart(values: NDArray[Any], other: NDArray[Any]) -> float:
-    """Largest difference of roots of another set from some of these, each from its own."""
-    cost = np.abs(other[:, None] - values[None, :]) / np.maximum(np.abs(other), 1.0)[:, None]
-    if other.size > values.size or not np.isfinite(cost).all():
-        return math.inf
-    return float(cost[linear_sum_assignment(cost)].max(initial=0.0))
 
 
 @dataclass(frozen=True)
@@ -243,20 +229,16 @@ class Frequencies(_Roots):
         asked, others = np.split(found.eigenvalues, [2 * self.count])
         return Answer(asked, damping=model.pipe.damping, others=others)
 
-    def compared(self, answer: Answer) -> list[NDArray[Any]]:
-        """The lowest roots; of a damped pipe those below the cluster at -1 / delta.
-
-        Raises:
-            NotConverged: where there are none.
-        """
+    def compared(self, answer: Answer) -> NDArray[np.bool_]:
+        """Those below the cluster; NotConverged where there are none."""
         below = answer.damping * np.abs(answer.values) < BEFORE_CLUSTER
-        compared = answer.values[below & _outside(answer.values, answer.damping)]
-        if not compared.size:
+        compared: NDArray[np.bool_] = below & super().compared(answer)
+        if not compared.any():
             raise NotConverged(
                 f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta",
                 answer,
             )
-        return [compared]
+        return compared
 
 
 @dataclass(frozen=True)
@@ -291,10 +273,6 @@ class RootLociOver(_Roots):
         )
         return Answer(asked, damping=model.pipe.damping, others=others)
 
-    def compared(self, answer: Answer) -> list[NDArray[Any]]:
-        """At each speed the roots outside the cluster."""
-        return [row[_outside(row, answer.damping)] for row in answer.values]
-
 
 # ---------------------------------------------------------------------------- nonlinear questions
 
@@ -317,12 +295,12 @@ class _Integrated(Quantity):
     u: float
     rtol: float | None
 
-    def _check_numbers(self, least_speed_is_open: bool) -> None:
-        self._set(
-            u=check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=least_speed_is_open)
-        )
-        if self.rtol is not None:
-            self._set(rtol=check.real("rtol", self.rtol, low=self.least_rtol, high=1e-2))
+    def _check_numbers(self, open_low: bool) -> None:
+        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=open_low)
+        rtol = self.rtol
+        if rtol is not None:
+            rtol = check.real("rtol", rtol, low=self.least_rtol, high=1e-2)
+        self._set(u=u, rtol=rtol)
 
     @property
     def floor(self) -> float:  # type: ignore[override]
@@ -358,7 +336,7 @@ class _Integrated(Quantity):
             family, order = FAMILIES["beam"], FAMILIES["beam"].order
         else:
             second_mode = 1j * (1.5 * math.pi) ** 2
-            expected = resolving_size(wave_number(pipe, self.u, second_mode), tolerance)
+            expected = resolving_size(pipe, self.u, second_mode, tolerance)
             first, more = int(min(max(expected, FIRST), MOST - 2)), family.for_terms(pipe)
             sizes = tuple(range(first + more, MOST + more + 1, 2))
         asked = (self.solved_for(tolerance), self.solved_for(0.25 * tolerance))
@@ -416,7 +394,7 @@ class MotionOf(_Integrated):
     rates: Angle | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        self._check_numbers(least_speed_is_open=False)
+        self._check_numbers(open_low=False)
         duration = check.real("duration", self.duration, low=1e-6, high=1e6)
         for name, given in (("start", self.start), ("rates", self.rates)):
             if given is not None and not callable(given):
@@ -498,17 +476,13 @@ class LimitCycleAt(_Integrated):
     rtol: float | None = None
 
     def __post_init__(self) -> None:
-        self._check_numbers(least_speed_is_open=True)
+        self._check_numbers(open_low=True)
 
     def answer(self, model: Model) -> Answer:
         """Amplitude and frequency, shape (2,)."""
         assert self.rtol is not None
         cycle = limit_cycle(model, self.u, rtol=self.rtol)
         return Answer(np.array([cycle.amplitude, cycle.frequency]), "", cycle.error)
-
-    def distance(self, answer: Answer, other: Answer) -> float:
-        """The larger relative difference of the two."""
-        return _relative(answer.values, other.values)
 
 
 # --------------------------------------------------------------------------------- by their names

@@ -96,23 +96,19 @@ class Reference:
     family: str = ""
 
 
-def wave_number(pipe: Pipe, u: float, value: complex) -> float:
-    """Largest wave number of motions ~ exp(a s + value tau), in 1 / L."""
+def resolving_size(pipe: Pipe, u: float, value: complex, tolerance: float) -> float:
+    """About the number of Legendre functions that resolve motions ~ exp(value tau) to a tolerance.
+
+    By what they leave of the shortest wave in it, of wave number k: its share j_(m-1)(k / 2)^2.
+    Infinite where 127 functions do not resolve it.
+    """
     thrust = pipe.centrifugal * u**2 - 0.5 * pipe.gamma
     coriolis = 2.0 * math.sqrt(pipe.beta) * pipe.direction * u * value
-    elastic = 1.0 + pipe.damping * value
-    return float(np.abs(np.roots([elastic, 0.0, thrust, coriolis, value**2])).max(initial=0.0))
-
-
-def resolving_size(wave: float, tolerance: float) -> float:
-    """About the number of Legendre functions that resolve a wave number, in 1 / L, to a tolerance.
-
-    By what they leave of the wave, its share j_(m-1)(k / 2)^2. Infinite where 127 do not.
-    """
+    roots = np.roots([1.0 + pipe.damping * value, 0.0, thrust, coriolis, value**2])
+    half = 0.5 * float(np.abs(roots).max(initial=0.0))
     sizes = np.arange(1, 128)
-    enough = spherical_jn(sizes - 1, 0.5 * wave) ** 2 <= tolerance
-    enough &= sizes > 0.5 * wave  # there the share falls; before, it oscillates
-    fits = sizes[enough]
+    # Beyond k / 2 functions the share falls; before, it oscillates.
+    fits = sizes[(spherical_jn(sizes - 1, half) ** 2 <= tolerance) & (sizes > half)]
     return float(fits[0]) if fits.size else math.inf
 
 
