@@ -30,11 +30,13 @@ LIMIT_BETA = 1e-9
 ROUNDING = 1e-10
 """Real parts below this share of the largest |lambda| count as 0: the solver's residuals."""
 
-NUMBERS = {"gravity": "gamma", "drag": "drag", "damping": "damping", "Coriolis": "beta"}
-"""Effects that a number of the pipe switches off."""
-
-SYMBOLS = {"drag": "kappa", "damping": "delta"}
-"""How they print, where it is not by their names."""
+NUMBERS = {
+    "gravity": ("gamma", "gamma"),
+    "drag": ("drag", "kappa"),
+    "damping": ("damping", "delta"),
+    "Coriolis": ("beta", "beta"),
+}
+"""Effects that a number of the pipe switches off: its name and how it prints."""
 
 
 class _WithoutCentrifugal(Pipe):
@@ -210,12 +212,35 @@ def relevant(
         del strengths["flow"]
 
     def effect(*names: str) -> Effect:
-        strength = ", ".join(strengths[name] for name in names)
-        return _effect(names, strength, pipe, u, asked, tolerance, full)
+        """Some effects, switched off at once; without strength they are absent."""
+        name, strength = " + ".join(names), ", ".join(strengths[one] for one in names)
+        if not strength:
+            return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
+        simpler = _without(pipe, names)
+        growth = _growth(simpler, u)
+        try:
+            found = _outcome(asked, simpler, tolerance)
+        except PipedynError as failure:
+            unknown = (None, math.nan, math.nan, growth)
+            return Effect(name, strength, "not found", *unknown, "relevant", str(failure.args[0]))
+        size, error = math.inf, 0.0
+        if found.kind == full.kind:
+            size = 0.0
+            if found.answer is not None and full.answer is not None:
+                size = asked.distance(found.answer, full.answer)
+            error = found.error + full.error if size > 0.0 else 0.0
+        note = ""
+        undamped = pipe.damping == 0.0 and pipe.flow == "ejecting"
+        if names == ("Coriolis",) and asked.name == "critical_speed" and undamped:
+            with suppress(PipedynError):
+                limit = _outcome(asked, replace(pipe, beta=LIMIT_BETA), tolerance)
+                note = f"as beta tends to 0 the pipe's is {limit.words}, not that at 0"
+        verdict = "negligible" if size + error <= tolerance else "relevant"
+        return Effect(name, strength, found.words, found.answer, size, error, growth, verdict, note)
 
     def rank(effect: Effect) -> tuple[bool, float]:
         # Absent ones last; of the others the largest first, and the unknown with the infinite.
-        return effect.verdict == "absent", -np.nan_to_num(effect.size, nan=math.inf)
+        return effect.verdict == "absent", -math.inf if math.isnan(effect.size) else -effect.size
 
     effects = sorted(map(effect, strengths), key=rank)
     dropped = _droppable(pipe, [one.name for one in effects if one.verdict == "negligible"])
@@ -233,11 +258,10 @@ def relevant(
 
 def _strengths(pipe: Pipe) -> dict[str, str]:
     """Effects by name, with the number that each comes from; empty where the pipe has it not."""
-    values = {name: float(getattr(pipe, number)) for name, number in NUMBERS.items()}
-    strengths = {
-        name: f"{SYMBOLS.get(number, number)} = {values[name]:.4g}" if values[name] else ""
-        for name, number in NUMBERS.items()
-    }
+    strengths = {}
+    for name, (number, symbol) in NUMBERS.items():
+        value = float(getattr(pipe, number))
+        strengths[name] = f"{symbol} = {value:.4g}" if value else ""
     strengths["centrifugal"] = f"a = {pipe.centrifugal:.4g}" if pipe.centrifugal else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
     strengths["flow"] = ", ".join(parts)
@@ -255,7 +279,7 @@ def _droppable(pipe: Pipe, names: Collection[str]) -> tuple[str, ...]:
 
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
-    gone: dict[str, Any] = {number: 0.0 for name, number in NUMBERS.items() if name in names}
+    gone: dict[str, Any] = {number: 0.0 for name, (number, _) in NUMBERS.items() if name in names}
     if "flow" in names:
         gone["beta"] = 0.0
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
@@ -275,42 +299,6 @@ class _Outcome:
     kind: str
     answer: Answer | None = None
     error: float = 0.0
-
-
-def _effect(
-    names: tuple[str, ...],
-    strength: str,
-    pipe: Pipe,
-    u: float,
-    asked: Quantity,
-    tolerance: float,
-    full: _Outcome,
-) -> Effect:
-    """Some effects of a pipe, switched off at once; without strength they are absent."""
-    name = " + ".join(names)
-    if not strength:
-        return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
-    simpler = _without(pipe, names)
-    growth = _growth(simpler, u)
-    try:
-        found = _outcome(asked, simpler, tolerance)
-    except PipedynError as failure:
-        unknown = (None, math.nan, math.nan, growth)
-        return Effect(name, strength, "not found", *unknown, "relevant", str(failure.args[0]))
-    size, error = math.inf, 0.0
-    if found.kind == full.kind:
-        size = 0.0
-        if found.answer is not None and full.answer is not None:
-            size = asked.distance(found.answer, full.answer)
-        error = found.error + full.error if size > 0.0 else 0.0
-    note = ""
-    if names == ("Coriolis",) and asked.name == "critical_speed":
-        undamped = pipe.damping == 0.0 and pipe.flow == "ejecting"
-        with suppress(PipedynError):
-            limit = _outcome(asked, replace(pipe, beta=LIMIT_BETA), tolerance) if undamped else None
-            note = f"as beta tends to 0 the pipe's is {limit.words}, not that at 0" if limit else ""
-    verdict = "negligible" if size + error <= tolerance else "relevant"
-    return Effect(name, strength, found.words, found.answer, size, error, growth, verdict, note)
 
 
 def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> _Outcome:

@@ -11,6 +11,7 @@ import inspect
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Self, TypeAlias
@@ -26,7 +27,7 @@ from pipedyn.accuracy.reference import (
     Answer,
     Onset,
     Reference,
-    onset_reference,
+    onset_near,
     resolving_size,
 )
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
@@ -45,7 +46,7 @@ from pipedyn.util.counters import TookTooLong, clock, limited
 LEGENDRE = FAMILIES["legendre"]
 
 BEFORE_CLUSTER = 0.9
-"""Share of 1 / delta up to which roots are compared: from 1 / delta on there is no next one."""
+"""Share of 1 / delta up to which roots are compared, see `Frequencies`."""
 
 FIRST, MOST = 6, 20
 """Legendre functions of the first nonlinear reference at the least, and of the last: a cycle of 20
@@ -54,6 +55,9 @@ takes seconds."""
 LONGEST_REFERENCE = 30.0
 """Seconds of processor time after which a nonlinear reference grows no more: half of what a search
 waits for one answer."""
+
+LEAST_TOLERANCE = 1e-10
+"""Least change to which a basis grows: that of `Continuum`, which rounding always leaves room for."""
 
 RTOL = 1e-8
 """Relative tolerance of a motion or a cycle where no other is asked for."""
@@ -127,11 +131,7 @@ class Quantity(ABC):
 
 @dataclass(frozen=True)
 class CriticalSpeedOf(Quantity):
-    """The critical speed u_c, relative; infinitely wrong where flutter and divergence are mixed up.
-
-    Attributes:
-        max_speed: end of the search.
-    """
+    """The critical speed u_c; infinitely wrong where flutter and divergence are mixed up."""
 
     name: ClassVar[str] = "critical_speed"
     max_speed: float = 100.0
@@ -151,12 +151,32 @@ class CriticalSpeedOf(Quantity):
         return Answer(np.array([found.speed]), found.kind, error, onset)
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        """An onset tracked into larger models, or else the continuous pipe's own answer."""
-        tracked = onset_reference(pipe, LEGENDRE.for_terms(pipe), self.answer, tolerance)
-        if tracked is not None:
-            return tracked
-        found = self.answer(Continuum(pipe))
-        return Reference(found, max(found.error, EPS), "Continuum")
+        """An onset, searched once and tracked as the basis grows, or else `Continuum`'s answer."""
+        onset: Onset | None = None
+
+        def tracked(model: Model) -> Answer:
+            nonlocal onset
+            assert onset is not None
+            near = onset_near(model, onset.speed, onset.frequency)
+            # One that has moved further is another, or the functions were too few.
+            if near is None or abs(near.speed - onset.speed) > 1e-5 * near.speed:
+                raise NotConverged(f"the onset at u = {onset.speed:g} is not there in {model}")
+            onset = near
+            return Answer(np.array([near.speed]), "flutter", near.error / near.speed, near)
+
+        def distance(before: Answer, answer: Answer) -> float:
+            return self.distance(before, answer) + before.error + answer.error + EPS
+
+        with suppress(PipedynError):
+            # 16 functions resolve the flutter of most pipes to 1e-8.
+            onset = self.answer(LEGENDRE.make(pipe, 16 + LEGENDRE.for_terms(pipe))).onset
+            if onset is not None:
+                found = Continuum(pipe).converge(
+                    *(tracked, distance, max(tolerance, LEAST_TOLERANCE)), largest=40
+                )
+                return Reference(found.value, found.error, _source(found.size))
+        answer = self.answer(Continuum(pipe))
+        return Reference(answer, max(answer.error, EPS), "Continuum")
 
 
 class _Roots(Quantity):
@@ -192,24 +212,23 @@ class _Roots(Quantity):
             self.answer,
             # Near a cluster convergence is slow: what is left may be as much as the last change.
             lambda before, answer: 2.0 * self.distance(before, answer),
-            # Rounding leaves more than the least; 1e-6 costs no more than what is looser.
-            tolerance=min(max(tolerance, 1e-10), 1e-6),
+            # 1e-6 costs no more than what is looser.
+            tolerance=min(max(tolerance, LEAST_TOLERANCE), 1e-6),
             smallest=max(16, 2 * self.count + 2),
         )
-        source = f"Continuum, {found.size} Legendre functions"
-        return Reference(found.value, max(found.error, LEAST_ERROR), source)
+        return Reference(found.value, max(found.error, LEAST_ERROR), _source(found.size))
+
+
+def _source(size: int) -> str:
+    return f"Continuum, {size} Legendre functions"
 
 
 @dataclass(frozen=True)
 class Frequencies(_Roots):
-    """The eigenvalues of the lowest modes at one flow speed: each matched with its own.
+    """The eigenvalues of the lowest modes at one flow speed.
 
     Of a pipe with damping delta, those up to 0.9 / delta: from 1 / delta on there is no next one,
     as infinitely many cluster there.
-
-    Attributes:
-        u: flow speed.
-        count: number of modes.
     """
 
     name: ClassVar[str] = "frequencies"
@@ -243,12 +262,7 @@ class Frequencies(_Roots):
 
 @dataclass(frozen=True)
 class RootLociOver(_Roots):
-    """The branches of eigenvalues over a range of speeds: the largest error of a root on them.
-
-    Attributes:
-        speeds: flow speeds, increasing, shape (S,).
-        count: number of branches.
-    """
+    """Branches of eigenvalues over increasing flow speeds (S,): the largest error on them."""
 
     name: ClassVar[str] = "root_loci"
     speeds: ArrayLike
@@ -281,16 +295,15 @@ Angle: TypeAlias = Callable[[Array], ArrayLike]
 
 
 class _Integrated(Quantity):
-    """A motion or a cycle, integrated with a relative tolerance."""
+    """A motion or a cycle, integrated with a relative tolerance, rtol.
+
+    Where it is not given rtol is a `share` of the tolerance asked for, but not below `least_rtol`,
+    or 1e-8 where none is asked for. It leaves an error of `noise` times rtol.
+    """
 
     least_rtol: ClassVar[float]
-    """Least relative tolerance of the integration."""
-
     share: ClassVar[float]
-    """Of a tolerance asked for, that the integration's is."""
-
     noise: ClassVar[float]
-    """Error of an answer in relative tolerances of its integration."""
 
     u: float
     rtol: float | None
@@ -369,16 +382,9 @@ class _Integrated(Quantity):
 class MotionOf(_Integrated):
     """The free end over a time: its largest distance from the reference, in the largest excursion.
 
-    Attributes:
-        u: flow speed.
-        duration: in T.
-        start: angle theta(s) of the bent pipe at rest that is let go; where not given, the motion
-            starts on the pipe's least damped mode, of 0.05 L at the free end, which excites no
-            others, as a pipe let go does.
-        samples: times at which the free end is compared.
-        rtol: relative tolerance of the integration; where not given a hundredth of the tolerance
-            asked for, or 1e-8 where none is.
-        rates: dtheta/dt(s) of the start; none where not given, but of the mode those that it has.
+    The pipe starts with angles theta(s) and rates dtheta/dt(s), at rest where only angles are
+    given. Without a start it moves on its least damped mode, of 0.05 L at the free end, which
+    excites no others, as a pipe let go does.
     """
 
     name: ClassVar[str] = "motion"
@@ -459,13 +465,7 @@ def _slope(model: Galerkin, q: Array, s: Array) -> Array:
 
 @dataclass(frozen=True)
 class LimitCycleAt(_Integrated):
-    """Amplitude and frequency of the limit cycle: the larger relative error.
-
-    Attributes:
-        u: flow speed.
-        rtol: relative tolerance of the cycle; where not given a tenth of the tolerance asked for,
-            or 1e-8 where none is.
-    """
+    """Amplitude and frequency of the limit cycle: the larger relative error."""
 
     name: ClassVar[str] = "limit_cycle"
     most: ClassVar[int] = LARGEST_CYCLE
@@ -493,23 +493,13 @@ QUANTITIES: dict[str, type[Quantity]] = {
 
 
 def conditions_of(quantity: Any) -> dict[str, inspect.Parameter]:
-    """What a quantity takes besides the pipe, by name.
-
-    Raises:
-        ValueError: for an unknown quantity.
-    """
+    """What a quantity takes besides the pipe, by name."""
     kind = QUANTITIES[check.choice("quantity", quantity, tuple(QUANTITIES))]
     return dict(inspect.signature(kind).parameters)
 
 
 def checked_quantity(quantity: Any, settings: dict[str, Any]) -> Quantity:
-    """A quantity by its name, with its conditions.
-
-    Raises:
-        ValueError: for an unknown name.
-        TypeError: for conditions that it does not take, or lacks; and as it says for what is wrong
-            with them.
-    """
+    """A quantity by its name, with conditions; TypeError for those it does not take, or lacks."""
     known = conditions_of(quantity)
     for name in settings:
         if name not in known:

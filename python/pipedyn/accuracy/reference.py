@@ -2,14 +2,13 @@
 """References: answers of the continuous pipe whose own error is known.
 
 Reduced models grow until two answers agree; by how much they differ bounds the error of the last.
-`Continuum` does so for any linear question; a critical speed by flutter costs a third of that where
-only the first model is searched, and its onset is tracked into the next one.
+A critical speed by flutter takes a third of the time where only the first model is searched, and
+the onset found is tracked into the next ones.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import spherical_jn
 
 from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.base import Model
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import result
@@ -36,13 +34,7 @@ LEAST_ERROR = 1e-14
 
 @dataclass(frozen=True)
 class Onset:
-    """An eigenvalue on the imaginary axis.
-
-    Attributes:
-        speed: u.
-        frequency: angular, in 1 / T.
-        error: of the speed, absolute, by residual and rounding.
-    """
+    """An eigenvalue on the imaginary axis; the error is the speed's, by residual and rounding."""
 
     speed: float
     frequency: float
@@ -149,33 +141,3 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
     assert pair is not None
     error = float(problem.uncertainties(found.state, pair)[0]) / slope.real + found.step
     return Onset(found.state, value.imag, error)
-
-
-def onset_reference(
-    pipe: Pipe, more: int, ask: Callable[[Model], Answer], tolerance: float
-) -> Reference | None:
-    """A critical speed searched in a reduced model, its onset tracked into larger ones.
-
-    None where no onset is found, or it is not there in a larger model. `more` functions come on
-    top for the terms; `ask` asks a model for its critical speed.
-    """
-    size = 16 + more  # resolve the flutter of most pipes to 1e-8
-    try:
-        before = ask(Galerkin(pipe, size, "legendre")).onset
-    except PipedynError:
-        return None
-    found = None
-    for larger in (size + 8, size + 16):  # eight more reduce an error by some seven decades
-        if before is None:
-            return None
-        onset = onset_near(Galerkin(pipe, larger, "legendre"), before.speed, before.frequency)
-        moved = math.inf if onset is None else abs(onset.speed - before.speed) / onset.speed
-        if onset is None or moved > 1e-5:  # that is another onset, or 16 functions are too few
-            return None
-        error = moved + (before.error + onset.error) / onset.speed + EPS
-        source = f"search with {size} Legendre functions, tracked to {larger}"
-        found = Reference(Answer(np.array([onset.speed]), "flutter", error, onset), error, source)
-        if error <= tolerance:
-            break
-        before = onset
-    return found

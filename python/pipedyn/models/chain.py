@@ -103,10 +103,7 @@ class Chain(Model):
             gyration_radii=gyration_radii,
             drag_points=drag_points,
         )
-        if lengths is not None:
-            self._lengths = check.array("lengths", lengths, size=n, low=0.0, open_low=True)
-        elif rule != "midpoint":
-            self._lengths = _frozen(np.full(n, (1.0 - base) / n))
+        cells = np.full(n, (1.0 - base) / n)
         if rule == "midpoint":
             if lengths is not None or base != 0.0:
                 raise ValueError(
@@ -115,7 +112,7 @@ class Chain(Model):
             base = 0.5 / n
             cells = np.full(n, 1.0 / n)
             cells[-1] = 0.5 / n
-            self._lengths = _frozen(cells)
+        self._lengths = _given("lengths", lengths, cells, open_low=True)
         total = base + math.fsum(self._lengths)
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"base + sum(lengths) must be 1, got {total!r}")
@@ -123,14 +120,10 @@ class Chain(Model):
         if shortest < SHORTEST_SEGMENT:
             raise ValueError(f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {shortest}")
         self._base = base
-        self._centers = _fractions("centers", centers, n)
-        self._drag_points = _fractions("drag_points", drag_points, n)
-        if gyration_radii is None:
-            self._gyration_radii = _frozen(self._lengths / math.sqrt(12.0))
-        else:
-            self._gyration_radii = check.array(
-                "gyration_radii", gyration_radii, size=n, low=0.0, high=1e3
-            )
+        self._centers = _given("centers", centers, np.full(n, 0.5), high=1.0)
+        self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
+        homogeneous = self._lengths / math.sqrt(12.0)
+        self._gyration_radii = _given("gyration_radii", gyration_radii, homogeneous, high=1e3)
         arm = self._centers[-1] * self._lengths[-1] + self._gyration_radii[-1]
         if arm < 0.1 * SHORTEST_SEGMENT:
             raise ValueError(
@@ -138,13 +131,11 @@ class Chain(Model):
                 "it would turn without inertia"
             )
         self._rule = rule
-        if rule is None:
-            self._springs = check.array("springs", springs, size=n, low=0.0, high=1e15)
-        else:
-            self._springs = _frozen(self._springs_by_rule(rule))
+        own = springs if rule is None else None
+        self._springs = _given("springs", own, self._springs_by_rule(rule), high=1e15)
         self._approximates = rule is not None and centers is None and gyration_radii is None
 
-    def _springs_by_rule(self, rule: str) -> Array:
+    def _springs_by_rule(self, rule: str | None) -> Array:
         n = self.dof
         if rule == "consistent":
             inner = np.concatenate([[2.0 * self._base], self._lengths[:-1]])
@@ -360,7 +351,8 @@ def _frozen(values: Array) -> Array:
     return values
 
 
-def _fractions(name: str, values: ArrayLike | None, n: int) -> Array:
+def _given(name: str, values: Any, default: Array, **rule: Any) -> Array:
+    """Numbers of each segment, >= 0: the user's, checked, or the default."""
     if values is None:
-        return _frozen(np.full(n, 0.5))
-    return check.array(name, values, size=n, low=0.0, high=1.0)
+        return _frozen(default)
+    return check.array(name, values, size=default.size, low=0.0, **rule)

@@ -29,15 +29,7 @@ MOST_TERMS = 400
 
 
 def number(high: float, *, mass: int = 0, length: int = 0, time: int = 0, low: float = 0.0) -> Any:
-    """A field of a term: its range and the powers of the pipe's units that its SI value has.
-
-    Args:
-        high: largest value.
-        mass: power of the mass per length, mu_p + mu_f in kg/m.
-        length: power of the length L in m.
-        time: power of the time L^2 sqrt((mu_p + mu_f) / EI) in s.
-        low: smallest value.
-    """
+    """A field of a term: its range, and the powers of the units in its SI value, see `Scales`."""
     return field(metadata={"range": {"low": low, "high": high}, "powers": (mass, length, time)})
 
 
