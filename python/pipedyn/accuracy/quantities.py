@@ -57,7 +57,7 @@ LONGEST_REFERENCE = 30.0
 waits for one answer."""
 
 LEAST_TOLERANCE = 1e-10
-"""Least change to which a basis grows: that of `Continuum`, which rounding always leaves room for."""
+"""Least change to which a basis grows, as for `Continuum`: rounding leaves less."""
 
 RTOL = 1e-8
 """Relative tolerance of a motion or a cycle where no other is asked for."""
