@@ -312,7 +312,7 @@ def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
 
 def test_the_table_says_what_the_rows_do(critical):
     text, page = str(critical), critical._repr_html_()
-    assert "reference: search with 16 Legendre functions" in text
+    assert "reference: Continuum, 24 Legendre functions" in text
     assert text.count("\n") == len(critical.rows) + 2
     assert page.count("<tr>") == len(critical.rows) + 1
     rows = list(csv.DictReader(io.StringIO(critical.to_csv())))
