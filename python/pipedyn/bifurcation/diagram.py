@@ -30,14 +30,7 @@ from pipedyn.bifurcation.brute_force import (
 )
 from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
 from pipedyn.bifurcation.equilibria import checked_size, equilibria
-from pipedyn.bifurcation.equilibrium_branch import (
-    EquilibriumBranch,
-    equilibrium_branch,
-    integrated,
-    is_stable_at,
-    lies_on,
-    mirror_image,
-)
+from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch, equilibrium_branch, lies_on
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
 from pipedyn.bifurcation.orbit_continuation import HopfPoint
 from pipedyn.bifurcation.statics import Statics
@@ -62,9 +55,6 @@ MOST_FROM_MOTIONS = 12
 
 BEYOND = 1.5
 """Share of the highest speed up to which onsets are followed: their cycles may come back."""
-
-NO_INDEX = -1
-"""Index of a failure that is at none of the speeds given."""
 
 
 @result
@@ -91,11 +81,7 @@ class BifurcationDiagram:
     model: Model
 
     def at(self, u: float) -> tuple[Attractor, ...]:
-        """Where motions end at the speed nearest to u >= 0.
-
-        Raises:
-            ValueError, TypeError: for what is no such number.
-        """
+        """Where motions end at the speed nearest to u >= 0; raises ValueError or TypeError."""
         u = check.real("u", u, low=0.0)
         if not self.motions:
             return ()
@@ -177,7 +163,7 @@ def bifurcation_diagram(
     shown = check.flag("progress", progress)
 
     failures: list[Failure] = []
-    branches = equilibrium_branches(model, at, failures, shown)
+    branches, resting = equilibrium_branches(model, at, failures, shown)
     found = _Cycles(model, BranchOptions(at, options.rtol, steps), failures)
     if steps:
         found.from_onsets(branches, executor, shown)
@@ -188,12 +174,15 @@ def bifurcation_diagram(
         failures += failed
     if steps:
         found.from_motions(motions)
-        found.where_none(branches)
+        for i in places(at):
+            u = float(at[i])
+            if u > 0.0 and i not in resting and not any(one.passes(u) for one in found.branches):
+                found.through(u, model.bent(slight_bend))
     failures.sort(key=lambda failure: failure.value)
     return BifurcationDiagram(at, branches, tuple(found.branches), motions, tuple(failures), model)
 
 
-def seeds(speeds: Array) -> list[int]:
+def places(speeds: Array) -> list[int]:
     """Where to look for what lies on no branch: the first, the middle and the last speed."""
     return sorted({0, speeds.size // 2, speeds.size - 1})
 
@@ -211,53 +200,41 @@ def checked_speeds(speeds: Any) -> Array:
 
 def equilibrium_branches(
     model: Model, speeds: Array, failures: list[Failure], shown: bool = False
-) -> tuple[EquilibriumBranch, ...]:
+) -> tuple[tuple[EquilibriumBranch, ...], set[int]]:
     """Branches through the equilibria at the first, the middle and the last speed, each once.
 
-    Args:
-        model: the model.
-        speeds: increasing flow speeds.
-        failures: takes what could not be followed.
-        shown: show progress.
+    Also those of these three places at which an equilibrium is stable. What could not be followed
+    is added to the failures.
     """
     statics = Statics(model)
-    ends = float(speeds[0]), float(speeds[-1])
     branches: list[EquilibriumBranch] = []
-    places = seeds(speeds)
-    for i in track(places, len(places), "equilibria", shown):
+    stable = set[int]()
+    for i in track(places(speeds), len(places(speeds)), "equilibria", shown):
         u = float(speeds[i])
         try:
             found = equilibria(model, u)
         except PipedynError as error:
             failures.append(Failure(i, u, error))
             continue
-        for x in integrated(statics, found.q):
+        if found.stable.any():
+            stable.add(i)
+        for q in found.q:
             with one_thread(model.dof):
+                x = statics.from_start("q", q)
                 if any(lies_on(statics, branch, x, u) for branch in branches):
                     continue
             try:
-                branch = equilibrium_branch(model, x, u, ends)
+                branches.append(equilibrium_branch(model, q, u, (speeds[0], speeds[-1])))
             except PipedynError as error:
                 failures.append(Failure(i, u, error))
-                continue
-            branches.append(branch)
-            image = mirror_image(statics, branch)
-            if image is not None:
-                branches.append(image)
-    return tuple(branches)
+    return tuple(branches), stable
 
 
 # ------------------------------------------------------------------------------------------- cycles
 
 
 class _Cycles:
-    """Branches of cycles that were found so far, each once.
-
-    Args:
-        model: the model.
-        options: how branches are followed.
-        failures: takes what could not be followed.
-    """
+    """Branches of cycles that were found so far, each once; what fails is added to `failures`."""
 
     def __init__(self, model: Model, options: BranchOptions, failures: list[Failure]) -> None:
         self.model, self.options, self.failures = model, options, failures
@@ -269,7 +246,7 @@ class _Cycles:
 
     def fail(self, u: float, error: Exception) -> None:
         at = np.flatnonzero(self.options.speeds == u)
-        self.failures.append(Failure(int(at[0]) if at.size else NO_INDEX, u, error))
+        self.failures.append(Failure(int(at[0]) if at.size else -1, u, error))
 
     def add(self, answer: tuple[list[Traced], tuple[Failed, ...]]) -> None:
         """Takes the branches of one beginning."""
@@ -277,25 +254,25 @@ class _Cycles:
         for u, error in failed:
             self.fail(u, error)
         for one in branches:
-            if not any(one.retraces(other) for other in self.found):
+            if not any(one.is_reverse(other) for other in self.found):
                 self.found.append(one)
 
     def from_onsets(
         self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
     ) -> None:
         """From the onsets of flutter."""
-        begun: list[HopfPoint] = []
+        onsets: list[HopfPoint] = []
         with one_thread(self.model.dof):
             highest = BEYOND * float(self.options.speeds[-1])
             for point in hopf_points(self.model, equilibria, highest):
                 if isinstance(point, HopfPoint):
-                    begun.append(point)
+                    onsets.append(point)
                 else:
                     self.fail(*point)
-        self.options = replace(self.options, onsets=tuple(point.speed for point in begun))
-        jobs = [partial(traced, self.model, point, self.options) for point in begun]
+        self.options = replace(self.options, onsets=tuple(point.speed for point in onsets))
+        jobs = [partial(traced, self.model, point, self.options) for point in onsets]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
-        for point, answer in zip(begun, answers, strict=True):
+        for point, answer in zip(onsets, answers, strict=True):
             if isinstance(answer, Exception):
                 self.fail(point.speed, answer)
             else:
@@ -320,7 +297,7 @@ class _Cycles:
 
     def from_motions(self, motions: tuple[Attractor, ...]) -> None:
         """Through cycles on which motions end and that lie on no branch."""
-        left = MOST_FROM_MOTIONS
+        followed = 0
         for one in motions:
             if one.ending != "periodic" or one.speed == 0.0:
                 continue
@@ -328,19 +305,9 @@ class _Cycles:
             known = [c for branch in self.branches for c in branch.at(one.speed)]
             if any(abs(c.amplitude / half - 1.0) < RECURRENCE for c in known):
                 continue
-            if left == 0:
+            if followed == MOST_FROM_MOTIONS:
                 many = f"motions end on more than {MOST_FROM_MOTIONS} cycles that lie on no branch"
                 self.fail(one.speed, NotConverged(many))
                 return
-            left -= 1
+            followed += 1
             self.through(one.speed, one.end)
-
-    def where_none(self, equilibria: tuple[EquilibriumBranch, ...]) -> None:
-        """Through cycles at speeds at which no cycle and no stable equilibrium is known."""
-        for i in seeds(self.options.speeds):
-            u = float(self.options.speeds[i])
-            if any(branch.passes(u) for branch in self.branches) or u == 0.0:
-                continue
-            if any(is_stable_at(branch, u) for branch in equilibria):
-                continue
-            self.through(u, self.model.bent(slight_bend))

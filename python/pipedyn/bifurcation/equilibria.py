@@ -21,7 +21,7 @@ from pipedyn.bifurcation.continuation import (
     Equations,
     solve,
 )
-from pipedyn.bifurcation.statics import BALANCED, Statics, unstable_among
+from pipedyn.bifurcation.statics import BALANCED, Statics, growth_among
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import Start, checked_model_in_motion
@@ -35,9 +35,9 @@ LARGEST = 500
 """Degrees of freedom up to which equilibria are searched: factorisations here are dense."""
 
 DISTINCT = 1e-6
-"""Change of coordinates, beside 1 and the largest, from which two equilibria differ. In 11 searches
-of five models solutions for one equilibrium differed by 7e-16 at most, and two equilibria by 0.1 at
-least."""
+"""Change of coordinates, relative to 1 plus the largest, from which two equilibria differ. In 11
+searches of five models solutions for one equilibrium differed by 7e-16 at most, and two equilibria
+by 0.1 at least."""
 
 FAR = 60.0
 """Coordinate beyond which a branch is not followed: ten turns."""
@@ -59,7 +59,7 @@ class Equilibria:
         stable: whether no eigenvalue of the linearisation has a positive real part, shape (k,).
         growth: largest real part of an eigenvalue, in 1 / T, shape (k,).
         tips: position (x, y) of the free end in L, shape (k, 2).
-        residuals: largest force left, beside 1 + |gamma| + a u^2, shape (k,).
+        residuals: largest force left, in units of 1 + |gamma| + a u^2, shape (k,).
         u: flow speed.
         model: the model.
     """
@@ -101,27 +101,38 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
     own = [statics.from_start(f"starts[{i}]", start) for i, start in enumerate(starts)]
     with one_thread(model.dof):
-        found = _Distinct(statics, u)
-        found.add(statics.resting)
-        for x in _on_primary_branches(statics, u):
-            found.add(x)
-        for x in (*own, *_bends(statics)):
-            found.add_near(x)
-        if not found.xs:
+        found: list[Array] = []
+        for x in _solutions(statics, u, own):
+            for image in (x, -x):
+                with suppress(ValueError, PipedynError):
+                    if _is_new(found, image) and statics.unbalanced(image, u) <= BALANCED:
+                        found.append(image + 0.0)
+        if not found:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
-        xs = found.sorted()
-        values = [statics.eigenvalues(x, u) for x in xs]
-        residuals = np.array([statics.unbalanced(x, u) for x in xs])
-    q = statics.recorded(np.array(xs))
+
+        def place(x: Array) -> tuple[float, float]:
+            tip = model.tips(statics.recorded(x[None]).T)[0, 0]
+            return round(statics.rms(x - statics.resting), 6), -float(tip)
+
+        found.sort(key=place)  # a mirror image next to its original, to the right first
+        values = [statics.eigenvalues(x, u) for x in found]
+        residuals = np.array([statics.unbalanced(x, u) for x in found])
+    q = statics.recorded(np.array(found))
     return Equilibria(
         q=q,
-        stable=np.array([unstable_among(one) == 0 for one in values]),
+        stable=np.array([growth_among(one)[0] <= 0.0 for one in values]),
         growth=np.array([float(one.real.max()) for one in values]),
         tips=model.tips(q.T),
         residuals=residuals,
         u=u,
         model=model,
     )
+
+
+def _is_new(known: list[Array], x: Array) -> bool:
+    """Whether a configuration is none of those known, and not too far to count."""
+    size = float(np.abs(x).max())
+    return size <= FAR and all(np.abs(x - one).max() >= DISTINCT * (1.0 + size) for one in known)
 
 
 def checked_size(model: Any) -> Model:
@@ -147,13 +158,9 @@ def pitchforks(statics: Statics, highest: float) -> list[tuple[float, Array]]:
 def _branch_points(
     equations: Equations, x: Array, highest: float, squared: bool = False
 ) -> list[tuple[float, Array]]:
-    """Parameters > 0 at which branches leave an equilibrium that is one at all of them.
+    """Parameters > 0 at which branches leave an equilibrium x of all parameters, with directions.
 
-    Args:
-        equations: forces, affine in the parameter or in its square.
-        x: the equilibrium.
-        highest: parameter.
-        squared: whether they are affine in the square.
+    The forces are affine in the parameter or in its square.
     """
     a = equations.jacobian(x, 0.0)
     b = equations.jacobian(x, 1.0) - a
@@ -166,18 +173,27 @@ def _branch_points(
     return [(p, np.linalg.svd(equations.jacobian(x, p))[2][-1]) for p in parameters if p <= highest]
 
 
-def _on_primary_branches(statics: Statics, u: float) -> Iterator[Array]:
-    """Equilibria at a speed on branches that leave the straight pipe as speed or gravity grows."""
+def _solutions(statics: Statics, u: float, starts: list[Array]) -> Iterator[Array]:
+    """What may be equilibria at a speed.
+
+    First the straight pipe, then what lies on branches that leave it as speed or gravity grows, and
+    what scipy's hybrid method finds from starts and Newton's method improves.
+    """
+    yield statics.resting
     highest = 2.0 * u + 10.0
     for speed, direction in pitchforks(statics, highest):
         problem = DenseProblem(statics, statics.size, 0.1 * highest)
         yield from _on_branch(problem, statics.resting, speed, direction, u, (0.0, highest))
-    if statics.model.pipe.gamma == 0.0 or not statics.rests(u):
-        return
-    scaled = _ScaledGravity(statics, u)
-    for share, direction in _branch_points(scaled, statics.resting, 1.0):
-        problem = DenseProblem(scaled, statics.size, 0.5)
-        yield from _on_branch(problem, statics.resting, share, direction, 1.0, (0.0, 2.0))
+    if statics.model.pipe.gamma != 0.0 and statics.rests(u):
+        scaled = _ScaledGravity(statics, u)
+        for share, direction in _branch_points(scaled, statics.resting, 1.0):
+            problem = DenseProblem(scaled, statics.size, 0.5)
+            yield from _on_branch(problem, statics.resting, share, direction, 1.0, (0.0, 2.0))
+    for start in (*starts, *_bends(statics)):
+        with suppress(NewtonFailed, ValueError):
+            found = root(statics.residual, start, args=(u,), jac=statics.jacobian, method="hybr")
+            if float(np.abs(found.x).max()) <= FAR:
+                yield solve(statics, found.x, u)
 
 
 class _ScaledGravity:
@@ -189,17 +205,14 @@ class _ScaledGravity:
 
     def residual(self, x: Array, p: float) -> Array:
         none = self.none.residual(x, self.u)
-        result: Array = none + p * (self.full.residual(x, self.u) - none)
-        return result
+        return np.asarray(none + p * (self.full.residual(x, self.u) - none))
 
     def jacobian(self, x: Array, p: float) -> Array:
         none = self.none.jacobian(x, self.u)
-        result: Array = none + p * (self.full.jacobian(x, self.u) - none)
-        return result
+        return np.asarray(none + p * (self.full.jacobian(x, self.u) - none))
 
     def by_parameter(self, x: Array, p: float) -> Array:
-        result: Array = self.full.residual(x, self.u) - self.none.residual(x, self.u)
-        return result
+        return np.asarray(self.full.residual(x, self.u) - self.none.residual(x, self.u))
 
 
 def _on_branch(
@@ -213,28 +226,22 @@ def _on_branch(
     """Solutions at a parameter on the branch that leaves a branch point, one half of it."""
     branch = Continuation(problem, Control(longest=0.4))
     begin = branch.starting(np.append(x, p), np.append(direction, 0.0))
-    try:
-        point = branch.at(begin, LEAVING)
-    except NewtonFailed:
-        return
     step = 0.05
-    for _ in range(MOST_POINTS):
-        try:
+    with suppress(NewtonFailed):
+        point = branch.at(begin, LEAVING)
+        for _ in range(MOST_POINTS):
             segment, step = branch.next(point, step)
-        except NewtonFailed:
-            return
-        found = segment.end
-        if (point.p - target) * (found.p - target) <= 0.0 and point.p != found.p:
-            share = (target - point.p) / (found.p - point.p)
-            with suppress(NewtonFailed):
-                yield solve(problem.equations, point.x + share * (found.x - point.x), target)
-        away = found.x - x
-        back = float(away @ direction) / math.sqrt(x.size)
-        if abs(back) < 0.5 * LEAVING and float(np.linalg.norm(away)) < LEAVING * math.sqrt(x.size):
-            return  # through the straight pipe again, onto a mirror image
-        if not ends[0] <= found.p <= ends[1] or float(np.abs(found.x).max()) > FAR:
-            return
-        point = found
+            found = segment.end
+            if (point.p - target) * (found.p - target) <= 0.0 and point.p != found.p:
+                share = (target - point.p) / (found.p - point.p)
+                with suppress(NewtonFailed):
+                    yield solve(problem.equations, point.x + share * (found.x - point.x), target)
+            away = (found.x - x) / math.sqrt(x.size)
+            if abs(float(away @ direction)) < 0.5 * LEAVING and np.linalg.norm(away) < LEAVING:
+                return  # through the straight pipe again, onto a mirror image
+            if not ends[0] <= found.p <= ends[1] or float(np.abs(found.x).max()) > FAR:
+                return
+            point = found
 
 
 def _bends(statics: Statics) -> Iterator[Array]:
@@ -247,43 +254,3 @@ def _bends(statics: Statics) -> Iterator[Array]:
 
             with suppress(PipedynError):  # guides and pins that such a bend cannot meet
                 yield statics.from_start("q0", statics.model.bent(bend))
-
-
-class _Distinct:
-    """Equilibria at a speed, each once, with mirror images."""
-
-    def __init__(self, statics: Statics, u: float) -> None:
-        self.statics, self.u = statics, u
-        self.xs: list[Array] = []
-
-    def known(self, x: Array) -> bool:
-        return any(
-            float(np.abs(x - other).max()) < DISTINCT * (1 + np.abs(x).max()) for other in self.xs
-        )
-
-    def add(self, x: Array) -> None:
-        """A solution, if it is one and new, and its mirror image."""
-        for candidate in (x, -x):
-            if self.known(candidate) or float(np.abs(candidate).max()) > FAR:
-                continue
-            with suppress(ValueError, PipedynError):
-                if self.statics.unbalanced(candidate, self.u) <= BALANCED:
-                    self.xs.append(candidate + 0.0)
-
-    def add_near(self, x: Array) -> None:
-        """What scipy's hybrid method finds from a start, polished."""
-        statics, u = self.statics, self.u
-        with suppress(NewtonFailed, ValueError):
-            found = root(statics.residual, x, args=(u,), jac=statics.jacobian, method="hybr")
-            if float(np.abs(found.x).max()) <= FAR:
-                self.add(solve(statics, found.x, u))
-
-    def sorted(self) -> list[Array]:
-        """From the least bent on, a mirror image beside its original, to the right first."""
-        statics = self.statics
-
-        def key(x: Array) -> tuple[float, float]:
-            tip = statics.model.tips(statics.recorded(x[None]).T)[0, 0]
-            return round(statics.rms(x - statics.resting), 6), -float(tip)
-
-        return sorted(self.xs, key=key)

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, Operators
 from pipedyn.util.check import Array
-from pipedyn.util.counters import evaluated
 
 BALANCED = 1e-8
-"""Force that may be left at an equilibrium, beside 1 + |gamma| + a u^2: in 11 searches of five
+"""Force that may be left at an equilibrium, in units of 1 + |gamma| + a u^2: in 11 searches of five
 models Newton's method left 6e-16 at most."""
 
 
@@ -29,30 +29,25 @@ class Statics:
     With guides and pins the equations are those of accelerations along what these allow plus, for
     what they forbid, the rates with which the motion returns to them: as many as unknowns, and zero
     together at an equilibrium that meets the constraints.
-
-    Args:
-        model: the model.
     """
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self.size = model.moving
-        self.constrained = model.dof < model.moving
+        self.motion = VectorField(model)
         self._last: tuple[bytes, Operators] | None = None
         self.resting = np.array(model.resting(), dtype=np.float64)
 
     def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
-        """Rates and accelerations of [x, 0], (moving,) each; rates are 0 but beside a guide."""
-        y = np.zeros(2 * self.size + 1)
-        y[: self.size] = x
-        evaluated(1)
-        rates = self.model.motion.rhs_and_power(0.0, y, u)
-        return rates[: self.size], rates[self.size : -1]
+        """Rates and accelerations of [x, 0], (moving,) each; rates are 0 but where guides are."""
+        y = np.concatenate([x, np.zeros(self.size)])
+        rates, turning = np.split(self.motion(y[:, None], u)[:, 0], 2)
+        return rates, turning
 
     def residual(self, x: Array, p: float) -> Array:
-        """Forces, or for scenes accelerations and returns, shape (moving,)."""
+        """Forces, or for scenes accelerations and returns to the guides, shape (moving,)."""
         rates, turning = self.accelerations(x, abs(p))
-        if self.constrained:
+        if self.motion.constrained:
             total: Array = rates + turning
             return total
         forces: Array = self.operators(x).mass @ turning
@@ -67,7 +62,7 @@ class Statics:
 
     def jacobian(self, x: Array, p: float) -> Array:
         """Derivative of `residual` by x, (moving, moving)."""
-        if not self.constrained:
+        if not self.motion.constrained:
             ops = self.operators(x)
             slope: Array = -ops.stiffness - ops.centrifugal * p**2 * ops.flux
             return slope
@@ -81,36 +76,30 @@ class Statics:
         return slope
 
     def unbalanced(self, x: Array, u: float) -> float:
-        """Largest force left, beside 1 + |gamma| + a u^2, and how far guides are missed."""
+        """Largest force left, in units of 1 + |gamma| + a u^2, and how far guides are missed."""
         rates, turning = self.accelerations(x, u)
         missed = float(np.abs(rates).max())
         if not missed < 1e-9:  # `operators` takes no configuration that misses a guide
             return math.inf
-        along = self.model.free_directions(x).T @ turning if self.constrained else turning
+        along = self.model.free_directions(x).T @ turning if self.motion.constrained else turning
         pipe = self.model.pipe
         size = 1.0 + abs(pipe.gamma) + pipe.centrifugal * u**2
         return float(np.abs(self.operators(x).mass @ along).max()) / size + missed
 
-    def eigenvalues(self, x: Array, u: float) -> NDArray[np.complex128]:
+    def eigenvalues(self, x: Array, u: float) -> Complex:
         """Of small motions about an equilibrium, shape (2 dof,)."""
         mass, velocity, stiffness = self.operators(x).at(u)
-        lower = np.linalg.cholesky(mass)
-
-        def scaled(matrix: Array) -> Array:
-            half = scipy.linalg.solve_triangular(lower, matrix, lower=True)
-            whole: Array = scipy.linalg.solve_triangular(lower, half.T, lower=True).T
-            return whole
-
         n = len(mass)
+        half = scipy.linalg.solve_triangular(np.linalg.cholesky(mass), np.eye(n), lower=True)
         companion = np.zeros((2 * n, 2 * n))
         companion[:n, n:] = np.eye(n)
-        companion[n:, :n], companion[n:, n:] = -scaled(stiffness), -scaled(velocity)
-        found: NDArray[np.complex128] = scipy.linalg.eigvals(companion)
+        companion[n:, :n], companion[n:, n:] = -half @ stiffness @ half.T, -half @ velocity @ half.T
+        found: Complex = scipy.linalg.eigvals(companion)
         return found
 
-    def unstable(self, x: Array, u: float) -> int:
-        """Number of eigenvalues whose real part is positive beyond rounding."""
-        return unstable_among(self.eigenvalues(x, u))
+    def growth(self, x: Array, u: float) -> Array:
+        """Real parts of the eigenvalues beyond rounding, the largest first."""
+        return growth_among(self.eigenvalues(x, u))
 
     def recorded(self, xs: Array) -> Array:
         """Coordinates that users see, (k, coordinates), of (k, moving)."""
@@ -137,12 +126,13 @@ class Statics:
         return self.unbalanced(self.resting, u) <= BALANCED
 
 
-def unstable_among(eigenvalues: NDArray[np.complex128]) -> int:
-    """Number of those whose real part is positive beyond rounding."""
-    return int(np.count_nonzero(eigenvalues.real > rounding(eigenvalues)))
+def growth_among(eigenvalues: Complex) -> Array:
+    """Real parts beyond rounding, the largest first: positive those that count as unstable."""
+    beyond: Array = np.sort(eigenvalues.real - rounding(eigenvalues))[::-1]
+    return beyond
 
 
-def rounding(eigenvalues: NDArray[np.complex128]) -> float:
+def rounding(eigenvalues: Complex) -> float:
     """Real part up to which an eigenvalue counts as neutral."""
     largest = float(np.abs(eigenvalues).max())
     return 1e-10 + min(4.0 * float(np.finfo(float).eps) * largest**2, 1e-6)

@@ -11,9 +11,10 @@ import numpy as np
 from pipedyn.models.base import Model
 
 CHAIN_DECAY, CHAIN_SEGMENTS = 0.025, 16
-"""Fastest decay beside the highest frequency of a chain, for each digit asked for, from which
-implicit steps pay; of more segments in proportion to these. So chosen is within 1.5 of the cheaper
-of both with 5 to 24 segments at damping 0.001 to 0.1, rtol 1e-3 to 1e-9 and 41 or 51 samples."""
+"""Fastest decay, relative to the highest frequency of a chain and for each digit asked for, from
+which implicit steps pay; beyond so many segments, in proportion to their number. The choice then
+costs at most 1.5 times the cheaper of both, measured with 5 to 24 segments at damping 0.001 to 0.1,
+rtol 1e-3 to 1e-9 and 41 or 51 samples."""
 
 REDUCED_RATE = 40.0
 """|lambda| of the fastest mode of other models, for each digit, from which implicit steps pay:
@@ -29,12 +30,8 @@ def choose_method(model: Model, rtol: float) -> str:
 
     The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
     "lsoda" leaves it out of account where it decays at once, at the cost of Jacobians and
-    factorisations, which weigh less beside the dearer right-hand side of a reduced model. Undamped
-    it follows every mode and costs more (tests/benchmark_simulate.py prints the comparison).
-
-    Args:
-        model: chain, reduced model or scene.
-        rtol: relative tolerance.
+    factorisations, which weigh less where a right-hand side costs more, as in a reduced model.
+    Undamped it follows every mode and costs more (see tests/benchmark_simulate.py).
     """
     if not (model.pipe.damping or model.resisted) or model.moving > LARGEST_IMPLICIT:
         return "dop853"
@@ -52,14 +49,14 @@ def highest_frequency(model: Model) -> float:
 
 
 def fastest_decay(model: Model) -> float:
-    """Rate at which the quickest decay of velocities goes, at rest, likewise."""
+    """Rate of the fastest decay of velocities at rest, likewise."""
     if not model.resisted:
         return model.pipe.damping * highest_frequency(model) ** 2
     return _strongest(model.with_pipe(replace(model.pipe, drag=0.0)), model.moving)
 
 
 def _strongest(model: Model, first: int) -> float:
-    """Size of the accelerations that answer coordinates (first 0) or velocities, by iteration."""
+    """Largest ratio of accelerations to coordinates (first 0) or velocities, by iteration."""
     size = model.moving
     rest = np.concatenate([model.resting(), np.zeros(size + 1)])
     at_rest = model.motion.rhs_and_power(0.0, rest, 0.0)[size:-1]
