@@ -60,7 +60,7 @@ def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
     past = sign_changes(lambda s: np.array([segment.at(s).p - 0.123]), 0.0, 0.2, 1e-10)
     ((before, beyond),) = past
     assert (before, beyond) == pytest.approx((0.123, 0.123), abs=1e-9)
-    assert segment.at(before).p < 0.123 < segment.at(beyond).p
+    assert segment.at(before).p <= 0.123 < segment.at(beyond).p
     # The cubic through the ends misses by the fourth power of the length.
     for length in (0.05, 0.1, 0.15):
         assert segment.guess(length) == pytest.approx(segment.at(length).z, abs=1e-4)

@@ -327,7 +327,10 @@ def sign_changes(
         if first == last:
             return
         passing = first - (last < first)
-        brentq(value, low, high, (passing,), xtol=tolerance)
+        root = float(brentq(value, low, high, (passing,), xtol=tolerance))
+        if known[root][passing] == 0.0:  # then the interval may still be wide
+            for s in (max(low, root - tolerance), min(root + tolerance, high)):
+                value(s, passing)
         lengths = sorted(s for s in known if low <= s <= high)
         i = next(i for i, s in enumerate(lengths) if count(s) != first)
         yield lengths[i - 1], lengths[i]

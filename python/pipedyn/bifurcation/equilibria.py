@@ -24,7 +24,7 @@ from pipedyn.bifurcation.continuation import (
 from pipedyn.bifurcation.statics import BALANCED, Statics, growth_among
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.motion.simulate import Start, checked_model_in_motion
+from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -189,7 +189,11 @@ def _solutions(statics: Statics, u: float, starts: list[Array]) -> Iterator[Arra
         for share, direction in _branch_points(scaled, statics.resting, 1.0):
             problem = DenseProblem(scaled, statics.size, 0.5)
             yield from _on_branch(problem, statics.resting, share, direction, 1.0, (0.0, 2.0))
-    for start in (*starts, *_bends(statics)):
+    bends = [size * mode for mode in np.eye(3) for size in (0.5, 1.5, 3.0, 5.0, 9.0)]
+    for parts in bends:
+        with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+            starts.append(statics.from_start("q0", modal_bend(parts)))
+    for start in starts:
         with suppress(NewtonFailed, ValueError):
             found = root(statics.residual, start, args=(u,), jac=statics.jacobian, method="hybr")
             if float(np.abs(found.x).max()) <= FAR:
@@ -242,15 +246,3 @@ def _on_branch(
             if not ends[0] <= found.p <= ends[1] or float(np.abs(found.x).max()) > FAR:
                 return
             point = found
-
-
-def _bends(statics: Statics) -> Iterator[Array]:
-    """Bends of growing amplitude in three shapes."""
-    for shape in (1.0, 3.0, 5.0):
-        for amplitude in (0.5, 1.5, 3.0, 5.0, 9.0):
-
-            def bend(s: Array, shape: float = shape, size: float = amplitude) -> Array:
-                return np.asarray(size * np.sin(0.5 * math.pi * shape * s))
-
-            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
-                yield statics.from_start("q0", statics.model.bent(bend))

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.continuum import Continuum
 from pipedyn.motion.integrator import METHODS, MOST_CALLS, Task, integrate
 from pipedyn.motion.stiffness import choose_method
 from pipedyn.util import check
@@ -170,12 +169,21 @@ def slight_bend(s: Array) -> Array:
     return 0.05 * s**2
 
 
+def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
+    """The angle theta(s) of the first three modes of bending, in parts, shape (3,), rad."""
+
+    def bend(s: Array) -> Array:
+        return np.asarray(parts @ np.sin(np.outer([1.0, 3.0, 5.0], 0.5 * math.pi * s)))
+
+    return bend
+
+
 def checked_model_in_motion(model: Any, name: str = "model") -> Model:
     """The argument, if it is a model that moves."""
-    if isinstance(model, Continuum) or not isinstance(model, Model):
+    if not isinstance(model, Model):
         raise TypeError(
-            f"{name} must be a Chain, a Galerkin model or an Assembly, got {check.shown(model)}"
-            + ("; take Continuum.frozen(m)" if isinstance(model, Continuum) else "")
+            f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
+            f"Continuum.frozen(m)), got {check.shown(model)}"
         )
     return model
 
