@@ -9,9 +9,8 @@ import pytest
 from scipy.special import ellipk
 
 import pipedyn as pp
-from pipedyn.motion.integrator import Watched
+from pipedyn.motion.integrator import Watched, choose_method, highest_frequency
 from pipedyn.motion.simulate import checked_task
-from pipedyn.motion.stiffness import choose_method, highest_frequency
 
 PIPE = pp.Pipe(0.2)
 DAMPED = pp.Pipe(0.2, gamma=5.0, drag=0.5, damping=2e-3)

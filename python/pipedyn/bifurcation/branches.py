@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.collocation import OrbitProblem
 from pipedyn.bifurcation.continuation import Continuation, Segment, folds, sign_changes
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finished, on_branch
+from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, growth
 from pipedyn.bifurcation.floquet import returns, shortened
@@ -40,7 +41,6 @@ from pipedyn.bifurcation.orbit_continuation import (
     from_orbit,
 )
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
-from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex

@@ -29,11 +29,10 @@ from pipedyn.bifurcation.brute_force import (
     initial_bends,
 )
 from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
-from pipedyn.bifurcation.equilibria import checked_size, equilibria
+from pipedyn.bifurcation.equilibria import Statics, checked_size, equilibria
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch, equilibrium_branch, lies_on
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
 from pipedyn.bifurcation.orbit_continuation import HopfPoint
-from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure

@@ -23,8 +23,15 @@ from pipedyn.bifurcation.continuation import (
     sign_changes,
     solve,
 )
-from pipedyn.bifurcation.equilibria import FAR, MOST_POINTS, checked_size, pitchforks
-from pipedyn.bifurcation.statics import BALANCED, Statics, rounding
+from pipedyn.bifurcation.equilibria import (
+    BALANCED,
+    FAR,
+    MOST_POINTS,
+    Statics,
+    checked_size,
+    pitchforks,
+    rounding,
+)
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import Start

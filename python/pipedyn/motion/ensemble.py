@@ -139,12 +139,7 @@ def simulate_many(
         try:
             task = checked_task(
                 *(model, u.item(), duration, start, rate),
-                samples=samples,
-                times=times,
-                rtol=rtol,
-                atol=atol,
-                method=methods.get(id(model), method),
-                most=most,
+                *(samples, times, rtol, atol, methods.get(id(model), method), most),
             )
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error

@@ -20,7 +20,7 @@ from scipy.linalg import block_diag
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.integrator import Guarded, Stopped, compiled
+from pipedyn.motion.integrator import Guarded, Stopped, choose_method, compiled
 from pipedyn.motion.simulate import (
     Start,
     Trajectory,
@@ -28,7 +28,6 @@ from pipedyn.motion.simulate import (
     slight_bend,
     state_of,
 )
-from pipedyn.motion.stiffness import choose_method
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated

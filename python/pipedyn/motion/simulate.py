@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.motion.integrator import METHODS, MOST_CALLS, Task, integrate
-from pipedyn.motion.stiffness import choose_method
+from pipedyn.motion.integrator import METHODS, MOST_CALLS, Task, choose_method, integrate
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.result import result
@@ -148,15 +147,7 @@ def simulate(
 
     Source: `rhs` of the models for the equations; scipy for their integration.
     """
-    task = checked_task(
-        *(model, u, duration, q0, qdot0),
-        samples=samples,
-        times=times,
-        rtol=rtol,
-        atol=atol,
-        method=method,
-        most=most,
-    )
+    task = checked_task(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most)
     rows, evaluations, why = integrate(task, check.flag("progress", progress))
     motion = motion_of(task, rows, evaluations)
     if why is not None:
@@ -194,10 +185,9 @@ def checked_task(
     duration: Any,
     q0: Any,
     qdot0: Any,
-    *,
-    rtol: Any,
     samples: Any = None,
     times: Any = None,
+    rtol: Any = 1e-6,
     atol: Any = None,
     method: Any = "auto",
     most: Any = MOST_CALLS,
