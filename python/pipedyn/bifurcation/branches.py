@@ -19,6 +19,7 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.bifurcation.brute_force import Fail
 from pipedyn.bifurcation.collocation import OrbitProblem
 from pipedyn.bifurcation.continuation import Continuation, Segment, folds, sign_changes
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finished, on_branch
@@ -173,9 +174,9 @@ def _same(a: CycleEvent | None, b: CycleEvent | None) -> bool:
 
 
 def hopf_points(
-    model: Model, branches: tuple[EquilibriumBranch, ...], highest: float
-) -> Iterator[HopfPoint | Failed]:
-    """Hopf points of equilibria up to a speed, of mirror images one, or what fails.
+    model: Model, branches: tuple[EquilibriumBranch, ...], highest: float, fail: Fail
+) -> list[HopfPoint]:
+    """Hopf points of equilibria up to a speed, of mirror images one.
 
     Of pipes that rest as they are built all onsets count, on branches that were followed or not.
     """
@@ -186,20 +187,23 @@ def hopf_points(
             onsets = [c for c in crossings(model, highest) if c.kind == "flutter"]
             points += [(c.speed, c.frequency, statics.resting) for c in onsets]
         except PipedynError as error:
-            yield highest, error
+            fail(highest, error)
     for branch in branches:
         if not branch.straight:
             bent = [point for point in branch.points if point.kind == "hopf"]
             points += [(p.speed, p.frequency, statics.from_start("q", p.q)) for p in bent]
     known: list[tuple[float, float]] = []
+    found: list[HopfPoint] = []
     for u, frequency, x in points:
         if u == 0.0 or any(np.allclose((u, frequency), other, rtol=1e-6) for other in known):
             continue
         known.append((u, frequency))
         try:
-            yield hopf_point(motion, np.concatenate([x, np.zeros(motion.half)]), u, frequency)
+            rest = np.concatenate([x, np.zeros(motion.half)])
+            found.append(hopf_point(motion, rest, u, frequency))
         except (PipedynError, ValueError) as error:
-            yield u, error
+            fail(u, error)
+    return found
 
 
 def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
@@ -214,7 +218,7 @@ def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> 
 
 def traced(
     model: Model, begin: HopfPoint | PeriodicOrbit, options: BranchOptions
-) -> tuple[list[Traced], tuple[Failed, ...]]:
+) -> tuple[list[Traced], list[Failed]]:
     """The branch of cycles from an onset, or both ways through a cycle, and those that leave it.
 
     The second answer are speeds that failed. Models have up to 100 degrees of freedom.
@@ -257,9 +261,9 @@ def traced(
                 starts = [from_hopf(motion, begin)]
                 event = CycleEvent("hopf", u, 1e-6, 1.0 + 0j, 0.0)
         except NewtonFailed as reason:
-            return [], ((u, NoCycle(f"no cycle was found near u = {u:g}: {reason}", u)),)
+            return [], [(u, NoCycle(f"no cycle was found near u = {u:g}: {reason}", u))]
         trace(starts, event, GENERATIONS)
-        return found, tuple(failed)
+        return found, failed
 
 
 def _joined(ways: list[_Follower]) -> Traced:

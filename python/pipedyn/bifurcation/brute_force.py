@@ -8,6 +8,7 @@ is none, a cycle leaves a few values, a torus or chaos many.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -18,7 +19,6 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.motion.ensemble import BATCH, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
@@ -26,6 +26,9 @@ from pipedyn.motion.simulate import LARGEST_SAMPLES, modal_bend, slight_bend
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
+
+Fail = Callable[[float, Exception], None]
+"""Takes note of what was raised at a flow speed."""
 
 Ending = Literal["rest", "periodic", "settling", "irregular", "failed"]
 
@@ -107,20 +110,16 @@ def attractors(
     speeds: Array,
     starts: list[Array],
     options: MotionOptions,
+    fail: Fail,
     executor: Executor | None,
     shown: bool,
-) -> tuple[tuple[Attractor, ...], tuple[Failure, ...]]:
-    """Where motions end, from each start at each speed, and the members that failed."""
+) -> tuple[Attractor, ...]:
+    """Where motions end, from each start at each speed."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
     indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
     parts = [[members[i] for i in part] for part in indices]
     found: list[Attractor] = []
-    failures: list[Failure] = []
-
-    def fail(u: float, error: Exception) -> None:
-        failures.append(Failure(int(np.searchsorted(speeds, u)), u, error))
-
     jobs = [partial(_batch, model, part, starts, options) for part in parts]
     answers = parallel(jobs, executor, label="brute force", progress=shown)
     for part, answer in zip(parts, answers, strict=True):
@@ -133,22 +132,17 @@ def attractors(
             found.append(one)
     if options.exponents:
         irregular = [i for i, one in enumerate(found) if one.ending == "irregular"]
-        exponents = [
-            partial(
-                lyapunov_exponent,
-                *(model, found[i].speed, found[i].end),
-                duration=2.0 * options.duration,
-                transient=20.0,
-            )
-            for i in irregular
-        ]
+        measured = partial(
+            lyapunov_exponent, model, duration=2.0 * options.duration, transient=20.0
+        )
+        exponents = [partial(measured, found[i].speed, found[i].end) for i in irregular]
         results = parallel(exponents, executor, label="exponents", progress=shown)
         for i, exponent in zip(irregular, results, strict=True):
             if isinstance(exponent, Exception):
                 fail(found[i].speed, exponent)
             else:
                 found[i] = replace(found[i], exponent=exponent)
-    return tuple(found), tuple(failures)
+    return tuple(found)
 
 
 def _batch(

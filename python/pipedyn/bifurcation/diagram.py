@@ -6,7 +6,6 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from dataclasses import field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +23,7 @@ from pipedyn.bifurcation.brute_force import (
     RECURRENCE,
     SAMPLES_A_TIME,
     Attractor,
+    Fail,
     MotionOptions,
     attractors,
     initial_bends,
@@ -32,7 +32,6 @@ from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
 from pipedyn.bifurcation.equilibria import Statics, checked_size, equilibria
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch, equilibrium_branch, lies_on
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
-from pipedyn.bifurcation.orbit_continuation import HopfPoint
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
@@ -135,7 +134,9 @@ def bifurcation_diagram(
         ValueError, TypeError: for bad arguments.
     """
     model = checked_size(model)
-    at = checked_speeds(speeds)
+    at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
+    if at.size < 2 or np.any(np.diff(at) <= 0.0):
+        raise ValueError("speeds must be at least 2 and strictly increasing")
     steps = check.count("cycles", cycles, low=0, high=10_000)
     if steps and model.dof > LARGEST_CYCLE:
         raise ValueError(
@@ -162,70 +163,63 @@ def bifurcation_diagram(
     shown = check.flag("progress", progress)
 
     failures: list[Failure] = []
-    branches, resting = equilibrium_branches(model, at, failures, shown)
-    found = _Cycles(model, BranchOptions(at, options.rtol, steps), failures)
+
+    def fail(u: float, error: Exception) -> None:
+        places = np.flatnonzero(at == u)
+        failures.append(Failure(int(places[0]) if places.size else -1, u, error))
+
+    branches, resting = equilibrium_branches(model, at, fail, shown)
+    found = _Cycles(model, BranchOptions(at, options.rtol, steps), fail)
     if steps:
         found.from_onsets(branches, executor, shown)
     motions: tuple[Attractor, ...] = ()
     if count:
         starts = initial_bends(model, count, seed)
-        motions, failed = attractors(model, at, starts, options, executor, shown)
-        failures += failed
+        motions = attractors(model, at, starts, options, fail, executor, shown)
     if steps:
         found.from_motions(motions)
-        for i in places(at):
-            u = float(at[i])
-            if u > 0.0 and i not in resting and not any(one.passes(u) for one in found.branches):
+        for u in seeds(at):
+            if u > 0.0 and u not in resting and not any(one.passes(u) for one in found.branches):
                 found.through(u, model.bent(slight_bend))
     failures.sort(key=lambda failure: failure.value)
     return BifurcationDiagram(at, branches, tuple(found.branches), motions, tuple(failures), model)
 
 
-def places(speeds: Array) -> list[int]:
+def seeds(speeds: Array) -> list[float]:
     """Where to look for what lies on no branch: the first, the middle and the last speed."""
-    return sorted({0, speeds.size // 2, speeds.size - 1})
-
-
-def checked_speeds(speeds: Any) -> Array:
-    """The argument, if it is a row of increasing flow speeds."""
-    at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
-    if at.size < 2 or np.any(np.diff(at) <= 0.0):
-        raise ValueError("speeds must be at least 2 and strictly increasing")
-    return at
+    return [float(speeds[i]) for i in sorted({0, speeds.size // 2, speeds.size - 1})]
 
 
 # --------------------------------------------------------------------------------------- equilibria
 
 
 def equilibrium_branches(
-    model: Model, speeds: Array, failures: list[Failure], shown: bool = False
-) -> tuple[tuple[EquilibriumBranch, ...], set[int]]:
-    """Branches through the equilibria at the first, the middle and the last speed, each once.
+    model: Model, speeds: Array, fail: Fail, shown: bool
+) -> tuple[tuple[EquilibriumBranch, ...], set[float]]:
+    """Branches through the equilibria at three of the speeds, each once.
 
-    Also those of these three places at which an equilibrium is stable. What could not be followed
-    is added to the failures.
+    And those of the three at which an equilibrium is stable.
     """
-    statics = Statics(model)
+    statics, ends = Statics(model), (float(speeds[0]), float(speeds[-1]))
     branches: list[EquilibriumBranch] = []
-    stable = set[int]()
-    for i in track(places(speeds), len(places(speeds)), "equilibria", shown):
-        u = float(speeds[i])
+    stable = set[float]()
+    for u in track(seeds(speeds), len(seeds(speeds)), "equilibria", shown):
         try:
             found = equilibria(model, u)
         except PipedynError as error:
-            failures.append(Failure(i, u, error))
+            fail(u, error)
             continue
         if found.stable.any():
-            stable.add(i)
+            stable.add(u)
         for q in found.q:
             with one_thread(model.dof):
                 x = statics.from_start("q", q)
                 if any(lies_on(statics, branch, x, u) for branch in branches):
                     continue
             try:
-                branches.append(equilibrium_branch(model, q, u, (speeds[0], speeds[-1])))
+                branches.append(equilibrium_branch(model, q, u, ends))
             except PipedynError as error:
-                failures.append(Failure(i, u, error))
+                fail(u, error)
     return tuple(branches), stable
 
 
@@ -233,26 +227,21 @@ def equilibrium_branches(
 
 
 class _Cycles:
-    """Branches of cycles that were found so far, each once; what fails is added to `failures`."""
+    """Branches of cycles that were found so far, each once."""
 
-    def __init__(self, model: Model, options: BranchOptions, failures: list[Failure]) -> None:
-        self.model, self.options, self.failures = model, options, failures
+    def __init__(self, model: Model, options: BranchOptions, fail: Fail) -> None:
+        self.model, self.options, self.fail = model, options, fail
         self.found: list[Traced] = []
 
     @property
     def branches(self) -> list[CycleBranch]:
         return [one.branch for one in self.found if one.branch is not None]
 
-    def fail(self, u: float, error: Exception) -> None:
-        at = np.flatnonzero(self.options.speeds == u)
-        self.failures.append(Failure(int(at[0]) if at.size else -1, u, error))
-
-    def add(self, answer: tuple[list[Traced], tuple[Failed, ...]]) -> None:
-        """Takes the branches of one beginning."""
-        branches, failed = answer
+    def add(self, found: list[Traced], failed: list[Failed]) -> None:
+        """Takes the branches of one beginning, and the speeds that failed."""
         for u, error in failed:
             self.fail(u, error)
-        for one in branches:
+        for one in found:
             if not any(one.is_reverse(other) for other in self.found):
                 self.found.append(one)
 
@@ -260,14 +249,9 @@ class _Cycles:
         self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
     ) -> None:
         """From the onsets of flutter."""
-        onsets: list[HopfPoint] = []
+        highest = BEYOND * float(self.options.speeds[-1])
         with one_thread(self.model.dof):
-            highest = BEYOND * float(self.options.speeds[-1])
-            for point in hopf_points(self.model, equilibria, highest):
-                if isinstance(point, HopfPoint):
-                    onsets.append(point)
-                else:
-                    self.fail(*point)
+            onsets = hopf_points(self.model, equilibria, highest, self.fail)
         self.options = replace(self.options, onsets=tuple(point.speed for point in onsets))
         jobs = [partial(traced, self.model, point, self.options) for point in onsets]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
@@ -275,7 +259,7 @@ class _Cycles:
             if isinstance(answer, Exception):
                 self.fail(point.speed, answer)
             else:
-                self.add(answer)
+                self.add(*answer)
 
     def through(self, u: float, state: Array) -> None:
         """Through the cycle that a motion from a state, or from coordinates at rest, ends on."""
@@ -292,7 +276,7 @@ class _Cycles:
             return
         known = (cycle for branch in self.branches for cycle in branch.at(u))
         if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
-            self.add(traced(self.model, orbit, self.options))
+            self.add(*traced(self.model, orbit, self.options))
 
     def from_motions(self, motions: tuple[Attractor, ...]) -> None:
         """Through cycles on which motions end and that lie on no branch."""
