@@ -40,19 +40,19 @@ class ConvergenceLaw:
 def relative_errors(
     found: Iterable[CriticalSpeed], exact: CriticalSpeed
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Sizes, signed errors of the speed relative to the exact, and whether alike in kind."""
+    """Sizes, signed errors of the speed relative to the exact, and whether the kind is the same."""
     results = sorted(found, key=lambda result: result.size)
     sizes = np.array([result.size for result in results], dtype=np.float64)
     speeds = np.array([result.speed for result in results])
-    alike = np.array([result.kind == exact.kind for result in results], dtype=np.bool_)
+    same_kind = np.array([result.kind == exact.kind for result in results], dtype=np.bool_)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return sizes, (speeds - exact.speed) / exact.speed, alike
+        return sizes, (speeds - exact.speed) / exact.speed, same_kind
 
 
 def convergence_law(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> ConvergenceLaw:
     """The law of critical speeds of models of one family; rounding is not fitted."""
-    sizes, errors, alike = relative_errors(found, exact)
-    good = alike & np.isfinite(errors)
+    sizes, errors, same_kind = relative_errors(found, exact)
+    good = same_kind & np.isfinite(errors)
     good[good] &= np.abs(errors[good]) > 30.0 * own_error(found, exact)
     return fitted_law(sizes[good], errors[good])
 

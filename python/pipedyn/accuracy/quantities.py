@@ -438,7 +438,7 @@ class MotionOf(_Integrated):
         # 24 functions have the mode and its neighbours exactly.
         model = Galerkin(pipe, max(24, math.ceil(self.u)) + more, "legendre")
         found = modes(model, self.u, 8)
-        growth = found.eigenvalues.real  # all modes of an undamped pipe may grow alike: the lowest
+        growth = found.eigenvalues.real  # where all grow equally, the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode(np.ones(1))[0]  # 2 % of such a motion is nonlinear
         angle = partial(_slope, model, q.real.copy())

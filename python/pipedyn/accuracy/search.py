@@ -39,14 +39,6 @@ GAIN = 0.7
 """Share of the best time that another family must promise to be asked further, and of a budget to
 which it is spent: times of one answer scatter by as much."""
 
-LEAST_DOF = 0.3
-"""No family has been seen to need fewer than this times tolerance^(-1 / order) degrees of freedom,
-even of the longest waves: chains of second order take 0.6, beam modes 0.35."""
-
-CHAIN_DOF = 6.0
-"""So many times the degrees of freedom of a reduced model has the chain whose motion costs as much;
-other questions cost as much at about equal numbers."""
-
 
 class Search:
     """Models of one pipe asked so far, each once: `rows`, by family and size.
@@ -83,10 +75,6 @@ class Search:
                 dof, limit = math.ceil(GAIN * best.dof), GAIN * best.seconds
                 # An answer of twice the time would not become the best, though times scatter.
                 patience = min(2.0 * best.seconds, PATIENCE)
-            fewest = LEAST_DOF * tolerance ** (-1.0 / family.order) if family.order else 0.0
-            if best is not None and fewest > CHAIN_DOF * dof:
-                self.left[family.name] = f"it would take {fewest:.0f} degrees of freedom or more"
-                continue
             row = self._climb(family, dof, serves, tolerance, limit, patience)
             if row is not None and (best is None or row.seconds < best.seconds):
                 best = row

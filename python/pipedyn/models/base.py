@@ -6,7 +6,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from operator import attrgetter
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -236,9 +236,17 @@ class Model(ABC):
         """
         return DensePencil(self)
 
-    @abstractmethod
-    def with_pipe(self, pipe: Pipe) -> Model:
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what is computed at the first request and kept: compiled parts do not pickle."""
+        kept = {name for name in self.__dict__ if hasattr(type(self), name)}
+        return {name: value for name, value in self.__dict__.items() if name not in kept}
+
+    def with_pipe(self, pipe: Pipe) -> Self:
         """The same discretisation, springs included, of another pipe."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__getstate__())
+        other._pipe = checked_pipe(pipe)
+        return other
 
     @property
     @abstractmethod
@@ -401,7 +409,7 @@ class Model(ABC):
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """Coordinates q, shape (dof,), of a bent pipe, so that all models may start alike.
+        """Coordinates q, shape (dof,), of a bent pipe, so that all models may start the same.
 
         `angle` gives theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
         """
