@@ -16,10 +16,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.linalg import LinAlgError
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from pipedyn.util.check import Array
@@ -224,17 +226,12 @@ class Segment:
         """Arc length at which a point lies."""
         return self.branch.product(self.begin.tangent, z - self.begin.z)
 
-    def guess(self, s: float) -> Array:
-        """The cubic through both ends with their tangents, at an arc length."""
-        length = self.length
-        share = s / length
+    @cached_property
+    def guess(self) -> CubicHermiteSpline:
+        """The cubic through both ends with their tangents, a function of arc length."""
         onward = self.end.tangent / self.branch.product(self.begin.tangent, self.end.tangent)
-        moved = self.end.z - self.begin.z
-        bend = self.begin.tangent - moved / length
-        other = onward - moved / length
-        inner = share * (1.0 - share) * length
-        cubic: Array = inner * ((1.0 - share) * bend - share * other)
-        return self.begin.z + share * moved + cubic
+        ends, slopes = [self.begin.z, self.end.z], [self.begin.tangent, onward]
+        return CubicHermiteSpline([0.0, self.length], ends, slopes)
 
     def at(self, s: float) -> Point:
         """The point at an arc length."""

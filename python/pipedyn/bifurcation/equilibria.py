@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -129,7 +130,7 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     q = statics.recorded(np.array(found))
     return Equilibria(
         q=q,
-        stable=np.array([growth_among(one)[0] <= 0.0 for one in values]),
+        stable=np.array([not (one.real > rounding(one)).any() for one in values]),
         growth=np.array([float(one.real.max()) for one in values]),
         tips=model.tips(q.T),
         residuals=residuals,
@@ -169,7 +170,7 @@ class Statics:
         self.model = model
         self.size = model.moving
         self.motion = VectorField(model)
-        self._last: tuple[bytes, Operators] | None = None
+        self._operators = lru_cache(1)(lambda key: model.operators(np.frombuffer(key)))
         self.resting = np.array(model.resting(), dtype=np.float64)
 
     def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
@@ -189,10 +190,7 @@ class Statics:
 
     def operators(self, x: Array) -> Operators:
         """About a configuration; the last are kept: forces and their derivative both use them."""
-        key = x.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = key, self.model.operators(x)
-        return self._last[1]
+        return self._operators(x.tobytes())
 
     def jacobian(self, x: Array, p: float) -> Array:
         """Derivative of `residual` by x, (moving, moving)."""
@@ -233,7 +231,9 @@ class Statics:
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues beyond rounding, the largest first."""
-        return growth_among(self.eigenvalues(x, u))
+        found = self.eigenvalues(x, u)
+        beyond: Array = np.sort(found.real - rounding(found))[::-1]
+        return beyond
 
     def recorded(self, xs: Array) -> Array:
         """Coordinates that users see, (k, coordinates), of (k, moving)."""
@@ -258,12 +258,6 @@ class Statics:
     def rests(self, u: float) -> bool:
         """Whether the configuration at rest is an equilibrium."""
         return self.unbalanced(self.resting, u) <= BALANCED
-
-
-def growth_among(eigenvalues: Complex) -> Array:
-    """Real parts beyond rounding, the largest first: positive those that count as unstable."""
-    beyond: Array = np.sort(eigenvalues.real - rounding(eigenvalues))[::-1]
-    return beyond
 
 
 def rounding(eigenvalues: Complex) -> float:

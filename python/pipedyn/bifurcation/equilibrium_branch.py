@@ -243,21 +243,18 @@ class _Way:
             length += ds
             if float(np.abs(found.x).max()) > FAR:
                 return "far"
-            if length > 10.0 * self.longest and self._is_start(found, ds):
+            start = self.points[0]
+            back = self.branch.length(found.z - start.z) <= ds
+            same_way = self.branch.product(found.tangent, start.tangent) > 0.9
+            if length > 10.0 * self.longest and back and same_way:
                 return "closed"
         return "points"
-
-    def _is_start(self, found: Point, ds: float) -> bool:
-        """Whether a point lies within a step of the first, on the same way along the branch."""
-        start, branch = self.points[0], self.branch
-        same_way = branch.product(found.tangent, start.tangent) > 0.9
-        return same_way and branch.length(found.z - start.z) <= ds
 
     def _record(self, segment: Segment) -> bool:
         """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
 
-        Undamped, a real eigenvalue near a fold is a root's root, so that the count changes as far
-        from the fold as rounding in the count lets it: one change, listed once.
+        Undamped, a real eigenvalue is a square root near a fold, so that its count changes at a
+        distance from the fold, by rounding: both are one change, listed once.
         """
         statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
         meeting = self._meeting(a, b)

@@ -11,8 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn.models.modular import Assembly
-from pipedyn.motion.ensemble import Ensemble
-from pipedyn.motion.simulate import Motion
+from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot.style import check_type
 from pipedyn.util import check
 from pipedyn.util.check import Array
