@@ -140,7 +140,8 @@ def lyapunov_exponent(
     def rates(y: Array) -> Array:
         work = np.zeros((1, *y.shape[1:]))
         evaluated(y[0].size)
-        return model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
+        found: Array = model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)
+        return found[:-1]
 
     def jacobian(y: Array) -> Array:
         evaluated(1)
