@@ -203,10 +203,10 @@ class Bends:
         self.u = np.polynomial.Polynomial(coefficients)
         self.length = 2.0
         self.begin, self.end = (SimpleNamespace(p=float(self.u(s))) for s in (0.0, 2.0))
-        self.slopes = (self.slope(0.0), self.slope(2.0))
+        self.slopes = tuple(self.at(s).tangent[-1] for s in (0.0, 2.0))
 
-    def slope(self, s):
-        return float(self.u.deriv()(s))
+    def at(self, s):
+        return SimpleNamespace(tangent=[self.u.deriv()(s)])
 
 
 @pytest.mark.parametrize(
@@ -386,9 +386,9 @@ def test_a_branch_ends_where_its_steps_run_out():
     branch = found.cycles[0]
     assert events(branch) == ["hopf", "end"]
     assert branch.speeds.max() < 4.7
-    told = found.failures[0]
-    assert (told.index, told.value) == (-1, pytest.approx(branch.events[-1].speed))
-    assert "steps ran out" in str(told.error)
+    failure = found.failures[0]
+    assert (failure.index, failure.value) == (-1, pytest.approx(branch.events[-1].speed))
+    assert "steps ran out" in str(failure.error)
 
 
 @pytest.mark.parametrize("u", [None, "6", np.nan, -1.0, [5.0]])

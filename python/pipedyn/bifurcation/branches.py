@@ -192,17 +192,15 @@ def hopf_points(
         if not branch.straight:
             bent = [point for point in branch.points if point.kind == "hopf"]
             points += [(p.speed, p.frequency, statics.from_start("q", p.q)) for p in bent]
-    known: list[tuple[float, float]] = []
     found: list[HopfPoint] = []
     for u, frequency, x in points:
-        if u == 0.0 or any(np.allclose((u, frequency), other, rtol=1e-6) for other in known):
-            continue
-        known.append((u, frequency))
-        try:
-            rest = np.concatenate([x, np.zeros(motion.half)])
-            found.append(hopf_point(motion, rest, u, frequency))
-        except (PipedynError, ValueError) as error:
-            fail(u, error)
+        known = (np.allclose((u, frequency), (p.speed, p.frequency), rtol=1e-6) for p in found)
+        if u > 0.0 and not any(known):
+            try:
+                rest = np.concatenate([x, np.zeros(motion.half)])
+                found.append(hopf_point(motion, rest, u, frequency))
+            except (PipedynError, ValueError) as error:
+                fail(u, error)
     return found
 
 

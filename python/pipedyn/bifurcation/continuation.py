@@ -237,10 +237,6 @@ class Segment:
         """The point at an arc length."""
         return self.branch.at(self.begin, s, self.guess(s))
 
-    def slope(self, s: float) -> float:
-        """Derivative of the parameter by arc length."""
-        return float(self.at(s).tangent[-1])
-
     def where(self, p: float) -> Point:
         """The point at a value of the parameter between those at the ends."""
         part = self
@@ -280,7 +276,7 @@ def folds(segment: Segment, rtol: float) -> list[float]:
 
     def slope(s: float) -> float:
         if s not in known:
-            known[s] = segment.slope(s)
+            known[s] = float(segment.at(s).tangent[-1])
         return known[s]
 
     brackets = []
