@@ -52,17 +52,8 @@ from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
-NARROW = 1e-4
-"""Share of a step to which an event is known."""
-
-FOLD = 1e-5
-"""Share of a step to which the place of a fold is known; its speed is so to the square of that."""
-
 NEAR_FOLD = 0.02
 """Share of a step around a fold in which its multiplier is too near to the trivial one."""
-
-SLOW = 0.5
-"""Share of a branch's highest frequency below which, still falling, it falls towards 0."""
 
 LARGEST_ERROR = 1e-3
 """Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends."""
@@ -166,11 +157,8 @@ class Traced:
 
     def is_reverse(self, other: Traced) -> bool:
         """Whether it leads from where the other ends to where that begins."""
-        return _same(self.end, other.begin) and _same(self.begin, other.end)
-
-
-def _same(a: CycleEvent | None, b: CycleEvent | None) -> bool:
-    return a is not None and b is not None and a.same(b)
+        pairs = ((self.end, other.begin), (self.begin, other.end))
+        return all(a is not None and b is not None and a.same(b) for a, b in pairs)
 
 
 def hopf_points(
@@ -238,7 +226,7 @@ def traced(
         for event, orbit, stable in [fork for way in ways for fork in way.forks]:
             followed = generations == GENERATIONS or (stable and generations > 0)
             ends = (end for other in found for end in (other.begin, other.end))
-            if not followed or any(_same(event, end) for end in ends):
+            if not followed or any(end is not None and event.same(end) for end in ends):
                 continue
             kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
             try:
@@ -358,7 +346,7 @@ class _Follower:
                     raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
         except NewtonFailed as reason:
             falling = len(frequencies) > 3 and frequencies[-1] < frequencies[-3]
-            if falling and frequencies[-1] < SLOW * max(frequencies):
+            if falling and frequencies[-1] < 0.5 * max(frequencies):
                 self.end = self._event("infinite period", here)
                 self.events.append(self.end)
                 return
@@ -469,7 +457,7 @@ class _Follower:
         if max(one.multiplier_error for one in ends.values()) > LARGEST_ERROR:
             self._keep(cycle(length))
             return cycle(length)
-        turns = folds(segment, FOLD)
+        turns = folds(segment, 1e-5)  # the speed of a fold is known to the square of that
         for s in turns:
             u = cycle(s).u
             error = max(abs(step.at(s + 1e-3 * length).u - u), 1e-9)
@@ -493,9 +481,7 @@ class _Follower:
         self, step: OrbitStep, cycle: Callable[[float], LimitCycle], low: float, high: float
     ) -> Iterator[Found]:
         """Where multipliers cross the unit circle between two lengths, but for folds."""
-        passed = sign_changes(
-            lambda s: growth(cycle(s).multipliers), low, high, NARROW * step.length
-        )
+        passed = sign_changes(lambda s: growth(cycle(s).multipliers), low, high, 1e-4 * step.length)
         for before, beyond in passed:
             orbit = step.at(beyond)
             roots = returns(self.motion, shortened(self.motion, orbit))

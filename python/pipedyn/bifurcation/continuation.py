@@ -32,13 +32,6 @@ FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
 
-HALVINGS = 8
-"""Of a step on which Newton's method at a fixed parameter fails: its ends are then 256 times nearer
-to each other."""
-
-MOST_CROSSINGS = 8
-"""Values that pass 0 on one step: six at once are the most that have been met."""
-
 
 class LinearisedEquations(Protocol):
     """G_z at a point, factorised."""
@@ -240,7 +233,7 @@ class Segment:
     def where(self, p: float) -> Point:
         """The point at a value of the parameter between those at the ends."""
         part = self
-        for _ in range(HALVINGS):
+        for _ in range(8):  # halvings, after which the ends are 256 times nearer to each other
             try:
                 return part.landing(p)
             except NewtonFailed:
@@ -315,7 +308,7 @@ def sign_changes(
         value(s, 0)
         return int(np.count_nonzero(known[s] > 0.0))
 
-    for _ in range(MOST_CROSSINGS):
+    for _ in range(8):  # six on one step are the most that have been met
         first, last = count(low), count(high)
         if first == last:
             return

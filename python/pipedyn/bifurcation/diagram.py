@@ -51,9 +51,6 @@ MOST_MOTIONS = 100_000
 MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
 
-BEYOND = 1.5
-"""Share of the highest speed up to which onsets are followed: their cycles may come back."""
-
 
 @result
 class BifurcationDiagram:
@@ -249,7 +246,7 @@ class _Cycles:
         self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
     ) -> None:
         """From the onsets of flutter."""
-        highest = BEYOND * float(self.options.speeds[-1])
+        highest = 1.5 * float(self.options.speeds[-1])  # cycles from beyond may come back
         with one_thread(self.model.dof):
             onsets = hopf_points(self.model, equilibria, highest, self.fail)
         self.options = replace(self.options, onsets=tuple(point.speed for point in onsets))

@@ -43,9 +43,6 @@ from pipedyn.util.threads import one_thread
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
 
-FOLD = 1e-12
-"""Share of a step to which the place of a fold is known: all that rounding leaves."""
-
 NEAR = 0.5
 """Root mean square of the coordinates, in rad, within which a start leads to an equilibrium: far
 more than rounded numbers of an equilibrium are off by, and less than the way to another."""
@@ -258,7 +255,7 @@ class _Way:
         """
         statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
         meeting = self._meeting(a, b)
-        turns = folds(segment, FOLD) if meeting is None else []
+        turns = folds(segment, 1e-12) if meeting is None else []
         until = ds
         if meeting is not None:
             size = statics.rms(a.x)

@@ -40,9 +40,6 @@ Rates = Callable[[Array], Array]
 ExponentStart: TypeAlias = Trajectory | Start | None
 """Where a motion begins."""
 
-KINDS = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
-"""What a start may be."""
-
 DISTANCE = 1e-7
 """Of a pair of neighbours, in the norm of the state, where each interval begins. Its square, by
 which their motion differs from the linear one, is lost in rounding."""
@@ -126,7 +123,8 @@ def lyapunov_exponent(
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
     if start is None:
         start = slight_bend
-    state = state_of(model, "start", start, KINDS)
+    kinds = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
+    state = state_of(model, "start", start, kinds)
     duration = check.real("duration", duration, low=1e-3, high=1e6)
     transient = check.real("transient", transient, low=0.0, high=1e6)
     blocks = check.count("blocks", blocks, low=4, high=10_000)

@@ -33,9 +33,6 @@ from pipedyn.util.result import result
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
 
-SAMPLES_A_TIME = 40
-"""Samples in a unit of time where the user asks for no number: some 20 in a cycle of flutter."""
-
 LARGEST_SAMPLES = 100_000_000
 """Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
 
@@ -276,7 +273,13 @@ def simulate_many(
         tasks.append(task)
     if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
         raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
-    blocks = _blocks(tasks)
+    groups: dict[tuple[int, str], list[int]] = {}
+    for i, task in enumerate(tasks):
+        groups.setdefault((id(task.model), task.method), []).append(i)
+    blocks = []
+    for (_, method), group in groups.items():
+        parts = math.ceil(len(group) / BATCH) if method == "dop853" else len(group)
+        blocks += [part.tolist() for part in np.array_split(group, parts)]
     jobs = [partial(_motions, [tasks[i] for i in block]) for block in blocks]
     answers = parallel(jobs, executor, label="batches", progress=shown)
     motions: list[Any] = [None] * members
@@ -351,7 +354,7 @@ def checked_task(
     longest = LARGEST_SAMPLES // model.coordinates
     if times is None:
         if samples is None:
-            samples = min(max(501, math.ceil(SAMPLES_A_TIME * duration) + 1), longest)
+            samples = min(max(501, math.ceil(40.0 * duration) + 1), longest)
         at = np.linspace(0.0, duration, check.count("samples", samples, low=2, high=longest))
     else:
         at = check.array("times", times, low=0.0, high=duration, longest=longest)
@@ -399,18 +402,6 @@ def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
 
 
 # ---------------------------------------------------------------------------------- batches
-
-
-def _blocks(tasks: list[Task]) -> list[list[int]]:
-    """Members to integrate together: of one model and an explicit method, up to BATCH."""
-    groups: dict[tuple[int, str], list[int]] = {}
-    for i, task in enumerate(tasks):
-        groups.setdefault((id(task.model), task.method), []).append(i)
-    blocks = []
-    for (_, method), members in groups.items():
-        parts = math.ceil(len(members) / BATCH) if method == "dop853" else len(members)
-        blocks += [part.tolist() for part in np.array_split(np.array(members), parts)]
-    return blocks
 
 
 def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
