@@ -218,7 +218,7 @@ def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch)
     assert cycle.amplitude == pytest.approx(pp.hopf(model).amplitude(u), rel=1e-2)
     # By itself that error is refused.
     monkeypatch.setattr("pipedyn.bifurcation.cycles.CHECKS", 1)
-    monkeypatch.setattr("pipedyn.bifurcation.cycles.TRUSTED", 0.0)
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.SHARE_OF_NEXT", 0.0)
     with pytest.raises(pp.NotConverged, match="one of which should be 1"):
         pp.limit_cycle(model, u)
 

@@ -25,7 +25,7 @@ from pipedyn.bifurcation.continuation import Point, Segment, folds
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finished, on_branch
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, excess, outside
-from pipedyn.bifurcation.floquet import returns, shortened
+from pipedyn.bifurcation.floquet import multiplier_roots
 from pipedyn.bifurcation.hopf import tip_of
 from pipedyn.bifurcation.normal_form import vectors
 from pipedyn.bifurcation.orbit_continuation import (
@@ -592,7 +592,7 @@ class _Follower:
                 return
             before, low = self._narrowed(step, low, high)
             orbit = step.problem.orbit(low.point.z)
-            roots = returns(self.motion, shortened(self.motion, orbit))
+            roots = multiplier_roots(self.motion, orbit)
             kind, multiplier = crossing_event(roots, orbit.symmetric)
             if kind == "fold":
                 continue

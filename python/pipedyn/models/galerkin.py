@@ -159,6 +159,11 @@ class Galerkin(Model):
         return self._size
 
     @property
+    def coordinate_kind(self) -> str:
+        joined = f" joined at {check.shown(self._joints)}" if self._joints.size else ""
+        return f"amplitudes of {self._size} {self._basis} functions{joined}"
+
+    @property
     def basis(self) -> str:
         """Name of the basis."""
         return self._basis
