@@ -26,17 +26,15 @@ from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finish
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, excess, outside
 from pipedyn.bifurcation.floquet import multiplier_roots
-from pipedyn.bifurcation.hopf import tip_of
-from pipedyn.bifurcation.normal_form import vectors
+from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
     Breaking,
-    HopfPoint,
     OrbitStep,
-    broken,
+    breaking_part,
     followed,
-    from_change,
+    from_branch_point,
     from_hopf,
     from_orbit,
 )
@@ -220,23 +218,6 @@ def hopf_points(
             yield u, error
 
 
-def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
-    """The pair on the axis at an equilibrium.
-
-    Args:
-        motion: the model's.
-        rest: the equilibrium, shape (2 moving,).
-        u: flow speed.
-        frequency: of the pair.
-
-    Raises:
-        ValueError, PipedynError: if there is no such pair, or two, or the free end does not move.
-    """
-    mode, _ = vectors(motion.jacobian(rest, u), frequency)
-    mode = mode / tip_of(motion, rest, mode)
-    return HopfPoint(rest, mode, u, frequency)
-
-
 def traced(
     model: Model, begin: HopfPoint | PeriodicOrbit, options: BranchOptions
 ) -> tuple[list[Traced], tuple[Failed, ...]]:
@@ -293,7 +274,7 @@ def _trace(
             continue
         kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
         try:
-            leaving = [from_change(motion, orbit, kind)]
+            leaving = [from_branch_point(motion, orbit, kind)]
         except NewtonFailed as reason:
             report = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
             failed.append((event.speed, NoCycle(report, event.speed)))
@@ -501,7 +482,7 @@ class _Follower:
     def _vanishes(self, step: OrbitStep) -> bool:
         """Whether the branch goes over into what it leaves within a step, at rest or unbroken."""
         for kind in self._breakings(step.begin):
-            here, there = (broken(orbit, kind) for orbit in (step.begin, step.end))
+            here, there = (breaking_part(orbit, kind) for orbit in (step.begin, step.end))
             if float(np.sum(here * there)) >= 0.0:
                 continue
             before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
@@ -511,7 +492,7 @@ class _Follower:
             # The speed is as the square of what vanishes.
             way = step.length * before / (before + after)
             beside = [step.at(0.6 * way), step.at(0.85 * way)]
-            left = [float(np.sum(broken(near, kind) ** 2)) for near in beside]
+            left = [float(np.sum(breaking_part(near, kind) ** 2)) for near in beside]
             near, size = beside[1], left[1]
             at = [
                 near.u + size * (near.u - u) / (other - size)

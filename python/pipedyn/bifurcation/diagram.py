@@ -38,8 +38,8 @@ from pipedyn.bifurcation.equilibrium_branch import (
     lies_on,
     mirror_image,
 )
+from pipedyn.bifurcation.hopf import HopfPoint
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
-from pipedyn.bifurcation.orbit_continuation import HopfPoint
 from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
