@@ -46,13 +46,19 @@ def _condensed(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]
 def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """`_condensed` of a few intervals."""
     count, _, width = orbit.rates.shape
-    size, half, u = motion.size, motion.half, orbit.u
+    size, u, twice = motion.size, orbit.u, orbit.twice
     y = np.ascontiguousarray(orbit.stages().reshape(-1, size).T)
     missed = motion(y, u)[-width:].T.reshape(orbit.rates.shape) - orbit.rates
     by_speed = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
     rows = motion.jacobians(y, u)[:, -width:].reshape(count, STAGES, width, size)
-    h = orbit.durations[:, None, None]
-    by_start, by_time = _carried(motion, orbit, h)
+    # Derivatives of the states at the stages by the first state and by time, at fixed rates.
+    h, lag = orbit.durations[:, None, None], RADAU.nodes[:, None]
+    by_start = np.zeros((count, STAGES, size, size)) + np.eye(size)
+    by_start[..., :twice, twice : 2 * twice] += (h * lag)[..., None] * np.eye(twice)
+    by_time = np.zeros((count, STAGES, size))
+    by_time[..., :twice] = lag * orbit.starts[:, None, twice : 2 * twice]
+    by_time[..., :twice] += 2.0 * h * (RADAU.twice @ orbit.rates[..., :twice])
+    by_time[..., twice:] = RADAU.once @ orbit.rates
     by_frequency = -h / orbit.frequency * by_time
     forced = np.stack([missed, np.zeros_like(missed), by_speed], axis=-1)
     forced[..., 1] = (rows @ by_frequency[..., None])[..., 0]
@@ -61,11 +67,9 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     def spread(block: Array, weights: Array) -> Array:
         return block[:, :, :, None, :] * weights[:, None, :, None]
 
-    if motion.constrained:
-        matrix = spread(-h[..., None] * rows, RADAU.once)
-    else:
-        matrix = spread(-(h[..., None] ** 2) * rows[..., :half], RADAU.twice)
-        matrix += spread(-h[..., None] * rows[..., half:], RADAU.once)
+    matrix = spread(-h[..., None] * rows[..., twice:], RADAU.once)
+    if twice:
+        matrix += spread(-(h[..., None] ** 2) * rows[..., :twice], RADAU.twice)
     matrix = matrix.reshape(count, STAGES * width, STAGES * width)
     matrix += np.eye(STAGES * width)
     factorised(count)
@@ -74,23 +78,9 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     ends = np.zeros((count, size, size + 3))
     ends[..., :size] = by_start[:, -1]
     ends[..., size + 1] = by_frequency[:, -1]
-    ends[:, -width:] += h * np.tensordot(RADAU.once[-1], found, (0, 1))
-    if not motion.constrained:
-        ends[:, :half] += h**2 * np.tensordot(RADAU.twice[-1], found, (0, 1))
+    ends[:, twice:] += h * np.tensordot(RADAU.once[-1], found, (0, 1))
+    ends[:, :twice] += h**2 * np.tensordot(RADAU.twice[-1], found[:, :, :twice], (0, 1))
     return found, ends
-
-
-def _carried(motion: VectorField, orbit: PeriodicOrbit, h: Array) -> tuple[Array, Array]:
-    """Derivatives of the states at the stages by the first state and by time, at fixed rates."""
-    size, half = motion.size, motion.half
-    by_start = np.zeros((len(orbit.starts), STAGES, size, size)) + np.eye(size)
-    once = RADAU.once @ orbit.rates
-    if motion.constrained:
-        return by_start, once
-    lag = RADAU.nodes[:, None]
-    by_start[..., :half, half:] += (h * lag)[..., None] * np.eye(half)
-    further = lag * orbit.starts[:, None, half:] + 2.0 * h * (RADAU.twice @ orbit.rates)
-    return by_start, np.concatenate([further, once], axis=2)
 
 
 # -------------------------------------------------------------------------------- all intervals

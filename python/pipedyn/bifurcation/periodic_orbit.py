@@ -89,6 +89,11 @@ class PeriodicOrbit:
         return int(self.starts.shape[1]) // 2
 
     @property
+    def twice(self) -> int:
+        """Number of positions that are their accelerations integrated twice."""
+        return self.starts.shape[1] - self.rates.shape[2]
+
+    @property
     def size(self) -> float:
         """Largest extent of a coordinate."""
         p = self.starts[:, : self.half]
@@ -123,13 +128,11 @@ class PeriodicOrbit:
     def _states(
         self, starts: Array, rates: Array, h: Array, share: Array, once: Array, twice: Array
     ) -> Array:
-        width, half = rates.shape[2], self.half
-        if width > half:
-            return starts[:, None] + h * (once @ rates)
-        p, v = starts[:, None, :half], starts[:, None, half:]
-        return np.concatenate(
-            [p + h * share * v + h**2 * (twice @ rates), v + h * (once @ rates)], axis=2
-        )
+        y = starts[:, None] + np.zeros((1, share.shape[-2], 1))
+        y[..., : self.twice] += h * share * starts[:, None, self.twice : 2 * self.twice]
+        y[..., : self.twice] += h**2 * (twice @ rates[..., : self.twice])
+        y[..., self.twice :] += h * (once @ rates)
+        return y
 
     def defects(self) -> Array:
         """Share of the largest velocity that each interval's last polynomials add, shape (M,)."""
