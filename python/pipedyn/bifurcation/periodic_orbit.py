@@ -91,7 +91,7 @@ class PeriodicOrbit:
     @property
     def twice(self) -> int:
         """Number of positions that are their accelerations integrated twice."""
-        return self.starts.shape[1] - self.rates.shape[2]
+        return int(self.starts.shape[1] - self.rates.shape[2])
 
     @property
     def size(self) -> float:
