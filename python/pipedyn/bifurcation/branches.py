@@ -26,18 +26,16 @@ from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finish
 from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, growth
-from pipedyn.bifurcation.floquet import returns, shortened
-from pipedyn.bifurcation.hopf import tip_of
-from pipedyn.bifurcation.normal_form import vectors
+from pipedyn.bifurcation.floquet import multiplier_roots
+from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
     Breaking,
-    HopfPoint,
     OrbitStep,
-    broken,
+    breaking_part,
     followed,
-    from_change,
+    from_branch_point,
     from_hopf,
     from_orbit,
 )
@@ -192,16 +190,6 @@ def hopf_points(
     return found
 
 
-def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
-    """The pair on the axis at an equilibrium, (2 moving,).
-
-    Raises ValueError or PipedynError if there is none, or two, or the free end does not move.
-    """
-    mode, _ = vectors(motion.jacobian(rest, u), frequency)
-    mode = mode / tip_of(motion, rest, mode)
-    return HopfPoint(rest, mode, u, frequency)
-
-
 def traced(
     model: Model, begin: HopfPoint | PeriodicOrbit, options: BranchOptions
 ) -> tuple[list[Traced], list[Failed]]:
@@ -230,7 +218,7 @@ def traced(
                 continue
             kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
             try:
-                leaving = [from_change(motion, orbit, kind)]
+                leaving = [from_branch_point(motion, orbit, kind)]
             except NewtonFailed as reason:
                 u = event.speed
                 report = f"no cycles were found that leave the {kind} at u = {u:g}: {reason}"
@@ -411,7 +399,7 @@ class _Follower:
             if self.motion.is_odd(orbit.u):
                 kinds.append("pitchfork")
         for kind in kinds:
-            here, there = (broken(orbit, kind) for orbit in (step.begin, step.end))
+            here, there = (breaking_part(orbit, kind) for orbit in (step.begin, step.end))
             if float(np.sum(here * there)) >= 0.0:
                 continue
             before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
@@ -426,7 +414,7 @@ class _Follower:
             else:
                 # The speed is as the square of what vanishes.
                 near, orbit = (step.at(k * share * step.length) for k in (0.6, 0.85))
-                left, size = (float(np.sum(broken(one, kind) ** 2)) for one in (near, orbit))
+                left, size = (float(np.sum(breaking_part(one, kind) ** 2)) for one in (near, orbit))
                 rough, u = (
                     orbit.u + size * (orbit.u - other.u) / (square - size)
                     for other, square in ((step.begin, before**2), (near, left))
@@ -484,7 +472,7 @@ class _Follower:
         passed = sign_changes(lambda s: growth(cycle(s).multipliers), low, high, 1e-4 * step.length)
         for before, beyond in passed:
             orbit = step.at(beyond)
-            roots = returns(self.motion, shortened(self.motion, orbit))
+            roots = multiplier_roots(self.motion, orbit)
             kind, multiplier = crossing_event(roots, orbit.symmetric)
             if kind == "fold":
                 continue

@@ -380,12 +380,8 @@ def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
     A trajectory starts at its last state, an angle theta(s) and coordinates at rest.
     """
     if isinstance(start, Trajectory):
-        if start.model is not model and start.q.shape[1] != model.coordinates:
-            raise ValueError(
-                f"{name} must be a {type(start).__name__} of the model, with {model.coordinates} "
-                f"coordinates, got {start.q.shape[1]}"
-            )
-        return np.array(model.start(start.q[-1], start.qdot[-1]))
+        check_coordinates(model, name, start)
+        return np.array(start.model.start(start.q[-1], start.qdot[-1]))
     if callable(start):
         return np.array(model.start(model.bent(start), None))
     check.numbers(name, start, kinds)
@@ -399,6 +395,15 @@ def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
     raise ValueError(
         f"{name} must have {many} entries, or for a state twice as many, got {given.size}"
     )
+
+
+def check_coordinates(model: Model, name: str, given: Trajectory) -> None:
+    """Refuses a trajectory whose coordinates do not mean what the model's do."""
+    if given.model.coordinate_kind != model.coordinate_kind:
+        raise ValueError(
+            f"{name} must be a {type(given).__name__} in the model's coordinates, "
+            f"{model.coordinate_kind}, got {given.model.coordinate_kind}"
+        )
 
 
 # ---------------------------------------------------------------------------------- batches
