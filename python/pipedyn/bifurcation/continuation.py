@@ -33,14 +33,9 @@ FLAT = 0.3
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
 
 
-class LinearisedEquations(Protocol):
-    """G_z at a point, factorised."""
-
-    def correction(self, row: Array, gap: float) -> Array:
-        """The dz with G_z dz = -G and row @ dz = gap."""
-
-    def tangent(self, row: Array) -> Array:
-        """The dz with G_z dz = 0 and row @ dz = 1."""
+Solver = Callable[[Array, float, float], Array]
+"""G_z at a point, factorised. To row, gap and share it gives the dz with G_z dz = -share G and
+row @ dz = gap: with share 1 Newton's step, with share 0 a tangent."""
 
 
 class Problem(Protocol):
@@ -49,7 +44,7 @@ class Problem(Protocol):
     weights: Array
     """Of squares in the length of a change, shape (n + 1,)."""
 
-    def linearised(self, z: Array) -> LinearisedEquations:
+    def linearised(self, z: Array) -> Solver:
         """The equations about a point."""
 
     def relative(self, z: Array, step: Array) -> float:
@@ -123,9 +118,9 @@ class Continuation:
         """A point with a direction for its tangent, as at a branch point in a null direction."""
         return Point(z, direction / self.length(direction))
 
-    def _unit(self, equations: LinearisedEquations, row: Array) -> Array:
+    def _unit(self, equations: Solver, row: Array) -> Array:
         try:
-            tangent = equations.tangent(row)
+            tangent = equations(row, 1.0, 0.0)
         except (LinAlgError, ValueError) as error:
             raise NewtonFailed(f"the branch has no tangent: {error}") from error
         length = self.length(tangent)
@@ -151,12 +146,12 @@ class Continuation:
         return self._solved(np.append(guess[:-1], p), row, p, math.inf)
 
     def _solved(self, z: Array, row: Array, value: float, longest: float) -> Point:
-        last: LinearisedEquations | None = None
+        last: Solver | None = None
 
         def correction(here: Array) -> tuple[Array, float]:
             nonlocal last
             last = self.problem.linearised(here)
-            step = last.correction(row, value - float(row @ here))
+            step = last(row, value - float(row @ here), 1.0)
             if self.length(step) > longest:
                 raise NewtonFailed("Newton's method left the neighbourhood of its start")
             return step, self.problem.relative(here, step)
@@ -346,9 +341,17 @@ class DenseProblem:
         self.equations = equations
         self.weights = np.append(np.full(size, 1.0 / size), scale**-2)
 
-    def linearised(self, z: Array) -> _Bordered:
+    def linearised(self, z: Array) -> Solver:
         """The equations about a point."""
-        return _Bordered(self.equations, z)
+        x, p, equations = z[:-1], float(z[-1]), self.equations
+        derivative = np.column_stack([equations.jacobian(x, p), equations.by_parameter(x, p)])
+        residual = equations.residual(x, p)
+
+        def change(row: Array, gap: float, share: float) -> Array:
+            right = np.append(-share * residual, gap)
+            return _dense_solution(np.vstack([derivative, row]), right)
+
+        return change
 
     def relative(self, z: Array, step: Array) -> float:
         """Length of a step relative to 1 plus that of the point."""
@@ -357,25 +360,6 @@ class DenseProblem:
 
     def check(self, z: Array) -> None:
         """Every point may be followed."""
-
-
-class _Bordered:
-    """The bordered matrix of dense equations about a point."""
-
-    def __init__(self, equations: Equations, z: Array) -> None:
-        x, p = z[:-1], float(z[-1])
-        self.equations, self.x, self.p = equations, x, p
-        self.derivative = np.column_stack([equations.jacobian(x, p), equations.by_parameter(x, p)])
-
-    def correction(self, row: Array, gap: float) -> Array:
-        """The dz with G_z dz = -G and row @ dz = gap."""
-        missed = -self.equations.residual(self.x, self.p)
-        return _dense_solution(np.vstack([self.derivative, row]), np.append(missed, gap))
-
-    def tangent(self, row: Array) -> Array:
-        """The dz with G_z dz = 0 and row @ dz = 1."""
-        right = np.append(np.zeros(self.x.size), 1.0)
-        return _dense_solution(np.vstack([self.derivative, row]), right)
 
 
 def solve(equations: Equations, x: Array, p: float) -> Array:
