@@ -31,7 +31,6 @@ from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
-    Breaking,
     OrbitStep,
     breaking_part,
     followed,
@@ -216,11 +215,10 @@ def traced(
             ends = (end for other in found for end in (other.begin, other.end))
             if not followed or any(end is not None and event.same(end) for end in ends):
                 continue
-            kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
             try:
-                leaving = [from_branch_point(motion, orbit, kind)]
+                leaving = [from_branch_point(motion, orbit)]
             except NewtonFailed as reason:
-                u = event.speed
+                kind, u = event.kind, event.speed
                 report = f"no cycles were found that leave the {kind} at u = {u:g}: {reason}"
                 failed.append((u, NoCycle(report, u)))
                 continue
