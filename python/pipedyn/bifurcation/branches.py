@@ -123,16 +123,12 @@ Failed = tuple[float, Exception]
 
 @dataclass(frozen=True)
 class BranchOptions:
-    """How branches are followed.
+    """How branches are followed."""
 
-    Cycles are solved for at the speeds given, increasing, to a relative tolerance, in so many steps
-    along one branch at most, which may end at any of the onsets of flutter.
-    """
-
-    speeds: Array
-    rtol: float
-    most: int
-    onsets: tuple[float, ...] = ()
+    speeds: Array  # at which cycles are solved for, increasing
+    rtol: float  # of the cycles there
+    most: int  # steps along one branch
+    onsets: tuple[float, ...] = ()  # of flutter, at any of which a branch may end
 
     def holds(self, u: float) -> bool:
         """Whether a speed lies within those given."""
@@ -143,13 +139,10 @@ class BranchOptions:
 
 @dataclass(frozen=True)
 class Traced:
-    """What of a branch that was followed lies within the speeds given, if anything does.
+    """A branch that was followed."""
 
-    It begins and ends at events, wherever these are, or goes on there.
-    """
-
-    branch: CycleBranch | None
-    begin: CycleEvent | None
+    branch: CycleBranch | None  # what of it lies within the speeds given, if anything does
+    begin: CycleEvent | None  # wherever that is; None where the branch goes on
     end: CycleEvent | None
 
     def is_reverse(self, other: Traced) -> bool:
@@ -270,10 +263,7 @@ Found = tuple[float, LimitCycle, CycleEvent | None]
 
 
 class _Follower:
-    """A branch in the making, one way from a start, and from an event if it begins at one.
-
-    What fails is added to a list of failures.
-    """
+    """A branch in the making, one way from a start, and from an event if it begins at one."""
 
     def __init__(
         self,
@@ -333,17 +323,17 @@ class _Follower:
         except NewtonFailed as reason:
             falling = len(frequencies) > 3 and frequencies[-1] < frequencies[-3]
             if falling and frequencies[-1] < 0.5 * max(frequencies):
-                self.end = self._event("infinite period", here)
-                self.events.append(self.end)
+                self._ends("infinite period", here)
                 return
-            self.events.append(self._event("end", here))
+            self._ends("end", here)
             report = f"the cycles {self.how} were not followed beyond u = {here.u:g}: {reason}"
             self.failed.append((here.u, NotConverged(report)))
 
-    def _event(self, kind: EventKind, orbit: PeriodicOrbit, error: float = 0.0) -> CycleEvent:
-        """At an orbit, where the branch ends."""
+    def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float = 0.0) -> None:
+        """Takes note of the orbit at which the branch ends, or ("end") is not followed further."""
         size = 0.0 if kind == "hopf" else amplitude_of(self.motion, orbit)[0]
-        return CycleEvent(kind, orbit.u, error, 1.0 + 0j, size)
+        self.events.append(CycleEvent(kind, orbit.u, error, 1.0 + 0j, size))
+        self.end = self.events[-1] if kind != "end" else None
 
     def _first(self) -> LimitCycle | None:
         """Keeps cycles at speeds given up to the branch's first; that itself if its speed is one.
@@ -419,8 +409,7 @@ class _Follower:
                 )
                 error = abs(u - rough) + 1e-9
                 orbit = replace(orbit, u=u)
-            self.end = self._event(kind, orbit, error)
-            self.events.append(self.end)
+            self._ends(kind, orbit, error)
             return True
         return False
 

@@ -113,9 +113,11 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     with one_thread(model.dof):
         found: list[Array] = []
         for x in _solutions(statics, u, own):
+            size = float(np.abs(x).max())
             for image in (x, -x):
+                known = (np.abs(image - one).max() < DISTINCT * (1.0 + size) for one in found)
                 with suppress(ValueError, PipedynError):
-                    if _is_new(found, image) and statics.unbalanced(image, u) <= BALANCED:
+                    if not (size > FAR or any(known)) and statics.unbalanced(image, u) <= BALANCED:
                         found.append(image + 0.0)
         if not found:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
@@ -137,12 +139,6 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         u=u,
         model=model,
     )
-
-
-def _is_new(known: list[Array], x: Array) -> bool:
-    """Whether a configuration is none of those known, and not too far to count."""
-    size = float(np.abs(x).max())
-    return size <= FAR and all(np.abs(x - one).max() >= DISTINCT * (1.0 + size) for one in known)
 
 
 def checked_size(model: Any) -> Model:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import field
-from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -36,9 +35,6 @@ from pipedyn.util.result import result
 
 Rates = Callable[[Array], Array]
 """Of a state y, shape (n,): y' or its Jacobian."""
-
-ExponentStart: TypeAlias = Trajectory | Start | None
-"""Where a motion begins."""
 
 DISTANCE = 1e-7
 """Of a pair of neighbours, in the norm of the state, where each interval begins. Its square, by
@@ -82,7 +78,7 @@ class LyapunovExponent:
 def lyapunov_exponent(
     model: Model,
     u: float,
-    start: ExponentStart = None,
+    start: Trajectory | Start | None = None,
     *,
     duration: float = 200.0,
     transient: float = 100.0,
