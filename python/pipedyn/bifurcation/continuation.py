@@ -290,18 +290,17 @@ def sign_changes(
     """Where the number of positive values changes: lengths right before and right beyond, in order.
 
     Values at an arc length are in falling order, so that the one that passes 0 is a continuous
-    function of the length unless others pass with it.
+    function of the length unless others pass with it; they are asked for repeatedly.
     """
-    known: dict[float, Array] = {}
+    tried: set[float] = set()
 
     def value(s: float, which: int) -> float:
-        if s not in known:
-            known[s] = values(s)
-        return float(known[s][which])
+        tried.add(s)
+        return float(values(s)[which])
 
     def count(s: float) -> int:
-        value(s, 0)
-        return int(np.count_nonzero(known[s] > 0.0))
+        tried.add(s)
+        return int(np.count_nonzero(values(s) > 0.0))
 
     for _ in range(8):  # six on one step are the most that have been met
         first, last = count(low), count(high)
@@ -309,10 +308,9 @@ def sign_changes(
             return
         passing = first - (last < first)
         root = float(brentq(value, low, high, (passing,), xtol=tolerance))
-        if known[root][passing] == 0.0:  # then the interval may still be wide
-            for s in (max(low, root - tolerance), min(root + tolerance, high)):
-                value(s, passing)
-        lengths = sorted(s for s in known if low <= s <= high)
+        if value(root, passing) == 0.0:  # then the interval may still be wide
+            tried |= {max(low, root - tolerance), min(root + tolerance, high)}
+        lengths = sorted(s for s in tried if low <= s <= high)
         i = next(i for i, s in enumerate(lengths) if count(s) != first)
         yield lengths[i - 1], lengths[i]
         low = lengths[i]

@@ -100,14 +100,14 @@ def bifurcation_diagram(
 ) -> BifurcationDiagram:
     """Equilibria and cycles over a range of flow speeds and, on request, where motions end.
 
-    Equilibria are followed by arc length, so that their folds lie wherever they are, and so are the
-    cycles from each onset of flutter of the straight pipe and of bent ones. Onsets count up to 1.5
-    times the highest speed given. Their cycles are followed up to a quarter beyond both the speeds
-    and the onset, since they may come back. Cycles that leave cycles at pitchforks and period
-    doublings within the speeds are followed as well, two generations of them; what leaves at a
-    torus is no cycle. Motions are integrated at the speeds given. Where one ends on a cycle that no
-    onset leads to, that is followed both ways. Without `brute_force` motions look for one at the
-    first, the middle and the last speed, if no cycle and no stable equilibrium is known there.
+    Equilibria are followed by arc length, past folds, and so are the cycles from each onset of
+    flutter of straight and bent pipes, up to 1.5 times the highest speed given. Cycles are followed
+    up to a quarter beyond both the speeds and the onset, since they may come back, and so are
+    cycles that leave them at pitchforks and period doublings within the speeds, two generations;
+    what leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
+    on a cycle that no onset leads to, that is followed both ways. Without `brute_force` motions
+    look for one at the first, the middle and the last speed, if no cycle and no stable equilibrium
+    is known there.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.

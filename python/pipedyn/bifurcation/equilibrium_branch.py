@@ -254,12 +254,15 @@ class _Way:
         distance from the fold, by rounding: both are one change, listed once.
         """
         statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
-        meeting = self._meeting(a, b)
-        turns = folds(segment, 1e-12) if meeting is None else []
-        until = ds
-        if meeting is not None:
-            size = statics.rms(a.x)
-            until = 0.98 * ds * size / (size + statics.rms(b.x))
+        sizes = statics.rms(a.x), statics.rms(b.x)
+        meeting, turns, until = None, list[float](), ds
+        across = float(a.x @ b.x) < 0.0 and not (statics.resting.any() or statics.straight(a.x))
+        if across and max(sizes) <= 2.0 * self.longest:  # a pitchfork leads onto its mirror image
+            meeting = self._pitchfork(a.p)
+        if meeting is None:
+            turns = folds(segment, 1e-12)
+        else:
+            until = 0.98 * ds * sizes[0] / sum(sizes)
 
         @cache
         def growth(s: float) -> Array:
@@ -283,15 +286,6 @@ class _Way:
             self.changes.append(self._point("pitchfork", b))
         self.points.append(b)
         return meeting is not None
-
-    def _meeting(self, a: Point, b: Point) -> float | None:
-        """Speed of the pitchfork through which a branch goes over into its mirror image."""
-        statics = self.statics
-        if statics.resting.any() or statics.straight(a.x) or not float(a.x @ b.x) < 0.0:
-            return None
-        if max(statics.rms(a.x), statics.rms(b.x)) > 2.0 * self.longest:
-            return None
-        return self._pitchfork(a.p)
 
     def _pitchfork(self, u: float) -> float | None:
         """Speed of the pitchfork of the straight pipe nearest to a speed, if one is near."""

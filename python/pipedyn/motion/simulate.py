@@ -243,8 +243,6 @@ def simulate_many(
     for i, model in enumerate(chosen):
         checked_model_in_motion(model, f"models[{i}]" if isinstance(models, Sequence) else "models")
     at = np.atleast_1d(check.numbers("speeds", speeds, "a number or an array of real numbers"))
-    if at.ndim != 1:
-        raise ValueError(f"speeds must be a number or one-dimensional, got shape {at.shape}")
     at = check.array("speeds", at, low=0.0, high=LARGEST_SPEED)
     starts, rates = _each("q0", q0), _each("qdot0", qdot0)
     given: dict[str, Any] = {"models": chosen, "speeds": at, "q0": starts, "qdot0": rates}
@@ -305,6 +303,60 @@ def _each(name: str, given: Any) -> list[Any]:
     if several and not len(given):
         raise ValueError(f"{name} must not be empty, got {check.shown(given)}")
     return list(given) if several else [given]
+
+
+def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
+    """Motion of each member of a batch, and why it stopped early.
+
+    A batch that stops is halved, unless it took all the right-hand sides that it may.
+    """
+    first, count = tasks[0], len(tasks)
+    if count == 1:
+        rows, evaluations, why = integrate(first)
+        return [(motion_of(first, rows, evaluations), why)]
+    together = replace(
+        first,
+        u=np.array([float(task.u) for task in tasks]),
+        start=np.stack([task.start for task in tasks], axis=1),
+        rtol=max(first.rtol / math.sqrt(count), 1e-14),
+        atol=first.atol / math.sqrt(count),
+    )
+    rows, evaluations, why = integrate(together)
+    if why is not None and evaluations < first.most:
+        return _motions(tasks[: count // 2]) + _motions(tasks[count // 2 :])
+    return [
+        (motion_of(task, rows[:, :, j].copy(), evaluations), why) for j, task in enumerate(tasks)
+    ]
+
+
+def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
+    """The motion of a task of one state from its samples (S, 2 dof + 1)."""
+    model, size = task.model, task.model.moving
+
+    def recorded(samples: Array) -> tuple[Array, Array, Array]:
+        q, qdot = model.recorded(samples[:, :size], samples[:, size : 2 * size])
+        return q, qdot, np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
+
+    q, qdot, states = recorded(rows)
+    energy = np.asarray(model.energy(states))
+    at_rest = states.copy()
+    at_rest[model.coordinates :] = 0.0
+    kinetic = energy - np.asarray(model.energy(at_rest))
+    first = float(np.asarray(model.energy(recorded(task.start[None])[2]))[0])
+    scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
+    miss = float(np.abs(energy - first - rows[:, 2 * size]).max(initial=0.0))
+    return Motion(
+        t=task.times[: len(rows)],
+        q=q,
+        qdot=qdot,
+        tip=model.tips(q.T) if len(rows) else np.zeros((0, 2)),
+        energy=energy,
+        audit=miss / scale if scale else 0.0,
+        u=float(task.u),
+        method=task.method,
+        evaluations=evaluations,
+        model=model,
+    )
 
 
 # ------------------------------------------------------------------------- starts and arguments
@@ -404,60 +456,3 @@ def check_coordinates(model: Model, name: str, given: Trajectory) -> None:
             f"{name} must be a {type(given).__name__} in the model's coordinates, "
             f"{model.coordinate_kind}, got {given.model.coordinate_kind}"
         )
-
-
-# ---------------------------------------------------------------------------------- batches
-
-
-def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
-    """Motion of each member of a batch, and why it stopped early.
-
-    A batch that stops is halved, unless it took all the right-hand sides that it may.
-    """
-    first, count = tasks[0], len(tasks)
-    if count == 1:
-        rows, evaluations, why = integrate(first)
-        return [(motion_of(first, rows, evaluations), why)]
-    together = replace(
-        first,
-        u=np.array([float(task.u) for task in tasks]),
-        start=np.stack([task.start for task in tasks], axis=1),
-        rtol=max(first.rtol / math.sqrt(count), 1e-14),
-        atol=first.atol / math.sqrt(count),
-    )
-    rows, evaluations, why = integrate(together)
-    if why is not None and evaluations < first.most:
-        return _motions(tasks[: count // 2]) + _motions(tasks[count // 2 :])
-    return [
-        (motion_of(task, rows[:, :, j].copy(), evaluations), why) for j, task in enumerate(tasks)
-    ]
-
-
-def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
-    """The motion of a task of one state from its samples (S, 2 dof + 1)."""
-    model, size = task.model, task.model.moving
-
-    def recorded(samples: Array) -> tuple[Array, Array, Array]:
-        q, qdot = model.recorded(samples[:, :size], samples[:, size : 2 * size])
-        return q, qdot, np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
-
-    q, qdot, states = recorded(rows)
-    energy = np.asarray(model.energy(states))
-    at_rest = states.copy()
-    at_rest[model.coordinates :] = 0.0
-    kinetic = energy - np.asarray(model.energy(at_rest))
-    first = float(np.asarray(model.energy(recorded(task.start[None])[2]))[0])
-    scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
-    miss = float(np.abs(energy - first - rows[:, 2 * size]).max(initial=0.0))
-    return Motion(
-        t=task.times[: len(rows)],
-        q=q,
-        qdot=qdot,
-        tip=model.tips(q.T) if len(rows) else np.zeros((0, 2)),
-        energy=energy,
-        audit=miss / scale if scale else 0.0,
-        u=float(task.u),
-        method=task.method,
-        evaluations=evaluations,
-        model=model,
-    )
