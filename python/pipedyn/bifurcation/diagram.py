@@ -29,14 +29,14 @@ from pipedyn.bifurcation.brute_force import (
     initial_bends,
 )
 from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
-from pipedyn.bifurcation.equilibria import Statics, checked_size, equilibria
+from pipedyn.bifurcation.equilibria import LARGEST, Statics, equilibria
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch, equilibrium_branch, lies_on
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.motion.simulate import LARGEST_SAMPLES, slight_bend
+from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -130,7 +130,7 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    model = checked_size(model)
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
     at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
     if at.size < 2 or np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be at least 2 and strictly increasing")

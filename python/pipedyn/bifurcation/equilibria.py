@@ -19,13 +19,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from pipedyn.bifurcation.continuation import (
-    Continuation,
-    Control,
-    DenseProblem,
-    Equations,
-    solve,
-)
+from pipedyn.bifurcation.continuation import Continuation, Control, DenseProblem, Equations, solve
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import LARGEST_SPEED
@@ -105,7 +99,8 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         NotConverged: if not a single one is found.
         ValueError, TypeError: for bad arguments.
     """
-    statics = Statics(checked_size(model))
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    statics = Statics(model)
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
         raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
@@ -115,9 +110,9 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         for x in _solutions(statics, u, own):
             size = float(np.abs(x).max())
             for image in (x, -x):
-                known = (np.abs(image - one).max() < DISTINCT * (1.0 + size) for one in found)
+                new = all(np.abs(image - one).max() >= DISTINCT * (1.0 + size) for one in found)
                 with suppress(ValueError, PipedynError):
-                    if not (size > FAR or any(known)) and statics.unbalanced(image, u) <= BALANCED:
+                    if new and size <= FAR and statics.unbalanced(image, u) <= BALANCED:
                         found.append(image + 0.0)
         if not found:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
@@ -139,16 +134,6 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         u=u,
         model=model,
     )
-
-
-def checked_size(model: Any) -> Model:
-    """The argument, if it is a model whose equilibria can be found."""
-    moving = checked_model_in_motion(model)
-    if moving.dof > LARGEST:
-        raise ValueError(
-            f"model must have at most {LARGEST} degrees of freedom for equilibria, got {moving.dof}"
-        )
-    return moving
 
 
 # --------------------------------------------------------------------------------- forces at rest

@@ -26,15 +26,15 @@ from pipedyn.bifurcation.continuation import (
 from pipedyn.bifurcation.equilibria import (
     BALANCED,
     FAR,
+    LARGEST,
     MOST_POINTS,
     Statics,
-    checked_size,
     pitchforks,
     rounding,
 )
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.simulate import Start
+from pipedyn.motion.simulate import Start, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -138,7 +138,8 @@ def equilibrium_branch(
 
     Source: Keller (1977) for the continuation.
     """
-    statics = Statics(checked_size(model))
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    statics = Statics(model)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
     if not high - low >= 1e-9 * (1.0 + high):
         raise ValueError(f"speeds must be (lowest, highest), got ({low:g}, {high:g})")

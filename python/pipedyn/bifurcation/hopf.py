@@ -210,11 +210,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
 
     Source: Kuznetsov's projection formula, see `normal_form`.
     """
-    model = checked_model_in_motion(model)
-    if model.dof > LARGEST_HOPF:
-        raise ValueError(
-            f"model must have at most {LARGEST_HOPF} degrees of freedom for hopf, got {model.dof}"
-        )
+    model = checked_model_in_motion(model, largest=LARGEST_HOPF, purpose="hopf")
     own = crossing is None
     if crossing is None:
         critical, found = first_loss(model)

@@ -101,12 +101,7 @@ def limit_cycle(
     Source: Doedel, Keller and Kernevez (1991), Numerical analysis and control of bifurcation
     problems (II), for periodic orbits by collocation.
     """
-    model = checked_model_in_motion(model)
-    if model.dof > LARGEST_CYCLE:
-        raise ValueError(
-            f"model must have at most {LARGEST_CYCLE} degrees of freedom for limit_cycle, "
-            f"got {model.dof}"
-        )
+    model = checked_model_in_motion(model, largest=LARGEST_CYCLE, purpose="limit_cycle")
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED, open_low=True)
     rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
     samples = check.count("samples", samples, low=9, high=100_000)

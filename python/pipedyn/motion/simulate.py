@@ -376,13 +376,18 @@ def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
     return bend
 
 
-def checked_model_in_motion(model: Any, name: str = "model") -> Model:
-    """The argument, if it is a model that moves."""
+def checked_model_in_motion(
+    model: Any, name: str = "model", largest: float = math.inf, purpose: str = ""
+) -> Model:
+    """The argument, if it is a model that moves, of at most so many degrees of freedom."""
     if not isinstance(model, Model):
         raise TypeError(
             f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
             f"Continuum.frozen(m)), got {check.shown(model)}"
         )
+    if model.dof > largest:
+        many = f"{largest} degrees of freedom for {purpose}"
+        raise ValueError(f"{name} must have at most {many}, got {model.dof}")
     return model
 
 
