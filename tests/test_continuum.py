@@ -6,6 +6,7 @@ Reference numbers: physics.md, section 6, with the digits printed there.
 
 import dataclasses
 import pickle
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from independent import (
 import pipedyn as pp
 
 
+@cache
 def critical(beta, **numbers):
     return pp.critical_speed(pp.Continuum(pp.Pipe(beta, **numbers)))
 

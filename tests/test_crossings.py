@@ -507,7 +507,7 @@ def test_irregular_chains_crossings_account_for_every_unstable_root(seed):
 
 
 @pytest.mark.parametrize("kind", [pp.Chain, pp.Galerkin, modular.chain])
-def test_derivatives_by_gravity_and_damping_are_told_at_the_ends_of_their_ranges(kind):
+def test_derivatives_by_gravity_and_damping_are_right_at_the_ends_of_their_ranges(kind):
     x = np.eye(3)
     none = kind(pp.Pipe(0.5), 3).pencil()
     for gamma, damping in ((1e6, 0.0), (-1e6, 1e6), (0.0, 1.0)):
@@ -516,7 +516,7 @@ def test_derivatives_by_gravity_and_damping_are_told_at_the_ends_of_their_ranges
         np.testing.assert_allclose(pencil.by_damping(x), none.by_damping(x), rtol=0.0, atol=1e-8)
 
 
-def test_the_faintest_fluid_mass_has_a_speed_and_no_derivative():
+def test_the_smallest_fluid_mass_has_a_speed_and_no_derivative():
     chains = [pp.Chain(pp.Pipe(beta, damping=0.02), 3) for beta in (5e-324, 1e-310, 1e-290, 0.0)]
     found = [pp.critical_speed(chain) for chain in chains]
     for critical in found:

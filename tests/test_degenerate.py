@@ -178,7 +178,7 @@ def first_order_onset(ops, low, high):
 
 
 @pytest.mark.parametrize("delta", [2.1e-5, 1.9e-5, 1e-8, 1e-12, 1e-300])
-def test_the_faintest_damping_destabilises_becks_column_at_a_limit(delta):
+def test_the_weakest_damping_destabilises_becks_column_at_a_limit(delta):
     model = pp.Galerkin(pp.Pipe(0.0, damping=delta), 10, "legendre")
     found = pp.critical_speed(model)
     unit = pp.Galerkin(pp.Pipe(0.0, damping=1.0), 10, "legendre").operators()
@@ -190,7 +190,7 @@ def test_the_faintest_damping_destabilises_becks_column_at_a_limit(delta):
 
 
 @pytest.mark.parametrize("name", ["beta", "damping", "gamma"])
-def test_sensitivity_of_faint_forces_meets_differences(name):
+def test_sensitivity_of_weak_forces_meets_differences(name):
     pipe = pp.Pipe(1e-12, damping=1e-7)
     value = getattr(pipe, name)
     step = 1e-3 * (value or 1.0)
@@ -206,11 +206,11 @@ def test_sensitivity_of_faint_forces_meets_differences(name):
     assert getattr(by.frequency, name) == pytest.approx(of_frequency, rel=1e-4)
 
 
-def test_all_crossings_of_the_faintest_flow_have_a_limit():
-    faint = pp.crossings(pp.Continuum(pp.Pipe(1e-20)), 15.0)
+def test_all_crossings_of_the_lightest_fluid_have_a_limit():
+    light = pp.crossings(pp.Continuum(pp.Pipe(1e-20)), 15.0)
     small = pp.crossings(pp.Continuum(pp.Pipe(1e-8)), 15.0)
-    assert len(faint) == len(small) == 2
-    for a, b in zip(faint, small, strict=True):
+    assert len(light) == len(small) == 2
+    for a, b in zip(light, small, strict=True):
         assert a.kind == b.kind == "flutter"
         assert a.speed == pytest.approx(b.speed, rel=1e-7)
 
@@ -273,7 +273,7 @@ def test_a_pipe_with_very_strong_damping_flutters_late():
     ],
     ids=["springs everywhere", "two free joints"],
 )
-def test_every_divergence_is_a_zero_of_the_determinant_and_none_is_told_twice(
+def test_every_divergence_is_a_zero_of_the_determinant_and_none_is_listed_twice(
     chain, max_speed, due
 ):
     speeds = np.linspace(0.0, max_speed, 20001)
