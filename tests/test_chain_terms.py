@@ -155,9 +155,9 @@ def test_a_mass_at_a_node_adds_the_square_of_its_jacobian(k, base):
     lengths = (1.0 - base) * np.array([0.3, 0.1, 0.25, 0.15, 0.2])
     plain = pp.Chain(pp.Pipe(0.2, 7.0), lengths=lengths, base=base)
     at = min(base + float(lengths[: k + 1].sum()), 1.0)
-    laden = plain.with_pipe(replace(plain.pipe, terms=(pp.PointMass(at, 0.6),)))
+    loaded = plain.with_pipe(replace(plain.pipe, terms=(pp.PointMass(at, 0.6),)))
     jacobian = np.where(np.arange(5) <= k, lengths, 0.0)
-    before, after = plain.operators(), laden.operators()
+    before, after = plain.operators(), loaded.operators()
     added = 0.6 * np.outer(jacobian, jacobian)
     np.testing.assert_allclose(after.mass - before.mass, added, rtol=1e-13, atol=1e-16)
     hung = 0.6 * 7.0 * np.diag(jacobian)
@@ -201,9 +201,9 @@ def test_a_place_may_pass_from_one_segment_to_the_next():
 
 @pytest.mark.parametrize("rule", ["consistent", "midpoint", "rayleigh", "uniform", "frequency"])
 def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
-    laden = pp.Chain(pp.Pipe(0.2, terms=ALL), 7, springs=rule)
-    np.testing.assert_array_equal(laden.springs, pp.Chain(pp.Pipe(0.2), 7, springs=rule).springs)
-    assert pickle.loads(pickle.dumps(laden)).pipe == laden.pipe
+    loaded = pp.Chain(pp.Pipe(0.2, terms=ALL), 7, springs=rule)
+    np.testing.assert_array_equal(loaded.springs, pp.Chain(pp.Pipe(0.2), 7, springs=rule).springs)
+    assert pickle.loads(pickle.dumps(loaded)).pipe == loaded.pipe
 
 
 # ------------------------------------------------------------------------------ linear analysis

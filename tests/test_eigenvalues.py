@@ -451,7 +451,7 @@ def test_a_node_without_mass_has_roots_that_no_digits_hold_and_says_so():
 
 
 @pytest.mark.parametrize("beta", [0.0, 0.2])
-def test_a_root_at_infinity_is_told_as_none(monkeypatch, beta):
+def test_a_root_at_infinity_is_given_as_none(monkeypatch, beta):
     exact = eigensolver.dense_inverse
 
     def lost(*given):

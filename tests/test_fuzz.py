@@ -60,7 +60,7 @@ def test_malformed_arguments_are_refused_by_name_and_good_ones_answered(fuzz):
 
 
 @pytest.mark.parametrize(
-    ("call", "spoiled", "told"),
+    ("call", "spoiled", "message"),
     [
         (lambda u: u, ["u"], "accepted"),
         (lambda u: {}["a"], ["u"], "raised KeyError"),
@@ -72,14 +72,14 @@ def test_malformed_arguments_are_refused_by_name_and_good_ones_answered(fuzz):
         (lambda u: next(i for i in iter(int, 1) if i), ["u"], "took more than 0.2 s"),
     ],
 )
-def test_a_call_that_ends_as_it_must_not_is_a_finding(fuzz, monkeypatch, call, spoiled, told):
+def test_a_call_that_ends_as_it_must_not_is_a_finding(fuzz, monkeypatch, call, spoiled, message):
     target = fuzz.Target("call", call, {"u": fuzz.NUMBER})
     monkeypatch.setattr(fuzz, "TARGETS", (target,))
     monkeypatch.setattr(fuzz, "LONGEST", 0.2)
     cases = (number for number in range(99) if fuzz.case(0, number)[2] == spoiled)
     (finding,) = fuzz.run(1, 0, next(cases))
     assert finding.target.startswith("call(")
-    assert told in finding.told
+    assert message in finding.message
 
 
 def test_a_case_can_be_seen_again(fuzz):

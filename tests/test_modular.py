@@ -24,7 +24,7 @@ CLAMPED_PINNED = 4.493409457909064
 EJECTING = pp.Pipe(0.3, 12.0, drag=0.7, damping=0.01)
 ASPIRATING = pp.Pipe(0.4, -3.0, "aspirating", 0.7, drag=1.5)
 
-LADEN = replace(  # places inside segments, on nodes and on the fixed base of some chains below
+LOADED = replace(  # places inside segments, on nodes and on the fixed base of some chains below
     EJECTING,
     terms=[
         *(pp.PointMass(0.05, 0.4), pp.PointMass(0.62, 0.3), pp.PointMass(1.0, 0.1)),
@@ -156,8 +156,8 @@ def test_redundant_constraints_change_nothing() -> None:
         (ASPIRATING, {"n": 7, "springs": "midpoint"}),
         (EJECTING, UNEQUAL),
         (ASPIRATING, {"n": 1}),
-        (LADEN, {"n": 7}),
-        (LADEN, UNEQUAL),
+        (LOADED, {"n": 7}),
+        (LOADED, UNEQUAL),
     ],
 )
 def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
@@ -180,7 +180,7 @@ def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
         np.testing.assert_allclose(scene.tip(y[: 3 * n]), chain.tip(theta), atol=1e-14)
 
 
-@pytest.mark.parametrize("pipe", [EJECTING, LADEN])
+@pytest.mark.parametrize("pipe", [EJECTING, LOADED])
 @pytest.mark.parametrize("angles", [None, "bent"])
 def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp.Pipe) -> None:
     chain, scene = pp.Chain(pipe, **UNEQUAL), md.chain(pipe, **UNEQUAL)
@@ -196,7 +196,7 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp
 
 
 @pytest.mark.parametrize("n", [8, 130])
-@pytest.mark.parametrize("pipe", [EJECTING, LADEN, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
+@pytest.mark.parametrize("pipe", [EJECTING, LOADED, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
 def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> None:
     for u in (0.0, 6.0):
         mine = pp.eigenvalues(md.chain(pipe, n), u, 8)

@@ -407,7 +407,7 @@ def test_a_curve_tells_what_failed_as_the_packages_own(pipe, name, n, seed):
 @settings(max_examples=15)
 @given(calm_pipes(), mixed([0.0], 0.0, 10.0), st.integers(1, 3))
 def test_a_choice_is_as_good_as_it_says_or_the_packages_own_exception(pipe, u, count):
-    """Its roots below those that crowd at -1 / delta are roots of a far larger model."""
+    """Its roots below those that cluster at -1 / delta are roots of a far larger model."""
     try:
         choice = pp.choose(pipe, "frequencies", 1e-3, u=u, count=count)
     except pp.PipedynError:
@@ -463,6 +463,6 @@ def test_one_pipe_has_one_set_of_numbers_in_any_units(
         assert math.isclose(getattr(one, name), getattr(other, name), rel_tol=1e-12)
     assert math.isclose(one.gamma, gravity, rel_tol=1e-12)
     for method, unit in (("speed", m / s), ("time", s), ("frequency", 1.0 / s), ("length", m)):
-        told = getattr(one, f"{method}_si")(2.5)
-        assert math.isclose(told, unit * getattr(other, f"{method}_si")(2.5), rel_tol=1e-12)
-        assert math.isclose(getattr(one, method)(told), 2.5, rel_tol=1e-12)
+        converted = getattr(one, f"{method}_si")(2.5)
+        assert math.isclose(converted, unit * getattr(other, f"{method}_si")(2.5), rel_tol=1e-12)
+        assert math.isclose(getattr(one, method)(converted), 2.5, rel_tol=1e-12)
