@@ -79,18 +79,17 @@ def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, share=0.
     ],
     ids=repr,
 )
-@pytest.mark.parametrize("kind", ["3", "10", "beam 8", "legendre 12"])
+@pytest.mark.parametrize("kind", ["3", "10", "legendre 12"])
 def test_crossings_account_for_every_unstable_root(pipe, max_speed, kind):
     model = {
         "3": lambda: pp.Chain(pipe, 3),
         "10": lambda: pp.Chain(pipe, 10),
-        "beam 8": lambda: pp.Galerkin(pipe, 8),
         "legendre 12": lambda: pp.Galerkin(pipe, 12, "legendre"),
     }[kind]()
     counts_meet_the_matrices(model, max_speed)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(
     beta=st.floats(0.0, 0.97),
     gamma=st.floats(-50.0, 50.0),
@@ -106,8 +105,8 @@ def test_any_pipes_crossings_account_for_every_unstable_root(beta, gamma, dampin
 
 @pytest.mark.parametrize("beta", [0.295, 0.9])
 def test_a_long_chain_has_the_crossings_of_its_matrices(beta):
-    """70 segments, where eigenvalues come from sweeps along the chain."""
-    counts_meet_the_matrices(pp.Chain(pp.Pipe(beta), 70), 13.0, samples=40)
+    """65 segments, where eigenvalues come from sweeps along the chain."""
+    counts_meet_the_matrices(pp.Chain(pp.Pipe(beta), 65), 13.0, samples=40)
 
 
 @pytest.mark.parametrize(
@@ -420,11 +419,11 @@ def test_sensitivity_meets_differences(scene, kind):
 
 
 def test_sensitivity_of_a_long_chain_meets_differences():
-    """70 segments, the route of sweeps along the chain."""
+    """65 segments, the route of sweeps along the chain."""
     pipe, step = pp.Pipe(0.2, gamma=3.0, damping=1e-4), 1e-4
-    found = pp.critical_speed(pp.Chain(pipe, 70)).sensitivity
+    found = pp.critical_speed(pp.Chain(pipe, 65)).sensitivity
     more, less = (
-        pp.critical_speed(pp.Chain(dataclasses.replace(pipe, beta=beta), 70))
+        pp.critical_speed(pp.Chain(dataclasses.replace(pipe, beta=beta), 65))
         for beta in (pipe.beta + step, pipe.beta - step)
     )
     speed = (more.speed - less.speed) / (2.0 * step)

@@ -59,7 +59,7 @@ def unstable_in_many_digits(chain, u, digits=50):
 
 
 FREE = [
-    *([0], [1, 0], [1, 0, 1], [1, 1, 0], [5, 5, 0], [0, 0, 1], [2, 0, 0], [0, 0, 0]),
+    *([0], [1, 0], [1, 0, 1], [5, 5, 0], [0, 0, 1], [2, 0, 0], [0, 0, 0]),
     *([3, 0, 2, 0], [0, 0.9, 0, 6.4]),  # several free joints: three roots may pass zero as one
 ]
 FLOWS = [
