@@ -256,7 +256,7 @@ def test_what_is_said_of_the_other_chains_is_so():
     assert onset_error(HOSE, "uniform", 34) > 0.01
 
 
-@pytest.mark.parametrize("among", [None, "reduced", "legendre", "beam", "chain"])
+@pytest.mark.parametrize("among", [None, "legendre", "beam", "chain"])
 def test_a_model_is_found_for_a_loose_tolerance_wherever_one_is_for_a_tight_one(among):
     """Rungs of the ladder that lose stability in another branch do not end it."""
     tight, loose = (

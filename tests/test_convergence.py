@@ -39,7 +39,12 @@ def fitted_order(sizes, error):
         ("consistent", 2.0, (20, 28, 40), 1.3e-3),
         ("midpoint", 2.0, (20, 28, 40), 6.7e-4),
         ("uniform", 1.0, (30, 42, 60), 9e-3),
-        ("frequency", 1.0, (80, 113, 160), 4e-3),  # the last to settle: 1.5 % less at half the size
+        (
+            "frequency",
+            1.0,
+            (60, 85, 120),
+            5.3e-3,
+        ),  # the last to settle: 1.5 % less at half the size
     ],
 )
 def test_chains_converge_in_a_window(rule, order, sizes, largest):
@@ -168,7 +173,7 @@ def random_pipe(rng, flow):
 
 
 @pytest.mark.parametrize("flow", FLOWS)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_distance_to_the_continuum_is_bounded_and_by_little(seed, flow):
     """Against the series in 60 digits; where the solvers' errors are all that is left, bounded."""
     pipe = random_pipe(np.random.default_rng(seed), flow)

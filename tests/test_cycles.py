@@ -68,10 +68,12 @@ def test_more_functions_do_not_change_the_cycle(known):
 
 def test_a_chains_cycle_tends_to_the_continuous_pipes_with_order_two():
     exact = limit_cycle(FINER, 6.0)
-    cycles = [pp.limit_cycle(pp.Chain(PIPE, n), 6.0) for n in (5, 10, 20)]
+    sizes = np.array([7, 12, 21])
+    cycles = [pp.limit_cycle(pp.Chain(PIPE, n), 6.0) for n in sizes.tolist()]
     for name in ("amplitude", "frequency"):
         errors = np.array([abs(getattr(c, name) - getattr(exact, name)) for c in cycles])
-        assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(2.0, abs=0.2)
+        orders = -np.diff(np.log(errors)) / np.diff(np.log(sizes))
+        assert orders == pytest.approx(2.0, abs=0.2)
         assert errors[-1] < 3e-2 * getattr(exact, name)
     assert all(c.stable for c in cycles)
 
@@ -377,7 +379,7 @@ def test_an_aspirating_pipe_without_damping_has_the_cycle_that_damped_ones_tend_
 
 
 def test_drag_alone_bounds_the_motion_of_an_aspirating_chain():
-    cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=1.0), 10), 0.1)
+    cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=1.0), 17), 0.1)
     assert "followed from a damped pipe" in cycle.method
     assert cycle.multiplier_error < 1e-6
     assert 1e-3 < cycle.amplitude < 0.3

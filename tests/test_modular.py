@@ -206,8 +206,9 @@ def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> 
 
 @pytest.mark.parametrize("n", [6, 66])
 def test_the_plain_chain_has_the_crossings_of_chain(n: int) -> None:
+    pipes = pp.Pipe(0.2), pp.Pipe(0.3, -12.0), pp.Pipe(0.3, flow="aspirating", damping=0.02)
     end = 9.0 if n == 6 else 6.0
-    for pipe in (pp.Pipe(0.2), pp.Pipe(0.3, -12.0), pp.Pipe(0.3, flow="aspirating", damping=0.02)):
+    for pipe in pipes if n == 6 else pipes[1:2]:  # flutter and divergence
         mine = pp.crossings(md.chain(pipe, n), end)
         theirs = pp.crossings(pp.Chain(pipe, n), end)
         assert [(c.kind, c.mode, c.unstable_after) for c in mine] == [
@@ -388,7 +389,7 @@ def test_equal_spans_have_crossings_though_their_modes_are_close() -> None:
     def spans(n):
         return md.chain(pp.Pipe(0.2), n).plus(*(md.Guide(k * n // 4) for k in (1, 2, 3, 4)))
 
-    critical, dense = (pp.critical_speed(spans(n)) for n in (80, 48))
+    critical, dense = (pp.critical_speed(spans(n)) for n in (68, 48))
     assert critical.kind == dense.kind == "divergence"
     assert critical.speed == pytest.approx(dense.speed, rel=5e-3)
 
