@@ -5,6 +5,10 @@ namespace pipedyn {
 
 void multiply(WritableSlab out, const Slab& a, const Slab& b) { out.noalias() = a * b; }
 
+void multiply(Vector& out, const Matrix& a, const Eigen::Ref<const Vector>& b) {
+  out.noalias() = a * b;
+}
+
 void multiply_upper(WritableSlab out, const Matrix& a, const Matrix& b) {
   out.noalias() = a.triangularView<Eigen::Upper>() * b;
 }
@@ -13,7 +17,7 @@ void add_inner(WritableSlab out, double factor, const Slab& a, const Slab& b) {
   out.noalias() += factor * a.transpose() * b;
 }
 
-Matrix inner(const Slab& a, const Vector& weight, const Slab& b) {
+Matrix inner(const Slab& a, const Eigen::Ref<const Vector>& weight, const Slab& b) {
   const Matrix weighted = weight.asDiagonal() * b;
   Matrix out = Matrix::Zero(a.cols(), b.cols());
   add_inner(out, 1.0, a, weighted);
