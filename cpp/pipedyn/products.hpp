@@ -18,8 +18,8 @@ void multiply(WritableSlab out, const Slab& a, const Slab& b);
 
 void multiply(Vector& out, const Matrix& a, const Eigen::Ref<const Vector>& b);
 
-/// out = a b, of a only the upper triangle; out overlaps neither.
-void multiply_upper(WritableSlab out, const Matrix& a, const Matrix& b);
+/// out = a b, row-major, of a only the upper triangle; out overlaps neither.
+void multiply_upper(double* out, const Matrix& a, const Matrix& b);
 
 /// out += factor a^T b; out overlaps neither.
 void add_inner(WritableSlab out, double factor, const Slab& a, const Slab& b);

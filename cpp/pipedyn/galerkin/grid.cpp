@@ -29,16 +29,16 @@ Matrix slope_series(const Basis& basis, double low, double high) {
   const Index count = 2 * basis.most_on_a_panel() + 60;
   const double step = std::numbers::pi / static_cast<double>(count);
   Vector s(count);
-  Matrix transform(count, count), coefficient(count, basis.size());
+  Matrix transform(count, count), coefficient = Matrix::Zero(count, basis.size());
   for (Index p = 0; p < count; ++p) {
     const double angle = (static_cast<double>(p) + 0.5) * step;
     s[p] = low + (high - low) * (0.5 * (1.0 + std::cos(angle)));
     for (Index k = 0; k < count; ++k) {
       const double factor = (k == 0 ? 1.0 : 2.0) / static_cast<double>(count);
-      transform(k, p) = factor * std::cos(static_cast<double>(k) * angle);
+      transform(p, k) = factor * std::cos(static_cast<double>(k) * angle);
     }
   }
-  multiply(coefficient, transform, basis.evaluate(s, 1));
+  add_inner(coefficient, 1.0, transform, basis.evaluate(s, 1));
   for (Index i = 0; i < basis.size(); ++i) {
     double largest = 0.0;
     for (Index k = 0; k < count; ++k) largest = std::max(largest, std::abs(coefficient(k, i)));
@@ -162,11 +162,12 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(s[p]);
   slope_ = basis.evaluate(s, 1);
   orthonormal_ = Matrix::Zero(points, whole(m, GridTables::multiple));
-  multiply(orthonormal_.leftCols(m), slope_, orthonormal.to_basis);
   slope_by_function_ = Matrix::Zero(m, stride);
   for (Index p = 0; p < points; ++p) {
     for (Index i = 0; i < m; ++i) slope_by_function_(i, p) = slope_(p, i);
   }
+  add_inner(orthonormal_.leftCols(m), 1.0, slope_by_function_.leftCols(points),
+            orthonormal.to_basis);
   const Matrix integral = rule.integral_to(rule.node);
   from_sums_ = from_differences_ = Matrix::Zero(half, half);
   for (Index p = 0; p < half; ++p) {

@@ -461,7 +461,7 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   std::fill_n(out, 2 * m * m, 0.0);
   for (Index i = 0; i < m; ++i) out[i * 2 * m + m + i] = 1.0;
   double* const rows = out + 2 * m * m;
-  multiply_upper(Eigen::Map<Matrix>(rows, m, 2 * m), functions.to_basis, system);
+  multiply_upper(rows, functions.to_basis, system);
   if (!positive || !grids_.resolves(number, y, 1)) std::fill_n(rows, 2 * m * m, not_a_number);
 }
 
