@@ -169,6 +169,11 @@ class Model(ABC):
         return self.dof
 
     @property
+    def coordinate_kind(self) -> str:
+        """What p is, in words: models of one kind can go on from each other's states."""
+        return f"angles of {self.moving} segments"
+
+    @property
     def approximates_pipe(self) -> bool:
         """Whether the model tends to the continuous pipe as it grows."""
         return True
@@ -406,6 +411,13 @@ class Model(ABC):
 
         Coordinates q and their rates have shape (coordinates, k) each.
         """
+
+    def drag_velocities(self, p: Array, pdot: Array) -> Array:
+        """Normal velocities of the points at which drag acts, (points, k), of states (moving, k).
+
+        No points where they are many and drag at each is weak, or where they are not known.
+        """
+        return np.empty((0, p.shape[1]))
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:

@@ -296,6 +296,16 @@ class Chain(Model):
         across = self._lengths @ (rates * np.cos(angles))
         return np.stack([across, -self._lengths @ (rates * np.sin(angles))], axis=-1)
 
+    def drag_velocities(self, p: Array, pdot: Array) -> Array:
+        if self.pipe.drag == 0.0:
+            return super().drag_velocities(p, pdot)
+        steps, cosine, sine = self._lengths[:, None] * pdot, np.cos(p), np.sin(p)
+        # Of each segment's joint, and of the point on the segment itself.
+        across, down = (np.cumsum(steps * part, axis=0) - steps * part for part in (cosine, sine))
+        reach = (self._drag_points * self._lengths)[:, None]
+        found: Array = across * cosine + down * sine + reach * pdot
+        return found
+
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)
         return self._angles(angle, ends - 0.5 * self._lengths)

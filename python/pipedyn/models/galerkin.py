@@ -140,6 +140,11 @@ class Galerkin(Model):
     def dof(self) -> int:
         return self._size
 
+    @property
+    def coordinate_kind(self) -> str:
+        joined = f" joined at {check.shown(self._joints)}" if self._joints.size else ""
+        return f"amplitudes of {self._size} {self._basis} functions{joined}"
+
     basis = stored("_basis", "Name of the basis.")
 
     @property
