@@ -67,6 +67,7 @@ class Family:
 
 
 DOUBLED = (2, 4, 8, 16, 32, 64)
+"""Sizes of chains: of a pair the doubled size is measured as well, up to 64."""
 
 FAMILIES: dict[str, Family] = {
     family.name: family
