@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from pipedyn import plot
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
@@ -29,7 +28,6 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import BASES, Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.parallel import Job, parallel
-from pipedyn.util.progress import track
 
 BRANCHES = 4
 """Branches in figures 2 and 3: the paper's smallest chain has as many."""
@@ -63,10 +61,10 @@ class Case:
     """The options of the command; highest None: chosen from the critical speed."""
 
     pipe: Pipe
-    springs: tuple[str, ...]
-    chain_sizes: tuple[int, ...]
+    springs: list[str]
+    chain_sizes: list[int]
+    reduced_sizes: list[int]
     basis: str
-    reduced_sizes: tuple[int, ...]
     highest: float | None
     speeds: int
     output: Path
@@ -88,113 +86,87 @@ class Row:
 
 @dataclass
 class Findings:
-    """All that the figures and the table show; what failed is missing and named in `failures`.
+    """All that the figures and the table show; what failed is missing and named in `failures`."""
 
-    Attributes:
-        highest: end of the speeds in figures 2 and 3.
-        exact: critical speed of the continuous pipe; None where it has none.
-        remark: why there is no critical speed.
-        crossings: of the continuous pipe, up to `highest`.
-        benchmark: root loci of the continuous pipe.
-        panels: titles and root loci of the models, a list for each row of panels.
-        rows: the table, without the continuous pipe.
-        curves: stability over beta, by gamma.
-        map_error: largest distance of the map's boundaries from the continuous pipe's.
-        failures: what could not be computed, and why.
-    """
-
-    highest: float = 0.0
-    exact: CriticalSpeed | None = None
-    remark: str = ""
-    crossings: tuple[Crossing, ...] = ()
-    benchmark: RootLoci | None = None
-    panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)
-    rows: list[Row] = field(default_factory=list)
-    curves: dict[float, StabilityCurve] = field(default_factory=dict)
-    map_error: float = 0.0
+    highest: float = 0.0  # end of the speeds in figures 2 and 3
+    exact: CriticalSpeed | None = None  # of the continuous pipe
+    remark: str = ""  # why there is none
+    crossings: tuple[Crossing, ...] = ()  # of the continuous pipe, up to `highest`
+    benchmark: RootLoci | None = None  # root loci of the continuous pipe
+    panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # rows, titled
+    rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
+    curves: dict[float, StabilityCurve] = field(default_factory=dict)  # over beta, by gamma
+    map_error: float = 0.0  # largest distance of the map's boundaries from the continuous pipe's
     failures: list[str] = field(default_factory=list)
 
 
-def one_blas_thread() -> None:
-    """Start of a worker process: as many processes share the work as there are processors."""
-    threadpool_limits(1, "blas")
-
-
 def gather(case: Case, executor: Executor | None = None) -> Findings:
-    """Compute all that the figures and the table show.
-
-    Args:
-        case: the options of the command.
-        executor: takes the models; without one they are computed in this process.
-    """
+    """Compute all that the figures and the table show, in an executor or in this process."""
     exact = Continuum(case.pipe)
     findings = Findings()
 
-    def kept(what: str, outcome: Any) -> tuple[Any, str]:
-        """The outcome, or None and the reason; a failure is recorded."""
-        if not isinstance(outcome, Exception):
-            return outcome, ""
-        if not isinstance(outcome, NoCrossing):
-            findings.failures.append(f"{what}: {_remark(outcome)}")
-        return None, _remark(outcome)
+    def computed(
+        jobs: dict[str, Job[Any]], executor: Executor | None = None, progress: bool = False
+    ) -> dict[str, tuple[Any, str]]:
+        """What each job returned, or None and the reason; failures are recorded."""
+        outcomes = {}
+        answers = parallel([*jobs.values()], executor, label="models", progress=progress)
+        for (name, job), answer in zip(jobs.items(), answers, strict=True):
+            if isinstance(answer, BrokenExecutor):  # a job whose process died runs here
+                (answer,) = parallel([job])
+            failed = isinstance(answer, Exception)
+            outcomes[name] = (None, _remark(answer)) if failed else (answer, "")
+            if failed and not isinstance(answer, NoCrossing):
+                findings.failures.append(f"{name}: {_remark(answer)}")
+        return outcomes
 
-    first: Job[Any] = partial(critical_speed, exact)
-    (outcome,) = parallel([first])
-    findings.exact, findings.remark = kept("critical speed, continuous pipe", outcome)
+    name = "critical speed, continuous pipe"
+    findings.exact, findings.remark = computed({name: partial(critical_speed, exact)})[name]
     findings.highest = _highest(case, findings.exact)
     speeds = np.linspace(0.0, findings.highest, case.speeds)
+    gammas = [case.pipe.gamma, *sorted({*MAP_GAMMAS} - {case.pipe.gamma}, reverse=True)]
+    maps = {gamma: f"stability map, gamma = {gamma}" for gamma in gammas}
     panels, families = _panels(case), _families(case)
-    pictured = [model for row in panels for _, model in row]
-    jobs: list[Job[Any]] = [
-        partial(root_loci, exact, speeds, BRANCHES),
-        partial(crossings, exact, findings.highest),
-        *(partial(root_loci, model, speeds, min(BRANCHES, model.dof)) for model in pictured),
-        *(partial(critical_speed, model) for _, _, model in families),
-    ]
-    answers = parallel(jobs, executor, label="models", progress=case.progress)
-    outcomes = (  # a job whose worker process died runs here
-        next(parallel([job])) if isinstance(answer, BrokenExecutor) else answer
-        for job, answer in zip(jobs, answers, strict=True)
-    )
+    jobs: dict[str, Job[Any]] = {
+        "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
+        "crossings, continuous pipe": partial(crossings, exact, findings.highest),
+    }
+    for gamma, name in maps.items():
+        pipe = replace(case.pipe, gamma=gamma)
+        jobs[name] = partial(stability_map, pipe, map_top(findings.exact))
+    for title, model in (panel for row in panels for panel in row):
+        jobs[f"root loci, {title}"] = partial(root_loci, model, speeds, min(BRANCHES, model.dof))
+    for kind, family, model in families:
+        jobs[f"critical speed, {kind}, {family}, {model.dof}"] = partial(critical_speed, model)
+    outcomes = computed(jobs, executor, case.progress)
 
-    def next_of(what: str) -> tuple[Any, str]:
-        return kept(what, next(outcomes))
-
-    findings.benchmark, _ = next_of("root loci, continuous pipe")
-    findings.crossings = next_of("crossings, continuous pipe")[0] or ()
+    findings.benchmark, _ = outcomes["root loci, continuous pipe"]
+    findings.crossings = outcomes["crossings, continuous pipe"][0] or ()
     findings.panels = [
-        [(title, next_of(f"root loci, {title}")[0]) for title, _ in row] for row in panels
+        [(title, outcomes[f"root loci, {title}"][0]) for title, _ in row] for row in panels
     ]
     findings.rows = [
-        Row(kind, family, model.dof, *next_of(f"critical speed, {kind}, {family}, {model.dof}"))
+        Row(kind, family, model.dof, *outcomes[f"critical speed, {kind}, {family}, {model.dof}"])
         for kind, family, model in families
     ]
-    others = sorted({*MAP_GAMMAS} - {case.pipe.gamma}, reverse=True)
-    gammas = [case.pipe.gamma, *others]
-    for gamma in track(gammas, len(gammas), "stability map", case.progress):
-        pipe = replace(case.pipe, gamma=gamma)
-        try:
-            curve, difference = stability_map(pipe, map_top(findings.exact), executor)
-        except BrokenExecutor:
-            executor = None
-            curve, difference = stability_map(pipe, map_top(findings.exact), executor)
-        findings.curves[gamma] = curve
+    for gamma, name in maps.items():
+        if outcomes[name][0] is None:
+            continue
+        findings.curves[gamma], difference = outcomes[name][0]
         findings.map_error = max(findings.map_error, difference)
         if math.isinf(difference):
-            what = f"stability map, gamma = {gamma:g}"
-            findings.failures.append(f"{what}: boundaries differ from the continuous pipe's")
+            findings.failures.append(f"{name}: boundaries differ from the continuous pipe's")
         findings.failures += [
-            f"stability map, gamma = {gamma:g}, beta = {failure.value:g}: {_remark(failure.error)}"
-            for failure in curve.failures
+            f"{name}, beta = {failure.value:g}: {_remark(failure.error)}"
+            for failure in findings.curves[gamma].failures
         ]
     return findings
 
 
 def _highest(case: Case, critical: CriticalSpeed | None) -> float:
-    if case.highest is not None:
-        return case.highest
+    """End of the speeds in figures 2 and 3."""
     wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
-    return float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
+    return case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
 
 
 def map_top(critical: CriticalSpeed | None) -> float:
@@ -238,32 +210,25 @@ def _families(case: Case) -> list[tuple[str, str, Model]]:
     ]
 
 
-def stability_map(
-    pipe: Pipe, top: float, executor: Executor | None
-) -> tuple[StabilityCurve, float]:
+def stability_map(pipe: Pipe, top: float) -> tuple[StabilityCurve, float]:
     """Stability over beta, and the distance of its boundaries from the continuous pipe's.
 
     A reduced model with as many Legendre functions as the highest speed needs takes a third of the
     continuous pipe's time, and stands for it. At three values of beta both are computed and
     compared.
     """
-    end = 1.02 * top
-    size = math.ceil(0.8 * top) + 4
-
-    def reduced(beta: float) -> Galerkin:
-        return Continuum(replace(pipe, beta=beta)).frozen(size)
+    end, size = 1.02 * top, math.ceil(0.8 * top) + 4
 
     def continuous(beta: float) -> Continuum:
         return Continuum(replace(pipe, beta=beta))
 
     points: dict[float, Point] = {}
-    failures: list[Failure] = []
+    failures: dict[float, Failure] = {}
     betas = MAP_BETAS.tolist()
     while betas:
-        curve = stability_curve(reduced, betas, max_speed=end, executor=executor)
-        answers = zip(curve.critical, curve.crossings, strict=True)
-        points |= zip(curve.values.tolist(), answers, strict=True)
-        failures += curve.failures
+        curve = stability_curve(lambda beta: continuous(beta).frozen(size), betas, max_speed=end)
+        points |= zip(betas, zip(curve.critical, curve.crossings, strict=True), strict=True)
+        failures |= {failure.value: failure for failure in curve.failures}
         betas = [
             0.5 * (a + b)
             for a, b in pairwise(sorted(points))
@@ -271,14 +236,13 @@ def stability_map(
         ]
     values = sorted(points)
     critical, found = zip(*(points[value] for value in values), strict=True)
-    failures.sort(key=lambda failure: failure.value)
-    failed = tuple(replace(one, index=values.index(one.value)) for one in failures)
+    failed = (replace(failures[v], index=i) for i, v in enumerate(values) if v in failures)
     three = MAP_BETAS[:: MAP_BETAS.size // 2].tolist()
-    exact = stability_curve(continuous, three, max_speed=end, executor=executor)
+    exact = stability_curve(continuous, three, max_speed=end)
     missing = {failure.value for failure in exact.failures}
     pairs = zip(three, exact.crossings, strict=True)
     distances = [_distance(points[value][1], c) for value, c in pairs if value not in missing]
-    curve = StabilityCurve(np.array(values), critical, found, failed)
+    curve = StabilityCurve(np.array(values), critical, found, tuple(failed))
     return curve, max(distances, default=0.0)
 
 
