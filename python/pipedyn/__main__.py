@@ -25,24 +25,9 @@ from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
 from pipedyn.models.pipe import FLOWS, Pipe
-from pipedyn.paper.analysis import (
-    HIGHEST_SPEED,
-    LEAST_HIGHEST,
-    Case,
-    Findings,
-    gather,
-)
+from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Case, Findings, gather
 from pipedyn.paper.report import HEADER, draw, report, table
 from pipedyn.util import check
-
-LARGEST_CHAIN = 1000
-"""Segments: root loci at 181 speeds take 12 s."""
-
-LARGEST_REDUCED = 200
-"""Functions: root loci at 181 speeds take 18 s; more digits are not gained."""
-
-MOST_PANELS = 5
-"""Panels in a row: more than 5 at 2 inches each do not fit on a page."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -82,9 +67,9 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
     )
     rules: dict[str, Any] = {"choices": SPRING_RULES, "default": ["rayleigh", "consistent"]}
     add("--springs", nargs="+", metavar="RULE", help=text, **rules)
-    for name, metavar, sizes, largest, text in (
-        ("chain", "N", [4, 8, 16], LARGEST_CHAIN, "segments"),
-        ("reduced", "M", [2, 4, 8], LARGEST_REDUCED, "functions"),
+    for name, metavar, sizes, largest, text in (  # the largest take 12 and 18 s at 181 speeds
+        ("chain", "N", [4, 8, 16], 1000, "segments"),
+        ("reduced", "M", [2, 4, 8], 200, "functions"),
     ):
         text = f"numbers of {text}, each from 1 to {largest} (default: {' '.join(map(str, sizes))})"
         several: dict[str, Any] = {"nargs": "+", "type": _whole(1, largest), "default": sizes}
@@ -118,8 +103,8 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
             check.real("argument --highest:", given["highest"], **bounds)
         for name in ("chain", "reduced"):
             sizes = given[f"{name}_sizes"] = sorted(set(given[f"{name}_sizes"]))
-            if len(sizes) > MOST_PANELS:
-                raise ValueError(f"argument --{name}: at most {MOST_PANELS} sizes fit a page")
+            if len(sizes) > 5:  # panels of 2 inches
+                raise ValueError(f"argument --{name}: at most 5 sizes fit a page")
         given["springs"] = list(dict.fromkeys(given["springs"]))
         given["output"] = _writable(given["output"])
     except (ValueError, OSError) as error:

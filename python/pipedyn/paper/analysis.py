@@ -41,20 +41,6 @@ REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
 """Sizes in the convergence picture, beside those of the panels: factors of sqrt(2), and every small
 number of functions, because the error of Legendre functions falls to rounding by m = 12."""
 
-MAP_GAMMAS = (-10.0, 0.0, 10.0, 100.0)
-"""Gravity in the stability map: a standing pipe that does not buckle, a level one, two hanging
-ones."""
-
-MAP_BETAS = np.linspace(0.01, 0.98, 25)
-"""Mass ratios at first; steps across folds are refined."""
-
-MAP_SPEEDS = 20.0, 30.0
-"""Highest speed of the map, and how far it may be raised to show the case's own critical speed."""
-
-MAP_JUMP, MAP_STEP = 0.04, 0.002
-"""Steps in beta are halved where a boundary jumps by more than the first, as a part of the highest
-speed. Steps shorter than the second, a sixth of a line's width on the page, are left."""
-
 
 @dataclass(frozen=True)
 class Case:
@@ -124,7 +110,8 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
     findings.exact, findings.remark = computed({name: partial(critical_speed, exact)})[name]
     findings.highest = _highest(case, findings.exact)
     speeds = np.linspace(0.0, findings.highest, case.speeds)
-    gammas = [case.pipe.gamma, *sorted({*MAP_GAMMAS} - {case.pipe.gamma}, reverse=True)]
+    # A standing pipe that does not buckle, a level one, two hanging ones.
+    gammas = [case.pipe.gamma, *sorted({-10.0, 0.0, 10.0, 100.0} - {case.pipe.gamma}, reverse=True)]
     maps = {gamma: f"stability map, gamma = {gamma}" for gamma in gammas}
     panels, families = _panels(case), _families(case)
     jobs: dict[str, Job[Any]] = {
@@ -171,12 +158,11 @@ def _highest(case: Case, critical: CriticalSpeed | None) -> float:
 
 def map_top(critical: CriticalSpeed | None) -> float:
     """Highest speed of the map: low for a pipe that the smallest flow makes unstable."""
-    usual, farthest = MAP_SPEEDS
     if critical is None:
-        return usual
+        return 20.0
     if critical.speed < 1.0:
         return 5.0 * critical.speed or 1.0
-    return min(max(usual, 1.1 * critical.speed), farthest)
+    return min(max(20.0, 1.1 * critical.speed), 30.0)
 
 
 def _remark(error: Exception) -> str:
@@ -185,19 +171,18 @@ def _remark(error: Exception) -> str:
 
 
 def _panels(case: Case) -> list[list[tuple[str, Model]]]:
-    """Title and model of each panel: a row for each spring rule, and one for the basis."""
+    """Title and model of each panel: a row for each spring rule, and one for the basis.
+
+    The longest row comes last, so that every column ends there.
+    """
     rows: list[list[tuple[str, Model]]] = []
     for rule in case.springs:
         named = "rayleigh (the paper's)" if rule == "rayleigh" else f"{rule} springs"
         chains = [Chain(case.pipe, n, springs=rule) for n in case.chain_sizes]
         rows.append([(f"chain, n = {chain.dof}, {named}", chain) for chain in chains])
-    rows.append(
-        [
-            (f"reduced, m = {m}, {case.basis} basis", Galerkin(case.pipe, m, case.basis))
-            for m in case.reduced_sizes
-        ]
-    )
-    return rows
+    reduced = [Galerkin(case.pipe, m, case.basis) for m in case.reduced_sizes]
+    rows.append([(f"reduced, m = {model.dof}, {case.basis} basis", model) for model in reduced])
+    return sorted(rows, key=len)
 
 
 def _families(case: Case) -> list[tuple[str, str, Model]]:
@@ -218,29 +203,30 @@ def stability_map(pipe: Pipe, top: float) -> tuple[StabilityCurve, float]:
     compared.
     """
     end, size = 1.02 * top, math.ceil(0.8 * top) + 4
+    first = np.linspace(0.01, 0.98, 25).tolist()
 
     def continuous(beta: float) -> Continuum:
         return Continuum(replace(pipe, beta=beta))
 
     points: dict[float, Point] = {}
     failures: dict[float, Failure] = {}
-    betas = MAP_BETAS.tolist()
+    betas = first
     while betas:
         curve = stability_curve(lambda beta: continuous(beta).frozen(size), betas, max_speed=end)
         points |= zip(betas, zip(curve.critical, curve.crossings, strict=True), strict=True)
         failures |= {failure.value: failure for failure in curve.failures}
+        # Steps across folds are halved, down to a sixth of a line's width on the page.
         betas = [
             0.5 * (a + b)
             for a, b in pairwise(sorted(points))
-            if b - a > MAP_STEP and _distance(points[a][1], points[b][1]) > MAP_JUMP * top
+            if b - a > 0.002 and _distance(points[a][1], points[b][1]) > 0.04 * top
         ]
     values = sorted(points)
     critical, found = zip(*(points[value] for value in values), strict=True)
     failed = (replace(failures[v], index=i) for i, v in enumerate(values) if v in failures)
-    three = MAP_BETAS[:: MAP_BETAS.size // 2].tolist()
-    exact = stability_curve(continuous, three, max_speed=end)
+    exact = stability_curve(continuous, first[::12], max_speed=end)
     missing = {failure.value for failure in exact.failures}
-    pairs = zip(three, exact.crossings, strict=True)
+    pairs = zip(first[::12], exact.crossings, strict=True)
     distances = [_distance(points[value][1], c) for value, c in pairs if value not in missing]
     curve = StabilityCurve(np.array(values), critical, found, tuple(failed))
     return curve, max(distances, default=0.0)

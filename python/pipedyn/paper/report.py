@@ -60,8 +60,7 @@ def _panels(
 ) -> tuple[plot.Figure, Any]:
     """One picture of each model under a common title, and a colour bar.
 
-    Labels stand at the left and below the lowest panel of each column. Panels without a model are
-    hidden. A dotted line marks the critical speed if the title says so (`more`).
+    A dotted line marks the critical speed if the title says so (`more`).
     """
     rows, columns = len(findings.panels), max(len(row) for row in findings.panels)
     figure, axes = plot.panels(rows, columns, 1.5 + 2.05 * columns, 0.7 + 2.1 * rows)
@@ -78,12 +77,7 @@ def _panels(
             if more and findings.exact is not None:
                 line = {"color": "0.4", "linestyle": ":", "linewidth": 0.9, "zorder": 0.6}
                 ax.axvline(findings.exact.speed, **line)
-        lowest = all(len(below) <= j for below in findings.panels[i + 1 :])
-        ax.tick_params(labelbottom=lowest)
-        if not lowest:
-            ax.set_xlabel("")
-        if j > 0:
-            ax.set_ylabel("")
+        ax.label_outer()
     title = _title(case.pipe)
     if findings.benchmark is not None:
         step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]

@@ -15,30 +15,17 @@ from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, own_er
 from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.galerkin import BASES
-from pipedyn.plot.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    axes_or_new,
-    check_mapping,
-    check_type,
-    notice,
-    open_marker,
-)
+from pipedyn.plot import common
 from pipedyn.util import check
 
 FAMILY_STYLES: dict[str, dict[str, Any]] = {
-    "rayleigh": {"color": VERMILION, "marker": "X", "linestyle": "-"},
-    "uniform": {"color": ORANGE, "marker": "s", "linestyle": "--"},
-    "frequency": {"color": PURPLE, "marker": "v", "linestyle": ":"},
-    "consistent": {"color": BLUE, "marker": "o", "linestyle": "-"},
-    "midpoint": {"color": SKY, "marker": "D", "linestyle": "--"},
-    "beam": {"color": GREEN, "marker": "^", "linestyle": "-."},
-    "legendre": {"color": BLACK, "marker": "P", "linestyle": ":"},
+    "rayleigh": {"color": common.VERMILION, "marker": "X", "linestyle": "-"},
+    "uniform": {"color": common.ORANGE, "marker": "s", "linestyle": "--"},
+    "frequency": {"color": common.PURPLE, "marker": "v", "linestyle": ":"},
+    "consistent": {"color": common.BLUE, "marker": "o", "linestyle": "-"},
+    "midpoint": {"color": common.SKY, "marker": "D", "linestyle": "--"},
+    "beam": {"color": common.GREEN, "marker": "^", "linestyle": "-."},
+    "legendre": {"color": common.BLACK, "marker": "P", "linestyle": ":"},
 }
 """Look of each spring rule and basis."""
 
@@ -77,16 +64,16 @@ def convergence(
     Raises:
         TypeError: for bad arguments.
     """
-    check_mapping("families", families, Sequence)
+    common.check_mapping("families", families, Sequence)
     for name, found in families.items():
         for i, critical in enumerate(found):
-            check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
-    check_type("exact", exact, CriticalSpeed)
+            common.check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
+    common.check_type("exact", exact, CriticalSpeed)
     families = {name: found for name, found in families.items() if found}
-    error_label = r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$"
-    ax = axes_or_new(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=error_label)
+    ylabel = r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$"
+    ax = common.axes(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=ylabel)
     if exact.speed == 0.0:
-        return notice("The critical speed is 0: there is nothing to converge to.", ax)
+        return common.notice("The critical speed is 0: there is nothing to converge to.", ax)
     floor = max((own_error(found, exact) for found in families.values()), default=1e-15)
     least, largest, others = 1.0, 2.0, False
     for name, found in families.items():
@@ -108,7 +95,7 @@ def convergence(
         least, largest = min([least, *shown]), max([largest, *shown])
         others = others or not same_kind.all()
     if others:
-        ring = open_marker(4.5, "0.3", markerfacecolor="none")
+        ring = common.open_marker(4.5, "0.3", markerfacecolor="none")
         ax.plot([], [], label=f"open: no {exact.kind}, not fitted", **ring)
     ax.set_xscale("log", base=2)
     ax.set_yscale("log")
@@ -136,17 +123,17 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    check_type("found", found, Trade)
+    common.check_type("found", found, Trade)
     cost = check.choice("cost", cost, COSTS)
     ylabel = ERROR_LABELS[found.quantity.name]
-    ax = axes_or_new(ax, (6.4, 4.8), xlabel=COST_LABELS[cost], ylabel=ylabel)
+    ax = common.axes(ax, (6.4, 4.8), xlabel=COST_LABELS[cost], ylabel=ylabel)
     points: list[tuple[float, float]] = []
     for family, order in found.orders().items():
         rows = [row for row in found.of(family) if _shown(row, cost)]
         if rows:
             points += _draw(ax, rows, cost, f"{family}: {_law(order, sign='-')}")
     if not points:
-        return notice("No model has an answer to show.", ax)
+        return common.notice("No model has an answer to show.", ax)
     front = [(float(getattr(r, cost)), r.error) for r in found.pareto(cost) if _shown(r, cost)]
     if front:  # empty where the most accurate model has no such cost
         band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}

@@ -16,22 +16,9 @@ from scipy.optimize import linear_sum_assignment
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import StabilityCurve
-from pipedyn.plot.style import (
-    BETA_LABEL,
-    CURVE_STYLES,
-    SPEED_LABEL,
-    axes_or_new,
-    check_mapping,
-    check_type,
-    notice,
-    open_marker,
-)
+from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-FARTHEST = 0.15
-"""Crossings at a larger distance, as `_pairs` measures it, are not joined. Neighbours on a boundary
-were at most 0.062 apart on eight maps, ejecting, gravity -10 to 100, with and without damping."""
 
 
 def stability_map(
@@ -56,14 +43,14 @@ def stability_map(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    check_mapping("curves", curves, StabilityCurve)
+    common.check_mapping("curves", curves, StabilityCurve)
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
     if marked is not None:
-        check_type("marked", marked, CriticalSpeed)
-    ax = axes_or_new(ax, (6.4, 4.8), xlabel=BETA_LABEL, ylabel=SPEED_LABEL)
+        common.check_type("marked", marked, CriticalSpeed)
+    ax = common.axes(ax, (6.4, 4.8), xlabel=common.BETA_LABEL, ylabel=common.SPEED_LABEL)
     largest = 0.0
-    for (label, curve), look in zip(curves.items(), cycle(CURVE_STYLES), strict=False):
+    for (label, curve), look in zip(curves.items(), cycle(common.CURVE_STYLES), strict=False):
         lines = _boundary_lines(curve)
         largest = max([largest, *(float(line[:, 1].max()) for line, _ in lines)])
         if not lines:
@@ -77,12 +64,12 @@ def stability_map(
                 ax.annotate("divergence", middle, (0, 3), textcoords="offset points", **centred)
     if marked is not None and (highest is None or marked.speed <= highest):
         place = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
-        ring = open_marker(7.0, markerfacecolor="none", markeredgewidth=1.2, zorder=4.0)
+        ring = common.open_marker(7.0, markerfacecolor="none", markeredgewidth=1.2, zorder=4.0)
         label = f"{place}: $u_c = {marked.speed:.4g}$"
         ax.plot(marked.pipe.beta, marked.speed, clip_on=False, label=label, **ring)
     ax.set_ylim(0.0, highest)
     if largest == 0.0:
-        notice("There is no stability boundary above $u = 0$.", ax)
+        common.notice("There is no stability boundary above $u = 0$.", ax)
     if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
         ax.legend()
     return ax
@@ -97,7 +84,7 @@ def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
         raise TypeError(f"found must be crossings in a sequence, got {check.shown(found)}")
     crossings = list(found)
     for i, crossing in enumerate(crossings):
-        check_type(f"found[{i}]", crossing, Crossing)
+        common.check_type(f"found[{i}]", crossing, Crossing)
     return [c for c in crossings if min(c.unstable_before, c.unstable_after) == 0]
 
 
@@ -183,7 +170,9 @@ def _pairs(
         cost[j, k] = min(plain, abs(speeds) / scale + weight * abs(frequencies))
     # A distance is at most 1.2, so the least sum holds no 1000 that it can avoid.
     assigned = zip(*linear_sum_assignment(np.minimum(cost, 1e3)), strict=True)
-    return [(left[j], right[k]) for j, k in assigned if cost[j, k] < FARTHEST]
+    # Neighbours were at most 0.062 apart on eight maps, ejecting, gravity -10 to 100, with and
+    # without damping.
+    return [(left[j], right[k]) for j, k in assigned if cost[j, k] < 0.15]
 
 
 def _hermite_arc(a: _Point, b: _Point, scale: float) -> Array:

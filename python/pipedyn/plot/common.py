@@ -114,7 +114,7 @@ def colour_bar(label: str, ax: Axes | NDArray[Any]) -> Axes | None:
     return own
 
 
-def axes_or_new(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
+def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
     """The Axes given, or those of a new figure of pyplot, of a size in inches; with its labels."""
     if ax is None:
         import matplotlib.pyplot as plt  # chooses how figures are shown, so only where needed
@@ -164,7 +164,7 @@ def notice(text: str, ax: Axes | None = None) -> Axes:
         TypeError: for bad arguments.
     """
     check_type("text", text, str)
-    ax = axes_or_new(ax, (6.4, 4.8))
+    ax = axes(ax, (6.4, 4.8))
     ax.set(xticks=[], yticks=[])
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", wrap=True)
     return ax
