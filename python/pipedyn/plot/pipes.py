@@ -48,7 +48,7 @@ def snapshots(
         motion: what to show.
         span: start and end in T; where not given the last cycle, or all of a motion without one.
             A cycle lasts from one upward crossing of the free end's middle position to the next
-            that is alike.
+            in the same state.
         count: number of shapes, from 2 to 1000. Both ends of a span are among them, but only the
             end of a cycle, where it is as at the start.
         ax: where to draw; new Axes where not given. The first collection, the shapes, serves

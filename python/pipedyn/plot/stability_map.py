@@ -10,7 +10,7 @@ from itertools import cycle, pairwise, product
 
 import numpy as np
 from matplotlib.axes import Axes
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import BPoly, CubicHermiteSpline
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn.linear.critical_speed import CriticalSpeed
@@ -129,7 +129,7 @@ def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
     scale = max((point.crossing.speed for point in points), default=0.0) or 1.0
     for (left, right), step in zip(pairwise(columns), np.diff(curve.values[taken]), strict=True):
         for a, b in _pairs(left, right, step, scale):
-            a.join(1, b, -1, _hermite_arc(a, b, scale))
+            a.join(1, b, -1, _arc(a, b, scale))
         for column, side in ((left, 1), (right, -1)):
             _join_folds([point for point in column if side not in point.joined], side, step)
     lines: list[tuple[Array, str]] = []
@@ -175,17 +175,16 @@ def _pairs(
     return [(left[j], right[k]) for j, k in assigned if cost[j, k] < 0.15]
 
 
-def _hermite_arc(a: _Point, b: _Point, scale: float) -> Array:
-    """Hermite cubic by arc length between two crossings, shape (k, 2)."""
+def _arc(a: _Point, b: _Point, scale: float) -> Array:
+    """Hermite cubic by arc length between two crossings, shape (k, 2); beta spans 1."""
     ends = np.array([a.at, b.at])
     if a.crossing.sensitivity is None or b.crossing.sensitivity is None:
         return ends
-    stretch = np.array([scale, 1.0])  # beta spans 1
-    tangents = np.array([[1.0, a.slopes[0]], [1.0, b.slopes[0]]]) * stretch
-    length = np.linalg.norm(np.diff(ends * stretch, axis=0))
-    tangents *= length / np.linalg.norm(tangents, axis=1)[:, None]
-    arc = CubicHermiteSpline([0.0, 1.0], ends * stretch, tangents)
-    return np.asarray(arc(np.linspace(0.0, 1.0, 9)) / stretch)
+    tangents = np.array([[1.0, a.slopes[0]], [1.0, b.slopes[0]]])
+    stretch = np.array([scale, 1.0])
+    length = np.linalg.norm((b.at - a.at) * stretch)
+    tangents *= length / np.linalg.norm(tangents * stretch, axis=1, keepdims=True)
+    return np.asarray(CubicHermiteSpline([0.0, 1.0], ends, tangents)(np.linspace(0.0, 1.0, 9)))
 
 
 def _join_folds(single: list[_Point], side: int, step: float) -> None:
@@ -204,5 +203,5 @@ def _join_folds(single: list[_Point], side: int, step: float) -> None:
         reach = math.copysign(min(abs(reach), 2.0 * step), side)
         corner = 0.5 * (a.speed + b.speed + reach * (slope_a + slope_b))
         control = np.array([p.at[0] + reach, min(max(corner, a.speed), b.speed)])
-        t = np.linspace(0.0, 1.0, 17)[:, None]
-        p.join(side, q, side, p.at * (1 - t) ** 2 + 2.0 * control * t * (1 - t) + q.at * t * t)
+        parabola = BPoly(np.array([p.at, control, q.at])[:, None], [0.0, 1.0])
+        p.join(side, q, side, parabola(np.linspace(0.0, 1.0, 17)))
