@@ -16,6 +16,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -49,6 +50,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         "the rest is kept; 2 for bad arguments.",
         allow_abbrev=False,
     )
+    usual = "(default: %(default)s)"
     add = parser.add_argument_group("pipe").add_argument
     for name, metavar, default, text in (
         ("beta", "B", 0.2, "mass ratio in [0, 1)"),
@@ -56,41 +58,43 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         ("alpha", "A", 1.0, "inlet coefficient of an aspirating pipe, A >= 0"),
         ("damping", "D", 0.0, "Kelvin-Voigt damping, D >= 0"),
     ):
-        text = f"{text} (default: {default:g})"
-        add(f"--{name}", type=float, default=default, metavar=metavar, help=text)
-    add("--flow", choices=FLOWS, default="ejecting", help="direction (default: ejecting)")
+        add(f"--{name}", type=float, default=default, metavar=metavar, help=f"{text} {usual}")
+    add("--flow", choices=FLOWS, default="ejecting", help=f"direction {usual}")
 
     add = parser.add_argument_group("panels of figures 2 and 3").add_argument
+    rules: dict[str, Any] = {"choices": SPRING_RULES, "default": ["rayleigh", "consistent"]}
     text = (
         f"spring rules of the chains, one row of panels each: {', '.join(SPRING_RULES)}; rayleigh "
         "is the paper's (default: rayleigh consistent)"
     )
-    rules: dict[str, Any] = {"choices": SPRING_RULES, "default": ["rayleigh", "consistent"]}
     add("--springs", nargs="+", metavar="RULE", help=text, **rules)
     for name, metavar, sizes, largest, text in (  # the largest take 12 and 18 s at 181 speeds
         ("chain", "N", [4, 8, 16], 1000, "segments"),
         ("reduced", "M", [2, 4, 8], 200, "functions"),
     ):
         text = f"numbers of {text}, each from 1 to {largest} (default: {' '.join(map(str, sizes))})"
-        several: dict[str, Any] = {"nargs": "+", "type": _whole(1, largest), "default": sizes}
+        several: dict[str, Any] = {
+            "nargs": "+",
+            "type": partial(_whole, 1, largest),
+            "default": sizes,
+        }
         add(f"--{name}", dest=f"{name}_sizes", metavar=metavar, help=text, **several)
-    add("--basis", choices=BASES, default="beam", help="of the reduced models (default: beam)")
+    add("--basis", choices=BASES, default="beam", help=f"of the reduced models {usual}")
     text = (
         f"highest flow speed, 0 < U <= {HIGHEST_SPEED:g} (default: 1.5 times the critical speed, "
         f"but at least {LEAST_HIGHEST:g})"
     )
     add("--highest", type=float, metavar="U", help=text)
-    text = "number of flow speeds, from 2 to 5001 (default: 181)"  # steps of 0.02 up to the highest
-    add("--speeds", type=_whole(2, 5001), default=181, metavar="COUNT", help=text)
+    text = f"number of flow speeds, from 2 to 5001 {usual}"  # steps of 0.02 up to the highest
+    add("--speeds", type=partial(_whole, 2, 5001), default=181, metavar="COUNT", help=text)
 
     add = parser.add_argument_group("output").add_argument
-    text = "folder to write to, made if it does not exist (default: figures)"
+    text = f"folder to write to, made if it does not exist {usual}"
     add("--output", default="figures", metavar="FOLDER", help=text)
-    text = "of the figures (default: png)"
-    add("--format", choices=("png", "pdf", "svg"), default="png", help=text)
-    text = "processes that share the work; 0: this one alone (default: %(default)s)"
+    add("--format", choices=("png", "pdf", "svg"), default="png", help=f"of the figures {usual}")
     workers = min(2, os.cpu_count() or 1)
-    add("--workers", type=_whole(0, 64), default=workers, metavar="K", help=text)
+    text = f"processes that share the work; 0: this one alone {usual}"
+    add("--workers", type=partial(_whole, 0, 64), default=workers, metavar="K", help=text)
     add("--quiet", dest="progress", action="store_false", help="show no progress on stderr")
 
     words = sys.argv[1:] if arguments is None else arguments
@@ -121,17 +125,13 @@ def _positional(word: str) -> str:
     return f" {word}" if word.startswith("-") else word
 
 
-def _whole(low: int, high: int) -> Callable[[str], int]:
-    """What makes a word a whole number in an interval."""
-
-    def number(text: str) -> int:
-        text = text.strip()
-        if not text.isdecimal() or not low <= int(text) <= high:
-            rule = f"must be a whole number from {low} to {high}"
-            raise argparse.ArgumentTypeError(f"{rule}, got {text!r}")
-        return int(text)
-
-    return number
+def _whole(low: int, high: int, text: str) -> int:
+    """A word as a whole number in an interval."""
+    text = text.strip()
+    if not text.isdecimal() or not low <= int(text) <= high:
+        rule = f"must be a whole number from {low} to {high}"
+        raise argparse.ArgumentTypeError(f"{rule}, got {text!r}")
+    return int(text)
 
 
 def _writable(name: str) -> Path:
@@ -160,11 +160,7 @@ def _pool(workers: int) -> AbstractContextManager[Executor | None]:
 
 
 def write(case: Case, findings: Findings, figures: dict[str, plot.Figure]) -> list[Path]:
-    """Write the table and the figures; what cannot be written is added to `findings.failures`.
-
-    Returns:
-        The paths of the files written.
-    """
+    """Write the table and the figures; what cannot be written is added to `findings.failures`."""
 
     def save_table(path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:

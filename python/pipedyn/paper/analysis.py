@@ -38,7 +38,7 @@ stability; at 100 the branches need more than 60 functions."""
 
 CHAIN_SIZES = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
-"""Sizes in the convergence picture, beside those of the panels: factors of sqrt(2), and every small
+"""Sizes in the convergence picture, with those of the panels: factors of sqrt(2), and every small
 number of functions, because the error of Legendre functions falls to rounding by m = 12."""
 
 
@@ -198,9 +198,8 @@ def _families(case: Case) -> list[tuple[str, str, Model]]:
 def stability_map(pipe: Pipe, top: float) -> tuple[StabilityCurve, float]:
     """Stability over beta, and the distance of its boundaries from the continuous pipe's.
 
-    A reduced model with as many Legendre functions as the highest speed needs takes a third of the
-    continuous pipe's time, and stands for it. At three values of beta both are computed and
-    compared.
+    Computed is a reduced model with as many Legendre functions as the highest speed needs, in a
+    third of the continuous pipe's time. At three values of beta it is compared with that.
     """
     end, size = 1.02 * top, math.ceil(0.8 * top) + 4
     first = np.linspace(0.01, 0.98, 25).tolist()

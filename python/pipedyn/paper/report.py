@@ -149,14 +149,8 @@ def instabilities(findings: Findings) -> str:
         for c in findings.crossings
         if c.speed > 0.0
     ]
-    listed = ", ".join(_first(found, 8)) or "none"
+    listed = textwrap.shorten(", ".join(found), 500, placeholder=" ...") or "none"
     return f"{start}Instabilities of the continuous pipe, 0 < u <= {findings.highest:g}: {listed}."
-
-
-def _first(items: list[str], count: int) -> list[str]:
-    """The first few items, then how many more there are."""
-    more = len(items) - count
-    return items if more <= 0 else [*items[:count], f"and {more} more"]
 
 
 def second_mode(findings: Findings) -> list[str]:
@@ -167,7 +161,8 @@ def second_mode(findings: Findings) -> list[str]:
         answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
         modes = [(row, row.critical.mode) for row in findings.rows if row.critical is not None]
         others = [f"{row.family} {row.size} (mode {k})" for row, k in modes if k != exact.mode]
-        named = f"; others: {', '.join(_first(others, 10))}" if others else ""
+        named = f"; others: {', '.join(others)}" if others else ""
+        named = textwrap.shorten(named, 300, placeholder=" ...")
         lines.append(
             "Is the instability in the second mode (branches counted from rest)? Continuous pipe: "
             f"{answer}; {len(modes) - len(others)} of {len(modes)} models agree{named}."

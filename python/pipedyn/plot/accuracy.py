@@ -211,7 +211,7 @@ def _legend_on_top(ax: Axes, low: float, high: float) -> None:
     for columns in (2, 1) if ax.get_legend_handles_labels()[0] else ():
         legend = ax.legend(loc="upper center", ncols=columns, framealpha=1.0, **look)
         taken, whole = legend.get_window_extent(), ax.get_window_extent()
-        share = min(0.6, 1.25 * taken.height / whole.height)  # it stands off the frame
+        share = min(0.6, 1.25 * taken.height / whole.height)  # with a gap to the frame
         if taken.width < whole.width:
             break
     ax.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))

@@ -62,8 +62,7 @@ def bifurcation_diagram(
         ValueError, TypeError: for bad arguments.
     """
     common.check_type("diagram", diagram, BifurcationDiagram)
-    index = common.checked_coordinate(coordinate, diagram.model.coordinates)
-    ylabel = common.coordinate_label(index)
+    index, ylabel = common.coordinate_axis(coordinate, diagram.model.coordinates)
     ax = common.axes(ax, (6.4, 4.2), xlabel=common.SPEED_LABEL, ylabel=ylabel)
     if diagram.motions and index is None:
         x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
@@ -158,7 +157,7 @@ def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> 
 
 
 def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axes:
-    """Floquet multipliers beside the unit circle.
+    """Floquet multipliers and the unit circle.
 
     The trivial multiplier is a ring at 1. Multipliers outside the circle, which make a cycle
     unstable, are crosses; those inside are dots. For a branch, colour shows the flow speed.

@@ -142,12 +142,7 @@ def _upward_crossings(x: PPoly) -> Array:
 
 
 def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
-    """The samples of what is shown, its start and end, and whether that is the last cycle.
-
-    Raises:
-        ValueError: for a span outside the motion's times, or samples too far apart.
-        TypeError: for bad arguments.
-    """
+    """The samples of what is shown, its start and end, and whether that is the last cycle."""
     motion = checked_motion(motion)
     begin, finish = float(motion.t[0]), float(motion.t[-1])
     cycle = last_cycle(motion) if span is None else None
@@ -171,5 +166,4 @@ def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
 def finer(t: Array) -> Array:
     """Times between which straight lines look like the curve, the samples among them."""
     parts = min(8, -(-POINTS // t.size))
-    steps = np.arange(parts) / parts
-    return np.append((t[:-1, None] + np.diff(t)[:, None] * steps).ravel(), t[-1])
+    return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)

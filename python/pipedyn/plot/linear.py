@@ -69,7 +69,7 @@ def frequencies(
 ) -> Axes:
     """|Im lambda| against flow speed, the real part as a diverging colour centred on zero.
 
-    Unstable parts have a black outline beside their colour; a diamond marks each onset.
+    Unstable parts have a black outline; a diamond marks each onset.
 
     Args:
         loci: branches of the model.

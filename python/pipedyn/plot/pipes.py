@@ -42,7 +42,7 @@ def snapshots(
     """Shapes of the pipe at equal time steps in one picture, the latest darkest.
 
     The arrow at the free end of the latest shape shows the flow, out of the pipe or into it. The
-    arrow beside the clamp shows gravity, if there is any.
+    arrow next to the clamp shows gravity, if there is any.
 
     Args:
         motion: what to show.
@@ -201,10 +201,9 @@ def _shapes(motion: Motion, times: Array) -> Array:
 
 
 def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> FancyArrowPatch | None:
-    """Clamp, gravity, and axes of equal scale with room for the shapes and the flow's arrow.
+    """Clamp, gravity, and axes of equal scale with room for all shapes and the flow's arrow.
 
-    Returns:
-        The arrow of the flow at one shape; None without flow.
+    Returns the arrow, at one shape; None without flow.
     """
     gamma = motion.model.pipe.gamma
     wide = max(0.36, float(np.abs(shapes[..., 0]).max()) + ARROW + 0.06)

@@ -54,7 +54,7 @@ def stability_map(
         lines = _boundary_lines(curve)
         largest = max([largest, *(float(line[:, 1].max()) for line, _ in lines)])
         if not lines:
-            ax.plot([], [], linewidth=1.5, label=f"{label}: none here", **look)
+            ax.plot([], [], linewidth=1.5, label=f"{label}: no boundary", **look)
         for line, kind in lines:
             ax.plot(line[:, 0], line[:, 1], linewidth=1.5, label=label, **look)
             label = "_" + label.lstrip("_")
@@ -90,13 +90,9 @@ def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
 
 @dataclass(eq=False)
 class _Point:
-    """A crossing on the map.
+    """A crossing at (parameter, speed), and by its side, left (-1) or right (1), what is joined there.
 
-    Attributes:
-        at: parameter and speed, shape (2,).
-        crossing: the crossing.
-        joined: at its left (-1) and right (1) side the point that continues its boundary, the side
-            of that point, and the curve to it, shape (k, 2).
+    That is the point that continues the boundary, the side of that point, and the curve, (k, 2).
     """
 
     at: Array

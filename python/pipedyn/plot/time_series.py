@@ -67,10 +67,10 @@ def phase_portrait(
     """
     named = checked_motions(motions)
     least = min(motion.model.coordinates for motion in named.values())
-    index = common.checked_coordinate(coordinate, least)
+    index, xlabel = common.coordinate_axis(coordinate, least)
     shown = _signals(named, index, rates_shown=True)
     rate = common.TIP_RATE_LABEL if index is None else rf"its rate $\dot q_{{{index}}}$  $(1/T)$"
-    ax = common.axes(ax, (4.8, 4.2), xlabel=common.coordinate_label(index), ylabel=rate)
+    ax = common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=rate)
     for motion, curve, label, look in shown:
         last = t = finer(curve.x)
         if (ends := last_cycle(motion)) is not None:
