@@ -73,12 +73,9 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         ("reduced", "M", [2, 4, 8], 200, "functions"),
     ):
         text = f"numbers of {text}, each from 1 to {largest} (default: {' '.join(map(str, sizes))})"
-        several: dict[str, Any] = {
-            "nargs": "+",
-            "type": partial(_whole, 1, largest),
-            "default": sizes,
-        }
-        add(f"--{name}", dest=f"{name}_sizes", metavar=metavar, help=text, **several)
+        several: dict[str, Any] = {"nargs": "+", "type": partial(_whole, 1, largest)}
+        several |= {"dest": f"{name}_sizes", "default": sizes}
+        add(f"--{name}", metavar=metavar, help=text, **several)
     add("--basis", choices=BASES, default="beam", help=f"of the reduced models {usual}")
     text = (
         f"highest flow speed, 0 < U <= {HIGHEST_SPEED:g} (default: 1.5 times the critical speed, "

@@ -90,9 +90,9 @@ def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
 
 @dataclass(eq=False)
 class _Point:
-    """A crossing at (parameter, speed), and by its side, left (-1) or right (1), what is joined there.
+    """A crossing at (parameter, speed), and what continues its boundary left (-1) and right (1).
 
-    That is the point that continues the boundary, the side of that point, and the curve, (k, 2).
+    That is another point, the side of it, and the curve from here to there, shape (k, 2).
     """
 
     at: Array
