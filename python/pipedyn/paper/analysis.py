@@ -108,7 +108,8 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
 
     name = "critical speed, continuous pipe"
     findings.exact, findings.remark = computed({name: partial(critical_speed, exact)})[name]
-    findings.highest = _highest(case, findings.exact)
+    wanted = 0.0 if findings.exact is None else math.ceil(1.5 * findings.exact.speed)
+    findings.highest = case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
     speeds = np.linspace(0.0, findings.highest, case.speeds)
     # A standing pipe that does not buckle, a level one, two hanging ones.
     gammas = [case.pipe.gamma, *sorted({-10.0, 0.0, 10.0, 100.0} - {case.pipe.gamma}, reverse=True)]
@@ -148,12 +149,6 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
             for failure in findings.curves[gamma].failures
         ]
     return findings
-
-
-def _highest(case: Case, critical: CriticalSpeed | None) -> float:
-    """End of the speeds in figures 2 and 3."""
-    wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
-    return case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
 
 
 def map_top(critical: CriticalSpeed | None) -> float:

@@ -123,22 +123,17 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
 def _upward_crossings(x: PPoly) -> Array:
     """Times at which a curve rises through its middle, its median in the last quarter of time.
 
-    A crossing counts if the curve swings by a tenth of its late range before the next that counts:
-    a smaller swing is a ripple, not a cycle.
+    A crossing counts if the curve swings by a tenth of its late range before the next one, as does
+    the last: a smaller swing is a ripple, not a cycle.
     """
     t = x.x
     late = x(np.linspace(t[-1] - 0.25 * (t[-1] - t[0]), t[-1], POINTS))
     crossings = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
     crossings = crossings[x(crossings, 1) > 0.0]  # drops NaN, too: a piece at rest
     between = np.split(x(t), np.searchsorted(t, crossings))[1:]
-    counted: list[float] = []
-    low, high = math.inf, -math.inf
-    for crossing, positions in zip(crossings[::-1], between[::-1], strict=True):
-        low, high = positions.min(initial=low), positions.max(initial=high)
-        if not counted or high - low > 0.1 * np.ptp(late):
-            counted.append(float(crossing))
-            low, high = math.inf, -math.inf
-    return np.array(counted[::-1])
+    swings = np.array([np.ptp(part) if part.size else 0.0 for part in between])
+    swings[-1:] = math.inf
+    return np.asarray(crossings[swings > 0.1 * np.ptp(late)])
 
 
 def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
