@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 import pipedyn as pp
 from pipedyn import modular as md
-from pipedyn.models.modular.derivatives import forces
 from pipedyn.motion.integrator import integrate
 from pipedyn.motion.simulate import checked_task
 
@@ -95,7 +94,7 @@ def test_every_recursion_gives_the_accelerations_of_the_one_shot_null_space(name
         mass = np.zeros((n, n))
         rows, columns, values = scene.core.operators()["mass"]
         np.add.at(mass, (rows, columns), values)
-        force, _, _ = forces(scene.core, scene._customs, y, u)
+        force, _, _ = scene.motion.forces(y, u)
         basis = scipy.linalg.null_space(matrix, rcond=1e-9)
         assert basis.shape[1] == scene.dof
         whole = np.concatenate([basis.T @ mass, matrix])

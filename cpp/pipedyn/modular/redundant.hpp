@@ -59,11 +59,13 @@ struct Triplets {
   std::vector<std::int64_t> rows, columns;
   std::vector<double> values;
 
-  void add(Index row, Index column, double value) {
-    if (value == 0.0) return;
+  void push(Index row, Index column, double value) {
     rows.push_back(row);
     columns.push_back(column);
     values.push_back(value);
+  }
+  void add(Index row, Index column, double value) {
+    if (value != 0.0) push(row, column, value);
   }
   /// Of two nodes; what falls on node 0 is dropped.
   void add_block(Index row_node, Index column_node, const Block& block) {
@@ -74,6 +76,21 @@ struct Triplets {
   }
   void add_uniform(Index row_node, Index column_node, double value) {
     add_block(row_node, column_node, value * Block::Identity());
+  }
+};
+
+/// Second derivatives by coordinates i and k of the constraint rows: entries (row, i, k, value).
+struct Hessians {
+  std::vector<std::int64_t> rows;
+  Triplets entries;
+
+  void add(Index row, Index i, Index k, double value) {
+    rows.push_back(row);
+    entries.push(i, k, value);
+  }
+  void add_both(Index row, Index i, Index k, double value) {
+    add(row, i, k, value);
+    add(row, k, i, value);
   }
 };
 

@@ -37,9 +37,7 @@ class VectorField:
         self.width = self.size if self.constrained else self.half
         """Rates that are no positions': accelerations, the last ones; with constraints all."""
         scene = model.motion if isinstance(model.motion, SceneMotion) else None
-        self.by_differences = self.constrained or (
-            scene is not None and scene.accelerations is None
-        )
+        self.by_differences = self.constrained or (scene is not None and scene.compiled)
         self.hidden_kinks = model.pipe.drag > 0.0 and not isinstance(model, Chain)
         """Whether f's second derivative jumps where `drag_velocities` does not tell."""
         self.evaluations = 0

@@ -25,7 +25,6 @@ from pipedyn.util.counters import factorised
 if TYPE_CHECKING:
     from pipedyn.models.base import Model, Operators
     from pipedyn.models.chain import Chain
-    from pipedyn.models.modular import Assembly
 
 Vectors = NDArray[Any]
 
@@ -225,29 +224,3 @@ class ChainPencil(Pencil):
             return joint_angles
 
         return solve
-
-
-class ScenePencil(Pencil):
-    """A long scene: a band or sparse matrix of its redundant coordinates and constraints."""
-
-    def __init__(self, model: Assembly) -> None:
-        super().__init__(model)
-        self.linear = model.linear
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self.linear.mass(x)
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self.direction * (self.linear.gyroscopic(x) + self.linear.end_flux(x))
-
-    def damping(self, x: Vectors) -> Vectors:
-        return self.linear.damping(x)
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        return self.linear.stiffness(x)
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self.linear.flux(x)
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        return self.linear.factor(value, u)
