@@ -125,7 +125,7 @@ def true_answer(case, quantity):
         loci = pp.root_loci(sharp, quantity.speeds, quantity.count)
         return Reference(Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1)), 0.0, "")
     sizes = SHARP[is_linear(quantity.name)]
-    sharp = quantity.sharpened(1e-2 * min(case.tolerances[-1], 1e-3))
+    sharp = quantity.solved_for(1e-2 * min(case.tolerances[-1], 1e-3))
     answers = [sharp.answer(pp.Galerkin(case.pipe, size, "legendre")) for size in sizes]
     return Reference(answers[-1], quantity.distance(answers[0], answers[-1]), "")
 

@@ -43,7 +43,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
 
 import pipedyn as pp
-from pipedyn.motion.stiffness import fastest_decay, highest_frequency
+from pipedyn.motion.integrator import fastest_decay, highest_frequency
 
 QUICK, FULL, ALL = 0, 1, 2
 """Which rows: seconds, some minutes, and those that take longer."""

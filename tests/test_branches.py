@@ -12,7 +12,7 @@ import pytest
 import pipedyn as pp
 from pipedyn.bifurcation import branches as module
 from pipedyn.bifurcation.continuation import folds
-from pipedyn.bifurcation.events import crossing_event, nontrivial, outside
+from pipedyn.bifurcation.events import crossing_event, growth, nontrivial
 
 THREE = pp.Chain(pp.Pipe(0.2), 3)
 SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)
@@ -27,6 +27,10 @@ def three():
 @pytest.fixture(scope="module")
 def subcritical():
     return pp.bifurcation_diagram(SUBCRITICAL, [6.15, 6.1996, 6.1998, 6.202, 6.25], cycles=12)
+
+
+def outside(multipliers):
+    return np.count_nonzero(growth(multipliers) > 0.0)
 
 
 def events(branch):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.motion.lyapunov import Averaging, largest_exponent
+from pipedyn.motion.lyapunov import largest_exponent
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 3)
 
@@ -26,7 +26,7 @@ def lorenz_jacobian(y):
 @pytest.mark.parametrize("pair", [False, True])
 def test_lorenz_attractor_is_chaotic_with_the_known_exponent(pair):
     start = np.array([1.0, 1.0, 20.0])
-    found = largest_exponent(lorenz, lorenz_jacobian, start, Averaging(300.0, 20.0, 10, 1.0, pair))
+    found = largest_exponent(lorenz, lorenz_jacobian, start, 300.0, 20.0, 10, 1.0, pair)
     # 0.9056: Sprott (2003), Chaos and Time-Series Analysis, table of exponents.
     assert abs(found.value - 0.9056) < 4.0 * found.spread
     assert found.spread < 0.05
@@ -37,7 +37,8 @@ def test_linear_system_has_its_largest_eigenvalue():
     matrix = np.array([[-0.3, 1.0, 0.0], [0.0, -0.7, 2.0], [0.0, 0.0, -1.5]])
     found = largest_exponent(
         *(lambda y: matrix @ y, lambda y: matrix, np.ones(3)),
-        Averaging(40.0, 60.0, 5, 1.0, rtol=1e-10),
+        *(40.0, 60.0, 5, 1.0),
+        rtol=1e-10,
     )
     assert found.value == pytest.approx(-0.3, abs=1e-8)
     assert found.spread < 1e-8
@@ -176,7 +177,7 @@ def test_motion_that_leaves_numbers_says_so():
     with pytest.raises(pp.NotConverged, match="the motion stopped"):
         largest_exponent(
             *(lambda y: y**2, lambda y: np.diag(2.0 * y), np.array([1.0])),
-            Averaging(4.0, 0.0, 4, 1.0),
+            *(4.0, 0.0, 4, 1.0),
         )
 
 

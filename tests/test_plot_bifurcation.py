@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Pictures beyond onset show what is stable, what is not, and where it changes."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -29,29 +27,30 @@ BRANCH = pp.CycleBranch(
 )
 
 
-@dataclass(frozen=True)
-class Circle:
-    stable: bool = True
-    u: float = 5.0
-    model: pp.Model = TWO
+TURN = np.linspace(0.0, 2.0 * np.pi, 101)
 
-    @property
-    def t(self):
-        return np.linspace(0.0, 0.2 * np.pi, 101)
 
-    @property
-    def q(self):
-        turn = np.linspace(0.0, 2.0 * np.pi, 101)
-        return 0.1 * np.stack([np.sin(turn), np.sin(turn)], axis=1)
-
-    @property
-    def qdot(self):
-        turn = np.linspace(0.0, 2.0 * np.pi, 101)
-        return np.stack([np.cos(turn), np.cos(turn)], axis=1)
-
-    @property
-    def multipliers(self):
-        return np.array([1.0, 0.5j, -0.5j, -1.4])
+def circle(stable=True):
+    """A cycle on which both angles are 0.1 sin(10 t)."""
+    return pp.LimitCycle(
+        amplitude=0.1,
+        frequency=10.0,
+        period=0.2 * np.pi,
+        multipliers=np.array([1.0, 0.5j, -0.5j, -1.4]),
+        stable=stable,
+        t=0.1 * TURN,
+        q=0.1 * np.stack([np.sin(TURN)] * 2, axis=1),
+        qdot=np.stack([np.cos(TURN)] * 2, axis=1),
+        u=5.0,
+        model=TWO,
+        error=0.0,
+        multiplier_error=0.0,
+        residual=0.0,
+        symmetric=True,
+        phases=0,
+        evaluations=0,
+        method="written down",
+    )
 
 
 def axes():
@@ -122,7 +121,7 @@ def test_cycles_that_lean_are_drawn_with_their_mirror_images():
 
 
 def test_orbit_is_the_free_end_against_its_velocity():
-    ax = rendered(plot.orbit([Circle(), Circle(stable=False)], ax=axes()))
+    ax = rendered(plot.orbit([circle(), circle(stable=False)], ax=axes()))
     first, second = ax.lines
     x, velocity = first.get_xydata().T
     assert np.abs(x).max() == pytest.approx(np.sin(0.1), abs=1e-6)
@@ -132,7 +131,7 @@ def test_orbit_is_the_free_end_against_its_velocity():
 
 
 def test_multipliers_outside_the_unit_circle_are_crosses():
-    ax = rendered(plot.multipliers(Circle(), ax=axes()))
+    ax = rendered(plot.multipliers(circle(), ax=axes()))
     inside, outside = ax.collections
     np.testing.assert_allclose(sorted(inside.get_offsets()[:, 1]), [-0.5, 0.5])
     np.testing.assert_allclose(outside.get_offsets(), [[-1.4, 0.0]])
@@ -158,7 +157,7 @@ def test_multipliers_of_a_branch_are_coloured_by_speed():
         (lambda: plot.orbit(3), TypeError, "cycles must be limit cycles, got 3"),
         (lambda: plot.orbit([]), ValueError, "cycles must hold at least one"),
         (lambda: plot.multipliers(None), TypeError, "cycles must be limit cycles, got None"),
-        (lambda: plot.multipliers(Circle(), ax=3), TypeError, "ax must be of type Axes"),
+        (lambda: plot.multipliers(circle(), ax=3), TypeError, "ax must be of type Axes"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(call, kind, message):

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.accuracy.families import FAMILIES, resolving_size
+from pipedyn.accuracy.families import FAMILIES
 from pipedyn.accuracy.quantities import (
     CriticalSpeedOf,
     Frequencies,
@@ -24,7 +24,7 @@ from pipedyn.accuracy.quantities import (
     MotionOf,
     RootLociOver,
 )
-from pipedyn.accuracy.reference import onset_near, wave_number
+from pipedyn.accuracy.reference import onset_near, resolving_size
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import TookTooLong, counted, limited
 
@@ -101,9 +101,9 @@ def test_linear_references_bound_their_own_error(pipe, tolerance):
 )
 def test_nonlinear_references_bound_their_own_error(pipe, quantity, larger):
     """Against more functions than the reference has, solved ten times as sharply."""
-    asked = quantity.sharpened(1e-3).prepared(pipe)
+    asked = quantity.solved_for(1e-3).prepared(pipe)
     reference = asked.reference(pipe, 1e-4)
-    sharp = asked.sharpened(1e-6).answer(pp.Galerkin(pipe, larger, "legendre"))
+    sharp = asked.solved_for(1e-6).answer(pp.Galerkin(pipe, larger, "legendre"))
     assert reference.error <= 1e-4
     assert asked.distance(reference.answer, sharp) <= reference.error
 
@@ -297,7 +297,6 @@ def test_a_followed_onset_that_is_lost_is_none():
 
 
 def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
-    wave = wave_number(PIPE, EXACT, 13.7j)
     sizes = range(2, 60)
     errors = [
         abs(onset.speed / EXACT - 1.0) if onset else math.inf
@@ -305,7 +304,7 @@ def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
     ]
     for tolerance in (1e-2, 2e-3):
         least = 1 + max(n for n, error in zip(sizes, errors, strict=True) if error > tolerance)
-        assert 1.0 / 1.6 <= resolving_size(wave, tolerance) / least <= 1.6
+        assert 1.0 / 1.6 <= resolving_size(PIPE, EXACT, 13.7j, tolerance) / least <= 1.6
 
 
 # ------------------------------------------------------------------------------ how it is shown

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from pipedyn.accuracy.families import FAMILIES, checked_families
 from pipedyn.accuracy.quantities import Quantity, checked_quantity
-from pipedyn.accuracy.reference import Reference
+from pipedyn.accuracy.reference import MARGIN, Reference
 from pipedyn.accuracy.search import Search, described
-from pipedyn.accuracy.trade import SHARPER, TradeRow
+from pipedyn.accuracy.trade import TradeRow
 from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -125,7 +125,7 @@ class Choice:
             f"{self.reference.error:.1e}), {1e3 * self.cost:.3g} ms an answer",
         ]
         if self.steady is False:
-            lines.append("good by chance: the next larger size misses the tolerance")
+            lines.append("its error changes sign here: the next larger size misses the tolerance")
         lines += [f"  {one.family}: {one.why}" for one in self.tried if one.why]
         return lines
 
@@ -163,8 +163,10 @@ def choose(
     """The cheapest model that meets a tolerance, or the most accurate one within a budget.
 
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
-    that is known ten times as well. A motion or cycle is integrated as sharply as the tolerance
-    asks for. What a search costs in answers of the model chosen: tests/benchmark_choose.py.
+    that is known ten times as well. A motion or cycle is integrated as accurately as the tolerance
+    asks for. Families are asked one after the other, and a further one only as long as it promises
+    to be 30 % cheaper than the best so far: times of one answer scatter by as much. What a search
+    costs in answers of the model chosen: tests/benchmark_choose.py.
 
     Args:
         pipe: the pipe.
@@ -177,8 +179,8 @@ def choose(
         **conditions: of the quantity.
 
     Returns:
-        Choice. Where its `steady` is False it is good by chance: it meets the tolerance by a change
-        of sign of its error, and a little larger one of its family does not.
+        Choice. Where its `steady` is False the model meets the tolerance by a change of sign of its
+        error, and a little larger one of its family does not.
 
     Raises:
         NoModel: if none meets the demand; it says what came nearest.
@@ -198,9 +200,9 @@ def choose(
     repeats = check.count("repeats", repeats, high=1000)
     start = time.perf_counter()
     if tolerance is not None:
-        asked = asked.sharpened(tolerance)
+        asked = asked.solved_for(tolerance)
     asked = asked.prepared(pipe)
-    reference = asked.reference(pipe, (FINEST if tolerance is None else tolerance) / SHARPER)
+    reference = asked.reference(pipe, (FINEST if tolerance is None else tolerance) / MARGIN)
     if tolerance is not None and reference.error > tolerance:
         raise NoModel(
             f"no model can be shown to meet an error of {tolerance:g}: the continuous pipe's "
@@ -214,7 +216,7 @@ def choose(
         demand = f"an error of {tolerance:g}" + (f" in {budget:g} s" if budget is not None else "")
     else:
         assert budget is not None
-        row = search.sharpest(budget)
+        row = search.most_accurate(budget)
         demand = f"a time of {budget:g} s"
     if row is None or (budget is not None and not row.seconds <= budget):
         raise _refusal(search, row or search.nearest(tolerance), demand)

@@ -9,9 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
-from scipy.special import spherical_jn
-
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import FUNCTIONS_A_JOINT
@@ -29,6 +26,9 @@ class Family:
         make: the model of a pipe and a size.
         order: of the error, n^-order; infinite where it falls exponentially, 0 where it stays.
         sizes: that a measurement of the whole family takes.
+        largest: size, without terms, up to which a search goes; None where only the question sets
+            a limit. 60 Legendre functions resolve waves of 120 / L; the quadrature of beam modes
+            takes a second from 400 on.
         paired: whether the answer is extrapolated from the models of one and of twice the size.
     """
 
@@ -36,6 +36,7 @@ class Family:
     make: Callable[[Pipe, int], Model]
     order: float
     sizes: tuple[int, ...]
+    largest: int | None = None
     paired: bool = False
 
     def models(self, pipe: Pipe, size: int) -> tuple[Model, ...]:
@@ -48,35 +49,14 @@ class Family:
         return 3 * size if self.paired else size
 
     def for_terms(self, pipe: Pipe) -> int:
-        """Functions that Legendre bases take beside, where terms inside the pipe joint panels."""
+        """Functions that a Legendre basis takes on top, where terms divide the pipe into panels."""
         if self.order < math.inf or not pipe.terms:
             return 0
         return FUNCTIONS_A_JOINT * (Galerkin(pipe, LARGEST_BASIS, "legendre").panels - 1)
 
     def beyond(self, size: int) -> int:
-        """The next size at which an error that is small by chance is so no more."""
+        """The next size, at which an error that is small only by a change of sign is not."""
         return size + 1 if self.order == math.inf else math.ceil(1.2 * size + 0.5)
-
-
-WAVY = 128
-"""Legendre functions up to which their law is asked."""
-
-
-def resolving_size(wave: float, tolerance: float) -> float:
-    """About the number of Legendre functions that carry a wave to a tolerance.
-
-    By what they leave of the wave, its share j_(m-1)(k / 2)^2. Infinite where none of some hundred
-    do.
-
-    Args:
-        wave: wave number k, in 1 / L.
-        tolerance: relative error.
-    """
-    sizes = np.arange(1, WAVY)
-    enough = spherical_jn(sizes - 1, 0.5 * wave) ** 2 <= tolerance
-    enough &= sizes > 0.5 * wave  # there the share falls, before it swings
-    fits = sizes[enough]
-    return float(fits[0]) if fits.size else math.inf
 
 
 def _chain(rule: str, pipe: Pipe, n: int) -> Model:
@@ -101,8 +81,8 @@ FAMILIES: dict[str, Family] = {
             for rule, order in RULES.items()
             if order
         ),
-        Family("beam", partial(_reduced, "beam"), 4.0, (2, 3, 4, 6, 8, 12, 16, 24)),
-        Family("legendre", partial(_reduced, "legendre"), float("inf"), (2, 4, 6, 8, 10, 12, 16)),
+        Family("beam", partial(_reduced, "beam"), 4.0, (2, 3, 4, 6, 8, 12, 16, 24), 400),
+        Family("legendre", partial(_reduced, "legendre"), math.inf, (2, 4, 6, 8, 10, 12, 16), 60),
     )
 }
 
@@ -115,15 +95,9 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 
 def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[Family, ...]:
-    """Families by their names or the words for several, each once.
+    """Families by their names or the words for several, each once; the default where None is given.
 
-    Args:
-        name: of the argument.
-        given: a word, words or None.
-        default: where None is given.
-
-    Raises:
-        ValueError, TypeError: for what is no such word.
+    Raises ValueError or TypeError, naming the argument, for what is no such word.
     """
     words = default if given is None else [given] if isinstance(given, str) else given
     try:

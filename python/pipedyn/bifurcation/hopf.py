@@ -26,9 +26,9 @@ from typing import Literal
 
 import numpy as np
 
+from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.equilibrium_branch import BranchPoint
 from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal_form
-from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex

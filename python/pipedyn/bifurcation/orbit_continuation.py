@@ -311,7 +311,7 @@ def _on_mesh(
     starts = (moved.states(edges[:-1]) - orbit.states(edges[:-1])).T.ravel() / share
     towards[: starts.size], towards[-2:] = starts, point.tangent[-2:]
     branch = Continuation(problem, control)
-    found = branch.corrected(branch.point(problem.start.packed(), towards))
+    found = branch.at(branch.point(problem.start.packed(), towards), 0.0)
     return problem.orbit(found.z), found.tangent
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Protocol
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,14 +22,8 @@ from pipedyn.util.result import result
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are made: six matrices of 128 MB."""
 
-
 LARGEST_RESULT = 1_000_000_000
 """Numbers in one result: 8 GB, and twice that if they are complex."""
-
-
-BALANCED = 1e-7
-"""Force that may be left unbalanced at an equilibrium, beside 1 + |gamma| + a u^2."""
-
 
 LARGEST_ANGLE = 1e6
 """Coordinates of a shape; sine and cosine of greater angles lose their digits."""
@@ -113,11 +108,15 @@ class Power:
         return self.flow + self.joints + self.drag + self.others
 
 
-def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
-    """The core's matrices with the pipe's two flow factors."""
+def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
+    """The core's matrices, each times a scale (dof, dof), with the pipe's two flow factors."""
+
+    def scaled(matrix: Array) -> Array:
+        return matrix if scale is None else scale * matrix
+
     return Operators(
-        *(core.mass, core.gyroscopic, core.end_flux),
-        *(core.damping, core.stiffness, core.flux),
+        *(scaled(core.mass), scaled(core.gyroscopic), scaled(core.end_flux)),
+        *(scaled(core.damping), scaled(core.stiffness), scaled(core.flux)),
         *(pipe.direction, pipe.centrifugal),
     )
 
@@ -142,30 +141,22 @@ def checked_pipe(pipe: Any) -> Pipe:
     return pipe
 
 
-class Moving(Protocol):
-    """Equations of motion as integrators take them."""
-
-    def rhs_and_power(self, t: Any, y: Any, u: Any) -> Array:
-        """Rates of [p, p', work done], shape (2 moving + 1,) or (2 moving + 1, k)."""
-
-    def energy(self, y: Any) -> float | Array:
-        """Energy of states [q, q'], a number or shape (k,)."""
-
-    def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
-        """Power of flow, joints, drag and other parts."""
-
-
 class Model(ABC):
     """A pipe with a finite number of degrees of freedom. Immutable; models pickle.
 
-    Beside the coordinates q that users see, each model has elastic coordinates z, in which the
+    Besides the coordinates q that users see, each model has elastic coordinates z, in which the
     elastic energy is |z|^2 / 2: eigenvalues are computed there, where small ones survive rounding.
+
+    Every method raises ValueError for an argument of another shape or out of range, NaN or infinity
+    among its numbers, and TypeError for what is no number or array of real numbers.
     """
 
+    _pipe: Pipe
+
     @property
-    @abstractmethod
     def pipe(self) -> Pipe:
         """The pipe."""
+        return self._pipe
 
     @property
     @abstractmethod
@@ -184,7 +175,7 @@ class Model(ABC):
 
     @property
     def linear_cost(self) -> bool:
-        """Whether a right-hand side costs O(dof), so that a Jacobian is dear beside it."""
+        """Whether a right-hand side costs O(dof), and a Jacobian so many times more."""
         return False
 
     @property
@@ -223,14 +214,14 @@ class Model(ABC):
         return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))
 
     def unbalanced(self, u: float) -> float:
-        """Largest force at rest where the model is linearised, beside 1 + |gamma| + a u^2."""
+        """Largest force at rest where the model is linearised, relative to 1 + |gamma| + a u^2."""
         return 0.0
 
     def require_equilibrium(self, *speeds: float) -> None:
         """Raises ValueError if the model cannot rest, where it is linearised, at a flow speed."""
         for u in speeds:
             rest = self.unbalanced(u)
-            if rest > BALANCED:
+            if rest > 1e-7:  # far above what an equilibrium to ten digits leaves
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
                     f"force of {rest:.1e}; choose about(equilibrium(..., u))"
@@ -240,8 +231,8 @@ class Model(ABC):
         """P(lambda) at any flow speed, in elastic coordinates.
 
         Args:
-            dense: matrices, or products and solves in O(dof) where the model has them; without it
-                what is the faster.
+            dense: matrices, or products and solves in O(dof) where the model has them; where not
+                given what is the faster.
         """
         return DensePencil(self)
 
@@ -249,7 +240,20 @@ class Model(ABC):
     def with_pipe(self, pipe: Pipe) -> Model:
         """The same discretisation, springs included, of another pipe."""
 
+    @property
     @abstractmethod
+    def core(self) -> Any:
+        """The compiled model, which has the linear operators of the straight pipe."""
+
+    @property
+    @abstractmethod
+    def motion(self) -> Any:
+        """The compiled equations of motion.
+
+        `rhs_and_power` takes [p, p', work done], shape (2 moving + 1,) or (2 moving + 1, k), with
+        the coordinates p that an integrator advances; `energy` and `power` take states [q, q'].
+        """
+
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Linear operators in q about a configuration at rest.
 
@@ -266,10 +270,12 @@ class Model(ABC):
             Six matrices, each (dof, dof).
 
         Raises:
-            ValueError: for coordinates out of range or of another shape, or more than 4000 degrees
-                of freedom.
-            TypeError: for what is no array of real numbers.
+            ValueError: also for more than 4000 degrees of freedom.
         """
+        self._check_dense()
+        if q is None:
+            return operators_from(self.core.operators(), self.pipe)
+        return operators_from(self.motion.operators(self._coordinates(q)), self.pipe)
 
     @abstractmethod
     def elastic_operators(self) -> Operators:
@@ -277,13 +283,8 @@ class Model(ABC):
 
     @abstractmethod
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape.
+        """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape."""
 
-        Raises:
-            ValueError, TypeError: for z of another shape, or not of finite numbers.
-        """
-
-    @abstractmethod
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
         """Rate of the state, geometrically exact at any amplitude.
 
@@ -298,13 +299,10 @@ class Model(ABC):
 
         Returns:
             dy/dt = [q', q''], of the shape of y.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, or a speed below 0.
-            TypeError: for what is no array of real numbers.
         """
+        rates: Array = self.motion.rhs(t, y, u)
+        return rates
 
-    @abstractmethod
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
         """Derivative of `rhs` with respect to the state, analytic.
 
@@ -317,15 +315,11 @@ class Model(ABC):
             d(dy/dt)/dy, shape (2 dof, 2 dof). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
 
         Raises:
-            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 4000
-                segments of a chain.
-            TypeError: for what is no array of real numbers.
+            ValueError: also for more than 4000 segments of a chain.
         """
-
-    @property
-    @abstractmethod
-    def motion(self) -> Moving:
-        """The equations of motion; `rhs_and_power` takes [p, p', work done]."""
+        self._check_dense()
+        derivative: Array = self.motion.jacobian(t, y, u)
+        return derivative
 
     @property
     def moving(self) -> int:
@@ -371,26 +365,19 @@ class Model(ABC):
 
         Returns:
             A number, or for k states shape (k,).
-
-        Raises:
-            ValueError: for another shape, NaN or infinity.
-            TypeError: for what is no array of real numbers.
         """
-        return self.motion.energy(y)
+        energy: float | Array = self.motion.energy(y)
+        return energy
 
     def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
         """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
 
         Args:
             y: state [q, q'], shape (2 coordinates,) or (2 coordinates, k).
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+            u: flow speed as for `rhs`.
 
         Returns:
             Power by what does the work, numbers or shape (k,) each.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, or a speed below 0.
-            TypeError: for what is no array of real numbers.
         """
         return Power(*self.motion.power(y, u))
 
@@ -404,9 +391,6 @@ class Model(ABC):
 
         Returns:
             x transverse and y downward, shape (k, 2).
-
-        Raises:
-            ValueError: for coordinates or arc lengths out of range or of another shape.
         """
 
     @abstractmethod
@@ -419,9 +403,6 @@ class Model(ABC):
 
         Returns:
             Displacements, shape (p,) or (p, k).
-
-        Raises:
-            ValueError, TypeError: for coordinates or arc lengths that are not such.
         """
 
     @abstractmethod
@@ -430,32 +411,19 @@ class Model(ABC):
 
     @abstractmethod
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end in L / T, exact.
+        """Velocities (x', y') of the free end in L / T, exact, shape (k, 2).
 
         Args:
             q: coordinates of k states, shape (coordinates, k).
             qdot: their rates, of the same shape.
-
-        Returns:
-            Shape (k, 2).
-
-        Raises:
-            ValueError, TypeError: for what has another shape, or is not of finite real numbers.
         """
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """Coordinates of a bent pipe, so that models may start alike.
+        """Coordinates q, shape (dof,), of a bent pipe, so that all models may start alike.
 
         Args:
             angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
-
-        Returns:
-            q, shape (dof,).
-
-        Raises:
-            TypeError: if angle is no function.
-            ValueError: if it gives another shape, or no finite numbers.
         """
 
     @staticmethod
@@ -500,13 +468,6 @@ class Model(ABC):
             )
         return columns
 
-    def _moving_columns(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
-        """Coordinates and rates of k states, (coordinates, k) each."""
-        columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
-        if columns.shape != rates.shape:
-            raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        return columns, rates
-
     def _configurations(self, name: str, given: ArrayLike) -> Array:
         """Coordinates of k configurations, (coordinates, k)."""
         size = self.coordinates
@@ -516,6 +477,13 @@ class Model(ABC):
         if columns.dtype.kind == "c":
             raise TypeError(f"{name} must be real, got complex numbers")
         return columns
+
+    def _moving_columns(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
+        """Coordinates and rates of k states, (coordinates, k) each."""
+        columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
+        if columns.shape != rates.shape:
+            raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
+        return columns, rates
 
     def _displaced(self, q: ArrayLike, points: int) -> NDArray[Any]:
         """Coordinates to be displaced at so many points, shape (dof,) or (dof, k)."""
@@ -537,4 +505,6 @@ def arc_lengths(s: ArrayLike) -> Array:
     return check.array("s", s, low=0.0, high=1.0)
 
 
-__all__ = ["Model", "NotConverged", "Operators", "PipedynError", "Power"]
+def stored(name: str, doc: str) -> Any:
+    """A property that hands out what the model stores under a private name."""
+    return property(attrgetter(name), doc=doc)

@@ -7,7 +7,6 @@ are dense matrices; long chains and scenes multiply and solve in O(n).
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
@@ -28,20 +27,36 @@ if TYPE_CHECKING:
 
 Vectors = NDArray[Any]
 
+Product = Callable[[Vectors], Vectors]
+"""Takes and gives (dof, r)."""
+
 LONGEST_DENSE = 64
 """Chains and scenes up to this size are dense: measured, both ways take equal time near there."""
 
 
-class Pencil(ABC):
+class Pencil:
     """P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A, in elastic coordinates.
 
-    V = s (gyroscopic + end_flux) and A = flux. Each product takes and gives (dof, r).
+    V = s (gyroscopic + end_flux) and A = flux.
 
     Attributes:
+        mass: product with M.
+        velocity: with V.
+        damping: with D: delta times the elastic stiffness, and what else damps.
+        stiffness: with K.
+        flux: with A.
+        factor: solve(rows, adjoint=False) with P(value, u), or its conjugate transpose, from the
+            value and u.
         is_long: whether products and solves are O(dof), and no matrices are there.
     """
 
     is_long = True
+    mass: Product
+    velocity: Product
+    damping: Product
+    stiffness: Product
+    flux: Product
+    factor: Callable[[complex, float], Callable[..., Vectors]]
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -50,30 +65,6 @@ class Pencil(ABC):
         self.is_damped = model.pipe.damping != 0.0 or model.resisted
         self.direction = self.pipe.direction
         self.centrifugal = self.pipe.centrifugal
-
-    @abstractmethod
-    def mass(self, x: Vectors) -> Vectors:
-        """M x."""
-
-    @abstractmethod
-    def velocity(self, x: Vectors) -> Vectors:
-        """V x."""
-
-    @abstractmethod
-    def damping(self, x: Vectors) -> Vectors:
-        """D x: delta times the elastic stiffness, and what else damps."""
-
-    @abstractmethod
-    def stiffness(self, x: Vectors) -> Vectors:
-        """K x."""
-
-    @abstractmethod
-    def flux(self, x: Vectors) -> Vectors:
-        """A x."""
-
-    @abstractmethod
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose."""
 
     def gravity(self, x: Vectors) -> Vectors:
         """dK/dgamma x; K is linear in gamma."""
@@ -176,11 +167,6 @@ class ChainPencil(Pencil):
         result: Vectors = self.scale * np.cumsum(rows[::-1], axis=0)[::-1]
         return result
 
-    def elastic(self, x: Vectors) -> Vectors:
-        """Elastic stiffness times x: the springs'."""
-        result: Vectors = self.share * x
-        return result
-
     def mass(self, x: Vectors) -> Vectors:
         return self._rows(self.core.mass_times, x)
 
@@ -188,14 +174,15 @@ class ChainPencil(Pencil):
         return self.direction * self._rows(self.core.velocity_times, x)
 
     def damping(self, x: Vectors) -> Vectors:
-        result: Vectors = self.pipe.damping * self.elastic(x)
+        result: Vectors = self.pipe.damping * self.by_damping(x)
         return result + self._rows(self.core.terms_damping_times, x) if self.resisted else result
 
     def by_damping(self, x: Vectors) -> Vectors:
-        return self.elastic(x)
+        result: Vectors = self.share * x  # the springs'
+        return result
 
     def stiffness(self, x: Vectors) -> Vectors:
-        result = self.elastic(x)
+        result = self.by_damping(x)
         if self.pipe.terms:
             result = result + self._rows(self.core.terms_stiffness_times, x)
         return result + self.pipe.gamma * self.gravity(x) if self.pipe.gamma else result

@@ -134,12 +134,11 @@ class Pipe:
                 part: of drag_coefficient, external_diameter and external_density all three or none.
             TypeError: for what is no number.
         """
-        length = check.real("length", length, low=0.0, high=1e12, open_low=True)
-        stiffness = check.real(
-            "bending_stiffness", bending_stiffness, low=0.0, high=1e12, open_low=True
-        )
-        pipe_mass = check.real("pipe_mass", pipe_mass, low=0.0, high=1e12, open_low=True)
-        fluid_mass = check.real("fluid_mass", fluid_mass, low=0.0, high=1e12, open_low=True)
+        positive: dict[str, Any] = {"low": 0.0, "high": 1e12, "open_low": True}
+        length = check.real("length", length, **positive)
+        stiffness = check.real("bending_stiffness", bending_stiffness, **positive)
+        pipe_mass = check.real("pipe_mass", pipe_mass, **positive)
+        fluid_mass = check.real("fluid_mass", fluid_mass, **positive)
         gravity = check.real("gravity", gravity, low=-1e12, high=1e12)
         drag = [
             check.real("drag_coefficient", drag_coefficient, low=0.0),
@@ -154,33 +153,28 @@ class Pipe:
         damping_time = check.real("damping_time", damping_time, low=0.0)
         mass = pipe_mass + fluid_mass
         time = length**2 * math.sqrt(mass / stiffness)
-        speed = math.sqrt(stiffness / fluid_mass) / length
-        scales = (length, mass, time, speed)
-        if not all(0.0 < scale < math.inf for scale in scales):
+        units = Scales(length, mass, time, math.sqrt(stiffness / fluid_mass) / length)
+        if not all(0.0 < unit < math.inf for unit in units):
             raise ValueError(
                 "length, bending_stiffness, pipe_mass and fluid_mass must give finite units, "
-                f"got {dict(zip(Scales._fields, scales, strict=True))}"
+                f"got {units._asdict()}"
             )
-        units = Scales(*scales)
-        numbers = {
-            ("beta", "pipe_mass and fluid_mass"): fluid_mass / mass,
-            (
-                "gamma",
-                "gravity, length, pipe_mass, fluid_mass and bending_stiffness",
-            ): gravity * length**3 * mass / stiffness,
-            (
-                "drag",
-                "drag_coefficient, external_diameter, external_density, length and the masses",
-            ): math.prod(drag) * length / (2.0 * mass),
-            (
-                "damping",
-                "damping_time, length, bending_stiffness and the masses",
-            ): damping_time / time,
+        values = {
+            "beta": fluid_mass / mass,
+            "gamma": gravity * length**3 * mass / stiffness,
+            "drag": math.prod(drag) * length / (2.0 * mass),
+            "damping": damping_time / time,
+        }
+        causes = {
+            "beta": "pipe_mass and fluid_mass",
+            "gamma": "gravity, length, pipe_mass, fluid_mass and bending_stiffness",
+            "drag": "drag_coefficient, external_diameter, external_density, length and the masses",
+            "damping": "damping_time, length, bending_stiffness and the masses",
         }
         return cls(
             **{
-                name: check.real(f"{name} from {causes}", value, **RANGES[name])
-                for (name, causes), value in numbers.items()
+                name: check.real(f"{name} from {causes[name]}", value, **RANGES[name])
+                for name, value in values.items()
             },
             flow=flow,
             alpha=alpha,

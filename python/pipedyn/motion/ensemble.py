@@ -3,7 +3,7 @@
 
 A batch costs one call a right-hand side for all its members, and the call goes through the
 processor's vectors. The integrator's steps are common, and its error norm is a mean over the
-batch: the tolerance is sharpened by the root of the members, so that each meets its own.
+batch: the tolerance is divided by the root of the number of members, so that each meets its own.
 """
 
 from __future__ import annotations
@@ -139,12 +139,7 @@ def simulate_many(
         try:
             task = checked_task(
                 *(model, u.item(), duration, start, rate),
-                samples=samples,
-                times=times,
-                rtol=rtol,
-                atol=atol,
-                method=methods.get(id(model), method),
-                most=most,
+                *(samples, times, rtol, atol, methods.get(id(model), method), most),
             )
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
@@ -152,7 +147,21 @@ def simulate_many(
         tasks.append(task)
     if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
         raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
-    return _solved(tasks, executor, shown)
+    blocks = _blocks(tasks)
+    jobs = [partial(_motions, [tasks[i] for i in block]) for block in blocks]
+    answers = parallel(jobs, executor, label="batches", progress=shown)
+    motions: list[Any] = [None] * members
+    failures = []
+    for block, found in zip(blocks, answers, strict=True):
+        if isinstance(found, Exception):
+            found.add_note(f"in the motions of members {', '.join(map(str, block))}")
+            raise found
+        for i, (motion, why) in zip(block, found, strict=True):
+            motions[i] = motion
+            if why is not None:
+                message = f"member {i} stopped {motion.reached}: {why}"
+                failures.append(MemberFailure(i, MotionStopped(message, motion)))
+    return Ensemble(tuple(motions), tuple(sorted(failures, key=lambda failure: failure.index)))
 
 
 def _each(name: str, given: Any) -> list[Any]:
@@ -170,33 +179,14 @@ def _each(name: str, given: Any) -> list[Any]:
     return [given]
 
 
-def _solved(tasks: list[Task], executor: Executor | None, shown: bool) -> Ensemble:
-    blocks = _blocks(tasks)
-    jobs = [partial(_motions, [tasks[i] for i in block]) for block in blocks]
-    answers = parallel(jobs, executor, label="batches", progress=shown)
-    motions: list[Any] = [None] * len(tasks)
-    failures = []
-    for block, found in zip(blocks, answers, strict=True):
-        if isinstance(found, Exception):
-            found.add_note(f"in the motions of members {', '.join(map(str, block))}")
-            raise found
-        for i, (motion, why) in zip(block, found, strict=True):
-            motions[i] = motion
-            if why is not None:
-                message = f"member {i} stopped {motion.reached}: {why}"
-                failures.append(MemberFailure(i, MotionStopped(message, motion)))
-    return Ensemble(tuple(motions), tuple(sorted(failures, key=lambda failure: failure.index)))
-
-
 def _blocks(tasks: list[Task]) -> list[list[int]]:
     """Members to integrate together: of one model and an explicit method, up to BATCH."""
-    alike: dict[tuple[int, str], list[int]] = {}
+    groups: dict[tuple[int, str], list[int]] = {}
     for i, task in enumerate(tasks):
-        alike.setdefault((id(task.model), task.method), []).append(i)
+        groups.setdefault((id(task.model), task.method), []).append(i)
     blocks = []
-    for (_, method), members in alike.items():
-        size = BATCH if method == "dop853" else 1
-        parts = math.ceil(len(members) / size)
+    for (_, method), members in groups.items():
+        parts = math.ceil(len(members) / BATCH) if method == "dop853" else len(members)
         blocks += [part.tolist() for part in np.array_split(np.array(members), parts)]
     return blocks
 
@@ -206,27 +196,20 @@ def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
 
     A batch that stops is halved, unless it took all the right-hand sides that it may.
     """
-    rows, evaluations, why = integrate(_joined(tasks))
-    if len(tasks) == 1:
-        return [(motion_of(tasks[0], rows, evaluations), why)]
-    if why is not None and evaluations < tasks[0].most:
-        half = len(tasks) // 2
-        return _motions(tasks[:half]) + _motions(tasks[half:])
-    return [
-        (motion_of(task, rows[:, :, j].copy(), evaluations), why) for j, task in enumerate(tasks)
-    ]
-
-
-def _joined(tasks: list[Task]) -> Task:
-    """One task of several."""
-    first = tasks[0]
-    if len(tasks) == 1:
-        return first
-    sharper = math.sqrt(len(tasks))
-    return replace(
+    first, count = tasks[0], len(tasks)
+    if count == 1:
+        rows, evaluations, why = integrate(first)
+        return [(motion_of(first, rows, evaluations), why)]
+    together = replace(
         first,
         u=np.array([float(task.u) for task in tasks]),
         start=np.stack([task.start for task in tasks], axis=1),
-        rtol=max(first.rtol / sharper, 1e-14),
-        atol=first.atol / sharper,
+        rtol=max(first.rtol / math.sqrt(count), 1e-14),
+        atol=first.atol / math.sqrt(count),
     )
+    rows, evaluations, why = integrate(together)
+    if why is not None and evaluations < first.most:
+        return _motions(tasks[: count // 2]) + _motions(tasks[count // 2 :])
+    return [
+        (motion_of(task, rows[:, :, j].copy(), evaluations), why) for j, task in enumerate(tasks)
+    ]

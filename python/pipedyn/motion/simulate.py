@@ -17,9 +17,7 @@ from numpy.typing import ArrayLike
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.continuum import Continuum
-from pipedyn.motion.integrator import METHODS, MOST_CALLS, Task, integrate
-from pipedyn.motion.stiffness import choose_method
+from pipedyn.motion.integrator import METHODS, MOST_CALLS, Task, choose_method, integrate
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.result import result
@@ -35,14 +33,7 @@ LARGEST_SAMPLES = 100_000_000
 
 
 class Trajectory:
-    """States of a model at times: what a `Motion` and a `LimitCycle` have in common.
-
-    Attributes:
-        t: times in T, shape (S,).
-        q, qdot: coordinates and their rates, shape (S, coordinates).
-        u: flow speed.
-        model: the model.
-    """
+    """States of a model at times: what a `Motion` and a `LimitCycle` have in common."""
 
     t: Array
     q: Array
@@ -150,21 +141,13 @@ def simulate(
         Motion.
 
     Raises:
-        MotionStopped: if the step shrinks to nothing, the state leaves finite numbers or it takes
+        MotionStopped: if the step tends to 0, the state leaves finite numbers or it takes
             more than `most` right-hand sides; it carries the motion up to there.
         ValueError, TypeError: for bad arguments.
 
     Source: `rhs` of the models for the equations; scipy for their integration.
     """
-    task = checked_task(
-        *(model, u, duration, q0, qdot0),
-        samples=samples,
-        times=times,
-        rtol=rtol,
-        atol=atol,
-        method=method,
-        most=most,
-    )
+    task = checked_task(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most)
     rows, evaluations, why = integrate(task, check.flag("progress", progress))
     motion = motion_of(task, rows, evaluations)
     if why is not None:
@@ -177,12 +160,21 @@ def slight_bend(s: Array) -> Array:
     return 0.05 * s**2
 
 
+def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
+    """The angle theta(s) of the first three modes of bending, in parts, shape (3,), rad."""
+
+    def bend(s: Array) -> Array:
+        return np.asarray(parts @ np.sin(np.outer([1.0, 3.0, 5.0], 0.5 * math.pi * s)))
+
+    return bend
+
+
 def checked_model_in_motion(model: Any, name: str = "model") -> Model:
     """The argument, if it is a model that moves."""
-    if isinstance(model, Continuum) or not isinstance(model, Model):
+    if not isinstance(model, Model):
         raise TypeError(
-            f"{name} must be a Chain, a Galerkin model or an Assembly, got {check.shown(model)}"
-            + ("; take Continuum.frozen(m)" if isinstance(model, Continuum) else "")
+            f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
+            f"Continuum.frozen(m)), got {check.shown(model)}"
         )
     return model
 
@@ -193,10 +185,9 @@ def checked_task(
     duration: Any,
     q0: Any,
     qdot0: Any,
-    *,
-    rtol: Any,
     samples: Any = None,
     times: Any = None,
+    rtol: Any = 1e-6,
     atol: Any = None,
     method: Any = "auto",
     most: Any = MOST_CALLS,
@@ -229,14 +220,9 @@ def checked_task(
 
 
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
-    """[p, p'], shape (2 moving,), of a start that may be a state.
+    """[p, p'], shape (2 moving,), of a start, which is one of the `kinds` that the message names.
 
-    Args:
-        model: the model.
-        name: of the argument.
-        start: a trajectory, at whose last state it is; an angle theta(s) or coordinates, at rest;
-            or a state [q, q'].
-        kinds: what the argument may be, for the message.
+    A trajectory starts at its last state, an angle theta(s) and coordinates at rest.
     """
     if isinstance(start, Trajectory):
         if start.model is not model and start.q.shape[1] != model.coordinates:
@@ -268,27 +254,19 @@ def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
         q, qdot = model.recorded(samples[:, :size], samples[:, size : 2 * size])
         return q, qdot, np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
 
-    if not len(rows):  # it stopped before the first sample
-        nothing, none = np.zeros((0, model.coordinates)), np.zeros(0)
-        return Motion(
-            *(none, nothing, nothing, np.zeros((0, 2)), none, 0.0, float(task.u)),
-            *(task.method, evaluations, model),
-        )
-    t = task.times[: len(rows)]
     q, qdot, states = recorded(rows)
-    work = rows[:, 2 * size]
     energy = np.asarray(model.energy(states))
     at_rest = states.copy()
     at_rest[model.coordinates :] = 0.0
     kinetic = energy - np.asarray(model.energy(at_rest))
     first = float(np.asarray(model.energy(recorded(task.start[None])[2]))[0])
     scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
-    miss = float(np.abs(energy - first - work).max(initial=0.0))
+    miss = float(np.abs(energy - first - rows[:, 2 * size]).max(initial=0.0))
     return Motion(
-        t=t,
+        t=task.times[: len(rows)],
         q=q,
         qdot=qdot,
-        tip=model.tips(q.T),
+        tip=model.tips(q.T) if len(rows) else np.zeros((0, 2)),
         energy=energy,
         audit=miss / scale if scale else 0.0,
         u=float(task.u),
