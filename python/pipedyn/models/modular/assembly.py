@@ -97,7 +97,10 @@ class Assembly(Model):
         enforcement: str = "orthonormal",
     ) -> None:
         given = _parts("modules", modules, (Module, Term))
-        self._pipe = _with_terms(checked_pipe(pipe), given)
+        terms = tuple(part for part in given if isinstance(part, Term))
+        self._pipe = checked_pipe(pipe)
+        if terms:
+            self._pipe = replace(pipe, terms=(*pipe.terms, *terms))
         self._enforcement = check.choice("enforcement", enforcement, ENFORCEMENTS)
         self._layout = Layout(
             [part for part in given if isinstance(part, Module)],
@@ -227,15 +230,17 @@ class Assembly(Model):
                 raise TypeError(
                     f"parts must be modules, constraints or terms, got {check.shown(part)}"
                 )
+        constraints = tuple(part for part in parts if isinstance(part, Constraint))
+        others = tuple(part for part in parts if isinstance(part, Module | Term))
         more = Assembly(
             self._pipe,
-            (*self.modules, *(part for part in parts if isinstance(part, Module | Term))),
-            (*self.constraints, *(part for part in parts if isinstance(part, Constraint))),
+            (*self.modules, *others),
+            (*self.constraints, *constraints),
             self._enforcement,
         )
         chosen = self._reference
-        if chosen is not None and chosen.any() and chosen.size == more.moving:
-            more._reference = chosen if more._misses(chosen) <= MET else more._reference
+        if chosen is not None and chosen.size == more.moving and more._misses(chosen) <= MET:
+            more._reference = chosen
         return more
 
     def pencil(self, dense: bool | None = None) -> Pencil:
@@ -410,18 +415,15 @@ class Assembly(Model):
         return float(np.abs(self.linear.unbalanced(u)).max()) / size
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Linear operators about a configuration at rest, in the degrees of freedom.
+        """As for `Model.operators`, about a configuration at rest.
 
-        Where no guide or pin is there these are the angles of the segments; else their columns are
-        those of `basis`. stiffness contains the forces of all modules but the flow's and what the
-        constraint forces add to it on a bent pipe, flux the flow's with its share of them; small
-        motions about q obey the operators where q is an equilibrium at the speed in question.
+        Where no guide or pin is there they are those of the angles of the segments; else their
+        columns are those of `basis`. stiffness contains the forces of all modules but the flow's
+        and what the constraint forces add to it on a bent pipe, flux the flow's with its share of
+        them.
 
         Args:
-            q: a configuration; that of `about`, else the straight pipe, where not given.
-
-        Returns:
-            Six matrices, each (dof, dof).
+            q: the configuration; that of `about`, else the straight pipe, where not given.
 
         Raises:
             ValueError: for what misses a constraint or has another shape, or more than 4000 degrees
@@ -537,17 +539,9 @@ class Assembly(Model):
     # ---------------------------------------------------------------------------------- geometry
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        """Centreline (x, y) at arc lengths s, shape (len(s), 2).
-
-        Args:
-            q: angles (n,) or redundant coordinates (3 n,), whose nodes are joined as they stand.
-            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
-
-        Raises:
-            ValueError: for coordinates or arc lengths out of range or of another shape.
-        """
         rows = self._rows("q", q, (self.moving, self.coordinates))
         at, base = arc_lengths(s), self._layout.base
+        # Of redundant coordinates the nodes are joined as they stand.
         places = self._configuration(rows) if rows.size == self.moving else rows
         nodes = np.stack([places[0::3], places[1::3]], axis=1)
         steps = np.diff(nodes, axis=0, prepend=[[0.0, base]])
@@ -556,27 +550,18 @@ class Assembly(Model):
         return line
 
     def tips(self, q: ArrayLike) -> Array:
-        rows = self._configurations("q", q)
-        tips: Array = rows[-3:-1].T
-        return tips.copy()
+        return np.array(self._configurations("q", q)[-3:-1].T)
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
         _, rates = self._moving_columns(q, qdot)
-        velocities: Array = rates[-3:-1].T
-        return velocities.copy()
+        return np.array(rates[-3:-1].T)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """Redundant coordinates of a bent pipe, shape (3 n,): theta(s) at the segments' middles.
-
-        Where guides and pins are there, of angles close to these that meet them.
-
-        Args:
-            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+        """As for `Model.bent`, of theta(s) at the segments' middles or close to it.
 
         Raises:
-            TypeError: if angle is no function.
-            ValueError: if it gives another shape, or no finite numbers.
-            NotConverged: if no angles close to these meet the constraints.
+            NotConverged: if no angles close to these meet guides and pins.
+            ValueError, TypeError: as for `Model.bent`.
         """
         ends = self._layout.ends
         theta = self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
@@ -663,9 +648,3 @@ def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ..
     if len(parts) > 10 * LARGEST_CHAIN:
         raise ValueError(f"{name} must be at most {10 * LARGEST_CHAIN}, got {len(parts)}")
     return parts
-
-
-def _with_terms(pipe: Pipe, parts: Iterable[Any]) -> Pipe:
-    """The pipe with the terms among the parts added to its own."""
-    terms = tuple(part for part in parts if isinstance(part, Term))
-    return replace(pipe, terms=(*pipe.terms, *terms)) if terms else pipe

@@ -231,10 +231,14 @@ class Layout:
 
     def compiled(self, pipe: Pipe) -> _core.Scene:
         """The scene as the core takes it, on a pipe."""
+        own = pipe.damping
         springs = [
-            (s.joint, s.stiffness, s.damping, s.rest_angle)
-            if s.damping is not None
-            else (s.joint, s.stiffness, pipe.damping * s.stiffness, s.rest_angle)
+            (
+                s.joint,
+                s.stiffness,
+                own * s.stiffness if s.damping is None else s.damping,
+                s.rest_angle,
+            )
             for s in _of(self.modules, TorsionalSpring)
         ]
         factors = [(custom.index, row) for custom in self.customs for row in inertia_rows(custom)]
@@ -254,7 +258,7 @@ class Layout:
             pipe=core_pipe(pipe),
             length=self.lengths,
             center=[s.center for s in self.segments],
-            gyration_radius=[s.gyration_radius for s in self.segments],
+            gyration_radius=[s.gyration_radius or 0.0 for s in self.segments],
             drag_point=[s.drag_point for s in self.segments],
             base=self.base,
             springs=_rows(springs, 4),
@@ -269,7 +273,7 @@ def _of(parts: Iterable[Part], kind: type[P]) -> list[P]:
     return [part for part in parts if isinstance(part, kind)]
 
 
-def _rows(rows: list[tuple[float, ...]], columns: int) -> Array:
+def _rows(rows: Sequence[tuple[float, ...]], columns: int) -> Array:
     return np.array(rows, dtype=np.float64).reshape(-1, columns)
 
 

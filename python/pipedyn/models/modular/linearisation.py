@@ -18,7 +18,7 @@ segment: a band of a few diagonals unless a custom module ties far nodes togethe
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -184,6 +184,9 @@ class ScenePencil(Pencil):
             stiffening.append(tree.stiffening(of + held @ multipliers))
         self.residual, self.residual_by_thrust = residuals
         self.stiffening, self.stiffening_by_thrust = stiffening
+        self.mass, self.damping, self.flux = (
+            partial(self.product, name) for name in ("mass", "damping", "flux")
+        )
 
     def unbalanced(self, u: float) -> Array:
         """Force at rest that nothing balances, shape (dof, 1); 0 at an equilibrium."""
@@ -195,31 +198,24 @@ class ScenePencil(Pencil):
         return result
 
     def product(self, name: str, zeta: Rows) -> Rows:
-        """One of the operators, by its name, times zeta."""
+        """One of the operators times zeta, by its name; of the stiffness all but the springs."""
         phi = self.joint_angles(zeta)
-        rows = self.tree.gather(self.parts[name] @ self.tree.spread(phi))
+        rows = self.parts[name] @ self.tree.spread(phi)
+        result: Rows = self.basis.gather(self.scale * self.tree.gather(rows))
         if name in ("stiffness", "flux"):
             geometric = self.stiffening if name == "stiffness" else self.stiffening_by_thrust
-            rows = rows + _beyond(geometric * np.cumsum(phi, axis=0))
-        return self.basis.gather(self.scale * rows)
-
-    def mass(self, x: Rows) -> Rows:
-        return self.product("mass", x)
+            moments = _beyond(geometric * np.cumsum(phi, axis=0))
+            result = result + self.basis.gather(self.scale * moments)
+        return result
 
     def velocity(self, x: Rows) -> Rows:
         return self.direction * (self.product("gyroscopic", x) + self.product("end_flux", x))
-
-    def damping(self, x: Rows) -> Rows:
-        return self.product("damping", x)
 
     def stiffness(self, x: Rows) -> Rows:
         elastic = self.springs[:, None] * self.scale**2
         springs = self.basis.gather(elastic * self.basis.spread(x))
         result: Rows = springs + self.product("stiffness", x)
         return result
-
-    def flux(self, x: Rows) -> Rows:
-        return self.product("flux", x)
 
     @cached_property
     def added(self) -> float:
