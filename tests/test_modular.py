@@ -23,7 +23,7 @@ CLAMPED_PINNED = 4.493409457909064
 EJECTING = pp.Pipe(0.3, 12.0, drag=0.7, damping=0.01)
 ASPIRATING = pp.Pipe(0.4, -3.0, "aspirating", 0.7, drag=1.5)
 
-LADEN = replace(  # places inside segments, on nodes and on the fixed base of some chains below
+WITH_TERMS = replace(  # places inside segments, on nodes and on the fixed base of some chains below
     EJECTING,
     terms=[
         *(pp.PointMass(0.05, 0.4), pp.PointMass(0.62, 0.3), pp.PointMass(1.0, 0.1)),
@@ -155,8 +155,8 @@ def test_redundant_constraints_change_nothing() -> None:
         (ASPIRATING, {"n": 7, "springs": "midpoint"}),
         (EJECTING, UNEQUAL),
         (ASPIRATING, {"n": 1}),
-        (LADEN, {"n": 7}),
-        (LADEN, UNEQUAL),
+        (WITH_TERMS, {"n": 7}),
+        (WITH_TERMS, UNEQUAL),
     ],
 )
 def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
@@ -179,14 +179,14 @@ def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
         np.testing.assert_allclose(scene.tip(y[: 3 * n]), chain.tip(theta), atol=1e-14)
 
 
-@pytest.mark.parametrize("pipe", [EJECTING, LADEN])
+@pytest.mark.parametrize("pipe", [EJECTING, WITH_TERMS])
 @pytest.mark.parametrize("angles", [None, "bent"])
 def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp.Pipe) -> None:
     chain, scene = pp.Chain(pipe, **UNEQUAL), md.chain(pipe, **UNEQUAL)
     q = None if angles is None else np.array([0.3, -0.5, 0.8, 0.2])
     mine, theirs = scene.operators(q), chain.operators(q)
     names = ["mass", "gyroscopic", "end_flux", "damping"]
-    # Beside the derivatives of the forces in the angles, about a bent chain that is no equilibrium
+    # Besides the derivatives of the forces in the angles, about a bent chain that is no equilibrium
     # nothing else is left: no guide or pin bends the coordinates.
     for name in [*names, "stiffness", "flux"]:
         np.testing.assert_allclose(
@@ -195,7 +195,7 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp
 
 
 @pytest.mark.parametrize("n", [8, 130])
-@pytest.mark.parametrize("pipe", [EJECTING, LADEN, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
+@pytest.mark.parametrize("pipe", [EJECTING, WITH_TERMS, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
 def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> None:
     for u in (0.0, 6.0):
         mine = pp.eigenvalues(md.chain(pipe, n), u, 8)
@@ -452,7 +452,7 @@ def test_terms_move_the_critical_speed_of_scene_and_continuum_alike(name: str) -
 
 
 def drifting(scene: md.Assembly, u: float, duration: float, method: str) -> float:
-    """How far the angles that are integrated, before their projection, stray from guides and pins.
+    """How far the angles that are integrated, before their projection, are off guides and pins.
 
     The integrator is asked for few digits: what holds them is not its accuracy.
     """
@@ -479,7 +479,7 @@ def test_constraints_do_not_drift_over_a_hundred_periods() -> None:
     assert max(drift) < 1e-12
     assert np.abs(motion.qdot[:, 3 * 4 - 3]).max() < 1e-12
     assert motion.audit < 1e-4
-    # What the integrator itself carries beside the guide stays as small.
+    # What the integrator itself is off the guide stays as small.
     assert drifting(guided, 2.0, duration, "dop853") < 1e-8
 
 
@@ -563,11 +563,13 @@ def test_initial_states_are_angles_or_coordinates_that_meet_the_constraints() ->
     by_coordinates = pp.simulate(scene, 1.0, 0.1, y[:12], samples=3)
     np.testing.assert_allclose(by_angles.q, by_coordinates.q, atol=1e-13)
     np.testing.assert_allclose(scene.angles(y), angles, atol=1e-15)
-    with pytest.raises(ValueError, match=r"q0 must meet Guide\(node=4\), got .*e-02 beside it"):
+    with pytest.raises(
+        ValueError, match=r"q0 must meet Guide\(node=4\), got a deviation of .*e-02"
+    ):
         pp.simulate(scene, 1.0, 0.1, [0.3, 0.1, -0.2, 0.1])
     torn = y[:12].copy()
     torn[3] += 0.01
-    with pytest.raises(ValueError, match=r"q0 must meet Joint\(segment=.\), got .* beside it"):
+    with pytest.raises(ValueError, match=r"q0 must meet Joint\(segment=.\), got a deviation of"):
         pp.simulate(scene, 1.0, 0.1, torn)
     with pytest.raises(ValueError, match=r"qdot0 must keep Guide\(node=4\)"):
         pp.simulate(scene, 1.0, 0.1, angles, [1.0, 0.0, 0.0, 0.0])

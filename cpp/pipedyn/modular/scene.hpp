@@ -16,7 +16,7 @@
 
 namespace pipedyn {
 
-/// What a scene is made of beside the terms of its pipe. Of the segments their springs are not
+/// What a scene is made of besides the terms of its pipe. Of the segments their springs are not
 /// read.
 struct Modules {
   Segments segments{};

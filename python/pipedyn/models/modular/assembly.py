@@ -622,8 +622,8 @@ class Assembly(Model):
         worst = int(np.argmax(np.abs(residual)))
         if not abs(residual[worst]) <= most:
             raise ValueError(
-                f"{rule} {described(self.constraints[int(group[worst])])}, got "
-                f"{abs(residual[worst]):.1e} beside it; closed(angles) gives angles that meet all"
+                f"{rule} {described(self.constraints[int(group[worst])])}, got a deviation of "
+                f"{abs(residual[worst]):.1e}; closed(angles) gives angles that meet all"
             )
 
 
