@@ -76,12 +76,13 @@ class Reflections:
             (self.packed, self.tau), _ = scipy.linalg.qr(b, mode="raw")
 
     def _product(self, x: Rows, transposed: str) -> Rows:
-        pairs = np.ascontiguousarray(x).view(np.float64)  # complex columns as real pairs
+        kind = np.complex128 if np.iscomplexobj(x) else np.float64
+        pairs = np.ascontiguousarray(x, dtype=kind).view(np.float64)  # of a complex column two
         work = 64 * max(1, pairs.shape[1])  # blocks of LAPACK's usual size
         product, _, _ = scipy.linalg.lapack.dormqr(
             "L", transposed, self.packed, self.tau, pairs, work
         )
-        result: Rows = np.ascontiguousarray(product).view(x.dtype)
+        result: Rows = np.ascontiguousarray(product).view(kind)
         return result
 
     def spread(self, x: Rows) -> Rows:
