@@ -140,12 +140,15 @@ def least_squares_accelerations(core, y, u):
 
 
 def operators_of(core):
-    """All linear operators about the straight pipe: those that are constant, and of the forces."""
+    """All linear operators about the straight pipe, dense: constant ones, and of the forces."""
+    size = core.coordinates
     straight = np.r_[core.straight(), np.zeros(core.coordinates)]
     by_q, by_rate = core.force_derivatives(straight, 0.0)
-    names = ("stiffness", by_q), ("damping", by_rate)
-    negated = {name: (rows, columns, -values) for name, (rows, columns, values) in names}
-    return core.operators() | negated
+    dense = {name: matrix(of, (size, size)) for name, of in core.operators().items()}
+    flow = dense.pop("velocity")
+    dense |= {"gyroscopic": 0.5 * (flow - flow.T), "end_flux": 0.5 * (flow + flow.T)}
+    forces = {"stiffness": by_q, "damping": by_rate}
+    return dense | {name: -matrix(of, (size, size)) for name, of in forces.items()}
 
 
 def worst(found, expected):
@@ -352,8 +355,7 @@ def test_operators_are_those_of_the_chain_on_the_straight_pipe():
         basis = np.zeros((size, n))
         basis[0::3] = np.tril(np.ones((n, n))) * made.length
         basis[2::3] = np.eye(n) - np.eye(n, k=-1)
-        ops = operators_of(made.core)
-        dense = {name: matrix(ops[name], (size, size)) for name in ops}
+        dense = operators_of(made.core)
         expected = made.chain.operators()
         for name in ("mass", "gyroscopic", "end_flux", "damping"):
             found = basis.T @ dense[name] @ basis
@@ -380,7 +382,7 @@ def test_forces_follow_the_operators_at_small_motions(aspirating, alpha):
     made = rich(3, aspirating=aspirating, alpha=alpha, drag=False)
     size, u = 9, 2.5
     y = np.random.default_rng(0).normal(size=2 * size)
-    ops = {name: matrix(t, (size, size)) for name, t in operators_of(made.core).items()}
+    ops = operators_of(made.core)
     np.testing.assert_array_equal(ops["gyroscopic"], -ops["gyroscopic"].T)
     np.testing.assert_array_equal(ops["mass"], ops["mass"].T)
     direction = -1.0 if aspirating else 1.0

@@ -130,8 +130,7 @@ void define_scene(py::module_& m) {
              const RedundantOperators ops = unlocked([&] { return scene.operators(); });
              py::typing::Dict<py::str, TripletArrays> made;
              made["mass"] = arrays_of(ops.mass);
-             made["gyroscopic"] = arrays_of(ops.gyroscopic);
-             made["end_flux"] = arrays_of(ops.end_flux);
+             made["velocity"] = arrays_of(ops.velocity);
              made["flux"] = arrays_of(ops.flux);
              return made;
            })

@@ -94,15 +94,15 @@ struct Hessians {
   }
 };
 
-/// Matrices (3 n, 3 n) that no coordinates change, as in Operators: of the inertia and the flow.
-/// Stiffness and damping about any place are the derivatives of the forces there, negated.
-struct RedundantOperators {
-  Triplets mass, gyroscopic, end_flux, flux;
-};
-
 /// Derivatives by the coordinates and by their rates.
 struct Derivatives {
   Triplets by_coordinates, by_rates;
+};
+
+/// Matrices (3 n, 3 n) that no coordinates change: of the inertia and, U = 1, of the flow.
+/// Stiffness and damping about any place are the derivatives of the forces there, negated.
+struct RedundantOperators {
+  Triplets mass, velocity, flux;
 };
 
 /// What flow, joints, drag and the pipe's terms add to the energy in unit time.

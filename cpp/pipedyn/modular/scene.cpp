@@ -127,8 +127,15 @@ RedundantOperators Scene::operators() const {
       }
     }
   }
-  for (const InternalFlow& flow : std::get<std::vector<InternalFlow>>(modules_)) {
-    flow.add_operators(ops);
+  Derivatives by_flow;
+  for (InternalFlow flow : std::get<std::vector<InternalFlow>>(modules_)) {
+    flow.centrifugal = 1.0;
+    flow.add_derivatives({{nullptr, 0.0}, {nullptr, 0.0}, 1.0}, by_flow);
+  }
+  ops.velocity = std::move(by_flow.by_rates);
+  ops.flux = std::move(by_flow.by_coordinates);
+  for (Triplets* of : {&ops.velocity, &ops.flux}) {
+    for (double& value : of->values) value = -value;
   }
   return ops;
 }

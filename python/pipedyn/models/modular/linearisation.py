@@ -162,6 +162,11 @@ class ScenePencil(Pencil):
         in_joints[2::3] = self.springs
         # In redundant coordinates; the stiffness without the torsional springs.
         self.parts = {name: matrix(of, size, size) for name, of in core.operators().items()}
+        flow = self.parts["velocity"]
+        self.parts["gyroscopic"], self.parts["end_flux"] = (
+            0.5 * (flow - flow.T),
+            0.5 * (flow + flow.T),
+        )
         self.parts["damping"] = -by_rate
         self.parts["stiffness"] = -by_q - sparse.diags_array(in_joints)
         thrust = np.zeros(size)  # derivative of the force by a u^2
@@ -210,7 +215,7 @@ class ScenePencil(Pencil):
         return result
 
     def velocity(self, x: Rows) -> Rows:
-        return self.direction * (self.product("gyroscopic", x) + self.product("end_flux", x))
+        return self.direction * self.product("velocity", x)
 
     def stiffness(self, x: Rows) -> Rows:
         elastic = self.springs[:, None] * self.scale**2
@@ -312,7 +317,7 @@ class ScenePencil(Pencil):
             equations @ of @ unknowns + more
             for of, more in (
                 (parts["mass"], 0),
-                (self.direction * (parts["gyroscopic"] + parts["end_flux"]), 0),
+                (self.direction * parts["velocity"], 0),
                 (parts["damping"], 0),
                 (parts["stiffness"] + in_joints, geometric(self.stiffening)),
                 (parts["flux"], geometric(self.stiffening_by_thrust)),
