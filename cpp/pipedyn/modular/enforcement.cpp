@@ -92,7 +92,6 @@ Enforcement::Enforcement(std::vector<double> scale, std::vector<InertiaRow> iner
     most_variables_ = std::max(most_variables_, variables);
     most_rows_ = std::max(most_rows_,
                           1 + variables + before + stage.group_rows + before + stage.inertia_rows);
-    record_size_ += (before + stage.dying.size()) * (living.size() + 1);
     stages_.push_back(std::move(stage));
   }
 }
@@ -104,22 +103,21 @@ Enforcement::Enforcement(std::vector<double> scale, std::vector<InertiaRow> iner
 /// enforced, and the energy's R z + r. Column 0 holds the constants, column v variable v.
 class Enforcement::Front {
  public:
-  Front(int most_rows, int most_variables, double* memory)
-      : stride_(most_rows),
-        data_(memory),
-        product_(data_ + most_rows * (most_variables + 1)),
-        reflection_(product_ + most_rows) {}
-
-  static std::size_t size(int most_rows, int most_variables) {
-    return static_cast<std::size_t>(most_rows) * (most_variables + 2) +
-           std::max(most_rows, most_variables + 1);
+  /// An empty front with room for so many rows and variables.
+  void reset(int most_rows, int most_variables) {
+    stride_ = most_rows;
+    const auto room = static_cast<std::size_t>(most_rows) * (most_variables + 1);
+    if (data_.size() < room) data_.resize(room);
+    product_.resize(most_rows);
+    reflection_.resize(std::max(most_rows, most_variables + 1));
+    variables_ = slots_ = began_ = energy_rows_ = 0;
   }
 
   int variables() const { return variables_; }
   int began() const { return began_; }
   int began_row() const { return 1 + slots_; }
   static int slot_row(int slot) { return 1 + slot; }
-  const double* column(int variable) const { return data_ + variable * stride_; }
+  const double* column(int variable) const { return data_.data() + variable * stride_; }
 
   /// What survives of the previous stage, and the coordinates that enter.
   void begin(const Stage& stage, const Front& previous, const std::vector<int>& survivors,
@@ -223,13 +221,13 @@ class Enforcement::Front {
   }
 
  private:
-  int stride_;
-  double *data_, *product_, *reflection_;
+  int stride_ = 0;
+  std::vector<double> data_, product_, reflection_;
   int variables_ = 0, slots_ = 0, began_ = 0;
   int energy_first_ = 1, energy_rows_ = 0;
 
   int end_row() const { return energy_first_ + energy_rows_; }
-  double* writable(int variable) { return data_ + variable * stride_; }
+  double* writable(int variable) { return data_.data() + variable * stride_; }
 
   /// The row becomes factor * sum_i weight_i a_i.
   void fill_row(int row, const Element& element, const double* weight, double factor) {
@@ -278,7 +276,7 @@ class Enforcement::Front {
     for (int v = first; v <= variables_; ++v) reflection_[v] = column(v)[row];
     reflection_[pivot] -= image;
     const double factor = 1.0 / (norm * (norm + std::abs(at_pivot)));
-    std::fill_n(product_, end, 0.0);
+    std::fill_n(product_.begin(), end, 0.0);
     for (int v = first; v <= variables_; ++v) {
       const double* const c = column(v);
       const double weight = reflection_[v];
@@ -361,53 +359,50 @@ class Enforcement::Front {
 /// variables at its end make of them: column-major (began + dying, 1 + variables), the constants
 /// first.
 struct Enforcement::Record {
-  const double* values;
+  std::size_t values;  // where they begin
   int began, variables;
 };
 
+struct Enforcement::Workspace {
+  Front fronts[2];
+  std::vector<Record> records;
+  std::vector<double> values, z, next;
+};
+
 template <class Found>
-void Enforcement::substitute(const std::vector<Record>& records, double* z, double* next,
-                             const Found& found) const {
-  for (std::size_t s = records.size(); s-- > 0;) {
-    const Record& record = records[s];
-    const Stage& stage = stages_[s];
-    const int rows = record.began + static_cast<int>(stage.dying.size());
-    next[0] = z[0];
+void Enforcement::substitute(Workspace& work, const Found& found) const {
+  for (std::size_t s = work.records.size(); s-- > 0;) {
+    const auto [start, began, variables] = work.records[s];
+    const double* const values = work.values.data() + start;
+    const int rows = began + static_cast<int>(stages_[s].dying.size());
+    work.next[0] = work.z[0];
     for (int i = 0; i < rows; ++i) {
       double sum = 0.0;
-      for (int v = 0; v <= record.variables; ++v) sum += record.values[v * rows + i] * z[v];
-      if (i < record.began) {
-        next[1 + i] = sum;
+      for (int v = 0; v <= variables; ++v) sum += values[v * rows + i] * work.z[v];
+      if (i < began) {
+        work.next[1 + i] = sum;
       } else {
-        found(stage.coordinate[stage.dying[i - record.began]], sum);
+        found(stages_[s].coordinate[stages_[s].dying[i - began]], sum);
       }
     }
-    std::swap(z, next);
+    work.z.swap(work.next);
   }
 }
 
 int Enforcement::solve(const double* matrix, const double* b, const double* force,
                        double* accelerations) const {
-  const std::size_t front_size = Front::size(most_rows_, most_variables_);
-  const std::size_t variables = most_variables_ + 1;
-  thread_local std::vector<double> kept;
-  const std::size_t needed = 2 * front_size + 2 * variables + record_size_;
-  if (kept.size() < needed) kept = std::vector<double>(needed);
-  double* const memory = kept.data();
-  Front fronts[2] = {{most_rows_, most_variables_, memory},
-                     {most_rows_, most_variables_, memory + front_size}};
-  double* const z = memory + 2 * front_size;
-  double* const next = z + variables;
-  double* values = next + variables;
-  thread_local std::vector<Record> records;
-  records.clear();
-
-  static const std::vector<int> none;
+  thread_local Workspace work;
+  for (Front& front : work.fronts) front.reset(most_rows_, most_variables_);
+  work.records.clear();
+  work.values.clear();
+  work.z.resize(most_variables_ + 1);
+  work.next.resize(most_variables_ + 1);
+  const std::vector<int> none;
   for (std::size_t s = 0; s < stages_.size(); ++s) {
     const Stage& stage = stages_[s];
-    Front& front = fronts[s % 2];
-    front.begin(stage, fronts[(s + 1) % 2], s > 0 ? stages_[s - 1].surviving : none, scale_.data(),
-                force);
+    Front& front = work.fronts[s % 2];
+    front.begin(stage, work.fronts[(s + 1) % 2], s > 0 ? stages_[s - 1].surviving : none,
+                scale_.data(), force);
     for (const Element& element : stage.elements) {
       const auto index = static_cast<std::size_t>(element.index);
       if (element.constraint) {
@@ -432,20 +427,21 @@ int Enforcement::solve(const double* matrix, const double* b, const double* forc
       for (const int slot : stage.dying) {
         found(stage.coordinate[slot], way[Front::slot_row(slot)]);
       }
-      z[0] = 0.0;  // a change along the variable alone
-      std::copy_n(way + front.began_row(), front.began(), z + 1);
-      substitute(records, z, next, found);
+      work.z[0] = 0.0;  // a change along the variable alone
+      std::copy_n(way + front.began_row(), front.began(), work.z.begin() + 1);
+      substitute(work, found);
       return coordinate;
     }
-    records.push_back({values, front.began(), front.variables()});
+    work.records.push_back({work.values.size(), front.began(), front.variables()});
     for (int v = 0; v <= front.variables(); ++v) {
       const double* const c = front.column(v);
-      values = std::copy_n(c + front.began_row(), front.began(), values);
-      for (const int slot : stage.dying) *values++ = c[Front::slot_row(slot)];
+      const double* const first = c + front.began_row();
+      work.values.insert(work.values.end(), first, first + front.began());
+      for (const int slot : stage.dying) work.values.push_back(c[Front::slot_row(slot)]);
     }
   }
-  z[0] = 1.0;
-  substitute(records, z, next, [&](int c, double value) { accelerations[c] = value; });
+  work.z[0] = 1.0;
+  substitute(work, [&](int c, double value) { accelerations[c] = value; });
   return complete;
 }
 
