@@ -144,12 +144,12 @@ def _is_new(known: list[Array], x: Array) -> bool:
     return size <= FAR and all(np.abs(x - one).max() >= DISTINCT * (1.0 + size) for one in known)
 
 
-def checked_size(model: Any) -> Model:
-    """The argument, if it is a model whose equilibria can be found."""
+def checked_size(model: Any, most: int = LARGEST, question: str = "equilibria") -> Model:
+    """The argument, if it is a model that moves and is small enough for the question."""
     moving = checked_model_in_motion(model)
-    if moving.dof > LARGEST:
+    if moving.dof > most:
         raise ValueError(
-            f"model must have at most {LARGEST} degrees of freedom for equilibria, got {moving.dof}"
+            f"model must have at most {most} degrees of freedom for {question}, got {moving.dof}"
         )
     return moving
 

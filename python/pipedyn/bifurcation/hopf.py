@@ -29,7 +29,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.bifurcation.equilibria import Statics
+from pipedyn.bifurcation.equilibria import Statics, checked_size
 from pipedyn.bifurcation.equilibrium_branch import BranchPoint
 from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal_form, vectors
 from pipedyn.bifurcation.vector_field import VectorField
@@ -38,15 +38,11 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import Failure, swept
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
-
-LARGEST_HOPF = 500
-"""Degrees of freedom; beyond, dense eigenvectors lose the digits that differences need."""
 
 
 @dataclass(frozen=True)
@@ -158,18 +154,17 @@ class Hopf(HopfPoint):
             ValueError: if it has no cycle there.
         """
         u = check.real("u", u, low=0.0)
-        leading = self.quadratic.real or self.cubic.real
-        sign = -math.copysign(1.0, leading)  # as if the leading term took amplitude away
-        fed = sign * self.growth * (u - self.speed)
-        quadratic, cubic = sign * self.quadratic.real, sign * self.cubic.real
-        inside = quadratic**2 - 4.0 * cubic * fed
+        quadratic, cubic = self.quadratic.real, self.cubic.real
+        fed = self.growth * (u - self.speed)
         if fed == 0.0:
             return 0.0
-        if inside >= 0.0 and fed > 0.0:
-            return 2.0 * fed / (math.sqrt(inside) - quadratic)
-        if fed < 0.0 < cubic:
-            return (math.sqrt(inside) - quadratic) / (2.0 * cubic)
-        above = sign * self.growth > 0.0
+        inside = quadratic**2 - 4.0 * cubic * fed
+        if inside >= 0.0:  # roots of fed + quadratic A + cubic A^2, without cancellation
+            both = -0.5 * (quadratic + math.copysign(math.sqrt(inside), quadratic))
+            sizes = [fed / both, both / cubic if cubic else 0.0]
+            if max(sizes) > 0.0:
+                return min(size for size in sizes if size > 0.0)
+        above = self.growth * (quadratic or cubic) < 0.0
         if self.fold is None:
             where = f"{'above' if above else 'below'} the onset at {self.speed:.9g}"
         else:
@@ -210,11 +205,8 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
 
     Source: Kuznetsov's projection formula, see `normal_form`.
     """
-    model = checked_model_in_motion(model)
-    if model.dof > LARGEST_HOPF:
-        raise ValueError(
-            f"model must have at most {LARGEST_HOPF} degrees of freedom for hopf, got {model.dof}"
-        )
+    # With more, dense eigenvectors lose the digits that differences need.
+    model = checked_size(model, 500, "hopf")
     own = crossing is None
     if crossing is None:
         critical, found = first_loss(model)

@@ -18,6 +18,7 @@ from scipy.interpolate import CubicHermiteSpline
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, finished
+from pipedyn.bifurcation.equilibria import checked_size
 from pipedyn.bifurcation.floquet import floquet
 from pipedyn.bifurcation.hopf import Hopf, hopf, with_drag
 from pipedyn.bifurcation.orbit_continuation import continued, small_orbit
@@ -31,7 +32,6 @@ from pipedyn.motion.simulate import (
     MotionStopped,
     Start,
     check_coordinates,
-    checked_model_in_motion,
     simulate,
     slight_bend,
     state_of,
@@ -101,12 +101,7 @@ def limit_cycle(
     Source: Doedel, Keller and Kernevez (1991), Numerical analysis and control of bifurcation
     problems (II), for periodic orbits by collocation.
     """
-    model = checked_model_in_motion(model)
-    if model.dof > LARGEST_CYCLE:
-        raise ValueError(
-            f"model must have at most {LARGEST_CYCLE} degrees of freedom for limit_cycle, "
-            f"got {model.dof}"
-        )
+    model = checked_size(model, LARGEST_CYCLE, "limit_cycle")
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED, open_low=True)
     rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
     samples = check.count("samples", samples, low=9, high=100_000)

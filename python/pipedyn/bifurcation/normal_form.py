@@ -172,19 +172,13 @@ def _cubic(
 
 def _extrapolated(values: list[complex]) -> tuple[complex, float]:
     """Limit of values whose error is a series in h^2, h halved each time, by Neville's scheme."""
-    rows = [list(values)]
+    best, error, row = values[-1], math.inf, np.array(values)
     for order in range(1, len(values)):
-        factor = 4.0**order
-        last = rows[-1]
-        rows.append(
-            [(factor * last[i + 1] - last[i]) / (factor - 1.0) for i in range(len(last) - 1)]
-        )
-    best, error = values[-1], math.inf
-    for row, above in zip(rows[1:], rows[:-1], strict=True):
-        for i, value in enumerate(row):
-            estimate = max(abs(value - above[i]), abs(value - above[i + 1]))
-            if estimate < error:
-                best, error = value, estimate
+        above, row = row, (4.0**order * row[1:] - row[:-1]) / (4.0**order - 1.0)
+        estimates = np.maximum(np.abs(row - above[:-1]), np.abs(row - above[1:]))
+        i = int(np.argmin(estimates))
+        if estimates[i] < error:
+            best, error = complex(row[i]), float(estimates[i])
     return best, error
 
 
