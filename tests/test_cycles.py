@@ -197,8 +197,8 @@ def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
 
 
 def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.bifurcation.floquet.TURN", 40.0)
-    monkeypatch.setattr("pipedyn.bifurcation.floquet.MOST_HALVINGS", 1)
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.TURN", 40.0)
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.MOST_HALVINGS", 1)
     monkeypatch.setattr("pipedyn.bifurcation.cycles.CHECKS", 1)
     with pytest.raises(pp.NotConverged, match="Floquet multipliers") as caught:
         pp.limit_cycle(pp.Chain(PIPE, 16), 6.0)
@@ -524,7 +524,7 @@ def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
         right[0, 0] = pivot
         return np.eye(motion.size), right
 
-    monkeypatch.setattr("pipedyn.bifurcation.floquet.through", torn)
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.through", torn)
     with pytest.raises(pp.NotConverged, match="fails its check: its Floquet multipliers left"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.5)
 

@@ -17,9 +17,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import solved
-from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, finished
+from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, finished, floquet
 from pipedyn.bifurcation.equilibria import checked_size
-from pipedyn.bifurcation.floquet import floquet
 from pipedyn.bifurcation.hopf import Hopf, hopf, with_drag
 from pipedyn.bifurcation.orbit_continuation import continued, small_orbit
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
