@@ -96,12 +96,9 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
 class _EndRelations:
     """L x(begin) + R x(end) = C over one interval each, or over several in a row."""
 
-    first: Array
-    """L, shape (k, n, n)."""
-    last: Array
-    """R, shape (k, n, n)."""
-    right: Array
-    """C, shape (k, n, r)."""
+    first: Array  # L, shape (k, n, n)
+    last: Array  # R, shape (k, n, n)
+    right: Array  # C, shape (k, n, r)
 
     def paired(self) -> tuple[_EndRelations, tuple[Array, _EndRelations]]:
         """Over twice as many intervals each, and what gives the states between: T x = C - L - R."""

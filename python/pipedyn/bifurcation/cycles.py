@@ -176,7 +176,7 @@ def _refined(
     Refined are the intervals with a large defect, and all of them where there is none, until what
     is left of the defects is rounding, which halving does not lessen.
     """
-    # Under drag two answers may agree by chance: believed is no more than the fourth power of h.
+    # Under drag two answers may agree by chance: an error falls by the fourth power of h at most.
     measured, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
     last = math.inf if motion.model.pipe.drag else 0.0
     while True:
@@ -227,7 +227,7 @@ def on_branch(
 ) -> LimitCycle:
     """The cycle of an orbit on a branch: its error is given, its multipliers are checked."""
     result = described(motion, orbit, error, samples, how)
-    if result.multiplier_error <= 1e-4:  # the relative error that curves in a picture show
+    if result.multiplier_error <= 1e-4:  # a tenth of what ends a branch
         return result
     with suppress(NewtonFailed):  # an orbit whose neighbours part fast has to be known better
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), turning=True)
@@ -245,7 +245,7 @@ def described(
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, unsettled = floquet(motion, orbit)
+    multipliers, change = floquet(motion, orbit)
     others = np.abs(nontrivial(multipliers))
     return LimitCycle(
         amplitude=amplitude,
@@ -259,7 +259,7 @@ def described(
         u=orbit.u,
         model=motion.model,
         error=error,
-        multiplier_error=max(float(np.abs(multipliers - 1.0).min()), unsettled),
+        multiplier_error=max(float(np.abs(multipliers - 1.0).min()), change),
         residual=residual(motion, orbit),
         symmetric=orbit.symmetric,
         phases=orbit.rates.shape[0] * orbit.rates.shape[1],

@@ -50,7 +50,7 @@ FIRST_DEFECT, FIRST_STEP = 1e-3, 1e-5
 enough for Newton's method on the finer mesh."""
 
 SEARCH, PATIENT = 300_000, 6
-"""Right-hand sides after which a search by simulation ends, some 0.5 s of a chain of 6 segments,
+"""Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments,
 and how many times as many up to 6 degrees of freedom, of which they are cheap: near a fold of
 cycles a motion takes long to converge."""
 

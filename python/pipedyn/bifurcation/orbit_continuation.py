@@ -75,16 +75,12 @@ COARSE = OrbitControl(control(0.3, 1e-5), 0.05, 1e-3)
 class BranchStart:
     """Where a branch begins.
 
-    Attributes:
-        orbit: its first orbit.
-        towards: direction in the unknowns; its length, if that is less than `OrbitControl.first`,
-            is that of the first step.
-        base: what it leaves, an equilibrium or an orbit, on the same mesh.
+    The length of `towards` is that of the first step, if it is less than `OrbitControl.first`.
     """
 
-    orbit: PeriodicOrbit
-    towards: Array = field(repr=False)
-    base: PeriodicOrbit | None = None
+    orbit: PeriodicOrbit  # the first
+    towards: Array = field(repr=False)  # direction in the unknowns
+    base: PeriodicOrbit | None = None  # what it leaves, at rest or periodic, on the same mesh
 
 
 def small_orbit(

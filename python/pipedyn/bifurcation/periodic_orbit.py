@@ -50,12 +50,10 @@ TWICE: Array = ONCE @ ONCE
 class PeriodicOrbit:
     """A periodic orbit, or the half of it of which the other half is the mirror image."""
 
-    edges: Array = field(repr=False)
-    """Phases at which the mesh intervals end, from 0 to the span, shape (M + 1,)."""
-    starts: Array = field(repr=False)
-    """States at the beginnings of the intervals, shape (M, 2 moving)."""
+    edges: Array = field(repr=False)  # phases at which intervals end, from 0 on, shape (M + 1,)
+    starts: Array = field(repr=False)  # states where they begin, shape (M, 2 moving)
+    # Accelerations at the stages, with constraints rates of whole states, shape (M, s, width).
     rates: Array = field(repr=False)
-    """Accelerations at the stages, with constraints rates of states, shape (M, s, width)."""
     frequency: float
     u: float
 
