@@ -32,9 +32,15 @@ from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
 from pipedyn.models.terms import Damper, Foundation, PointMass, Spring, Term
-from pipedyn.motion.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
-from pipedyn.motion.simulate import Motion, MotionStopped, simulate
+from pipedyn.motion.simulate import (
+    Ensemble,
+    MemberFailure,
+    Motion,
+    MotionStopped,
+    simulate,
+    simulate_many,
+)
 
 __version__ = "0.1.0"
 

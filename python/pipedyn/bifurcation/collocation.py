@@ -143,33 +143,26 @@ class Linearised:
         self._matrix[:n, n:] = -self._whole.right[0, :, 1:]
         self._matrix[n, :n] = across / np.linalg.norm(across)
 
-    def correction(self, row: Array, gap: float) -> Array:
-        """Newton's step, on which row @ step = gap; shape and order are those of `packed`."""
-        phase, value = self._phase
-        return self._solved(row, value - float(phase @ self.orbit.packed()), gap, 1.0)
+    def __call__(self, row: Array, gap: float, share: float) -> Array:
+        """See `continuation.Solver`; shape and order are those of `packed`.
 
-    def tangent(self, row: Array) -> Array:
-        """Change along the branch of orbits, on which row @ change = 1."""
-        return self._solved(row, 0.0, 1.0, 0.0)
-
-    def _solved(self, row: Array, shift: float, gap: float, missed: float) -> Array:
-        """The change that takes away a share of the residual, with phase @ it and row @ it given.
-
-        The two conditions hold on all unknowns, so three solutions that meet simpler ones on
-        (y(0), omega, u) are combined.
+        The conditions on the phase and on row @ change hold on all unknowns, so three solutions
+        that meet simpler ones on (y(0), omega, u) are combined.
         """
+        phase, value = self._phase
+        shift = share * (value - float(phase @ self.orbit.packed()))
         n = self._units.size
         matrix, right = self._matrix.copy(), np.zeros((n + 2, 3))
         matrix[n + 1] = np.append(row[:n] * self._units, row[-2:])
         length = float(np.linalg.norm(matrix[n + 1]))
         matrix[n + 1] /= length
-        right[:n, 0] = self._whole.right[0, :, 0] * missed
+        right[:n, 0] = self._whole.right[0, :, 0] * share
         right[n, 1], right[n + 1, 2] = 1.0, 1.0 / length
         factorised()
         known = np.linalg.solve(matrix, right)
         ends = np.stack([known[:n], self.orbit.mirror * known[:n]])
-        found = self._restored(ends, np.concatenate([[[missed, 0.0, 0.0]], known[n:]]))
-        rows = np.stack([self._phase[0], row]) @ found
+        found = self._restored(ends, np.concatenate([[[share, 0.0, 0.0]], known[n:]]))
+        rows = np.stack([phase, row]) @ found
         shares = np.linalg.solve(rows[:, 1:], np.array([shift, gap]) - rows[:, 0])
         combined: Array = found[:, 0] + found[:, 1:] @ shares
         return combined

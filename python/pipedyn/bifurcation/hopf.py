@@ -46,7 +46,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.bifurcation.equilibria import Statics, checked_size
+from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.equilibrium_branch import BranchPoint
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
@@ -54,6 +54,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import Failure, swept
 from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -397,7 +398,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
     Source: Kuznetsov's projection formula, see `normal_form`.
     """
     # With more, dense eigenvectors lose the digits that differences need.
-    model = checked_size(model, 500, "hopf")
+    model = checked_model_in_motion(model, largest=500, purpose="hopf")
     own = crossing is None
     if crossing is None:
         critical, found = first_loss(model)

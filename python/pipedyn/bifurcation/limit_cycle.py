@@ -18,7 +18,6 @@ from scipy.interpolate import CubicHermiteSpline
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, finished, floquet
-from pipedyn.bifurcation.equilibria import checked_size
 from pipedyn.bifurcation.hopf import Hopf, hopf, with_drag
 from pipedyn.bifurcation.orbit_continuation import continued, small_orbit
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
@@ -31,6 +30,7 @@ from pipedyn.motion.simulate import (
     MotionStopped,
     Start,
     check_coordinates,
+    checked_model_in_motion,
     simulate,
     slight_bend,
     state_of,
@@ -100,7 +100,7 @@ def limit_cycle(
     Source: Doedel, Keller and Kernevez (1991), Numerical analysis and control of bifurcation
     problems (II), for periodic orbits by collocation.
     """
-    model = checked_size(model, LARGEST_CYCLE, "limit_cycle")
+    model = checked_model_in_motion(model, largest=LARGEST_CYCLE, purpose="limit_cycle")
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED, open_low=True)
     rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
     samples = check.count("samples", samples, low=9, high=100_000)

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Literal
 
 import numpy as np
 
@@ -47,8 +46,6 @@ PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
 MOST_EVALUATIONS = 100_000
 """Right-hand sides and Jacobians after which no more steps are taken on the way to a speed: they
 alone take 1 s of a chain of 20 segments, half a minute of one of 100."""
-
-Breaking = Literal["pitchfork", "period doubling"]
 
 
 @dataclass(frozen=True)
@@ -114,14 +111,14 @@ def from_hopf(motion: VectorField, point: HopfPoint) -> BranchStart:
         amplitude *= 0.3
 
 
-def from_branch_point(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> BranchStart:
-    """From an orbit that loses its symmetry or doubles its period, in its neutral direction.
+def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
+    """From an orbit that loses its symmetry or, having none, doubles its period.
 
-    Without a mirror symmetry it can only double its period.
+    It is left in its neutral direction.
     """
     equations = OrbitProblem(motion, orbit).linearised(orbit.packed())
     neutral = orbit.unpacked(np.append(equations.neutral()[:-2], [1.0, 0.0]))
-    base = orbit.doubled(kind)
+    base = orbit.doubled()
     # After the first half the perturbation is the opposite of what the orbit itself does.
     halves = (
         np.concatenate([part, -orbit.mirror * part]).ravel()

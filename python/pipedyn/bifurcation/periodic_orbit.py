@@ -145,10 +145,10 @@ class PeriodicOrbit:
             u=float(z[-1]),
         )
 
-    def doubled(self, kind: str) -> PeriodicOrbit:
-        """A symmetric orbit as a whole one ("pitchfork"), a whole one run through twice."""
+    def doubled(self) -> PeriodicOrbit:
+        """A symmetric orbit as a whole one, a whole one run through twice."""
         edges = np.append(self.edges, self.span + self.edges[1:])
-        share = 1.0 if kind == "pitchfork" else 0.5
+        share = 1.0 if self.symmetric else 0.5
         return PeriodicOrbit(
             share * edges,
             np.concatenate([self.starts, self.mirror * self.starts]),
