@@ -173,12 +173,7 @@ def vectors(
 
 
 def _cubic(
-    a: Array,
-    frequency: float,
-    q: Complex,
-    p: Complex,
-    second: list[Array],
-    third: NDArray[Any],
+    a: Array, frequency: float, q: Complex, p: Complex, second: list[Array], third: NDArray[Any]
 ) -> complex:
     """c_1 from B along Re q and Im q, shape (N, N) each, and C(q, q*, .)."""
 

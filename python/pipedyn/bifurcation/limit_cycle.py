@@ -7,9 +7,9 @@ A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -179,15 +179,12 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     # All modes of a pipe under drag alone grow, about as fast: motions come late to a cycle that
     # attracts. A chain's are cheap, others' cost more than to follow a damped pipe's cycle.
     alone = not onsets and pipe.drag > 0.0 and pipe.damping == 0.0
-    limit = 2 * SEARCH if alone else SEARCH
-    ways: list[tuple[str, Callable[[], PeriodicOrbit]]] = [
-        ("simulation", lambda: _simulated(motion, u, bent, limit))
-    ]
+    ways = {"simulation": partial(_simulated, motion, u, bent, 2 * SEARCH if alone else SEARCH)}
     if alone:
-        damped = "followed from a damped pipe's", lambda: _from_damped_pipe(motion, u)
-        ways = [*ways, damped] if model.linear_cost else [damped, *ways]
+        damped = {"followed from a damped pipe's": partial(_from_damped_pipe, motion, u)}
+        ways = ways | damped if model.linear_cost else damped | ways
     failed = list[str]()
-    for how, search in ways:
+    for how, search in ways.items():
         try:
             return search(), how
         except (NewtonFailed, NoCycle) as reason:

@@ -246,17 +246,14 @@ def _on_mesh(
     step: OrbitStep, point: Point, edges: Array, control: Control
 ) -> tuple[PeriodicOrbit, Array]:
     """A point's orbit and tangent on another mesh."""
-    motion, orbit = step.problem.motion, step.problem.orbit(point.z)
-    problem = OrbitProblem(
-        *(motion, interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)),
-        step.problem.unit,
+    motion = step.problem.motion
+    # The tangent there: any direction near it is good enough to find it by.
+    here, moved = (
+        interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
+        for orbit in map(step.problem.orbit, (point.z, point.z + 1e-4 * point.tangent))
     )
-    # The tangent's states there: any direction near it is good enough to find it by.
-    share = 1e-4
-    moved = step.problem.orbit(point.z + share * point.tangent)
-    towards = np.zeros(problem.weights.size)
-    starts = (moved.states(edges[:-1]) - orbit.states(edges[:-1])).T.ravel() / share
-    towards[: starts.size], towards[-2:] = starts, point.tangent[-2:]
+    problem = OrbitProblem(motion, here, step.problem.unit)
+    towards = moved.packed() - here.packed()
     branch = Continuation(problem, control)
     found = branch.at(branch.point(problem.start.packed(), towards), 0.0)
     return problem.orbit(found.z), found.tangent
