@@ -319,9 +319,8 @@ class Chain(Model):
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         self._check_dense()
-        if q is None:
-            return operators_from(self.core.operators(), self._pipe)
-        return operators_from(self.core.operators(self._coordinates(q)), self._pipe)
+        angles = np.zeros(self.dof) if q is None else self._coordinates(q)
+        return operators_from(self.core.operators(angles), self._pipe)
 
     def elastic_operators(self) -> Operators:
         self._check_dense()
