@@ -112,10 +112,6 @@ class Dice {
 
 Matrix lower_ones(Index n) { return Matrix::Ones(n, n).triangularView<Eigen::Lower>(); }
 
-Operators straight_operators(const Chain& chain) {
-  return chain.operators(Vector::Zero(chain.dof()));
-}
-
 /// The products agree with the dense operators.
 void check_products(const Chain& chain, const Segments& segments, const Operators& dense,
                     const Operators& weightless, double gamma, Dice& dice) {
@@ -221,7 +217,7 @@ void check_band(const Pipe& pipe, const Chain& chain, const Segments& segments,
 
 /// The routes to the operators agree for a pipe with terms, and the products with them.
 void check_terms(const Pipe& pipe, const Chain& chain, const Segments& segments, Dice& dice) {
-  const Operators dense = straight_operators(chain);
+  const Operators dense = chain.operators();
   check_joint_operators(chain, dense, dice);
   check_band(pipe, chain, segments, dense, dice);
   const Matrix x = dice.matrix(chain.dof(), 3);
@@ -245,8 +241,8 @@ void check_chains() {
       check(chain.dof() == n, "dof");
       Pipe without_weight = pipe;
       without_weight.gamma = 0.0;
-      const Operators dense = straight_operators(chain);
-      const Operators weightless = straight_operators(Chain(without_weight, segments));
+      const Operators dense = chain.operators();
+      const Operators weightless = Chain(without_weight, segments).operators();
       check_close(dense.damping, pipe.damping * weightless.stiffness, 1e-15, "damping is elastic");
       check_products(chain, segments, dense, weightless, pipe.gamma, dice);
       check_joint_operators(chain, dense, dice);

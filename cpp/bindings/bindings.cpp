@@ -162,7 +162,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
            "base"_a)
-      .def("operators", &Chain::operators, "angles"_a, Unlocked())
+      .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def("mass_times", &Chain::mass_times, "x"_a, Unlocked())
       .def("velocity_times", &Chain::velocity_times, "x"_a, Unlocked())

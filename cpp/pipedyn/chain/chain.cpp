@@ -110,9 +110,9 @@ void Moments::before(double l, const Moments& own) {
 
 Operators Chain::operators(const Vector& angles) const {
   const Index n = dof();
-  require_rows(angles.size(), n);
-  Vector sine(n), cosine(n);
-  for (Index k = 0; k < n; ++k) {
+  Vector sine = Vector::Zero(n), cosine = Vector::Ones(n);
+  if (angles.size() > 0) require_rows(angles.size(), n);
+  for (Index k = 0; k < angles.size(); ++k) {
     sine[k] = std::sin(angles[k]);
     cosine[k] = std::cos(angles[k]);
   }

@@ -79,11 +79,11 @@ class Chain {
 
   Index dof() const { return segments_.length.size(); }
 
-  /// Operators in the angles theta about a configuration at rest with the given angles (n), O(n^2):
+  /// Operators in the angles theta, O(n^2), about the straight pipe or a configuration at rest (n):
   /// what multiplies theta'' and theta' there, and the derivatives of the moments of springs,
   /// gravity and loads (stiffness) and of the follower force (flux). Throws std::invalid_argument
   /// unless there is one angle a segment.
-  Operators operators(const Vector& angles) const;
+  Operators operators(const Vector& angles = Vector()) const;
 
   /// Operators in the joint angles divided by scale, phi = scale * z, O(n^2). Every entry is a sum
   /// of terms of one sign, so none loses digits to cancellation. Throws std::invalid_argument

@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Any
 
 from pipedyn.linear.crossings import AxisCrossing, CrossingSearch, Sweep, Untracked
-from pipedyn.linear.modes import CONTINUUM_SPEED, LARGEST_SPEED
-from pipedyn.linear.sensitivity import Crossing, Kind, Sensitivity, crossings_of
+from pipedyn.linear.modes import CONTINUUM_SPEED, LARGEST_FULL, LARGEST_SPEED
+from pipedyn.linear.sensitivity import Crossing, crossings_of
 from pipedyn.linear.special.deflation import sweeping_problem
 from pipedyn.linear.special.undamped import CirculatorySearch
 from pipedyn.linear.special.weak_damping import extrapolated, is_weakly_damped, strengthened
@@ -22,9 +22,6 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
-
-LARGEST_SWEEP = 2000
-"""Degrees of freedom up to which crossings are searched."""
 
 
 class NoCrossing(PipedynError):
@@ -40,31 +37,21 @@ class NoCrossing(PipedynError):
 
 
 @result
-class CriticalSpeed:
-    """The lowest crossing that destabilises.
+class CriticalSpeed(Crossing):
+    """The lowest crossing that destabilises: its speed, frequency, kind and the rest of a crossing.
+
+    The speed is 0 if the pipe is unstable from the smallest flow on. `mode` is a convention where
+    damping is so strong that the modes at rest do not oscillate.
 
     Attributes:
-        speed: u; 0 if the pipe is unstable from the smallest flow on.
-        frequency: angular, in 1 / T; 0 for divergence.
-        kind: "flutter" or "divergence".
-        error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
-        mode: which branch, counted from rest by frequency, from 1; a convention where damping is so
-            strong that the modes at rest do not oscillate.
         stable_at_rest: False if the pipe is buckled without flow.
-        sensitivity: derivatives of speed and frequency, None as for `Crossing`.
         size: degrees of freedom of the model solved.
         pipe: the pipe.
     """
 
-    speed: float
-    frequency: float
-    kind: Kind
-    error: float
-    mode: int
-    stable_at_rest: bool
-    sensitivity: Sensitivity | None = field(repr=False)
-    size: int
-    pipe: Pipe = field(repr=False)
+    stable_at_rest: bool = field(kw_only=True)
+    size: int = field(kw_only=True)
+    pipe: Pipe = field(kw_only=True, repr=False)
     _exact: Continuum | None = field(repr=False, compare=False, default=None)
     _continuous: float | None = field(repr=False, default=None)
     _max_speed: float = field(repr=False, default=100.0)
@@ -144,9 +131,10 @@ def first_loss(
     Raises:
         NoCrossing: if there is none up to max_speed.
     """
-    # A low critical speed needs no large basis and few modes of a long chain: the search grows
-    # from rest where that is cheaper.
-    ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed and _grows(model, end)]
+    # A low critical speed needs no large basis and few modes of a long chain, so where that is
+    # cheaper the search first ends sooner: without weight pipes flutter below 12 if beta < 0.68,
+    # below 30 at any beta, and gamma = 1000 takes the speed to 20 .. 80.
+    ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed and _is_cheaper_to(end, model)]
     for end in [*ends, max_speed]:
         found = _search(model, end, lambda crossing: crossing.change > 0)
         critical = found.critical(max_speed)
@@ -178,13 +166,8 @@ class _Search:
         if first is None:
             return None
         return CriticalSpeed(
-            speed=first.speed,
-            frequency=first.frequency,
-            kind=first.kind,
-            error=first.error,
-            mode=first.mode,
+            **vars(first),
             stable_at_rest=self.crossings[0].unstable_before == 0,
-            sensitivity=first.sensitivity,
             size=self.size,
             pipe=self.model.pipe,
             _exact=_exact(self.model),
@@ -218,15 +201,15 @@ def _search_once(
     model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None
 ) -> _Search:
     if not isinstance(model, Continuum):
-        if model.dof > LARGEST_SWEEP:
+        if model.dof > LARGEST_FULL:
             raise ValueError(
-                f"model must have at most {LARGEST_SWEEP} degrees of freedom for crossings, "
+                f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
                 f"got {model.dof}"
             )
         model.require_equilibrium(0.0, max_speed)
         return _Search(model, crossings_of(model, _sweep(model, max_speed, until)), model.dof)
     continuous = model.converge(
-        lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _trusted(rom))),
+        lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _resolved(rom))),
         _difference,
         smallest=max(16, math.ceil(0.8 * max_speed) + 8),
     )
@@ -235,39 +218,39 @@ def _search_once(
     return _Search(model, found, continuous.size, moved)
 
 
-def _trusted(rom: Galerkin) -> int | None:
+def _resolved(rom: Galerkin) -> int | None:
     """How many modes of a Legendre model to look at: three fifths are the pipe's to many digits.
 
     All, if damping is so strong that the last of these do not oscillate: then those beyond are
     overdamped too, however they would grow without damping, and nothing sets them apart.
     """
-    trusted = (3 * rom.resolution) // 5
-    overdamped = rom.pipe.damping * (math.pi * trusted) ** 2 > 2.0
-    return None if overdamped else trusted
+    resolved = (3 * rom.resolution) // 5
+    overdamped = rom.pipe.damping * (math.pi * resolved) ** 2 > 2.0
+    return None if overdamped else resolved
 
 
-def _feeling(max_speed: float) -> int:
-    """How many modes can meet a flow up to some speed: those up to k = pi u and twelve more."""
+def _modes_within(max_speed: float) -> int:
+    """How many modes the flow can reach: those of wave number k up to pi u, and twelve more."""
     return 12 + math.ceil(max_speed)
 
 
-def _worth_tracking(tracked: int, max_speed: float, dof: int) -> bool:
+def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
     """Whether some modes of a long chain are computed faster than all."""
     return tracked <= dof // 4 and max_speed <= dof / 4
 
 
-def _grows(model: AnyModel, end: float) -> bool:
+def _is_cheaper_to(end: float, model: AnyModel) -> bool:
     """Whether a search is the cheaper, the sooner it ends."""
     if isinstance(model, Continuum):
         return True
-    return _worth_tracking(_feeling(end), end, model.dof) and model.pencil().is_long
+    return model.pencil().is_long and _some_are_cheaper(_modes_within(end), end, model.dof)
 
 
 def _sweep(
     model: Model,
     max_speed: float,
     until: Callable[[AxisCrossing], bool] | None,
-    trusted: int | None = None,
+    resolved: int | None = None,
 ) -> Sweep:
     """Crossings of one model.
 
@@ -278,22 +261,23 @@ def _sweep(
     tracked: int | None = None
     count: int | None = None
     if problem.is_long:
-        tracked = _feeling(max_speed)
-        # Those before the cluster at -1 / delta, which no Krylov space can pass, may be enough.
+        tracked = _modes_within(max_speed)
+        # Those before the cluster at -1 / delta, which no Krylov space can pass, may be enough:
+        # modes with (delta omega)^2 < 0.9, four fewer as the search looks beyond those tracked.
         delta = model.pipe.damping
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else tracked
         if max_speed / math.pi + 1.0 <= before < tracked:
             tracked, count = before, 2 * before + 2
     while True:
-        if tracked is not None and not _worth_tracking(tracked, max_speed, problem.dof):
+        if tracked is not None and not _some_are_cheaper(tracked, max_speed, problem.dof):
             problem, tracked = problem.dense(), None
         kind = CirculatorySearch if problem.velocity_free(1.0) else CrossingSearch
         try:
             with one_thread(problem.rows):
-                return kind(problem, max_speed, tracked, trusted, count).run(until)
+                return kind(problem, max_speed, tracked, resolved, count).run(until)
         except Untracked:
             assert tracked is not None
-            tracked, count = max(2 * tracked, _feeling(max_speed)), None
+            tracked, count = max(2 * tracked, _modes_within(max_speed)), None
 
 
 def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:

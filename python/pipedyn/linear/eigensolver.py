@@ -105,7 +105,7 @@ def _about(
             values = np.concatenate([values[real], values[upper], values[upper].conj()])
             right = np.hstack([right[:, real], right[:, upper], right[:, upper].conj()])
         if problem.stiff is not None:
-            values, right, dual = problem.stiff.sharpened(u, values, right, dual, free)
+            values, right, dual = problem.stiff.with_stiff_roots(u, values, right, dual, free)
         mine = problem.genuine(values, free)
         values, right = values[mine], right[:, mine]
         dual = None if dual is None else dual[:, mine]

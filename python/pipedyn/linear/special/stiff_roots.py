@@ -38,26 +38,20 @@ Iterate = tuple[complex, tuple[Complex, Complex] | None]
 """lambda and both vectors of T."""
 
 SLOW = 30.0
-"""|lambda| up to which joint angles serve: they lose eps |lambda|^2."""
+"""|lambda| up to which joint angles serve: they lose eps |lambda|^2, which is 2e-13 here."""
 
 SPREAD, UNEQUAL = 1e4, 10.0
-"""A chain whose highest frequency is beyond both the one and the other times n^2 (equal segments
-have 3 n^2 by the estimate made, 7 n^2 in fact) has its stiff roots from here."""
+"""A chain whose highest frequency is beyond both the one (where joint angles lose eight digits) and
+the other times n^2 (equal segments have 3 n^2 by the estimate made, 7 n^2 in fact) is treated
+here."""
 
 STIFFER = 1e6
-"""So has one whose springs differ by such a factor."""
+"""So is one whose springs differ by such a factor: measured on random chains of 3 to 8 segments,
+joint angles lose roots by 5e-12 at 1e5, 5e-11 at 1e6, 3e-9 at 1e10."""
 
-ASTRAY = 1e-3
-"""Newton's method may leave its start by this share of it, or, to no more than `FARTHEST`, by a
-third of the distance to the next one."""
-
-FARTHEST = 0.1
-
-MOST_STEPS = 8
-"""Of Newton's method; two or three do from a good start."""
-
-LEAST = 1e-30
-"""Least size of an unknown beside the largest."""
+REACH = (1e-3, 0.1)
+"""Newton's method may leave its start by the first share of it, which rough roots are off at most,
+or by a third of the distance to the next one, up to the second share."""
 
 ENTRY = 8.0 * float(np.finfo(float).eps)
 """Relative rounding of an entry of T, with room for what the products with it add."""
@@ -224,7 +218,7 @@ class StiffRoots:
         result: Complex = values[np.argsort(np.abs(values), kind="stable")]
         return result
 
-    def sharpened(
+    def with_stiff_roots(
         self, u: float, values: Complex, right: Complex, left: Complex | None, free: bool
     ) -> tuple[Complex, Complex, Complex | None]:
         """All roots of the inverse problem, with the stiff ones from the whole problem.
@@ -301,15 +295,15 @@ class StiffRoots:
     def polished(self, u: float, values: Complex, free: bool) -> dict[int, StiffPair]:
         """The stiff ones among all roots, by their indices, of conjugates the upper only.
 
-        Where Newton's method strays, or ends on another's root, the start remains, with the
-        residual that it has.
+        Where Newton's method leaves `REACH`, or ends on another's root, the start remains, with
+        the residual that it has.
         """
         pairs: dict[int, StiffPair] = {}
         for i in map(int, np.flatnonzero(is_stiff(values) & (values.imag >= 0.0))):
             start = complex(values[i])
             apart = np.abs(values - start)
             room = float(apart[apart > 0.0].min(initial=np.inf)) / abs(start)
-            pair = self.near(u, start, max(ASTRAY, min(room / 3.0, FARTHEST)), free)
+            pair = self.near(u, start, max(REACH[0], min(room / 3.0, REACH[1])), free)
             for k, other in pairs.items():
                 same = abs(pair.value - other.value) <= pair.uncertain + other.uncertain
                 if same and abs(start - values[k]) > pair.uncertain + other.uncertain:
@@ -321,7 +315,7 @@ class StiffRoots:
     def near(self, u: float, start: complex, reach: float, free: bool = False) -> StiffPair:
         """The root next to a start and within a share of it, by Newton's method with both vectors.
 
-        The start itself where it strays.
+        The start itself where it leads further away.
         """
 
         def correction(near: Iterate) -> tuple[Iterate, float]:
@@ -342,7 +336,7 @@ class StiffRoots:
                 tolerance=1e-13,
                 slower=1.0,
                 patience=1,
-                iterations=MOST_STEPS,
+                iterations=8,  # two or three do from a good start
                 scale=lambda near: abs(near[0]),
             ).state
         except NewtonFailed as failed:  # the last iterate before steps grew, or the start
@@ -371,10 +365,10 @@ class StiffRoots:
         """T^-1 load and T^-H dual, for unknowns of about these sizes.
 
         With these as units, and each equation's terms as its own, rounding of the factors is
-        small beside the terms of each equation, not only of the largest.
+        small compared with the terms of each equation, not only of the largest.
         """
         width = self.width
-        columns = sizes + LEAST
+        columns = sizes + 1e-30  # none is zero; |x| <= 1
         rows = 1.0 / times(np.abs(band), columns)
         scaled = band.copy(order="F")
         around = np.lib.stride_tricks.sliding_window_view(np.pad(rows, width), 2 * width + 1).T
