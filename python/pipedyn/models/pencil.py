@@ -24,7 +24,6 @@ from pipedyn.util.counters import factorised
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
     from pipedyn.models.chain import Chain
-    from pipedyn.models.modular import Assembly
 
 Vectors = NDArray[Any]
 
@@ -188,17 +187,3 @@ class ChainPencil(Pencil):
             return joint_angles
 
         return solve
-
-
-class ScenePencil(Pencil):
-    """A long scene: a band or sparse matrix of its redundant coordinates and constraints."""
-
-    def __init__(self, model: Assembly) -> None:
-        super().__init__(model)
-        self.linear = model.linear
-        self.mass, self.damping = self.linear.mass, self.linear.damping
-        self.stiffness, self.flux = self.linear.stiffness, self.linear.flux
-        self.factor = self.linear.factor
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self.direction * (self.linear.gyroscopic(x) + self.linear.end_flux(x))
