@@ -140,7 +140,8 @@ def vectors(
     Raises as `normal_form` does.
     """
     size = a.shape[0]
-    # Rates are about omega times coordinates: balanced, they are as large, and so is the shift.
+    # Rates are about omega times coordinates. Balanced, both are of one size, for which the shift is
+    # as small.
     balance, (scaling, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
     shift = 1j * frequency * (1.0 + 1e-12) + 1e-11 * frequency
     factorised()
