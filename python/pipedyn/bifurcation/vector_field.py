@@ -53,7 +53,7 @@ class VectorField:
         and, unlike the analytic one, hold the curvature of the projection onto guides and pins.
         """
         count = y.shape[1]
-        compiled = self.scene is not None and self.scene.accelerations is None
+        compiled = self.scene is not None and self.scene.compiled
         if not (self.constrained or compiled):
             self._count(count)
             columns = np.ascontiguousarray(y.T)
