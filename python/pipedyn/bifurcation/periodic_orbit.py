@@ -226,14 +226,12 @@ def divided(edges: Array, parts: NDArray[np.int_]) -> Array:
 
 
 def _joined(edges: Array, turns: Array) -> Array:
-    """Edges with others that take the place of such as they coincide with."""
+    """Edges with others, which take the place of those that they all but coincide with."""
     least = 1e-4 * edges[-1]  # a shorter interval costs as much and resolves nothing
-    inner = edges[1:-1]
-    if turns.size:
-        turns = turns[np.concatenate([[True], np.diff(turns) > least])]
-        turns = turns[(turns > least) & (turns < edges[-1] - least)]
-        inner = inner[np.abs(inner[:, None] - turns).min(axis=1, initial=math.inf) > least]
-    return np.sort(np.concatenate([edges[:1], inner, turns, edges[-1:]]))
+    turns = turns[(turns > least) & (turns < edges[-1] - least)]
+    turns = turns[np.diff(turns, prepend=-math.inf) > least]
+    apart = np.abs(edges[1:-1, None] - turns).min(axis=1, initial=math.inf)
+    return np.sort(np.concatenate([edges[[0, -1]], edges[1:-1][apart > least], turns]))
 
 
 def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:
