@@ -95,7 +95,7 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
 def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[tuple[Array, Array]]]:
     """[L | R | C] of L x(begin) + R x(end) = C over all intervals, in units of the state, (n, .).
 
-    For each doubling of the intervals also triangles T and [L | R | C] of the states x between:
+    For each doubling of the intervals also triangles T and [L | R | C] of the states x between, in
     T x = C - L x(begin) - R x(end).
     """
     n, between = units.size, []

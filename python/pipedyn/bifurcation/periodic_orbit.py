@@ -16,7 +16,8 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 
 STAGES = 8
-"""Stages of the Radau IIA method, whose order is one less than twice as many: 15."""
+"""Stages of the Radau IIA method, whose order is one less than twice as many: 15. The cycles of four
+pipes take 1.4 times as long to 1e-6 with 6 stages, and about as long with 10 and 12."""
 
 COARSEST = 4
 """Intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd harmonics."""
