@@ -16,7 +16,7 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 
 STAGES = 8
-"""Stages of the Radau IIA method, whose order is one less than twice as many: 15. The cycles of four
+"""Stages of the Radau IIA method, whose order is one less than twice as many: 15. Cycles of four
 pipes take 1.4 times as long to 1e-6 with 6 stages, and about as long with 10 and 12."""
 
 COARSEST = 4
