@@ -375,10 +375,6 @@ class _Follower:
                 return error.result
         return None
 
-    def _described(self, orbit: PeriodicOrbit) -> LimitCycle:
-        """The cycle of an orbit, with its multipliers."""
-        return on_branch(self.motion, orbit, FINE.defect, SAMPLES, self.how)
-
     def _keep(self, cycle: LimitCycle) -> None:
         """Takes a cycle whose multipliers are accurate enough."""
         if cycle.multiplier_error <= LARGEST_ERROR:
@@ -425,17 +421,18 @@ class _Follower:
         `last` is the cycle at its beginning, if that is known and kept.
         """
         segment, length = step.segment, step.length
-        if last is None:
-            last = self._described(step.begin)
-            self._keep(last)
-        ends = {0.0: last, length: self._described(step.end)}
 
         @cache
         def cycle(s: float) -> LimitCycle:
-            return ends[s] if s in ends else self._described(step.at(s))
+            if s == 0.0 and last is not None:
+                return last
+            orbit = step.begin if s == 0.0 else step.end if s == length else step.at(s)
+            return on_branch(self.motion, orbit, FINE.defect, SAMPLES, self.how)
 
+        if last is None:
+            self._keep(cycle(0.0))
         found: list[Found] = [(length, cycle(length), None)]
-        if max(one.multiplier_error for one in ends.values()) > LARGEST_ERROR:
+        if max(cycle(s).multiplier_error for s in (0.0, length)) > LARGEST_ERROR:
             self._keep(cycle(length))
             return cycle(length)
         turns = folds(segment, 1e-5)  # the speed of a fold is known to the square of that
