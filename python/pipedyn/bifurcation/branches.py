@@ -383,11 +383,9 @@ class _Follower:
     def _vanishes(self, step: OrbitStep) -> bool:
         """Whether the branch meets within a step an equilibrium, or cycles of more symmetry."""
         orbit = step.begin
-        kinds: list[EventKind] = ["hopf"]
-        if not orbit.symmetric:
-            kinds.append("period doubling")
-            if self.motion.is_odd(orbit.u):
-                kinds.append("pitchfork")
+        kinds: list[EventKind] = ["hopf"] if orbit.symmetric else ["hopf", "period doubling"]
+        if not orbit.symmetric and self.motion.is_odd(orbit.u):
+            kinds.append("pitchfork")
         for kind in kinds:
             here, there = (breaking_part(orbit, kind) for orbit in (step.begin, step.end))
             if float(np.sum(here * there)) >= 0.0:
@@ -462,8 +460,7 @@ class _Follower:
         passed = sign_changes(lambda s: growth(cycle(s).multipliers), low, high, 1e-4 * step.length)
         for before, beyond in passed:
             orbit = step.at(beyond)
-            roots = multiplier_roots(self.motion, orbit)
-            kind, multiplier = crossing_event(roots, orbit.symmetric)
+            kind, multiplier = crossing_event(multiplier_roots(self.motion, orbit), orbit.symmetric)
             if kind == "fold":
                 continue
             a, b = cycle(before), cycle(beyond)
