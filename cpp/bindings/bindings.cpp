@@ -133,15 +133,12 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
            "base"_a)
-      .def("operators", py::overload_cast<>(&Chain::operators, py::const_), Unlocked())
-      .def("operators", py::overload_cast<const pipedyn::Vector&>(&Chain::operators, py::const_),
-           "angles"_a, Unlocked())
+      .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def("mass_times", &Chain::mass_times, "x"_a, Unlocked())
-      .def("velocity_times", &Chain::velocity_times, "x"_a, "transposed"_a = false, Unlocked())
-      .def("flux_times", &Chain::flux_times, "x"_a, "transposed"_a = false, Unlocked())
+      .def("velocity_times", &Chain::velocity_times, "x"_a, Unlocked())
+      .def("flux_times", &Chain::flux_times, "x"_a, Unlocked())
       .def("gravity_times", &Chain::gravity_times, "x"_a, Unlocked())
-      .def("springs_times", &Chain::springs_times, "joint_angles"_a, Unlocked())
       .def("terms_stiffness_times", &Chain::terms_stiffness_times, "x"_a, Unlocked())
       .def("terms_damping_times", &Chain::terms_damping_times, "x"_a, Unlocked())
       .def("bodies", &Chain::bodies, Unlocked())

@@ -79,9 +79,7 @@ class Chain:
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def flux_times(
-        self,
-        x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        transposed: bool = False,
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def gravity_times(
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
@@ -95,11 +93,8 @@ class Chain:
     def mass_times(
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    @typing.overload
-    def operators(self) -> Operators: ...
-    @typing.overload
     def operators(
-        self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+        self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
     def power(
         self, y: typing.Any, u: typing.Any
@@ -116,9 +111,6 @@ class Chain:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def springs_times(
-        self, joint_angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def terms_damping_times(
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
@@ -126,9 +118,7 @@ class Chain:
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def velocity_times(
-        self,
-        x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        transposed: bool = False,
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Galerkin:
