@@ -782,7 +782,13 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
   check_close(change,
               (scene_held.forces(y + h * way, u) - scene_held.forces(y - h * way, u)) / 2 / h, 1e-6,
               "derivatives of the forces");
-  const Matrix curved = dense(scene_held.curvature(q, dice.vector(m, -1.0, 1.0)), 3 * n, 3 * n);
+  const pipedyn::Hessians hessians = scene_held.hessians(q);
+  const Vector multipliers = dice.vector(m, -1.0, 1.0);
+  pipedyn::Triplets weighted = hessians.entries;
+  for (std::size_t i = 0; i < weighted.values.size(); ++i) {
+    weighted.values[i] *= multipliers[hessians.rows[i]];
+  }
+  const Matrix curved = dense(weighted, 3 * n, 3 * n);
   check_close(curved, curved.transpose(), 1e-14, "curvature is symmetric");
 
   Modules loose = modules;
@@ -967,9 +973,8 @@ void check_wild_scene(Wild& wild) {
   state << straight, wild.dice.vector(3 * n, -1.0, 1.0);
   check(made.forces(state, 3.0).allFinite(), "forces are finite");
   const auto rows = made.constraints(state);
-  made.curvature(straight, rows.residual);
+  made.hessians(straight);
   made.force_derivatives(state, u);
-  made.acceleration_derivatives(state, wild.dice.vector(3 * n, -1.0, 1.0));
   check(rows.residual.allFinite() && rows.right_side.allFinite(), "constraints are finite");
 }
 
