@@ -251,9 +251,9 @@ void check_chains() {
       check_joint_operators(chain, dense, dice);
       check_physics(pipe, segments, dense, weightless, dice);
       check_band(pipe, chain, segments, dense, dice);
-      Pipe laden = pipe;
-      laden.terms = dice.terms();
-      check_terms(laden, Chain(laden, segments), segments, dice);
+      Pipe loaded = pipe;
+      loaded.terms = dice.terms();
+      check_terms(loaded, Chain(loaded, segments), segments, dice);
     }
   }
 }
@@ -745,12 +745,12 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
   check(plain.constraints(y).residual.cwiseAbs().maxCoeff() < 1e-14, "angles meet constraints");
 
   Modules held = modules;
-  Pipe laden = pipe;
-  laden.terms = {pipedyn::make_term("spring", 1.0, {2.0}),
+  Pipe loaded = pipe;
+  loaded.terms = {pipedyn::make_term("spring", 1.0, {2.0}),
                  pipedyn::make_term("point_mass", 0.7, {0.3})};
   held.inertia = {{{0}, {0.4}}, {{static_cast<int>(3 * n - 1)}, {0.3}}};
   for (int i = 0; i < 2; ++i) held.constraints.push_back({Constraint::Kind::guide, n});
-  const Scene scene_held(laden, held);
+  const Scene scene_held(loaded, held);
   scene_held.rhs({y.data(), &u, 1, 0}, nullptr, rates.data());
   const Vector acceleration = rates.tail(3 * n);
   const auto rows = scene_held.constraints(y);
@@ -924,10 +924,10 @@ void check_wild_reduced(Wild& wild) {
                 pipedyn::make_term("spring", 0.6, {3.0}),
                 pipedyn::make_term("point_mass", 1.0, {0.2}),
                 pipedyn::make_term("spring", 1.0, {wild.one_of({0.0, 1e9})})};
-  const pipedyn::GalerkinMotion laden(pipe, basis);
-  check_wild_motion(laden, wild);
+  const pipedyn::GalerkinMotion loaded(pipe, basis);
+  check_wild_motion(loaded, wild);
   const Vector q = wild.dice.vector(m, -1.0, 1.0);
-  check(laden.operators(q).mass.llt().info() == Eigen::Success, "mass is positive definite");
+  check(loaded.operators(q).mass.llt().info() == Eigen::Success, "mass is positive definite");
   const pipedyn::Quadrature rule(40);
   const Galerkin linear(pipe, basis, rule.node, rule.weight);
   check(linear.operators().stiffness.allFinite(), "stiffness is finite");

@@ -231,7 +231,7 @@ def test_eigenvalues_are_exact_at_any_size(n):
     assert (found.errors <= 1e-9 * (1.0 + np.abs(found.eigenvalues))).all()
 
 
-STIFF = {  # with the error that is met; the elastic stiffness is small beside a stiff spring's
+STIFF = {  # with the error that is met; the elastic stiffness is small against a stiff spring's
     "unequal": (pp.Chain(pp.Pipe(0.2, terms=ALL), lengths=[0.5, 1e-6, 1e-6, 0.5 - 2e-6]), 1e-10),
     "mass on a short one": (
         pp.Chain(

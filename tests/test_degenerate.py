@@ -17,7 +17,7 @@ import pipedyn as pp
 def unstable_in_many_digits(chain, u, digits=50):
     """Unstable roots from the equations of motion at small angles, written out in mpmath.
 
-    In 50 digits the coefficients that vanish for a standing zero, double or triple, are told from
+    In 50 digits the coefficients that vanish for a standing zero, double or triple, differ clearly from
     small ones.
     """
     pipe, n = chain.pipe, chain.dof

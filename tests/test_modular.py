@@ -187,7 +187,7 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp
     q = None if angles is None else np.array([0.3, -0.5, 0.8, 0.2])
     mine, theirs = scene.operators(q), chain.operators(q)
     names = ["mass", "gyroscopic", "end_flux", "damping"]
-    # Beside the derivatives of the forces in the angles, about a bent chain that is no equilibrium
+    # Against the derivatives of the forces in the angles, about a bent chain that is no equilibrium
     # nothing else is left: no guide or pin bends the coordinates.
     for name in [*names, "stiffness", "flux"]:
         np.testing.assert_allclose(
@@ -481,7 +481,7 @@ def test_constraints_do_not_drift_over_a_hundred_periods() -> None:
     assert max(drift) < 1e-12
     assert np.abs(motion.qdot[:, 3 * 4 - 3]).max() < 1e-12
     assert motion.audit < 1e-4
-    # What the integrator itself carries beside the guide stays as small.
+    # What the integrator itself carries off the guide stays as small.
     assert drifting(guided, 2.0, duration, "dop853") < 1e-8
 
 

@@ -156,7 +156,7 @@ def test_a_motion_that_cannot_go_on_carries_what_there_is():
 def test_jacobians_do_not_stop_a_motion_that_goes_on():
     """Right-hand sides and Jacobians are one measure of what a motion took since it was asked."""
     task = checked_task(CHAIN, 6.0, 1e3, bow, None, rtol=1e-6, method="lsoda")
-    for first in range(18_396, 18_412, 4):  # so many calls, and then two beside each Jacobian
+    for first in range(18_396, 18_412, 4):  # so many calls, and then two for each Jacobian
         watched = Watched(task)
         step = 0.02 / max(watched.fastest)
         times = step * np.arange(1.0, first + 2401.0)
