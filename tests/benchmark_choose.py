@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What `choose` promises, on random pipes: its error against a more accurate answer, its cost by hand.
+"""What `choose` promises, on random pipes: its error against an accurate answer, its cost by hand.
 
     python tests/benchmark_choose.py [pipes] [seed] [question ...]
 

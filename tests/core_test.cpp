@@ -747,7 +747,7 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
   Modules held = modules;
   Pipe loaded = pipe;
   loaded.terms = {pipedyn::make_term("spring", 1.0, {2.0}),
-                 pipedyn::make_term("point_mass", 0.7, {0.3})};
+                  pipedyn::make_term("point_mass", 0.7, {0.3})};
   held.inertia = {{{0}, {0.4}}, {{static_cast<int>(3 * n - 1)}, {0.3}}};
   for (int i = 0; i < 2; ++i) held.constraints.push_back({Constraint::Kind::guide, n});
   const Scene scene_held(loaded, held);

@@ -24,8 +24,8 @@ HOSE = pp.Pipe.from_si(length=0.6, bending_stiffness=7.3e-3, pipe_mass=0.19, flu
 """beta = 0.387, gamma = 90: the paper's rule tends to an error of 0.0094, not of 0.0144."""
 
 FOLD = pp.Pipe(0.255404218, 10.0)
-"""Close to a fold of u_c(beta): models of 5 to 12 functions lose stability 4 % earlier, in the branch
-that the pipe has not reached yet."""
+"""Close to a fold of u_c(beta): models of 5 to 12 functions lose stability 4 % earlier, in the
+branch that the pipe has not reached yet."""
 
 KINDS = [("ejecting", False), ("ejecting", True), ("aspirating", True)]
 """Flows, with damping or without."""

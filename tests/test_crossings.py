@@ -26,7 +26,7 @@ def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, share=0.
     """Unstable roots between the crossings found, against eigvals of the matrices on a fine grid.
 
     Grid points within `slack` of a crossing, or with a root nearer to the axis than rounding and
-    the meeting of two roots allow eigvals to decide, say nothing; a `share` of them must be counted.
+    the meeting of two roots allow eigvals to decide, say nothing; a `share` must be counted.
     """
     found = pp.crossings(model, max_speed)
     speeds = np.array([crossing.speed for crossing in found])

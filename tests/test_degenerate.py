@@ -17,8 +17,8 @@ import pipedyn as pp
 def unstable_in_many_digits(chain, u, digits=50):
     """Unstable roots from the equations of motion at small angles, written out in mpmath.
 
-    In 50 digits the coefficients that vanish for a standing zero, double or triple, differ clearly from
-    small ones.
+    In 50 digits the coefficients that vanish for a standing zero, double or triple, are far below
+    those that do not.
     """
     pipe, n = chain.pipe, chain.dof
     with mpmath.workdps(digits):
