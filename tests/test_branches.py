@@ -203,10 +203,10 @@ class Bends:
         self.u = np.polynomial.Polynomial(coefficients)
         self.length = 2.0
         self.begin, self.end = (SimpleNamespace(p=float(self.u(s))) for s in (0.0, 2.0))
-        self.slopes = (self.slope(0.0), self.slope(2.0))
+        self.slopes = tuple(self.at(s).tangent[-1] for s in (0.0, 2.0))
 
-    def slope(self, s):
-        return float(self.u.deriv()(s))
+    def at(self, s):
+        return SimpleNamespace(tangent=[self.u.deriv()(s)])
 
 
 @pytest.mark.parametrize(

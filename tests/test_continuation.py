@@ -12,7 +12,6 @@ from pipedyn.bifurcation.continuation import (
     folds,
     sign_changes,
 )
-from pipedyn.bifurcation.limit_cycle import hopf_point
 from pipedyn.bifurcation.orbit_continuation import FINE, followed, from_hopf
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.newton import NewtonFailed
@@ -94,7 +93,7 @@ def test_meshes_of_orbits_are_refined_on_the_way_and_beyond_1000_unknowns():
     model = pp.Chain(pp.Pipe(0.2), 20)
     motion = VectorField(model)
     sizes, last = [], None
-    for step in followed(motion, from_hopf(motion, hopf_point(pp.hopf(model))), FINE):
+    for step in followed(motion, from_hopf(motion, pp.hopf(model)), FINE):
         orbit = step.end
         sizes.append(orbit.rates.size)
         assert orbit.defects().max() <= FINE.defect

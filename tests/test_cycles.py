@@ -230,7 +230,7 @@ def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch)
     assert cycle.amplitude == pytest.approx(pp.hopf(model).amplitude(u), rel=1e-2)
     # By itself that error is refused.
     monkeypatch.setattr("pipedyn.bifurcation.cycles.CHECKS", 1)
-    monkeypatch.setattr("pipedyn.bifurcation.cycles.TRUSTED", 0.0)
+    monkeypatch.setattr("pipedyn.bifurcation.cycles.SHARE_OF_NEXT", 0.0)
     with pytest.raises(pp.NotConverged, match="one of which should be 1"):
         pp.limit_cycle(model, u)
 
@@ -271,6 +271,30 @@ def test_a_whole_period_gives_what_half_of_one_does(known, monkeypatch):
     assert whole.amplitude == pytest.approx(known.amplitude, rel=1e-8)
     assert whole.frequency == pytest.approx(known.frequency, rel=1e-8)
     assert whole.multipliers[:4] == pytest.approx(known.multipliers[:4], abs=1e-6)
+
+
+def test_a_start_in_other_coordinates_is_refused_by_what_they_are(known):
+    beams = pp.Galerkin(PIPE, 8)
+    kinds = "coordinates, amplitudes of 8 beam functions, got amplitudes of 8 legendre functions"
+    with pytest.raises(ValueError, match=f"start must be a LimitCycle in the model's {kinds}"):
+        pp.limit_cycle(beams, 6.0, known)
+    with pytest.raises(ValueError, match=f"start must be a Motion in the model's {kinds}"):
+        pp.limit_cycle(beams, 6.0, pp.simulate(ROM, 6.0, 1.0, bow))
+    # Legendre functions that are joined where a term acts are others again.
+    joined = pp.Galerkin(pp.Pipe(0.2, terms=(pp.PointMass(at=0.4, mass=0.1),)), 8, "legendre")
+    with pytest.raises(ValueError, match=r"legendre functions joined at .*0\.4.*, got amplitudes"):
+        pp.limit_cycle(joined, 6.0, known)
+    # A chain's coordinates are those of a scene of as many segments.
+    chain = pp.limit_cycle(pp.Chain(PIPE, 3), 5.0)
+    scene = pp.limit_cycle(pp.modular.chain(PIPE, n=3), 5.0, chain)
+    assert scene.amplitude == pytest.approx(chain.amplitude, rel=1e-7)
+
+
+def test_a_cycle_of_few_samples_is_as_good_a_start():
+    chain = pp.Chain(pp.Pipe(0.2, drag=0.5), 4)
+    few = pp.limit_cycle(chain, 6.0, samples=9)
+    again = pp.limit_cycle(chain, 6.0, few)
+    assert again.amplitude == pytest.approx(few.amplitude, rel=1e-7)
 
 
 def test_a_cycle_of_another_pipe_is_a_start():
@@ -461,7 +485,7 @@ def test_where_there_is_no_cycle_an_exception_says_why(known, monkeypatch):
         pp.limit_cycle(ROM, 5.3)
     assert caught.value.u == 5.3
     assert pickle.loads(pickle.dumps(caught.value)).u == 5.3
-    with pytest.raises(pp.NoCycle, match="from that start: it shrank to rest"):
+    with pytest.raises(pp.NoCycle, match="from that start: Newton's method"):
         pp.limit_cycle(ROM, 5.3, known)
     with pytest.raises(pp.NoCycle, match="the motion ends in rest"):
         pp.limit_cycle(ROM, 5.0, np.concatenate([ROM.bent(bow), np.zeros(8)]))

@@ -169,7 +169,10 @@ def test_bad_arguments_are_refused_by_name(call, kind, message):
 
 def test_motion_of_another_model_is_refused():
     motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 2), 1.0, 1.0, [0.1, 0.1])
-    with pytest.raises(ValueError, match="start must be a Motion of the model, with 3"):
+    expected = (
+        "start must be a Motion in the model's coordinates, angles of 3 segments, got angles of 2"
+    )
+    with pytest.raises(ValueError, match=expected):
         pp.lyapunov_exponent(CHAIN, 1.0, motion)
 
 

@@ -33,13 +33,7 @@ FINEST = 1e-8
 
 @result
 class Tried:
-    """A family, and why it was not chosen.
-
-    Attributes:
-        family: its name.
-        row: what was measured last of it; None where nothing was.
-        why: why it lost; empty for the one chosen.
-    """
+    """A family: what was measured last of it, if anything, and why it was not chosen."""
 
     family: str
     row: TradeRow | None
@@ -110,17 +104,13 @@ class Choice:
         return self.row.size
 
     def __str__(self) -> str:
-        return "\n".join([self._title(), *self._lines()])
-
-    def _title(self) -> str:
-        """The model, and of a pair what it takes besides."""
-        if len(self.models) == 1:
-            return repr(self.model)
-        sizes = " and ".join(str(model.dof) for model in self.models)
-        return f"{self.model!r}, extrapolated from n = {sizes}"
+        return "\n".join(self._lines())
 
     def _lines(self) -> list[str]:
+        sizes = " and ".join(str(model.dof) for model in self.models)
+        pair = f", extrapolated from n = {sizes}" if len(self.models) > 1 else ""
         lines = [
+            f"{self.model!r}{pair}",
             f"error {self.error:.1e} (reference: {self.reference.source}, "
             f"{self.reference.error:.1e}), {1e3 * self.cost:.3g} ms an answer",
         ]
@@ -130,7 +120,7 @@ class Choice:
         return lines
 
     def _repr_html_(self) -> str:
-        first, *others = [html.escape(line) for line in [self._title(), *self._lines()]]
+        first, *others = map(html.escape, self._lines())
         return f"<b>{first}</b><br>" + "<br>".join(others)
 
 
@@ -145,9 +135,6 @@ class NoModel(PipedynError):
     def __init__(self, message: str, tried: tuple[Tried, ...], nearest: TradeRow | None) -> None:
         super().__init__(message, tried, nearest)
         self.tried, self.nearest = tried, nearest
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 def choose(
@@ -204,12 +191,9 @@ def choose(
     asked = asked.prepared(pipe)
     reference = asked.reference(pipe, (FINEST if tolerance is None else tolerance) / MARGIN)
     if tolerance is not None and reference.error > tolerance:
-        raise NoModel(
-            f"no model can be shown to meet an error of {tolerance:g}: the continuous pipe's "
-            f"answer ({reference.source}) is known to {reference.error:.1e}",
-            (),
-            None,
-        )
+        known = f"answer ({reference.source}) is known to {reference.error:.1e}"
+        reason = f"no model can be shown to meet an error of {tolerance:g}: the continuous pipe's"
+        raise NoModel(f"{reason} {known}", (), None)
     search = Search(pipe, asked, reference, families, repeats)
     if tolerance is not None:
         row = search.cheapest(tolerance)

@@ -176,7 +176,7 @@ def relevant(
         pipe: the pipe, whose numbers may come from `Pipe.from_si`.
         u: flow speed, `pipe.speed(V)` from m/s: condition of "frequencies", "motion" and
             "limit_cycle"; for all quantities also the speed at which the growth of the straight
-            pipe, the real part of its least damped eigenvalue, is listed beside.
+            pipe, the real part of its least damped eigenvalue, is listed.
         quantity: "critical_speed", "frequencies", "root_loci", "motion" or "limit_cycle", as for
             `trade`.
         tolerance: relative change up to which an effect is negligible, in [1e-8, 1].

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from pipedyn.models.base import Model
@@ -16,6 +15,9 @@ from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 
+RULES = {"consistent": 2.0, "midpoint": 2.0, "rayleigh": 0.0, "uniform": 1.0, "frequency": 1.0}
+"""Spring rules and the order of their errors; the paper's tends to another limit."""
+
 
 @dataclass(frozen=True)
 class Family:
@@ -23,21 +25,27 @@ class Family:
 
     Attributes:
         name: a spring rule, a basis, or a spring rule and "pair".
-        make: the model of a pipe and a size.
         order: of the error, n^-order; infinite where it falls exponentially, 0 where it stays.
         sizes: that a measurement of the whole family takes.
         largest: size, without terms, up to which a search goes; None where only the question sets
             a limit. 60 Legendre functions resolve waves of 120 / L; the quadrature of beam modes
             takes a second from 400 on.
-        paired: whether the answer is extrapolated from the models of one and of twice the size.
     """
 
     name: str
-    make: Callable[[Pipe, int], Model]
     order: float
     sizes: tuple[int, ...]
     largest: int | None = None
-    paired: bool = False
+
+    @property
+    def paired(self) -> bool:
+        """Whether the answer is extrapolated from the models of one and of twice the size."""
+        return self.name.endswith(" pair")
+
+    def make(self, pipe: Pipe, size: int) -> Model:
+        """One model of a pipe."""
+        word = self.name.removesuffix(" pair")
+        return Chain(pipe, size, springs=word) if word in RULES else Galerkin(pipe, size, word)
 
     def models(self, pipe: Pipe, size: int) -> tuple[Model, ...]:
         """One model, or two, the second of twice the size."""
@@ -59,30 +67,15 @@ class Family:
         return size + 1 if self.order == math.inf else math.ceil(1.2 * size + 0.5)
 
 
-def _chain(rule: str, pipe: Pipe, n: int) -> Model:
-    return Chain(pipe, n, springs=rule)
-
-
-def _reduced(basis: str, pipe: Pipe, m: int) -> Model:
-    return Galerkin(pipe, m, basis)
-
-
-RULES = {"consistent": 2.0, "midpoint": 2.0, "rayleigh": 0.0, "uniform": 1.0, "frequency": 1.0}
-"""Spring rules and the order of their errors; the paper's tends to another limit."""
-
 DOUBLED = (2, 4, 8, 16, 32, 64)
 
 FAMILIES: dict[str, Family] = {
     family.name: family
     for family in (
-        *(Family(rule, partial(_chain, rule), RULES[rule], DOUBLED) for rule in RULES),
-        *(
-            Family(f"{rule} pair", partial(_chain, rule), 2.0 * order, DOUBLED[:-1], paired=True)
-            for rule, order in RULES.items()
-            if order
-        ),
-        Family("beam", partial(_reduced, "beam"), 4.0, (2, 3, 4, 6, 8, 12, 16, 24), 400),
-        Family("legendre", partial(_reduced, "legendre"), math.inf, (2, 4, 6, 8, 10, 12, 16), 60),
+        *(Family(rule, order, DOUBLED) for rule, order in RULES.items()),
+        *(Family(f"{r} pair", 2.0 * order, DOUBLED[:-1]) for r, order in RULES.items() if order),
+        Family("beam", 4.0, (2, 3, 4, 6, 8, 12, 16, 24), 400),
+        Family("legendre", math.inf, (2, 4, 6, 8, 10, 12, 16), 60),
     )
 }
 

@@ -31,7 +31,7 @@ from pipedyn.accuracy.reference import (
     resolving_size,
 )
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
-from pipedyn.linear.critical_speed import checked_end, critical_speed
+from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
 from pipedyn.linear.special.weak_damping import is_weakly_damped
 from pipedyn.models.base import Model, NotConverged, PipedynError
@@ -143,37 +143,33 @@ class CriticalSpeedOf(Quantity):
         """The speed, shape (1,), with the kind of instability."""
         found = critical_speed(model, self.max_speed)
         error = found.error / found.speed if found.speed else 0.0
-        onset = None
-        # With neither Coriolis force nor damping two frequencies meet: no root crosses the axis.
-        crosses = model.pipe.beta > 0.0 or model.pipe.damping > 0.0
-        if found.kind == "flutter" and found.speed and crosses and not is_weakly_damped(model.pipe):
-            onset = Onset(found.speed, found.frequency, found.error)
-        return Answer(np.array([found.speed]), found.kind, error, onset)
+        return Answer(np.array([found.speed]), found.kind, error)
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """An onset, searched once and tracked as the basis grows, or else `Continuum`'s answer."""
-        onset: Onset | None = None
+        onset: Onset | CriticalSpeed
 
         def tracked(model: Model) -> Answer:
             nonlocal onset
-            assert onset is not None
             near = onset_near(model, onset.speed, onset.frequency)
             # One that has moved further is another, or the functions were too few.
             if near is None or abs(near.speed - onset.speed) > 1e-5 * near.speed:
                 raise NotConverged(f"the onset at u = {onset.speed:g} is not there in {model}")
             onset = near
-            return Answer(np.array([near.speed]), "flutter", near.error / near.speed, near)
+            return Answer(np.array([near.speed]), "flutter", near.error / near.speed)
 
         def distance(before: Answer, answer: Answer) -> float:
             return self.distance(before, answer) + before.error + answer.error + EPS
 
         with suppress(PipedynError):
             # 16 functions resolve the flutter of most pipes to 1e-8.
-            onset = self.answer(LEGENDRE.make(pipe, 16 + LEGENDRE.for_terms(pipe))).onset
-            if onset is not None:
-                found = Continuum(pipe).converge(
-                    *(tracked, distance, max(tolerance, LEAST_TOLERANCE)), largest=40
-                )
+            few = LEGENDRE.make(pipe, 16 + LEGENDRE.for_terms(pipe))
+            onset = critical_speed(few, self.max_speed)
+            # Without Coriolis force and damping two frequencies meet: no root crosses the axis.
+            crosses = (pipe.beta > 0.0 or pipe.damping > 0.0) and not is_weakly_damped(pipe)
+            if crosses and onset.frequency and onset.speed:
+                least = max(tolerance, LEAST_TOLERANCE)
+                found = Continuum(pipe).converge(tracked, distance, least, largest=40)
                 return Reference(found.value, found.error, _source(found.size))
         answer = self.answer(Continuum(pipe))
         return Reference(answer, max(answer.error, EPS), "Continuum")
@@ -438,7 +434,7 @@ class MotionOf(_Integrated):
         # 24 functions have the mode and its neighbours exactly.
         model = Galerkin(pipe, max(24, math.ceil(self.u)) + more, "legendre")
         found = modes(model, self.u, 8)
-        growth = found.eigenvalues.real  # all modes of an undamped pipe may grow alike: the lowest
+        growth = found.eigenvalues.real  # where all grow equally, the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode(np.ones(1))[0]  # 2 % of such a motion is nonlinear
         angle = partial(_slope, model, q.real.copy())

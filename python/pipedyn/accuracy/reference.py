@@ -49,7 +49,6 @@ class Answer:
         values: numbers, real or complex, of a shape that the quantity sets.
         kind: what must agree besides numbers, as that a loss of stability is flutter.
         error: the solver's own, relative.
-        onset: of a critical speed by flutter, where it is looked for in another model.
         damping: delta of the pipe whose roots these are: those that cluster at -1 / delta are not
             distinguished.
         others: roots beyond those asked for, of which one may be the counterpart of a root that
@@ -59,7 +58,6 @@ class Answer:
     values: NDArray[Any]
     kind: str = ""
     error: float = 0.0
-    onset: Onset | None = None
     damping: float = 0.0
     others: NDArray[Any] | None = None
 

@@ -39,22 +39,12 @@ GAIN = 0.7
 """Share of the best time that another family must promise to be asked further, and of a budget to
 which it is spent: times of one answer scatter by as much."""
 
-LEAST_DOF = 0.3
-"""No family has been seen to need fewer than this times tolerance^(-1 / order) degrees of freedom,
-even of the longest waves: chains of second order take 0.6, beam modes 0.35."""
-
-CHAIN_DOF = 6.0
-"""So many times the degrees of freedom of a reduced model has the chain whose motion costs as much;
-other questions cost as much at about equal numbers."""
-
 
 class Search:
-    """Models of one pipe asked so far, each once.
+    """Models of one pipe asked so far, each once: `rows`, by family and size.
 
-    Attributes:
-        rows: what was measured, by family and size.
-        left: why no more sizes of a family were asked, by its name, where its errors and times
-            alone do not say it.
+    `left` says, by a family's name, why no more of its sizes were asked, where its errors and times
+    alone do not say it.
     """
 
     def __init__(
@@ -75,20 +65,17 @@ class Search:
     def cheapest(self, tolerance: float) -> TradeRow | None:
         """The row of least time among the smallest of each family that meet a tolerance."""
         best: TradeRow | None = None
+
+        def serves(row: TradeRow) -> bool:
+            return self.bound(row) <= tolerance
+
         for family in self.families:
             dof, limit, patience = family.dof(SMALLEST), PATIENCE, PATIENCE
             if best is not None:
                 dof, limit = math.ceil(GAIN * best.dof), GAIN * best.seconds
                 # An answer of twice the time would not become the best, though times scatter.
                 patience = min(2.0 * best.seconds, PATIENCE)
-            fewest = LEAST_DOF * tolerance ** (-1.0 / family.order) if family.order else 0.0
-            if best is not None and fewest > CHAIN_DOF * dof:
-                self.left[family.name] = f"it would take {fewest:.0f} degrees of freedom or more"
-                continue
-            row = self._climb(
-                *(family, dof, lambda row: self.bound(row) <= tolerance),
-                *(tolerance, limit, patience),
-            )
+            row = self._climb(family, dof, serves, tolerance, limit, patience)
             if row is not None and (best is None or row.seconds < best.seconds):
                 best = row
         return best
@@ -102,13 +89,12 @@ class Search:
 
         for family in self.families:
             best = self._within(budget)
-            dof, error = (
-                (family.dof(SMALLEST), math.inf) if best is None else (best.dof, self.bound(best))
-            )
             if best is not None and not best.resolved:
                 self.left[family.name] = "the reference does not resolve a smaller error"
-            else:
-                self._climb(family, dof, is_enough, error, GAIN * budget, PATIENCE)
+                continue
+            dof = family.dof(SMALLEST) if best is None else best.dof
+            error = math.inf if best is None else self.bound(best)
+            self._climb(family, dof, is_enough, error, GAIN * budget, PATIENCE)
         return self._within(budget)
 
     def _within(self, budget: float) -> TradeRow | None:
@@ -138,11 +124,8 @@ class Search:
         """The row of one model."""
         key = (family.name, size)
         if key not in self.rows:
-            start = clock()
-            row = measured(
-                *(self.pipe, self.quantity, family, size, self.reference, self.repeats, patience)
-            )
-            self.rows[key] = row
+            start, given = clock(), (self.reference, self.repeats, patience)
+            self.rows[key] = row = measured(self.pipe, self.quantity, family, size, *given)
             self._seconds[key] = row.seconds if row.failure is None else clock() - start
         return self.rows[key]
 
@@ -218,14 +201,12 @@ class Search:
         if 8.0 * seconds > PATIENCE:
             self.left[family.name] = "one of twice the size would take more than a minute"
             return True
-        errors = {
-            size: self.bound(one)
-            for (name, size), one in self.rows.items()
-            if name == family.name and self.bound(one) < math.inf
-        }
-        if len(errors) < 4 or error == math.inf:
+        rows = [row for row in self.rows.values() if row.family == family.name]
+        rows = [row for row in rows if self.bound(row) < math.inf]
+        if len(rows) < 4 or error == math.inf:
             return False
-        law = fitted_law(np.array([*errors], dtype=np.float64), np.array([*errors.values()]))
+        sizes, errors = [float(row.size) for row in rows], [self.bound(row) for row in rows]
+        law = fitted_law(np.array(sizes), np.array(errors))
         if law.law == "flat" and abs(law.limit) - law.spread > target:
             self.left[family.name] = (
                 f"larger ones tend to an error of {abs(law.limit):.3g}: it has another limit"

@@ -162,13 +162,7 @@ class Trade:
         return self._table().html()
 
     def to_csv(self, path: str | PathLike[str] | None = None) -> str:
-        """The rows as comma-separated values.
-
-        Args:
-            path: a file to write them to.
-
-        Returns:
-            The text.
+        """The rows as comma-separated values, written to a file too where its path is given.
 
         Raises:
             OSError: if it cannot be written.

@@ -26,18 +26,15 @@ from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finish
 from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, growth
-from pipedyn.bifurcation.floquet import returns, shortened
-from pipedyn.bifurcation.hopf import tip_of
-from pipedyn.bifurcation.normal_form import vectors
+from pipedyn.bifurcation.floquet import multiplier_roots
+from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
-    Breaking,
-    HopfPoint,
     OrbitStep,
-    broken,
+    breaking_part,
     followed,
-    from_change,
+    from_branch_point,
     from_hopf,
     from_orbit,
 )
@@ -52,17 +49,8 @@ from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
-NARROW = 1e-4
-"""Share of a step to which an event is known."""
-
-FOLD = 1e-5
-"""Share of a step to which the place of a fold is known; its speed is so to the square of that."""
-
 NEAR_FOLD = 0.02
 """Share of a step around a fold in which its multiplier is too near to the trivial one."""
-
-SLOW = 0.5
-"""Share of a branch's highest frequency below which, still falling, it falls towards 0."""
 
 LARGEST_ERROR = 1e-3
 """Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends."""
@@ -135,16 +123,12 @@ Failed = tuple[float, Exception]
 
 @dataclass(frozen=True)
 class BranchOptions:
-    """How branches are followed.
+    """How branches are followed."""
 
-    Cycles are solved for at the speeds given, increasing, to a relative tolerance, in so many steps
-    along one branch at most, which may end at any of the onsets of flutter.
-    """
-
-    speeds: Array
-    rtol: float
-    most: int
-    onsets: tuple[float, ...] = ()
+    speeds: Array  # at which cycles are solved for, increasing
+    rtol: float  # of the cycles there
+    most: int  # steps along one branch
+    onsets: tuple[float, ...] = ()  # of flutter, at any of which a branch may end
 
     def holds(self, u: float) -> bool:
         """Whether a speed lies within those given."""
@@ -155,22 +139,16 @@ class BranchOptions:
 
 @dataclass(frozen=True)
 class Traced:
-    """What of a branch that was followed lies within the speeds given, if anything does.
+    """A branch that was followed."""
 
-    It begins and ends at events, wherever these are, or goes on there.
-    """
-
-    branch: CycleBranch | None
-    begin: CycleEvent | None
+    branch: CycleBranch | None  # what of it lies within the speeds given, if anything does
+    begin: CycleEvent | None  # wherever that is; None where the branch goes on
     end: CycleEvent | None
 
     def is_reverse(self, other: Traced) -> bool:
         """Whether it leads from where the other ends to where that begins."""
-        return _same(self.end, other.begin) and _same(self.begin, other.end)
-
-
-def _same(a: CycleEvent | None, b: CycleEvent | None) -> bool:
-    return a is not None and b is not None and a.same(b)
+        pairs = ((self.end, other.begin), (self.begin, other.end))
+        return all(a is not None and b is not None and a.same(b) for a, b in pairs)
 
 
 def hopf_points(
@@ -192,28 +170,16 @@ def hopf_points(
         if not branch.straight:
             bent = [point for point in branch.points if point.kind == "hopf"]
             points += [(p.speed, p.frequency, statics.from_start("q", p.q)) for p in bent]
-    known: list[tuple[float, float]] = []
     found: list[HopfPoint] = []
     for u, frequency, x in points:
-        if u == 0.0 or any(np.allclose((u, frequency), other, rtol=1e-6) for other in known):
-            continue
-        known.append((u, frequency))
-        try:
-            rest = np.concatenate([x, np.zeros(motion.half)])
-            found.append(hopf_point(motion, rest, u, frequency))
-        except (PipedynError, ValueError) as error:
-            fail(u, error)
+        known = (np.allclose((u, frequency), (p.speed, p.frequency), rtol=1e-6) for p in found)
+        if u > 0.0 and not any(known):
+            try:
+                rest = np.concatenate([x, np.zeros(motion.half)])
+                found.append(hopf_point(motion, rest, u, frequency))
+            except (PipedynError, ValueError) as error:
+                fail(u, error)
     return found
-
-
-def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
-    """The pair on the axis at an equilibrium, (2 moving,).
-
-    Raises ValueError or PipedynError if there is none, or two, or the free end does not move.
-    """
-    mode, _ = vectors(motion.jacobian(rest, u), frequency)
-    mode = mode / tip_of(motion, rest, mode)
-    return HopfPoint(rest, mode, u, frequency)
 
 
 def traced(
@@ -240,13 +206,12 @@ def traced(
         for event, orbit, stable in [fork for way in ways for fork in way.forks]:
             followed = generations == GENERATIONS or (stable and generations > 0)
             ends = (end for other in found for end in (other.begin, other.end))
-            if not followed or any(_same(event, end) for end in ends):
+            if not followed or any(end is not None and event.same(end) for end in ends):
                 continue
-            kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
             try:
-                leaving = [from_change(motion, orbit, kind)]
+                leaving = [from_branch_point(motion, orbit)]
             except NewtonFailed as reason:
-                u = event.speed
+                kind, u = event.kind, event.speed
                 report = f"no cycles were found that leave the {kind} at u = {u:g}: {reason}"
                 failed.append((u, NoCycle(report, u)))
                 continue
@@ -298,10 +263,7 @@ Found = tuple[float, LimitCycle, CycleEvent | None]
 
 
 class _Follower:
-    """A branch in the making, one way from a start, and from an event if it begins at one.
-
-    What fails is added to a list of failures.
-    """
+    """A branch in the making, one way from a start, and from an event if it begins at one."""
 
     def __init__(
         self,
@@ -360,18 +322,18 @@ class _Follower:
                     raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
         except NewtonFailed as reason:
             falling = len(frequencies) > 3 and frequencies[-1] < frequencies[-3]
-            if falling and frequencies[-1] < SLOW * max(frequencies):
-                self.end = self._event("infinite period", here)
-                self.events.append(self.end)
+            if falling and frequencies[-1] < 0.5 * max(frequencies):
+                self._ends("infinite period", here)
                 return
-            self.events.append(self._event("end", here))
+            self._ends("end", here)
             report = f"the cycles {self.how} were not followed beyond u = {here.u:g}: {reason}"
             self.failed.append((here.u, NotConverged(report)))
 
-    def _event(self, kind: EventKind, orbit: PeriodicOrbit, error: float = 0.0) -> CycleEvent:
-        """At an orbit, where the branch ends."""
+    def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float = 0.0) -> None:
+        """Takes note of the orbit at which the branch ends, or ("end") is not followed further."""
         size = 0.0 if kind == "hopf" else amplitude_of(self.motion, orbit)[0]
-        return CycleEvent(kind, orbit.u, error, 1.0 + 0j, size)
+        self.events.append(CycleEvent(kind, orbit.u, error, 1.0 + 0j, size))
+        self.end = self.events[-1] if kind != "end" else None
 
     def _first(self) -> LimitCycle | None:
         """Keeps cycles at speeds given up to the branch's first; that itself if its speed is one.
@@ -425,7 +387,7 @@ class _Follower:
             if self.motion.is_odd(orbit.u):
                 kinds.append("pitchfork")
         for kind in kinds:
-            here, there = (broken(orbit, kind) for orbit in (step.begin, step.end))
+            here, there = (breaking_part(orbit, kind) for orbit in (step.begin, step.end))
             if float(np.sum(here * there)) >= 0.0:
                 continue
             before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
@@ -440,15 +402,14 @@ class _Follower:
             else:
                 # The speed is as the square of what vanishes.
                 near, orbit = (step.at(k * share * step.length) for k in (0.6, 0.85))
-                left, size = (float(np.sum(broken(one, kind) ** 2)) for one in (near, orbit))
+                left, size = (float(np.sum(breaking_part(one, kind) ** 2)) for one in (near, orbit))
                 rough, u = (
                     orbit.u + size * (orbit.u - other.u) / (square - size)
                     for other, square in ((step.begin, before**2), (near, left))
                 )
                 error = abs(u - rough) + 1e-9
                 orbit = replace(orbit, u=u)
-            self.end = self._event(kind, orbit, error)
-            self.events.append(self.end)
+            self._ends(kind, orbit, error)
             return True
         return False
 
@@ -471,7 +432,7 @@ class _Follower:
         if max(one.multiplier_error for one in ends.values()) > LARGEST_ERROR:
             self._keep(cycle(length))
             return cycle(length)
-        turns = folds(segment, FOLD)
+        turns = folds(segment, 1e-5)  # the speed of a fold is known to the square of that
         for s in turns:
             u = cycle(s).u
             error = max(abs(step.at(s + 1e-3 * length).u - u), 1e-9)
@@ -495,12 +456,10 @@ class _Follower:
         self, step: OrbitStep, cycle: Callable[[float], LimitCycle], low: float, high: float
     ) -> Iterator[Found]:
         """Where multipliers cross the unit circle between two lengths, but for folds."""
-        passed = sign_changes(
-            lambda s: growth(cycle(s).multipliers), low, high, NARROW * step.length
-        )
+        passed = sign_changes(lambda s: growth(cycle(s).multipliers), low, high, 1e-4 * step.length)
         for before, beyond in passed:
             orbit = step.at(beyond)
-            roots = returns(self.motion, shortened(self.motion, orbit))
+            roots = multiplier_roots(self.motion, orbit)
             kind, multiplier = crossing_event(roots, orbit.symmetric)
             if kind == "fold":
                 continue

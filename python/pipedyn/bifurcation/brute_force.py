@@ -20,9 +20,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.motion.ensemble import BATCH, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
-from pipedyn.motion.simulate import LARGEST_SAMPLES, modal_bend, slight_bend
+from pipedyn.motion.simulate import BATCH, LARGEST_SAMPLES, modal_bend, simulate_many, slight_bend
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result

@@ -16,10 +16,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.linalg import LinAlgError
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from pipedyn.util.check import Array
@@ -30,22 +32,10 @@ FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
 
-HALVINGS = 8
-"""Of a step on which Newton's method at a fixed parameter fails: its ends are then 256 times nearer
-to each other."""
 
-MOST_CROSSINGS = 8
-"""Values that pass 0 on one step: six at once are the most that have been met."""
-
-
-class LinearisedEquations(Protocol):
-    """G_z at a point, factorised."""
-
-    def correction(self, row: Array, gap: float) -> Array:
-        """The dz with G_z dz = -G and row @ dz = gap."""
-
-    def tangent(self, row: Array) -> Array:
-        """The dz with G_z dz = 0 and row @ dz = 1."""
+Solver = Callable[[Array, float, float], Array]
+"""G_z at a point, factorised. To row, gap and share it gives the dz with G_z dz = -share G and
+row @ dz = gap: with share 1 Newton's step, with share 0 a tangent."""
 
 
 class Problem(Protocol):
@@ -54,7 +44,7 @@ class Problem(Protocol):
     weights: Array
     """Of squares in the length of a change, shape (n + 1,)."""
 
-    def linearised(self, z: Array) -> LinearisedEquations:
+    def linearised(self, z: Array) -> Solver:
         """The equations about a point."""
 
     def relative(self, z: Array, step: Array) -> float:
@@ -128,9 +118,9 @@ class Continuation:
         """A point with a direction for its tangent, as at a branch point in a null direction."""
         return Point(z, direction / self.length(direction))
 
-    def _unit(self, equations: LinearisedEquations, row: Array) -> Array:
+    def _unit(self, equations: Solver, row: Array) -> Array:
         try:
-            tangent = equations.tangent(row)
+            tangent = equations(row, 1.0, 0.0)
         except (LinAlgError, ValueError) as error:
             raise NewtonFailed(f"the branch has no tangent: {error}") from error
         length = self.length(tangent)
@@ -156,12 +146,12 @@ class Continuation:
         return self._solved(np.append(guess[:-1], p), row, p, math.inf)
 
     def _solved(self, z: Array, row: Array, value: float, longest: float) -> Point:
-        last: LinearisedEquations | None = None
+        last: Solver | None = None
 
         def correction(here: Array) -> tuple[Array, float]:
             nonlocal last
             last = self.problem.linearised(here)
-            step = last.correction(row, value - float(row @ here))
+            step = last(row, value - float(row @ here), 1.0)
             if self.length(step) > longest:
                 raise NewtonFailed("Newton's method left the neighbourhood of its start")
             return step, self.problem.relative(here, step)
@@ -224,30 +214,21 @@ class Segment:
         """Arc length at which a point lies."""
         return self.branch.product(self.begin.tangent, z - self.begin.z)
 
-    def guess(self, s: float) -> Array:
-        """The cubic through both ends with their tangents, at an arc length."""
-        length = self.length
-        share = s / length
+    @cached_property
+    def guess(self) -> CubicHermiteSpline:
+        """The cubic through both ends with their tangents, a function of arc length."""
         onward = self.end.tangent / self.branch.product(self.begin.tangent, self.end.tangent)
-        moved = self.end.z - self.begin.z
-        bend = self.begin.tangent - moved / length
-        other = onward - moved / length
-        inner = share * (1.0 - share) * length
-        cubic: Array = inner * ((1.0 - share) * bend - share * other)
-        return self.begin.z + share * moved + cubic
+        ends, slopes = [self.begin.z, self.end.z], [self.begin.tangent, onward]
+        return CubicHermiteSpline([0.0, self.length], ends, slopes)
 
     def at(self, s: float) -> Point:
         """The point at an arc length."""
         return self.branch.at(self.begin, s, self.guess(s))
 
-    def slope(self, s: float) -> float:
-        """Derivative of the parameter by arc length."""
-        return float(self.at(s).tangent[-1])
-
     def where(self, p: float) -> Point:
         """The point at a value of the parameter between those at the ends."""
         part = self
-        for _ in range(HALVINGS):
+        for _ in range(8):  # halvings, after which the ends are 256 times nearer to each other
             try:
                 return part.landing(p)
             except NewtonFailed:
@@ -283,7 +264,7 @@ def folds(segment: Segment, rtol: float) -> list[float]:
 
     def slope(s: float) -> float:
         if s not in known:
-            known[s] = segment.slope(s)
+            known[s] = float(segment.at(s).tangent[-1])
         return known[s]
 
     brackets = []
@@ -309,29 +290,27 @@ def sign_changes(
     """Where the number of positive values changes: lengths right before and right beyond, in order.
 
     Values at an arc length are in falling order, so that the one that passes 0 is a continuous
-    function of the length unless others pass with it.
+    function of the length unless others pass with it; they are asked for repeatedly.
     """
-    known: dict[float, Array] = {}
+    tried: set[float] = set()
 
     def value(s: float, which: int) -> float:
-        if s not in known:
-            known[s] = values(s)
-        return float(known[s][which])
+        tried.add(s)
+        return float(values(s)[which])
 
     def count(s: float) -> int:
-        value(s, 0)
-        return int(np.count_nonzero(known[s] > 0.0))
+        tried.add(s)
+        return int(np.count_nonzero(values(s) > 0.0))
 
-    for _ in range(MOST_CROSSINGS):
+    for _ in range(8):  # six on one step are the most that have been met
         first, last = count(low), count(high)
         if first == last:
             return
         passing = first - (last < first)
         root = float(brentq(value, low, high, (passing,), xtol=tolerance))
-        if known[root][passing] == 0.0:  # then the interval may still be wide
-            for s in (max(low, root - tolerance), min(root + tolerance, high)):
-                value(s, passing)
-        lengths = sorted(s for s in known if low <= s <= high)
+        if value(root, passing) == 0.0:  # then the interval may still be wide
+            tried |= {max(low, root - tolerance), min(root + tolerance, high)}
+        lengths = sorted(s for s in tried if low <= s <= high)
         i = next(i for i, s in enumerate(lengths) if count(s) != first)
         yield lengths[i - 1], lengths[i]
         low = lengths[i]
@@ -360,9 +339,17 @@ class DenseProblem:
         self.equations = equations
         self.weights = np.append(np.full(size, 1.0 / size), scale**-2)
 
-    def linearised(self, z: Array) -> _Bordered:
+    def linearised(self, z: Array) -> Solver:
         """The equations about a point."""
-        return _Bordered(self.equations, z)
+        x, p, equations = z[:-1], float(z[-1]), self.equations
+        derivative = np.column_stack([equations.jacobian(x, p), equations.by_parameter(x, p)])
+        residual = equations.residual(x, p)
+
+        def change(row: Array, gap: float, share: float) -> Array:
+            right = np.append(-share * residual, gap)
+            return _dense_solution(np.vstack([derivative, row]), right)
+
+        return change
 
     def relative(self, z: Array, step: Array) -> float:
         """Length of a step relative to 1 plus that of the point."""
@@ -371,25 +358,6 @@ class DenseProblem:
 
     def check(self, z: Array) -> None:
         """Every point may be followed."""
-
-
-class _Bordered:
-    """The bordered matrix of dense equations about a point."""
-
-    def __init__(self, equations: Equations, z: Array) -> None:
-        x, p = z[:-1], float(z[-1])
-        self.equations, self.x, self.p = equations, x, p
-        self.derivative = np.column_stack([equations.jacobian(x, p), equations.by_parameter(x, p)])
-
-    def correction(self, row: Array, gap: float) -> Array:
-        """The dz with G_z dz = -G and row @ dz = gap."""
-        missed = -self.equations.residual(self.x, self.p)
-        return _dense_solution(np.vstack([self.derivative, row]), np.append(missed, gap))
-
-    def tangent(self, row: Array) -> Array:
-        """The dz with G_z dz = 0 and row @ dz = 1."""
-        right = np.append(np.zeros(self.x.size), 1.0)
-        return _dense_solution(np.vstack([self.derivative, row]), right)
 
 
 def solve(equations: Equations, x: Array, p: float) -> Array:

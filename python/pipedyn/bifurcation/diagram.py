@@ -29,14 +29,14 @@ from pipedyn.bifurcation.brute_force import (
     initial_bends,
 )
 from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
-from pipedyn.bifurcation.equilibria import Statics, checked_size, equilibria
+from pipedyn.bifurcation.equilibria import LARGEST, Statics, equilibria
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch, equilibrium_branch, lies_on
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.motion.simulate import LARGEST_SAMPLES, slight_bend
+from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -50,9 +50,6 @@ MOST_MOTIONS = 100_000
 
 MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
-
-BEYOND = 1.5
-"""Share of the highest speed up to which onsets are followed: their cycles may come back."""
 
 
 @result
@@ -103,14 +100,14 @@ def bifurcation_diagram(
 ) -> BifurcationDiagram:
     """Equilibria and cycles over a range of flow speeds and, on request, where motions end.
 
-    Equilibria are followed by arc length, so that their folds lie wherever they are, and so are the
-    cycles from each onset of flutter of the straight pipe and of bent ones. Onsets count up to 1.5
-    times the highest speed given. Their cycles are followed up to a quarter beyond both the speeds
-    and the onset, since they may come back. Cycles that leave cycles at pitchforks and period
-    doublings within the speeds are followed as well, two generations of them; what leaves at a
-    torus is no cycle. Motions are integrated at the speeds given. Where one ends on a cycle that no
-    onset leads to, that is followed both ways. Without `brute_force` motions look for one at the
-    first, the middle and the last speed, if no cycle and no stable equilibrium is known there.
+    Equilibria are followed by arc length, past folds, and so are the cycles from each onset of
+    flutter of straight and bent pipes, up to 1.5 times the highest speed given. Cycles are followed
+    up to a quarter beyond both the speeds and the onset, since they may come back, and so are
+    cycles that leave them at pitchforks and period doublings within the speeds, two generations;
+    what leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
+    on a cycle that no onset leads to, that is followed both ways. Without `brute_force` motions
+    look for one at the first, the middle and the last speed, if no cycle and no stable equilibrium
+    is known there.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -133,7 +130,7 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    model = checked_size(model)
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
     at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
     if at.size < 2 or np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be at least 2 and strictly increasing")
@@ -249,7 +246,7 @@ class _Cycles:
         self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
     ) -> None:
         """From the onsets of flutter."""
-        highest = BEYOND * float(self.options.speeds[-1])
+        highest = 1.5 * float(self.options.speeds[-1])  # cycles from beyond may come back
         with one_thread(self.model.dof):
             onsets = hopf_points(self.model, equilibria, highest, self.fail)
         self.options = replace(self.options, onsets=tuple(point.speed for point in onsets))

@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from pipedyn.bifurcation.continuation import (
-    Continuation,
-    Control,
-    DenseProblem,
-    Equations,
-    solve,
-)
+from pipedyn.bifurcation.continuation import Continuation, Control, DenseProblem, Equations, solve
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import LARGEST_SPEED
@@ -104,7 +99,8 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         NotConverged: if not a single one is found.
         ValueError, TypeError: for bad arguments.
     """
-    statics = Statics(checked_size(model))
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    statics = Statics(model)
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
         raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
@@ -112,9 +108,11 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     with one_thread(model.dof):
         found: list[Array] = []
         for x in _solutions(statics, u, own):
+            size = float(np.abs(x).max())
             for image in (x, -x):
+                new = all(np.abs(image - one).max() >= DISTINCT * (1.0 + size) for one in found)
                 with suppress(ValueError, PipedynError):
-                    if _is_new(found, image) and statics.unbalanced(image, u) <= BALANCED:
+                    if new and size <= FAR and statics.unbalanced(image, u) <= BALANCED:
                         found.append(image + 0.0)
         if not found:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
@@ -129,29 +127,13 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     q = statics.recorded(np.array(found))
     return Equilibria(
         q=q,
-        stable=np.array([growth_among(one)[0] <= 0.0 for one in values]),
+        stable=np.array([not (one.real > rounding(one)).any() for one in values]),
         growth=np.array([float(one.real.max()) for one in values]),
         tips=model.tips(q.T),
         residuals=residuals,
         u=u,
         model=model,
     )
-
-
-def _is_new(known: list[Array], x: Array) -> bool:
-    """Whether a configuration is none of those known, and not too far to count."""
-    size = float(np.abs(x).max())
-    return size <= FAR and all(np.abs(x - one).max() >= DISTINCT * (1.0 + size) for one in known)
-
-
-def checked_size(model: Any) -> Model:
-    """The argument, if it is a model whose equilibria can be found."""
-    moving = checked_model_in_motion(model)
-    if moving.dof > LARGEST:
-        raise ValueError(
-            f"model must have at most {LARGEST} degrees of freedom for equilibria, got {moving.dof}"
-        )
-    return moving
 
 
 # --------------------------------------------------------------------------------- forces at rest
@@ -169,7 +151,7 @@ class Statics:
         self.model = model
         self.size = model.moving
         self.motion = VectorField(model)
-        self._last: tuple[bytes, Operators] | None = None
+        self._operators = lru_cache(1)(lambda key: model.operators(np.frombuffer(key)))
         self.resting = np.array(model.resting(), dtype=np.float64)
 
     def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
@@ -189,10 +171,7 @@ class Statics:
 
     def operators(self, x: Array) -> Operators:
         """About a configuration; the last are kept: forces and their derivative both use them."""
-        key = x.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = key, self.model.operators(x)
-        return self._last[1]
+        return self._operators(x.tobytes())
 
     def jacobian(self, x: Array, p: float) -> Array:
         """Derivative of `residual` by x, (moving, moving)."""
@@ -233,7 +212,9 @@ class Statics:
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues beyond rounding, the largest first."""
-        return growth_among(self.eigenvalues(x, u))
+        found = self.eigenvalues(x, u)
+        beyond: Array = np.sort(found.real - rounding(found))[::-1]
+        return beyond
 
     def recorded(self, xs: Array) -> Array:
         """Coordinates that users see, (k, coordinates), of (k, moving)."""
@@ -258,12 +239,6 @@ class Statics:
     def rests(self, u: float) -> bool:
         """Whether the configuration at rest is an equilibrium."""
         return self.unbalanced(self.resting, u) <= BALANCED
-
-
-def growth_among(eigenvalues: Complex) -> Array:
-    """Real parts beyond rounding, the largest first: positive those that count as unstable."""
-    beyond: Array = np.sort(eigenvalues.real - rounding(eigenvalues))[::-1]
-    return beyond
 
 
 def rounding(eigenvalues: Complex) -> float:

@@ -26,15 +26,15 @@ from pipedyn.bifurcation.continuation import (
 from pipedyn.bifurcation.equilibria import (
     BALANCED,
     FAR,
+    LARGEST,
     MOST_POINTS,
     Statics,
-    checked_size,
     pitchforks,
     rounding,
 )
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.simulate import Start
+from pipedyn.motion.simulate import Start, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -42,9 +42,6 @@ from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
-
-FOLD = 1e-12
-"""Share of a step to which the place of a fold is known: all that rounding leaves."""
 
 NEAR = 0.5
 """Root mean square of the coordinates, in rad, within which a start leads to an equilibrium: far
@@ -141,7 +138,8 @@ def equilibrium_branch(
 
     Source: Keller (1977) for the continuation.
     """
-    statics = Statics(checked_size(model))
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    statics = Statics(model)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
     if not high - low >= 1e-9 * (1.0 + high):
         raise ValueError(f"speeds must be (lowest, highest), got ({low:g}, {high:g})")
@@ -243,29 +241,29 @@ class _Way:
             length += ds
             if float(np.abs(found.x).max()) > FAR:
                 return "far"
-            if length > 10.0 * self.longest and self._is_start(found, ds):
+            start = self.points[0]
+            back = self.branch.length(found.z - start.z) <= ds
+            same_way = self.branch.product(found.tangent, start.tangent) > 0.9
+            if length > 10.0 * self.longest and back and same_way:
                 return "closed"
         return "points"
-
-    def _is_start(self, found: Point, ds: float) -> bool:
-        """Whether a point lies within a step of the first, on the same way along the branch."""
-        start, branch = self.points[0], self.branch
-        same_way = branch.product(found.tangent, start.tangent) > 0.9
-        return same_way and branch.length(found.z - start.z) <= ds
 
     def _record(self, segment: Segment) -> bool:
         """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
 
-        Undamped, a real eigenvalue near a fold is a root's root, so that the count changes as far
-        from the fold as rounding in the count lets it: one change, listed once.
+        Undamped, a real eigenvalue is a square root near a fold, so that its count changes at a
+        distance from the fold, by rounding: both are one change, listed once.
         """
         statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
-        meeting = self._meeting(a, b)
-        turns = folds(segment, FOLD) if meeting is None else []
-        until = ds
-        if meeting is not None:
-            size = statics.rms(a.x)
-            until = 0.98 * ds * size / (size + statics.rms(b.x))
+        sizes = statics.rms(a.x), statics.rms(b.x)
+        meeting, turns, until = None, list[float](), ds
+        across = float(a.x @ b.x) < 0.0 and not (statics.resting.any() or statics.straight(a.x))
+        if across and max(sizes) <= 2.0 * self.longest:  # a pitchfork leads onto its mirror image
+            meeting = self._pitchfork(a.p)
+        if meeting is None:
+            turns = folds(segment, 1e-12)
+        else:
+            until = 0.98 * ds * sizes[0] / sum(sizes)
 
         @cache
         def growth(s: float) -> Array:
@@ -289,15 +287,6 @@ class _Way:
             self.changes.append(self._point("pitchfork", b))
         self.points.append(b)
         return meeting is not None
-
-    def _meeting(self, a: Point, b: Point) -> float | None:
-        """Speed of the pitchfork through which a branch goes over into its mirror image."""
-        statics = self.statics
-        if statics.resting.any() or statics.straight(a.x) or not float(a.x @ b.x) < 0.0:
-            return None
-        if max(statics.rms(a.x), statics.rms(b.x)) > 2.0 * self.longest:
-            return None
-        return self._pitchfork(a.p)
 
     def _pitchfork(self, u: float) -> float | None:
         """Speed of the pitchfork of the straight pipe nearest to a speed, if one is near."""

@@ -15,10 +15,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.result import result
 
 UNIT = 1e-6
-"""By how much the modulus of a multiplier may exceed 1 on a stable cycle."""
-
-REAL = 1e-3
-"""Imaginary part relative to the modulus below which a multiplier counts as real."""
+"""By how much the modulus of a multiplier may exceed 1 on a stable cycle: rounding and more."""
 
 SAME = 1e-4
 """Relative difference below which two cycles, or the speeds of two events, are the same."""
@@ -68,7 +65,7 @@ def nontrivial(multipliers: ArrayLike) -> Complex:
 
 
 def growth(multipliers: ArrayLike) -> Array:
-    """Logarithms of the moduli of all but the trivial one beyond `UNIT`, the largest first."""
+    """Logarithms of the moduli of all but the trivial one, relative to 1 + UNIT, falling."""
     sizes = np.sort(np.abs(nontrivial(multipliers)))[::-1]
     found: Array = np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT))
     return found
@@ -84,7 +81,7 @@ def crossing_event(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex
     others = nontrivial(roots)
     nearest = complex(others[int(np.argmin(np.abs(np.abs(others) - 1.0)))])
     kind: EventKind = "torus"
-    if abs(nearest.imag) < REAL * abs(nearest):
+    if abs(nearest.imag) < 1e-3 * abs(nearest):  # two that meet split by the root of an error
         flipped: EventKind = "pitchfork" if mirrored else "period doubling"
         kind = "fold" if nearest.real > 0.0 else flipped
         nearest = complex(math.copysign(1.0, nearest.real))

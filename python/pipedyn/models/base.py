@@ -6,7 +6,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from operator import attrgetter
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -169,6 +169,11 @@ class Model(ABC):
         return self.dof
 
     @property
+    def coordinate_kind(self) -> str:
+        """What p is, in words: models of one kind can go on from each other's states."""
+        return f"angles of {self.moving} segments"
+
+    @property
     def approximates_pipe(self) -> bool:
         """Whether the model tends to the continuous pipe as it grows."""
         return True
@@ -236,9 +241,17 @@ class Model(ABC):
         """
         return DensePencil(self)
 
-    @abstractmethod
-    def with_pipe(self, pipe: Pipe) -> Model:
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what is computed at the first request and kept: compiled parts do not pickle."""
+        kept = {name for name in self.__dict__ if hasattr(type(self), name)}
+        return {name: value for name, value in self.__dict__.items() if name not in kept}
+
+    def with_pipe(self, pipe: Pipe) -> Self:
         """The same discretisation, springs included, of another pipe."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__getstate__())
+        other._pipe = checked_pipe(pipe)
+        return other
 
     @property
     @abstractmethod
@@ -255,7 +268,7 @@ class Model(ABC):
         """
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Linear operators in q about a configuration at rest.
+        """Six linear operators in q, each (dof, dof), about a configuration at rest.
 
         Mass, gyroscopic, end_flux and damping are what multiplies q'' and q' there; at rest drag
         has no linear part. stiffness is the derivative of the forces of bending, gravity and terms,
@@ -265,9 +278,6 @@ class Model(ABC):
 
         Args:
             q: coordinates, shape (dof,); the straight pipe where not given.
-
-        Returns:
-            Six matrices, each (dof, dof).
 
         Raises:
             ValueError: also for more than 4000 degrees of freedom.
@@ -360,11 +370,7 @@ class Model(ABC):
     def energy(self, y: ArrayLike) -> float | Array:
         """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
 
-        Args:
-            y: state [q, q'], shape (2 coordinates,) or (2 coordinates, k).
-
-        Returns:
-            A number, or for k states shape (k,).
+        A number for a state y, shape (2 coordinates,), or shape (k,) for k, (2 coordinates, k).
         """
         energy: float | Array = self.motion.energy(y)
         return energy
@@ -372,37 +378,27 @@ class Model(ABC):
     def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
         """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
 
-        Args:
-            y: state [q, q'], shape (2 coordinates,) or (2 coordinates, k).
-            u: flow speed as for `rhs`.
-
-        Returns:
-            Power by what does the work, numbers or shape (k,) each.
+        By what does the work, each a number or shape (k,); states y as for `energy`, flow speed u
+        as for `rhs`.
         """
         return Power(*self.motion.power(y, u))
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        """Centreline (x, y) at arc lengths s, inextensible at any amplitude.
+        """Centreline, inextensible at any amplitude: x transverse and y downward, shape (k, 2).
 
         Args:
             q: coordinates, shape (coordinates,).
             s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
-
-        Returns:
-            x transverse and y downward, shape (k, 2).
         """
 
     @abstractmethod
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        """Transverse displacement for small q at arc lengths s.
+        """Transverse displacement for small q at arc lengths s, shape (p,) or (p, k).
 
         Args:
             q: coordinates, real or complex, shape (dof,) or (dof, k).
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
-
-        Returns:
-            Displacements, shape (p,) or (p, k).
         """
 
     @abstractmethod
@@ -411,19 +407,23 @@ class Model(ABC):
 
     @abstractmethod
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end in L / T, exact, shape (k, 2).
+        """Velocities (x', y') of the free end in L / T, exact, (k, 2), for k states.
 
-        Args:
-            q: coordinates of k states, shape (coordinates, k).
-            qdot: their rates, of the same shape.
+        Coordinates q and their rates have shape (coordinates, k) each.
         """
+
+    def drag_velocities(self, p: Array, pdot: Array) -> Array:
+        """Normal velocities of the points at which drag acts, (points, k), of states (moving, k).
+
+        No points where they are many and drag at each is weak, or where they are not known.
+        """
+        return np.empty((0, p.shape[1]))
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """Coordinates q, shape (dof,), of a bent pipe, so that all models may start alike.
+        """Coordinates q, shape (dof,), of a bent pipe, so that all models may start the same.
 
-        Args:
-            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+        `angle` gives theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
         """
 
     @staticmethod
@@ -459,21 +459,18 @@ class Model(ABC):
         )
         if columns.ndim == 0 or columns.shape[0] != size or columns.size == 0:
             raise ValueError(f"{name} must have shape ({size}, ...), got {columns.shape}")
-        good = np.isfinite(columns)
-        if not good.all():
-            where = tuple(int(i) for i in np.unravel_index(np.argmin(good), good.shape))
+        bad = np.argwhere(~np.isfinite(columns))
+        if bad.size:
+            where = tuple(bad[0].tolist())
             index = where[0] if len(where) == 1 else where
-            raise ValueError(
-                f"{name} must be finite, got {columns[where].item()!r} at index {index}"
-            )
+            raise ValueError(f"{name} must be finite, got {columns[where]} at index {index}")
         return columns
 
     def _configurations(self, name: str, given: ArrayLike) -> Array:
         """Coordinates of k configurations, (coordinates, k)."""
-        size = self.coordinates
-        columns = self._columns(name, given, size)
+        columns = self._columns(name, given, self.coordinates)
         if columns.ndim != 2:
-            raise ValueError(f"{name} must have shape ({size}, k), got {columns.shape}")
+            raise ValueError(f"{name} must have shape ({self.coordinates}, k), got {columns.shape}")
         if columns.dtype.kind == "c":
             raise TypeError(f"{name} must be real, got complex numbers")
         return columns

@@ -37,7 +37,7 @@ LARGEST_CHAIN = 1_000_000
 """Segments: their arrays take 8 MB each, a right-hand side some 0.1 s."""
 
 SHORTEST_SEGMENT = 1e-7
-"""Shorter segments, or a last one with less inertia, are lost in rounding beside the others."""
+"""Shorter segments, or a last one with less inertia, are lost in the rounding of the others."""
 
 
 class Chain(Model):
@@ -49,7 +49,7 @@ class Chain(Model):
 
     Args:
         pipe: the pipe.
-        n: number of segments; not needed where an array tells it.
+        n: number of segments; not needed where an array is given.
         springs: stiffness k_j of the joint at each segment's clamped side, in EI / L, shape (n,),
             each >= 0; or a rule:
             "consistent": 1 / k_j is the length that lies nearer to joint j than to any other, with
@@ -131,11 +131,13 @@ class Chain(Model):
                 "it would turn without inertia"
             )
         self._rule = rule
-        own = springs if rule is None else None
-        self._springs = _given("springs", own, self._springs_by_rule(rule), high=1e15)
+        if rule is None:
+            self._springs = check.array("springs", springs, size=n, low=0.0, high=1e15)
+        else:
+            self._springs = _frozen(self._springs_by_rule(rule))
         self._approximates = rule is not None and centers is None and gyration_radii is None
 
-    def _springs_by_rule(self, rule: str | None) -> Array:
+    def _springs_by_rule(self, rule: str) -> Array:
         n = self.dof
         if rule == "consistent":
             inner = np.concatenate([[2.0 * self._base], self._lengths[:-1]])
@@ -192,10 +194,6 @@ class Chain(Model):
         """The compiled chain with springs added to its own, shape (n,)."""
         return self._with_springs(self._springs + springs)
 
-    def __getstate__(self) -> dict[str, Any]:
-        of_pipe = ("core", "resistances", "term_stiffness")
-        return {name: value for name, value in self.__dict__.items() if name not in of_pipe}
-
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
         return f"Chain({self._pipe!r}, n={self.dof}, springs={rule})"
@@ -223,12 +221,6 @@ class Chain(Model):
         """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
         long = self.dof > LONGEST_DENSE if dense is None else not dense
         return ChainPencil(self) if long else DensePencil(self)
-
-    def with_pipe(self, pipe: Pipe) -> Chain:
-        other = Chain.__new__(Chain)
-        other.__dict__.update(self.__getstate__())
-        other._pipe = checked_pipe(pipe)
-        return other
 
     @cached_property
     def elastic_scale(self) -> Array:
@@ -303,6 +295,16 @@ class Chain(Model):
         angles, rates = self._moving_columns(q, qdot)
         across = self._lengths @ (rates * np.cos(angles))
         return np.stack([across, -self._lengths @ (rates * np.sin(angles))], axis=-1)
+
+    def drag_velocities(self, p: Array, pdot: Array) -> Array:
+        if self.pipe.drag == 0.0:
+            return super().drag_velocities(p, pdot)
+        steps, cosine, sine = self._lengths[:, None] * pdot, np.cos(p), np.sin(p)
+        # Of each segment's joint, and of the point on the segment itself.
+        across, down = (np.cumsum(steps * part, axis=0) - steps * part for part in (cosine, sine))
+        reach = (self._drag_points * self._lengths)[:, None]
+        found: Array = across * cosine + down * sine + reach * pdot
+        return found
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)

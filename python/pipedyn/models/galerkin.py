@@ -31,13 +31,6 @@ from pipedyn.util.check import Array
 BASES = ("beam", "legendre")
 LARGEST_BASIS = 2000
 
-JOINT_COST = 3
-"""Functions that a joint between panels takes from what resolves modes: with 2 to 20 panels three
-fifths of the rest are the pipe's modes to some 1e-4, as of all on one panel."""
-
-MOST_TURNING = 1000.0
-"""Angle, rad, through which a shape may turn along the pipe: its quadrature grows with it."""
-
 LARGEST_TABLE = 100_000_000
 """Values of functions handed out at once: 800 MB."""
 
@@ -140,16 +133,17 @@ class Galerkin(Model):
             "more": self._more,
         }
 
-    def __getstate__(self) -> dict[str, Any]:
-        compiled = ("core", "motion")
-        return {name: value for name, value in self.__dict__.items() if name not in compiled}
-
     def __repr__(self) -> str:
         return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
 
     @property
     def dof(self) -> int:
         return self._size
+
+    @property
+    def coordinate_kind(self) -> str:
+        joined = f" joined at {check.shown(self._joints)}" if self._joints.size else ""
+        return f"amplitudes of {self._size} {self._basis} functions{joined}"
 
     basis = stored("_basis", "Name of the basis.")
 
@@ -160,8 +154,12 @@ class Galerkin(Model):
 
     @property
     def resolution(self) -> int:
-        """Number of functions on one panel that would resolve as many modes."""
-        return max(self._size - JOINT_COST * (self.panels - 1), self._size // 2)
+        """Number of functions on one panel that would resolve as many modes.
+
+        A joint between panels takes three: with 2 to 20 panels three fifths of the rest are the
+        pipe's modes to some 1e-4, as of all on one panel.
+        """
+        return max(self._size - 3 * (self.panels - 1), self._size // 2)
 
     @property
     def resolved_modes(self) -> int:
@@ -267,10 +265,8 @@ class Galerkin(Model):
         count = 2 * self._most + 60
         turns = np.abs(np.diff(self.core.basis(self._rule(count)[0], 1) @ amplitudes, axis=0))
         most = float(turns.sum(axis=0).max(initial=0.0))
-        if most > MOST_TURNING:
-            raise ValueError(
-                f"q must bend the pipe by at most {MOST_TURNING:g} rad in all, got {most:.3g} rad"
-            )
+        if most > 1000.0:  # the quadrature grows with it
+            raise ValueError(f"q must bend the pipe by at most 1000 rad in all, got {most:.3g} rad")
         return count + math.ceil(most)
 
     def largest_angle(self, p: NDArray[Any]) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
 if TYPE_CHECKING:
-    from pipedyn.models.base import Model, Operators
+    from pipedyn.models.base import Model
     from pipedyn.models.chain import Chain
     from pipedyn.models.modular import Assembly
 
@@ -92,31 +92,13 @@ class DensePencil(Pencil):
 
     is_long = False
 
-    @cached_property
-    def operators(self) -> Operators:
-        """The model's, computed at the first product."""
-        return self.model.elastic_operators()
-
-    @cached_property
-    def V(self) -> Array:
-        """S (gyroscopic + end_flux)."""
-        result: Array = self.direction * (self.operators.gyroscopic + self.operators.end_flux)
-        return result
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self.operators.mass @ x
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self.V @ x
-
-    def damping(self, x: Vectors) -> Vectors:
-        return self.operators.damping @ x
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        return self.operators.stiffness @ x
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self.operators.flux @ x
+    def __init__(self, model: Model) -> None:
+        super().__init__(model)
+        self.operators = ops = model.elastic_operators()
+        self.V: Array = self.direction * (ops.gyroscopic + ops.end_flux)
+        self.mass, self.velocity = partial(np.matmul, ops.mass), partial(np.matmul, self.V)
+        self.damping, self.flux = partial(np.matmul, ops.damping), partial(np.matmul, ops.flux)
+        self.stiffness = partial(np.matmul, ops.stiffness)
 
     def matrices(self, u: float) -> tuple[Array, Array, Array]:
         """(M, C, K) at speed u, each of shape (dof, dof)."""
@@ -157,6 +139,8 @@ class ChainPencil(Pencil):
         self.resisted = model.resisted
         self.scale = model.elastic_scale[:, None]
         self.share = model.elastic_share[:, None]
+        self.mass = partial(self._rows, self.core.mass_times)
+        self.flux = partial(self._rows, self.core.flux_times)
 
     def _rows(self, product: Callable[[Array], Array], x: Vectors) -> Vectors:
         """A product in the angles, taken to elastic coordinates; complex columns as real pairs."""
@@ -167,9 +151,6 @@ class ChainPencil(Pencil):
             rows = product(angles)
         result: Vectors = self.scale * np.cumsum(rows[::-1], axis=0)[::-1]
         return result
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self._rows(self.core.mass_times, x)
 
     def velocity(self, x: Vectors) -> Vectors:
         return self.direction * self._rows(self.core.velocity_times, x)
@@ -190,9 +171,6 @@ class ChainPencil(Pencil):
 
     def gravity(self, x: Vectors) -> Vectors:
         return self._rows(self.core.gravity_times, x)
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self._rows(self.core.flux_times, x)
 
     def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
         width, band = self.core.band_width, self.core.band(complex(value), u)

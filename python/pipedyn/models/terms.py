@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Terms: laws of force that act on a pipe beside its own elasticity, gravity, drag and flow.
+"""Terms: laws of force on a pipe, besides its own elasticity, gravity, drag and flow.
 
 A term is a frozen dataclass: the place where it acts, if it acts at one, and the numbers of its
 law. The law itself, load, slopes, mass, energy and power at a station of the pipe, stands in the
@@ -10,7 +10,6 @@ them.
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -182,30 +181,16 @@ class Foundation(Term):
 Law = TypeVar("Law", bound=Term)
 
 
-def in_si(term: Law, scales: Scales) -> Law:
-    """The term with its numbers in SI units, by the SI values of the pipe's units."""
-    return _converted(term, scales, operator.mul)
-
-
-def from_si(term: Law, scales: Scales) -> Law:
-    """The term in the pipe's units, where its numbers are in SI."""
-    return _converted(term, scales, operator.truediv)
-
-
-def _converted(term: Law, scales: Scales, by: Callable[[float, float], float]) -> Law:
-    units = (scales.mass, scales.length, scales.time)
+def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) -> Law:
+    """The term with its numbers times (mul) or over (truediv) the SI values of the pipe's units."""
+    bases, numbers = (scales.mass, scales.length, scales.time), {}
     try:
-        return replace(
-            term,
-            **{
-                item.name: by(
-                    getattr(term, item.name), math.prod(map(pow, units, item.metadata["powers"]))
-                )
-                for item in fields(term)
-            },
-        )
+        for item in fields(term):
+            unit = math.prod(map(pow, bases, item.metadata["powers"]))
+            numbers[item.name] = by(getattr(term, item.name), unit)
     except OverflowError:
         raise ValueError(f"{term!r} has no finite numbers in units of {scales}") from None
+    return replace(term, **numbers)
 
 
 def in_range(terms: tuple[Term, ...], given: str = "") -> tuple[Term, ...]:

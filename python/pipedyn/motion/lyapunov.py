@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import field
-from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -36,12 +35,6 @@ from pipedyn.util.result import result
 
 Rates = Callable[[Array], Array]
 """Of a state y, shape (n,): y' or its Jacobian."""
-
-ExponentStart: TypeAlias = Trajectory | Start | None
-"""Where a motion begins."""
-
-KINDS = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
-"""What a start may be."""
 
 DISTANCE = 1e-7
 """Of a pair of neighbours, in the norm of the state, where each interval begins. Its square, by
@@ -85,7 +78,7 @@ class LyapunovExponent:
 def lyapunov_exponent(
     model: Model,
     u: float,
-    start: ExponentStart = None,
+    start: Trajectory | Start | None = None,
     *,
     duration: float = 200.0,
     transient: float = 100.0,
@@ -126,7 +119,8 @@ def lyapunov_exponent(
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
     if start is None:
         start = slight_bend
-    state = state_of(model, "start", start, KINDS)
+    kinds = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
+    state = state_of(model, "start", start, kinds)
     duration = check.real("duration", duration, low=1e-3, high=1e6)
     transient = check.real("transient", transient, low=0.0, high=1e6)
     blocks = check.count("blocks", blocks, low=4, high=10_000)

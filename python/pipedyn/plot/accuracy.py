@@ -87,7 +87,9 @@ def convergence(
     ax = axes_or_new(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=error_label)
     if exact.speed == 0.0:
         return notice("The critical speed is 0: there is nothing to converge to.", ax)
-    floor = max((own_error(found, exact) for found in families.values()), default=1e-15)
+    if not families:  # nothing positive is there that logarithmic axes could show
+        return notice("No model has an answer to show.", ax)
+    floor = max(own_error(found, exact) for found in families.values())
     least, largest, others = 1.0, 2.0, False
     for name, found in families.items():
         sizes, errors, same_kind = relative_errors(found, exact)

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PPoly
 
 from pipedyn.bifurcation.cycles import LimitCycle
-from pipedyn.motion.ensemble import Ensemble
-from pipedyn.motion.simulate import Motion
+from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot.style import check_type
 from pipedyn.util import check
 from pipedyn.util.check import Array

@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.interpolate import CubicHermiteSpline, PPoly
 
-from pipedyn.motion.ensemble import Ensemble
-from pipedyn.motion.simulate import Motion
+from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot.interpolation import (
     checked_motions,
     finer,

@@ -37,13 +37,13 @@ def _equal(one: Any, other: object) -> Any:
 
 
 def _hash(one: Any) -> int:
-    """Of what equal results have alike and Python hashes: numbers, but NaN, and words."""
+    """From the numbers, but NaN, and the words in a result, which equal results share."""
     kinds = (str, int, float, complex)
     return hash((type(one), *(v for v in _compared(one) if isinstance(v, kinds) and v == v)))
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values are alike: numbers and arrays by entries, what pickles by its state."""
+    """Whether two values are equal: numbers and arrays by entries, what pickles by its state."""
     if one is other:
         return True
     if type(one) is not type(other):
