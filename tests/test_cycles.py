@@ -208,7 +208,7 @@ def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
     assert kept.error > 1e-9
 
 
-def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
+def test_multipliers_that_do_not_converge_are_not_claimed(monkeypatch):
     monkeypatch.setattr("pipedyn.bifurcation.cycles.TURN", 40.0)
     monkeypatch.setattr("pipedyn.bifurcation.cycles.MOST_HALVINGS", 1)
     monkeypatch.setattr("pipedyn.bifurcation.cycles.CHECKS", 1)

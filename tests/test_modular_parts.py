@@ -323,6 +323,15 @@ def test_scenes_pickle() -> None:
     np.testing.assert_array_equal(other.rhs(0.0, y, 2.0), scene.rhs(0.0, y, 2.0))
 
 
+def test_elastic_coordinates_are_numbers_of_any_type() -> None:
+    scene = md.chain(PIPE, 4).plus(md.Guide(3))
+    whole = np.arange(6).reshape(3, 2)
+    expected = scene.from_elastic(whole.astype(float))
+    for kind in (int, np.longdouble, np.float32):
+        np.testing.assert_allclose(scene.from_elastic(whole.astype(kind)), expected, rtol=1e-14)
+    np.testing.assert_allclose(scene.from_elastic(1j * whole), 1j * expected, rtol=1e-14)
+
+
 def test_another_pipe_reaches_every_part() -> None:
     mass = pp.PointMass(0.75, 0.2)
     pipe = pp.Pipe(0.1, -2.0, "aspirating", 0.8, 0.3, 0.02, terms=[mass])
