@@ -239,7 +239,11 @@ Matrix least(Eigen::MatrixXd& columns, Index n) {
       columns.col(k) -= before.head(n).dot(columns.col(k).head(n)) * before;
     }
     const double norm = columns.col(k).head(n).norm();
-    columns.col(k) *= norm > rank * largest ? 1.0 / norm : 0.0;
+    if (norm > rank * largest) {
+      columns.col(k) /= norm;
+    } else {
+      columns.col(k).setZero();
+    }
   }
   const Index wanted = columns.rows() - n;
   Matrix x = Matrix::Zero(n, wanted);
