@@ -155,7 +155,7 @@ class Model(ABC):
 
     @property
     def pipe(self) -> Pipe:
-        """The pipe."""
+        """The pipe, with its terms."""
         return self._pipe
 
     @property
@@ -304,7 +304,8 @@ class Model(ABC):
 
         Args:
             t: time; nothing depends on it.
-            y: state [q, q'], shape (2 dof,), or (2 dof, k) for k states; k may be 0.
+            y: state [q, q'], shape (2 c,) with c = `coordinates`, which is dof but for scenes, or
+                (2 c, k) for k states; k may be 0.
             u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
 
         Returns:
@@ -318,11 +319,11 @@ class Model(ABC):
 
         Args:
             t: time; nothing depends on it.
-            y: state [q, q'], shape (2 dof,).
+            y: state [q, q'], shape (2 c,).
             u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
 
         Returns:
-            d(dy/dt)/dy, shape (2 dof, 2 dof). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
+            d(dy/dt)/dy, shape (2 c, 2 c). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
 
         Raises:
             ValueError: also for more than 4000 segments of a chain.

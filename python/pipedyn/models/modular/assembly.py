@@ -133,10 +133,6 @@ class Assembly(Model):
         dense = None if self._enforcement == "orthonormal" else ENFORCEMENTS[self._enforcement]
         return SceneMotion(self.core, self._layout, self._customs, dense)
 
-    def __getstate__(self) -> dict[str, Any]:
-        compiled = ("core", "motion", "linear", "resisted")
-        return {name: value for name, value in self.__dict__.items() if name not in compiled}
-
     def __repr__(self) -> str:
         layout = self._layout
         plain = [p for p in self.modules if _is_plain_spring(p)]
@@ -150,11 +146,6 @@ class Assembly(Model):
         if self._reference is not None and self._reference.any():
             parts.append(f"about {check.shown(self._reference)}")
         return f"Assembly({self._pipe!r}, {', '.join(parts)})"
-
-    @property
-    def pipe(self) -> Pipe:
-        """The pipe, with the terms that were given among the parts."""
-        return self._pipe
 
     @property
     def modules(self) -> tuple[Module, ...]:
@@ -254,9 +245,7 @@ class Assembly(Model):
         Raises:
             ValueError: for a direction without inertia, where only a term of this pipe had any.
         """
-        other = Assembly.__new__(Assembly)
-        other.__dict__.update(self.__getstate__())
-        other._pipe = checked_pipe(pipe)
+        other = super().with_pipe(pipe)
         if other._pipe.terms != self._pipe.terms:
             other._refuse_massless()
         return other
