@@ -430,7 +430,7 @@ def test_a_slope_of_a_fast_root_is_the_change_of_the_root():
     problem = eigenproblem(chain)
     u, h = 5.0, 0.01
     before, at, after = (lowest(problem, speed, left=True) for speed in (u - h, u, u + h))
-    slope = problem.slopes(u, at)[-2]
+    slope = problem.assessed(u, at).slopes[-2]
     change = (after.values[-2] - before.values[-2]) / (2.0 * h)
     assert abs(at.values[-2]) > 1e5
     assert abs(slope - change) <= 1e-7 * abs(change)

@@ -167,6 +167,9 @@ void run(py::ssize_t amount, const Work& work) {
   work();
 }
 
+/// Eigenpairs and their tracking, in linear.cpp.
+void define_linear(py::module_& m);
+
 /// The class Scene, in scene.cpp.
 void define_scene(py::module_& m);
 

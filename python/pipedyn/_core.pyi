@@ -16,6 +16,8 @@ __all__: list[str] = [
     "Operators",
     "Pipe",
     "Scene",
+    "assess",
+    "inverse",
     "most_on_a_panel",
     "set_vector_level",
     "sincos",
@@ -313,6 +315,42 @@ class Scene:
     @property
     def coordinates(self) -> int: ...
 
+def assess(
+    values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+    right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+    left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None,
+    residual: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
+    by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None,
+    operators: typing.Annotated[
+        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
+        "FixedSize(3)",
+    ]
+    | typing.Annotated[
+        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.complex128]],
+        "FixedSize(3)",
+    ],
+    size: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.complex128],
+    numpy.typing.NDArray[numpy.complex128],
+    numpy.typing.NDArray[numpy.complex128],
+    numpy.typing.NDArray[numpy.complex128],
+]: ...
+def inverse(
+    matrices: typing.Annotated[
+        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
+        "FixedSize(3)",
+    ],
+    shift: typing.SupportsFloat | typing.SupportsIndex,
+    velocity_free: bool,
+    left: bool,
+) -> tuple[
+    numpy.typing.NDArray[numpy.complex128],
+    numpy.typing.NDArray[numpy.complex128],
+    numpy.typing.NDArray[numpy.complex128],
+]: ...
 def most_on_a_panel(
     size: typing.SupportsInt | typing.SupportsIndex,
     joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],

@@ -131,13 +131,14 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
     for _ in range(MOST_STEPS):
         pair = problem.refine(u, value, vector)
         assert pair.left is not None
-        slope = complex(problem.slopes(u, pair)[0])
+        found = problem.assessed(u, pair)
+        slope = complex(found.slopes[0])
         value = complex(pair.values[0])
         if not (slope.real > 0.0 and pair.converged[0]):
             return None
         change = -value.real / slope.real
         if abs(change) <= 1e-14 * u or abs(change) >= last < 1e-9 * u:
-            uncertain = float(problem.uncertainties(u, pair)[0]) + abs(value.real)
+            uncertain = float(found.uncertain[0]) + abs(value.real)
             return Onset(u, abs(value.imag), uncertain / slope.real)
         u, value, vector = u + change, value + slope * change, pair.right[:, 0]
         if not speed / FARTHEST < u < speed * FARTHEST or value.imag <= 0.0:

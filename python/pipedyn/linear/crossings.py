@@ -303,7 +303,7 @@ class CrossingSearch:
         error = uncertain / change_of_zero if change_of_zero else math.inf
         error += 4e-16 * (1.0 + u)
         own = problem.original(u, pair)
-        slope = None if own is None else complex(problem.slopes(u, own)[0])
+        slope = None if own is None else complex(problem.assessed(u, own).slopes[0])
         return AxisCrossing(u, 0j, change, mode, error, own, slope)
 
     def _leaving(self, step: Step, roots: Indices) -> Flags:
@@ -381,8 +381,8 @@ class CrossingSearch:
 
         def refined(near: Iterate) -> tuple[Eigenpairs, complex, complex]:
             pair = problem.refine(*near)
-            slope = complex(problem.slopes(near[0], pair)[0])
-            return pair, slope, self._sharp(near[0], pair)[0]
+            value, _, slope = self._sharp(near[0], pair)
+            return pair, slope, value
 
         def correction(near: Iterate) -> tuple[Iterate, float]:
             pair, slope, value = refined(near)
@@ -419,7 +419,7 @@ class CrossingSearch:
                 f"residual check with {pair.residuals[0]:.1e}"
             )
         assert pair.left is not None
-        value, rounding = self._sharp(u, pair)
+        value, rounding, _ = self._sharp(u, pair)
         uncertain = rounding + abs(value.real)
         error = uncertain / abs(slope.real) if slope.real else math.inf
         change_of_count = (1 if real else 2) * (1 if rising else -1)
@@ -434,10 +434,11 @@ class CrossingSearch:
             slope,
         )
 
-    def _sharp(self, u: float, pair: Eigenpairs) -> tuple[complex, float]:
-        """The eigenvalue of one pair and how far it may be off."""
-        values, uncertain = self.problem.sharpened(u, pair, self.problem.uncertainties(u, pair))
-        return complex(values[0]), float(uncertain[0])
+    def _sharp(self, u: float, pair: Eigenpairs) -> tuple[complex, float, complex]:
+        """The eigenvalue of one pair, how far it may be off, and d lambda / du."""
+        found = self.problem.assessed(u, pair)
+        values, uncertain = self.problem.sharpened(u, pair, found, found.uncertain)
+        return complex(values[0]), float(uncertain[0]), complex(found.slopes[0])
 
     def _meeting_on_axis(self, step: Step, root: int, rising: bool) -> AxisCrossing | None:
         """Where two pairs of a conservative system meet and leave the axis, or come back to it.

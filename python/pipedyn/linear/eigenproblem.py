@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.linear.special.stiff_roots import StiffPair, StiffRoots, is_stiff, stiff_roots
 from pipedyn.models.base import Model
 from pipedyn.models.pencil import DensePencil, Pencil, Vectors
@@ -39,7 +40,7 @@ VECTOR_ERROR = 3.0
 """Error of a growth rate, in differences of those that its two vectors give. Measured on 228 high
 modes of 120 Legendre functions, 200 beam functions and 200 segments, beside roots to 19 digits:
 with this factor the error holds for 212. The others, where both vectors err alike by chance, are
-off by up to 18 times as much, far less than lambda itself by `uncertainties`."""
+off by up to 18 times as much, far less than lambda itself."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,26 @@ class Eigenpairs:
         """Some of the pairs."""
         left = None if self.left is None else self.left[:, which]
         return Eigenpairs(self.values[which], self.right[:, which], left, self.residuals[which])
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """How good pairs are, and how they move; each of shape (r,).
+
+    Attributes:
+        residuals: relative.
+        uncertain: how far residual and rounding may have moved each eigenvalue.
+        slopes: d lambda / du.
+        corrections: Newton's, of lambda.
+        by_left, by_right: y^H (dP/dlambda) x and x^H (dP/dlambda) x.
+    """
+
+    residuals: Array
+    uncertain: Array
+    slopes: Complex
+    corrections: Complex
+    by_left: Complex
+    by_right: Complex
 
 
 class Eigenproblem:
@@ -171,43 +192,49 @@ class Eigenproblem:
         """Size of the stiffness matrix, elastic stiffness being 1."""
         return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.term_stiffness
 
+    def by_speed(self, u: float, values: Complex, x: Vectors) -> Complex:
+        """(dP/du) x of each pair, shape (dof, r)."""
+        result: Complex = values * self.velocity(x) + 2.0 * self.centrifugal * u * self.flux(x)
+        return result
+
+    def assessed(self, u: float, pairs: Eigenpairs, slopes: bool = True) -> Assessment:
+        """What the core and, of stiff roots, the whole problem say of pairs with left vectors."""
+        by_speed = self.by_speed(u, pairs.values, pairs.right) if slopes else None
+        found = self._assessed(u, pairs.values, pairs.right, pairs.left, pairs.residuals, by_speed)
+        for i, stiff in self._stiff_pairs(u, pairs.values):
+            found.uncertain[i], found.slopes[i] = stiff.uncertain, stiff.slope
+        return found
+
     def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
         """Relative residual of each pair, shape (r,)."""
-        inertia, velocity = values**2 * self.mass(x), values * self.damped(u, x)
-        rest = np.linalg.norm(inertia + velocity + self.stiffened(u, x), axis=0)
-        size = np.linalg.norm(inertia, axis=0) + np.linalg.norm(velocity, axis=0)
-        result: Array = rest / (size + self.size(u) * np.linalg.norm(x, axis=0))
-        self._replaced(u, values, result, lambda pair: pair.residual)
+        result = self._assessed(u, values, x).residuals
+        for i, stiff in self._stiff_pairs(u, values):
+            result[i] = stiff.residual
         return result
 
-    def _replaced(
-        self, u: float, values: Complex, result: Any, of: Callable[[StiffPair], Any]
-    ) -> None:
-        """Puts what is known of stiff roots in the place of a result for all, shape (r,)."""
-        if self.stiff is not None:
-            for i in np.flatnonzero(is_stiff(values)):
-                result[i] = of(self.stiff.at(u, complex(values[i])))
-
-    def derivative(self, u: float, values: Complex, x: Vectors, y: Vectors) -> Complex:
-        """y^H (dP/dlambda) x of each pair, shape (r,)."""
-        result: Complex = np.sum(
-            y.conj() * (2.0 * values * self.mass(x) + self.damped(u, x)), axis=0
+    def _assessed(
+        self,
+        u: float,
+        values: Complex,
+        x: Vectors,
+        y: Vectors | None = None,
+        residuals: Array | None = None,
+        by_speed: Complex | None = None,
+    ) -> Assessment:
+        applied = (
+            (self.mass(x), self.damped(u, x), self.stiffened(u, x))
+            if self.is_long
+            else self.matrices(u)
         )
-        return result
+        size = self.size(u)
+        return Assessment(*_core.assess(values, x, y, residuals, by_speed, applied, size))
 
-    def uncertainties(self, u: float, pairs: Eigenpairs) -> Array:
-        """How far residual and rounding may have moved each eigenvalue, shape (r,)."""
-        assert pairs.left is not None
-        size = np.abs(pairs.values) ** 2 * np.linalg.norm(self.mass(pairs.right), axis=0)
-        size += np.abs(pairs.values) * np.linalg.norm(self.damped(u, pairs.right), axis=0)
-        size += self.size(u)
-        derivative = np.abs(self.derivative(u, pairs.values, pairs.right, pairs.left))
-        lost = np.finfo(float).eps * (size + self.formed(u, pairs))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Array = (pairs.residuals * size + lost) / derivative
-        result[~np.isfinite(result)] = np.inf
-        self._replaced(u, pairs.values, result, lambda pair: pair.uncertain)
-        return result
+    def _stiff_pairs(self, u: float, values: Complex) -> list[tuple[int, StiffPair]]:
+        """What is known of the roots that elastic coordinates do not hold, by their indices."""
+        if self.stiff is None:
+            return []
+        mine = map(int, np.flatnonzero(is_stiff(values)))
+        return [(i, self.stiff.at(u, complex(values[i]))) for i in mine]
 
     def growth(self, u: float, pairs: Eigenpairs) -> tuple[Array, Array]:
         """Re lambda of each pair by its energy balance, and how far rounding may move it, (r,).
@@ -238,7 +265,9 @@ class Eigenproblem:
             lost = 2.0 * (self.dof + 2) * np.finfo(float).eps * size
             return -work / rate, lost / np.abs(rate)
 
-    def sharpened(self, u: float, pairs: Eigenpairs, uncertain: Array) -> tuple[Complex, Array]:
+    def sharpened(
+        self, u: float, pairs: Eigenpairs, found: Assessment, uncertain: Array
+    ) -> tuple[Complex, Array]:
         """Eigenvalues and how far each may be off, with Re lambda by its energy balance if better.
 
         That is so where rounding hides a slow growth, as in high modes without damping, and at rest
@@ -253,35 +282,13 @@ class Eigenproblem:
         if pairs.left is None or not hidden.any():
             return values, uncertain
         # Near a double root vectors are worse than values: y^H P' x is small beside x^H P' x there.
-        across = np.abs(self.derivative(u, values, pairs.right, pairs.left))
-        hidden &= across > 0.1 * np.abs(self.derivative(u, values, pairs.right, pairs.right))
+        hidden &= np.abs(found.by_left) > 0.1 * np.abs(found.by_right)
         growth, error = self.growth(u, pairs)
         better = hidden & (error < uncertain)
         return (
             np.where(better, growth + 1j * values.imag, values),
             np.where(better, error, uncertain),
         )
-
-    def formed(self, u: float, pairs: Eigenpairs) -> Any:
-        """What rounding of the matrices themselves may hide, in eps: no residual shows it."""
-        if self.is_long:
-            return 0.0
-        assert pairs.left is not None
-        right, size = np.abs(pairs.right), np.abs(pairs.values)
-        mass, velocity, stiffness = (np.abs(matrix) @ right for matrix in self.matrices(u))
-        rows = size**2 * mass + size * velocity + stiffness
-        return np.sum(np.abs(pairs.left) * rows, axis=0)
-
-    def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
-        """D lambda / du of each pair, shape (r,)."""
-        assert pairs.left is not None
-        by_speed = pairs.values * self.velocity(pairs.right)
-        by_speed = by_speed + 2.0 * self.centrifugal * u * self.flux(pairs.right)
-        change = np.sum(pairs.left.conj() * by_speed, axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Complex = -change / self.derivative(u, pairs.values, pairs.right, pairs.left)
-        self._replaced(u, pairs.values, result, lambda pair: pair.slope)
-        return result
 
     def refine(
         self, u: float, value: complex, x: Vectors | None = None, steps: int = 6
@@ -300,14 +307,10 @@ class Eigenproblem:
             right, left = unit(solve(right)), unit(solve(left, adjoint=True))
             if not (np.isfinite(right).all() and np.isfinite(left).all()):
                 break
-            values = np.array([value])
-            rest = values**2 * self.mass(right) + values * self.damped(u, right)
-            rest = rest + self.stiffened(u, right)
-            derivative = self.derivative(u, values, right, left)[0]
-            if derivative == 0.0:
+            correction = self._assessed(u, np.array([value]), right, left).corrections[0]
+            if not np.isfinite(correction):
                 break
-            correction = np.sum(left.conj() * rest) / derivative
-            value = complex(value - correction)
+            value = complex(value + correction)
             values = np.array([value])
             pair = Eigenpairs(values, right, left, self.residuals(u, values, right))
             if best is not None and pair.residuals[0] >= best.residuals[0]:

@@ -16,14 +16,13 @@ where M and C act through running sums and K_s is a band matrix: O(n) a step.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
+from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem, unit
 from pipedyn.models.base import DENSE_LIMIT
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-from pipedyn.util.eigenvectors import eigenvectors
 
 SHIFTS = (0.97, 2.31, 0.41)
 """Tried in turn until every residual passes; an eigenvalue may lie on one of them by chance."""
@@ -169,29 +168,9 @@ def dense_inverse(
 
     `free` says that no term in the velocity is there; then mu = 1 / (lambda^2 - shift^2).
     """
-    n = problem.dof
-    mass, damped, stiffness = problem.matrices(u)
-    shifted = shift**2 * mass + shift * damped + stiffness
-    lu, pivots, singular = lapack.dgetrf(shifted)
-    factorised()
-    if singular:
-        return None
-    if free:
-        step = -lapack.dgetrs(lu, pivots, mass)[0]
-    else:
-        both = np.hstack([damped + 2.0 * shift * mass, mass])
-        step = np.zeros((2 * n, 2 * n))
-        step[:n] = -lapack.dgetrs(lu, pivots, both)[0]
-        step[n:, :n] = np.eye(n)
-    if not np.isfinite(step).all():
-        return None
-    if not left:
-        factorised()
-        mu, vectors = np.linalg.eig(step)
-        return mu.astype(np.complex128), vectors[:n].astype(np.complex128), None
-    mu, lefts, vectors = eigenvectors(step)
-    dual = lapack.dgetrs(lu, pivots, np.hstack([lefts[:n].real, lefts[:n].imag]), trans=1)[0]
-    return mu, vectors[:n].astype(np.complex128), dual[:, : mu.size] + 1j * dual[:, mu.size :]
+    factorised(2)
+    mu, right, dual = _core.inverse(problem.matrices(u), shift, free, left)
+    return (mu, right, dual if left else None) if mu.size else None
 
 
 def arnoldi(

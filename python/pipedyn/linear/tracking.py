@@ -169,12 +169,12 @@ def pairs_at(problem: Eigenproblem, u: float, count: int | None) -> Eigenpairs:
 def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
     """The `count` lowest eigenvalues (all without) at speed u, with slopes; no slope reads 0."""
     pairs = pairs_at(problem, u, count)
-    slopes = problem.slopes(u, pairs)
-    slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-    noise = _noise(problem.uncertainties(u, pairs), pairs.values)
+    found = problem.assessed(u, pairs)
+    slopes = np.where(np.isfinite(found.slopes), found.slopes, 0.0)
+    noise = _noise(found.uncertain, pairs.values)
     slope_noise = np.zeros(noise.size)
     if not problem.is_conservative:
-        values, sharp = problem.sharpened(u, pairs, noise)
+        values, sharp = problem.sharpened(u, pairs, found, noise)
         slope_noise = np.where((sharp < noise) | (u == 0.0), SLOPE_NOISE * noise, 0.0)
         noise, pairs = sharp, replace(pairs, values=values)
     signatures = np.zeros(pairs.values.size, dtype=np.int8)
@@ -184,8 +184,7 @@ def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
         on_axis = near & (pairs.values.imag != 0.0)
         pairs.values.real[on_axis], slopes.real[on_axis] = 0.0, 0.0
         # The sign of x^H (2 omega M - i G) x, a mode's energy by its frequency.
-        energy = problem.derivative(u, pairs.values, pairs.right, pairs.right).imag
-        signatures[on_axis] = np.sign(energy[on_axis])
+        signatures[on_axis] = np.sign(found.by_right.imag[on_axis])
     return Sample(u, pairs, slopes, noise, slope_noise, signatures)
 
 
