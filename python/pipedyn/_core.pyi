@@ -17,10 +17,15 @@ __all__: list[str] = [
     "Pipe",
     "Scene",
     "assess",
+    "growth",
     "inverse",
+    "match",
     "most_on_a_panel",
+    "refine",
+    "scan",
     "set_vector_level",
     "sincos",
+    "unstable",
     "vector_level",
     "vector_levels",
 ]
@@ -316,28 +321,34 @@ class Scene:
     def coordinates(self) -> int: ...
 
 def assess(
+    p: typing.Annotated[
+        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
+        "FixedSize(3)",
+    ]
+    | typing.Annotated[collections.abc.Sequence[typing.Any], "FixedSize(2)"],
+    size: typing.SupportsFloat | typing.SupportsIndex,
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
     right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
     left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None,
     residual: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
     by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None,
-    operators: typing.Annotated[
-        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
-        "FixedSize(3)",
-    ]
-    | typing.Annotated[
-        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.complex128]],
-        "FixedSize(3)",
-    ],
-    size: typing.SupportsFloat | typing.SupportsIndex,
 ) -> tuple[
     numpy.typing.NDArray[numpy.float64],
     numpy.typing.NDArray[numpy.float64],
     numpy.typing.NDArray[numpy.complex128],
     numpy.typing.NDArray[numpy.complex128],
     numpy.typing.NDArray[numpy.complex128],
-    numpy.typing.NDArray[numpy.complex128],
 ]: ...
+def growth(
+    p: typing.Annotated[
+        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
+        "FixedSize(3)",
+    ]
+    | typing.Annotated[collections.abc.Sequence[typing.Any], "FixedSize(2)"],
+    values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+    right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+    left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
 def inverse(
     matrices: typing.Annotated[
         collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
@@ -351,14 +362,67 @@ def inverse(
     numpy.typing.NDArray[numpy.complex128],
     numpy.typing.NDArray[numpy.complex128],
 ]: ...
+def match(
+    left: typing.Any,
+    right: typing.Any,
+    tracked: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
+    damping: typing.SupportsFloat | typing.SupportsIndex,
+    radius: typing.SupportsFloat | typing.SupportsIndex,
+    zero: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[
+    numpy.typing.NDArray[numpy.int64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.int64],
+    numpy.typing.NDArray[numpy.complex128],
+    bool,
+]: ...
 def most_on_a_panel(
     size: typing.SupportsInt | typing.SupportsIndex,
     joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     more: typing.SupportsInt | typing.SupportsIndex,
 ) -> int: ...
+def refine(
+    p: typing.Annotated[
+        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
+        "FixedSize(3)",
+    ]
+    | typing.Annotated[collections.abc.Sequence[typing.Any], "FixedSize(2)"],
+    size: typing.SupportsFloat | typing.SupportsIndex,
+    value: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+    right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+    left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+    steps: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[
+    complex,
+    numpy.typing.NDArray[numpy.complex128],
+    numpy.typing.NDArray[numpy.complex128],
+    float,
+    int,
+]: ...
+def scan(
+    step: typing.Any,
+    modes: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
+    unstable: typing.Annotated[numpy.typing.ArrayLike, numpy.bool],
+    resolved: typing.SupportsInt | typing.SupportsIndex,
+    certain: typing.SupportsInt | typing.SupportsIndex,
+    zero: typing.SupportsFloat | typing.SupportsIndex,
+    conservative: bool,
+) -> tuple[
+    numpy.typing.NDArray[numpy.int64],
+    numpy.typing.NDArray[numpy.bool],
+    numpy.typing.NDArray[numpy.bool],
+    bool,
+    list[tuple[int, float, bool]],
+]: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+def unstable(
+    at: typing.Any,
+    onto: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
+    before: typing.Annotated[numpy.typing.ArrayLike, numpy.bool],
+    zero: typing.SupportsFloat | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.bool]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...

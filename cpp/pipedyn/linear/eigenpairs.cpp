@@ -13,6 +13,12 @@ namespace {
 constexpr double eps = std::numeric_limits<double>::epsilon();
 constexpr double infinite = std::numeric_limits<double>::infinity();
 
+/// Error of a growth rate, in differences of those that its two vectors give. Measured on 228 high
+/// modes of 120 Legendre functions, 200 beam functions and 200 segments, beside roots to 19 digits:
+/// with this factor the error holds for 212. The others, where both vectors err alike by chance,
+/// are off by up to 18 times as much, far less than lambda itself.
+constexpr double vector_error = 3.0;
+
 /// LAPACK's vectors, the first rows of each: of a conjugate pair real and imaginary part.
 ComplexTable complex_vectors(const std::vector<double>& vectors, const std::vector<double>& imag,
                              Index rows) {
@@ -71,35 +77,60 @@ Inverse inverse(const Lapack& lapack, const Quadratic& p, double shift, bool vel
   return result;
 }
 
-Assessment assess(const Pairs& pairs, const Quadratic& p) {
-  const Index dof = pairs.dof, count = pairs.count, table = dof * count;
-  ComplexTable products(3 * table);
-  std::vector<double> formed(count, 0.0);
+Operator operator_of(const Lapack& lapack, const Quadratic& p, double size) {
+  const Index dof = p.mass.rows();
+  const auto multiply_all = [&p, dof](const Complex* vectors, Index count) {
+    ComplexTable result(3 * dof * count);
+    // Real and imaginary parts are columns of their own.
+    const Eigen::Map<const Matrix> x(reinterpret_cast<const double*>(vectors), dof, 2 * count);
+    double* out = reinterpret_cast<double*>(result.data());
+    for (const auto* const factor : {&p.mass, &p.velocity, &p.stiffness}) {
+      multiply(Eigen::Map<Matrix>(out, dof, 2 * count), *factor, x);
+      out += 2 * dof * count;
+    }
+    return result;
+  };
+  const auto solve = [&lapack, &p](Complex value, ComplexTable& x, ComplexTable& y) {
+    int n = static_cast<int>(x.size()), one = 1, info = 0;
+    char plain = 'N', adjoint = 'C';
+    ComplexTable lu(n * n);
+    std::vector<int> pivots(n);
+    for (Index j = 0; j < n; ++j) {
+      for (Index i = 0; i < n; ++i) {
+        lu[j * n + i] = value * (value * p.mass(i, j) + p.velocity(i, j)) + p.stiffness(i, j);
+      }
+    }
+    lapack.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
+    for (Index i = 0; i < n; ++i) {  // of a singular matrix, with one that differs in rounding
+      if (lu[i * n + i] == 0.0) lu[i * n + i] = eps;
+    }
+    lapack.zgetrs(&plain, &n, &one, lu.data(), &n, pivots.data(), x.data(), &n, &info);
+    lapack.zgetrs(&adjoint, &n, &one, lu.data(), &n, pivots.data(), y.data(), &n, &info);
+  };
+  return {dof, size, multiply_all, solve};
+}
+
+std::vector<double> formed(const Quadratic& p, const Pairs& pairs) {
+  const Index dof = p.mass.rows(), count = pairs.count;
+  std::vector<double> result(count, 0.0);
   Matrix sizes(dof, count), rows(dof, count);
-  for (Index k = 0; k < table; ++k) sizes.data()[k] = std::abs(pairs.right[k]);
-  const auto* const parts = reinterpret_cast<const double*>(pairs.right);
-  const Eigen::Map<const Matrix> x(parts, dof, 2 * count);  // real and imaginary parts
-  Complex* out = products.data();
+  for (Index k = 0; k < dof * count; ++k) sizes.data()[k] = std::abs(pairs.right[k]);
   int power = 2;
   for (const auto* const factor : {&p.mass, &p.velocity, &p.stiffness}) {
-    multiply(Eigen::Map<Matrix>(reinterpret_cast<double*>(out), dof, 2 * count), *factor, x);
-    out += table;
-    if (pairs.left == nullptr) continue;
-    // |y|^T (|lambda^2 M| + |lambda C| + |K|) |x|: no residual shows rounding of entries.
     multiply(rows, Matrix(factor->cwiseAbs()), sizes);
     for (Index i = 0; i < count; ++i) {
       double sum = 0.0;
       for (Index k = 0; k < dof; ++k) sum += std::abs(pairs.left[k * count + i]) * rows(k, i);
-      formed[i] += std::pow(std::abs(pairs.values[i]), power) * sum;
+      result[i] += std::pow(std::abs(pairs.values[i]), power) * sum;
     }
     --power;
   }
-  const Complex* const mass = products.data();
-  return assess(pairs, {mass, mass + table, mass + 2 * table, formed.data()});
+  return result;
 }
 
-Assessment assess(const Pairs& pairs, const Products& products) {
-  const Index count = pairs.count, lefts = pairs.left == nullptr ? 0 : count;
+Assessment assess(const Operator& p, const Pairs& pairs) {
+  const Index count = pairs.count, table = p.dof * count, lefts = pairs.left == nullptr ? 0 : count;
+  const ComplexTable products = p.multiply(pairs.right, count);
   const std::vector<double> reals(lefts);
   const std::vector<Complex> complexes(lefts);
   Assessment result{std::vector<double>(count), reals, complexes, complexes, complexes, complexes};
@@ -107,9 +138,9 @@ Assessment assess(const Pairs& pairs, const Products& products) {
     const Complex value = pairs.values[i];
     double rest = 0.0, inertia = 0.0, resistance = 0.0, length = 0.0;
     Complex by_left = 0.0, by_right = 0.0, change = 0.0, error = 0.0;
-    for (Index k = i; k < pairs.dof * count; k += count) {
-      const Complex x = pairs.right[k], mass = products.mass[k], velocity = products.velocity[k];
-      const Complex row = value * (value * mass + velocity) + products.stiffness[k];
+    for (Index k = i; k < table; k += count) {
+      const Complex x = pairs.right[k], mass = products[k], velocity = products[table + k];
+      const Complex row = value * (value * mass + velocity) + products[2 * table + k];
       rest += std::norm(row);
       inertia += std::norm(mass);
       resistance += std::norm(velocity);
@@ -125,16 +156,75 @@ Assessment assess(const Pairs& pairs, const Products& products) {
         std::norm(value) * std::sqrt(inertia) + std::abs(value) * std::sqrt(resistance);
     result.residual[i] = pairs.residual != nullptr
                              ? pairs.residual[i]
-                             : std::sqrt(rest) / (moving + pairs.size * std::sqrt(length));
+                             : std::sqrt(rest) / (moving + p.size * std::sqrt(length));
     if (lefts == 0) continue;
-    const double size = moving + pairs.size;
-    const double lost = eps * (size + (products.formed == nullptr ? 0.0 : products.formed[i]));
+    const double size = moving + p.size;
+    const double lost = eps * (size + (pairs.formed == nullptr ? 0.0 : pairs.formed[i]));
     const double uncertain = (result.residual[i] * size + lost) / std::abs(by_left);
     result.uncertain[i] = std::isfinite(uncertain) ? uncertain : infinite;
     result.slope[i] = -change / by_left;
     result.correction[i] = -error / by_left;
     result.by_left[i] = by_left;
     result.by_right[i] = by_right;
+  }
+  return result;
+}
+
+Refined refine(const Operator& p, Refined guess, int most_steps) {
+  Refined last = std::move(guess), best = last;
+  last.residual = best.residual = infinite;
+  const auto made_unit = [](ComplexTable& x) {
+    double length = 0.0;
+    for (const Complex entry : x) length += std::norm(entry);
+    length = std::sqrt(length);
+    for (Complex& entry : x) entry /= length;
+    return std::isfinite(length) && length > 0.0;
+  };
+  for (last.steps = 1; last.steps <= most_steps; ++last.steps) {
+    p.solve(last.value, last.right, last.left);
+    if (!made_unit(last.right) || !made_unit(last.left)) break;
+    const Pairs pair{1,       &last.value, last.right.data(), last.left.data(), nullptr,
+                     nullptr, nullptr};
+    const Complex correction = assess(p, pair).correction[0];
+    if (!std::isfinite(std::norm(correction))) break;
+    last.value += correction;
+    Pairs moved = pair;
+    moved.left = nullptr;
+    const double residual = assess(p, moved).residual[0];
+    if (!(residual < best.residual)) break;
+    last.residual = residual;
+    best = last;
+    if (std::abs(correction) <= 4e-16 * std::abs(last.value)) break;
+  }
+  return std::isfinite(best.residual) ? best : last;
+}
+
+Growth growth(const Operator& p, const Pairs& pairs) {
+  const Index count = pairs.count, table = p.dof * count;
+  Growth result{std::vector<double>(count), std::vector<double>(count)};
+  for (const Complex* const vectors : {pairs.right, pairs.left}) {
+    const ComplexTable products = p.multiply(vectors, count);
+    for (Index i = 0; i < count; ++i) {
+      const double omega = pairs.values[i].imag();
+      double kinetic = 0.0, size = 0.0;
+      Complex velocity = 0.0, place = 0.0;
+      for (Index k = i; k < table; k += count) {
+        const Complex x = std::conj(vectors[k]);
+        const Complex by_velocity = x * products[table + k], by_place = x * products[2 * table + k];
+        kinetic += (x * products[k]).real();
+        velocity += by_velocity;
+        place += by_place;
+        size += std::abs(omega) * std::abs(by_velocity) + std::abs(by_place);
+      }
+      const double balance = 2.0 * omega * kinetic + velocity.imag();
+      const double rate = -(omega * velocity.real() + place.imag()) / balance;
+      if (vectors == pairs.left) {
+        result.error[i] += vector_error * std::abs(result.rate[i] - rate);
+      } else {  // rounding of two sums of dof terms
+        result.rate[i] = rate;
+        result.error[i] = 2.0 * static_cast<double>(p.dof + 2) * eps * size / std::abs(balance);
+      }
+    }
   }
   return result;
 }

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <complex>
+#include <functional>
 #include <vector>
 
 #include "pipedyn/pipe.hpp"
@@ -21,6 +22,9 @@ using ComplexTable = std::vector<Complex>;
 struct Lapack {
   void (*dgetrf)(int* rows, int* columns, double* a, int* lda, int* pivots, int* info);
   void (*dgetrs)(char* trans, int* n, int* columns, double* lu, int* ldlu, int* pivots, double* b,
+                 int* ldb, int* info);
+  void (*zgetrf)(int* rows, int* columns, Complex* a, int* lda, int* pivots, int* info);
+  void (*zgetrs)(char* trans, int* n, int* columns, Complex* lu, int* ldlu, int* pivots, Complex* b,
                  int* ldb, int* info);
   void (*dgeev)(char* left, char* right, int* n, double* a, int* lda, double* real, double* imag,
                 double* vl, int* ldvl, double* vr, int* ldvr, double* work, int* size, int* info);
@@ -43,21 +47,26 @@ struct Inverse {
 Inverse inverse(const Lapack& lapack, const Quadratic& p, double shift, bool velocity_free,
                 bool left);
 
+/// P at one speed: matrices, or what multiplies and solves with a long chain.
+struct Operator {
+  Index dof;
+  double size;  // of K, the elastic stiffness being 1
+  /// M x, C x and K x, one after the other, each (dof, count).
+  std::function<ComplexTable(const Complex* x, Index count)> multiply;
+  /// x = P(value)^-1 x and y = P(value)^-H y, each (dof).
+  std::function<void(Complex value, ComplexTable& x, ComplexTable& y)> solve;
+};
+
+Operator operator_of(const Lapack& lapack, const Quadratic& p, double size);
+
 /// Pairs with unit vectors, each table (dof, count), and what else is known of them.
 struct Pairs {
-  Index dof, count;
+  Index count;
   const Complex *values, *right;
   const Complex* left;      // or null
   const Complex* by_speed;  // (dP/du) x, or null
   const double* residual;   // better known than from these vectors, or null
-  double size;              // of K, the elastic stiffness being 1
-};
-
-/// M x, C x and K x, each (dof, count), and what rounding of the matrices themselves may hide, in
-/// eps (count), or null.
-struct Products {
-  const Complex *mass, *velocity, *stiffness;
-  const double* formed;
+  const double* formed;     // what rounding of the matrices themselves may hide, in eps, or null
 };
 
 /// Of each pair, those after the residual only with left vectors.
@@ -70,7 +79,33 @@ struct Assessment {
   std::vector<Complex> by_right;    // x^H (dP/dlambda) x
 };
 
-Assessment assess(const Pairs& pairs, const Products& products);
-Assessment assess(const Pairs& pairs, const Quadratic& p);
+Assessment assess(const Operator& p, const Pairs& pairs);
+
+/// `Pairs::formed`, |y|^T (|lambda^2 M| + |lambda C| + |K|) |x| of each: no residual shows it.
+std::vector<double> formed(const Quadratic& p, const Pairs& pairs);
+
+/// The pair nearest to a good guess, (dof) each, by two-sided Rayleigh quotient iteration.
+struct Refined {
+  Complex value;
+  ComplexTable right, left;
+  double residual;  // infinite where the iteration ends with nothing
+  int steps;
+};
+
+Refined refine(const Operator& p, Refined guess, int most_steps);
+
+/// Growth Re lambda of oscillating pairs by their energy balance, and how far rounding may move it.
+struct Growth {
+  std::vector<double> rate, error;
+};
+
+/// With lambda = sigma + i omega the imaginary part of x^H P x = 0 is
+///
+///     sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
+///
+/// On the right only damping and what the ends do is left, so that rounding is small beside it,
+/// while that of lambda is eps |lambda|^2. The left vector obeys the same balance; where the two
+/// disagree, vectors are not exact.
+Growth growth(const Operator& p, const Pairs& pairs);
 
 }  // namespace pipedyn

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
 from pipedyn.linear.tracking import (
     LONGEST_STEP,
@@ -45,9 +46,6 @@ LARGEST_ERROR = 1e-3
 
 LARGE_GRAVITY = 100.0
 """gamma beyond which weight rather than stiffness sets the speeds at which the flow is felt."""
-
-HIGH_DAMPING = 0.3
-"""Roots that need not be tracked are not worth refining with Re < -0.3 |lambda| at both ends."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +79,25 @@ class Sweep:
     crossings: tuple[AxisCrossing, ...]
 
 
+@dataclass(frozen=True)
+class Scan:
+    """What a step shows of crossings.
+
+    Attributes:
+        roots: those looked at, one of each conjugate pair, by their places in the left sample.
+        leaving: which roots of the left sample lie on the axis at rest and turn unstable at once.
+        after: which are unstable at the right end.
+        clear: whether the cubics show all crossings.
+        crossings: (root, fraction of the step, whether it turns unstable), if clear.
+    """
+
+    roots: Indices
+    leaving: Flags
+    after: Flags
+    clear: bool
+    crossings: list[tuple[int, float, bool]]
+
+
 class Untracked(Exception):
     """A root outside the tracked set became unstable: more must be tracked."""
 
@@ -92,7 +109,7 @@ class CrossingSearch:
         problem: the model's.
         max_speed: end of the search.
         tracked: how many modes are computed and tracked; all without.
-        trusted: how many modes, counted from rest, are looked at; all without.
+        resolved: how many modes, counted from rest, are looked at; all without.
         count: roots computed where not all; without, two for each mode tracked and 16.
     """
 
@@ -101,14 +118,14 @@ class CrossingSearch:
         problem: Eigenproblem,
         max_speed: float,
         tracked: int | None = None,
-        trusted: int | None = None,
+        resolved: int | None = None,
         count: int | None = None,
     ) -> None:
         self.problem = problem
         self.max_speed = max_speed
         self.count = None if tracked is None else (count or 2 * tracked + 16)
         self.tracked = problem.dof if tracked is None else tracked
-        self.trusted = self.tracked if trusted is None else trusted
+        self.resolved = self.tracked if resolved is None else resolved
         # Legendre's highest third is not the pipe's and heavily damped: matched, but not tracked.
         self.certain = min(self.tracked, problem.model.resolved_modes)
         self.modes: Indices = np.zeros(0, dtype=np.intp)
@@ -175,8 +192,8 @@ class CrossingSearch:
         return at
 
     def count_unstable(self) -> int:
-        """Number of unstable roots among the trusted."""
-        return int(np.sum(self.unstable & (self.modes >= 1) & (self.modes <= self.trusted)))
+        """Number of unstable roots among the resolved."""
+        return int(np.sum(self.unstable & (self.modes >= 1) & (self.modes <= self.resolved)))
 
     def move(self, step: Step) -> None:
         """Take modes and states to the step's right sample; mode 0 for roots from outside."""
@@ -197,33 +214,19 @@ class CrossingSearch:
 
     def states(self, at: Sample, onto: Indices, before: Flags) -> Flags:
         """Which roots are unstable: by the sign of Re lambda, or as before where it has none."""
-        values = at.values[onto]
-        known = (np.abs(values.real) > at.noise[onto]) & (
-            np.abs(values) >= self.problem.zero_tolerance
-        )
-        known |= at.signatures[onto] != 0  # on the axis of a conservative system, where they stay
-        states: Flags = np.where(known, values.real > 0.0, before)
-        for i in np.flatnonzero(~known & (values.imag > 0.0)):  # a pair has one state
-            pair = (values == values[i]) | (values == values[i].conj())
-            states[pair] = before[pair].any()
-        return states
+        return _core.unstable(at, onto, before, self.problem.zero_tolerance)
 
-    def rows(self, step: Step) -> Indices:
-        """Roots to look at: one of each conjugate pair, trusted, not heavily damped throughout."""
-        a, b = step.left.values, step.right.values[step.onto]
-        upper = np.where(a == 0.0, b, a).imag >= 0.0
-        mine = (self.modes >= 1) & (self.modes <= self.trusted) & (step.onto >= 0) & upper
-        damped = (a.real < -HIGH_DAMPING * np.abs(a)) & (b.real < -HIGH_DAMPING * np.abs(b))
-        mine &= ~(damped & (self.modes > self.certain))
-        return np.flatnonzero(mine)
+    def scan(self, step: Step) -> Scan:
+        """What the step shows of the roots resolved."""
+        conservative, zero = self.problem.is_conservative, self.problem.zero_tolerance
+        known = (step, self.modes, self.unstable)
+        return Scan(*_core.scan(*known, self.resolved, self.certain, zero, conservative))
 
     def sure(self, step: Step) -> bool:
         """Whether the step shows all crossings in it."""
-        roots = self.rows(step)
-        met = step.meets[roots] >= 0
-        if self._scan(step, roots[~met]) is None:
-            return False
-        return all(self._is_clear_meeting(step, int(i)) for i in roots[met])
+        scan = self.scan(step)
+        met = scan.roots[step.meets[scan.roots] >= 0]
+        return scan.clear and all(self._is_clear_meeting(step, int(i)) for i in met)
 
     def _is_clear_meeting(self, step: Step, i: int) -> bool:
         """Whether the signs before and after a meeting on the real axis show what passed zero."""
@@ -240,11 +243,10 @@ class CrossingSearch:
 
     def crossings(self, step: Step) -> list[AxisCrossing]:
         """Crossings within a step."""
-        roots = self.rows(step)
-        met = step.meets[roots] >= 0
-        single = roots[~met]
+        scan = self.scan(step)
+        roots, after = scan.roots, scan.after
         found = []
-        for root in single[self._leaving(step, single)]:
+        for root in map(int, np.flatnonzero(scan.leaving)):
             value = complex(0.0, step.left.values[root].imag)
             change = 2 if value.imag or step.right.values[step.onto[root]].imag else 1
             error = 0.0
@@ -252,11 +254,14 @@ class CrossingSearch:
                 hidden = abs(step.left.values[root].real) + step.left.noise[root]
                 error = float(hidden / step.left.slopes[root].real)
             found.append(AxisCrossing(0.0, value, change, int(self.modes[root]), error))
-        scanned = self._scan(step, single)
-        for root, t, rising in self._ends(step, single) if scanned is None else scanned:
+        met = step.meets[roots] >= 0
+        scanned = scan.crossings
+        if not scan.clear:  # a shortest step: the states at its ends
+            turned = (self.unstable | scan.leaving)[roots] != after[roots]
+            scanned = [(int(i), 0.5, bool(after[i])) for i in roots[turned & ~met]]
+        for root, t, rising in scanned:
             meeting = self._meeting_on_axis(step, root, rising)
             found.append(meeting or self._polish(step, root, t, rising))
-        after = self.states(step.right, step.onto, self.unstable)
         for i in roots[met]:
             k = int(step.meets[i])
             change = int(after[i]) + int(after[k]) - int(self.unstable[i]) - int(self.unstable[k])
@@ -305,68 +310,6 @@ class CrossingSearch:
         own = problem.original(u, pair)
         slope = None if own is None else complex(problem.assessed(u, own).slopes[0])
         return AxisCrossing(u, 0j, change, mode, error, own, slope)
-
-    def _leaving(self, step: Step, roots: Indices) -> Flags:
-        """Which roots lie on the axis at rest and turn unstable at once."""
-        if step.left.u > 0.0 or roots.size == 0:
-            return np.zeros(roots.size, dtype=np.bool_)
-        a = step.left.values[roots]
-        resting = a == 0.0  # joints without a spring
-        hidden = step.right.noise[step.onto[roots]]
-        hidden = np.maximum(hidden, step.left.slope_noise[roots] * step.length)
-        rises = step.left.slopes[roots].real * step.length > hidden
-        ends = self.states(step.right, step.onto[roots], np.zeros(roots.size, dtype=np.bool_))
-        on_axis = (np.abs(a.real) <= step.left.noise[roots]) & (not self.problem.is_conservative)
-        return np.where(resting, ends, on_axis & rises)
-
-    def _ends(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
-        """What a shortest step shows: the state at either end."""
-        before = self.unstable[roots] | self._leaving(step, roots)
-        after = self.states(step.right, step.onto, self.unstable)[roots]
-        return [(int(roots[r]), 0.5, bool(after[r])) for r in np.flatnonzero(before != after)]
-
-    def _scan(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]] | None:
-        """(root, t, rising) of every crossing that the cubics show; None where unsure."""
-        if roots.size == 0:
-            return []
-        onto = step.onto[roots]
-        a, b = step.left.values[roots].real, step.right.values[onto].real
-        c1 = step.left.slopes[roots].real * step.length
-        end_slope = step.right.slopes[onto].real * step.length
-        # Slopes within their rounding say nothing, at any length: the line through both ends does.
-        hidden = (np.abs(step.left.slopes[roots].real) < step.left.slope_noise[roots]) | (
-            np.abs(step.right.slopes[onto].real) < step.right.slope_noise[onto]
-        )
-        c1, end_slope = np.where(hidden, b - a, c1), np.where(hidden, b - a, end_slope)
-        c2, c3 = 3.0 * (b - a) - 2.0 * c1 - end_slope, 2.0 * (a - b) + c1 + end_slope
-        noise = np.maximum(step.left.noise[roots], step.right.noise[onto])
-        noise[step.left.values[roots] == 0.0] = np.inf
-        # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
-        misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
-        band = np.where(hidden, 0.0, 2.0 * misfit + 1e-4 * step.error[roots])
-        if self.problem.is_conservative:  # tracking sees two roots meet and leave the axis
-            ends = np.stack([a, b, c1, end_slope])
-            band[(np.abs(ends) <= noise).all(axis=0)] = 0.0
-
-        turns = c2**2 - 3.0 * c1 * c3
-        far = c2 + np.where(c2 >= 0.0, 1.0, -1.0) * np.sqrt(np.maximum(turns, 0.0))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            extrema = np.stack([-c1 / far, -far / (3.0 * c3)])
-        extrema = np.where((extrema > 0.0) & (extrema < 1.0) & (turns > 0.0), extrema, np.nan)
-        values = a + extrema * (c1 + extrema * (c2 + extrema * c3))
-        if bool(((np.abs(values) <= band + noise) & (band > noise)).any()):
-            return None
-        states = self.unstable[roots] | self._leaving(step, roots)
-        after = self.states(step.right, step.onto, self.unstable)[roots]
-        clear = np.abs(values) > noise
-        turned = (states != after) | (clear & ((values > 0.0) != states)).any(axis=0)
-        found = []
-        for r in np.flatnonzero(turned):
-            inner = [(extrema[e, r], values[e, r] > 0.0) for e in (0, 1) if clear[e, r]]
-            points = [*sorted(inner), (1.0, bool(after[r]))]
-            cubic = (a[r], c1[r], c2[r], c3[r])
-            found += _sign_changes(int(roots[r]), bool(states[r]), cubic, points)
-        return found
 
     def _polish(self, step: Step, root: int, t: float, rising: bool) -> AxisCrossing:
         """A crossing to rounding, by Newton's method on the model itself."""
@@ -534,27 +477,6 @@ def _singular_speed(
     u = float(brentq(determinant, low, high, xtol=4e-16 * (1.0 + high), rtol=8.9e-16))
     pair = problem.null_pair(u, vector, dual)
     return (u, pair) if pair.converged[0] else None
-
-
-def _sign_changes(
-    root: int, state: bool, c: tuple[float, float, float, float], points: list[tuple[float, bool]]
-) -> list[tuple[int, float, bool]]:
-    """Where a cubic changes sign between the points at which its sign is known."""
-
-    def cubic(t: float) -> float:
-        return c[0] + t * (c[1] + t * (c[2] + t * c[3]))
-
-    found, left = [], 0.0
-    for t, now in points:
-        if now != state:
-            low, high = cubic(left), cubic(t)
-            if low * high < 0.0:
-                where = float(brentq(cubic, left, t, xtol=1e-15))
-            else:  # one end lies in the noise
-                where = left if abs(low) < abs(high) else t
-            found.append((root, where, now))
-        state, left = now, t
-    return found
 
 
 def _meets_off_axis(step: Step, i: int) -> bool:

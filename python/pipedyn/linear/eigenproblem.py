@@ -20,6 +20,7 @@ from pipedyn.linear.special.stiff_roots import StiffPair, StiffRoots, is_stiff, 
 from pipedyn.models.base import Model
 from pipedyn.models.pencil import DensePencil, Pencil, Vectors
 from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
 
 Complex = NDArray[np.complex128]
 
@@ -35,12 +36,6 @@ of 300 segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functi
 
 SLOW_GROWTH = 1e-8
 """Rounding of Re lambda up to which it is left as it is: what grows slower doubles in 1e8 T."""
-
-VECTOR_ERROR = 3.0
-"""Error of a growth rate, in differences of those that its two vectors give. Measured on 228 high
-modes of 120 Legendre functions, 200 beam functions and 200 segments, beside roots to 19 digits:
-with this factor the error holds for 212. The others, where both vectors err alike by chance, are
-off by up to 18 times as much, far less than lambda itself."""
 
 
 @dataclass(frozen=True)
@@ -83,14 +78,12 @@ class Assessment:
         residuals: relative.
         uncertain: how far residual and rounding may have moved each eigenvalue.
         slopes: d lambda / du.
-        corrections: Newton's, of lambda.
         by_left, by_right: y^H (dP/dlambda) x and x^H (dP/dlambda) x.
     """
 
     residuals: Array
     uncertain: Array
     slopes: Complex
-    corrections: Complex
     by_left: Complex
     by_right: Complex
 
@@ -221,13 +214,23 @@ class Eigenproblem:
         residuals: Array | None = None,
         by_speed: Complex | None = None,
     ) -> Assessment:
-        applied = (
-            (self.mass(x), self.damped(u, x), self.stiffened(u, x))
-            if self.is_long
-            else self.matrices(u)
+        return Assessment(
+            *_core.assess(self._operator(u), self.size(u), values, x, y, residuals, by_speed)
         )
-        size = self.size(u)
-        return Assessment(*_core.assess(values, x, y, residuals, by_speed, applied, size))
+
+    def _operator(self, u: float) -> Any:
+        """P at a speed as the core takes it: matrices, or what multiplies and solves."""
+        if not self.is_long:
+            return self.matrices(u)
+
+        def multiply(x: Vectors) -> tuple[Vectors, ...]:
+            return self.mass(x), self.damped(u, x), self.stiffened(u, x)
+
+        def solve(value: complex, x: Vectors, y: Vectors) -> tuple[Vectors, Vectors]:
+            solver = self.factor(value, u)
+            return solver(x), solver(y, adjoint=True)
+
+        return multiply, solve
 
     def _stiff_pairs(self, u: float, values: Complex) -> list[tuple[int, StiffPair]]:
         """What is known of the roots that elastic coordinates do not hold, by their indices."""
@@ -235,35 +238,6 @@ class Eigenproblem:
             return []
         mine = map(int, np.flatnonzero(is_stiff(values)))
         return [(i, self.stiff.at(u, complex(values[i]))) for i in mine]
-
-    def growth(self, u: float, pairs: Eigenpairs) -> tuple[Array, Array]:
-        """Re lambda of each pair by its energy balance, and how far rounding may move it, (r,).
-
-        With lambda = sigma + i omega the imaginary part of x^H P x = 0 is
-
-            sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
-
-        On the right only damping and what the ends do is left, so that rounding is small beside it,
-        while that of lambda is eps |lambda|^2. It says nothing of a real root (NaN). The left
-        vector obeys the same balance; where the two disagree, vectors are not exact.
-        """
-        assert pairs.left is not None
-        by_right, rounding = self._balance(u, pairs.values.imag, pairs.right)
-        by_left, _ = self._balance(u, pairs.values.imag, pairs.left)
-        return by_right, rounding + VECTOR_ERROR * np.abs(by_right - by_left)
-
-    def _balance(self, u: float, omega: Array, x: Vectors) -> tuple[Array, Array]:
-        """Growth by vectors x, (dof, r), and what rounding of two sums of dof terms does to it."""
-        damped, stiffened = self.damped(u, x), self.stiffened(u, x)
-        by_velocity, by_place = x.conj() * damped, x.conj() * stiffened
-        kinetic = np.sum(x.conj() * self.mass(x), axis=0).real
-        rate = 2.0 * omega * kinetic + np.sum(by_velocity, axis=0).imag
-        work = omega * np.sum(by_velocity, axis=0).real + np.sum(by_place, axis=0).imag
-        size = np.abs(omega) * np.sum(np.abs(by_velocity), axis=0)
-        size += np.sum(np.abs(by_place), axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            lost = 2.0 * (self.dof + 2) * np.finfo(float).eps * size
-            return -work / rate, lost / np.abs(rate)
 
     def sharpened(
         self, u: float, pairs: Eigenpairs, found: Assessment, uncertain: Array
@@ -283,12 +257,14 @@ class Eigenproblem:
             return values, uncertain
         # Near a double root vectors are worse than values: y^H P' x is small beside x^H P' x there.
         hidden &= np.abs(found.by_left) > 0.1 * np.abs(found.by_right)
-        growth, error = self.growth(u, pairs)
-        better = hidden & (error < uncertain)
-        return (
-            np.where(better, growth + 1j * values.imag, values),
-            np.where(better, error, uncertain),
-        )
+        which = np.flatnonzero(hidden)
+        own = values[which], pairs.right[:, which], pairs.left[:, which]
+        growth, error = _core.growth(self._operator(u), *own)
+        better = error < uncertain[which]
+        values, uncertain = values.copy(), uncertain.copy()
+        values.real[which[better]] = growth[better]
+        uncertain[which[better]] = error[better]
+        return values, uncertain
 
     def refine(
         self, u: float, value: complex, x: Vectors | None = None, steps: int = 6
@@ -298,30 +274,14 @@ class Eigenproblem:
             near = self.stiff.near(u, value, 1.0)
             rest = np.array([near.residual])
             return Eigenpairs(np.array([near.value]), *self.stiff.elastic(near), rest)
-        seed = np.linspace(1.0, 0.5, self.dof, dtype=np.complex128)
-        right = (seed if x is None else x.astype(np.complex128)).reshape(-1, 1)
-        left = seed.reshape(-1, 1)
-        best: Eigenpairs | None = None
-        for _ in range(steps):
-            solve = self.factor(value, u)
-            right, left = unit(solve(right)), unit(solve(left, adjoint=True))
-            if not (np.isfinite(right).all() and np.isfinite(left).all()):
-                break
-            correction = self._assessed(u, np.array([value]), right, left).corrections[0]
-            if not np.isfinite(correction):
-                break
-            value = complex(value + correction)
-            values = np.array([value])
-            pair = Eigenpairs(values, right, left, self.residuals(u, values, right))
-            if best is not None and pair.residuals[0] >= best.residuals[0]:
-                break
-            best = pair
-            if abs(correction) <= 4e-16 * abs(value):
-                break
-        if best is None:
-            values = np.array([value], dtype=np.complex128)
-            return Eigenpairs(values, right, left, np.array([np.inf]))
-        return best
+        seed = np.linspace(1.0, 0.5, self.dof)[:, None]
+        start = seed if x is None else x
+        value, right, left, residual, taken = _core.refine(
+            self._operator(u), self.size(u), value, start, seed, steps
+        )
+        if not self.is_long:
+            factorised(taken)
+        return Eigenpairs(np.array([value]), right, left, np.array([residual]))
 
     def null_pair(self, u: float, right: Vectors, left: Vectors) -> Eigenpairs:
         """Singular vectors of K(u) to its least singular value: its null vectors, if any."""

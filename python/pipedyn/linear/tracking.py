@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
+from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
 from pipedyn.linear.eigensolver import SHIFTS, lowest
 from pipedyn.models.base import NotConverged
@@ -134,24 +134,13 @@ class Step:
         jump: NDArray[np.bool_] = np.abs(b - a) > JUMP * (1.0 + np.abs(a))
         return jump
 
-    def hermite(self, roots: Indices, t: Array) -> Complex:
-        """The cubics of some roots at fractions t of the step, shape (len(roots), len(t))."""
-        a, b = self.left.values[roots], self.right.values[self.onto[roots]]
-        da = self.left.slopes[roots] * self.length
-        db = self.right.slopes[self.onto[roots]] * self.length
-        a, b, da, db = (values[:, None] for values in (a, b, da, db))
-        result: Complex = (
-            a * (1.0 + 2.0 * t) * (1.0 - t) ** 2
-            + b * (3.0 - 2.0 * t) * t**2
-            + da * t * (1.0 - t) ** 2
-            - db * t**2 * (1.0 - t)
-        )
-        return result
-
     def expected(self, root: int, u: float) -> complex:
         """Where the cubic of one root has it at a speed within the step."""
-        t = (u - self.left.u) / self.length
-        return complex(self.hermite(np.array([root]), np.array([t]))[0, 0])
+        t, other = (u - self.left.u) / self.length, self.onto[root]
+        ends = self.left.values[root] * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+        ends += self.right.values[other] * (3.0 - 2.0 * t) * t**2
+        slopes = self.left.slopes[root] * (1.0 - t) - self.right.slopes[other] * t
+        return complex(ends + self.length * t * (1.0 - t) * slopes)
 
 
 def pairs_at(problem: Eigenproblem, u: float, count: int | None) -> Eigenpairs:
@@ -238,106 +227,14 @@ def tracked_steps(
         patience -= 1
         if patience < 0:
             raise NotConverged(f"eigenvalues near u = {left.u:.6g} are too close to be tracked")
-        step, clear = _join(left, right, tracked, cluster)
-        if not step.shortest and not (clear and sure(step)):
+        onto, error, meets, slopes, unambiguous = _core.match(
+            left, right, tracked, cluster.delta, cluster.radius, cluster.zero
+        )
+        step = Step(replace(left, slopes=slopes), right, onto, error, meets)
+        if not step.shortest and not (unambiguous and sure(step)):
             stack.append(take(middle))
             continue
         yield step
         tracked = step.onto[tracked]
         tracked = tracked[tracked >= 0]
         left = stack.pop()
-
-
-def _join(left: Sample, right: Sample, tracked: Indices, cluster: Cluster) -> tuple[Step, bool]:
-    """The best match of two samples, and whether it is beyond doubt for the tracked roots."""
-    h = right.u - left.u
-    ahead = left.values + 0.5 * h * left.slopes
-    behind = right.values - 0.5 * h * right.slopes
-    cost = np.abs(ahead[:, None] - behind[None, :])
-    # Values within the step's reach settle what slopes near a meeting cannot.
-    plain = np.abs(left.values[:, None] - right.values[None, :])
-    rows, columns = linear_sum_assignment(np.minimum(cost, plain))
-    onto = np.full(left.values.size, -1, dtype=np.intp)
-    onto[rows] = columns
-    error = np.full(left.values.size, np.inf)
-    error[rows] = cost[rows, columns]
-    meets = np.full(left.values.size, -1, dtype=np.intp)
-    step = Step(left, right, onto, error, meets)
-    matched = onto >= 0
-    if not matched[tracked].all():
-        return step, False
-    # Zero roots at rest (free joints) are alike and have no slope of their own there: lambda leaves
-    # like u, lambda^2 like u^2.
-    resting = matched & (left.values == 0.0) & (left.u == 0.0)
-    if resting.any():
-        there, behind = right.values[onto[resting]], h * right.slopes[onto[resting]]
-        linear, square = 0.5 * np.abs(there - behind), np.abs(there - 0.5 * behind)
-        slopes = left.slopes.copy()
-        slopes[resting] = np.where(linear < square, there / h, 0.0)
-        step = replace(step, left=replace(left, slopes=slopes))
-        error[resting] = np.minimum(linear, square)
-    roots = np.flatnonzero(matched)
-    t = np.linspace(0.0, 1.0, 9)
-    curves = step.hermite(roots, t)
-    position = np.full(left.values.size, -1, dtype=np.intp)
-    position[roots] = np.arange(roots.size)
-    mine = position[tracked]
-    gaps = np.full((mine.size, roots.size), np.inf)
-    for k in range(t.size):
-        apart = np.abs(curves[mine, None, k] - curves[None, :, k])
-        if t[k] == 0.0:
-            apart[resting[tracked, None] & resting[None, roots]] = np.inf
-        np.minimum(gaps, apart, out=gaps)
-    doubt = gaps < 3.0 * (error[tracked, None] + error[None, roots])
-    doubt[np.arange(mine.size), mine] = False
-    at_zero = (np.abs(left.values) < cluster.zero) & (np.abs(right.values[onto]) < cluster.zero)
-    doubt &= ~(at_zero[tracked, None] & at_zero[None, roots])
-    clustered = cluster.holds(left.values) & cluster.holds(right.values[onto])
-    doubt &= ~(clustered[tracked, None] & clustered[None, roots])
-    before, after = left.signatures, right.signatures[onto]
-    same = (before[tracked, None] == before[None, roots]) & (before[tracked, None] != 0)
-    doubt &= ~(same & (after[tracked, None] == after[None, roots]) & (after[tracked, None] != 0))
-    for m, r in zip(*np.nonzero(doubt), strict=True):
-        i, k = int(tracked[m]), int(roots[r])
-        if meets[i] < 0 and meets[k] < 0 and _meeting(step, i, k):
-            meets[i], meets[k] = k, i
-            _order_meeting(step, i, k)
-    met = meets >= 0
-    clear = not (doubt & ~met[tracked, None] & ~met[None, roots]).any()
-    return step, clear
-
-
-def _twins(values: Complex, i: int, k: int) -> bool:
-    return bool(values[i].imag != 0.0 and values[i] == np.conj(values[k]))
-
-
-def _meeting(step: Step, i: int, k: int) -> bool:
-    """Whether roots i and k are one conjugate pair that turns real, or two reals that pair up."""
-    a, b = step.left.values, step.right.values
-    j, m = int(step.onto[i]), int(step.onto[k])
-    real_before = a[i].imag == 0.0 and a[k].imag == 0.0
-    real_after = b[j].imag == 0.0 and b[m].imag == 0.0
-    before, after = _twins(a, i, k), _twins(b, j, m)
-    if not ((before and after) or (before and real_after) or (real_before and after)):
-        return False
-    da, db = step.left.slopes, step.right.slopes
-    half = 0.5 * step.length
-    total = (a[i] + a[k]) - (b[j] + b[m]) + half * (da[i] + da[k] + db[j] + db[m])
-    product = a[i] * a[k] - b[j] * b[m]
-    product += half * (da[i] * a[k] + a[i] * da[k] + db[j] * b[m] + b[j] * db[m])
-    centre = 0.5 * (a[i] + a[k])
-    others = np.delete(a, [i, k])
-    room = float(np.abs(others - centre).min()) if others.size else max(abs(centre), 1.0)
-    return bool(abs(total) < 0.02 * room and abs(product) < 0.02 * room**2)
-
-
-def _order_meeting(step: Step, i: int, k: int) -> None:
-    """Which is which after a meeting is a convention: upper to upper, upper to the greater real."""
-    a, b = step.left.values, step.right.values
-    j, m = step.onto[i], step.onto[k]
-
-    def rank(value: complex) -> tuple[float, float]:
-        return (value.imag, value.real)
-
-    if (rank(a[i]) > rank(a[k])) != (rank(b[j]) > rank(b[m])):
-        step.onto[i], step.onto[k] = m, j

@@ -59,8 +59,8 @@ class CirculatorySearch(CrossingSearch):
         return states
 
     def rows(self, step: Step) -> Indices:
-        """The trusted roots; both of those that meet."""
-        mine = (self.modes >= 1) & (self.modes <= self.trusted) & (step.onto >= 0)
+        """The resolved roots; both of those that meet."""
+        mine = (self.modes >= 1) & (self.modes <= self.resolved) & (step.onto >= 0)
         return np.flatnonzero(mine)
 
     def sure(self, step: Step) -> bool:
