@@ -127,7 +127,8 @@ def test_the_inverse_problem_of_the_core_is_scipy_s(size, velocity_free):
         velocity = np.zeros_like(mass)
     shift = 0.7
     shifted = shift**2 * mass + shift * velocity + stiffness
-    mu, right, left = _core.inverse((mass, velocity, stiffness), shift, velocity_free, True)
+    operator = _core.DenseOperator(mass, velocity, stiffness, 1.0)
+    mu, right, left = operator.inverse(shift, velocity_free, True)
     step = -np.linalg.solve(shifted, np.hstack([velocity + 2.0 * shift * mass, mass]))
     step = np.vstack([step, np.eye(2 * size)[:size]])
     if velocity_free:

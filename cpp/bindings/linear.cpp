@@ -83,117 +83,105 @@ struct SampleArrays {
   }
 };
 
-/// M, C and K.
-using Matrices = std::array<Numbers, 3>;
-
-Quadratic quadratic(const Matrices& p) {
-  const auto map = [](const Numbers& a) {
-    return Eigen::Map<const Matrix>(a.data(), a.shape(0), a.shape(0));
-  };
-  return {map(p[0]), map(p[1]), map(p[2])};
+Matrix matrix_of(const Numbers& values) {
+  return Eigen::Map<const Matrix>(values.data(), values.shape(0), values.shape(1));
 }
 
-/// Of a long chain: x, (dof, count), to M x, C x and K x; value, x and y to P^-1 x and P^-H y.
-using Functions = std::array<py::object, 2>;
+/// Of a long chain, by functions: x, (dof, count), to M x, C x and K x; value, x and y to P^-1 x
+/// and P^-H y.
+class LongOperator : public Operator {
+ public:
+  LongOperator(py::object multiply, py::object solve, Index dof, double size)
+      : Operator(dof, size), multiply_(std::move(multiply)), solve_(std::move(solve)) {}
 
-Operator operator_of(const Functions& p, Index dof, double size) {
-  const auto table = [dof](const Complex* x, Index count) {
-    return Column<Complex>({dof, count}, x);
-  };
-  const auto multiply = [=](const Complex* x, Index count) {
+  ComplexTable multiply(const Complex* x, Index count) const override {
+    const py::gil_scoped_acquire locked;
     ComplexTable result;
-    for (const auto& part : p[0](table(x, count)).cast<std::array<Column<Complex>, 3>>()) {
+    for (const auto& part : multiply_(table(x, count)).cast<std::array<Column<Complex>, 3>>()) {
       result.insert(result.end(), part.data(), part.data() + part.size());
     }
     return result;
-  };
-  const auto solve = [=](Complex value, ComplexTable& x, ComplexTable& y) {
-    const auto solved =
-        p[1](value, table(x.data(), 1), table(y.data(), 1)).cast<std::array<Column<Complex>, 2>>();
+  }
+
+  void solve(Complex value, ComplexTable& x, ComplexTable& y) const override {
+    const py::gil_scoped_acquire locked;
+    const auto solved = solve_(value, table(x.data(), 1), table(y.data(), 1))
+                            .cast<std::array<Column<Complex>, 2>>();
     x = vector_of(solved[0]);
     y = vector_of(solved[1]);
-  };
-  return {dof, size, multiply, solve};
-}
+  }
+
+ private:
+  Column<Complex> table(const Complex* x, Index count) const {
+    return Column<Complex>({dof, count}, x);
+  }
+
+  const py::object multiply_, solve_;
+};
 
 }  // namespace
 
 void define_linear(py::module_& m) {
-  const Lapack lapack = scipy_lapack();
-  m.def(
-      "inverse",
-      [lapack](const Matrices& matrices, double shift, bool velocity_free, bool left) {
-        Inverse found;
-        {
-          const py::gil_scoped_release unlocked;
-          found = inverse(lapack, quadratic(matrices), shift, velocity_free, left);
-        }
-        const py::ssize_t rows = matrices[0].shape(0);
-        return py::make_tuple(numbers_of(found.mu), table_of(found.right, rows),
-                              table_of(found.left, rows));
-      },
-      "matrices"_a, "shift"_a, "velocity_free"_a, "left"_a);
-  m.def(
-      "assess",
-      [lapack](const std::variant<Matrices, Functions>& p, double size,
-               const Column<Complex>& values, const Column<Complex>& right,
-               const std::optional<Column<Complex>>& left,
-               const std::optional<Column<double>>& residual,
-               const std::optional<Column<Complex>>& by_speed) {
-        const auto data = [](const auto& array) { return array ? array->data() : nullptr; };
-        const Index dof = right.shape(0), count = right.shape(1);
-        Pairs pairs{count,          values.data(),  right.data(), data(left),
-                    data(by_speed), data(residual), nullptr};
-        Assessment found;
-        if (const auto* const matrices = std::get_if<Matrices>(&p)) {
-          const Quadratic q = quadratic(*matrices);
-          run(dof * count, [&] {
-            const std::vector<double> lost = left ? formed(q, pairs) : std::vector<double>();
-            if (left) pairs.formed = lost.data();
-            found = assess(operator_of(lapack, q, size), pairs);
-          });
-        } else {
-          found = assess(operator_of(std::get<Functions>(p), dof, size), pairs);
-        }
-        return py::make_tuple(numbers_of(found.residual), numbers_of(found.uncertain),
-                              numbers_of(found.slope), numbers_of(found.by_left),
-                              numbers_of(found.by_right));
-      },
-      "p"_a, "size"_a, "values"_a, "right"_a, "left"_a, "residual"_a, "by_speed"_a);
-  m.def(
-      "refine",
-      [lapack](const std::variant<Matrices, Functions>& p, double size, Complex value,
-               const Column<Complex>& right, const Column<Complex>& left, int steps) {
-        Refined found{value, vector_of(right), vector_of(left), 0.0, 0};
-        if (const auto* const matrices = std::get_if<Matrices>(&p)) {
-          const py::gil_scoped_release unlocked;
-          const Quadratic q = quadratic(*matrices);
-          found = refine(operator_of(lapack, q, size), std::move(found), steps);
-        } else {
-          const Index dof = right.size();
-          found = refine(operator_of(std::get<Functions>(p), dof, size), std::move(found), steps);
-        }
-        return py::make_tuple(found.value, table_of(found.right, right.size()),
-                              table_of(found.left, right.size()), found.residual, found.steps);
-      },
-      "p"_a, "size"_a, "value"_a, "right"_a, "left"_a, "steps"_a);
-  m.def(
-      "growth",
-      [lapack](const std::variant<Matrices, Functions>& p, const Column<Complex>& values,
-               const Column<Complex>& right, const Column<Complex>& left) {
-        const Index dof = right.shape(0), count = right.shape(1);
-        const Pairs pairs{count,   values.data(), right.data(), left.data(),
-                          nullptr, nullptr,       nullptr};
-        Growth found;
-        if (const auto* const matrices = std::get_if<Matrices>(&p)) {
-          const Quadratic q = quadratic(*matrices);
-          run(dof * count, [&] { found = growth(operator_of(lapack, q, 0.0), pairs); });
-        } else {
-          found = growth(operator_of(std::get<Functions>(p), dof, 0.0), pairs);
-        }
-        return py::make_tuple(numbers_of(found.rate), numbers_of(found.error));
-      },
-      "p"_a, "values"_a, "right"_a, "left"_a);
+  py::class_<Operator>(m, "Operator")
+      .def(
+          "assess",
+          [](const Operator& p, const Column<Complex>& values, const Column<Complex>& right,
+             const std::optional<Column<Complex>>& left,
+             const std::optional<Column<double>>& residual,
+             const std::optional<Column<Complex>>& by_speed) {
+            const auto data = [](const auto& array) { return array ? array->data() : nullptr; };
+            const Pairs pairs{values.size(), values.data(),  right.data(),
+                              data(left),    data(residual), data(by_speed)};
+            Assessment found;
+            run(right.size() / 8, [&] { found = assess(p, pairs); });
+            return py::make_tuple(numbers_of(found.residual), numbers_of(found.uncertain),
+                                  numbers_of(found.slope), numbers_of(found.by_left),
+                                  numbers_of(found.by_right));
+          },
+          "values"_a, "right"_a, "left"_a = py::none(), "residual"_a = py::none(),
+          "by_speed"_a = py::none())
+      .def(
+          "growth",
+          [](const Operator& p, const Column<Complex>& values, const Column<Complex>& right,
+             const Column<Complex>& left) {
+            const Pairs pairs{values.size(), values.data(), right.data(), left.data()};
+            Growth found;
+            run(right.size() / 8, [&] { found = growth(p, pairs); });
+            return py::make_tuple(numbers_of(found.rate), numbers_of(found.error));
+          },
+          "values"_a, "right"_a, "left"_a)
+      .def(
+          "refine",
+          [](const Operator& p, Complex value, const Column<Complex>& right,
+             const Column<Complex>& left, int steps) {
+            Refined found{value, vector_of(right), vector_of(left), 0.0, 0};
+            run(p.dof * p.dof, [&] { found = refine(p, std::move(found), steps); });
+            return py::make_tuple(found.value, table_of(found.right, p.dof),
+                                  table_of(found.left, p.dof), found.residual, found.steps);
+          },
+          "value"_a, "right"_a, "left"_a, "steps"_a);
+  py::class_<DenseOperator, Operator>(m, "DenseOperator")
+      .def(py::init([lapack = scipy_lapack()](const Numbers& mass, const Numbers& velocity,
+                                              const Numbers& stiffness, double size) {
+             return DenseOperator(lapack, matrix_of(mass), matrix_of(velocity),
+                                  matrix_of(stiffness), size);
+           }),
+           "mass"_a, "velocity"_a, "stiffness"_a, "size"_a)
+      .def(
+          "inverse",
+          [](const DenseOperator& p, double shift, bool velocity_free, bool left) {
+            Inverse found;
+            {
+              const py::gil_scoped_release unlocked;
+              found = p.inverse(shift, velocity_free, left);
+            }
+            return py::make_tuple(numbers_of(found.mu), table_of(found.right, p.dof),
+                                  table_of(found.left, p.dof));
+          },
+          "shift"_a, "velocity_free"_a, "left"_a);
+  py::class_<LongOperator, Operator>(m, "LongOperator")
+      .def(py::init<py::object, py::object, Index, double>(), "multiply"_a, "solve"_a, "dof"_a,
+           "size"_a);
   m.def(
       "match",
       [](const py::object& left, const py::object& right, const Column<Root>& tracked,

@@ -11,17 +11,16 @@ import typing
 
 __all__: list[str] = [
     "Chain",
+    "DenseOperator",
     "Galerkin",
     "GalerkinMotion",
+    "LongOperator",
+    "Operator",
     "Operators",
     "Pipe",
     "Scene",
-    "assess",
-    "growth",
-    "inverse",
     "match",
     "most_on_a_panel",
-    "refine",
     "scan",
     "set_vector_level",
     "sincos",
@@ -195,6 +194,66 @@ class GalerkinMotion:
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
 
+class Operator:
+    def assess(
+        self,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None = None,
+        residual: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
+        by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None = None,
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+    ]: ...
+    def growth(
+        self,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+    ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+    def refine(
+        self,
+        value: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        steps: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple[
+        complex,
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+        float,
+        int,
+    ]: ...
+
+class DenseOperator(Operator):
+    def __init__(
+        self,
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        velocity: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        stiffness: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        size: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def inverse(
+        self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+    ]: ...
+
+class LongOperator(Operator):
+    def __init__(
+        self,
+        multiply: typing.Any,
+        solve: typing.Any,
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        size: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
 class Scene:
     return_rate: typing.ClassVar[float] = 10.0
     def __init__(
@@ -320,48 +379,6 @@ class Scene:
     @property
     def coordinates(self) -> int: ...
 
-def assess(
-    p: typing.Annotated[
-        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
-        "FixedSize(3)",
-    ]
-    | typing.Annotated[collections.abc.Sequence[typing.Any], "FixedSize(2)"],
-    size: typing.SupportsFloat | typing.SupportsIndex,
-    values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-    right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-    left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None,
-    residual: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
-    by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None,
-) -> tuple[
-    numpy.typing.NDArray[numpy.float64],
-    numpy.typing.NDArray[numpy.float64],
-    numpy.typing.NDArray[numpy.complex128],
-    numpy.typing.NDArray[numpy.complex128],
-    numpy.typing.NDArray[numpy.complex128],
-]: ...
-def growth(
-    p: typing.Annotated[
-        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
-        "FixedSize(3)",
-    ]
-    | typing.Annotated[collections.abc.Sequence[typing.Any], "FixedSize(2)"],
-    values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-    right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-    left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
-def inverse(
-    matrices: typing.Annotated[
-        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
-        "FixedSize(3)",
-    ],
-    shift: typing.SupportsFloat | typing.SupportsIndex,
-    velocity_free: bool,
-    left: bool,
-) -> tuple[
-    numpy.typing.NDArray[numpy.complex128],
-    numpy.typing.NDArray[numpy.complex128],
-    numpy.typing.NDArray[numpy.complex128],
-]: ...
 def match(
     left: typing.Any,
     right: typing.Any,
@@ -381,24 +398,6 @@ def most_on_a_panel(
     joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     more: typing.SupportsInt | typing.SupportsIndex,
 ) -> int: ...
-def refine(
-    p: typing.Annotated[
-        collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
-        "FixedSize(3)",
-    ]
-    | typing.Annotated[collections.abc.Sequence[typing.Any], "FixedSize(2)"],
-    size: typing.SupportsFloat | typing.SupportsIndex,
-    value: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-    right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-    left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-    steps: typing.SupportsInt | typing.SupportsIndex,
-) -> tuple[
-    complex,
-    numpy.typing.NDArray[numpy.complex128],
-    numpy.typing.NDArray[numpy.complex128],
-    float,
-    int,
-]: ...
 def scan(
     step: typing.Any,
     modes: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],

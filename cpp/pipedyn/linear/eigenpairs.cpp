@@ -19,105 +19,75 @@ constexpr double infinite = std::numeric_limits<double>::infinity();
 /// are off by up to 18 times as much, far less than lambda itself.
 constexpr double vector_error = 3.0;
 
-/// LAPACK's vectors, the first rows of each: of a conjugate pair real and imaginary part.
+/// LAPACK's vectors, the first rows of each, made unit: of a conjugate pair real and imaginary
+/// part.
 ComplexTable complex_vectors(const std::vector<double>& vectors, const std::vector<double>& imag,
                              Index rows) {
   const Index size = static_cast<Index>(imag.size());
   ComplexTable result(rows * size);
   for (Index j = 0; j < size; ++j) {
     const double* const real = &vectors[(imag[j] < 0.0 ? j - 1 : j) * size];
+    const double sign = imag[j] < 0.0 ? -1.0 : 1.0;
+    double length = 0.0;
     for (Index i = 0; i < rows; ++i) {
-      const double part = imag[j] == 0.0 ? 0.0 : real[size + i];
-      result[i * size + j] = {real[i], imag[j] < 0.0 ? -part : part};
+      const Complex entry(real[i], imag[j] == 0.0 ? 0.0 : sign * real[size + i]);
+      length += std::norm(entry);
+      result[i * size + j] = entry;
     }
+    for (Index i = 0; i < rows; ++i) result[i * size + j] /= std::sqrt(length);
   }
   return result;
 }
 
 }  // namespace
 
-Inverse inverse(const Lapack& lapack, const Quadratic& p, double shift, bool velocity_free,
-                bool left) {
-  int n = static_cast<int>(p.mass.rows()), size = velocity_free ? n : 2 * n, info = 0;
-  // As LAPACK has matrices, column by column.
-  std::vector<double> shifted(n * n), step(size * size, 0.0);
-  for (Index j = 0; j < n; ++j) {
-    for (Index i = 0; i < n; ++i) {
-      const double mass = p.mass(i, j), velocity = p.velocity(i, j);
-      shifted[j * n + i] = shift * shift * mass + shift * velocity + p.stiffness(i, j);
-      step[j * size + i] = velocity_free ? -mass : -velocity - 2.0 * shift * mass;
-      if (!velocity_free) step[(n + j) * size + i] = -mass;
-    }
-  }
-  std::vector<int> pivots(n);
-  lapack.dgetrf(&n, &n, shifted.data(), &n, pivots.data(), &info);
-  if (info != 0) return {};
-  char plain = 'N', transposed = 'T', wanted = left ? 'V' : 'N', always = 'V';
-  lapack.dgetrs(&plain, &n, &size, shifted.data(), &n, pivots.data(), step.data(), &size, &info);
-  if (!velocity_free) {
-    for (Index j = 0; j < n; ++j) step[j * size + n + j] = 1.0;
-  }
-  for (const double entry : step) {
-    if (!std::isfinite(entry)) return {};
-  }
-  std::vector<double> real(size), imag(size), vl(left ? size * size : 1), vr(size * size), work(1);
-  for (int length = -1;; length = static_cast<int>(work[0]), work.resize(length)) {
-    lapack.dgeev(&wanted, &always, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
-                 &size, vr.data(), &size, work.data(), &length, &info);
-    if (length >= 0) break;  // the first call asks for the best size of its workspace
-  }
-  if (info != 0) return {};
-  Inverse result{std::vector<Complex>(size), complex_vectors(vr, imag, n), {}};
-  for (Index j = 0; j < size; ++j) result.mu[j] = {real[j], imag[j]};
-  if (left) {
-    lapack.dgetrs(&transposed, &n, &size, shifted.data(), &n, pivots.data(), vl.data(), &size,
-                  &info);
-    result.left = complex_vectors(vl, imag, n);
+DenseOperator::DenseOperator(const Lapack& lapack, Matrix mass, Matrix velocity, Matrix stiffness,
+                             double size)
+    : Operator(mass.rows(), size),
+      lapack_(lapack),
+      mass_(std::move(mass)),
+      velocity_(std::move(velocity)),
+      stiffness_(std::move(stiffness)) {}
+
+ComplexTable DenseOperator::multiply(const Complex* x, Index count) const {
+  ComplexTable result(3 * dof * count);
+  // Real and imaginary parts are columns of their own.
+  const Index columns = 2 * count;
+  const Eigen::Map<const Matrix> parts(reinterpret_cast<const double*>(x), dof, columns);
+  double* out = reinterpret_cast<double*>(result.data());
+  for (const Matrix* const factor : {&mass_, &velocity_, &stiffness_}) {
+    pipedyn::multiply(Eigen::Map<Matrix>(out, dof, columns), *factor, parts);
+    out += dof * columns;
   }
   return result;
 }
 
-Operator operator_of(const Lapack& lapack, const Quadratic& p, double size) {
-  const Index dof = p.mass.rows();
-  const auto multiply_all = [&p, dof](const Complex* vectors, Index count) {
-    ComplexTable result(3 * dof * count);
-    // Real and imaginary parts are columns of their own.
-    const Eigen::Map<const Matrix> x(reinterpret_cast<const double*>(vectors), dof, 2 * count);
-    double* out = reinterpret_cast<double*>(result.data());
-    for (const auto* const factor : {&p.mass, &p.velocity, &p.stiffness}) {
-      multiply(Eigen::Map<Matrix>(out, dof, 2 * count), *factor, x);
-      out += 2 * dof * count;
+void DenseOperator::solve(Complex value, ComplexTable& x, ComplexTable& y) const {
+  int n = static_cast<int>(dof), one = 1, info = 0;
+  char plain = 'N', adjoint = 'C';
+  ComplexTable lu(n * n);
+  std::vector<int> pivots(n);
+  for (Index j = 0; j < n; ++j) {
+    for (Index i = 0; i < n; ++i) {
+      lu[j * n + i] = value * (value * mass_(i, j) + velocity_(i, j)) + stiffness_(i, j);
     }
-    return result;
-  };
-  const auto solve = [&lapack, &p](Complex value, ComplexTable& x, ComplexTable& y) {
-    int n = static_cast<int>(x.size()), one = 1, info = 0;
-    char plain = 'N', adjoint = 'C';
-    ComplexTable lu(n * n);
-    std::vector<int> pivots(n);
-    for (Index j = 0; j < n; ++j) {
-      for (Index i = 0; i < n; ++i) {
-        lu[j * n + i] = value * (value * p.mass(i, j) + p.velocity(i, j)) + p.stiffness(i, j);
-      }
-    }
-    lapack.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
-    for (Index i = 0; i < n; ++i) {  // of a singular matrix, with one that differs in rounding
-      if (lu[i * n + i] == 0.0) lu[i * n + i] = eps;
-    }
-    lapack.zgetrs(&plain, &n, &one, lu.data(), &n, pivots.data(), x.data(), &n, &info);
-    lapack.zgetrs(&adjoint, &n, &one, lu.data(), &n, pivots.data(), y.data(), &n, &info);
-  };
-  return {dof, size, multiply_all, solve};
+  }
+  lapack_.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
+  for (Index i = 0; i < n; ++i) {  // of a singular matrix, with one that differs in rounding
+    if (lu[i * n + i] == 0.0) lu[i * n + i] = eps;
+  }
+  lapack_.zgetrs(&plain, &n, &one, lu.data(), &n, pivots.data(), x.data(), &n, &info);
+  lapack_.zgetrs(&adjoint, &n, &one, lu.data(), &n, pivots.data(), y.data(), &n, &info);
 }
 
-std::vector<double> formed(const Quadratic& p, const Pairs& pairs) {
-  const Index dof = p.mass.rows(), count = pairs.count;
+std::vector<double> DenseOperator::hidden(const Pairs& pairs) const {
+  const Index count = pairs.count;
   std::vector<double> result(count, 0.0);
   Matrix sizes(dof, count), rows(dof, count);
   for (Index k = 0; k < dof * count; ++k) sizes.data()[k] = std::abs(pairs.right[k]);
   int power = 2;
-  for (const auto* const factor : {&p.mass, &p.velocity, &p.stiffness}) {
-    multiply(rows, Matrix(factor->cwiseAbs()), sizes);
+  for (const Matrix* const factor : {&mass_, &velocity_, &stiffness_}) {
+    pipedyn::multiply(rows, Matrix(factor->cwiseAbs()), sizes);
     for (Index i = 0; i < count; ++i) {
       double sum = 0.0;
       for (Index k = 0; k < dof; ++k) sum += std::abs(pairs.left[k * count + i]) * rows(k, i);
@@ -128,9 +98,50 @@ std::vector<double> formed(const Quadratic& p, const Pairs& pairs) {
   return result;
 }
 
+Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left) const {
+  int n = static_cast<int>(dof), size = velocity_free ? n : 2 * n, info = 0;
+  // As LAPACK has matrices, column by column.
+  std::vector<double> shifted(n * n), step(size * size, 0.0);
+  for (Index j = 0; j < n; ++j) {
+    for (Index i = 0; i < n; ++i) {
+      const double mass = mass_(i, j), velocity = velocity_(i, j);
+      shifted[j * n + i] = shift * shift * mass + shift * velocity + stiffness_(i, j);
+      step[j * size + i] = velocity_free ? -mass : -velocity - 2.0 * shift * mass;
+      if (!velocity_free) step[(n + j) * size + i] = -mass;
+    }
+  }
+  std::vector<int> pivots(n);
+  lapack_.dgetrf(&n, &n, shifted.data(), &n, pivots.data(), &info);
+  if (info != 0) return {};
+  char plain = 'N', transposed = 'T', wanted = left ? 'V' : 'N', always = 'V';
+  lapack_.dgetrs(&plain, &n, &size, shifted.data(), &n, pivots.data(), step.data(), &size, &info);
+  if (!velocity_free) {
+    for (Index j = 0; j < n; ++j) step[j * size + n + j] = 1.0;
+  }
+  for (const double entry : step) {
+    if (!std::isfinite(entry)) return {};
+  }
+  std::vector<double> real(size), imag(size), vl(left ? size * size : 1), vr(size * size), work(1);
+  for (int length = -1;; length = static_cast<int>(work[0]), work.resize(length)) {
+    lapack_.dgeev(&wanted, &always, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
+                  &size, vr.data(), &size, work.data(), &length, &info);
+    if (length >= 0) break;  // the first call asks for the best size of its workspace
+  }
+  if (info != 0) return {};
+  Inverse result{std::vector<Complex>(size), complex_vectors(vr, imag, n), {}};
+  for (Index j = 0; j < size; ++j) result.mu[j] = {real[j], imag[j]};
+  if (left) {
+    lapack_.dgetrs(&transposed, &n, &size, shifted.data(), &n, pivots.data(), vl.data(), &size,
+                   &info);
+    result.left = complex_vectors(vl, imag, n);
+  }
+  return result;
+}
+
 Assessment assess(const Operator& p, const Pairs& pairs) {
   const Index count = pairs.count, table = p.dof * count, lefts = pairs.left == nullptr ? 0 : count;
   const ComplexTable products = p.multiply(pairs.right, count);
+  const std::vector<double> hidden = lefts > 0 ? p.hidden(pairs) : std::vector<double>();
   const std::vector<double> reals(lefts);
   const std::vector<Complex> complexes(lefts);
   Assessment result{std::vector<double>(count), reals, complexes, complexes, complexes, complexes};
@@ -159,8 +170,9 @@ Assessment assess(const Operator& p, const Pairs& pairs) {
                              : std::sqrt(rest) / (moving + p.size * std::sqrt(length));
     if (lefts == 0) continue;
     const double size = moving + p.size;
-    const double lost = eps * (size + (pairs.formed == nullptr ? 0.0 : pairs.formed[i]));
-    const double uncertain = (result.residual[i] * size + lost) / std::abs(by_left);
+    const double lost = eps * (size + hidden[i]);
+    const double uncertain =
+        (result.residual[i] * size + lost) / std::abs(by_left) + eps * std::abs(value);
     result.uncertain[i] = std::isfinite(uncertain) ? uncertain : infinite;
     result.slope[i] = -change / by_left;
     result.correction[i] = -error / by_left;
@@ -183,14 +195,11 @@ Refined refine(const Operator& p, Refined guess, int most_steps) {
   for (last.steps = 1; last.steps <= most_steps; ++last.steps) {
     p.solve(last.value, last.right, last.left);
     if (!made_unit(last.right) || !made_unit(last.left)) break;
-    const Pairs pair{1,       &last.value, last.right.data(), last.left.data(), nullptr,
-                     nullptr, nullptr};
+    const Pairs pair{1, &last.value, last.right.data(), last.left.data()};
     const Complex correction = assess(p, pair).correction[0];
     if (!std::isfinite(std::norm(correction))) break;
     last.value += correction;
-    Pairs moved = pair;
-    moved.left = nullptr;
-    const double residual = assess(p, moved).residual[0];
+    const double residual = assess(p, {1, &last.value, last.right.data()}).residual[0];
     if (!(residual < best.residual)) break;
     last.residual = residual;
     best = last;

@@ -30,9 +30,32 @@ struct Lapack {
                 double* vl, int* ldvl, double* vr, int* ldvr, double* work, int* size, int* info);
 };
 
-/// The matrices of P, each (dof, dof).
-struct Quadratic {
-  Eigen::Map<const Matrix> mass, velocity, stiffness;
+/// Pairs with unit vectors, each table (dof, count), and what else is known of them.
+struct Pairs {
+  Index count;
+  const Complex *values, *right;
+  const Complex* left = nullptr;
+  const double* residual = nullptr;   // better known than from these vectors
+  const Complex* by_speed = nullptr;  // (dP/du) x
+};
+
+/// P at one speed.
+class Operator {
+ public:
+  Operator(Index rows, double stiffness_size) : dof(rows), size(stiffness_size) {}
+  virtual ~Operator() = default;
+
+  /// M x, C x and K x, one after the other, each (dof, count).
+  virtual ComplexTable multiply(const Complex* x, Index count) const = 0;
+  /// x = P(value)^-1 x and y = P(value)^-H y, each (dof).
+  virtual void solve(Complex value, ComplexTable& x, ComplexTable& y) const = 0;
+  /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
+  virtual std::vector<double> hidden(const Pairs& pairs) const {
+    return std::vector<double>(pairs.count, 0.0);
+  }
+
+  const Index dof;
+  const double size;  // of K, the elastic stiffness being 1
 };
 
 /// mu with x, and y if asked for, of the inverse problem about a shift.
@@ -41,32 +64,23 @@ struct Inverse {
   ComplexTable right, left;
 };
 
-/// All of the inverse problem (see `pipedyn.linear.eigensolver`), 2 dof pairs; dof where there is
-/// no term in the velocity, with mu = 1 / (lambda^2 - shift^2). None where P(shift) is singular or
-/// overflows, or the iteration does not end.
-Inverse inverse(const Lapack& lapack, const Quadratic& p, double shift, bool velocity_free,
-                bool left);
+class DenseOperator : public Operator {
+ public:
+  /// Matrices (dof, dof).
+  DenseOperator(const Lapack& lapack, Matrix mass, Matrix velocity, Matrix stiffness, double size);
 
-/// P at one speed: matrices, or what multiplies and solves with a long chain.
-struct Operator {
-  Index dof;
-  double size;  // of K, the elastic stiffness being 1
-  /// M x, C x and K x, one after the other, each (dof, count).
-  std::function<ComplexTable(const Complex* x, Index count)> multiply;
-  /// x = P(value)^-1 x and y = P(value)^-H y, each (dof).
-  std::function<void(Complex value, ComplexTable& x, ComplexTable& y)> solve;
-};
+  ComplexTable multiply(const Complex* x, Index count) const override;
+  void solve(Complex value, ComplexTable& x, ComplexTable& y) const override;
+  std::vector<double> hidden(const Pairs& pairs) const override;
 
-Operator operator_of(const Lapack& lapack, const Quadratic& p, double size);
+  /// All of the inverse problem (see `pipedyn.linear.eigensolver`), 2 dof pairs; dof where there is
+  /// no term in the velocity, with mu = 1 / (lambda^2 - shift^2). None where P(shift) is singular
+  /// or overflows, or the iteration does not end.
+  Inverse inverse(double shift, bool velocity_free, bool left) const;
 
-/// Pairs with unit vectors, each table (dof, count), and what else is known of them.
-struct Pairs {
-  Index count;
-  const Complex *values, *right;
-  const Complex* left;      // or null
-  const Complex* by_speed;  // (dP/du) x, or null
-  const double* residual;   // better known than from these vectors, or null
-  const double* formed;     // what rounding of the matrices themselves may hide, in eps, or null
+ private:
+  const Lapack lapack_;
+  const Matrix mass_, velocity_, stiffness_;
 };
 
 /// Of each pair, those after the residual only with left vectors.
@@ -80,9 +94,6 @@ struct Assessment {
 };
 
 Assessment assess(const Operator& p, const Pairs& pairs);
-
-/// `Pairs::formed`, |y|^T (|lambda^2 M| + |lambda C| + |K|) |x| of each: no residual shows it.
-std::vector<double> formed(const Quadratic& p, const Pairs& pairs);
 
 /// The pair nearest to a good guess, (dof) each, by two-sided Rayleigh quotient iteration.
 struct Refined {

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
+from pipedyn.linear.eigenproblem import EPS, Complex, Eigenpairs, Eigenproblem
 from pipedyn.linear.tracking import (
     LONGEST_STEP,
     Cluster,
@@ -193,7 +193,9 @@ class CrossingSearch:
 
     def count_unstable(self) -> int:
         """Number of unstable roots among the resolved."""
-        return int(np.sum(self.unstable & (self.modes >= 1) & (self.modes <= self.resolved)))
+        return int(
+            np.count_nonzero(self.unstable & (self.modes >= 1) & (self.modes <= self.resolved))
+        )
 
     def move(self, step: Step) -> None:
         """Take modes and states to the step's right sample; mode 0 for roots from outside."""
@@ -304,7 +306,7 @@ class CrossingSearch:
         moved = problem.stiffened(u + h, pair.right) - problem.stiffened(u - h, pair.right)
         rate = moved / (2.0 * h)
         change_of_zero = abs(complex(np.sum(pair.left.conj() * rate)))
-        uncertain = float(pair.residuals[0] + np.finfo(float).eps) * problem.size(u)
+        uncertain = float(pair.residuals[0] + EPS) * problem.size(u)
         error = uncertain / change_of_zero if change_of_zero else math.inf
         error += 4e-16 * (1.0 + u)
         own = problem.original(u, pair)

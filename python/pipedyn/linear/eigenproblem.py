@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,8 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
 Complex = NDArray[np.complex128]
+
+EPS = float(np.finfo(np.float64).eps)
 
 TOLERANCE = 1e-10
 """Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
@@ -62,7 +64,7 @@ class Eigenpairs:
     @property
     def passable(self) -> NDArray[np.bool_]:
         """The same with all that rounding excuses: enough of high modes where low ones count."""
-        return self.residuals <= TOLERANCE + np.finfo(float).eps * np.abs(self.values) ** 2
+        return self.residuals <= TOLERANCE + EPS * np.abs(self.values) ** 2
 
     def take(self, which: Any) -> Eigenpairs:
         """Some of the pairs."""
@@ -105,6 +107,7 @@ class Eigenproblem:
         self.stiffness, self.flux = pencil.stiffness, pencil.flux
         self.is_damped, self.is_long = pencil.is_damped, pencil.is_long
         self.centrifugal = pencil.centrifugal
+        self.latest: tuple[float, _core.Operator] | None = None
         self.stiff: StiffRoots | None = None if self.is_long else stiff_roots(self.model)
 
     @property
@@ -151,7 +154,7 @@ class Eigenproblem:
             differ(self.velocity, -1.0) or differ(self.stiffness, 1.0) or (differ(self.flux, 1.0))
         )
 
-    @property
+    @cached_property
     def zero_tolerance(self) -> float:
         """|lambda| below which a root counts as zero.
 
@@ -177,9 +180,9 @@ class Eigenproblem:
         """The problem whose stiffness is singular where a real root passes zero, and only there."""
         return self
 
-    def genuine(self, values: Complex, free: bool) -> NDArray[np.bool_]:
+    def genuine(self, values: Complex, free: bool) -> Any:
         """Which eigenvalues of the inverse problem are the model's: all, unless it is deflated."""
-        return np.ones(values.size, dtype=np.bool_)
+        return slice(None)
 
     def size(self, u: float) -> float:
         """Size of the stiffness matrix, elastic stiffness being 1."""
@@ -190,47 +193,42 @@ class Eigenproblem:
         result: Complex = values * self.velocity(x) + 2.0 * self.centrifugal * u * self.flux(x)
         return result
 
-    def assessed(self, u: float, pairs: Eigenpairs, slopes: bool = True) -> Assessment:
+    def at(self, u: float) -> _core.Operator:
+        """P at a speed as the core takes it; kept until another is asked for."""
+        if self.latest is None or self.latest[0] != u:
+            if self.is_long:
+                made: _core.Operator = _core.LongOperator(
+                    lambda x: (self.mass(x), self.damped(u, x), self.stiffened(u, x)),
+                    partial(self._solved, u),
+                    self.dof,
+                    self.size(u),
+                )
+            else:
+                made = _core.DenseOperator(*self.matrices(u), self.size(u))
+            self.latest = u, made
+        return self.latest[1]
+
+    def _solved(self, u: float, value: complex, x: Vectors, y: Vectors) -> tuple[Vectors, Vectors]:
+        """P^-1 x and P^-H y."""
+        solve = self.factor(value, u)
+        return solve(x), solve(y, adjoint=True)
+
+    def assessed(self, u: float, pairs: Eigenpairs) -> Assessment:
         """What the core and, of stiff roots, the whole problem say of pairs with left vectors."""
-        by_speed = self.by_speed(u, pairs.values, pairs.right) if slopes else None
-        found = self._assessed(u, pairs.values, pairs.right, pairs.left, pairs.residuals, by_speed)
+        by_speed = self.by_speed(u, pairs.values, pairs.right)
+        found = Assessment(
+            *self.at(u).assess(pairs.values, pairs.right, pairs.left, pairs.residuals, by_speed)
+        )
         for i, stiff in self._stiff_pairs(u, pairs.values):
             found.uncertain[i], found.slopes[i] = stiff.uncertain, stiff.slope
         return found
 
     def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
         """Relative residual of each pair, shape (r,)."""
-        result = self._assessed(u, values, x).residuals
+        result = self.at(u).assess(values, x)[0]
         for i, stiff in self._stiff_pairs(u, values):
             result[i] = stiff.residual
         return result
-
-    def _assessed(
-        self,
-        u: float,
-        values: Complex,
-        x: Vectors,
-        y: Vectors | None = None,
-        residuals: Array | None = None,
-        by_speed: Complex | None = None,
-    ) -> Assessment:
-        return Assessment(
-            *_core.assess(self._operator(u), self.size(u), values, x, y, residuals, by_speed)
-        )
-
-    def _operator(self, u: float) -> Any:
-        """P at a speed as the core takes it: matrices, or what multiplies and solves."""
-        if not self.is_long:
-            return self.matrices(u)
-
-        def multiply(x: Vectors) -> tuple[Vectors, ...]:
-            return self.mass(x), self.damped(u, x), self.stiffened(u, x)
-
-        def solve(value: complex, x: Vectors, y: Vectors) -> tuple[Vectors, Vectors]:
-            solver = self.factor(value, u)
-            return solver(x), solver(y, adjoint=True)
-
-        return multiply, solve
 
     def _stiff_pairs(self, u: float, values: Complex) -> list[tuple[int, StiffPair]]:
         """What is known of the roots that elastic coordinates do not hold, by their indices."""
@@ -259,10 +257,10 @@ class Eigenproblem:
         hidden &= np.abs(found.by_left) > 0.1 * np.abs(found.by_right)
         which = np.flatnonzero(hidden)
         own = values[which], pairs.right[:, which], pairs.left[:, which]
-        growth, error = _core.growth(self._operator(u), *own)
+        growth, error = self.at(u).growth(*own)
         better = error < uncertain[which]
         values, uncertain = values.copy(), uncertain.copy()
-        values.real[which[better]] = growth[better]
+        values.real[which[better]] = growth[better] + 0.0  # -0 is 0
         uncertain[which[better]] = error[better]
         return values, uncertain
 
@@ -276,9 +274,7 @@ class Eigenproblem:
             return Eigenpairs(np.array([near.value]), *self.stiff.elastic(near), rest)
         seed = np.linspace(1.0, 0.5, self.dof)[:, None]
         start = seed if x is None else x
-        value, right, left, residual, taken = _core.refine(
-            self._operator(u), self.size(u), value, start, seed, steps
-        )
+        value, right, left, residual, taken = self.at(u).refine(value, start, seed, steps)
         if not self.is_long:
             factorised(taken)
         return Eigenpairs(np.array([value]), right, left, np.array([residual]))

@@ -33,9 +33,6 @@ DENSE_RESCUE, PATIENCE = 1000, 30
 cluster at -1 / delta), chains up to this size are solved dense; after a few it ends where it does.
 """
 
-Inverse = tuple[Complex, Complex, Complex | None]
-"""mu, x and y (or None) of the inverse problem."""
-
 
 class Clustered(Exception):
     """Eigenvalues too close together for a Krylov space."""
@@ -84,12 +81,16 @@ def _about(
     asked = min(count + 6, 2 * problem.dof)
     while True:
         if problem.is_long:
-            found = arnoldi(problem, u, shift, free, -(-asked // 2) if free else asked)
+            mu, right = arnoldi(problem, u, shift, free, -(-asked // 2) if free else asked)
+            dual = None
         else:
-            found = dense_inverse(problem, u, shift, free, left)
-        if found is None:
+            factorised(2)
+            p = problem.at(u)
+            assert isinstance(p, _core.DenseOperator)
+            mu, right, dual = p.inverse(shift, free, left)
+            dual = dual if left else None
+        if mu.size == 0:
             return None
-        mu, right, dual = found
         with np.errstate(divide="ignore", invalid="ignore"):
             if free:
                 # lambda^2 is real or one of a conjugate pair; each vector serves both signs.
@@ -121,14 +122,14 @@ def _about(
             break
         asked = min(2 * asked, problem.dof)
     order = order[:count]
-    values, right = values[order], unit(right[:, order])
+    values, right = values[order], right[:, order]
     none = ~np.isfinite(values)
     if none.any():
         values[none], right[:, none] = complex(np.nan, np.nan), 0.0
     pairs = Eigenpairs(values, right, None, problem.residuals(u, values, right))
     pairs.residuals[none] = np.inf
     if dual is not None:
-        pairs = Eigenpairs(values, right, unit(dual[:, order]), pairs.residuals)
+        pairs = Eigenpairs(values, right, dual[:, order], pairs.residuals)
     return _mended(problem, u, pairs, left, high)
 
 
@@ -161,22 +162,10 @@ def _mended(
     return Eigenpairs(values, right, lefts if left else None, residuals)
 
 
-def dense_inverse(
-    problem: Eigenproblem, u: float, shift: float, free: bool, left: bool
-) -> Inverse | None:
-    """All of the inverse problem, from matrices; None where P(shift) is singular or overflows.
-
-    `free` says that no term in the velocity is there; then mu = 1 / (lambda^2 - shift^2).
-    """
-    factorised(2)
-    mu, right, dual = _core.inverse(problem.matrices(u), shift, free, left)
-    return (mu, right, dual if left else None) if mu.size else None
-
-
 def arnoldi(
     problem: Eigenproblem, u: float, shift: float, free: bool, count: int
-) -> Inverse | None:
-    """The `count` largest |mu| of the inverse problem, O(dof) a step, without left vectors.
+) -> tuple[Complex, Complex]:
+    """The `count` largest |mu| of the inverse problem with x, O(dof) a step; none if that fails.
 
     Raises:
         Clustered: if the iteration does not end and the problem can be solved dense.
@@ -204,10 +193,8 @@ def arnoldi(
     except ArpackError as error:
         if n <= DENSE_RESCUE:
             raise Clustered from error
-        mu = getattr(error, "eigenvalues", np.zeros(0))
-        if mu.size == 0:
-            return None
-        vectors = error.eigenvectors
-    if not np.isfinite(mu).all():
-        return None
-    return mu, vectors[:n], None
+        if not getattr(error, "eigenvalues", np.zeros(0)).size:
+            return np.zeros(0, np.complex128), np.zeros((n, 0), np.complex128)
+        mu, vectors = error.eigenvalues, error.eigenvectors
+    found = mu if np.isfinite(mu).all() else mu[:0]
+    return found, unit(vectors[:n])

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
+from pipedyn.linear.eigenproblem import EPS, Complex, Eigenpairs, Eigenproblem
 from pipedyn.linear.eigensolver import SHIFTS, lowest
 from pipedyn.models.base import NotConverged
 from pipedyn.util.check import Array
@@ -181,7 +181,7 @@ def _noise(uncertain: Array, values: Complex) -> Array:
     """Residuals and rounding, taken to lambda; where roots meet they scatter by its root."""
     size = np.abs(values)
     nearest = max(float(np.abs(values - SHIFTS[0]).min(initial=np.inf)), 1e-3)
-    of_mu = 1e-14 * size + 40.0 * np.finfo(float).eps * size**2 / nearest
+    of_mu = 1e-14 * size + 40.0 * EPS * size**2 / nearest
     noise: Array = np.maximum(of_mu, np.minimum(uncertain, 1e-7 * (1.0 + size)))
     return noise
 
@@ -230,7 +230,8 @@ def tracked_steps(
         onto, error, meets, slopes, unambiguous = _core.match(
             left, right, tracked, cluster.delta, cluster.radius, cluster.zero
         )
-        step = Step(replace(left, slopes=slopes), right, onto, error, meets)
+        start = replace(left, slopes=slopes) if left.u == 0.0 else left
+        step = Step(start, right, onto, error, meets)
         if not step.shortest and not (unambiguous and sure(step)):
             stack.append(take(middle))
             continue
