@@ -9,7 +9,7 @@ more functions than any that the search has seen: of a linear question the conti
 motion or a cycle those of SHARP functions, whose own error stands in brackets. By hand are tried
 all spring rules and both bases of a linear question; of motions and cycles the families that
 `choose` tries where none are named, and all spring rules where it is asked for chains: bases of
-about as many functions as it chose, and chains until they are dear. It fails if a true
+about as many functions as it chose, and chains until they cost too much. It fails if a true
 error is above its tolerance. Times are processor times of one thread, each the least of
 three, of a nonlinear search the only one.
 """
@@ -56,18 +56,18 @@ class Case:
 class Tally:
     """What is printed at the end: for each question the ratios of all its cases."""
 
-    dearer: dict = field(default_factory=dict)
+    cost_ratios: dict = field(default_factory=dict)
     longer: dict = field(default_factory=dict)
     failures: list = field(default_factory=list)
 
     def add(self, case, ratio, share):
-        self.dearer.setdefault(case.title, []).append(ratio)
+        self.cost_ratios.setdefault(case.title, []).append(ratio)
         self.longer.setdefault(case.title, []).append(share)
 
     def show(self):
         print()
-        for name in self.dearer:
-            a, b = np.array(self.dearer[name]), np.array(self.longer[name])
+        for name in self.cost_ratios:
+            a, b = np.array(self.cost_ratios[name]), np.array(self.longer[name])
             print(
                 f"{name}: cost / cheapest by hand: median {np.median(a):.2f}, "
                 f"largest {a.max():.2f}, above 2: {np.sum(a > 2.0)} of {a.size}; "
@@ -125,13 +125,13 @@ def true_answer(case, quantity):
         loci = pp.root_loci(sharp, quantity.speeds, quantity.count)
         return Reference(Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1)), 0.0, "")
     sizes = SHARP[is_linear(quantity.name)]
-    sharp = quantity.sharpened(1e-2 * min(case.tolerances[-1], 1e-3))
+    sharp = quantity.solved_for(1e-2 * min(case.tolerances[-1], 1e-3))
     answers = [sharp.answer(pp.Galerkin(case.pipe, size, "legendre")) for size in sizes]
     return Reference(answers[-1], quantity.distance(answers[0], answers[-1]), "")
 
 
 def least_by_hand(case, choice, truth, tolerance, most):
-    """The cheapest row of all families and sizes, tried until they are dear."""
+    """The cheapest row of all families and sizes, tried until they cost too much."""
     quantity = choice.quantity
     names = (*RULES, "beam", "legendre")
     if not is_linear(quantity.name):

@@ -18,7 +18,7 @@ from independent import dense_rates
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.motion.stiffness import choose_method
+from pipedyn.motion.integrator import choose_method
 
 failures = []
 

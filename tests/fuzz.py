@@ -42,7 +42,7 @@ LONGEST = 5.0
 """Seconds of one core that a case may take."""
 
 HUNG = 300
-"""Seconds after which a case that no signal ends is told by the stacks of all threads."""
+"""Seconds after which a case that no signal ends is shown by the stacks of all threads."""
 
 Values = Callable[[Random], Any]
 
@@ -274,11 +274,11 @@ FULL = pp.Pipe(0.6, 20.0, "aspirating", 0.5, drag=2.0, damping=0.01)
 MASS, SPRING = pp.PointMass(0.6, 0.2), pp.Spring(0.6, 3.0)
 CHAIN = pp.Chain(PIPE, 3)
 BEAM, LEGENDRE = pp.Galerkin(DRAGGED, 3), pp.Galerkin(PIPE, 4, "legendre")
-LADEN = pp.Galerkin(pp.Pipe(0.2, 3.0, terms=(MASS, SPRING)), 3, "legendre")
+LOADED = pp.Galerkin(pp.Pipe(0.2, 3.0, terms=(MASS, SPRING)), 3, "legendre")
 EXACT = pp.Continuum(PIPE)
 SCENE = modular.chain(DRAGGED, 3)
 HELD = SCENE.plus(modular.Guide(3))
-MODELS = {"chain": CHAIN, "beam": BEAM, "legendre": LEGENDRE, "laden": LADEN, "scene": SCENE}
+MODELS = {"chain": CHAIN, "beam": BEAM, "legendre": LEGENDRE, "loaded": LOADED, "scene": SCENE}
 EVERY = {**MODELS, "held": HELD}
 
 FLUTTER = pp.Chain(pp.Pipe(0.2), 3)
@@ -367,15 +367,15 @@ class Target:
         name: what messages call it; up to a bracket the public name.
         call: takes the arguments by name.
         kinds: of the arguments.
-        dear: whether an unspoiled call takes long; few are made.
-        told: names by which messages may call an argument.
+        slow: whether an unspoiled call takes long; few are made.
+        called: names by which messages may call an argument, a pattern each.
     """
 
     name: str
     call: Callable[..., Any]
     kinds: Mapping[str, Kind]
-    dear: bool = False
-    told: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    slow: bool = False
+    called: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
 def _pipes() -> Iterator[Target]:
@@ -434,7 +434,7 @@ def _pipes() -> Iterator[Target]:
         "inlet_coefficient[function]",
         pp.inlet_coefficient,
         {"velocity": PROFILE, "radius": size, "section": optional(size)},
-        dear=True,
+        slow=True,
     )
     rows = array(3, (0.1, 1.0))
     rising = array(3, (0.1, 1.0), (-1.0,), fair=one_of([0.0, 0.4, 1.0], np.array([0.0, 1.0, 2.0])))
@@ -442,13 +442,13 @@ def _pipes() -> Iterator[Target]:
         "inlet_coefficient[radii]",
         pp.inlet_coefficient,
         {"velocity": rows, "radii": rising},
-        told={"radii": "radii|velocity"},
+        called={"radii": "radii|velocity"},
     )
     yield Target(
         "inlet_coefficient[areas]",
         pp.inlet_coefficient,
         {"velocity": rows, "areas": array(3, (0.1, 1.0), (0.0, -1.0)), "section": optional(size)},
-        told={"areas": "areas|velocity"},
+        called={"areas": "areas|velocity"},
     )
     for law in pp.Term.__subclasses__():
         kinds = {item.name: real((0.1, 1.0), -1.0, -1e300) for item in dataclasses.fields(law)}
@@ -527,7 +527,9 @@ def _models() -> Iterator[Target]:
             (1e7,),
             fair=one_of(resting, resting.tolist()) if n != model.dof else None,
         )
-        if n != model.dof:  # redundant coordinates may be told as angles, but guides are met by few
+        if (
+            n != model.dof
+        ):  # redundant coordinates may be given as angles, but guides are met by few
             q = Kind(q.good, any_of(NONE, *NOTHINGS, *WORDS, q.bad))
         rates = array(
             2 * n,
@@ -635,7 +637,7 @@ def _scenes() -> Iterator[Target]:
             ),
             "name": Kind(one_of("mine"), any_of(NONE, *NOTHINGS, one_of("", "\t", 3, NAN, []))),
         },
-        told={"mass": "mass|Custom|mine", "name": "name"},
+        called={"mass": "mass|Custom|mine", "name": "name"},
     )
     wrong = Kind(
         one_of(lambda q: 0.5 * q @ q),
@@ -647,7 +649,7 @@ def _scenes() -> Iterator[Target]:
         "modular.Assembly[energy]",
         lambda energy: SCENE.plus(modular.Custom(nodes=(2,), energy=energy, name="mine")),
         {"energy": wrong},
-        told={"energy": "mine"},
+        called={"energy": "mine"},
     )
     force = Kind(
         one_of(lambda q, qdot: -qdot),
@@ -659,7 +661,7 @@ def _scenes() -> Iterator[Target]:
         "modular.Assembly[force]",
         lambda force: SCENE.plus(modular.Custom(nodes=(2,), force=force, name="mine")),
         {"force": force},
-        told={"force": "mine"},
+        called={"force": "mine"},
     )
     yield Target(
         "modular.Assembly",
@@ -677,7 +679,7 @@ def _scenes() -> Iterator[Target]:
             ),
             "enforcement": word("orthonormal", "udwadia-kalaba"),
         },
-        told={
+        called={
             "modules": "module|segment|node|lengths|inertia|terms",
             "constraints": "constraint|(?i:joint|pin|clamp)|Guide|segment|node|inertia",
         },
@@ -691,7 +693,7 @@ def _scenes() -> Iterator[Target]:
                 any_of(NONE, *NOTHINGS, *WORDS, one_of(*FURTHER, 3, [], modular.Segment(0.1))),
             )
         },
-        told={"parts": "parts|module|constraint|node|lengths|segment|terms"},
+        called={"parts": "parts|module|constraint|node|lengths|segment|terms"},
     )
     angles = array(3, (-0.2, 0.2), (1e7,))
     for scene, tag in ((SCENE, ""), (HELD, "[held]")):
@@ -735,11 +737,11 @@ def _questions() -> Iterator[Target]:
         "root_loci",
         pp.root_loci,
         {"model": STRAIGHT, "speeds": speeds, "count": count(1, 2, 1001), "progress": FLAG},
-        dear=True,
+        slow=True,
     )
     ends = real((1.0, 9.0), 0.0, 1e9)
     for function in (pp.crossings, pp.critical_speed):
-        yield Target(function.__name__, function, {"model": STRAIGHT, "max_speed": ends}, dear=True)
+        yield Target(function.__name__, function, {"model": STRAIGHT, "max_speed": ends}, slow=True)
     maker = Kind(
         one_of(lambda value: pp.Chain(pp.Pipe(value), 2)),
         any_of(NONE, *NOTHINGS[:10], *WORDS, one_of(3, NAN, CHAIN)),
@@ -755,13 +757,13 @@ def _questions() -> Iterator[Target]:
             "executor": EXECUTOR,
             "progress": FLAG,
         },
-        dear=True,
+        slow=True,
     )
     yield Target(
         "criticality_curve",
         pp.criticality_curve,
         {"make_model": maker, "values": values, "executor": EXECUTOR, "progress": FLAG},
-        dear=True,
+        slow=True,
     )
 
 
@@ -815,7 +817,7 @@ def _comparisons() -> Iterator[Target]:
         any_of(real((1e-3, 1e-2)).good, one_of(1e-300, 1e-5)), real((0.1, 0.2), 0.0, 1e7).bad
     )
     for name, conditions in QUANTITIES.items():
-        told = {"start": "start|angle"}
+        called = {"start": "start|angle"}
         tolerance = Kind(any_of(sharp.good, wide), sharp.bad) if name in cheap else sharp
         pipe = Kind(one_of(PIPE) if name == "limit_cycle" else one_of(PIPE, FULL), PIPES.bad)
         common = {**conditions, "pipe": pipe, "quantity": Kind(one_of(name), word("a").bad)}
@@ -825,16 +827,16 @@ def _comparisons() -> Iterator[Target]:
             ("both", {"tolerance": Kind(tolerance.good, None), "budget": Kind(budget.good, None)}),
         ):
             kinds = {**common, **demand, "among": among, "repeats": repeats}
-            yield Target(f"choose[{name}, {tag}]", _chosen, kinds, True, told)
+            yield Target(f"choose[{name}, {tag}]", _chosen, kinds, True, called)
         measured = {"families": among, "sizes": Kind(several, no_sizes), "progress": FLAG}
         yield Target(
-            f"trade[{name}]", _traded, {**common, **measured, "repeats": repeats}, True, told
+            f"trade[{name}]", _traded, {**common, **measured, "repeats": repeats}, True, called
         )
         wanted = real((1e-3, 0.1), 0.0, 2.0)
-        if name == "limit_cycle":  # those without one are dear
+        if name == "limit_cycle":  # those without one take long
             common["u"] = Kind(one_of(1e-3), conditions["u"].bad)
         kinds = {"u": SLOW, **common, "tolerance": wanted}
-        yield Target(f"relevant[{name}]", _relevance, kinds, True, told)
+        yield Target(f"relevant[{name}]", _relevance, kinds, True, called)
 
 
 def _chosen(**given: Any) -> tuple[Any, ...]:
@@ -895,7 +897,7 @@ def _motions() -> Iterator[Target]:
             f"simulate[{name}]",
             lambda m=model, **given: pp.simulate(m, **_without_none(given, "times")),
             {**common, "u": SLOW, "q0": rows, "qdot0": rates},
-            told={"q0": "q0|angle"},
+            called={"q0": "q0|angle"},
         )
     yield Target(
         "simulate",
@@ -919,7 +921,7 @@ def _motions() -> Iterator[Target]:
             ),
             "executor": EXECUTOR,
         },
-        told={"q0": "q0|angle", "speeds": "speeds|models"},
+        called={"q0": "q0|angle", "speeds": "speeds|models"},
     )
     state = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of([0.1], [NAN] * 3, PIPE, EXACT)))
     flutter = Kind(one_of(FLUTTER), MOVING.bad)
@@ -934,9 +936,9 @@ def _motions() -> Iterator[Target]:
             "rtol": real((1e-6, 1e-3), 0.0, 1.0),
             "samples": count(9, 33, 100_001),
         },
-        dear=True,
+        slow=True,
     )
-    yield Target("hopf", pp.hopf, {"model": flutter, "crossing": optional(of(CROSSING))}, dear=True)
+    yield Target("hopf", pp.hopf, {"model": flutter, "crossing": optional(of(CROSSING))}, slow=True)
     yield Target(
         "equilibria",
         pp.equilibria,
@@ -947,7 +949,7 @@ def _motions() -> Iterator[Target]:
                 one_of(()), any_of(NONE, *WORDS, one_of(3, {}, [[NAN]], [3], [None], ["a"]))
             ),
         },
-        dear=True,
+        slow=True,
     )
     pair = array(2, (0.0, 3.0), (-1.0, 1e9), fair=one_of((0.5, 1.5), [0.0, 2.0]))
     yield Target(
@@ -960,8 +962,8 @@ def _motions() -> Iterator[Target]:
             "speeds": pair,
             "step": real((0.1, 1.0), 0.0, 2.0),
         },
-        dear=True,
-        told={"q0": "q0|angle"},
+        slow=True,
+        called={"q0": "q0|angle"},
     )
     yield Target(
         "lyapunov_exponent",
@@ -978,7 +980,7 @@ def _motions() -> Iterator[Target]:
             "rtol": real((1e-8, 1e-4), 0.0, 1.0),
             "progress": FLAG,
         },
-        dear=True,
+        slow=True,
     )
     yield Target(
         "bifurcation_diagram",
@@ -996,7 +998,7 @@ def _motions() -> Iterator[Target]:
             "executor": EXECUTOR,
             "progress": FLAG,
         },
-        dear=True,
+        slow=True,
     )
 
 
@@ -1165,7 +1167,7 @@ def _pictures() -> Iterator[Target]:
     }
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)
-        yield Target(f"plot.{name}", call, kinds, dear=bool(kinds) and name != "panels")
+        yield Target(f"plot.{name}", call, kinds, slow=bool(kinds) and name != "panels")
 
 
 def _filmed(**given: Any) -> str:
@@ -1200,7 +1202,7 @@ class Finding:
 
     case: int
     target: str
-    told: str
+    message: str
 
 
 class TooLong(BaseException):
@@ -1216,8 +1218,8 @@ def case(seed: int, number: int) -> tuple[Target, dict[str, Any], list[str]]:
     dice = Random(f"{seed} {number}")
     target = dice.choice(TARGETS)
     names = [name for name, kind in target.kinds.items() if kind.bad is not None]
-    most = min(len(names), dice.choice((1, 1, 1, 2) if target.dear else (0, 1, 1, 2)))
-    if target.dear and dice.random() < 0.02:
+    most = min(len(names), dice.choice((1, 1, 1, 2) if target.slow else (0, 1, 1, 2)))
+    if target.slow and dice.random() < 0.02:
         most = 0
     spoiled = dice.sample(names, most)
     arguments = {
@@ -1255,13 +1257,13 @@ def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None
         return None
     if type(error) not in (ValueError, TypeError):
         return f"raised {type(error).__name__}: {message[:200]}"
-    names = "|".join(target.told.get(name, rf"\b{name}\b") for name in spoiled)
+    names = "|".join(target.called.get(name, rf"\b{name}\b") for name in spoiled)
     if not re.search(names, message):
         return f"refused without the argument's name: {message[:200]}"
-    return None if len(message) < 400 and "\n" not in message else f"told too much: {message!r}"
+    return None if len(message) < 400 and "\n" not in message else f"message too long: {message!r}"
 
 
-UNTOLD = {"onset", "residuals", "errors", "_continuous", "discretisation"}
+UNKNOWN = {"onset", "residuals", "errors", "_continuous", "discretisation"}
 """Fields that may be NaN or infinite."""
 
 
@@ -1275,7 +1277,7 @@ def not_finite(result: Any, path: str = "result", depth: int = 0) -> str | None:
         found = (not_finite(one, f"{path}[{i}]", depth + 1) for i, one in enumerate(result))
         return next((place for place in found if place), None)
     if dataclasses.is_dataclass(result) and depth < 6:
-        names = [f.name for f in dataclasses.fields(result) if f.name not in UNTOLD]
+        names = [f.name for f in dataclasses.fields(result) if f.name not in UNKNOWN]
         found = (not_finite(getattr(result, n), f"{path}.{n}", depth + 1) for n in names)
         return next((place for place in found if place), None)
     return None
@@ -1328,7 +1330,7 @@ def main() -> int:
     findings = run(asked.cases, asked.seed, asked.first, _watch)
     faulthandler.cancel_dump_traceback_later()
     for finding in findings:
-        print(f"case {finding.case}: {finding.target}\n    {finding.told}")
+        print(f"case {finding.case}: {finding.target}\n    {finding.message}")
     print(
         f"{asked.cases} cases of {len(TARGETS)} calls, seed {asked.seed}: {len(findings)} findings"
     )

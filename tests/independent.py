@@ -5,7 +5,6 @@ from functools import lru_cache
 
 import mpmath
 import numpy as np
-import sympy
 from numpy.polynomial import chebyshev
 
 
@@ -32,6 +31,8 @@ def lagrangian_equations(
     first joint, coefficient), laws "point_mass", "spring" and "damper" to the axis, and
     "foundation", a spring per length all along.
     """
+    import sympy  # half a second, which most tests need not wait for
+
     n = len(lengths)
     q, v, a = (sympy.symbols(f"{letter}1:{n + 1}") for letter in "qva")
     length, chi, eta, k, xi = (
@@ -102,6 +103,8 @@ def lagrangian_equations(
 
 def lagrangian_operators(*numbers, **more):
     """M, C and K of the equations above, linearised about the straight pipe, as floats."""
+    import sympy  # half a second, which most tests need not wait for
+
     equations, q, v, a = lagrangian_equations(*numbers, **more)
     rest = dict.fromkeys([*q, *v, *a], 0)
     operators = (np.empty((len(q), len(q))) for _ in range(3))
@@ -116,6 +119,8 @@ def lagrangian_operators(*numbers, **more):
 
 def lagrangian_accelerations(states, *numbers, **more):
     """q'' of the equations above at states (2 n, k), shape (n, k)."""
+    import sympy  # half a second, which most tests need not wait for
+
     equations, q, v, a = lagrangian_equations(*numbers, **more)
     residual = sympy.lambdify([*q, *v, *a], equations, cse=True)
     n = len(q)

@@ -3,6 +3,7 @@
 
 import math
 import pickle
+from functools import cache
 
 import numpy as np
 import pytest
@@ -59,17 +60,22 @@ def end_jacobian(chain):
 # ------------------------------------------------------------------------------- operators
 
 
+@cache
+def papers_operators(alpha):
+    """At u = 1.75, aspirating with this coefficient of the inlet or, without one, ejecting."""
+    numbers = *UNEQUAL.values(), 0.3, 2.5, 0.01, alpha is not None, alpha or 0
+    return lagrangian_operators(*numbers, u=1.75)
+
+
 @pytest.mark.parametrize(
     ("flow", "alpha"),
-    [("ejecting", 1.0), ("ejecting", 0.3), ("aspirating", 0.7), ("aspirating", 0)],
+    [("ejecting", 1.0), ("ejecting", 0.3), ("aspirating", 0.7)],
 )
 def test_chain_linearises_the_papers_lagrangian(flow, alpha):
     """Three unequal segments against eqs. (1)-(6), derived with sympy."""
     pipe = pp.Pipe(0.3, gamma=2.5, flow=flow, alpha=alpha, damping=0.01)
     chain = pp.Chain(pipe, **UNEQUAL)
-    expected = lagrangian_operators(
-        *UNEQUAL.values(), 0.3, 2.5, 0.01, flow == "aspirating", alpha, u=1.75
-    )
+    expected = papers_operators(alpha if flow == "aspirating" else None)
     for found, right in zip(chain.operators().at(1.75), expected, strict=True):
         np.testing.assert_allclose(found, right, rtol=1e-14, atol=1e-15 * np.abs(right).max())
 

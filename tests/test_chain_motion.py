@@ -151,7 +151,7 @@ def test_small_motions_obey_the_linear_operators():
 
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize(("flow", "alpha"), FLOWS)
-@pytest.mark.parametrize("n", [1, 2, 3, 17, 50])
+@pytest.mark.parametrize("n", [1, 2, 3, 33])
 def test_jacobian_is_the_derivative(n, flow, alpha, level, at_level):
     """Of the dense equations, by complex steps: to rounding."""
     at_level(level)
@@ -389,9 +389,9 @@ def test_one_chain_serves_many_threads():
                 np.testing.assert_array_equal(part, right)
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_sine_and_cosine_are_good_to_two_ulp(level, at_level):
-    at_level(level)
+@pytest.fixture(scope="module")
+def sines_and_cosines():
+    """Angles of all sizes and about the corners of the octants, and what is exact of them."""
     rng = np.random.default_rng(3)
     corners = np.arange(-1018, 1019, 3) * (np.pi / 4)
     x = np.concatenate(
@@ -402,10 +402,18 @@ def test_sine_and_cosine_are_good_to_two_ulp(level, at_level):
             [0.0, -0.0, 5e-324, 0.785, 1600.0, np.nextafter(1600.0, 2e3), 1e22, -1e22, 1e300],
         ]
     )
-    sine, cosine = _core.sincos(x)
     with mpmath.workdps(400):
-        for found, exact in ((sine, mpmath.sin), (cosine, mpmath.cos)):
-            right = [exact(mpmath.mpf(value)) for value in x]
+        exact = [[f(mpmath.mpf(value)) for value in x] for f in (mpmath.sin, mpmath.cos)]
+    return x, *exact
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_sine_and_cosine_are_good_to_two_ulp(level, at_level, sines_and_cosines):
+    at_level(level)
+    x, *exact = sines_and_cosines
+    sine, cosine = _core.sincos(x)
+    with mpmath.workdps(40):
+        for found, right in zip((sine, cosine), exact, strict=True):
             errors = [
                 abs(mpmath.mpf(a) - b) / mpmath.mpf(np.spacing(abs(float(b))))
                 for a, b in zip(found, right, strict=True)

@@ -155,9 +155,9 @@ def test_a_mass_at_a_node_adds_the_square_of_its_jacobian(k, base):
     lengths = (1.0 - base) * np.array([0.3, 0.1, 0.25, 0.15, 0.2])
     plain = pp.Chain(pp.Pipe(0.2, 7.0), lengths=lengths, base=base)
     at = min(base + float(lengths[: k + 1].sum()), 1.0)
-    laden = plain.with_pipe(replace(plain.pipe, terms=(pp.PointMass(at, 0.6),)))
+    loaded = plain.with_pipe(replace(plain.pipe, terms=(pp.PointMass(at, 0.6),)))
     jacobian = np.where(np.arange(5) <= k, lengths, 0.0)
-    before, after = plain.operators(), laden.operators()
+    before, after = plain.operators(), loaded.operators()
     added = 0.6 * np.outer(jacobian, jacobian)
     np.testing.assert_allclose(after.mass - before.mass, added, rtol=1e-13, atol=1e-16)
     hung = 0.6 * 7.0 * np.diag(jacobian)
@@ -201,9 +201,9 @@ def test_a_place_may_pass_from_one_segment_to_the_next():
 
 @pytest.mark.parametrize("rule", ["consistent", "midpoint", "rayleigh", "uniform", "frequency"])
 def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
-    laden = pp.Chain(pp.Pipe(0.2, terms=ALL), 7, springs=rule)
-    np.testing.assert_array_equal(laden.springs, pp.Chain(pp.Pipe(0.2), 7, springs=rule).springs)
-    assert pickle.loads(pickle.dumps(laden)).pipe == laden.pipe
+    loaded = pp.Chain(pp.Pipe(0.2, terms=ALL), 7, springs=rule)
+    np.testing.assert_array_equal(loaded.springs, pp.Chain(pp.Pipe(0.2), 7, springs=rule).springs)
+    assert pickle.loads(pickle.dumps(loaded)).pipe == loaded.pipe
 
 
 # ------------------------------------------------------------------------------ linear analysis
@@ -222,7 +222,7 @@ def test_products_and_band_are_those_of_the_matrices(n):
         np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("n", [3, 40, 150])
+@pytest.mark.parametrize("n", [3, 40, 70])
 def test_eigenvalues_are_exact_at_any_size(n):
     chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=1e-3, terms=ALL), n)
     found = pp.modes(chain, 5.0, count=min(2 * n, 6))
@@ -278,7 +278,7 @@ def test_crossings_are_exact_with_their_sensitivities(n):
         assert getattr(found.sensitivity.speed, name) == pytest.approx(slope, rel=1e-6)
 
 
-@pytest.mark.parametrize("n", [5, 70])
+@pytest.mark.parametrize("n", [5, 65])
 @pytest.mark.parametrize(
     ("terms", "standing"),
     [

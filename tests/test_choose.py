@@ -90,7 +90,7 @@ def true_error(quantity, model, exact):
 def test_the_true_error_is_below_the_tolerance_and_half_a_model_misses_it(tolerance, flow, damped):
     """More pipes, and costs in time: tests/benchmark_choose.py.
 
-    One size less may do where it is measured to be dearer. Of what is smaller yet, one may do by
+    One size less may do where it is measured to cost more. Of what is smaller yet, one may do by
     chance, but not it and the next.
     """
     pipe, cases = exact_cases(flow, damped)
@@ -126,7 +126,7 @@ def test_a_pipe_whose_roots_all_cluster_has_no_frequencies():
 def test_the_true_error_of_a_motion_is_below_the_tolerance():
     choice = pp.choose(DAMPED, "motion", 1e-3, u=6.0, duration=2.0)
     asked = choice.quantity
-    exact = asked.sharpened(1e-7).answer(pp.Galerkin(DAMPED, 13, "legendre"))
+    exact = asked.solved_for(1e-7).answer(pp.Galerkin(DAMPED, 13, "legendre"))
     assert asked.distance(asked.answer(choice.model), exact) <= 1e-3
     assert asked.rtol == pytest.approx(1e-5)
 
@@ -148,7 +148,7 @@ def test_legendre_functions_are_not_tried_where_they_spoil_a_motion():
     choice = pp.choose(pipe, "motion", 2e-2, u=1.0, duration=1.0, among="reduced")
     assert choice.family == "beam"
     assert choice.reference.family == "beam"
-    exact = choice.quantity.sharpened(1e-4).answer(pp.Galerkin(pipe, 8, "beam"))
+    exact = choice.quantity.solved_for(1e-4).answer(pp.Galerkin(pipe, 8, "beam"))
     assert choice.quantity.distance(choice.quantity.answer(choice.model), exact) <= 2e-2
 
 
@@ -256,7 +256,7 @@ def test_what_is_said_of_the_other_chains_is_so():
     assert onset_error(HOSE, "uniform", 34) > 0.01
 
 
-@pytest.mark.parametrize("among", [None, "reduced", "legendre", "beam", "chain"])
+@pytest.mark.parametrize("among", [None, "legendre", "beam", "chain"])
 def test_a_model_is_found_for_a_loose_tolerance_wherever_one_is_for_a_tight_one(among):
     """Rungs of the ladder that lose stability in another branch do not end it."""
     tight, loose = (
@@ -303,7 +303,7 @@ def test_terms_of_the_pipe_are_in_the_models_and_in_the_reference(
     terms = (pp.PointMass(0.4, 0.1), pp.Spring(0.7, 5.0))
     pipe = pp.Pipe(0.2, 10.0, damping=1e-3, terms=terms)
     choice = pp.choose(pipe, name, tolerance, among=among, **conditions)
-    asked = choice.quantity.sharpened(1e-6)
+    asked = choice.quantity.solved_for(1e-6)
     exact = asked.answer(pp.Galerkin(pipe, 30, "legendre"))
     assert asked.distance(asked.answer(choice.model), exact) <= tolerance
     bare = asked.answer(pp.Galerkin(dataclasses.replace(pipe, terms=()), 20, "legendre"))
@@ -342,10 +342,10 @@ def test_a_model_that_is_good_by_chance_is_said_to_be():
     chance = pp.choose(pipe, "critical_speed", 5e-3, among="frequency")
     assert chance.size == 8
     assert chance.steady is False
-    assert "good by chance" in str(chance)
+    assert "its error changes sign" in str(chance)
     sound = pp.choose(pipe, "critical_speed", 5e-3, among="legendre")
     assert sound.steady is True
-    assert "by chance" not in str(sound)
+    assert "changes sign" not in str(sound)
 
 
 # ---------------------------------------------------------------------------------------- budget
@@ -398,7 +398,7 @@ def priced(monkeypatch, seconds):
     return sizes
 
 
-def test_a_small_model_that_is_dear_does_not_hide_larger_ones_within_the_budget(monkeypatch):
+def test_a_small_model_that_costs_more_does_not_hide_larger_ones_within_the_budget(monkeypatch):
     """A search for crossings of 2 Legendre functions takes twice as long as that of 12."""
     times = {2: 0.034, 4: 0.014, 6: 0.017}
     sizes = priced(monkeypatch, lambda family, size: times.get(size, 0.002 * size))

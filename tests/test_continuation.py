@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.bifurcation.continuation import Continuation, Control, DenseProblem, change, folds
-from pipedyn.bifurcation.limit_cycle import hopf_point
+from pipedyn.bifurcation.continuation import (
+    Continuation,
+    Control,
+    DenseProblem,
+    folds,
+    sign_changes,
+)
 from pipedyn.bifurcation.orbit_continuation import FINE, followed, from_hopf
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.newton import NewtonFailed
@@ -51,9 +56,10 @@ def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
     found = segment.where(0.15)
     assert found.x == pytest.approx(np.full(2, np.sqrt(1.0 - 0.15**2)), abs=1e-12)
     assert found.tangent[-1] > 0.0
-    beyond, s = change(segment, 0.0, 0.2, lambda point: int(point.p > 0.123))
-    assert s == pytest.approx(0.123, abs=1e-9)
-    assert beyond.p > 0.123
+    past = sign_changes(lambda s: np.array([segment.at(s).p - 0.123]), 0.0, 0.2, 1e-10)
+    ((before, beyond),) = past
+    assert (before, beyond) == pytest.approx((0.123, 0.123), abs=1e-9)
+    assert segment.at(before).p <= 0.123 < segment.at(beyond).p
     # The cubic through the ends misses by the fourth power of the length.
     for length in (0.05, 0.1, 0.15):
         assert segment.guess(length) == pytest.approx(segment.at(length).z, abs=1e-4)
@@ -87,7 +93,7 @@ def test_meshes_of_orbits_are_refined_on_the_way_and_beyond_1000_unknowns():
     model = pp.Chain(pp.Pipe(0.2), 20)
     motion = VectorField(model)
     sizes, last = [], None
-    for step in followed(motion, from_hopf(motion, hopf_point(pp.hopf(model))), FINE):
+    for step in followed(motion, from_hopf(motion, pp.hopf(model)), FINE):
         orbit = step.end
         sizes.append(orbit.rates.size)
         assert orbit.defects().max() <= FINE.defect

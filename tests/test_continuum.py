@@ -6,6 +6,7 @@ Reference numbers: physics.md, section 6, with the digits printed there.
 
 import dataclasses
 import pickle
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from independent import (
 import pipedyn as pp
 
 
+@cache
 def critical(beta, **numbers):
     return pp.critical_speed(pp.Continuum(pp.Pipe(beta, **numbers)))
 
@@ -43,7 +45,7 @@ def test_critical_speeds_meet_the_printed_table(beta, speed, frequency, digits):
     assert found.frequency == pytest.approx(frequency, rel=0, abs=digits[1])
 
 
-@pytest.mark.parametrize("beta", [0.01, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.99])
+@pytest.mark.parametrize("beta", [0.01, 0.1, 0.2, 0.5, 0.65, 0.9, 0.99])
 def test_critical_speeds_are_roots_of_the_determinant_to_nine_digits(beta):
     found = critical(beta)
     speed, frequency = determinant_crossing(beta, found.speed, found.frequency, digits=35)
@@ -78,7 +80,7 @@ def test_damped_and_aspirating_pipes_cross_where_the_determinant_does(numbers):
     assert abs(found.frequency / frequency - 1.0) < 1e-9
 
 
-@pytest.mark.parametrize("beta", [0.1, 0.2, 0.5, 0.8])
+@pytest.mark.parametrize("beta", [0.1, 0.5])
 @pytest.mark.parametrize("gamma", [-6.0, 10.0, 60.0])
 def test_heavy_pipes_cross_where_collocation_of_the_strong_form_does(beta, gamma):
     """An eigenvalue on the axis, no other unstable, and stable just below."""

@@ -36,10 +36,15 @@ def fitted_order(sizes, error):
 @pytest.mark.parametrize(
     ("rule", "order", "sizes", "largest"),
     [
-        ("consistent", 2.0, (30, 42, 60), 6e-4),
-        ("midpoint", 2.0, (30, 42, 60), 3e-4),
+        ("consistent", 2.0, (20, 28, 40), 1.3e-3),
+        ("midpoint", 2.0, (20, 28, 40), 6.7e-4),
         ("uniform", 1.0, (30, 42, 60), 9e-3),
-        ("frequency", 1.0, (80, 113, 160), 4e-3),  # the last to settle: 1.5 % less at half the size
+        (
+            "frequency",
+            1.0,
+            (60, 85, 120),
+            5.3e-3,
+        ),  # the last to settle: 1.5 % less at half the size
     ],
 )
 def test_chains_converge_in_a_window(rule, order, sizes, largest):
@@ -90,7 +95,7 @@ def test_the_midpoint_cut_has_no_more_error_than_consistent_springs(beta, ratio)
     """Half of it at beta = 0.2 (physics.md, section 2); hardly less of it at 0.5."""
     exact = pp.critical_speed(pp.Continuum(pp.Pipe(beta))).speed
     midpoint, consistent = (
-        abs(chain_speed(rule, 60, beta) / exact - 1.0) for rule in ("midpoint", "consistent")
+        abs(chain_speed(rule, 40, beta) / exact - 1.0) for rule in ("midpoint", "consistent")
     )
     assert midpoint / consistent < ratio + 0.05
 
@@ -106,7 +111,7 @@ def test_matching_the_frequency_is_best_of_the_rules_with_equal_springs_on_few_s
 
 def test_unequal_segments_converge_at_second_order_too():
     """Segments that shrink smoothly towards the free end, consistent springs."""
-    sizes = np.array([20, 40, 80])
+    sizes = np.array([14, 28, 56])
 
     def graded(n):
         ends = np.sin(0.4 * np.pi * np.arange(n + 1) / n)
@@ -168,7 +173,7 @@ def random_pipe(rng, flow):
 
 
 @pytest.mark.parametrize("flow", FLOWS)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_distance_to_the_continuum_is_bounded_and_by_little(seed, flow):
     """Against the series in 60 digits; where the solvers' errors are all that is left, bounded."""
     pipe = random_pipe(np.random.default_rng(seed), flow)
@@ -176,11 +181,11 @@ def test_the_distance_to_the_continuum_is_bounded_and_by_little(seed, flow):
     exact, _ = series_crossing(pipe, start.speed, start.frequency)
     telling = 0
     for model in (
-        pp.Chain(pipe, 16),
-        pp.Chain(pipe, 30, springs="midpoint"),
-        pp.Chain(pipe, 24, springs="uniform"),
-        pp.Chain(pipe, 24, springs="frequency"),
-        pp.Chain(pipe, 12, springs="rayleigh"),
+        pp.Chain(pipe, 10),
+        pp.Chain(pipe, 16, springs="midpoint"),
+        pp.Chain(pipe, 12, springs="uniform"),
+        pp.Chain(pipe, 12, springs="frequency"),
+        pp.Chain(pipe, 8, springs="rayleigh"),
         pp.Galerkin(pipe, 10),
         pp.Galerkin(pipe, 10, "legendre"),
         pp.Galerkin(pipe, 20, "legendre"),

@@ -3,6 +3,7 @@
 
 import dataclasses
 import itertools
+from functools import cache
 
 import mpmath
 import numpy as np
@@ -16,7 +17,8 @@ import pipedyn as pp
 def unstable_in_many_digits(chain, u, digits=50):
     """Unstable roots from the equations of motion at small angles, written out in mpmath.
 
-    Rounding of 50 digits keeps a standing zero, double or triple, below 1e-12.
+    In 50 digits the coefficients that vanish for a standing zero, double or triple, are told from
+    small ones.
     """
     pipe, n = chain.pipe, chain.dof
     with mpmath.workdps(digits):
@@ -46,17 +48,18 @@ def unstable_in_many_digits(chain, u, digits=50):
             stiffness[k, n - 1] += thrust * lengths[k]
             stiffness[k, k] -= thrust * lengths[k]
             stiffness[k, k] += pipe.gamma * arm
-        companion = mpmath.zeros(2 * n)
-        inverse = mass**-1
-        companion[:n, n:] = mpmath.eye(n)
-        companion[n:, :n] = -inverse * stiffness
-        companion[n:, n:] = -inverse * velocity
-        values = mpmath.eig(companion, left=False, right=False)
-        return sum(mpmath.re(value) > 1e-12 for value in values)
+        at = [mpmath.mpf(k) for k in range(-n, n + 1)]
+        values = [mpmath.det(x**2 * mass + x * velocity + stiffness) for x in at]
+        powers = mpmath.matrix([[x**k for k in range(2 * n, -1, -1)] for x in at])
+        polynomial = list(mpmath.lu_solve(powers, mpmath.matrix(values)))
+        while abs(polynomial[-1]) < 1e-30:  # a standing zero
+            polynomial.pop()
+        roots = mpmath.polyroots(polynomial, maxsteps=200, extraprec=200)
+        return sum(mpmath.re(root) > 1e-12 for root in roots)
 
 
 FREE = [
-    *([0], [1, 0], [1, 0, 1], [1, 1, 0], [5, 5, 0], [0, 0, 1], [2, 0, 0], [0, 0, 0]),
+    *([0], [1, 0], [1, 0, 1], [5, 5, 0], [0, 0, 1], [2, 0, 0], [0, 0, 0]),
     *([3, 0, 2, 0], [0, 0.9, 0, 6.4]),  # several free joints: three roots may pass zero as one
 ]
 FLOWS = [
@@ -96,12 +99,12 @@ def test_a_chain_diverges_at_its_free_joint_where_the_flow_no_longer_damps_it():
 
 
 def test_a_long_chain_with_a_free_joint_is_solved_alike_by_bands_and_dense(monkeypatch):
-    springs = np.full(66, 66.0)
-    springs[33] = 0.0
+    springs = np.full(24, 24.0)
+    springs[12] = 0.0
     chain = pp.Chain(pp.Pipe(0.2), springs=springs)
-    by_bands = pp.crossings(chain, 6.0)
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 100)
     dense = pp.crossings(chain, 6.0)
+    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    by_bands = pp.crossings(chain, 6.0)
     assert [crossing.kind for crossing in by_bands] == ["flutter", "divergence"]
     for a, b in zip(by_bands, dense, strict=True):
         assert a.speed == pytest.approx(b.speed, rel=1e-11)
@@ -147,7 +150,7 @@ def test_a_divergence_beside_a_meeting_is_known_to_rounding(beta, gamma):
     assert found.sensitivity.speed.gamma == pytest.approx(slope, rel=1e-5)
 
 
-@pytest.mark.parametrize("beta", [1e-9, 4.1e-10, 3.9e-10, 1e-14, 1e-20, 1e-300, 5e-324])
+@pytest.mark.parametrize("beta", [1e-9, 4.1e-10, 3.9e-10, 1e-20, 5e-324])
 def test_the_critical_speed_tends_to_4_190241_as_fluid_mass_vanishes(beta):
     found = pp.critical_speed(pp.Continuum(pp.Pipe(beta)))
     assert found.speed == pytest.approx(4.190241 + 4.68 * beta, abs=5e-7)
@@ -175,7 +178,7 @@ def first_order_onset(ops, low, high):
 
 
 @pytest.mark.parametrize("delta", [2.1e-5, 1.9e-5, 1e-8, 1e-12, 1e-300])
-def test_the_faintest_damping_destabilises_becks_column_at_a_limit(delta):
+def test_the_weakest_damping_destabilises_becks_column_at_a_limit(delta):
     model = pp.Galerkin(pp.Pipe(0.0, damping=delta), 10, "legendre")
     found = pp.critical_speed(model)
     unit = pp.Galerkin(pp.Pipe(0.0, damping=1.0), 10, "legendre").operators()
@@ -187,7 +190,7 @@ def test_the_faintest_damping_destabilises_becks_column_at_a_limit(delta):
 
 
 @pytest.mark.parametrize("name", ["beta", "damping", "gamma"])
-def test_sensitivity_of_faint_forces_meets_differences(name):
+def test_sensitivity_of_weak_forces_meets_differences(name):
     pipe = pp.Pipe(1e-12, damping=1e-7)
     value = getattr(pipe, name)
     step = 1e-3 * (value or 1.0)
@@ -203,11 +206,11 @@ def test_sensitivity_of_faint_forces_meets_differences(name):
     assert getattr(by.frequency, name) == pytest.approx(of_frequency, rel=1e-4)
 
 
-def test_all_crossings_of_the_faintest_flow_have_a_limit():
-    faint = pp.crossings(pp.Continuum(pp.Pipe(1e-20)), 15.0)
+def test_all_crossings_of_the_lightest_fluid_have_a_limit():
+    light = pp.crossings(pp.Continuum(pp.Pipe(1e-20)), 15.0)
     small = pp.crossings(pp.Continuum(pp.Pipe(1e-8)), 15.0)
-    assert len(faint) == len(small) == 2
-    for a, b in zip(faint, small, strict=True):
+    assert len(light) == len(small) == 2
+    for a, b in zip(light, small, strict=True):
         assert a.kind == b.kind == "flutter"
         assert a.speed == pytest.approx(b.speed, rel=1e-7)
 
@@ -229,11 +232,11 @@ def test_a_flow_that_acts_on_nothing_moves_nothing(pipe, make):
         pp.critical_speed(make(pipe))
 
 
-def test_a_pipe_of_treacle_flutters_late():
+def test_a_pipe_with_very_strong_damping_flutters_late():
     # Every mode overdamped; rounding, not the basis, limits the speed, and the error says so. It
     # is an estimate of rounding: the order of a sum moves it by a factor of four.
     found = pp.critical_speed(pp.Continuum(pp.Pipe(0.0, damping=10.0)))
-    finer = pp.crossings(pp.Continuum(pp.Pipe(0.0, damping=10.0)).frozen(80), 42.0)
+    finer = pp.crossings(pp.Galerkin(pp.Pipe(0.0, damping=10.0), 50, "legendre"), 42.0)
     assert found.speed == pytest.approx(finer[0].speed, abs=found.error)
     assert found.error < 1e-4 * found.speed
 
@@ -270,7 +273,7 @@ def test_a_pipe_of_treacle_flutters_late():
     ],
     ids=["springs everywhere", "two free joints"],
 )
-def test_every_divergence_is_a_zero_of_the_determinant_and_none_is_told_twice(
+def test_every_divergence_is_a_zero_of_the_determinant_and_none_is_listed_twice(
     chain, max_speed, due
 ):
     speeds = np.linspace(0.0, max_speed, 20001)
@@ -282,12 +285,15 @@ def test_every_divergence_is_a_zero_of_the_determinant_and_none_is_told_twice(
     assert found == pytest.approx(zeros, abs=1.01 * max_speed / 20000)
 
 
+@cache
+def divergences(gamma, damping):
+    found = pp.crossings(pp.Continuum(pp.Pipe(0.2, gamma, damping=damping)), 4.0)
+    return [c.speed for c in found if c.kind == "divergence"]
+
+
 @pytest.mark.parametrize("gamma", [-8.5, -7.9, -50.0])
 @pytest.mark.parametrize("damping", [1.0, 100.0, 1e4])
 def test_damping_does_not_move_a_divergence_however_slow_it_makes_it(gamma, damping):
-    def divergences(damping):
-        found = pp.crossings(pp.Continuum(pp.Pipe(0.2, gamma, damping=damping)), 4.0)
-        return [c.speed for c in found if c.kind == "divergence"]
-
-    assert divergences(damping) == pytest.approx(divergences(0.0), rel=1e-10)
-    assert len(divergences(damping)) >= 1
+    found = divergences(gamma, damping)
+    assert found == pytest.approx(divergences(gamma, 0.0), rel=1e-10)
+    assert len(found) >= 1

@@ -58,10 +58,10 @@ def test_motions_end_on_a_cycle_beyond_the_fold(diagram):
 
 def test_motions_that_are_periodic_are_cycles_though_a_period_has_a_dozen_maxima():
     model = pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2)
-    speeds = [10.0, 11.0, 12.0]
+    speeds = [10.0, 12.0]
     found = pp.bifurcation_diagram(model, speeds, cycles=0, brute_force=1)
     assert [(one.ending, one.period) for one in found.motions] == [
-        *(("periodic", 11), ("periodic", 13), ("periodic", 13))
+        *(("periodic", 11), ("periodic", 13))
     ]
     for one in found.motions:
         cycle = pp.limit_cycle(model, one.speed, one.end)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from extremes import QUICK, SECTIONS, Told, cells, judged, row
+from extremes import QUICK, SECTIONS, Outcome, cells, judged, row
 from independent import chain_newton_step
 
 import pipedyn as pp
@@ -37,26 +37,26 @@ def test_no_answer_at_the_extremes_misleads(section):
 
 
 @pytest.mark.parametrize(
-    ("told", "verdict"),
+    ("outcome", "verdict"),
     [
-        (Told("", 1e-9), "holds"),
-        (Told("", 1e-7), "MISLEADS"),
-        (Told("", math.nan), "MISLEADS"),
-        (Told("", 1e-9, 1e-12), "MISLEADS"),
-        (Told("", 1e-9, 1e-6), "holds"),
-        (Told("", 1e-7, 1e-6), "says so"),
-        (Told("", math.nan, 1e-6), "MISLEADS"),
+        (Outcome("", 1e-9), "holds"),
+        (Outcome("", 1e-7), "MISLEADS"),
+        (Outcome("", math.nan), "MISLEADS"),
+        (Outcome("", 1e-9, 1e-12), "MISLEADS"),
+        (Outcome("", 1e-9, 1e-6), "holds"),
+        (Outcome("", 1e-7, 1e-6), "says so"),
+        (Outcome("", math.nan, 1e-6), "MISLEADS"),
     ],
 )
-def test_an_error_beyond_limit_or_estimate_is_called_misleading(told, verdict):
-    assert judged(told, 1e-8) == verdict
+def test_an_error_beyond_limit_or_estimate_is_called_misleading(outcome, verdict):
+    assert judged(outcome, 1e-8) == verdict
 
 
-def test_a_refusal_is_told_by_its_name():
+def test_a_refusal_is_listed_by_its_name():
     def ask():
         raise pp.NoCrossing("none", 1.0)
 
-    assert row("", "", "", "", ask, lambda _: Told("", 0.0)).verdict == "refused: NoCrossing"
+    assert row("", "", "", "", ask, lambda _: Outcome("", 0.0)).verdict == "refused: NoCrossing"
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_a_refusal_is_told_by_its_name():
         (pp.Chain(pp.Pipe(0.2), 100), 100.0),
         (pp.Chain(pp.Pipe(0.2, damping=1e3), 20), 6.0),
     ],
-    ids=["plain", "u = 100", "treacle"],
+    ids=["plain", "u = 100", "strongly damped"],
 )
 def test_said_errors_bound_the_true_ones_without_being_idle(model, u):
     found = pp.modes(model, u, 6)

@@ -103,7 +103,7 @@ def textbook_slopes(basis, m):
 
 @pytest.mark.parametrize("flow", FLOWS)
 @pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize("m", [1, 2, 3])
+@pytest.mark.parametrize("m", [1, 3])
 def test_pipe_and_fluid_obey_dalembert(m, basis, flow):
     """Accelerations of pipe and of fluid particles, differentiated from where they are.
 
@@ -607,5 +607,5 @@ def test_a_coil_beyond_the_quadrature_gives_nan(terms):
         assert np.isfinite(model.rhs(0.0, y, 1.0)).all() == resolved
         assert np.isfinite(model.jacobian(0.0, y, 1.0)).all() == resolved
     few = pp.Galerkin(pp.Pipe(0.2, terms=terms), 3, "legendre")
-    with pytest.raises(pp.MotionStopped, match=r"shrank to nothing|finite"):
+    with pytest.raises(pp.MotionStopped, match=r"step size tends to 0|finite"):
         pp.simulate(few, 1.0, 0.1, lambda s: 900.0 * s)

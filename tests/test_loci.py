@@ -26,7 +26,7 @@ def followed_by_tiny_steps(model, speeds, step, count):
     upper = start[start.imag > 0.0]
     upper = upper[np.argsort(np.abs(upper))[:count]]
     here = np.concatenate([upper, upper.conj()])
-    twin = np.roll(np.arange(2 * count), count)
+    conjugate = np.roll(np.arange(2 * count), count)
     rows, u = [here], speeds[0]
     for target in speeds[1:]:
         steps = max(1, round((target - u) / step))
@@ -37,7 +37,7 @@ def followed_by_tiny_steps(model, speeds, step, count):
             mine = right[np.argsort(left)]
             chosen = gaps[np.arange(2 * count), mine]
             # Which root of a pair is which is no matter; whether it is another pair's is.
-            gaps[np.arange(2 * count), mine] = gaps[np.arange(2 * count), mine[twin]] = np.inf
+            gaps[np.arange(2 * count), mine] = gaps[np.arange(2 * count), mine[conjugate]] = np.inf
             assert (chosen < 0.3 * gaps.min(axis=1)).all(), f"ambiguous at u = {at}"
             here = values[mine]
         rows.append(here)
@@ -67,13 +67,13 @@ def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
 
 @pytest.mark.parametrize(
     "model",
-    [pp.Continuum(PIPE), pp.Chain(PIPE, 20), pp.Chain(PIPE, 70), pp.Galerkin(PIPE, 12)],
+    [pp.Continuum(PIPE), pp.Chain(PIPE, 20), pp.Chain(PIPE, 65), pp.Galerkin(PIPE, 12)],
     ids=["continuum", "chain", "long chain", "beam"],
 )
 def test_branches_do_not_depend_on_the_speeds_asked_for(model):
-    fine = np.linspace(0.0, 14.0, 29)
+    fine = np.linspace(0.0, 10.0, 21)
     every = pp.root_loci(model, fine, count=4)
-    for stride in (4, 14, 28):
+    for stride in (4, 20):
         some = pp.root_loci(model, fine[::stride], count=4)
         np.testing.assert_array_equal(some.speeds, fine[::stride])
         np.testing.assert_allclose(some.eigenvalues, every.eigenvalues[::stride], atol=1e-6)
@@ -82,7 +82,7 @@ def test_branches_do_not_depend_on_the_speeds_asked_for(model):
 
 @pytest.mark.parametrize(
     "model",
-    [pp.Continuum(PIPE), pp.Chain(PIPE, 30), pp.Chain(PIPE, 70)],
+    [pp.Continuum(PIPE), pp.Chain(PIPE, 20), pp.Chain(PIPE, 65)],
     ids=["continuum", "chain", "long chain"],
 )
 def test_a_pair_turns_real_and_back_without_a_jump(model):
@@ -162,7 +162,7 @@ def test_loci_meet_the_printed_benchmark():
 def test_a_long_chains_branches_are_those_of_the_continuous_pipe(rule):
     speeds = np.linspace(0.0, 6.0, 3)
     exact = pp.root_loci(pp.Continuum(PIPE), speeds, count=3).eigenvalues
-    chain = pp.root_loci(pp.Chain(PIPE, 1000, springs=rule), speeds, count=3).eigenvalues
+    chain = pp.root_loci(pp.Chain(PIPE, 400, springs=rule), speeds, count=3).eigenvalues
     np.testing.assert_allclose(chain, exact, rtol=1e-4)
 
 
@@ -203,7 +203,7 @@ def test_progress_changes_nothing_but_stderr(capsys):
 
 @pytest.mark.parametrize("damping", [0.01, 0.05, 0.5])
 def test_overdamped_modes_do_not_hide_those_asked_for(damping):
-    """Roots crowd at -1 / delta below the frequencies of the modes; w1^2 = 12.362 at rest."""
+    """Roots cluster at -1 / delta below the frequencies of the modes; w1^2 = 12.362 at rest."""
     loci = pp.root_loci(pp.Continuum(pp.Pipe(0.2, damping=damping)), np.linspace(0.0, 9.0, 46), 4)
     products = (loci.eigenvalues[0] * loci.partners[0]).real
     squares = np.array([1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349]) ** 4
@@ -221,14 +221,14 @@ def test_overdamped_modes_do_not_hide_those_asked_for(damping):
 def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(pipe, n, end, count):
     speeds = np.linspace(0.0, end, 41)
     long = pp.root_loci(pp.Chain(pipe, n), speeds, count)
-    short = pp.root_loci(pp.Chain(pipe, 60), speeds, count)
+    short = pp.root_loci(pp.Chain(pipe, 30), speeds, count)  # all eigenvalues are computed
     assert long.converged.all()
     for loci in (long, short):
         steps = np.abs(np.diff(loci.eigenvalues, axis=0))
         assert steps.max() < 0.15 * np.abs(loci.eigenvalues).max()
 
 
-@pytest.mark.parametrize("n", [6, 30, 100])
+@pytest.mark.parametrize("n", [6, 65])  # dense and sparse
 @pytest.mark.parametrize("pipe", [PIPE, pp.Pipe(0.5, gamma=300.0), pp.Pipe(0.3, damping=0.02)])
 def test_the_errors_of_a_chains_branches_cover_their_distance_to_exact_roots(pipe, n):
     """Newton's corrections of the chain's equations in 40 digits."""
@@ -243,12 +243,12 @@ def test_the_errors_of_a_chains_branches_cover_their_distance_to_exact_roots(pip
 
 
 def test_the_errors_of_the_pipes_branches_cover_their_distance_to_exact_roots():
-    """Newton's corrections from power series; those of crowding roots are not told."""
+    """Newton's corrections from power series; those in the cluster have none."""
     for pipe in (PIPE, pp.Pipe(0.9, gamma=50.0)):
         loci = pp.root_loci(pp.Continuum(pipe), [1.0, 6.0], 3)
         for i, u in enumerate(loci.speeds):
             for value, error in zip(loci.eigenvalues[i], loci.errors[i], strict=True):
                 assert abs(series_newton_step(pipe, complex(value), u)) <= error < 1e-7 * abs(value)
-    crowding = pp.root_loci(pp.Continuum(pp.Pipe(0.2, damping=0.1)), [1.0], 3).errors
-    assert np.isfinite(crowding).any(axis=1).all()
-    assert np.isinf(crowding[:, -1]).all()
+    clustering = pp.root_loci(pp.Continuum(pp.Pipe(0.2, damping=0.1)), [1.0], 3).errors
+    assert np.isfinite(clustering).any(axis=1).all()
+    assert np.isinf(clustering[:, -1]).all()

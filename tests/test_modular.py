@@ -24,7 +24,7 @@ CLAMPED_PINNED = 4.493409457909064
 EJECTING = pp.Pipe(0.3, 12.0, drag=0.7, damping=0.01)
 ASPIRATING = pp.Pipe(0.4, -3.0, "aspirating", 0.7, drag=1.5)
 
-LADEN = replace(  # places inside segments, on nodes and on the fixed base of some chains below
+LOADED = replace(  # places inside segments, on nodes and on the fixed base of some chains below
     EJECTING,
     terms=[
         *(pp.PointMass(0.05, 0.4), pp.PointMass(0.62, 0.3), pp.PointMass(1.0, 0.1)),
@@ -156,8 +156,8 @@ def test_redundant_constraints_change_nothing() -> None:
         (ASPIRATING, {"n": 7, "springs": "midpoint"}),
         (EJECTING, UNEQUAL),
         (ASPIRATING, {"n": 1}),
-        (LADEN, {"n": 7}),
-        (LADEN, UNEQUAL),
+        (LOADED, {"n": 7}),
+        (LOADED, UNEQUAL),
     ],
 )
 def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
@@ -180,7 +180,7 @@ def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
         np.testing.assert_allclose(scene.tip(y[: 3 * n]), chain.tip(theta), atol=1e-14)
 
 
-@pytest.mark.parametrize("pipe", [EJECTING, LADEN])
+@pytest.mark.parametrize("pipe", [EJECTING, LOADED])
 @pytest.mark.parametrize("angles", [None, "bent"])
 def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp.Pipe) -> None:
     chain, scene = pp.Chain(pipe, **UNEQUAL), md.chain(pipe, **UNEQUAL)
@@ -196,7 +196,7 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp
 
 
 @pytest.mark.parametrize("n", [8, 130])
-@pytest.mark.parametrize("pipe", [EJECTING, LADEN, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
+@pytest.mark.parametrize("pipe", [EJECTING, LOADED, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
 def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> None:
     for u in (0.0, 6.0):
         mine = pp.eigenvalues(md.chain(pipe, n), u, 8)
@@ -206,9 +206,11 @@ def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> 
 
 @pytest.mark.parametrize("n", [6, 66])
 def test_the_plain_chain_has_the_crossings_of_chain(n: int) -> None:
-    for pipe in (pp.Pipe(0.2), pp.Pipe(0.3, -12.0), pp.Pipe(0.3, flow="aspirating", damping=0.02)):
-        mine = pp.crossings(md.chain(pipe, n), 9.0)
-        theirs = pp.crossings(pp.Chain(pipe, n), 9.0)
+    pipes = pp.Pipe(0.2), pp.Pipe(0.3, -12.0), pp.Pipe(0.3, flow="aspirating", damping=0.02)
+    end = 9.0 if n == 6 else 6.0
+    for pipe in pipes if n == 6 else pipes[1:2]:  # flutter and divergence
+        mine = pp.crossings(md.chain(pipe, n), end)
+        theirs = pp.crossings(pp.Chain(pipe, n), end)
         assert [(c.kind, c.mode, c.unstable_after) for c in mine] == [
             (c.kind, c.mode, c.unstable_after) for c in theirs
         ]
@@ -384,11 +386,10 @@ def test_the_divergence_of_a_conservative_pipe_knows_what_moves_it() -> None:
 
 
 def test_equal_spans_have_crossings_though_their_modes_are_close() -> None:
-    scene = md.chain(pp.Pipe(0.2), 100).plus(*(md.Guide(j) for j in (25, 50, 75, 100)))
-    critical = pp.critical_speed(scene)
-    dense = pp.critical_speed(
-        md.chain(pp.Pipe(0.2), 60).plus(*(md.Guide(j) for j in (15, 30, 45, 60)))
-    )
+    def spans(n):
+        return md.chain(pp.Pipe(0.2), n).plus(*(md.Guide(k * n // 4) for k in (1, 2, 3, 4)))
+
+    critical, dense = (pp.critical_speed(spans(n)) for n in (68, 48))
     assert critical.kind == dense.kind == "divergence"
     assert critical.speed == pytest.approx(dense.speed, rel=5e-3)
 
@@ -439,7 +440,7 @@ def test_terms_move_the_critical_speed_of_scene_and_continuum_alike(name: str) -
     exact = pp.critical_speed(pp.Continuum(pipe))
     bare = pp.critical_speed(pp.Continuum(replace(pipe, terms=())))
     assert abs(exact.speed - bare.speed) > 0.1
-    sizes = np.array([20, 40, 80])
+    sizes = np.array([12, 24, 48])
     found = [pp.critical_speed(md.chain(pipe, n)) for n in sizes.tolist()]
     errors = np.array([critical.speed - exact.speed for critical in found])
     order = -np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]

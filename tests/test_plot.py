@@ -103,6 +103,15 @@ def test_a_picture_of_little_or_nothing_is_drawn(draw):
     ax.figure.canvas.draw()
 
 
+def test_convergence_of_no_model_leaves_axes_that_have_no_positive_data_as_they_are():
+    ax = axes()
+    ax.plot([-1.0, 0.0], [-2.0, 0.0])
+    plot.convergence({"uniform": []}, CRITICAL, ax=ax)
+    ax.figure.canvas.draw()
+    assert ax.get_yscale() == ax.get_xscale() == "linear"
+    assert "No model" in ax.texts[0].get_text()
+
+
 def found(errors):
     return [
         dataclasses.replace(CRITICAL, speed=CRITICAL.speed * (1.0 + error), error=0.0, size=2**i)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Pictures beyond onset show what is stable, what is not, and where it changes."""
 
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,9 +14,6 @@ from pipedyn import plot
 from pipedyn.bifurcation.branches import CycleEvent
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
-DIAGRAM = pp.bifurcation_diagram(
-    TWO, [0.5, 3.5], cycles=0, brute_force=2, transient=20.0, duration=5.0
-)
 SPEEDS = np.linspace(2.0, 3.0, 5)
 BRANCH = pp.CycleBranch(
     speeds=SPEEDS,
@@ -29,29 +27,37 @@ BRANCH = pp.CycleBranch(
 )
 
 
-@dataclass(frozen=True)
-class Circle:
-    stable: bool = True
-    u: float = 5.0
-    model: pp.Model = TWO
+TURN = np.linspace(0.0, 2.0 * np.pi, 101)
 
-    @property
-    def t(self):
-        return np.linspace(0.0, 0.2 * np.pi, 101)
 
-    @property
-    def q(self):
-        turn = np.linspace(0.0, 2.0 * np.pi, 101)
-        return 0.1 * np.stack([np.sin(turn), np.sin(turn)], axis=1)
+def circle(stable=True):
+    """A cycle on which both angles are 0.1 sin(10 t)."""
+    return pp.LimitCycle(
+        amplitude=0.1,
+        frequency=10.0,
+        period=0.2 * np.pi,
+        multipliers=np.array([1.0, 0.5j, -0.5j, -1.4]),
+        stable=stable,
+        t=0.1 * TURN,
+        q=0.1 * np.stack([np.sin(TURN)] * 2, axis=1),
+        qdot=np.stack([np.cos(TURN)] * 2, axis=1),
+        u=5.0,
+        model=TWO,
+        error=0.0,
+        multiplier_error=0.0,
+        residual=0.0,
+        symmetric=True,
+        phases=0,
+        evaluations=0,
+        method="written down",
+    )
 
-    @property
-    def qdot(self):
-        turn = np.linspace(0.0, 2.0 * np.pi, 101)
-        return np.stack([np.cos(turn), np.cos(turn)], axis=1)
 
-    @property
-    def multipliers(self):
-        return np.array([1.0, 0.5j, -0.5j, -1.4])
+@cache
+def diagram():
+    return pp.bifurcation_diagram(
+        TWO, [0.5, 3.5], cycles=0, brute_force=2, transient=20.0, duration=5.0
+    )
 
 
 def axes():
@@ -66,8 +72,8 @@ def rendered(ax):
 
 
 def test_stable_branches_are_solid_and_unstable_ones_dashed():
-    ax = rendered(plot.bifurcation_diagram(DIAGRAM, ax=axes()))
-    fold = DIAGRAM.equilibria[1].folds[0].speed
+    ax = rendered(plot.bifurcation_diagram(diagram(), ax=axes()))
+    fold = diagram().equilibria[1].folds[0].speed
     lines = [line for line in ax.lines if line.get_color() == plot.BLACK]
     solid = [line for line in lines if line.get_linestyle() == "-"]
     dashed = [line for line in lines if line.get_linestyle() == "--"]
@@ -82,27 +88,25 @@ def test_stable_branches_are_solid_and_unstable_ones_dashed():
         labels
     )
     marks = {tuple(line.get_xydata()[0]) for line in ax.lines if line.get_marker() == "<"}
-    assert marks == {(b.folds[0].speed, b.folds[0].tip[0]) for b in DIAGRAM.equilibria[1:]}
+    assert marks == {(b.folds[0].speed, b.folds[0].tip[0]) for b in diagram().equilibria[1:]}
 
 
 def test_a_coordinate_may_be_shown_in_place_of_the_free_end():
-    ax = rendered(plot.bifurcation_diagram(DIAGRAM, 1, ax=axes()))
+    ax = rendered(plot.bifurcation_diagram(diagram(), 1, ax=axes()))
     shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "None"])
-    assert shown.max() == pytest.approx(DIAGRAM.equilibria[1].q[:, 1].max())
+    assert shown.max() == pytest.approx(diagram().equilibria[1].q[:, 1].max())
     assert not [line for line in ax.lines if line.get_gid() == "motions"]
 
 
 def test_late_motions_are_dots():
-    ax = plot.bifurcation_diagram(DIAGRAM, ax=axes())
+    ax = plot.bifurcation_diagram(diagram(), ax=axes())
     (dots,) = [line for line in ax.lines if line.get_gid() == "motions"]
-    assert len(dots.get_xdata()) == sum(one.turnings.size for one in DIAGRAM.motions)
+    assert len(dots.get_xdata()) == sum(one.turnings.size for one in diagram().motions)
     assert set(dots.get_xdata()) <= {0.5, 3.5}
 
 
 def test_cycles_are_drawn_on_both_sides_with_their_events():
-    from dataclasses import replace
-
-    ax = rendered(plot.bifurcation_diagram(replace(DIAGRAM, cycles=(BRANCH,)), ax=axes()))
+    ax = rendered(plot.bifurcation_diagram(replace(diagram(), cycles=(BRANCH,)), ax=axes()))
     lines = [line for line in ax.lines if line.get_color() == plot.BLUE]
     assert sorted(line.get_linestyle() for line in lines) == ["-", "-", "--", "--"]
     doubling = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "^"]
@@ -110,10 +114,8 @@ def test_cycles_are_drawn_on_both_sides_with_their_events():
 
 
 def test_cycles_that_lean_are_drawn_with_their_mirror_images():
-    from dataclasses import replace
-
     leaning = replace(BRANCH, highest=0.15 * SPEEDS, mirrored=True)
-    ax = rendered(plot.bifurcation_diagram(replace(DIAGRAM, cycles=(leaning,)), ax=axes()))
+    ax = rendered(plot.bifurcation_diagram(replace(diagram(), cycles=(leaning,)), ax=axes()))
     lines = [line for line in ax.lines if line.get_color() == plot.BLUE]
     heights = {round(float(line.get_ydata()[0] / line.get_xdata()[0]), 6) for line in lines}
     assert heights == {0.15, -0.05, -0.15, 0.05}
@@ -122,7 +124,7 @@ def test_cycles_that_lean_are_drawn_with_their_mirror_images():
 
 
 def test_orbit_is_the_free_end_against_its_velocity():
-    ax = rendered(plot.orbit([Circle(), Circle(stable=False)], ax=axes()))
+    ax = rendered(plot.orbit([circle(), circle(stable=False)], ax=axes()))
     first, second = ax.lines
     x, velocity = first.get_xydata().T
     assert np.abs(x).max() == pytest.approx(np.sin(0.1), abs=1e-6)
@@ -132,7 +134,7 @@ def test_orbit_is_the_free_end_against_its_velocity():
 
 
 def test_multipliers_outside_the_unit_circle_are_crosses():
-    ax = rendered(plot.multipliers(Circle(), ax=axes()))
+    ax = rendered(plot.multipliers(circle(), ax=axes()))
     inside, outside = ax.collections
     np.testing.assert_allclose(sorted(inside.get_offsets()[:, 1]), [-0.5, 0.5])
     np.testing.assert_allclose(outside.get_offsets(), [[-1.4, 0.0]])
@@ -150,15 +152,15 @@ def test_multipliers_of_a_branch_are_coloured_by_speed():
     [
         (lambda: plot.bifurcation_diagram(3), TypeError, "diagram must be of type"),
         (
-            lambda: plot.bifurcation_diagram(DIAGRAM, 2),
+            lambda: plot.bifurcation_diagram(diagram(), 2),
             ValueError,
             "coordinate must be from 0 to 1",
         ),
-        (lambda: plot.bifurcation_diagram(DIAGRAM, ax=3), TypeError, "ax must be of type Axes"),
+        (lambda: plot.bifurcation_diagram(diagram(), ax=3), TypeError, "ax must be of type Axes"),
         (lambda: plot.orbit(3), TypeError, "cycles must be limit cycles, got 3"),
         (lambda: plot.orbit([]), ValueError, "cycles must hold at least one"),
         (lambda: plot.multipliers(None), TypeError, "cycles must be limit cycles, got None"),
-        (lambda: plot.multipliers(Circle(), ax=3), TypeError, "ax must be of type Axes"),
+        (lambda: plot.multipliers(circle(), ax=3), TypeError, "ax must be of type Axes"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(call, kind, message):

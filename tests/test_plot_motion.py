@@ -3,6 +3,7 @@
 
 import dataclasses
 import math
+from functools import cached_property
 
 import matplotlib
 import numpy as np
@@ -23,14 +24,6 @@ def bend(s):
 
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 6)
-CYCLE = pp.simulate(CHAIN, 6.0, 30.0, bend, samples=1201, rtol=1e-8)
-FINE = pp.simulate(CHAIN, 6.0, 30.0, bend, samples=12001, rtol=1e-8)
-DECAY = pp.simulate(CHAIN, 2.0, 10.0, bend, samples=4001)
-COARSE = pp.simulate(CHAIN, 6.0, 30.0, bend, samples=201)
-REST = pp.simulate(CHAIN, 1.0, 1.0, np.zeros(6), samples=11)
-REDUCED = pp.simulate(pp.Galerkin(pp.Pipe(0.2), 6), 6.5, 20.0, bend, samples=1601)
-SHORT = pp.simulate(CHAIN, 1.0, 1.0, bend, samples=2)
-MANY = pp.simulate_many(CHAIN, [5.5, 6.0], 5.0, bend, samples=401)
 PIPES = {
     "hanging": pp.Pipe(0.2, 10.0),
     "standing": pp.Pipe(0.2, -5.0),
@@ -38,6 +31,45 @@ PIPES = {
     "hanging, aspirating": pp.Pipe(0.2, 10.0, "aspirating", damping=0.02),
     "standing, aspirating": pp.Pipe(0.2, -5.0, "aspirating", damping=0.02),
 }
+
+
+class Motions:
+    """What the pictures show, each computed when it is first asked for."""
+
+    @cached_property
+    def cycle(self):
+        return pp.simulate(CHAIN, 6.0, 30.0, bend, samples=1201, rtol=1e-8)
+
+    @cached_property
+    def fine(self):
+        return pp.simulate(CHAIN, 6.0, 30.0, bend, samples=12001, rtol=1e-8)
+
+    @cached_property
+    def decay(self):
+        return pp.simulate(CHAIN, 2.0, 10.0, bend, samples=4001)
+
+    @cached_property
+    def coarse(self):
+        return pp.simulate(CHAIN, 6.0, 30.0, bend, samples=201)
+
+    @cached_property
+    def rest(self):
+        return pp.simulate(CHAIN, 1.0, 1.0, np.zeros(6), samples=11)
+
+    @cached_property
+    def reduced(self):
+        return pp.simulate(pp.Galerkin(pp.Pipe(0.2), 6), 6.5, 20.0, bend, samples=1601)
+
+    @cached_property
+    def short(self):
+        return pp.simulate(CHAIN, 1.0, 1.0, bend, samples=2)
+
+    @cached_property
+    def many(self):
+        return pp.simulate_many(CHAIN, [5.5, 6.0], 5.0, bend, samples=401)
+
+
+MOTIONS = Motions()
 
 
 def axes():
@@ -61,43 +93,100 @@ def by_gid(ax, gid):
     ("call", "message"),
     [
         (lambda ax: plot.snapshots(None), "motion must be of type Motion, got None"),
-        (lambda ax: plot.snapshots(MANY), "motion must be of type Motion, got Ensemble("),
-        (lambda ax: plot.snapshots(SHORT), "motion must have at least 3 samples, got 2"),
-        (lambda ax: plot.snapshots(COARSE), "motion must be sampled at least six times a cycle"),
-        (lambda ax: plot.snapshots(CYCLE, ax=3), "ax must be of type Axes, got 3"),
-        (lambda ax: plot.snapshots(CYCLE, 3.0), "span must be one-dimensional"),
-        (lambda ax: plot.snapshots(CYCLE, (1.0, 2.0, 3.0)), "span must have 2 entries, got 3"),
-        (lambda ax: plot.snapshots(CYCLE, (2.0, 1.0)), "span must be a start and a later end"),
-        (lambda ax: plot.snapshots(CYCLE, (0.0, 31.0)), "span must be a start and a later end"),
-        (lambda ax: plot.snapshots(CYCLE, (0.0, math.nan)), "span must be finite"),
-        (lambda ax: plot.snapshots(CYCLE, count=1), "count must be from 2 to 1000, got 1"),
-        (lambda ax: plot.snapshots(CYCLE, count=8.0), "count must be a whole number, got 8.0"),
+        (lambda ax: plot.snapshots(MOTIONS.many), "motion must be of type Motion, got Ensemble("),
+        (lambda ax: plot.snapshots(MOTIONS.short), "motion must have at least 3 samples, got 2"),
+        (
+            lambda ax: plot.snapshots(MOTIONS.coarse),
+            "motion must be sampled at least six times a cycle",
+        ),
+        (lambda ax: plot.snapshots(MOTIONS.cycle, ax=3), "ax must be of type Axes, got 3"),
+        (lambda ax: plot.snapshots(MOTIONS.cycle, 3.0), "span must be one-dimensional"),
+        (
+            lambda ax: plot.snapshots(MOTIONS.cycle, (1.0, 2.0, 3.0)),
+            "span must have 2 entries, got 3",
+        ),
+        (
+            lambda ax: plot.snapshots(MOTIONS.cycle, (2.0, 1.0)),
+            "span must be a start and a later end",
+        ),
+        (
+            lambda ax: plot.snapshots(MOTIONS.cycle, (0.0, 31.0)),
+            "span must be a start and a later end",
+        ),
+        (lambda ax: plot.snapshots(MOTIONS.cycle, (0.0, math.nan)), "span must be finite"),
+        (lambda ax: plot.snapshots(MOTIONS.cycle, count=1), "count must be from 2 to 1000, got 1"),
+        (
+            lambda ax: plot.snapshots(MOTIONS.cycle, count=8.0),
+            "count must be a whole number, got 8.0",
+        ),
         (lambda ax: plot.time_history(None), "motions must be a Motion, several of them or an En"),
         (lambda ax: plot.time_history("abc"), "motions must be a Motion, several of them or an E"),
         (lambda ax: plot.time_history([]), "motions must hold at least one, got none"),
-        (lambda ax: plot.time_history([CYCLE, 3]), "motions[1] must be of type Motion, got 3"),
-        (lambda ax: plot.time_history([CYCLE, SHORT]), "motions[1] must have at least 3 samples"),
-        (lambda ax: plot.time_history(COARSE), "motions must be sampled at least six times a cy"),
-        (lambda ax: plot.time_history(CYCLE, [ax]), "ax must be of type Axes, got [<Axes"),
+        (
+            lambda ax: plot.time_history([MOTIONS.cycle, 3]),
+            "motions[1] must be of type Motion, got 3",
+        ),
+        (
+            lambda ax: plot.time_history([MOTIONS.cycle, MOTIONS.short]),
+            "motions[1] must have at least 3 samples",
+        ),
+        (
+            lambda ax: plot.time_history(MOTIONS.coarse),
+            "motions must be sampled at least six times a cy",
+        ),
+        (lambda ax: plot.time_history(MOTIONS.cycle, [ax]), "ax must be of type Axes, got [<Axes"),
         (lambda ax: plot.phase_portrait(3), "motions must be a Motion, several of them or an"),
-        (lambda ax: plot.phase_portrait([CYCLE, COARSE]), "motions[1] must be sampled at least s"),
-        (lambda ax: plot.phase_portrait(CYCLE, "top"), "coordinate must be one of 'tip', got 'top"),
-        (lambda ax: plot.phase_portrait(CYCLE, 6), "coordinate must be from 0 to 5, got 6"),
-        (lambda ax: plot.phase_portrait(CYCLE, 1.0), "coordinate must be a whole number, got 1.0"),
-        (lambda ax: plot.phase_portrait(CYCLE, "tip", 3), "ax must be of type Axes, got 3"),
-        (lambda ax: plot.animate([CYCLE]), "motion must be of type Motion"),
-        (lambda ax: plot.animate(COARSE), "motion must be sampled at least six times a cycle"),
-        (lambda ax: plot.animate(CYCLE, 3), "path must be a path of a file, got 3"),
-        (lambda ax: plot.animate(CYCLE, "pipe.mp4"), "path must end with .gif and lie in a folder"),
-        (lambda ax: plot.animate(CYCLE, "none/pipe.gif"), "path must end with .gif and lie in a"),
-        (lambda ax: plot.animate(CYCLE, fps=60), "fps must lie in [1, 50], got 60"),
-        (lambda ax: plot.animate(CYCLE, fps=math.nan), "fps must lie in [1, 50], got nan"),
-        (lambda ax: plot.animate(CYCLE, speed=0.0), "speed must be finite and > 0, got 0.0"),
-        (lambda ax: plot.animate(CYCLE, speed=5.0), "speed must leave at least 8 frames to a cy"),
-        (lambda ax: plot.animate(CYCLE, span=(0, 30), speed=5.0), "speed must leave at least 8 fr"),
-        (lambda ax: plot.animate(CYCLE, speed=1e-9), "span, fps and speed must ask for at most"),
-        (lambda ax: plot.animate(REST, speed=10.0, fps=1), "speed must leave at least 2 frames"),
-        (lambda ax: plot.animate(CYCLE, ax=ax.figure), "ax must be of type Axes"),
+        (
+            lambda ax: plot.phase_portrait([MOTIONS.cycle, MOTIONS.coarse]),
+            "motions[1] must be sampled at least s",
+        ),
+        (
+            lambda ax: plot.phase_portrait(MOTIONS.cycle, "top"),
+            "coordinate must be one of 'tip', got 'top",
+        ),
+        (lambda ax: plot.phase_portrait(MOTIONS.cycle, 6), "coordinate must be from 0 to 5, got 6"),
+        (
+            lambda ax: plot.phase_portrait(MOTIONS.cycle, 1.0),
+            "coordinate must be a whole number, got 1.0",
+        ),
+        (lambda ax: plot.phase_portrait(MOTIONS.cycle, "tip", 3), "ax must be of type Axes, got 3"),
+        (lambda ax: plot.animate([MOTIONS.cycle]), "motion must be of type Motion"),
+        (
+            lambda ax: plot.animate(MOTIONS.coarse),
+            "motion must be sampled at least six times a cycle",
+        ),
+        (lambda ax: plot.animate(MOTIONS.cycle, 3), "path must be a path of a file, got 3"),
+        (
+            lambda ax: plot.animate(MOTIONS.cycle, "pipe.mp4"),
+            "path must end with .gif and lie in a folder",
+        ),
+        (
+            lambda ax: plot.animate(MOTIONS.cycle, "none/pipe.gif"),
+            "path must end with .gif and lie in a",
+        ),
+        (lambda ax: plot.animate(MOTIONS.cycle, fps=60), "fps must lie in [1, 50], got 60"),
+        (lambda ax: plot.animate(MOTIONS.cycle, fps=math.nan), "fps must lie in [1, 50], got nan"),
+        (
+            lambda ax: plot.animate(MOTIONS.cycle, speed=0.0),
+            "speed must be finite and > 0, got 0.0",
+        ),
+        (
+            lambda ax: plot.animate(MOTIONS.cycle, speed=5.0),
+            "speed must leave at least 8 frames to a cy",
+        ),
+        (
+            lambda ax: plot.animate(MOTIONS.cycle, span=(0, 30), speed=5.0),
+            "speed must leave at least 8 fr",
+        ),
+        (
+            lambda ax: plot.animate(MOTIONS.cycle, speed=1e-9),
+            "span, fps and speed must ask for at most",
+        ),
+        (
+            lambda ax: plot.animate(MOTIONS.rest, speed=10.0, fps=1),
+            "speed must leave at least 2 frames",
+        ),
+        (lambda ax: plot.animate(MOTIONS.cycle, ax=ax.figure), "ax must be of type Axes"),
     ],
 )
 def test_a_picture_of_motion_refuses_what_it_cannot_show_by_name(call, message):
@@ -107,9 +196,9 @@ def test_a_picture_of_motion_refuses_what_it_cannot_show_by_name(call, message):
 
 
 def test_samples_once_a_cycle_are_no_pipe_at_rest():
-    start, end = last_cycle(FINE)
-    state = coordinates_at(FINE, np.array([start]))[0]
-    rates = (coordinates_at(FINE, np.array([start + 1e-4]))[0] - state) / 1e-4
+    start, end = last_cycle(MOTIONS.fine)
+    state = coordinates_at(MOTIONS.fine, np.array([start]))[0]
+    rates = (coordinates_at(MOTIONS.fine, np.array([start + 1e-4]))[0] - state) / 1e-4
     motion = pp.simulate(CHAIN, 6.0, 10 * (end - start), state, rates, samples=11, rtol=1e-8)
     assert np.ptp(motion.tip[:, 0]) < 0.01
     for draw in plot.time_history, plot.phase_portrait:
@@ -125,7 +214,10 @@ def test_the_tip_moves_as_its_velocity_says():
         moved = model.tips(q + step * qdot) - model.tips(q - step * qdot)
         np.testing.assert_allclose(model.tip_velocities(q, qdot), moved / (2 * step), atol=2e-8)
     np.testing.assert_allclose(
-        CYCLE.tip_velocity, CHAIN.tip_velocities(CYCLE.q.T, CYCLE.qdot.T), rtol=0, atol=0
+        MOTIONS.cycle.tip_velocity,
+        CHAIN.tip_velocities(MOTIONS.cycle.q.T, MOTIONS.cycle.qdot.T),
+        rtol=0,
+        atol=0,
     )
 
 
@@ -147,19 +239,23 @@ def test_the_velocity_of_the_tip_refuses_what_is_no_state(model, q, qdot, messag
 
 
 def test_between_samples_lies_the_motion_itself():
-    tip = tip_of(CYCLE)
-    np.testing.assert_allclose(tip(FINE.t), FINE.tip, atol=5e-4)
-    np.testing.assert_allclose(coordinates_at(CYCLE, FINE.t), FINE.q, atol=3e-3)
-    np.testing.assert_array_equal(coordinates_at(CYCLE, CYCLE.t[100:200]), CYCLE.q[100:200])
+    tip = tip_of(MOTIONS.cycle)
+    np.testing.assert_allclose(tip(MOTIONS.fine.t), MOTIONS.fine.tip, atol=5e-4)
+    np.testing.assert_allclose(
+        coordinates_at(MOTIONS.cycle, MOTIONS.fine.t), MOTIONS.fine.q, atol=3e-3
+    )
+    np.testing.assert_array_equal(
+        coordinates_at(MOTIONS.cycle, MOTIONS.cycle.t[100:200]), MOTIONS.cycle.q[100:200]
+    )
 
 
 def test_the_last_cycle_is_a_period_of_the_settled_motion():
-    start, end = last_cycle(CYCLE)
-    x = FINE.tip[:, 0]
-    middles = FINE.t[1:][(x[:-1] < 0.0) & (x[1:] >= 0.0)]
+    start, end = last_cycle(MOTIONS.cycle)
+    x = MOTIONS.fine.tip[:, 0]
+    middles = MOTIONS.fine.t[1:][(x[:-1] < 0.0) & (x[1:] >= 0.0)]
     assert end - start == pytest.approx(np.diff(middles[-10:]).mean(), rel=1e-3)
     assert 30.0 - end < end - start
-    assert last_cycle(REST) is None
+    assert last_cycle(MOTIONS.rest) is None
 
 
 def test_a_cycle_with_three_crossings_is_shown_whole():
@@ -203,7 +299,7 @@ def test_gravity_points_down_the_page_and_the_arrow_along_the_flow(name):
 
 
 def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
-    ax = plot.snapshots(DECAY, (2.0, 4.0), 5, axes())
+    ax = plot.snapshots(MOTIONS.decay, (2.0, 4.0), 5, axes())
     (shapes,) = (c for c in ax.collections if isinstance(c, LineCollection))
     ax.figure.canvas.draw()
     np.testing.assert_allclose(shapes.get_array(), [2.0, 2.5, 3.0, 3.5, 4.0])
@@ -211,28 +307,26 @@ def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
     assert np.all(np.diff(grey) < -0.05)
     assert grey[0] < 0.9
     for t, line in zip(shapes.get_array(), shapes.get_segments(), strict=True):
-        i = int(np.argmin(np.abs(DECAY.t - t)))
+        i = int(np.argmin(np.abs(MOTIONS.decay.t - t)))
         s = np.linspace(0.0, 1.0, len(line))
-        np.testing.assert_allclose(line, CHAIN.shape(DECAY.q[i], s), atol=1e-12)
+        np.testing.assert_allclose(line, CHAIN.shape(MOTIONS.decay.q[i], s), atol=1e-12)
     bar = plot.colour_bar(plot.TIME_LABEL, ax)
     assert ax.figure.axes == [ax, bar]
 
 
 def test_a_cycle_without_count_or_span_is_shown_to_its_end():
-    start, end = last_cycle(CYCLE)
-    (shapes,) = plot.snapshots(CYCLE, ax=axes()).collections
+    start, end = last_cycle(MOTIONS.cycle)
+    (shapes,) = plot.snapshots(MOTIONS.cycle, ax=axes()).collections
     np.testing.assert_allclose(shapes.get_array(), np.linspace(start, end, 17)[1:])
-    (shapes,) = plot.snapshots(REST, ax=axes()).collections
+    (shapes,) = plot.snapshots(MOTIONS.rest, ax=axes()).collections
     np.testing.assert_allclose(shapes.get_array(), np.linspace(0.0, 1.0, 16))
 
 
-@pytest.mark.parametrize(
-    "motion", [CYCLE, DECAY, REST, REDUCED], ids=["cycle", "decay", "rest", "reduced"]
-)
+@pytest.mark.parametrize("name", ["cycle", "decay", "rest", "reduced"])
 @pytest.mark.parametrize("draw", [plot.snapshots, plot.time_history, plot.phase_portrait])
-def test_nothing_of_a_picture_of_motion_is_cut_off(draw, motion):
+def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
     with plot.style():
-        ax = draw(motion, ax=axes())
+        ax = draw(getattr(MOTIONS, name), ax=axes())
         ax.figure.canvas.draw()
     whole, inside = ax.figure.bbox, ax.get_window_extent()
     for text in ax.title, ax.xaxis.label, ax.yaxis.label:
@@ -247,22 +341,22 @@ def test_nothing_of_a_picture_of_motion_is_cut_off(draw, motion):
 
 
 def test_histories_and_portraits_show_every_motion_under_its_speed():
-    ax = plot.time_history(MANY, axes())
+    ax = plot.time_history(MOTIONS.many, axes())
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["$u = 5.5$", "$u = 6$"]
     curves = [line for line in ax.lines if line.get_label().startswith("$u")]
-    for curve, motion in zip(curves, MANY.motions, strict=True):
+    for curve, motion in zip(curves, MOTIONS.many.motions, strict=True):
         shown = np.interp(motion.t, *curve.get_data())
         np.testing.assert_allclose(shown, motion.tip[:, 0], atol=1e-12)
     assert curves[0].get_linestyle() != curves[1].get_linestyle()
-    ax = plot.time_history([CYCLE, FINE], axes())
+    ax = plot.time_history([MOTIONS.cycle, MOTIONS.fine], axes())
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
 
 
 def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
-    ax = plot.phase_portrait(DECAY, 2, axes())
+    ax = plot.phase_portrait(MOTIONS.decay, 2, axes())
     shown = np.concatenate([np.column_stack(line.get_data()) for line in ax.lines[:3]])
-    states = np.column_stack([DECAY.q[:, 2], DECAY.qdot[:, 2]])
+    states = np.column_stack([MOTIONS.decay.q[:, 2], MOTIONS.decay.qdot[:, 2]])
     begin = np.abs(shown[:, None] - states[None, ::400]).max(axis=-1).min(axis=0)
     assert begin.max() < 1e-3
     assert "q_{2}" in ax.get_xlabel()
@@ -271,7 +365,7 @@ def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
 def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     path = tmp_path / "pipe.gif"
     ax = small_axes()
-    animation = plot.animate(CYCLE, path, fps=10, span=(20.0, 20.5), speed=0.5, ax=ax)
+    animation = plot.animate(MOTIONS.cycle, path, fps=10, span=(20.0, 20.5), speed=0.5, ax=ax)
     assert isinstance(animation, FuncAnimation)
     with Image.open(path) as image:
         assert image.format == "GIF"
@@ -280,14 +374,14 @@ def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     (pipe,) = by_gid(ax, "pipe")
     animation._draw_frame(9)
     s = np.linspace(0.0, 1.0, pipe.get_xdata().size)
-    shape = CHAIN.shape(coordinates_at(CYCLE, np.array([20.5]))[0], s)
+    shape = CHAIN.shape(coordinates_at(MOTIONS.cycle, np.array([20.5]))[0], s)
     np.testing.assert_allclose(np.column_stack(pipe.get_data()), shape, atol=1e-12)
     (trace,) = by_gid(ax, "trace")
     np.testing.assert_allclose(np.column_stack(trace.get_data())[-1], shape[-1], atol=1e-12)
 
 
 def test_an_animation_of_a_cycle_closes_and_shows_in_a_notebook():
-    animation = plot.animate(CYCLE, fps=4)
+    animation = plot.animate(MOTIONS.cycle, fps=4)
     page = animation.to_jshtml()
     assert page.count("data:image/png;base64") == 10  # 2.5 seconds
     (ax,) = animation._fig.axes
@@ -304,7 +398,7 @@ def test_pictures_of_motion_make_their_own_axes_and_leave_the_settings_alone():
     before = dict(matplotlib.rcParams)
     try:
         for draw in plot.snapshots, plot.time_history, plot.phase_portrait:
-            ax = draw(CYCLE)
+            ax = draw(MOTIONS.cycle)
             assert ax.figure.number in plt.get_fignums()
     finally:
         plt.close("all")
@@ -314,7 +408,7 @@ def test_pictures_of_motion_make_their_own_axes_and_leave_the_settings_alone():
 def test_the_reduced_model_is_animated_like_the_chain(tmp_path):
     path = tmp_path / "reduced.gif"
     ax = small_axes()
-    plot.animate(REDUCED, path, fps=4, ax=ax)
+    plot.animate(MOTIONS.reduced, path, fps=4, ax=ax)
     with Image.open(path) as image:
         assert image.n_frames == 10
     (pipe,) = by_gid(ax, "pipe")
@@ -324,7 +418,10 @@ def test_the_reduced_model_is_animated_like_the_chain(tmp_path):
 
 def test_a_motion_that_stopped_is_shown_as_far_as_it_went():
     part = dataclasses.replace(
-        CYCLE, **{name: getattr(CYCLE, name)[:301] for name in ("t", "q", "qdot", "tip", "energy")}
+        MOTIONS.cycle,
+        **{
+            name: getattr(MOTIONS.cycle, name)[:301] for name in ("t", "q", "qdot", "tip", "energy")
+        },
     )
     ax = plot.time_history(part, axes())
     assert ax.get_xlim() == pytest.approx((0.0, 7.5))

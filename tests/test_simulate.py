@@ -3,15 +3,15 @@
 
 import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.special import ellipk
 
 import pipedyn as pp
-from pipedyn.motion.integrator import Watched
+from pipedyn.motion.integrator import Watched, choose_method, highest_frequency
 from pipedyn.motion.simulate import checked_task
-from pipedyn.motion.stiffness import choose_method, highest_frequency
 
 PIPE = pp.Pipe(0.2)
 DAMPED = pp.Pipe(0.2, gamma=5.0, drag=0.5, damping=2e-3)
@@ -43,6 +43,12 @@ def test_every_method_tends_to_one_motion_and_its_audit_to_nothing(method):
     assert found.evaluations > 50
 
 
+@cache
+def sharply_solved(pipe):
+    chain = pp.Chain(pipe, 5)
+    return chain, pp.simulate(chain, 6.0, 1.0, bow, rtol=1e-13, samples=21).q
+
+
 @pytest.mark.parametrize(
     ("pipe", "method", "least"),
     [
@@ -55,8 +61,7 @@ def test_every_method_tends_to_one_motion_and_its_audit_to_nothing(method):
     ids=str,
 )
 def test_a_sharper_tolerance_gives_a_proportionally_better_answer(pipe, method, least):
-    chain = pp.Chain(pipe, 5)
-    exact = pp.simulate(chain, 6.0, 1.0, bow, rtol=1e-13, samples=21).q
+    chain, exact = sharply_solved(pipe)
     tolerances = np.logspace(-4, -9, 6)
     errors = [
         np.abs(
@@ -140,7 +145,7 @@ FEEDING = pp.Chain(pp.Pipe(0.5, flow="aspirating"), 2)  # far above onset, with 
 
 
 def test_a_motion_that_cannot_go_on_carries_what_there_is():
-    with pytest.raises(pp.MotionStopped, match="shrank to nothing") as caught:
+    with pytest.raises(pp.MotionStopped, match="step size tends to 0") as caught:
         pp.simulate(FEEDING, 5.0, 100.0, bow, samples=1001)
     motion = caught.value.motion
     assert 0.5 < motion.t[-1] < 2.0
@@ -170,7 +175,7 @@ def test_a_motion_of_jacobians_that_comes_nowhere_is_stopped():
     for _ in range(2500):
         watched.jacobian(0.0, task.start)
         watched.rates(0.0, task.start)
-    assert "shrank to nothing" in str(watched.interruption)
+    assert "step size tends to 0" in str(watched.interruption)
     assert watched.calls < 1500
 
 
@@ -386,7 +391,7 @@ def test_chain_and_reduced_model_tend_to_one_motion(scene):
     pipe, u, basis = SCENES[scene]
     reference = tips(pp.Galerkin(pipe, 12, basis), u)
     assert np.ptp(reference[:, 0]) > 0.2  # large: the angle reaches 0.6 and more
-    chains = np.array([np.abs(tips(pp.Chain(pipe, n), u) - reference).max() for n in (8, 16, 32)])
+    chains = np.array([np.abs(tips(pp.Chain(pipe, n), u) - reference).max() for n in (6, 12, 24)])
     orders = np.log2(chains[:-1] / chains[1:])
     assert orders == pytest.approx(2.0, abs=0.35)
     assert chains[-1] < 6e-3
@@ -427,13 +432,12 @@ def test_drag_bounds_the_aspirating_pipe_that_any_flow_sets_in_motion():
     # Undamped, every mode grows from the smallest flow on; drag's power grows like the cube of the
     # amplitude, the flow's like its square.
     u, width = 0.3, {}
-    assert pp.eigenvalues(pp.Chain(pp.Pipe(0.2, flow="aspirating"), 5), u).real.max() > 0.0
-    free = pp.simulate(
-        pp.Chain(pp.Pipe(0.2, flow="aspirating"), 5), u, 12.0, lambda s: 1e-3 * s, samples=601
-    )
+    plain = pp.Chain(pp.Pipe(0.2, flow="aspirating"), 4)
+    assert pp.eigenvalues(plain, u).real.max() > 0.0
+    free = pp.simulate(plain, u, 12.0, lambda s: 1e-3 * s, samples=601)
     assert np.ptp(free.tip[-100:, 0]) > 5.0 * np.ptp(free.tip[:100, 0])
     for drag in (3.0, 10.0):
-        chain = pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=drag), 5)
+        chain = pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=drag), 4)
         motion = pp.simulate(chain, u, 100.0, lambda s: 2e-2 * s, samples=2001, rtol=1e-5)
         parts = [np.ptp(part[:, 0]) for part in np.array_split(motion.tip, 8)]
         assert parts[-1] == pytest.approx(parts[-2], rel=0.02)

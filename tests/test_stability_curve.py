@@ -97,7 +97,6 @@ def test_a_process_pool_takes_a_lambda_and_keeps_failures():
     [
         pp.Chain(pp.Pipe(0.2), 6),
         pp.Chain(pp.Pipe(0.2), springs=[3.0, 4.0, 5.0]),
-        pp.Chain(pp.Pipe(0.2), 70),
         pp.Galerkin(pp.Pipe(0.2), 6),
         pp.Galerkin(pp.Pipe(0.2), 6, "legendre"),
         pp.Continuum(pp.Pipe(0.2)),

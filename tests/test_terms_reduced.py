@@ -27,7 +27,7 @@ EIGHTH_ORDER = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 /
 SECOND_DERIVATIVE = (-1 / 560, 8 / 315, -1 / 5, 8 / 5)
 
 SPRUNG = (pp.Spring(0.6, 50.0),)
-LADEN = (pp.PointMass(0.35, 0.4),)
+LOADED = (pp.PointMass(0.35, 0.4),)
 ALL = (pp.PointMass(0.25, 0.4), pp.Spring(0.6, 50.0), pp.PointMass(1.0, 0.2), pp.Spring(1.0, 3.0))
 PLACES = np.array([0.25, 0.6, 1.0])
 MASSES, STIFFNESSES = np.array([0.4, 0.0, 0.2]), np.array([0.0, 50.0, 3.0])
@@ -251,7 +251,7 @@ def test_eigenvalues_are_roots_of_the_exponentials_determinant(beta, u, terms, d
             assert abs(value - complex(exact)) < 1e-9 * abs(value)
 
 
-@pytest.mark.parametrize("terms", [SPRUNG, LADEN, ALL], ids=["spring", "mass", "all"])
+@pytest.mark.parametrize("terms", [SPRUNG, LOADED, ALL], ids=["spring", "mass", "all"])
 def test_critical_speed_is_a_root_of_the_exponentials_determinant(terms):
     found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, terms=terms)))
     assert found.kind == "flutter"
@@ -327,11 +327,11 @@ def test_a_hung_mass_pulls_on_what_is_above_it(basis):
     at = 0.7
     pipe = pp.Pipe(0.2, gamma=-1.0)
     m = 60 if basis == "beam" else 24
-    laden = pp.Galerkin(replace(pipe, terms=[pp.PointMass(at, 1.0)]), m, basis)
+    loaded = pp.Galerkin(replace(pipe, terms=[pp.PointMass(at, 1.0)]), m, basis)
     # A spring of nothing makes the panels of the two models the same.
     plain = pp.Galerkin(replace(pipe, terms=[pp.Spring(at, 0.0)]), m, basis)
-    weight = plain.operators().stiffness - laden.operators().stiffness
-    elastic = np.diag(laden.elastic_scale**-2)
+    weight = plain.operators().stiffness - loaded.operators().stiffness
+    elastic = np.diag(loaded.elastic_scale**-2)
     least = 1.0 / eigh(weight, elastic, eigvals_only=True)[-1]
     assert least == pytest.approx((math.pi / 2.0 / at) ** 2, rel=1e-12 if m == 24 else 1e-3)
 
@@ -399,10 +399,10 @@ def test_beam_modes_converge_like_a_power():
 
 @pytest.mark.parametrize(
     ("terms", "damping"),
-    [(SPRUNG, 0.0), (LADEN, 0.01), (ALL, 0.0)],
+    [(SPRUNG, 0.0), (LOADED, 0.01), (ALL, 0.0)],
     ids=["spring", "mass", "all"],
 )
-def test_the_distance_to_the_laden_pipe_is_bounded_and_by_little(terms, damping):
+def test_the_distance_to_the_loaded_pipe_is_bounded_and_by_little(terms, damping):
     """Against the exponentials; an end mass leaves little but the solvers' own errors."""
     pipe = pp.Pipe(0.2, damping=damping, terms=terms)
     start = pp.critical_speed(pp.Continuum(pipe))
@@ -439,11 +439,11 @@ def test_sensitivities_are_differences(basis):
 
 def test_weak_damping_keeps_the_terms():
     """Crossings at beta = 1e-12 are extrapolated from stronger pipes, which must carry them."""
-    strong, faint = (
+    strong, weak = (
         pp.critical_speed(pp.Continuum(pp.Pipe(beta, terms=ALL))).speed for beta in (1e-7, 1e-12)
     )
-    assert faint == pytest.approx(strong, rel=1e-4)
-    assert abs(faint - pp.critical_speed(pp.Continuum(pp.Pipe(1e-12))).speed) > 0.1
+    assert weak == pytest.approx(strong, rel=1e-4)
+    assert abs(weak - pp.critical_speed(pp.Continuum(pp.Pipe(1e-12))).speed) > 0.1
 
 
 def test_many_terms_converge_within_their_error():
@@ -451,7 +451,7 @@ def test_many_terms_converge_within_their_error():
     terms += [pp.Spring(k / 10.0, 5.0 * k) for k in range(1, 11)]
     pipe = pp.Pipe(0.4, gamma=3.0, damping=1e-3, terms=terms)
     found = pp.critical_speed(pp.Continuum(pipe))
-    finer = pp.critical_speed(pp.Galerkin(pipe, 90, "legendre"))
+    finer = pp.critical_speed(pp.Galerkin(pipe, 70, "legendre"))
     assert abs(found.speed - finer.speed) <= found.error + finer.error
     assert found.error < 1e-8
 
@@ -516,7 +516,7 @@ def test_terms_at_one_place_add_up(basis):
 
 
 EVERYTHING = pp.Pipe(0.4, gamma=-7.0, flow="aspirating", alpha=0.7, drag=1.5, damping=0.01)
-LADEN_PIPE = replace(EVERYTHING, terms=ALL)
+LOADED_PIPE = replace(EVERYTHING, terms=ALL)
 
 
 @pytest.mark.parametrize("basis", BASES)
@@ -525,7 +525,7 @@ def test_a_term_of_nothing_leaves_the_plain_motion(pipe, basis):
     """Beam modes on several panels, Legendre on one."""
     at = (0.25, 0.6, 1.0) if basis == "beam" else (1.0,)
     nothing = [pp.PointMass(s, 1e-15) for s in at] + [pp.Spring(s, 1e-15) for s in at]
-    plain, laden = (pp.Galerkin(replace(pipe, terms=terms), 6, basis) for terms in ((), nothing))
+    plain, loaded = (pp.Galerkin(replace(pipe, terms=terms), 6, basis) for terms in ((), nothing))
     rng = np.random.default_rng(2)
     y = np.stack([state(plain, rng, angle) for angle in (0.2, 1.0, 2.5)], axis=1)
     u = np.array([0.0, 3.0, 6.0])
@@ -533,21 +533,21 @@ def test_a_term_of_nothing_leaves_the_plain_motion(pipe, basis):
     def close(found, expected, tolerance=1e-9):
         assert np.abs(found - expected).max() <= tolerance * np.abs(expected).max()
 
-    close(laden.rhs(0.0, y, u), plain.rhs(0.0, y, u), 1e-7)  # drag's kinks
-    close(laden.energy(y), plain.energy(y))
+    close(loaded.rhs(0.0, y, u), plain.rhs(0.0, y, u), 1e-7)  # drag's kinks
+    close(loaded.energy(y), plain.energy(y))
     for name in ("flow", "joints", "drag"):
-        found, expected = (getattr(one.power(y, u), name) for one in (laden, plain))
+        found, expected = (getattr(one.power(y, u), name) for one in (loaded, plain))
         np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-12)
     smooth = pp.Pipe(pipe.beta, gamma=pipe.gamma, damping=pipe.damping)
-    plain, laden = plain.with_pipe(smooth), laden.with_pipe(replace(smooth, terms=nothing))
-    close(laden.rhs(0.0, y, u), plain.rhs(0.0, y, u))
-    close(laden.jacobian(0.0, y[:, 2], 6.0), plain.jacobian(0.0, y[:, 2], 6.0))
+    plain, loaded = plain.with_pipe(smooth), loaded.with_pipe(replace(smooth, terms=nothing))
+    close(loaded.rhs(0.0, y, u), plain.rhs(0.0, y, u))
+    close(loaded.jacobian(0.0, y[:, 2], 6.0), plain.jacobian(0.0, y[:, 2], 6.0))
     for name in OPERATORS:
-        found, expected = (getattr(one.operators(y[:6, 2]), name) for one in (laden, plain))
+        found, expected = (getattr(one.operators(y[:6, 2]), name) for one in (loaded, plain))
         assert np.abs(found - expected).max() <= 1e-9 * max(1.0, np.abs(expected).max())
-    close(laden.tips(y[:6]), plain.tips(y[:6]))
-    close(laden.tip_velocities(y[:6], y[6:]), plain.tip_velocities(y[:6], y[6:]))
-    close(laden.bent(lambda s: s**2), plain.bent(lambda s: s**2))
+    close(loaded.tips(y[:6]), plain.tips(y[:6]))
+    close(loaded.tip_velocities(y[:6], y[6:]), plain.tip_velocities(y[:6], y[6:]))
+    close(loaded.bent(lambda s: s**2), plain.bent(lambda s: s**2))
 
 
 @pytest.mark.parametrize("basis", BASES)
@@ -561,10 +561,10 @@ def test_terms_load_the_pipe_as_newton_says(basis):
         terms = (pp.PointMass(1.0, 0.3), pp.Spring(1.0, 7.0))
         at, mass, stiffness = np.array([[1.0], [0.3], [7.0]])
     plain = pp.Galerkin(EVERYTHING, 5, basis)
-    laden = pp.Galerkin(replace(EVERYTHING, terms=terms), 5, basis)
+    loaded = pp.Galerkin(replace(EVERYTHING, terms=terms), 5, basis)
     y, u = state(plain, np.random.default_rng(3), 1.8), 4.0
     q, rate = y[:5], y[5:]
-    there = laden.rhs(0.0, y, u)[5:]
+    there = loaded.rhs(0.0, y, u)[5:]
     path = lambda t: plain.shape(q + rate * t + 0.5 * there * t**2, at)  # noqa: E731
     load = mass[:, None] * (second_derivative(path, 1e-3) - [0.0, EVERYTHING.gamma])
     load[:, 0] += stiffness * plain.shape(q, at)[:, 0]
@@ -622,7 +622,7 @@ def test_energy_is_that_of_the_shape_and_its_terms(basis):
     np.testing.assert_allclose(model.tip_velocities(q[:, None], rate[:, None])[0], velocity[-1])
 
 
-@pytest.mark.parametrize("pipe", [LADEN_PIPE, pp.Pipe(0.3, gamma=5.0, drag=0.8, terms=ALL)])
+@pytest.mark.parametrize("pipe", [LOADED_PIPE, pp.Pipe(0.3, gamma=5.0, drag=0.8, terms=ALL)])
 @pytest.mark.parametrize("basis", BASES)
 def test_power_is_the_energys_rate_with_everything_on(basis, pipe):
     rng = np.random.default_rng(6)
@@ -639,7 +639,7 @@ def test_power_is_the_energys_rate_with_everything_on(basis, pipe):
 @pytest.mark.parametrize("drag", [0.0, 1.5])
 @pytest.mark.parametrize("basis", BASES)
 def test_jacobian_is_the_derivative_of_rhs(basis, drag):
-    model = pp.Galerkin(replace(LADEN_PIPE, drag=drag), 6, basis)
+    model = pp.Galerkin(replace(LOADED_PIPE, drag=drag), 6, basis)
     y = state(model, np.random.default_rng(7), 2.0)
     scale = np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
     found = model.jacobian(0.0, y, 5.0) * scale
@@ -655,7 +655,7 @@ def test_jacobian_is_the_derivative_of_rhs(basis, drag):
 
 @pytest.mark.parametrize("basis", BASES)
 def test_small_motions_are_those_of_the_operators(basis):
-    model = pp.Galerkin(LADEN_PIPE, 6, basis)
+    model = pp.Galerkin(LOADED_PIPE, 6, basis)
     mass, damping, stiffness = model.operators().at(5.0)
     linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
     jacobian = model.jacobian(0.0, np.zeros(12), 5.0)
@@ -742,14 +742,14 @@ def test_simulated_motions_balance_their_energy_in_either_basis(damping):
     pipe = pp.Pipe(0.2, gamma=3.0, drag=0.5, damping=damping, terms=terms)
     angle = lambda s: 0.8 * np.sin(0.5 * math.pi * s)  # noqa: E731
     legendre, beam = (
-        pp.simulate(pp.Galerkin(pipe, m, basis), 4.0, 1.0, angle, samples=21, rtol=1e-7)
+        pp.simulate(pp.Galerkin(pipe, m, basis), 4.0, 0.5, angle, samples=11, rtol=1e-7)
         for m, basis in ((8, "legendre"), (8, "beam"))
     )
     assert legendre.audit < 1e-6
     assert beam.audit < 1e-6
     np.testing.assert_allclose(legendre.tip, beam.tip, atol=5e-3)
     speeds = [3.0, 4.0]
-    members = pp.simulate_many(legendre.model, speeds, 1.0, angle, samples=21, rtol=1e-7)
+    members = pp.simulate_many(legendre.model, speeds, 0.5, angle, samples=11, rtol=1e-7)
     np.testing.assert_allclose(members.motions[1].tip, legendre.tip, atol=1e-6)
 
 
@@ -781,11 +781,11 @@ def test_models_keep_show_and_pickle_their_terms():
             "m must be at least 3, the number of panels between terms, got 2",
         ),
         (
-            lambda: pp.Galerkin(LADEN_PIPE, 4).operators(np.zeros(5)),
+            lambda: pp.Galerkin(LOADED_PIPE, 4).operators(np.zeros(5)),
             "q must have 4 entries, got 5",
         ),
         (
-            lambda: pp.Galerkin(LADEN_PIPE, 4).rhs(0.0, np.zeros(7), 1.0),
+            lambda: pp.Galerkin(LOADED_PIPE, 4).rhs(0.0, np.zeros(7), 1.0),
             "y must have shape (8,) or (8, k), got (7,)",
         ),
     ],

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.accuracy.families import FAMILIES, resolving_size
+from pipedyn.accuracy.families import FAMILIES
 from pipedyn.accuracy.quantities import (
     CriticalSpeedOf,
     Frequencies,
@@ -24,7 +24,7 @@ from pipedyn.accuracy.quantities import (
     MotionOf,
     RootLociOver,
 )
-from pipedyn.accuracy.reference import onset_near, wave_number
+from pipedyn.accuracy.reference import onset_near, resolving_size
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import TookTooLong, counted, limited
 
@@ -54,9 +54,9 @@ def test_the_reference_of_a_critical_speed_is_a_root_of_the_determinant():
     rng = np.random.default_rng(3)
     for beta in rng.uniform(0.02, 0.98, 4):
         reference = CriticalSpeedOf().reference(pp.Pipe(beta), 1e-10)
-        onset = reference.answer.onset
-        speed, _ = determinant_crossing(beta, onset.speed, onset.frequency, digits=35)
-        assert abs(onset.speed / speed - 1.0) <= reference.error <= 1e-9
+        near = pp.critical_speed(pp.Galerkin(pp.Pipe(beta), 12, "legendre"))
+        speed, _ = determinant_crossing(beta, near.speed, near.frequency, digits=35)
+        assert abs(reference.answer.values[0] / speed - 1.0) <= reference.error <= 1e-9
     reference = CriticalSpeedOf().reference(PIPE, 1e-10)
     assert abs(reference.answer.values[0] / EXACT - 1.0) <= reference.error
 
@@ -101,9 +101,9 @@ def test_linear_references_bound_their_own_error(pipe, tolerance):
 )
 def test_nonlinear_references_bound_their_own_error(pipe, quantity, larger):
     """Against more functions than the reference has, solved ten times as sharply."""
-    asked = quantity.sharpened(1e-3).prepared(pipe)
+    asked = quantity.solved_for(1e-3).prepared(pipe)
     reference = asked.reference(pipe, 1e-4)
-    sharp = asked.sharpened(1e-6).answer(pp.Galerkin(pipe, larger, "legendre"))
+    sharp = asked.solved_for(1e-6).answer(pp.Galerkin(pipe, larger, "legendre"))
     assert reference.error <= 1e-4
     assert asked.distance(reference.answer, sharp) <= reference.error
 
@@ -297,7 +297,6 @@ def test_a_followed_onset_that_is_lost_is_none():
 
 
 def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
-    wave = wave_number(PIPE, EXACT, 13.7j)
     sizes = range(2, 60)
     errors = [
         abs(onset.speed / EXACT - 1.0) if onset else math.inf
@@ -305,7 +304,7 @@ def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
     ]
     for tolerance in (1e-2, 2e-3):
         least = 1 + max(n for n, error in zip(sizes, errors, strict=True) if error > tolerance)
-        assert 1.0 / 1.6 <= resolving_size(wave, tolerance) / least <= 1.6
+        assert 1.0 / 1.6 <= resolving_size(PIPE, EXACT, 13.7j, tolerance) / least <= 1.6
 
 
 # ------------------------------------------------------------------------------ how it is shown
@@ -313,7 +312,7 @@ def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
 
 def test_the_table_says_what_the_rows_do(critical):
     text, page = str(critical), critical._repr_html_()
-    assert "reference: search with 16 Legendre functions" in text
+    assert "reference: Continuum, 24 Legendre functions" in text
     assert text.count("\n") == len(critical.rows) + 2
     assert page.count("<tr>") == len(critical.rows) + 1
     rows = list(csv.DictReader(io.StringIO(critical.to_csv())))
@@ -470,7 +469,7 @@ def test_a_reference_of_which_nothing_is_known_in_time_is_refused(monkeypatch):
 def test_a_reference_that_no_larger_model_confirms_is_refused():
     """At u = 50 the pipe coils at once, and 20 functions do not follow."""
     with pytest.raises(pp.NotConverged, match=r"not known: Galerkin, 20 .* moved it by"):
-        pp.trade(pp.Pipe(0.2), "motion", u=50.0, duration=0.1, rtol=1e-3)
+        pp.trade(pp.Pipe(0.2), "motion", u=50.0, duration=0.06, rtol=1e-3)
 
 
 @pytest.mark.parametrize("method", ["dop853", "lsoda"])

@@ -16,14 +16,16 @@ using WritableSlab = Eigen::Ref<Matrix, 0, Eigen::OuterStride<>>;
 /// out = a b; out overlaps neither.
 void multiply(WritableSlab out, const Slab& a, const Slab& b);
 
-/// out = a b, of a only the upper triangle; out overlaps neither.
-void multiply_upper(WritableSlab out, const Matrix& a, const Matrix& b);
+void multiply(Vector& out, const Matrix& a, const Eigen::Ref<const Vector>& b);
+
+/// out = a b, row-major, of a only the upper triangle; out overlaps neither.
+void multiply_upper(double* out, const Matrix& a, const Matrix& b);
 
 /// out += factor a^T b; out overlaps neither.
 void add_inner(WritableSlab out, double factor, const Slab& a, const Slab& b);
 
 /// a^T diag(weight) b: of functions at a rule's nodes, one a column, the integrals of products.
-Matrix inner(const Slab& a, const Vector& weight, const Slab& b);
+Matrix inner(const Slab& a, const Eigen::Ref<const Vector>& weight, const Slab& b);
 
 using Cholesky = Eigen::LLT<Matrix>;
 

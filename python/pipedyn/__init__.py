@@ -9,7 +9,6 @@ from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
 from pipedyn.bifurcation.branches import CycleBranch
 from pipedyn.bifurcation.brute_force import Attractor
-from pipedyn.bifurcation.criticality import CriticalityCurve, criticality_curve
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
 from pipedyn.bifurcation.equilibria import Equilibria, equilibria
@@ -19,7 +18,7 @@ from pipedyn.bifurcation.equilibrium_branch import (
     equilibrium_branch,
 )
 from pipedyn.bifurcation.events import CycleEvent
-from pipedyn.bifurcation.hopf import Hopf, hopf
+from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, criticality_curve, hopf
 from pipedyn.bifurcation.limit_cycle import limit_cycle
 from pipedyn.bifurcation.normal_form import NoHopf
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
@@ -34,9 +33,15 @@ from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
 from pipedyn.models.terms import Damper, Foundation, PointMass, Spring, Term
-from pipedyn.motion.ensemble import Ensemble, MemberFailure, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
-from pipedyn.motion.simulate import Motion, MotionStopped, simulate
+from pipedyn.motion.simulate import (
+    Ensemble,
+    MemberFailure,
+    Motion,
+    MotionStopped,
+    simulate,
+    simulate_many,
+)
 
 __version__ = "0.1.0"
 

@@ -21,28 +21,22 @@ struct Share {
   double at, mass, pull, by_x, by_angle, by_velocity;
 };
 
-/// Adds the term's shares at its place or, in their weights, at all the nodes given.
-void add_shares(const Term& term, const Vector& nodes, const Vector& weights,
-                std::vector<Share>& shares) {
-  Laws::with(term, [&]<class Law>(const Law& law) {
-    const auto share = [&](double s, double weight) {
-      const Station<double> straight{0.0, s, 0.0, 1.0, 0.0, 0.0, 0.0};
-      const Slopes slopes = law.slopes(straight);
-      shares.push_back({s, weight * law.mass(), weight * law.load(straight).y,
-                        weight * slopes.by_position[0][0], weight * slopes.by_angle[0],
-                        weight * slopes.by_velocity[0][0]});
-    };
-    if (!Law::along) {
-      share(term.at, 1.0);
-    } else {
-      for (Index p = 0; p < nodes.size(); ++p) share(nodes[p], weights[p]);
-    }
-  });
-}
-
+/// The terms' shares, at their places or, in their weights, at all the nodes given.
 std::vector<Share> shares_of(const Terms& terms, const Vector& nodes, const Vector& weights) {
   std::vector<Share> shares;
-  for (const Term& term : terms) add_shares(term, nodes, weights, shares);
+  for (const Term& term : terms) {
+    Laws::with(term, [&]<class Law>(const Law& law) {
+      const auto share = [&](double s, double weight) {
+        const Station<double> straight{0.0, s, 0.0, 1.0, 0.0, 0.0, 0.0};
+        const Slopes slopes = law.slopes(straight);
+        shares.push_back({s, weight * law.mass(), weight * law.load(straight).y,
+                          weight * slopes.by_position[0][0], weight * slopes.by_angle[0],
+                          weight * slopes.by_velocity[0][0]});
+      };
+      if (!Law::along) share(term.at, 1.0);
+      for (Index p = 0; Law::along && p < nodes.size(); ++p) share(nodes[p], weights[p]);
+    });
+  }
   return shares;
 }
 
@@ -68,51 +62,57 @@ Galerkin::Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights)
   }
 }
 
+void add_flow_and_bending(const Pipe& pipe, const Matrix& coriolis, const End& end,
+                          const Vector& elastic, Operators& ops) {
+  const double sqrt_beta = pipe.sqrt_beta();
+  for (Index i = 0; i < elastic.size(); ++i) {
+    for (Index j = 0; j < elastic.size(); ++j) {
+      ops.gyroscopic(i, j) = sqrt_beta * (coriolis(i, j) - coriolis(j, i));
+      ops.end_flux(i, j) = sqrt_beta * (end.x[i] * end.x[j] + end.y[i] * end.y[j]);
+      ops.flux(i, j) += end.across[i] * end.slope[j];
+    }
+    ops.damping(i, i) += pipe.damping * elastic[i];
+    ops.stiffness(i, i) += elastic[i];
+  }
+}
+
 Operators Galerkin::operators() const {
   Operators ops(dof());
-  const Matrix value = basis_.evaluate(nodes_, 0);
-  const Matrix slope = basis_.evaluate(nodes_, 1);
-  const Vector end = Vector::Ones(1);
-  const Matrix end_value = basis_.evaluate(end, 0);
-  const Matrix end_slope = basis_.evaluate(end, 1);
-  const Vector elastic = basis_.stiffness();
-
+  const Matrix value = basis_.evaluate(nodes_, 0), slope = basis_.evaluate(nodes_, 1);
   if (basis_.family() == Family::beam) {
     ops.mass.setIdentity();  // the modes are orthogonal
   } else {
     ops.mass = inner(value, weights_, value);
   }
-  const Matrix coriolis = inner(value, weights_, slope);
-  ops.gyroscopic = pipe_.sqrt_beta() * (coriolis - coriolis.transpose());
-  ops.end_flux = pipe_.sqrt_beta() * end_value.transpose() * end_value;
-  ops.damping.diagonal() = pipe_.damping * elastic;
-  ops.flux = end_value.transpose() * end_slope - inner(slope, weights_, slope);
+  ops.flux = inner(slope, -weights_, slope);
   if (pipe_.gamma != 0.0 || !pipe_.terms.empty()) {
-    Vector tension = pipe_.gamma * weights_.array() * (1.0 - nodes_.array());
-    if (!pipe_.terms.empty()) {
-      const Quadrature rule(load_nodes);
-      for (Index p = 0; p < nodes_.size(); ++p)
-        tension[p] += weights_[p] * hanging(pipe_, rule, nodes_[p]);
+    const Quadrature rule(load_nodes);
+    Vector tension(nodes_.size());
+    for (Index p = 0; p < nodes_.size(); ++p) {
+      tension[p] = pipe_.gamma * weights_[p] * (1.0 - nodes_[p]);
+      if (!pipe_.terms.empty()) tension[p] += weights_[p] * hanging(pipe_, rule, nodes_[p]);
     }
     ops.stiffness = inner(slope, tension, slope);
   }
-  ops.stiffness.diagonal() += elastic;
+  const Vector one = Vector::Ones(1), nothing = Vector::Zero(dof());
+  const Matrix end = basis_.evaluate(one, 0), end_slope = basis_.evaluate(one, 1);
+  add_flow_and_bending(pipe_, inner(value, weights_, slope),
+                       {end.data(), nothing.data(), end.data(), end_slope.data()},
+                       basis_.stiffness(), ops);
   const std::vector<Share> shares = shares_of(pipe_.terms, nodes_, weights_);
   if (shares.empty()) return ops;
-  const Index count = static_cast<Index>(shares.size());
-  Vector at(count), mass(count), by_x(count), by_angle(count), by_velocity(count);
-  for (Index k = 0; k < count; ++k) {
-    const Share& share = shares[static_cast<std::size_t>(k)];
-    at[k] = share.at;
-    mass[k] = share.mass;
-    by_x[k] = share.by_x;
-    by_angle[k] = share.by_angle;
-    by_velocity[k] = share.by_velocity;
-  }
+  const auto all = [&shares](double Share::* part) {
+    Vector parts(static_cast<Index>(shares.size()));
+    for (Index k = 0; k < parts.size(); ++k) parts[k] = shares[static_cast<std::size_t>(k)].*part;
+    return parts;
+  };
+  const Vector at = all(&Share::at);
   const Matrix there = basis_.evaluate(at, 0);
-  ops.mass += inner(there, mass, there);
-  ops.stiffness -= inner(there, by_x, there) + inner(there, by_angle, basis_.evaluate(at, 1));
-  ops.damping -= inner(there, by_velocity, there);
+  ops.mass += inner(there, all(&Share::mass), there);
+  Matrix stiffness = inner(there, all(&Share::by_x), there);
+  stiffness += inner(there, all(&Share::by_angle), basis_.evaluate(at, 1));
+  ops.stiffness -= stiffness;
+  ops.damping -= inner(there, all(&Share::by_velocity), there);
   return ops;
 }
 

@@ -20,6 +20,16 @@
 
 namespace pipedyn {
 
+/// What functions are at the free end, each (m,): displacement, its part across the pipe, slope.
+struct End {
+  const double *x, *y, *across, *slope;
+};
+
+/// Adds bending and what is left of the flow, given coriolis_ij, the integral of the displacement
+/// i across the pipe times the slope j; the integral in the flux is the caller's.
+void add_flow_and_bending(const Pipe& pipe, const Matrix& coriolis, const End& end,
+                          const Vector& elastic, Operators& ops);
+
 /// Immutable; one model may serve many threads.
 class Galerkin {
  public:

@@ -27,23 +27,24 @@ Index whole_points(Index count) { return whole(count, GridTables::multiple); }
 /// size are 0.
 Matrix slope_series(const Basis& basis, double low, double high) {
   const Index count = 2 * basis.most_on_a_panel() + 60;
-  const Vector angle =
-      (Vector::LinSpaced(count, 0.0, static_cast<double>(count - 1)).array() + 0.5) *
-      (std::numbers::pi / static_cast<double>(count));
-  const Vector s = low + (high - low) * (0.5 * (1.0 + angle.array().cos()));
-  Matrix transform(count, count);
-  for (Index k = 0; k < count; ++k) {
-    transform.row(k) = (2.0 / static_cast<double>(count)) *
-                       (static_cast<double>(k) * angle.transpose().array()).cos();
-  }
-  transform.row(0) *= 0.5;
-  Matrix coefficient(count, basis.size());
-  multiply(coefficient, transform, basis.evaluate(s, 1));
-  coefficient = coefficient.cwiseAbs();
-  for (Index i = 0; i < basis.size(); ++i) {
-    const double floor = 1e-13 * coefficient.col(i).maxCoeff();
+  const double step = std::numbers::pi / static_cast<double>(count);
+  Vector s(count);
+  Matrix transform(count, count), coefficient = Matrix::Zero(count, basis.size());
+  for (Index p = 0; p < count; ++p) {
+    const double angle = (static_cast<double>(p) + 0.5) * step;
+    s[p] = low + (high - low) * (0.5 * (1.0 + std::cos(angle)));
     for (Index k = 0; k < count; ++k) {
-      if (coefficient(k, i) < floor) coefficient(k, i) = 0.0;
+      const double factor = (k == 0 ? 1.0 : 2.0) / static_cast<double>(count);
+      transform(p, k) = factor * std::cos(static_cast<double>(k) * angle);
+    }
+  }
+  add_inner(coefficient, 1.0, transform, basis.evaluate(s, 1));
+  for (Index i = 0; i < basis.size(); ++i) {
+    double largest = 0.0;
+    for (Index k = 0; k < count; ++k) largest = std::max(largest, std::abs(coefficient(k, i)));
+    for (Index k = 0; k < count; ++k) {
+      const double size = std::abs(coefficient(k, i));
+      coefficient(k, i) = size < 1e-13 * largest ? 0.0 : size;
     }
   }
   return coefficient;
@@ -52,21 +53,26 @@ Matrix slope_series(const Basis& basis, double low, double high) {
 /// drag: integrals end at inner points.
 std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
   const Demand& demand = drag ? with_drag : smooth;
-  const Vector order =
-      Vector::LinSpaced(series.rows(), 0.0, static_cast<double>(series.rows() - 1));
-  const Eigen::ArrayXd total = series.colwise().sum().transpose();
+  const auto sum = [&series](double (*factor)(double), double eta) {  // over factor(k eta) c_ik
+    Vector sums = Vector::Zero(series.cols());
+    for (Index k = 0; k < series.rows(); ++k) {
+      const double of_order = factor(static_cast<double>(k) * eta);
+      for (Index i = 0; i < sums.size(); ++i) sums[i] += of_order * series(k, i);
+    }
+    return sums;
+  };
+  const Vector total = sum(std::cosh, 0.0);
   std::vector<NodeTest> tests;
   for (double eta = std::min(0.05, 2.0 / static_cast<double>(series.cols())); eta < 3.0;
        eta *= 1.5) {
-    const Vector size = (order * eta).array().cosh();
-    // Of functions that are 0 on the interval nothing grows.
-    const Eigen::ArrayXd growth =
-        (total > 0.0).select((size.transpose() * series).transpose().array() / total, 1.0);
+    const Vector grown = sum(std::cosh, eta);
+    double growth = 1.0;  // at least; of functions that are 0 on the interval nothing grows
+    for (Index i = 0; i < total.size(); ++i) {
+      if (total[i] > 0.0) growth = std::max(growth, grown[i] / total[i]);
+    }
     const double budget = 2.0 * static_cast<double>(nodes) * eta - demand.log_tolerance -
-                          demand.growths * std::log(growth.maxCoeff());
-    if (!(budget > 0.0)) continue;
-    const Vector slant = (order * eta).array().sinh();
-    tests.push_back({budget, 2.0 * series.transpose() * slant});
+                          demand.growths * std::log(growth);
+    if (budget > 0.0) tests.push_back({budget, 2.0 * sum(std::sinh, eta)});
   }
   return tests;
 }
@@ -122,51 +128,61 @@ Panels::Panels(const Basis& basis, const Terms& terms) {
 }
 
 double Panels::mass_beyond(double s) const {
-  return (1.0 + mass_per_length) * (1.0 - s) +
-         (ends.tail(count()).array() > s).select(mass, 0.0).sum();
+  double beyond = (1.0 + mass_per_length) * (1.0 - s);
+  for (Index panel = 0; panel < count(); ++panel) beyond += ends[panel + 1] > s ? mass[panel] : 0.0;
+  return beyond;
 }
 
 Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes)
-    : length_(panels.ends.tail(panels.count()) - panels.ends.head(panels.count())),
-      arc_(nodes + 1),
-      stiffness_(basis.stiffness()) {
+    : length_(panels.count()), arc_(nodes + 1), stiffness_(basis.stiffness()) {
   const Quadrature rule(nodes);
   const Index m = basis.size(), block = nodes + 1, half = block / 2, middle = half - 1;
   const Index points = panels.count() * block;
   const Index stride = whole(points, GridTables::widest);
-  arc_ << rule.node, 1.0;
   Vector s(points);
   weight_ = measure_ = mass_ = folded_mass_ = beyond_ = Vector::Zero(points);
   for (Index panel = 0; panel < panels.count(); ++panel) {
     const Index first = panel * block, end = first + nodes;
-    s.segment(first, nodes) = panels.ends[panel] + length_[panel] * rule.node.array();
+    length_[panel] = panels.ends[panel + 1] - panels.ends[panel];
+    for (Index k = 0; k < nodes; ++k) {
+      const Index p = first + k;
+      s[p] = panels.ends[panel] + length_[panel] * rule.node[k];
+      weight_[p] = measure_[p] = length_[panel] * rule.weight[k];
+      mass_[p] = (1.0 + panels.mass_per_length) * weight_[p];
+    }
     s[end] = panels.ends[panel + 1];
-    weight_.segment(first, nodes) = length_[panel] * rule.weight;
-    measure_.segment(first, block) << weight_.segment(first, nodes), 1.0;
-    mass_.segment(first, block) << (1.0 + panels.mass_per_length) * weight_.segment(first, nodes),
-        panels.mass[panel];
-    const auto before = mass_.segment(first, middle);  // a panel's end has half a row
-    folded_mass_.segment(first, block) << 2.0 * before, mass_[first + middle], 2.0 * before,
-        4.0 * mass_[end];
+    measure_[end] = 1.0;
+    mass_[end] = panels.mass[panel];
+    for (Index k = 0; k < middle; ++k) {
+      folded_mass_[first + k] = folded_mass_[first + half + k] = 2.0 * mass_[first + k];
+    }
+    folded_mass_[first + middle] = mass_[first + middle];
+    folded_mass_[end] = 4.0 * mass_[end];  // a panel's end has half a row
   }
   for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(s[p]);
   slope_ = basis.evaluate(s, 1);
   orthonormal_ = Matrix::Zero(points, whole(m, GridTables::multiple));
-  multiply(orthonormal_.leftCols(m), slope_, orthonormal.to_basis);
   slope_by_function_ = Matrix::Zero(m, stride);
-  slope_by_function_.leftCols(points) = slope_.transpose();
-  const Vector& weight = rule.weight;
+  for (Index p = 0; p < points; ++p) {
+    for (Index i = 0; i < m; ++i) slope_by_function_(i, p) = slope_(p, i);
+  }
+  add_inner(orthonormal_.leftCols(m), 1.0, slope_by_function_.leftCols(points),
+            orthonormal.to_basis);
   const Matrix integral = rule.integral_to(rule.node);
   from_sums_ = from_differences_ = Matrix::Zero(half, half);
   for (Index p = 0; p < half; ++p) {
-    const auto here = integral.row(p), mirrored = integral.row(nodes - 1 - p);
-    if (p < middle) from_sums_.row(p) = 0.5 * (here - mirrored).head(half);
-    from_differences_.row(p) = 0.5 * (here + mirrored - weight.transpose()).head(half);
+    for (Index k = 0; k < half; ++k) {
+      const double here = integral(p, k), mirrored = integral(nodes - 1 - p, k);
+      from_sums_(p, k) = 0.5 * (p < middle ? here - mirrored : rule.weight[k]);
+      from_differences_(p, k) = k < middle ? 0.5 * (here + mirrored - rule.weight[k]) : 1.0;
+    }
   }
-  from_sums_.row(middle) = 0.5 * weight.head(half).transpose();
-  from_differences_.col(middle).setOnes();
   expansion_ = Matrix::Zero(nodes, block);
-  expansion_.leftCols(nodes) = rule.expansion;
+  for (Index k = 0; k < nodes; ++k) {
+    arc_[k] = rule.node[k];
+    for (Index p = 0; p < nodes; ++p) expansion_(k, p) = rule.expansion(k, p);
+  }
+  arc_[nodes] = 1.0;
   recurrence_ = legendre_recurrence(nodes);
   tables_ = {.functions = m,
              .padded = orthonormal_.cols(),

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/products.hpp"
 #include "pipedyn/terms/laws.hpp"
 #include "pipedyn/vector/levels.hpp"
@@ -18,7 +19,6 @@ namespace pipedyn {
 namespace {
 
 using Map = Eigen::Map<const Vector>;
-using Strided = Eigen::Map<const Vector, 0, Eigen::InnerStride<>>;
 
 constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 
@@ -77,6 +77,10 @@ void for_each_block(const Grids& grids, const Batch& batch, Index results, const
   }
 }
 
+/// Row p, for loops over its columns: expressions of Eigen took twice as long to compile.
+const double* row(const Slab& matrix, Index p) { return matrix.data() + p * matrix.outerStride(); }
+double* row(Matrix& matrix, Index p) { return matrix.data() + p * matrix.cols(); }
+
 /// Integrals from 0 to each point (N, columns) of what f is at the nodes.
 void integrate(const Grid& grid, const Matrix& f, Matrix& out) {
   const GridTables& tables = grid.tables();
@@ -89,11 +93,17 @@ void integrate(const Grid& grid, const Matrix& f, Matrix& out) {
 /// quadrature's integration by parts, S^T W = w w^T - W S, gives those of the nodes.
 void integrate_beyond(const Grid& grid, const Matrix& f, Matrix& out) {
   integrate(grid, f, out);
-  const Index last = out.rows() - 1, block = grid.nodes() + 1;
-  Eigen::RowVectorXd all = out.row(last);
+  const Index last = out.rows() - 1, block = grid.nodes() + 1, columns = out.cols();
+  Vector all = out.row(last);
   for (Index p = last; p >= 0; --p) {
-    if ((p + 1) % block == 0) all += f.row(p);
-    out.row(p) = grid.weight()[p] * (all - out.row(p));
+    const double weight = grid.weight()[p];
+    const double* const here = row(f, p);
+    double* const beyond = row(out, p);
+    const bool end = (p + 1) % block == 0;
+    for (Index i = 0; i < columns; ++i) {
+      if (end) all[i] += here[i];
+      beyond[i] = weight * (all[i] - beyond[i]);
+    }
   }
 }
 
@@ -108,8 +118,8 @@ struct Frame {
 
   void set(const Grid& grid, const Eigen::Ref<const Vector>& q,
            const Eigen::Ref<const Vector>& rate) {
-    angle.noalias() = grid.slope() * q;
-    omega.noalias() = grid.slope() * rate;
+    multiply(angle, grid.slope(), q);
+    multiply(omega, grid.slope(), rate);
     sine.resize(angle.size());
     cosine.resize(angle.size());
     const MotionKernel& level = motion_kernel();
@@ -119,21 +129,28 @@ struct Frame {
 
   void set_velocity(const Grid& grid) {
     integrand.resize(angle.size(), 2);
-    integrand.col(0) = cosine.cwiseProduct(omega);
-    integrand.col(1) = -sine.cwiseProduct(omega);
+    for (Index p = 0; p < angle.size(); ++p) {
+      integrand(p, 0) = cosine[p] * omega[p];
+      integrand(p, 1) = -sine[p] * omega[p];
+    }
     integrate(grid, integrand, velocity);
   }
 
   void set_position(const Grid& grid) {
     integrand.resize(angle.size(), 2);
-    integrand.col(0) = sine;
-    integrand.col(1) = cosine;
+    for (Index p = 0; p < angle.size(); ++p) {
+      integrand(p, 0) = sine[p];
+      integrand(p, 1) = cosine[p];
+    }
     integrate(grid, integrand, position);
   }
 
   void set_drag(const Grid& grid) {
-    normal = cosine.cwiseProduct(velocity.col(0)) - sine.cwiseProduct(velocity.col(1));
-    weight.resize(normal.size());
+    normal.resize(angle.size());
+    weight.resize(angle.size());
+    for (Index p = 0; p < angle.size(); ++p) {
+      normal[p] = cosine[p] * velocity(p, 0) - sine[p] * velocity(p, 1);
+    }
     scratch.resize(3 * grid.nodes());
     kernel().signed_weights(grid.tables(), normal.data(), weight.data(), scratch.data());
   }
@@ -145,9 +162,32 @@ void set_position_derivatives(const Grid& grid, const Frame& frame, const Slab& 
                               Matrix& integrand, Matrix& xy) {
   const Index m = slopes.cols();
   integrand.resize(slopes.rows(), 2 * m);
-  integrand.leftCols(m).noalias() = frame.cosine.asDiagonal() * slopes;
-  integrand.rightCols(m).noalias() = -(frame.sine.asDiagonal() * slopes);
+  for (Index p = 0; p < slopes.rows(); ++p) {
+    const double c = frame.cosine[p], s = frame.sine[p];
+    const double* const slope = row(slopes, p);
+    double* const x = row(integrand, p);
+    for (Index i = 0; i < m; ++i) {
+      x[i] = c * slope[i];
+      x[m + i] = -(s * slope[i]);
+    }
+  }
   integrate(grid, integrand, xy);
+}
+
+/// Of derivatives (N, 2 m), x then y, the parts along and across the pipe (N, m).
+void set_directions(const Frame& frame, const Matrix& xy, Matrix& along, Matrix& across) {
+  const Index m = xy.cols() / 2;
+  along.resize(xy.rows(), m);
+  across.resize(xy.rows(), m);
+  for (Index p = 0; p < xy.rows(); ++p) {
+    const double c = frame.cosine[p], s = frame.sine[p];
+    const double *const x = row(xy, p), *const y = x + m;
+    double *const t = row(along, p), *const n = row(across, p);
+    for (Index i = 0; i < m; ++i) {
+      t[i] = x[i] * s + y[i] * c;
+      n[i] = x[i] * c - y[i] * s;
+    }
+  }
 }
 
 /// What terms do at a state: loads and their slopes times the virtual displacements, each in its
@@ -173,7 +213,8 @@ struct TermLoads {
                                    frame.cosine[p],      frame.velocity(p, 0), frame.velocity(p, 1),
                                    frame.omega[p]};
           const Load<double> force = law.load(at);
-          load.row(p) += Eigen::RowVector2d(force.x, force.y);
+          load(p, 0) += force.x;
+          load(p, 1) += force.y;
           add(law.slopes(at), xy, p);
         }
       });
@@ -183,22 +224,30 @@ struct TermLoads {
  private:
   void add(const Slopes& slopes, const Matrix& xy, Index p) {
     const Index m = xy.cols() / 2;
-    const auto x = xy.row(p).head(m), y = xy.row(p).tail(m);
-    for (Index k = 0; k < 2; ++k) {
-      by_position.row(p).segment(k * m, m) +=
-          slopes.by_position[0][k] * x + slopes.by_position[1][k] * y;
-      by_velocity.row(p).segment(k * m, m) +=
-          slopes.by_velocity[0][k] * x + slopes.by_velocity[1][k] * y;
+    const double *const x = row(xy, p), *const y = x + m;
+    const auto& [position, velocity, angle] = slopes;
+    for (Index i = 0; i < m; ++i) {
+      for (Index k = 0; k < 2; ++k) {
+        by_position(p, k * m + i) += position[0][k] * x[i] + position[1][k] * y[i];
+        by_velocity(p, k * m + i) += velocity[0][k] * x[i] + velocity[1][k] * y[i];
+      }
+      by_angle(p, i) += angle[0] * x[i] + angle[1] * y[i];
     }
-    by_angle.row(p) += slopes.by_angle[0] * x + slopes.by_angle[1] * y;
   }
 };
 
-/// Sum over points and components of a times b in their measure; both x, then y (N, 2 m).
-Matrix inner_of_both(const Grid& grid, const Matrix& a, const Matrix& b) {
-  const Index m = a.cols() / 2;
-  return inner(a.leftCols(m), grid.measure(), b.leftCols(m)) +
-         inner(a.rightCols(m), grid.measure(), b.rightCols(m));
+/// Columns of a half of a matrix (rows or more, 2 m).
+Slab half(const Matrix& matrix, Index which, Index rows) {
+  const Index m = matrix.cols() / 2;
+  return matrix.block(0, which * m, rows, m);
+}
+
+/// Sum over points and components of weight a b; both x, then y (points or more, 2 m).
+Matrix inner_of_both(const Matrix& a, const Eigen::Ref<const Vector>& weight, const Matrix& b,
+                     Index points) {
+  Matrix sum = inner(half(a, 0, points), weight, half(b, 0, points));
+  sum += inner(half(a, 1, points), weight, half(b, 1, points));
+  return sum;
 }
 
 void require_amplitudes(Index entries, Index m) {
@@ -261,22 +310,22 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   struct Workspace {  // each of one shape, so that it is allocated once
     Frame frame;
     TermLoads terms;
-    Matrix integrand, xy, along, across, sums, sum_along, sum_across;
-    Matrix by_angle, by_rate, by_drag, turn, weighted, force, mass, elastic, swept, system;
-    Vector acceleration, spin, pressure, factor;
+    Matrix integrand, xy, along, across, sums, by_angle, by_rate, by_drag, turn, weighted, force;
+    Matrix mass, swept, system;
+    Vector acceleration, spin, pressure, density;
     Cholesky factors;
   };
   static thread_local Workspace work;
-  auto& [frame, terms, integrand, xy, along, across, sums, sum_along, sum_across, by_angle, by_rate,
-         by_drag, turn, weighted, force, mass, elastic, swept, system, acceleration, spin, pressure,
-         factor, factors] = work;
+  auto& [frame, terms, integrand, xy, along, across, sums, by_angle, by_rate, by_drag, turn,
+         weighted, force, mass, swept, system, acceleration, spin, pressure, density, factors] =
+      work;
   const Index m = dof();
   const Map q(y, m), rate(y + m, m);
   const Index number = grids_.choose(y, 1);
   const Grid& grid = grids_[number];
-  const Index heavy = grid.heavy(), last = grid.slope().rows() - 1;
+  const Index heavy = grid.heavy(), points = grid.tables().points, last = points - 1;
   const Matrix& slope = grid.slope();
-  const auto weight = grid.weight().array(), measure = grid.measure().array();
+  const Vector &weight = grid.weight(), &measure = grid.measure();
   const MotionEffects effects = this->effects();
   const double coriolis = effects.coriolis * u, thrust = effects.centrifugal * u * u;
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
@@ -285,157 +334,182 @@ void GalerkinMotion::jacobian(const double* y, double u, double* out) const {
   kernel().accelerations(grid.tables(), effects, {y, &u, 1, 0}, acceleration.data(),
                          scratch(kernel().scratch_size(grid.tables(), 1)));
   frame.set(grid, q, rate);
-  const auto orthonormal = grid.orthonormal().leftCols(m);
+  const Slab orthonormal = grid.orthonormal().leftCols(m);
   set_position_derivatives(grid, frame, orthonormal, integrand, xy);
-  const auto jx = xy.leftCols(m), jy = xy.rightCols(m);
-  const auto s = frame.sine.array(), c = frame.cosine.array(), omega = frame.omega.array();
-  spin.noalias() = slope * acceleration;  // second derivative of the angle
-
-  // Load of each point, in its measure: inertia less the forces; at the end the follower force.
-  turn.resize(last + 1, 2);
-  turn.col(0) = c * spin.array() - s * omega.square();
-  turn.col(1) = -s * spin.array() - c * omega.square();
-  integrate(grid, turn, force);
-  const auto density = grid.mass().array() / measure;
-  force.array().colwise() *= density;
-  auto load_x = force.col(0).array(), load_y = force.col(1).array();
-  if (coriolis != 0.0) {
-    const auto inside = weight / measure;  // 0 at panels' ends
-    load_x += coriolis * inside * omega * c;
-    load_y -= coriolis * inside * omega * s;
-  }
-  if (effects.gamma != 0.0) load_y -= effects.gamma * density;
+  multiply(spin, slope, acceleration);  // second derivative of the angle
   if (drags || loads) frame.set_velocity(grid);
-  if (drags) {
-    frame.set_drag(grid);
-    pressure = effects.drag * frame.weight.array() * frame.normal.array().square();
-    load_x += pressure.array() * c / measure;
-    load_y -= pressure.array() * s / measure;
-  }
+  if (drags) frame.set_drag(grid);
   if (loads) {
     frame.set_position(grid);
     terms.set(grid, grids_.panels(), frame, xy);
-    force -= terms.load;
+  }
+  const Vector &sine = frame.sine, &cosine = frame.cosine, &omega = frame.omega;
+
+  // Load of each point, in its measure: inertia less the forces; at the end the follower force.
+  turn.resize(points, 2);
+  for (Index p = 0; p < points; ++p) {
+    const double c = cosine[p], s = sine[p], square = omega[p] * omega[p];
+    turn(p, 0) = c * spin[p] - s * square;
+    turn(p, 1) = -s * spin[p] - c * square;
+  }
+  integrate(grid, turn, force);
+  density.resize(points);
+  pressure.setZero(points);
+  for (Index p = 0; p < points; ++p) {
+    const double c = cosine[p], s = sine[p], inside = weight[p] / measure[p];  // 0 at panels' ends
+    double &x = force(p, 0), &y = force(p, 1);
+    density[p] = grid.mass()[p] / measure[p];
+    x *= density[p];
+    y *= density[p];
+    x += coriolis * inside * omega[p] * c;
+    y -= coriolis * inside * omega[p] * s;
+    y -= effects.gamma * density[p];
+    if (drags) {
+      pressure[p] = effects.drag * frame.weight[p] * (frame.normal[p] * frame.normal[p]);
+      x += pressure[p] * c / measure[p];
+      y -= pressure[p] * s / measure[p];
+    }
+    if (loads) {
+      x -= terms.load(p, 0);
+      y -= terms.load(p, 1);
+    }
   }
   integrate_beyond(grid, force, weighted);
-  weighted.col(0).array() += thrust * s[last] * weight;
-  weighted.col(1).array() += thrust * c[last] * weight;
 
   // Virtual displacements along t and n, and what is beyond of them.
-  along = jx.array().colwise() * s + jy.array().colwise() * c;
-  across = jx.array().colwise() * c - jy.array().colwise() * s;
-  integrand.noalias() = grid.mass().asDiagonal() * xy;
+  set_directions(frame, xy, along, across);
+  for (Index p = 0; p < points; ++p) {
+    for (Index i = 0; i < 2 * m; ++i) integrand(p, i) = grid.mass()[p] * xy(p, i);
+  }
   mass.setZero(m, m);
-  add_inner(mass, 1.0, integrand.leftCols(m).topRows(heavy), jx.topRows(heavy));
-  add_inner(mass, 1.0, integrand.rightCols(m).topRows(heavy), jy.topRows(heavy));
-  integrand = xy.array().colwise() * density;
+  for (const Index k : {0, 1}) add_inner(mass, 1.0, half(integrand, k, heavy), half(xy, k, heavy));
+  for (Index p = 0; p < points; ++p) {
+    for (Index i = 0; i < 2 * m; ++i) integrand(p, i) = xy(p, i) * density[p];
+  }
   integrate_beyond(grid, integrand, sums);
-  sum_along = sums.leftCols(m).array().colwise() * s + sums.rightCols(m).array().colwise() * c;
-  sum_across = sums.leftCols(m).array().colwise() * c - sums.rightCols(m).array().colwise() * s;
 
   // Row i of the derivatives is the sum over points of these times Theta_j.
-  const auto times = [&factor = factor](const auto& expression) {  // no temporary in a broadcast
-    factor = expression;
-    return factor.array();
-  };
-  by_angle = orthonormal.array().colwise() *
-             times(-s * weighted.col(0).array() - c * weighted.col(1).array());
-  auto angle = by_angle.array();
-  angle -= sum_along.array().colwise() * spin.array();
-  angle -= sum_across.array().colwise() * times(omega.square());
-  by_angle.row(last) += thrust * across.row(last);
-  by_rate = sum_along.array().colwise() * times(-2.0 * omega);
-  if (coriolis != 0.0) {
-    angle -= along.array().colwise() * times(coriolis * weight * omega);
-    by_rate.array() += across.array().colwise() * times(coriolis * weight);
+  by_angle.resize(points, m);
+  by_rate.resize(points, m);
+  by_drag.resize(points, m);
+  for (Index p = 0; p < points; ++p) {
+    const double c = cosine[p], s = sine[p], w = omega[p], square = w * w;
+    const double load_x = weighted(p, 0) + thrust * sine[last] * weight[p];
+    const double load_y = weighted(p, 1) + thrust * cosine[last] * weight[p];
+    const double bent = -s * load_x - c * load_y, flow = coriolis * weight[p];
+    const double *const theta = row(orthonormal, p), *const x = row(sums, p), *const y = x + m;
+    const double *const t = row(along, p), *const n = row(across, p);
+    double *const angle = row(by_angle, p), *const turning = row(by_rate, p);
+    for (Index i = 0; i < m; ++i) {
+      const double beyond_t = x[i] * s + y[i] * c, beyond_n = x[i] * c - y[i] * s;
+      angle[i] = theta[i] * bent - beyond_t * spin[p] - beyond_n * square;
+      if (p == last) angle[i] += thrust * n[i];
+      angle[i] -= t[i] * (flow * w);
+      turning[i] = beyond_t * (-2.0 * w) + n[i] * flow;
+    }
+    double *const by_x = row(integrand, p), *const by_y = by_x + m;
+    if (drags) {
+      const double v_t = s * frame.velocity(p, 0) + c * frame.velocity(p, 1);
+      const double drag = 2.0 * effects.drag * frame.weight[p] * frame.normal[p];
+      double* const dragged = row(by_drag, p);
+      for (Index i = 0; i < m; ++i) {
+        dragged[i] = n[i] * drag;
+        angle[i] = angle[i] - dragged[i] * v_t - t[i] * pressure[p];
+        by_x[i] = dragged[i] * (c / measure[p]);
+        by_y[i] = dragged[i] * (-s / measure[p]);
+      }
+    }
+    if (loads) {
+      for (Index i = 0; i < m; ++i) {
+        by_x[i] = (drags ? by_x[i] : 0.0) - terms.by_velocity(p, i);
+        by_y[i] = (drags ? by_y[i] : 0.0) - terms.by_velocity(p, m + i);
+        angle[i] -= terms.by_angle(p, i) * measure[p];
+      }
+    }
   }
   // Rows of the system belong to orthonormal coordinates, columns to the basis.
   const Orthonormal& functions = grids_.orthonormal();
   system.setZero(m, 2 * m);
+  WritableSlab by_q = system.leftCols(m), by_qdot = system.rightCols(m);
   if (drags || loads) {
     swept.setZero(m, m);
-    integrand.setZero();
-    if (drags) {
-      const auto v_t = s * frame.velocity.col(0).array() + c * frame.velocity.col(1).array();
-      by_drag = across.array().colwise() *
-                times(2.0 * effects.drag * frame.weight.array() * frame.normal.array());
-      angle -= by_drag.array().colwise() * times(v_t);
-      angle -= along.array().colwise() * pressure.array();
-      integrand.leftCols(m) = by_drag.array().colwise() * times(c / measure);
-      integrand.rightCols(m) = by_drag.array().colwise() * times(-s / measure);
-      add_inner(swept, -1.0, across.topRows(heavy), by_drag.topRows(heavy));
-    }
+    if (drags) add_inner(swept, -1.0, across.topRows(heavy), by_drag.topRows(heavy));
     if (loads) {
-      integrand -= terms.by_velocity;
-      swept += inner_of_both(grid, xy, terms.by_velocity);
-      angle -= terms.by_angle.array().colwise() * measure;
-      add_inner(system.leftCols(m), 1.0, inner_of_both(grid, xy, terms.by_position),
+      swept += inner_of_both(xy, measure, terms.by_velocity, points);
+      add_inner(by_q, 1.0, inner_of_both(xy, measure, terms.by_position, points),
                 functions.inverse);
     }
     integrate_beyond(grid, integrand, sums);
-    angle -= sums.leftCols(m).array().colwise() * times(s * omega);
-    angle -= sums.rightCols(m).array().colwise() * times(c * omega);
-    add_inner(system.rightCols(m), 1.0, swept, functions.inverse);
+    for (Index p = 0; p < points; ++p) {
+      const double across_x = sine[p] * omega[p], across_y = cosine[p] * omega[p];
+      const double *const x = row(sums, p), *const y = x + m;
+      double* const angle = row(by_angle, p);
+      for (Index i = 0; i < m; ++i) angle[i] = angle[i] - x[i] * across_x - y[i] * across_y;
+    }
+    add_inner(by_qdot, 1.0, swept, functions.inverse);
   }
-  add_inner(system.leftCols(m), -1.0, by_angle, slope);
-  add_inner(system.rightCols(m), -1.0, by_rate.topRows(heavy), slope.topRows(heavy));
-  const Map stiffness(grid.tables().stiffness, m);
-  elastic.noalias() = functions.to_basis.transpose() * stiffness.asDiagonal();
-  system.leftCols(m) -= elastic;
-  if (effects.damping != 0.0) system.rightCols(m) -= effects.damping * elastic;
+  add_inner(by_q, -1.0, by_angle, slope);
+  add_inner(by_qdot, -1.0, by_rate.topRows(heavy), slope.topRows(heavy));
+  for (Index i = 0; i < m; ++i) {
+    for (Index j = 0; j < m; ++j) {
+      const double elastic = functions.to_basis(j, i) * grid.tables().stiffness[j];
+      system(i, j) -= elastic;
+      system(i, m + j) -= effects.damping * elastic;
+    }
+  }
   const bool positive = solve_positive(factors, mass, system);
-  Eigen::Map<Matrix> result(out, 2 * m, 2 * m);
-  result.topLeftCorner(m, m).setZero();
-  result.topRightCorner(m, m).setIdentity();
-  multiply_upper(result.bottomRows(m), functions.to_basis, system);
-  if (!positive || !grids_.resolves(number, y, 1)) {
-    result.bottomRows(m).setConstant(not_a_number);
-  }
+  std::fill_n(out, 2 * m * m, 0.0);
+  for (Index i = 0; i < m; ++i) out[i * 2 * m + m + i] = 1.0;
+  double* const rows = out + 2 * m * m;
+  multiply_upper(rows, functions.to_basis, system);
+  if (!positive || !grids_.resolves(number, y, 1)) std::fill_n(rows, 2 * m * m, not_a_number);
 }
 
 Operators GalerkinMotion::operators(const Vector& q) const {
   const Index m = dof();
   require_amplitudes(q.size(), m);
   const Grid& grid = grids_[grids_.choose(q.data(), 1)];
-  const Index heavy = grid.heavy(), last = grid.slope().rows() - 1;
+  const Index heavy = grid.heavy(), points = grid.tables().points, last = points - 1;
   const Matrix& slope = grid.slope();
-  const Map stiffness(grid.tables().stiffness, m), beyond(grid.tables().beyond, last + 1);
   Frame frame;
-  Matrix integrand, xy;
+  Matrix integrand, xy, along, across;
   frame.set(grid, q, Vector::Zero(m));
   set_position_derivatives(grid, frame, slope, integrand, xy);
-  const auto x = xy.leftCols(m), y = xy.rightCols(m);
-  const auto s = frame.sine.array(), c = frame.cosine.array();
-  const auto weight = grid.weight().array();
-  const auto integral = [heavy](const Slab& a, const Vector& of, const Slab& b) {
-    return inner(a.topRows(heavy), of.head(heavy), b.topRows(heavy));
-  };
-  Operators ops(m);
-  ops.mass = integral(x, grid.mass(), x) + integral(y, grid.mass(), y);
-  const Matrix across = x.array().colwise() * c - y.array().colwise() * s;
-  const Matrix coriolis = integral(across, grid.weight(), slope);
-  ops.gyroscopic = pipe_.sqrt_beta() * (coriolis - coriolis.transpose());
-  const auto end_x = x.row(last), end_y = y.row(last);
-  ops.end_flux = pipe_.sqrt_beta() * (end_x.transpose() * end_x + end_y.transpose() * end_y);
-  // J_i turns by -t Theta_i Theta_j: its projection on the end's tangent is that of two tangents.
-  const Vector shortening = -(weight * (s[last] * s + c[last] * c)).matrix();
-  ops.flux = across.row(last).transpose() * slope.row(last) + integral(slope, shortening, slope);
-  ops.damping.diagonal() = pipe_.damping * stiffness;
-  Vector tension = pipe_.gamma * weight * beyond.array() * c;
-  if (!grids_.panels().loads.empty()) {
-    TermLoads terms;
-    Matrix bears;
-    frame.velocity.setZero(last + 1, 2);
+  set_directions(frame, xy, along, across);
+  const Vector &sine = frame.sine, &cosine = frame.cosine, &weight = grid.weight();
+  TermLoads terms;
+  Matrix bears = Matrix::Zero(points, 2);
+  const bool loads = !grids_.panels().loads.empty();
+  if (loads) {
+    frame.velocity.setZero(points, 2);
     frame.set_position(grid);
     terms.set(grid, grids_.panels(), frame, xy);
     integrate_beyond(grid, terms.load, bears);
-    tension.array() += s * bears.col(0).array() + c * bears.col(1).array();
-    ops.stiffness = -inner_of_both(grid, terms.by_position, xy);
-    ops.stiffness -= inner(terms.by_angle, grid.measure(), slope);
-    ops.damping -= inner_of_both(grid, terms.by_velocity, xy);
   }
-  if (!tension.isZero(0.0)) ops.stiffness += integral(slope, tension, slope);
-  ops.stiffness.diagonal() += stiffness;
+  // J_i turns by -t Theta_i Theta_j: its projection on the end's tangent is that of two tangents.
+  Vector shortening(points), tension(points);
+  for (Index p = 0; p < points; ++p) {
+    const double s = sine[p], c = cosine[p];
+    shortening[p] = -(weight[p] * (sine[last] * s + cosine[last] * c));
+    tension[p] = pipe_.gamma * weight[p] * grid.tables().beyond[p] * c;
+    tension[p] += s * bears(p, 0) + c * bears(p, 1);
+  }
+  const auto integral = [&](const Matrix& a, const Vector& of) {
+    return inner(a.topRows(heavy), of.head(heavy), slope.topRows(heavy));
+  };
+  Operators ops(m);
+  ops.mass = inner_of_both(xy, grid.mass().head(heavy), xy, heavy);
+  ops.flux = integral(slope, shortening);
+  if (loads) {
+    ops.stiffness -= inner_of_both(terms.by_position, grid.measure(), xy, points);
+    ops.stiffness -= inner(terms.by_angle, grid.measure(), slope);
+    ops.damping -= inner_of_both(terms.by_velocity, grid.measure(), xy, points);
+  }
+  if (!tension.isZero(0.0)) ops.stiffness += integral(slope, tension);
+  const double* const end = row(xy, last);
+  add_flow_and_bending(pipe_, integral(across, weight),
+                       {end, end + m, row(across, last), row(slope, last)},
+                       Map(grid.tables().stiffness, m), ops);
   return ops;
 }
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from pipedyn.accuracy.families import FAMILIES, checked_families
 from pipedyn.accuracy.quantities import Quantity, checked_quantity
-from pipedyn.accuracy.reference import Reference
+from pipedyn.accuracy.reference import MARGIN, Reference
 from pipedyn.accuracy.search import Search, described
-from pipedyn.accuracy.trade import SHARPER, TradeRow
+from pipedyn.accuracy.trade import TradeRow
 from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -33,13 +33,7 @@ FINEST = 1e-8
 
 @result
 class Tried:
-    """A family, and why it was not chosen.
-
-    Attributes:
-        family: its name.
-        row: what was measured last of it; None where nothing was.
-        why: why it lost; empty for the one chosen.
-    """
+    """A family: what was measured last of it, if anything, and why it was not chosen."""
 
     family: str
     row: TradeRow | None
@@ -110,27 +104,23 @@ class Choice:
         return self.row.size
 
     def __str__(self) -> str:
-        return "\n".join([self._title(), *self._lines()])
-
-    def _title(self) -> str:
-        """The model, and of a pair what it takes besides."""
-        if len(self.models) == 1:
-            return repr(self.model)
-        sizes = " and ".join(str(model.dof) for model in self.models)
-        return f"{self.model!r}, extrapolated from n = {sizes}"
+        return "\n".join(self._lines())
 
     def _lines(self) -> list[str]:
+        sizes = " and ".join(str(model.dof) for model in self.models)
+        pair = f", extrapolated from n = {sizes}" if len(self.models) > 1 else ""
         lines = [
+            f"{self.model!r}{pair}",
             f"error {self.error:.1e} (reference: {self.reference.source}, "
             f"{self.reference.error:.1e}), {1e3 * self.cost:.3g} ms an answer",
         ]
         if self.steady is False:
-            lines.append("good by chance: the next larger size misses the tolerance")
+            lines.append("its error changes sign here: the next larger size misses the tolerance")
         lines += [f"  {one.family}: {one.why}" for one in self.tried if one.why]
         return lines
 
     def _repr_html_(self) -> str:
-        first, *others = [html.escape(line) for line in [self._title(), *self._lines()]]
+        first, *others = map(html.escape, self._lines())
         return f"<b>{first}</b><br>" + "<br>".join(others)
 
 
@@ -146,9 +136,6 @@ class NoModel(PipedynError):
         super().__init__(message, tried, nearest)
         self.tried, self.nearest = tried, nearest
 
-    def __str__(self) -> str:
-        return str(self.args[0])
-
 
 def choose(
     pipe: Pipe,
@@ -163,8 +150,10 @@ def choose(
     """The cheapest model that meets a tolerance, or the most accurate one within a budget.
 
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
-    that is known ten times as well. A motion or cycle is integrated as sharply as the tolerance
-    asks for. What a search costs in answers of the model chosen: tests/benchmark_choose.py.
+    that is known ten times as well. A motion or cycle is integrated as accurately as the tolerance
+    asks for. Families are asked one after the other, and a further one only as long as it promises
+    to be 30 % cheaper than the best so far: times of one answer scatter by as much. What a search
+    costs in answers of the model chosen: tests/benchmark_choose.py.
 
     Args:
         pipe: the pipe.
@@ -177,8 +166,8 @@ def choose(
         **conditions: of the quantity.
 
     Returns:
-        Choice. Where its `steady` is False it is good by chance: it meets the tolerance by a change
-        of sign of its error, and a little larger one of its family does not.
+        Choice. Where its `steady` is False the model meets the tolerance by a change of sign of its
+        error, and a little larger one of its family does not.
 
     Raises:
         NoModel: if none meets the demand; it says what came nearest.
@@ -198,23 +187,20 @@ def choose(
     repeats = check.count("repeats", repeats, high=1000)
     start = time.perf_counter()
     if tolerance is not None:
-        asked = asked.sharpened(tolerance)
+        asked = asked.solved_for(tolerance)
     asked = asked.prepared(pipe)
-    reference = asked.reference(pipe, (FINEST if tolerance is None else tolerance) / SHARPER)
+    reference = asked.reference(pipe, (FINEST if tolerance is None else tolerance) / MARGIN)
     if tolerance is not None and reference.error > tolerance:
-        raise NoModel(
-            f"no model can be shown to meet an error of {tolerance:g}: the continuous pipe's "
-            f"answer ({reference.source}) is known to {reference.error:.1e}",
-            (),
-            None,
-        )
+        known = f"answer ({reference.source}) is known to {reference.error:.1e}"
+        reason = f"no model can be shown to meet an error of {tolerance:g}: the continuous pipe's"
+        raise NoModel(f"{reason} {known}", (), None)
     search = Search(pipe, asked, reference, families, repeats)
     if tolerance is not None:
         row = search.cheapest(tolerance)
         demand = f"an error of {tolerance:g}" + (f" in {budget:g} s" if budget is not None else "")
     else:
         assert budget is not None
-        row = search.sharpest(budget)
+        row = search.most_accurate(budget)
         demand = f"a time of {budget:g} s"
     if row is None or (budget is not None and not row.seconds <= budget):
         raise _refusal(search, row or search.nearest(tolerance), demand)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -13,9 +14,6 @@ from numpy.typing import NDArray
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.util.check import Array
 from pipedyn.util.result import result
-
-STEEPEST = 8.0
-"""Order beyond which a fall is no power of the size: the families' orders are 1 to 4."""
 
 
 @result
@@ -42,40 +40,34 @@ class ConvergenceLaw:
 def relative_errors(
     found: Iterable[CriticalSpeed], exact: CriticalSpeed
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Sizes, signed errors of the speed relative to the exact, and whether alike in kind."""
+    """Sizes, signed errors of the speed relative to the exact, and whether the kind is the same."""
     results = sorted(found, key=lambda result: result.size)
     sizes = np.array([result.size for result in results], dtype=np.float64)
     speeds = np.array([result.speed for result in results])
-    alike = np.array([result.kind == exact.kind for result in results], dtype=np.bool_)
+    same_kind = np.array([result.kind == exact.kind for result in results], dtype=np.bool_)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return sizes, (speeds - exact.speed) / exact.speed, alike
+        return sizes, (speeds - exact.speed) / exact.speed, same_kind
 
 
 def convergence_law(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> ConvergenceLaw:
-    """Order of convergence, or what is left at infinite size; rounding is not fitted.
-
-    Args:
-        found: critical speeds of models of one family.
-        exact: that of the continuous pipe.
-    """
-    sizes, errors, alike = relative_errors(found, exact)
-    good = alike & np.isfinite(errors)
+    """The law of critical speeds of models of one family; rounding is not fitted."""
+    sizes, errors, same_kind = relative_errors(found, exact)
+    good = same_kind & np.isfinite(errors)
     good[good] &= np.abs(errors[good]) > 30.0 * own_error(found, exact)
     return fitted_law(sizes[good], errors[good])
 
 
 def fitted_law(sizes: Array, errors: Array) -> ConvergenceLaw:
-    """The law by which errors fall, of those that rounding does not touch.
-
-    Args:
-        sizes: increasing, shape (k,).
-        errors: relative, with or without their sign, shape (k,).
-    """
+    """The law by which relative errors (k,) fall with increasing sizes (k,), far above rounding."""
+    unknown = ConvergenceLaw("unknown", math.nan, math.nan, math.nan, sizes)
     if sizes.size < 4:
-        return ConvergenceLaw("unknown", math.nan, math.nan, math.nan, sizes)
+        return unknown
     # An error that lasts: c_0 of c_0 + c_1 / n + c_2 / n^2 + ..., if it converges.
     count = min(5, sizes.size)
-    limits = [_at_infinity(sizes[-k:], errors[-k:]) for k in (count, count - 1)]
+    limits = []
+    for k in (count, count - 1):
+        powers = (1.0 / sizes[-k:])[:, None] ** np.arange(k)
+        limits.append(float(np.linalg.solve(powers, errors[-k:])[0]))
     spread = abs(limits[0] - limits[1])
     near = abs(limits[0]) < 2.0 * abs(errors[-1])  # fast decay is extrapolated to anything
     if near and abs(limits[0]) > max(0.3 * abs(errors[-1]), 5.0 * spread):
@@ -85,8 +77,9 @@ def fitted_law(sizes: Array, errors: Array) -> ConvergenceLaw:
     power, power_misfit = _line(np.log(sizes), logs)
     exponential, misfit = _line(sizes, logs)
     if min(power_misfit, misfit) > 0.1 * float(np.ptp(logs)):
-        return ConvergenceLaw("unknown", math.nan, math.nan, math.nan, sizes)
-    if (misfit < power_misfit or -power > STEEPEST) and exponential < -math.log(2.0):
+        return replace(unknown, sizes=sizes)
+    # The families' orders are 1 to 4: what falls faster than the eighth power is no power.
+    if (misfit < power_misfit or -power > 8.0) and exponential < -math.log(2.0):
         return ConvergenceLaw("exponential", math.exp(-exponential), math.nan, math.nan, sizes)
     return ConvergenceLaw("power", -power, math.nan, math.nan, sizes)
 
@@ -96,12 +89,6 @@ def own_error(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
     own = max((result.error for result in found), default=0.0)
     eps = float(np.finfo(float).eps)
     return (exact.error + own) / exact.speed + eps if exact.speed > 0.0 else eps
-
-
-def _at_infinity(sizes: Array, errors: Array) -> float:
-    """c_0 of errors c_0 + c_1 / n + c_2 / n^2 + ..., as many terms as sizes."""
-    powers = (1.0 / sizes)[:, None] ** np.arange(sizes.size)
-    return float(np.linalg.solve(powers, errors)[0])
 
 
 def _line(x: Array, y: Array) -> tuple[float, float]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
-from pipedyn.accuracy.quantities import QUANTITIES, Frequencies, Quantity, checked_quantity
-from pipedyn.accuracy.reference import Answer
+from pipedyn.accuracy.quantities import Frequencies, Quantity, checked_quantity, conditions_of
+from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.bifurcation.cycles import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import modes
@@ -23,23 +24,23 @@ from pipedyn.util import check
 from pipedyn.util.result import result
 from pipedyn.util.table import Table
 
-SHARPNESS = 0.1
-"""Error asked of each answer, in tolerances: a change of one tolerance is then known to a fifth."""
-
 LIMIT_BETA = 1e-9
 """beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
 
 ROUNDING = 1e-10
 """Real parts below this share of the largest |lambda| count as 0: the solver's residuals."""
 
-OF_ROOTS = ("frequencies", "root_loci")
-"""Quantities that are eigenvalues."""
-
-HEADINGS = ("effect", "strength", "without it", "change", "growth at u", "verdict")
+NUMBERS = {
+    "gravity": ("gamma", "gamma"),
+    "drag": ("drag", "kappa"),
+    "damping": ("damping", "delta"),
+    "Coriolis": ("beta", "beta"),
+}
+"""Effects that a number of the pipe switches off: its name and how it prints."""
 
 
 class _WithoutCentrifugal(Pipe):
-    """An ejecting pipe whose flow turns corners without force, which no number of a pipe says."""
+    """An ejecting pipe without the flow's centrifugal force, which no number of a pipe says."""
 
     @property
     def centrifugal(self) -> float:
@@ -122,7 +123,7 @@ class Relevance:
 
     @property
     def negligible(self) -> tuple[str, ...]:
-        """Names of the effects that the pipe has and the quantity does not feel."""
+        """Names of the effects that the pipe has, but that change the quantity too little."""
         return tuple(effect.name for effect in self.effects if effect.verdict == "negligible")
 
     @property
@@ -138,9 +139,10 @@ class Relevance:
             f"negligible is a change below {self.tolerance:g}"
         )
         notes = [f"{effect.name}: {effect.note}" for effect in shown if effect.note]
-        if self.quantity.name in OF_ROOTS:
-            notes.insert(0, "change: of the complex root, growth and frequency, beside its modulus")
-        return Table(title, HEADINGS, [effect.cells for effect in shown], notes=notes)
+        if self.quantity.name in ("frequencies", "root_loci"):
+            notes.insert(0, "change: of the complex root, growth and frequency, over its modulus")
+        headings = ("effect", "strength", "without it", "change", "growth at u", "verdict")
+        return Table(title, headings, [effect.cells for effect in shown], notes=notes)
 
     def __str__(self) -> str:
         return self._table().text()
@@ -174,7 +176,7 @@ def relevant(
         pipe: the pipe, whose numbers may come from `Pipe.from_si`.
         u: flow speed, `pipe.speed(V)` from m/s: condition of "frequencies", "motion" and
             "limit_cycle"; for all quantities also the speed at which the growth of the straight
-            pipe, the real part of its least damped eigenvalue, is listed beside.
+            pipe, the real part of its least damped eigenvalue, is listed.
         quantity: "critical_speed", "frequencies", "root_loci", "motion" or "limit_cycle", as for
             `trade`.
         tolerance: relative change up to which an effect is negligible, in [1e-8, 1].
@@ -201,49 +203,65 @@ def relevant(
     pipe = checked_pipe(pipe)
     u = Frequencies(u).u
     tolerance = check.real("tolerance", tolerance, low=1e-8, high=1.0)
-    kind = QUANTITIES[check.choice("quantity", quantity, tuple(QUANTITIES))]
-    if any(one.name == "u" for one in fields(kind)):  # type: ignore[arg-type]
+    if "u" in conditions_of(quantity):
         conditions = {"u": u, **conditions}
     asked = checked_quantity(quantity, conditions).prepared(pipe)
-    inquiry = _Inquiry(pipe, u, asked, tolerance, _outcome(asked, pipe, tolerance))
-    present = _strengths(pipe)
+    full = _outcome(asked, pipe, tolerance)
+    strengths = _strengths(pipe)
     if asked.name == "critical_speed":
-        del present["flow"]
-    effects = sorted((inquiry.effect(name) for name in present), key=_rank)
-    small = [effect.name for effect in effects if effect.verdict == "negligible"]
-    dropped = _droppable(pipe, small)
+        del strengths["flow"]
+
+    def effect(*names: str) -> Effect:
+        """Some effects, switched off at once; without strength they are absent."""
+        name, strength = " + ".join(names), ", ".join(strengths[one] for one in names)
+        if not strength:
+            return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
+        simpler = _without(pipe, names)
+        growth = _growth(simpler, u)
+        try:
+            found = _outcome(asked, simpler, tolerance)
+        except PipedynError as failure:
+            unknown = (None, math.nan, math.nan, growth)
+            return Effect(name, strength, "not found", *unknown, "relevant", str(failure.args[0]))
+        size, error = math.inf, 0.0
+        if found.kind == full.kind:
+            size = 0.0
+            if found.answer is not None and full.answer is not None:
+                size = asked.distance(found.answer, full.answer)
+            error = found.error + full.error if size > 0.0 else 0.0
+        note = ""
+        undamped = pipe.damping == 0.0 and pipe.flow == "ejecting"
+        if names == ("Coriolis",) and asked.name == "critical_speed" and undamped:
+            with suppress(PipedynError):
+                limit = _outcome(asked, replace(pipe, beta=LIMIT_BETA), tolerance)
+                note = f"as beta tends to 0 the pipe's is {limit.words}, not that at 0"
+        verdict = "negligible" if size + error <= tolerance else "relevant"
+        return Effect(name, strength, found.words, found.answer, size, error, growth, verdict, note)
+
+    def rank(effect: Effect) -> tuple[bool, float]:
+        # Absent ones last; of the others the largest first, and the unknown with the infinite.
+        return effect.verdict == "absent", -math.inf if math.isnan(effect.size) else -effect.size
+
+    effects = sorted(map(effect, strengths), key=rank)
+    dropped = _droppable(pipe, [one.name for one in effects if one.verdict == "negligible"])
     return Relevance(
         pipe=pipe,
         u=u,
         quantity=asked,
-        full=inquiry.full.words,
+        full=full.words,
         growth=_growth(pipe, u),
         tolerance=tolerance,
         effects=tuple(effects),
-        together=inquiry.effect(*dropped) if len(dropped) > 1 else None,
+        together=effect(*dropped) if len(dropped) > 1 else None,
     )
-
-
-def _rank(effect: Effect) -> tuple[bool, float]:
-    """Absent ones last; of the others the largest first, and the unknown with the infinite."""
-    size = math.inf if math.isnan(effect.size) else effect.size
-    return effect.verdict == "absent", -size
-
-
-NUMBERS = {"gravity": "gamma", "drag": "drag", "damping": "damping", "Coriolis": "beta"}
-"""Effects that a number of the pipe switches off."""
-
-SYMBOLS = {"drag": "kappa", "damping": "delta"}
-"""How they print, where it is not by their names."""
 
 
 def _strengths(pipe: Pipe) -> dict[str, str]:
     """Effects by name, with the number that each comes from; empty where the pipe has it not."""
-    values = {name: float(getattr(pipe, number)) for name, number in NUMBERS.items()}
-    strengths = {
-        name: f"{SYMBOLS.get(number, number)} = {values[name]:.4g}" if values[name] else ""
-        for name, number in NUMBERS.items()
-    }
+    strengths = {}
+    for name, (number, symbol) in NUMBERS.items():
+        value = float(getattr(pipe, number))
+        strengths[name] = f"{symbol} = {value:.4g}" if value else ""
     strengths["centrifugal"] = f"a = {pipe.centrifugal:.4g}" if pipe.centrifugal else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
     strengths["flow"] = ", ".join(parts)
@@ -261,7 +279,7 @@ def _droppable(pipe: Pipe, names: Collection[str]) -> tuple[str, ...]:
 
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
-    gone: dict[str, Any] = {number: 0.0 for name, number in NUMBERS.items() if name in names}
+    gone: dict[str, Any] = {number: 0.0 for name, (number, _) in NUMBERS.items() if name in names}
     if "flow" in names:
         gone["beta"] = 0.0
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
@@ -283,71 +301,18 @@ class _Outcome:
     error: float = 0.0
 
 
-@dataclass(frozen=True)
-class _Inquiry:
-    """A quantity asked of a pipe, to be asked again without some effects."""
-
-    pipe: Pipe
-    u: float
-    quantity: Quantity
-    tolerance: float
-    full: _Outcome
-
-    def effect(self, *names: str) -> Effect:
-        """Some effects, switched off at once."""
-        name, strengths = " + ".join(names), _strengths(self.pipe)
-        strength = ", ".join(strengths[one] for one in names)
-        if not strength:
-            return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
-        pipe = _without(self.pipe, names)
-        growth = _growth(pipe, self.u)
-        try:
-            found = _outcome(self.quantity, pipe, self.tolerance)
-        except PipedynError as failure:
-            unknown = (None, math.nan, math.nan, growth)
-            return Effect(name, strength, "not found", *unknown, "relevant", str(failure.args[0]))
-        size, error = self._change(found)
-        return Effect(
-            name=name,
-            strength=strength,
-            without=found.words,
-            answer=found.answer,
-            size=size,
-            error=error,
-            growth=growth,
-            verdict="negligible" if size + error <= self.tolerance else "relevant",
-            note=self._limit() if names == ("Coriolis",) else "",
-        )
-
-    def _change(self, found: _Outcome) -> tuple[float, float]:
-        """Relative change of the answer and its error."""
-        if found.kind != self.full.kind:
-            return math.inf, 0.0
-        if found.answer is None or self.full.answer is None:
-            return 0.0, 0.0
-        size = self.quantity.distance(found.answer, self.full.answer)
-        return size, (found.error + self.full.error) if size > 0.0 else 0.0
-
-    def _limit(self) -> str:
-        """The critical speed of an undamped pipe as beta -> 0, which is not that at 0."""
-        undamped = self.pipe.damping == 0.0 and self.pipe.flow == "ejecting"
-        if self.quantity.name != "critical_speed" or not undamped:
-            return ""
-        try:
-            limit = _outcome(self.quantity, replace(self.pipe, beta=LIMIT_BETA), self.tolerance)
-        except PipedynError:
-            return ""
-        return f"as beta tends to 0 the pipe's is {limit.words}, not that at 0"
-
-
 def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> _Outcome:
     """What a pipe answers, where "there is none" is an answer too."""
-    state = "buckled at rest, " if quantity.name == "critical_speed" and _is_buckled(pipe) else ""
-    if isinstance(pipe, _WithoutCentrifugal) and quantity.name == "critical_speed":
-        # Its stiffness is not the flow's, to which the free end only loses energy.
-        return _Outcome(f"{state}no loss of stability at any speed", f"{state}none")
+    state = ""
+    if quantity.name == "critical_speed":
+        if pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0:
+            state = "buckled at rest, "
+        if pipe.centrifugal == 0.0 and pipe.flow == "ejecting":
+            # Its stiffness is not the flow's, to which the free end only loses energy.
+            return _Outcome(f"{state}no loss of stability at any speed", f"{state}none")
     try:
-        found = quantity.reference(pipe, SHARPNESS * tolerance)
+        # With a tenth of the tolerance each, a change of one tolerance is known to a fifth.
+        found = quantity.reference(pipe, tolerance / MARGIN)
     except NoCrossing as none:
         return _Outcome(f"{state}{none.args[0]}", f"{state}none")
     except NoCycle as none:
@@ -383,11 +348,6 @@ def _speed(u: float, pipe: Pipe) -> str:
     return given if pipe.scales is None else f"{given} ({pipe.speed_si(u):.4g} m/s)"
 
 
-def _is_buckled(pipe: Pipe) -> bool:
-    """Whether the straight pipe falls over without flow."""
-    return pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0
-
-
 def _growth(pipe: Pipe, u: float) -> float:
     """Largest real part of an eigenvalue at a speed; NaN where none converges.
 
@@ -407,16 +367,11 @@ def _growth(pipe: Pipe, u: float) -> float:
         growth = float(values.real[np.abs(values) <= largest].max(initial=-math.inf))
         return growth if abs(growth) > ROUNDING * largest else 0.0
 
+    def distance(a: float, b: float) -> float:
+        return abs(a - b) / max(abs(b), 1.0)
+
+    first = min(max(16, 2 * half_waves), LARGEST)
     try:
-        return (
-            Continuum(pipe)
-            .converge(
-                least_damped,
-                lambda a, b: abs(a - b) / max(abs(b), 1.0),
-                tolerance=1e-8,
-                smallest=min(max(16, 2 * half_waves), LARGEST),
-            )
-            .value
-        )
+        return Continuum(pipe).converge(least_damped, distance, 1e-8, first).value
     except PipedynError:
         return math.nan

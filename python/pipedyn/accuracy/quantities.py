@@ -11,7 +11,8 @@ import inspect
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Self, TypeAlias
 
@@ -19,66 +20,44 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from pipedyn.accuracy.families import FAMILIES, resolving_size
+from pipedyn.accuracy.families import FAMILIES
 from pipedyn.accuracy.reference import (
     EPS,
-    FEWEST,
     LEAST_ERROR,
-    STEP,
     Answer,
     Onset,
     Reference,
-    grown_reference,
-    onset_reference,
-    wave_number,
+    onset_near,
+    resolving_size,
 )
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
-from pipedyn.linear.critical_speed import checked_end, critical_speed
-from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.linear.eigensolver import lowest
+from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
 from pipedyn.linear.special.weak_damping import is_weakly_damped
-from pipedyn.models.base import Model, NotConverged
+from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import simulate
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.counters import TookTooLong, clock, limited
 
 LEGENDRE = FAMILIES["legendre"]
 
 BEFORE_CLUSTER = 0.9
-"""Share of 1 / delta up to which roots are compared: from 1 / delta on there is no next one."""
-
-GROWN = (0, 4, 10, 18, 28)
-"""By how many functions the reference of eigenvalues grows: fast at first, as most converge in one
-step; those of much damping converge slowly."""
+"""Share of 1 / delta up to which roots are compared, see `Frequencies`."""
 
 FIRST, MOST = 6, 20
 """Legendre functions of the first nonlinear reference at the least, and of the last: a cycle of 20
 takes seconds."""
 
-BEAM_MODES: tuple[int, ...] = (4, 6, 8, 11, 15, 20, 27)
-"""Sizes of beam modes, for motions that Legendre functions spoil; 27 take ten seconds."""
-
-BEAM_ORDER, DRAG_ORDER = 4.0, 3.0
-"""Powers of the size with which errors fall: of beam modes, and of functions under drag, as |v| v
-has a kink."""
-
 LONGEST_REFERENCE = 30.0
 """Seconds of processor time after which a nonlinear reference grows no more: half of what a search
 waits for one answer."""
 
-STARTING = 24
-"""Legendre functions at the least for the mode from which a motion starts: those of it and of its
-neighbours are exact then."""
-
-START = 0.05
-"""Displacement of the free end, in L, with which a motion starts: 2 % of it is nonlinear."""
-
-AT_REST = 1e-12
-"""Largest amplitude of a start that is rounding."""
+LEAST_TOLERANCE = 1e-10
+"""Least change to which a basis grows, as for `Continuum`: rounding leaves less."""
 
 RTOL = 1e-8
 """Relative tolerance of a motion or a cycle where no other is asked for."""
@@ -95,13 +74,31 @@ class Quantity(ABC):
     most: ClassVar[int] = 2000
     """Degrees of freedom beyond which models are not asked."""
 
+    floor: float = 0.0
+    """Error below which answers differ by how they were solved, not by their models."""
+
+    def _set(self, **checked: Any) -> None:
+        """Fields of the frozen class, after their check."""
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
     @abstractmethod
     def answer(self, model: Model) -> Answer:
         """A model's answer."""
 
-    @abstractmethod
     def distance(self, answer: Answer, other: Answer) -> float:
-        """How far one is from another, relative to that; infinite where they differ in kind."""
+        """How far one is from another, relative to that; infinite where they differ in kind.
+
+        By the largest difference of the numbers, each relative to its own.
+        """
+        values, exact = answer.values, other.values
+        comparable = answer.kind == other.kind and values.shape == exact.shape
+        if not (comparable and np.isfinite(values).all()):
+            return math.inf
+        moved = np.abs(values - exact)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(moved == 0.0, 0.0, moved / np.abs(exact))
+        return float(shares.max(initial=0.0))
 
     @abstractmethod
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
@@ -111,13 +108,8 @@ class Quantity(ABC):
         """Why a family's answers do not come near a pipe's as it grows; empty if they do."""
         return ""
 
-    @property
-    def floor(self) -> float:
-        """Error below which answers differ by how they were solved, not by their models."""
-        return 0.0
-
-    def sharpened(self, tolerance: float) -> Self:
-        """The same, solved so sharply that its own error is no part of a tolerance."""
+    def solved_for(self, tolerance: float) -> Self:
+        """The same, solved so accurately that its own error is no part of a tolerance."""
         return self
 
     def prepared(self, pipe: Pipe) -> Self:
@@ -134,59 +126,57 @@ class Quantity(ABC):
         return replace(fine, values=values, error=error, others=None)
 
 
-def _relative(values: NDArray[Any], other: NDArray[Any]) -> float:
-    """Largest relative difference of entries, infinite where there is none."""
-    if values.shape != other.shape or not np.isfinite(values).all():
-        return math.inf
-    moved = np.abs(values - other)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = np.where(moved == 0.0, 0.0, moved / np.abs(other))
-    return float(shares.max(initial=0.0))
-
-
 # ------------------------------------------------------------------------------- linear questions
 
 
 @dataclass(frozen=True)
 class CriticalSpeedOf(Quantity):
-    """The critical speed u_c, relative; infinitely wrong where flutter and divergence are mixed up.
-
-    Attributes:
-        max_speed: end of the search.
-    """
+    """The critical speed u_c; infinitely wrong where flutter and divergence are mixed up."""
 
     name: ClassVar[str] = "critical_speed"
     max_speed: float = 100.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "max_speed", checked_end(self.max_speed))
+        self._set(max_speed=checked_end(self.max_speed))
 
     def answer(self, model: AnyModel) -> Answer:
         """The speed, shape (1,), with the kind of instability."""
         found = critical_speed(model, self.max_speed)
         error = found.error / found.speed if found.speed else 0.0
-        onset = None
-        # With neither Coriolis force nor damping two frequencies meet: no root crosses the axis.
-        crosses = model.pipe.beta > 0.0 or model.pipe.damping > 0.0
-        if found.kind == "flutter" and found.speed and crosses and not is_weakly_damped(model.pipe):
-            onset = Onset(found.speed, found.frequency, found.error)
-        return Answer(np.array([found.speed]), found.kind, error, onset)
-
-    def distance(self, answer: Answer, other: Answer) -> float:
-        """Relative difference of the speeds; infinite where the kinds differ."""
-        return math.inf if answer.kind != other.kind else _relative(answer.values, other.values)
+        return Answer(np.array([found.speed]), found.kind, error)
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        """An onset tracked into larger models, or else the continuous pipe's own answer."""
-        tracked = onset_reference(pipe, LEGENDRE.for_terms(pipe), self.answer, tolerance)
-        if tracked is not None:
-            return tracked
-        found = self.answer(Continuum(pipe))
-        return Reference(found, max(found.error, EPS), "Continuum")
+        """An onset, searched once and tracked as the basis grows, or else `Continuum`'s answer."""
+        onset: Onset | CriticalSpeed
+
+        def tracked(model: Model) -> Answer:
+            nonlocal onset
+            near = onset_near(model, onset.speed, onset.frequency)
+            # One that has moved further is another, or the functions were too few.
+            if near is None or abs(near.speed - onset.speed) > 1e-5 * near.speed:
+                raise NotConverged(f"the onset at u = {onset.speed:g} is not there in {model}")
+            onset = near
+            return Answer(np.array([near.speed]), "flutter", near.error / near.speed)
+
+        def distance(before: Answer, answer: Answer) -> float:
+            return self.distance(before, answer) + before.error + answer.error + EPS
+
+        with suppress(PipedynError):
+            # 16 functions resolve the flutter of most pipes to 1e-8.
+            few = LEGENDRE.make(pipe, 16 + LEGENDRE.for_terms(pipe))
+            onset = critical_speed(few, self.max_speed)
+            # Without Coriolis force and damping two frequencies meet: no root crosses the axis.
+            crosses = (pipe.beta > 0.0 or pipe.damping > 0.0) and not is_weakly_damped(pipe)
+            if crosses and onset.frequency and onset.speed:
+                least = max(tolerance, LEAST_TOLERANCE)
+                found = Continuum(pipe).converge(tracked, distance, least, largest=40)
+                return Reference(found.value, found.error, _source(found.size))
+        answer = self.answer(Continuum(pipe))
+        return Reference(answer, max(answer.error, EPS), "Continuum")
 
 
 class _Roots(Quantity):
-    """Eigenvalues, each held against its own; those that cluster at -1 / delta are left out."""
+    """Eigenvalues, each compared with its own; those that cluster at -1 / delta are left out."""
 
     count: int
 
@@ -195,41 +185,46 @@ class _Roots(Quantity):
         """One mode for each of those asked for."""
         return self.count
 
-    def _resolving(self, pipe: Pipe, u: float, tolerance: float) -> float:
-        """Legendre functions that resolve the modes asked for, by their wave number."""
-        wave = wave_number(pipe, u, 1j * (math.pi * (self.count + 0.5)) ** 2)
-        size = max(resolving_size(wave, tolerance), self.count + 2.0)
-        return size + LEGENDRE.for_terms(pipe)
+    def compared(self, answer: Answer) -> NDArray[np.bool_]:
+        """Which roots others are compared with."""
+        outside: NDArray[np.bool_] = np.abs(answer.damping * answer.values + 1.0) > 0.5
+        return outside
+
+    def distance(self, answer: Answer, other: Answer) -> float:
+        """Largest difference of a root from its own, relative to that or, where it is less, 1."""
+        both = np.atleast_2d(answer.candidates), np.atleast_2d(other.values)
+        worst = 0.0
+        for row, exact, mask in zip(*both, np.atleast_2d(self.compared(other)), strict=True):
+            own = exact[mask][:, None]
+            cost = np.abs(own - row) / np.maximum(np.abs(own), 1.0)
+            if own.size > row.size or not np.isfinite(cost).all():
+                return math.inf
+            worst = max(worst, float(cost[linear_sum_assignment(cost)].max(initial=0.0)))
+        return worst
+
+    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+        """The continuous pipe's: its basis grows until these roots converge, whatever others do."""
+        found = Continuum(pipe).converge(
+            self.answer,
+            # Near a cluster convergence is slow: what is left may be as much as the last change.
+            lambda before, answer: 2.0 * self.distance(before, answer),
+            # 1e-6 costs no more than what is looser.
+            tolerance=min(max(tolerance, LEAST_TOLERANCE), 1e-6),
+            smallest=max(16, 2 * self.count + 2),
+        )
+        return Reference(found.value, max(found.error, LEAST_ERROR), _source(found.size))
 
 
-def _outside(values: NDArray[Any], damping: float) -> NDArray[np.bool_]:
-    """Which roots do not cluster at -1 / delta."""
-    outside: NDArray[np.bool_] = np.abs(damping * values + 1.0) > 0.5
-    return outside
-
-
-def _apart(values: NDArray[Any], other: NDArray[Any]) -> float:
-    """Largest difference of roots of another set from some of these, each with its own, relative.
-
-    Roots smaller than 1 in 1 / T are held against 1.
-    """
-    cost = np.abs(other[:, None] - values[None, :]) / np.maximum(np.abs(other), 1.0)[:, None]
-    if other.size > values.size or not np.isfinite(cost).all():
-        return math.inf
-    rows, columns = linear_sum_assignment(cost)
-    return float(cost[rows, columns].max(initial=0.0))
+def _source(size: int) -> str:
+    return f"Continuum, {size} Legendre functions"
 
 
 @dataclass(frozen=True)
 class Frequencies(_Roots):
-    """The eigenvalues of the lowest modes at one flow speed: each matched with its own.
+    """The eigenvalues of the lowest modes at one flow speed.
 
     Of a pipe with damping delta, those up to 0.9 / delta: from 1 / delta on there is no next one,
     as infinitely many cluster there.
-
-    Attributes:
-        u: flow speed.
-        count: number of modes.
     """
 
     name: ClassVar[str] = "frequencies"
@@ -238,67 +233,32 @@ class Frequencies(_Roots):
 
     def __post_init__(self) -> None:
         u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED)
-        object.__setattr__(self, "u", u)
-        object.__setattr__(self, "count", check.count("count", self.count, high=100))
+        self._set(u=u, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
         """The eigenvalues, shape (2 count,)."""
         # Roots of equal size may change places at the end of the row: two more are asked for.
-        return self._first(model, min(2 * self.count + 2, 2 * model.dof))
-
-    def _first(self, model: AnyModel, most: int) -> Answer:
-        """So many eigenvalues, those asked for first."""
-        found = modes(model, self.u, most)
+        found = modes(model, self.u, min(2 * self.count + 2, 2 * model.dof))
         if not found.converged.all():
             raise NotConverged(f"eigenvalues at u = {self.u:g} failed their residual check", found)
-        return self._split(found.eigenvalues, model.pipe, found.discretisation or 0.0)
+        asked, others = np.split(found.eigenvalues, [2 * self.count])
+        return Answer(asked, damping=model.pipe.damping, others=others)
 
-    def _split(self, values: NDArray[Any], pipe: Pipe, error: float = 0.0) -> Answer:
-        asked, others = np.split(values, [2 * self.count])
-        return Answer(asked, error=error, damping=pipe.damping, others=others)
-
-    def _roots(self, model: Model) -> Answer:
-        """Without the modes' shapes, which are the half of an answer."""
-        found = lowest(eigenproblem(model), self.u, min(2 * self.count + 2, 2 * model.dof))
-        return self._split(found.values, model.pipe)
-
-    def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest distance of a root; infinite where none of the reference's is compared."""
-        compared = self._compared(other)
-        return _apart(answer.candidates, compared) if compared.size else math.inf
-
-    def _compared(self, answer: Answer) -> NDArray[Any]:
-        """The lowest roots; of a damped pipe those below the cluster at -1 / delta."""
+    def compared(self, answer: Answer) -> NDArray[np.bool_]:
+        """Those below the cluster; NotConverged where there are none."""
         below = answer.damping * np.abs(answer.values) < BEFORE_CLUSTER
-        compared: NDArray[Any] = answer.values[below & _outside(answer.values, answer.damping)]
+        compared: NDArray[np.bool_] = below & super().compared(answer)
+        if not compared.any():
+            raise NotConverged(
+                f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta",
+                answer,
+            )
         return compared
-
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        """Legendre functions that resolve the modes, grown; or else the continuous pipe."""
-        found, resolving = None, self._resolving(pipe, self.u, tolerance)
-        if math.isfinite(resolving):
-            sizes = [int(resolving) + more for more in GROWN]
-            asks = (self._roots, self._roots)
-            found = grown_reference(pipe, LEGENDRE, sizes, asks, self.distance, tolerance)
-        if found is None or found.error > tolerance:
-            answer = self._first(Continuum(pipe), 2 * self.count)
-            if self._compared(answer).size == 0:
-                raise NotConverged(
-                    f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta",
-                    answer,
-                )
-            found = Reference(answer, max(answer.error, LEAST_ERROR), "Continuum")
-        return found
 
 
 @dataclass(frozen=True)
 class RootLociOver(_Roots):
-    """The branches of eigenvalues over a range of speeds: the largest error of a root on them.
-
-    Attributes:
-        speeds: flow speeds, increasing, shape (S,).
-        count: number of branches.
-    """
+    """Branches of eigenvalues over increasing flow speeds (S,): the largest error on them."""
 
     name: ClassVar[str] = "root_loci"
     speeds: ArrayLike
@@ -308,8 +268,7 @@ class RootLociOver(_Roots):
         at = check.array("speeds", self.speeds, low=0.0, high=CONTINUUM_SPEED, longest=10_000)
         if np.any(np.diff(at) <= 0.0):
             raise ValueError("speeds must be strictly increasing")
-        object.__setattr__(self, "speeds", at)
-        object.__setattr__(self, "count", check.count("count", self.count, high=100))
+        self._set(speeds=at, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
         """The branches of the upper half plane, then their partners, shape (S, 2 count)."""
@@ -324,31 +283,6 @@ class RootLociOver(_Roots):
         )
         return Answer(asked, damping=model.pipe.damping, others=others)
 
-    def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest distance of a root at any speed."""
-        rows = zip(answer.candidates, other.values, strict=True)
-        return max(_apart(values, exact[_outside(exact, other.damping)]) for values, exact in rows)
-
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        """The branches of a model, held against all roots of a larger one."""
-        assert isinstance(self.speeds, np.ndarray)
-        fastest = float(self.speeds[-1])
-        resolving = self._resolving(pipe, fastest, tolerance)
-        enough = max(FEWEST, 3 * self.count, math.ceil(fastest)) + LEGENDRE.for_terms(pipe)
-        first = int(min(resolving, enough))
-        for size in range(first, first + 5 * STEP, STEP):
-            loci = root_loci(Galerkin(pipe, size, "legendre"), self.speeds, self.count)
-            values = np.concatenate([loci.eigenvalues, loci.partners], axis=1)
-            answer = Answer(values, damping=pipe.damping)
-            problem = eigenproblem(Galerkin(pipe, size + STEP, "legendre"))
-            every = np.stack([lowest(problem, float(u)).values for u in self.speeds])
-            # Beside clustered roots the larger may leave as much as it moved these at most.
-            error = 2.0 * self.distance(Answer(every), answer)
-            if error <= tolerance:
-                break
-        source = f"{size} Legendre functions, held against the roots of {size + STEP}"
-        return Reference(answer, max(error, LEAST_ERROR), source)
-
 
 # ---------------------------------------------------------------------------- nonlinear questions
 
@@ -357,36 +291,35 @@ Angle: TypeAlias = Callable[[Array], ArrayLike]
 
 
 class _Integrated(Quantity):
-    """A motion or a cycle, integrated with a relative tolerance."""
+    """A motion or a cycle, integrated with a relative tolerance, rtol.
 
-    sharpest: ClassVar[float]
-    """Least relative tolerance of the integration."""
+    Where it is not given rtol is a `share` of the tolerance asked for, but not below `least_rtol`,
+    or 1e-8 where none is asked for. It leaves an error of `noise` times rtol.
+    """
 
+    least_rtol: ClassVar[float]
     share: ClassVar[float]
-    """Of a tolerance asked for, that the integration's is."""
-
     noise: ClassVar[float]
-    """Error of an answer in relative tolerances of its integration."""
 
     u: float
     rtol: float | None
 
-    def _check_numbers(self, least_speed_is_open: bool) -> None:
-        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=least_speed_is_open)
-        object.__setattr__(self, "u", u)
-        if self.rtol is not None:
-            rtol = check.real("rtol", self.rtol, low=self.sharpest, high=1e-2)
-            object.__setattr__(self, "rtol", rtol)
+    def _check_numbers(self, open_low: bool) -> None:
+        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=open_low)
+        rtol = self.rtol
+        if rtol is not None:
+            rtol = check.real("rtol", rtol, low=self.least_rtol, high=1e-2)
+        self._set(u=u, rtol=rtol)
 
     @property
-    def floor(self) -> float:
+    def floor(self) -> float:  # type: ignore[override]
         """The integration's part."""
         return self.noise * (self.rtol or RTOL)
 
-    def sharpened(self, tolerance: float) -> Self:
+    def solved_for(self, tolerance: float) -> Self:
         """With a share of the tolerance, but no looser than it is."""
         loosest = 1e-2 if self.rtol is None else self.rtol
-        rtol = min(loosest, max(self.share * tolerance, self.sharpest))
+        rtol = min(loosest, max(self.share * tolerance, self.least_rtol))
         return replace(self, rtol=rtol)  # type: ignore[type-var]
 
     def prepared(self, pipe: Pipe) -> Self:
@@ -397,42 +330,62 @@ class _Integrated(Quantity):
         """From Legendre functions, or from beam modes where those spoil the answer.
 
         Solved by turns with two tolerances: what the looser leaves is part of the difference.
+
+        Raises:
+            NotConverged: if the second model has no answer in half a minute.
+            PipedynError: if one of the first two models fails.
         """
         assert self.rtol is not None
         tolerance = max(tolerance, self.rtol)
-        family, order = LEGENDRE, math.inf if pipe.drag == 0.0 else DRAG_ORDER
-        second_mode = 1j * (1.5 * math.pi) ** 2
+        # Errors fall exponentially; under drag, as |v| v has a kink, like the third power of the
+        # size, of beam modes like the fourth: the last step then moves less than what remains.
+        family, order = LEGENDRE, math.inf if pipe.drag == 0.0 else 3.0
+        sizes: tuple[int, ...] = (4, 6, 8, 11, 15, 20, 27)  # 27 beam modes take ten seconds
         if self.excluded(pipe, "legendre"):
-            family, order, sizes = FAMILIES["beam"], BEAM_ORDER, BEAM_MODES
+            family, order = FAMILIES["beam"], FAMILIES["beam"].order
         else:
-            expected = resolving_size(wave_number(pipe, self.u, second_mode), tolerance)
+            second_mode = 1j * (1.5 * math.pi) ** 2
+            expected = resolving_size(pipe, self.u, second_mode, tolerance)
             first, more = int(min(max(expected, FIRST), MOST - 2)), family.for_terms(pipe)
             sizes = tuple(range(first + more, MOST + more + 1, 2))
-        asks = (self.sharpened(tolerance).answer, self.sharpened(0.25 * tolerance).answer)
-        return grown_reference(
-            *(pipe, family, sizes, asks, self.distance, tolerance, order, LONGEST_REFERENCE)
-        )
+        asked = (self.solved_for(tolerance), self.solved_for(0.25 * tolerance))
+        answers: list[Answer] = []
+        failed, error, end = "", math.inf, clock() + LONGEST_REFERENCE
+        for i, size in enumerate(sizes):
+            try:
+                with limited(end - clock()):
+                    answers.append(asked[i % 2].answer(family.make(pipe, size)))
+            except (TookTooLong, PipedynError) as failure:
+                if i < 2 and isinstance(failure, PipedynError):
+                    raise
+                if i < 2:
+                    raise NotConverged(
+                        f"the continuous pipe's answer is not known: of reduced models, the one of "
+                        f"{size} {family.name} functions was not done in {LONGEST_REFERENCE:g} s"
+                    ) from None
+                failed = f", as that of {size} failed"
+                break
+            if i > 0:
+                left = max(1.0, 1.0 / ((size / sizes[i - 1]) ** order - 1.0))
+                error = left * self.distance(answers[-2], answers[-1]) + answers[-1].error
+            if error <= tolerance:
+                break
+        source = f"Galerkin, {sizes[len(answers) - 1]} {family.name} functions{failed}"
+        return Reference(answers[-1], max(error, LEAST_ERROR), source, family.name)
 
 
 @dataclass(frozen=True)
 class MotionOf(_Integrated):
     """The free end over a time: its largest distance from the reference, in the largest excursion.
 
-    Attributes:
-        u: flow speed.
-        duration: in T.
-        start: angle theta(s) of the bent pipe at rest that is let go; where not given, the motion
-            starts on the pipe's least damped mode, of 0.05 L at the free end, which excites no
-            others, as a pipe let go does.
-        samples: times at which the free end is compared.
-        rtol: relative tolerance of the integration; where not given a hundredth of the tolerance
-            asked for, or 1e-8 where none is.
-        rates: dtheta/dt(s) of the start; none where not given, but of the mode those that it has.
+    The pipe starts with angles theta(s) and rates dtheta/dt(s), at rest where only angles are
+    given. Without a start it moves on its least damped mode, of 0.05 L at the free end, which
+    excites no others, as a pipe let go does.
     """
 
     name: ClassVar[str] = "motion"
     most: ClassVar[int] = 1000
-    sharpest: ClassVar[float] = 1e-12
+    least_rtol: ClassVar[float] = 1e-12
     share: ClassVar[float] = 0.01
     noise: ClassVar[float] = 20.0
     u: float
@@ -443,7 +396,7 @@ class MotionOf(_Integrated):
     rates: Angle | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        self._check_numbers(least_speed_is_open=False)
+        self._check_numbers(open_low=False)
         duration = check.real("duration", self.duration, low=1e-6, high=1e6)
         for name, given in (("start", self.start), ("rates", self.rates)):
             if given is not None and not callable(given):
@@ -453,9 +406,8 @@ class MotionOf(_Integrated):
                 )
         if self.rates is not None and self.start is None:
             raise ValueError("rates must come with a start")
-        object.__setattr__(self, "duration", duration)
         samples = check.count("samples", self.samples, low=2, high=100_000)
-        object.__setattr__(self, "samples", samples)
+        self._set(duration=duration, samples=samples)
 
     def answer(self, model: Model) -> Answer:
         """The free end's positions, shape (samples, 2)."""
@@ -472,20 +424,21 @@ class MotionOf(_Integrated):
     def prepared(self, pipe: Pipe) -> MotionOf:
         """With its start: the least damped mode where none is given."""
         asked = super().prepared(pipe)
+        more = LEGENDRE.for_terms(pipe)
         if self.start is not None:
-            straight = LEGENDRE.make(pipe, FIRST + LEGENDRE.for_terms(pipe))
+            straight = LEGENDRE.make(pipe, FIRST + more)
             bends = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
-            if np.abs(bends).max() < AT_REST:
+            if np.abs(bends).max() < 1e-12:  # rounding
                 raise ValueError("start must bend the pipe, which does not move from where it is")
             return asked
-        size = max(STARTING, math.ceil(self.u)) + LEGENDRE.for_terms(pipe)
-        found = modes(Galerkin(pipe, size, "legendre"), self.u, 8)
-        growth = found.eigenvalues.real  # all modes of an undamped pipe may grow alike: the lowest
+        # 24 functions have the mode and its neighbours exactly.
+        model = Galerkin(pipe, max(24, math.ceil(self.u)) + more, "legendre")
+        found = modes(model, self.u, 8)
+        growth = found.eigenvalues.real  # where all grow equally, the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
-        q = START * mode.coordinates / mode(np.ones(1))[0]
-        angle = partial(_slope, mode.model, q.real.copy())
-        rates = partial(_slope, mode.model, (mode.eigenvalue * q).real)
-        return replace(asked, start=angle, rates=rates)
+        q = 0.05 * mode.coordinates / mode(np.ones(1))[0]  # 2 % of such a motion is nonlinear
+        angle = partial(_slope, model, q.real.copy())
+        return replace(asked, start=angle, rates=partial(_slope, model, (mode.eigenvalue * q).real))
 
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest distance of the free end, in the other's largest excursion."""
@@ -501,42 +454,31 @@ class MotionOf(_Integrated):
         return "its highest functions grow many times faster than the pipe" if spoilt else ""
 
 
-def _slope(model: Model, q: Array, s: Array) -> Array:
-    """The angle of a reduced model at arc lengths."""
-    assert isinstance(model, Galerkin)
+def _slope(model: Galerkin, q: Array, s: Array) -> Array:
+    """The angle of a reduced model at arc lengths; a function of the module, so that it pickles."""
     return model.functions(s, 1) @ q
 
 
 @dataclass(frozen=True)
 class LimitCycleAt(_Integrated):
-    """Amplitude and frequency of the limit cycle: the larger relative error.
-
-    Attributes:
-        u: flow speed.
-        rtol: relative tolerance of the cycle; where not given a tenth of the tolerance asked for,
-            or 1e-8 where none is.
-    """
+    """Amplitude and frequency of the limit cycle: the larger relative error."""
 
     name: ClassVar[str] = "limit_cycle"
     most: ClassVar[int] = LARGEST_CYCLE
-    sharpest: ClassVar[float] = 1e-10
+    least_rtol: ClassVar[float] = 1e-10
     share: ClassVar[float] = 0.1
     noise: ClassVar[float] = 10.0
     u: float
     rtol: float | None = None
 
     def __post_init__(self) -> None:
-        self._check_numbers(least_speed_is_open=True)
+        self._check_numbers(open_low=True)
 
     def answer(self, model: Model) -> Answer:
         """Amplitude and frequency, shape (2,)."""
         assert self.rtol is not None
         cycle = limit_cycle(model, self.u, rtol=self.rtol)
         return Answer(np.array([cycle.amplitude, cycle.frequency]), "", cycle.error)
-
-    def distance(self, answer: Answer, other: Answer) -> float:
-        """The larger relative difference of the two."""
-        return _relative(answer.values, other.values)
 
 
 # --------------------------------------------------------------------------------- by their names
@@ -546,26 +488,23 @@ QUANTITIES: dict[str, type[Quantity]] = {
 }
 
 
-def checked_quantity(quantity: Any, settings: dict[str, Any]) -> Quantity:
-    """A quantity by its name, with its conditions.
-
-    Raises:
-        ValueError: for an unknown name.
-        TypeError: for conditions that it does not take, or lacks; and as it says for what is wrong
-            with them.
-    """
+def conditions_of(quantity: Any) -> dict[str, inspect.Parameter]:
+    """What a quantity takes besides the pipe, by name."""
     kind = QUANTITIES[check.choice("quantity", quantity, tuple(QUANTITIES))]
-    known = {one.name: one for one in fields(kind)}  # type: ignore[arg-type]
-    listed = ", ".join(known)
+    return dict(inspect.signature(kind).parameters)
+
+
+def checked_quantity(quantity: Any, settings: dict[str, Any]) -> Quantity:
+    """A quantity by its name, with conditions; TypeError for those it does not take, or lacks."""
+    known = conditions_of(quantity)
     for name in settings:
         if name not in known:
-            raise TypeError(f"{quantity!r} takes {listed}, got {check.shown(name)}")
-    signature = inspect.signature(kind)
+            raise TypeError(f"{quantity!r} takes {', '.join(known)}, got {check.shown(name)}")
     missing = [
         name
-        for name, one in signature.parameters.items()
+        for name, one in known.items()
         if one.default is inspect.Parameter.empty and name not in settings
     ]
     if missing:
-        raise TypeError(f"{quantity!r} takes {listed}, and lacks {', '.join(missing)}")
-    return kind(**settings)
+        raise TypeError(f"{quantity!r} takes {', '.join(known)}, and lacks {', '.join(missing)}")
+    return QUANTITIES[quantity](**settings)

@@ -23,50 +23,28 @@ import numpy as np
 from pipedyn.accuracy.convergence import fitted_law
 from pipedyn.accuracy.families import FAMILIES, Family
 from pipedyn.accuracy.quantities import Quantity
-from pipedyn.accuracy.reference import Reference
-from pipedyn.accuracy.trade import SHARPER, TradeRow, measured
+from pipedyn.accuracy.reference import MARGIN, Reference
+from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.counters import clock
 
 SMALLEST = 4
 """Size at which the first ladder starts: the linear answers of fewer cost no less."""
 
-LARGEST = {"legendre": 60, "beam": 400}
-"""Functions. 60 Legendre functions resolve waves of 120 / L; the quadrature of beam modes takes a
-second from 400 on. Chains are tried up to the most that the quantity can be asked of."""
-
 PATIENCE = 60.0
 """Seconds: a model that would take longer for an answer is not tried, or given up. A user waits
 that long once."""
 
-DEARER = 2.0
-"""An answer is given up after so many times the best one's cost: it would not become the best,
-though times of one answer scatter."""
-
-ALIKE = 0.7
-"""Share of a time that is as good as all of it: times of one answer scatter by as much. So a budget
-is spent to this share, and another family must promise such a gain to be asked further."""
-
-FEWEST = 0.3
-"""No family has been seen to need fewer than this times tolerance^(-1 / order) degrees of freedom,
-even of the longest waves: chains of second order take 0.6, beam modes 0.35."""
-
-CHEAPER = 6.0
-"""So many times the degrees of freedom of a reduced model has the chain whose motion costs as much;
-the answers to other questions cost alike at about equal numbers."""
-
-GUESSES = 3
-"""Sizes between two known ones that follow from errors, before they are halved: of errors that fall
-by a law two are enough."""
+GAIN = 0.7
+"""Share of the best time that another family must promise to be asked further, and of a budget to
+which it is spent: times of one answer scatter by as much."""
 
 
 class Search:
-    """Models of one pipe asked so far, each once.
+    """Models of one pipe asked so far, each once: `rows`, by family and size.
 
-    Attributes:
-        rows: what was measured, by family and size.
-        left: why no more sizes of a family were asked, by its name, where its errors and times
-            alone do not say it.
+    `left` says, by a family's name, why no more of its sizes were asked, where its errors and times
+    alone do not say it.
     """
 
     def __init__(
@@ -87,39 +65,36 @@ class Search:
     def cheapest(self, tolerance: float) -> TradeRow | None:
         """The row of least time among the smallest of each family that meet a tolerance."""
         best: TradeRow | None = None
+
+        def serves(row: TradeRow) -> bool:
+            return self.bound(row) <= tolerance
+
         for family in self.families:
             dof, limit, patience = family.dof(SMALLEST), PATIENCE, PATIENCE
             if best is not None:
-                dof, limit = math.ceil(ALIKE * best.dof), ALIKE * best.seconds
-                patience = min(DEARER * best.seconds, PATIENCE)
-            fewest = FEWEST * tolerance ** (-1.0 / family.order) if family.order else 0.0
-            if best is not None and fewest > CHEAPER * dof:
-                self.left[family.name] = f"it would take {fewest:.0f} degrees of freedom or more"
-                continue
-            row = self._climb(
-                *(family, dof, lambda row: self.bound(row) <= tolerance),
-                *(tolerance, limit, patience),
-            )
+                dof, limit = math.ceil(GAIN * best.dof), GAIN * best.seconds
+                # An answer of twice the time would not become the best, though times scatter.
+                patience = min(2.0 * best.seconds, PATIENCE)
+            row = self._climb(family, dof, serves, tolerance, limit, patience)
             if row is not None and (best is None or row.seconds < best.seconds):
                 best = row
         return best
 
-    def sharpest(self, budget: float) -> TradeRow | None:
-        """The row of least error within a budget, down to what the reference can tell."""
-        aim = max(SHARPER * self.reference.error, self.quantity.floor)
+    def most_accurate(self, budget: float) -> TradeRow | None:
+        """The row of least error within a budget, down to what the reference resolves."""
+        aim = max(MARGIN * self.reference.error, self.quantity.floor)
 
         def is_enough(row: TradeRow) -> bool:
             return self._seconds[row.family, row.size] > budget or row.error <= aim
 
         for family in self.families:
             best = self._within(budget)
-            dof, error = (
-                (family.dof(SMALLEST), math.inf) if best is None else (best.dof, self.bound(best))
-            )
             if best is not None and not best.resolved:
-                self.left[family.name] = "the reference cannot tell a smaller error"
-            else:
-                self._climb(family, dof, is_enough, error, ALIKE * budget, PATIENCE)
+                self.left[family.name] = "the reference does not resolve a smaller error"
+                continue
+            dof = family.dof(SMALLEST) if best is None else best.dof
+            error = math.inf if best is None else self.bound(best)
+            self._climb(family, dof, is_enough, error, GAIN * budget, PATIENCE)
         return self._within(budget)
 
     def _within(self, budget: float) -> TradeRow | None:
@@ -149,19 +124,10 @@ class Search:
         """The row of one model."""
         key = (family.name, size)
         if key not in self.rows:
-            start = clock()
-            row = measured(
-                *(self.pipe, self.quantity, family, size, self.reference, self.repeats, patience)
-            )
-            self.rows[key] = row
+            start, given = clock(), (self.reference, self.repeats, patience)
+            self.rows[key] = row = measured(self.pipe, self.quantity, family, size, *given)
             self._seconds[key] = row.seconds if row.failure is None else clock() - start
         return self.rows[key]
-
-    def _range(self, family: Family) -> tuple[int, int]:
-        """The least and the largest size of a family that may be asked."""
-        least, most = max(1, self.quantity.least), self.quantity.most
-        largest = LARGEST.get(family.name, most) + family.for_terms(self.pipe)
-        return least, min(largest, most // 2 if family.paired else most)
 
     def _climb(
         self,
@@ -172,30 +138,24 @@ class Search:
         limit: float,
         patience: float,
     ) -> TradeRow | None:
-        """The smallest size of a family that serves, while the next smaller one does not.
+        """The row of the smallest size of a family that serves, while the next smaller does not.
 
-        Args:
-            family: of the models.
-            dof: degrees of freedom of the first.
-            serves: whether a row does.
-            target: error that larger sizes must come down to.
-            limit: seconds of an answer that no size of interest takes.
-            patience: seconds after which an answer is given up.
-
-        Returns:
-            Its row; None where there is none within the limit.
+        Sizes go up from a number of degrees of freedom until `serves` holds or no size in `limit`
+        seconds of an answer can bring the error down to `target`: then None. An answer is given up
+        after `patience` seconds.
         """
-        least, most = self._range(family)
+        least, most = max(1, self.quantity.least), self.quantity.most
+        more = family.for_terms(self.pipe)
+        largest = min((family.largest or most) + more, most // 2 if family.paired else most)
         self.left[family.name] = self.quantity.excluded(self.pipe, family.name)
-        if most < least:
-            least_dof, most_dof = self.quantity.least, self.quantity.most
+        if largest < least:
             self.left[family.name] = (
-                f"the question takes {least_dof} degrees of freedom, models have up to {most_dof}"
+                f"the question takes {least} degrees of freedom, models have up to {most}"
             )
         if self.left[family.name]:
             return None
-        bad, good, cuts = least - 1, most + 1, 0
-        size = min(max(dof // family.dof(1), least) + family.for_terms(self.pipe), most)
+        bad, good, cuts = least - 1, largest + 1, 0
+        size = min(max(dof // family.dof(1), least) + more, largest)
         while good - bad > 1:
             row = self._measure(family, size, patience)
             before = bad
@@ -203,18 +163,18 @@ class Search:
                 good = size
             else:
                 bad = size
-            if good <= most:
+            if good <= largest:
                 if self._seconds.get((family.name, bad), 0.0) >= limit:
                     return None
                 size = (bad + good) // 2
-                if cuts < GUESSES:
+                if cuts < 3:  # of errors that fall by a law two guesses are enough
                     size = self._guess(family, bad, good, target, size)
                 size, cuts = min(max(size, bad + 1), good - 1), cuts + 1
-            elif self._is_hopeless(family, row, most, target, limit):
+            elif self._is_hopeless(family, row, largest, target, limit):
                 return None
             else:
                 size = self._guess(family, before, bad, target, 2 * bad)
-                size = min(max(size, bad + 1), 2 * bad, most)
+                size = min(max(size, bad + 1), 2 * bad, largest)
         return self.rows.get((family.name, good))
 
     def _guess(self, family: Family, a: int, b: int, target: float, otherwise: int) -> int:
@@ -235,21 +195,18 @@ class Search:
         seconds, error = self._seconds[family.name, row.size], self.bound(row)
         ratio = error / target if error < math.inf else 1.0
         growth = ratio ** (1.0 / (family.order or 2.0))  # the paper's, until its limit is near
-        if (
-            error > target and seconds * growth > limit
-        ):  # an answer's time grows with the size at the least
+        # An answer's time grows at the least with the size, at the most with its cube.
+        if error > target and seconds * growth > limit:
             return True
-        if 8.0 * seconds > PATIENCE:  # and with its cube at the most
+        if 8.0 * seconds > PATIENCE:
             self.left[family.name] = "one of twice the size would take more than a minute"
             return True
-        errors = {
-            size: self.bound(one)
-            for (name, size), one in self.rows.items()
-            if name == family.name and self.bound(one) < math.inf
-        }
-        if len(errors) < 4 or error == math.inf:
+        rows = [row for row in self.rows.values() if row.family == family.name]
+        rows = [row for row in rows if self.bound(row) < math.inf]
+        if len(rows) < 4 or error == math.inf:
             return False
-        law = fitted_law(np.array([*errors], dtype=np.float64), np.array([*errors.values()]))
+        sizes, errors = [float(row.size) for row in rows], [self.bound(row) for row in rows]
+        law = fitted_law(np.array(sizes), np.array(errors))
         if law.law == "flat" and abs(law.limit) - law.spread > target:
             self.left[family.name] = (
                 f"larger ones tend to an error of {abs(law.limit):.3g}: it has another limit"

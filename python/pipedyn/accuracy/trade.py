@@ -7,7 +7,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, fields
 from itertools import pairwise
 from os import PathLike
 from typing import Any
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.accuracy.convergence import ConvergenceLaw, fitted_law
 from pipedyn.accuracy.families import GROUPS, Family, checked_families
 from pipedyn.accuracy.quantities import Quantity, checked_quantity
-from pipedyn.accuracy.reference import Answer, Reference
+from pipedyn.accuracy.reference import MARGIN, Reference
 from pipedyn.models.base import NotConverged, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -27,18 +27,12 @@ from pipedyn.util.progress import track
 from pipedyn.util.result import result
 from pipedyn.util.table import Table
 
-SHARPER = 10.0
-"""By how much a reference must be sharper than an error that is held against it."""
-
-STALLED = 0.8
-"""Least share by which the error of some larger model must be smaller: else it falls no more."""
-
-ROUNDED = 1e-6
-"""Errors above this do not stall by rounding: a family that stalls there has another limit."""
-
 LONGEST = 10.0
 """Seconds after which a measurement is not repeated, and an answer of a size that was not asked for
 is given up."""
+
+COSTS = ("seconds", "dof", "right_hand_sides", "factorisations")
+"""What a row may cost."""
 
 DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "beam", "legendre")
 """Families that are measured where none are named."""
@@ -53,9 +47,9 @@ class TradeRow:
         size: segments or functions; of a pair those of the smaller.
         dof: degrees of freedom; of a pair the sum.
         error: of the answer, relative, as measured against the reference; NaN where it failed.
-        resolved: whether the reference is sharp enough to tell it, by a factor of ten.
+        resolved: whether it is at least ten times the reference's own error.
         seconds: least processor time of an answer from models freshly made.
-        spread: the longest of the repeated times beside the least, less 1.
+        spread: the longest of the repeated times over the least, less 1.
         right_hand_sides, factorisations: counts of one answer.
         failure: what was raised, None where all went well.
         values: the numbers answered, None where there are none.
@@ -88,9 +82,6 @@ class TradeRow:
             str(self.right_hand_sides),
             str(self.factorisations),
         )
-
-
-HEADINGS = ("family", "size", "dof", "error", "seconds", "spread", "rhs", "factorisations")
 
 
 @result
@@ -149,8 +140,9 @@ class Trade:
         rows = [row for row in self.of(family) if row.resolved and floor < row.error < math.inf]
         errors = np.array([row.error for row in rows])
         sizes = np.array([float(row.size) for row in rows])
-        for i in range(2, len(rows)):  # rounding
-            if errors[i - 1] < ROUNDED and errors[i:].min() > STALLED * errors[i - 1]:
+        for i in range(2, len(rows)):
+            # Rounding, if no larger model is better by a fifth; above 1e-6 it is another limit.
+            if errors[i - 1] < 1e-6 and errors[i:].min() > 0.8 * errors[i - 1]:
                 return fitted_law(sizes[: i - 1], errors[: i - 1])
         return fitted_law(sizes, errors)
 
@@ -159,9 +151,9 @@ class Trade:
             f"{self.quantity} of {self.pipe}\n"
             f"reference: {self.reference.source}, error below {self.reference.error:.1e}"
         )
-        cells = [row.cells for row in self.rows]
+        headings = ("family", "size", "dof", "error", "seconds", "spread", "rhs", "factorisations")
         notes = [f"{row.family} {row.size} failed: {row.failure}" for row in self.failures]
-        return Table(title, HEADINGS, cells, numbers=True, notes=notes)
+        return Table(title, headings, [row.cells for row in self.rows], numbers=True, notes=notes)
 
     def __str__(self) -> str:
         return self._table().text()
@@ -170,13 +162,7 @@ class Trade:
         return self._table().html()
 
     def to_csv(self, path: str | PathLike[str] | None = None) -> str:
-        """The rows as comma-separated values.
-
-        Args:
-            path: a file to write them to.
-
-        Returns:
-            The text.
+        """The rows as comma-separated values, written to a file too where its path is given.
 
         Raises:
             OSError: if it cannot be written.
@@ -184,20 +170,15 @@ class Trade:
         """
         if path is not None and not isinstance(path, str | PathLike):
             raise TypeError(f"path must be a file's name, got {check.shown(path)}")
-        names = ("family", "size", "dof", "error", "resolved", *COSTS[:1], "spread", *COSTS[2:])
+        names = [one.name for one in fields(TradeRow) if one.name != "values"]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([*names, "failure"])
-        for row in self.rows:
-            failure = "" if row.failure is None else str(row.failure)
-            writer.writerow([*(getattr(row, name) for name in names), failure])
+        writer.writerow(names)  # of a row None is an empty cell
+        writer.writerows([getattr(row, name) for name in names] for row in self.rows)
         if path is not None:
             with open(path, "w", encoding="utf-8", newline="") as file:
                 file.write(text.getvalue())
         return text.getvalue()
-
-
-COSTS = ("seconds", "dof", "right_hand_sides", "factorisations")
 
 
 def trade(
@@ -307,7 +288,9 @@ def measured(
             with counted() as counters, limited(patience):
                 start = clock()
                 answers = [quantity.answer(model) for model in models]
-                answer = _one(quantity, answers, family)
+                answer = answers[0]
+                if family.paired:  # its order is twice that of one model
+                    answer = quantity.extrapolated(answers[0], answers[1], 0.5 * family.order)
                 times.append(clock() - start)
     except Exception as failure:
         return TradeRow(family.name, size, dof, math.nan, False, math.nan, math.nan, 0, 0, failure)
@@ -316,17 +299,11 @@ def measured(
         family=family.name,
         size=size,
         dof=dof,
-        error=max(error, reference.error) if error < SHARPER * reference.error else error,
-        resolved=error >= SHARPER * reference.error,
+        error=max(error, reference.error) if error < MARGIN * reference.error else error,
+        resolved=error >= MARGIN * reference.error,
         seconds=min(times),
         spread=max(times) / min(times) - 1.0,
         right_hand_sides=counters.right_hand_sides,
         factorisations=counters.factorisations,
         values=answer.values,
     )
-
-
-def _one(quantity: Quantity, answers: list[Answer], family: Family) -> Answer:
-    if not family.paired:
-        return answers[0]
-    return quantity.extrapolated(answers[0], answers[1], 0.5 * family.order)

@@ -10,38 +10,35 @@ passes names it. Cycles that leave a branch at pitchforks and period doublings a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
-from pipedyn.bifurcation.collocation import solved
-from pipedyn.bifurcation.continuation import Point, Segment, folds
+from pipedyn.bifurcation.brute_force import Fail
+from pipedyn.bifurcation.collocation import OrbitProblem
+from pipedyn.bifurcation.continuation import Continuation, Segment, folds, sign_changes
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finished, on_branch
+from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
-from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, excess, outside
-from pipedyn.bifurcation.floquet import returns, shortened
-from pipedyn.bifurcation.hopf import tip_of
-from pipedyn.bifurcation.normal_form import vectors
+from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, growth
+from pipedyn.bifurcation.floquet import multiplier_roots
+from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
-    Breaking,
-    HopfPoint,
     OrbitStep,
-    broken,
+    breaking_part,
     followed,
-    from_change,
+    from_branch_point,
     from_hopf,
     from_orbit,
 )
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
-from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
@@ -52,23 +49,10 @@ from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
-NARROW = 1e-4
-"""Share of a step to which an event is known."""
-
-FOLD = 1e-5
-"""Share of a step to which the place of a fold is known; its speed is so to the square of that."""
-
-BESIDE = 0.02
+NEAR_FOLD = 0.02
 """Share of a step around a fold in which its multiplier is too near to the trivial one."""
 
-MOST_CROSSINGS = 6
-"""Multipliers that cross the unit circle on one step: more at once have not been met, and each
-costs some ten orbits."""
-
-SLOW = 0.5
-"""Share of a branch's highest frequency below which, still falling, it falls towards 0."""
-
-DOUBTFUL = 1e-3
+LARGEST_ERROR = 1e-3
 """Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends."""
 
 SAMPLES = 65
@@ -82,7 +66,6 @@ GENERATIONS = 2
 """Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
 
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
-ORIGINS: dict[str, Origin] = {str(name): name for name in get_args(Origin)}
 
 
 @result
@@ -140,19 +123,12 @@ Failed = tuple[float, Exception]
 
 @dataclass(frozen=True)
 class BranchOptions:
-    """How branches are followed.
+    """How branches are followed."""
 
-    Attributes:
-        speeds: flow speeds at which cycles are solved for, increasing.
-        rtol: relative tolerance of the cycles there.
-        most: steps along one branch at most.
-        onsets: speeds of all onsets of flutter, at one of which a branch may end.
-    """
-
-    speeds: Array
-    rtol: float
-    most: int
-    onsets: tuple[float, ...] = ()
+    speeds: Array  # at which cycles are solved for, increasing
+    rtol: float  # of the cycles there
+    most: int  # steps along one branch
+    onsets: tuple[float, ...] = ()  # of flutter, at any of which a branch may end
 
     def holds(self, u: float) -> bool:
         """Whether a speed lies within those given."""
@@ -163,98 +139,86 @@ class BranchOptions:
 
 @dataclass(frozen=True)
 class Traced:
-    """A branch that was followed.
+    """A branch that was followed."""
 
-    Attributes:
-        branch: what lies within the speeds given, if anything does.
-        begin, end: events at which it begins and ends, wherever; None where it goes on.
-    """
-
-    branch: CycleBranch | None
-    begin: CycleEvent | None
+    branch: CycleBranch | None  # what of it lies within the speeds given, if anything does
+    begin: CycleEvent | None  # wherever that is; None where the branch goes on
     end: CycleEvent | None
 
-    def retraces(self, other: Traced) -> bool:
+    def is_reverse(self, other: Traced) -> bool:
         """Whether it leads from where the other ends to where that begins."""
-        return _same(self.end, other.begin) and _same(self.begin, other.end)
-
-
-def _same(a: CycleEvent | None, b: CycleEvent | None) -> bool:
-    return a is not None and b is not None and a.same(b)
+        pairs = ((self.end, other.begin), (self.begin, other.end))
+        return all(a is not None and b is not None and a.same(b) for a, b in pairs)
 
 
 def hopf_points(
-    model: Model, branches: tuple[EquilibriumBranch, ...], highest: float
-) -> Iterator[HopfPoint | Failed]:
-    """Hopf points of equilibria, of mirror images one, or what fails.
+    model: Model, branches: tuple[EquilibriumBranch, ...], highest: float, fail: Fail
+) -> list[HopfPoint]:
+    """Hopf points of equilibria up to a speed, of mirror images one.
 
-    Args:
-        model: the model.
-        branches: of its equilibria; of pipes that rest as they are built all onsets count, on these
-            or not.
-        highest: flow speed up to which these are sought.
+    Of pipes that rest as they are built all onsets count, on branches that were followed or not.
     """
     motion, statics = VectorField(model), Statics(model)
     points: list[tuple[float, float, Array]] = []
     if statics.rests(highest):
         try:
-            points += [
-                (c.speed, c.frequency, statics.resting)
-                for c in crossings(model, highest)
-                if c.kind == "flutter" and c.speed > 0.0
-            ]
+            onsets = [c for c in crossings(model, highest) if c.kind == "flutter"]
+            points += [(c.speed, c.frequency, statics.resting) for c in onsets]
         except PipedynError as error:
-            yield highest, error
+            fail(highest, error)
     for branch in branches:
-        for point in branch.points:
-            if point.kind == "hopf" and point.speed > 0.0 and not branch.straight:
-                points.append((point.speed, point.frequency, statics.from_start("q", point.q)))
-    known: list[tuple[float, float]] = []
+        if not branch.straight:
+            bent = [point for point in branch.points if point.kind == "hopf"]
+            points += [(p.speed, p.frequency, statics.from_start("q", p.q)) for p in bent]
+    found: list[HopfPoint] = []
     for u, frequency, x in points:
-        if any(np.allclose((u, frequency), other, rtol=1e-6) for other in known):
-            continue
-        known.append((u, frequency))
-        try:
-            yield hopf_point(motion, np.concatenate([x, np.zeros(motion.half)]), u, frequency)
-        except (PipedynError, ValueError) as error:
-            yield u, error
-
-
-def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
-    """The pair on the axis at an equilibrium.
-
-    Args:
-        motion: the model's.
-        rest: the equilibrium, shape (2 moving,).
-        u: flow speed.
-        frequency: of the pair.
-
-    Raises:
-        ValueError, PipedynError: if there is no such pair, or two, or the free end does not move.
-    """
-    mode, _ = vectors(motion.jacobian(rest, u), frequency)
-    mode = mode / tip_of(motion, rest, mode)
-    return HopfPoint(rest, mode, u, frequency)
+        known = (np.allclose((u, frequency), (p.speed, p.frequency), rtol=1e-6) for p in found)
+        if u > 0.0 and not any(known):
+            try:
+                rest = np.concatenate([x, np.zeros(motion.half)])
+                found.append(hopf_point(motion, rest, u, frequency))
+            except (PipedynError, ValueError) as error:
+                fail(u, error)
+    return found
 
 
 def traced(
     model: Model, begin: HopfPoint | PeriodicOrbit, options: BranchOptions
-) -> tuple[list[Traced], tuple[Failed, ...]]:
+) -> tuple[list[Traced], list[Failed]]:
     """The branch of cycles from an onset, or both ways through a cycle, and those that leave it.
 
-    Args:
-        model: chain, reduced model or scene, up to 100 degrees of freedom.
-        begin: the onset or the cycle.
-        options: how branches are followed.
-
-    Returns:
-        The branches and the speeds that failed.
+    The second answer are speeds that failed. Models have up to 100 degrees of freedom.
     """
     motion = VectorField(model)
+    found: list[Traced] = []
     failed: list[Failed] = []
+
+    def trace(starts: list[BranchStart], begin: CycleEvent | None, generations: int) -> None:
+        """One way from an event or both ways from a cycle, and branches that leave there."""
+        ways: list[_Follower] = []
+        for start in starts:
+            ways.append(_Follower(motion, start, begin, options, failed))
+            ways[-1].run()
+            if ways[-1].closed:
+                ways = ways[-1:]
+                break
+        found.append(_joined(ways))
+        for event, orbit, stable in [fork for way in ways for fork in way.forks]:
+            followed = generations == GENERATIONS or (stable and generations > 0)
+            ends = (end for other in found for end in (other.begin, other.end))
+            if not followed or any(end is not None and event.same(end) for end in ends):
+                continue
+            try:
+                leaving = [from_branch_point(motion, orbit)]
+            except NewtonFailed as reason:
+                kind, u = event.kind, event.speed
+                report = f"no cycles were found that leave the {kind} at u = {u:g}: {reason}"
+                failed.append((u, NoCycle(report, u)))
+                continue
+            trace(leaving, event, generations - 1)
+
     with one_thread(motion.size):
-        event: CycleEvent | None = None
-        u = begin.u if isinstance(begin, PeriodicOrbit) else begin.speed
+        event, u = None, begin.u if isinstance(begin, PeriodicOrbit) else begin.speed
         try:
             if isinstance(begin, PeriodicOrbit):
                 starts = [from_orbit(motion, begin, sign) for sign in (-1.0, 1.0)]
@@ -262,43 +226,9 @@ def traced(
                 starts = [from_hopf(motion, begin)]
                 event = CycleEvent("hopf", u, 1e-6, 1.0 + 0j, 0.0)
         except NewtonFailed as reason:
-            return [], ((u, NoCycle(f"no cycle beside u = {u:g}: {reason}", u)),)
-        found: list[Traced] = []
-        _trace(motion, starts, event, options, found, failed, GENERATIONS)
-        return found, tuple(failed)
-
-
-def _trace(
-    motion: VectorField,
-    starts: list[BranchStart],
-    begin: CycleEvent | None,
-    options: BranchOptions,
-    found: list[Traced],
-    failed: list[Failed],
-    generations: int,
-) -> None:
-    """A branch one way from an event or both ways from a cycle, and those that leave it."""
-    ways: list[_Follower] = []
-    for start in starts:
-        ways.append(_Follower(motion, start, begin, options, failed))
-        ways[-1].run()
-        if ways[-1].closed:
-            ways = ways[-1:]
-            break
-    found.append(_joined(ways))
-    for event, orbit, stable in [fork for way in ways for fork in way.forks]:
-        followed = generations == GENERATIONS or (stable and generations > 0)
-        ends = (end for other in found for end in (other.begin, other.end))
-        if not followed or any(_same(event, end) for end in ends):
-            continue
-        kind: Breaking = "pitchfork" if event.kind == "pitchfork" else "period doubling"
-        try:
-            leaving = [from_change(motion, orbit, kind)]
-        except NewtonFailed as reason:
-            report = f"no cycles were found that leave the {kind} at u = {event.speed:g}: {reason}"
-            failed.append((event.speed, NoCycle(report, event.speed)))
-            continue
-        _trace(motion, leaving, event, options, found, failed, generations - 1)
+            return [], [(u, NoCycle(f"no cycle was found near u = {u:g}: {reason}", u))]
+        trace(starts, event, GENERATIONS)
+        return found, failed
 
 
 def _joined(ways: list[_Follower]) -> Traced:
@@ -328,33 +258,12 @@ def _joined(ways: list[_Follower]) -> Traced:
     return Traced(branch, begin, way.end)
 
 
-@dataclass(frozen=True)
-class _Place:
-    """A point of a step.
-
-    Attributes:
-        length: from the step's beginning.
-        point: the solution.
-        cycle: with its multipliers.
-        event: what happens there.
-    """
-
-    length: float
-    point: Point
-    cycle: LimitCycle
-    event: CycleEvent | None = None
+Found = tuple[float, LimitCycle, CycleEvent | None]
+"""What lies on a step: arc length from its beginning, cycle, and what happens there."""
 
 
 class _Follower:
-    """A branch in the making, one way.
-
-    Args:
-        motion: the model's.
-        start: where it sets out.
-        begin: the event at which it begins, if that is known.
-        options: how it is followed.
-        failed: takes what fails.
-    """
+    """A branch in the making, one way from a start, and from an event if it begins at one."""
 
     def __init__(
         self,
@@ -370,91 +279,82 @@ class _Follower:
         self.onset = math.nan
         self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
         if begin is not None:
-            self.origin, self.onset = ORIGINS[begin.kind], begin.speed
+            self.origin, self.onset = cast(Origin, begin.kind), begin.speed
             where = "onset" if begin.kind == "hopf" else begin.kind
             self.how = f"followed from the {where} at u = {begin.speed:.6g}"
         self.events = [] if begin is None else [begin]
         self.cycles: list[LimitCycle] = []
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
-        self.pace: list[float] = []
+        self.frequencies: list[float] = []
         self.end: CycleEvent | None = None
         self.closed = False
-        lowest = min(float(options.speeds[options.speeds > 0.0][0]), start.orbit.u)
-        highest = max(float(options.speeds[-1]), start.orbit.u)
-        self.far = lowest / BEYOND, highest * BEYOND
 
     def run(self) -> None:
         """Follows the branch until it ends, is far from the speeds or its steps run out.
 
         Beyond the speeds given multipliers are not computed.
         """
-        here, last, beyond = self.start.orbit, None, 0
+        here, beyond = self.start.orbit, 0
+        speeds, frequencies = self.options.speeds, self.frequencies
+        lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
+        highest = max(float(speeds[-1]), here.u) * BEYOND
         try:
-            for number, step in enumerate(followed(self.motion, self.start, FINE)):
-                if number == 0:
-                    last = self._first()
+            last = self._first()
+            for number, step in enumerate(followed(self.motion, self.start, FINE), 1):
                 if self._vanishes(step):
                     return
                 here = step.end
-                self.pace.append(here.frequency)
+                frequencies.append(here.frequency)
                 low, high = sorted((step.begin.u, here.u))
-                if low <= self.options.speeds[-1] and high >= self.options.speeds[0]:
-                    last, beyond = self.noted(step, last), 0
-                    if last.multiplier_error > DOUBTFUL:
+                if low <= speeds[-1] and high >= speeds[0]:
+                    last, beyond = self._noted(step, last), 0
+                    if last.multiplier_error > LARGEST_ERROR:
                         raise NewtonFailed(
                             f"its multipliers are known to {last.multiplier_error:.1e} only"
                         )
                 else:
                     last, beyond = None, beyond + 1
-                far = not self.far[0] < here.u < self.far[1]
-                if far or self.closed or self.end is not None:
+                if self.closed or not lowest < here.u < highest:
                     return
-                if number + 1 >= self.options.most or beyond == MOST_BEYOND:
+                if number == self.options.most or beyond == MOST_BEYOND:
                     raise NewtonFailed("its steps ran out")
                 if last is None and here.edges.size > INTERVALS_BEYOND:
                     raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
         except NewtonFailed as reason:
-            if self._slowing():
-                self._ends("infinite period", here, 0.0)
-            else:
-                self._stopped(here, str(reason))
+            falling = len(frequencies) > 3 and frequencies[-1] < frequencies[-3]
+            if falling and frequencies[-1] < 0.5 * max(frequencies):
+                self._ends("infinite period", here)
+                return
+            self._ends("end", here)
+            report = f"the cycles {self.how} were not followed beyond u = {here.u:g}: {reason}"
+            self.failed.append((here.u, NotConverged(report)))
+
+    def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float = 0.0) -> None:
+        """Takes note of the orbit at which the branch ends, or ("end") is not followed further."""
+        size = 0.0 if kind == "hopf" else amplitude_of(self.motion, orbit)[0]
+        self.events.append(CycleEvent(kind, orbit.u, error, 1.0 + 0j, size))
+        self.end = self.events[-1] if kind != "end" else None
 
     def _first(self) -> LimitCycle | None:
-        """Cycles at speeds given up to the branch's first; that itself if its speed is one."""
+        """Keeps cycles at speeds given up to the branch's first; that itself if its speed is one.
+
+        From what it leaves to its first orbit the branch is a step like any other.
+        """
         base, first = self.start.base, self.start.orbit
         if base is None:
             cycle = self._finished(first.u, first)
             if cycle is not None:
-                self.keep(cycle)
+                self._keep(cycle)
             return cycle
-        low, high = sorted((base.u, first.u))
-        speeds = self.options.speeds
-        between = speeds[(speeds > low) & (speeds < high)]
-        for u in sorted(map(float, between), key=lambda u: abs(u - base.u)):
-            orbit = self._beside(base, u)
-            if orbit is None:
-                self._no_cycle(u, "Newton's method fell back to what the branch leaves")
-            elif (cycle := self._finished(u, orbit)) is not None:
-                self.keep(cycle)
-        return None
-
-    def _beside(self, base: PeriodicOrbit, u: float) -> PeriodicOrbit | None:
-        """The orbit at a speed between that of what the branch leaves and that of its first."""
-        first = self.start.orbit
-        share = (u - base.u) / (first.u - base.u)
         along = first.packed() - base.packed()
-        powers = (1.0, 0.5) if self.origin == "hopf" and self.motion.model.pipe.drag else (0.5,)
-        for power in powers:
-            guess = replace(first.unpacked(base.packed() + share**power * along), u=u)
-            with suppress(NewtonFailed):
-                found = solved(self.motion, guess, FINE.control.tolerance)
-                if float(np.vdot(found.starts - base.starts, guess.starts - base.starts)) > 0.0:
-                    return found
+        # So small a start lets the orbits on the way be anything from 0.15 % to 150 % of the first.
+        problem = OrbitProblem(self.motion, first.unpacked(base.packed() + 0.05 * along))
+        branch = Continuation(problem, FINE.control)
+        begin, end = branch.starting(base.packed(), along), branch.point(first.packed(), along)
+        step = OrbitStep(Segment(branch, begin, end), problem)
+        for _, cycle, _ in sorted(self._at_speeds(step, step.segment), key=lambda one: one[0]):
+            self._keep(cycle)
         return None
-
-    def _no_cycle(self, u: float, reason: object) -> None:
-        """Takes note of a speed at which no cycle was found."""
-        self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
 
     def _finished(self, u: float, orbit: PeriodicOrbit) -> LimitCycle | None:
         """The cycle of the orbit at one of the speeds given; None where there is none.
@@ -469,175 +369,123 @@ class _Follower:
                 return error.result
         return None
 
-    def _slowing(self) -> bool:
-        """Whether the period seems to grow without bound."""
-        pace = self.pace
-        return len(pace) > 3 and pace[-1] < SLOW * max(pace) and pace[-1] < pace[-3]
-
-    def described(self, orbit: PeriodicOrbit) -> LimitCycle:
+    def _described(self, orbit: PeriodicOrbit) -> LimitCycle:
         """The cycle of an orbit, with its multipliers."""
         return on_branch(self.motion, orbit, FINE.defect, SAMPLES, self.how)
 
-    def keep(self, cycle: LimitCycle) -> None:
-        """Takes a cycle whose multipliers can be believed."""
-        if cycle.multiplier_error <= DOUBTFUL:
+    def _keep(self, cycle: LimitCycle) -> None:
+        """Takes a cycle whose multipliers are accurate enough."""
+        if cycle.multiplier_error <= LARGEST_ERROR:
             self.cycles.append(cycle)
 
-    def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float) -> None:
-        """Tells where the branch ends."""
-        size = 0.0 if kind == "hopf" else amplitude_of(self.motion, orbit)[0]
-        self.end = CycleEvent(kind, orbit.u, error, 1.0 + 0j, size)
-        self.events.append(self.end)
-
-    def _stopped(self, orbit: PeriodicOrbit, why: str) -> None:
-        """Tells that the branch was not followed further."""
-        size = amplitude_of(self.motion, orbit)[0]
-        self.events.append(CycleEvent("end", orbit.u, 0.0, 1.0 + 0j, size))
-        report = f"the cycles {self.how} were not followed beyond u = {orbit.u:g}: {why}"
-        self.failed.append((orbit.u, NotConverged(report)))
-
-    # ----------------------------------------------------------------------- how it may end
-
     def _vanishes(self, step: OrbitStep) -> bool:
-        """Whether the branch goes over into what it leaves within a step, at rest or unbroken."""
-        for kind in self._breakings(step.begin):
-            here, there = (broken(orbit, kind) for orbit in (step.begin, step.end))
+        """Whether the branch meets within a step an equilibrium, or cycles of more symmetry."""
+        orbit = step.begin
+        kinds: list[EventKind] = ["hopf"]
+        if not orbit.symmetric:
+            kinds.append("period doubling")
+            if self.motion.is_odd(orbit.u):
+                kinds.append("pitchfork")
+        for kind in kinds:
+            here, there = (breaking_part(orbit, kind) for orbit in (step.begin, step.end))
             if float(np.sum(here * there)) >= 0.0:
                 continue
             before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
+            share = before / (before + after)
             if kind == "hopf":
-                self._dies(step, before, after)
-                return True
-            # The speed is as the square of what vanishes.
-            way = step.length * before / (before + after)
-            beside = [step.at(0.6 * way), step.at(0.85 * way)]
-            left = [float(np.sum(broken(near, kind) ** 2)) for near in beside]
-            near, size = beside[1], left[1]
-            at = [
-                near.u + size * (near.u - u) / (other - size)
-                for u, other in ((step.begin.u, before**2), (beside[0].u, left[0]))
-            ]
-            self._ends(kind, replace(near, u=at[1]), abs(at[1] - at[0]) + 1e-9)
+                u = orbit.u + share * (step.end.u - orbit.u)
+                others = [onset for onset in self.options.onsets if onset != self.onset]
+                onset = min(others, key=lambda onset: abs(onset - u), default=math.inf)
+                known = abs(onset - u) < 0.01 * u
+                error = 1e-6 if known else abs(orbit.u - u)
+                orbit = replace(orbit, u=onset if known else u)
+            else:
+                # The speed is as the square of what vanishes.
+                near, orbit = (step.at(k * share * step.length) for k in (0.6, 0.85))
+                left, size = (float(np.sum(breaking_part(one, kind) ** 2)) for one in (near, orbit))
+                rough, u = (
+                    orbit.u + size * (orbit.u - other.u) / (square - size)
+                    for other, square in ((step.begin, before**2), (near, left))
+                )
+                error = abs(u - rough) + 1e-9
+                orbit = replace(orbit, u=u)
+            self._ends(kind, orbit, error)
             return True
         return False
 
-    def _breakings(self, orbit: PeriodicOrbit) -> Iterator[EventKind]:
-        """At which events an orbit may meet what it breaks from."""
-        yield "hopf"
-        if not orbit.symmetric:
-            yield "period doubling"
-            if self.motion.is_odd(orbit.u):
-                yield "pitchfork"
-
-    def _dies(self, step: OrbitStep, before: float, after: float) -> None:
-        """Tells at which onset a cycle shrinks to nothing."""
-        u = step.begin.u + before / (before + after) * (step.end.u - step.begin.u)
-        others = [onset for onset in self.options.onsets if onset != self.onset]
-        near = min(others, key=lambda onset: abs(onset - u), default=math.inf)
-        known = abs(near - u) < 0.01 * u
-        error = 1e-6 if known else abs(step.begin.u - u)
-        self._ends("hopf", replace(step.begin, u=near if known else u), error)
-
-    # ---------------------------------------------------------------------- what lies on it
-
-    def noted(self, step: OrbitStep, last: LimitCycle | None) -> LimitCycle:
+    def _noted(self, step: OrbitStep, last: LimitCycle | None) -> LimitCycle:
         """Keeps what lies on a step and its events; the cycle at its end.
 
-        Args:
-            step: the step.
-            last: the cycle at its beginning, if that is known and kept.
+        `last` is the cycle at its beginning, if that is known and kept.
         """
-        segment = step.segment
+        segment, length = step.segment, step.length
         if last is None:
-            last = self.described(step.begin)
-            self.keep(last)
-        end = self._place(step, step.length, segment.end)
-        if max(end.cycle.multiplier_error, last.multiplier_error) > DOUBTFUL:
-            self.keep(end.cycle)
-            return end.cycle
-        low, beside = _Place(0.0, segment.begin, last), BESIDE * step.length
-        places, ends = [end], [segment.begin]
-        for length in folds(segment, FOLD):
-            top = self._place(step, length)
-            u, amplitude = top.cycle.u, top.cycle.amplitude
-            error = max(abs(step.at(length + 1e-3 * step.length).u - u), 1e-9)
-            event = CycleEvent("fold", u, error, 1.0 + 0j, amplitude)
-            places.append(replace(top, event=event))
-            ends.append(top.point)
-            if length - beside > low.length:
-                places += self._crossings(step, low, self._place(step, length - beside))
-            low = self._place(step, min(length + beside, step.length))
-        if low.length < step.length:
-            places += self._crossings(step, low, end)
-        for a, b in pairwise([*ends, segment.end]):
-            places += self._at_speeds(step, segment.part(a, b))
-        for place in sorted(places, key=lambda one: one.length):
-            self.keep(place.cycle)
-            if place.event is not None:
-                self.events.append(place.event)
-        return end.cycle
+            last = self._described(step.begin)
+            self._keep(last)
+        ends = {0.0: last, length: self._described(step.end)}
 
-    def _place(self, step: OrbitStep, length: float, point: Point | None = None) -> _Place:
-        """A point of a step, solved for where it is not given, and its cycle."""
-        point = step.segment.at(length) if point is None else point
-        return _Place(length, point, self.described(step.problem.orbit(point.z)))
+        @cache
+        def cycle(s: float) -> LimitCycle:
+            return ends[s] if s in ends else self._described(step.at(s))
 
-    def _crossings(self, step: OrbitStep, low: _Place, high: _Place) -> Iterator[_Place]:
-        """Where multipliers cross the unit circle between two places, but for folds.
+        found: list[Found] = [(length, cycle(length), None)]
+        if max(one.multiplier_error for one in ends.values()) > LARGEST_ERROR:
+            self._keep(cycle(length))
+            return cycle(length)
+        turns = folds(segment, 1e-5)  # the speed of a fold is known to the square of that
+        for s in turns:
+            u = cycle(s).u
+            error = max(abs(step.at(s + 1e-3 * length).u - u), 1e-9)
+            event = CycleEvent("fold", u, error, 1.0 + 0j, cycle(s).amplitude)
+            found.append((s, cycle(s), event))
+        lows = [0.0, *(min(s + NEAR_FOLD * length, length) for s in turns)]
+        highs = [*(s - NEAR_FOLD * length for s in turns), length]
+        for low, high in zip(lows, highs, strict=True):
+            if low < high:
+                found += self._events(step, cycle, low, high)
+        points = [segment.begin, *(segment.at(s) for s in turns), segment.end]
+        for a, b in pairwise(points):
+            found += self._at_speeds(step, replace(segment, begin=a, end=b))
+        for _, one, at in sorted(found, key=lambda place: place[0]):
+            self._keep(one)
+            if at is not None:
+                self.events.append(at)
+        return cycle(length)
 
-        Those show in the tangent.
-        """
-        for _ in range(MOST_CROSSINGS):
-            if outside(low.cycle.multipliers) == outside(high.cycle.multipliers):
-                return
-            before, low = self._narrowed(step, low, high)
-            orbit = step.problem.orbit(low.point.z)
-            roots = returns(self.motion, shortened(self.motion, orbit))
+    def _events(
+        self, step: OrbitStep, cycle: Callable[[float], LimitCycle], low: float, high: float
+    ) -> Iterator[Found]:
+        """Where multipliers cross the unit circle between two lengths, but for folds."""
+        passed = sign_changes(lambda s: growth(cycle(s).multipliers), low, high, 1e-4 * step.length)
+        for before, beyond in passed:
+            orbit = step.at(beyond)
+            roots = multiplier_roots(self.motion, orbit)
             kind, multiplier = crossing_event(roots, orbit.symmetric)
             if kind == "fold":
                 continue
-            a, b = before.cycle, low.cycle
+            a, b = cycle(before), cycle(beyond)
             speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
             event = CycleEvent(kind, speed, error, multiplier, 0.5 * (a.amplitude + b.amplitude))
             if kind != "torus" and self.options.holds(speed):
                 self.forks.append((event, orbit, a.stable or b.stable))
-            yield replace(low, event=event)
+            yield beyond, b, event
 
-    def _narrowed(self, step: OrbitStep, low: _Place, high: _Place) -> tuple[_Place, _Place]:
-        """Places right before and beyond the first crossing of a multiplier.
-
-        The modulus that passes 1 is a smooth function of the length, unless others pass as well.
-        """
-        begin = outside(low.cycle.multipliers)
-        passing = begin - (outside(high.cycle.multipliers) < begin)
-        known = {place.length: place for place in (low, high)}
-
-        def value(length: float) -> float:
-            if length not in known:
-                known[length] = self._place(step, length)
-            return excess(known[length].cycle.multipliers, passing)
-
-        brentq(value, low.length, high.length, xtol=NARROW * step.length)
-        places = sorted(known.values(), key=lambda one: one.length)
-        beyond = next(i for i, one in enumerate(places) if outside(one.cycle.multipliers) != begin)
-        return places[beyond - 1], places[beyond]
-
-    def _at_speeds(self, step: OrbitStep, part: Segment) -> Iterator[_Place]:
-        """The cycles at the speeds given."""
+    def _at_speeds(self, step: OrbitStep, part: Segment) -> Iterator[Found]:
+        """The cycles at the speeds given on a part of a step."""
         low, high = sorted((part.begin.p, part.end.p))
         speeds = self.options.speeds
         passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.p)
-        if len(self.pace) == 1 and self.start.base is None:  # the first orbit is kept already
+        if len(self.frequencies) == 1 and self.start.base is None:  # the first is kept already
             passed &= ~np.isclose(speeds, self.start.orbit.u, rtol=1e-7, atol=0.0)
         for u in map(float, speeds[passed]):
             try:
                 point = part.where(u)
             except NewtonFailed as reason:
-                self._no_cycle(u, reason)
+                self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
                 continue
             cycle = self._finished(u, step.problem.orbit(point.z))
             if cycle is not None:
-                yield _Place(step.segment.reach(point.z), point, cycle)
+                yield step.segment.reach(point.z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)
 
     def _is_first(self, cycle: LimitCycle) -> bool:

@@ -8,7 +8,9 @@ is none, a cycle leaves a few values, a torus or chaos many.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -17,14 +19,15 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.motion.ensemble import BATCH, simulate_many
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
-from pipedyn.motion.simulate import LARGEST_SAMPLES, Motion, slight_bend
+from pipedyn.motion.simulate import BATCH, LARGEST_SAMPLES, modal_bend, simulate_many, slight_bend
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
+
+Fail = Callable[[float, Exception], None]
+"""Takes note of what was raised at a flow speed."""
 
 Ending = Literal["rest", "periodic", "settling", "irregular", "failed"]
 
@@ -32,8 +35,8 @@ AT_REST = 1e-5
 """Range of the tip, in L, below which it is at rest: ten times what rtol = 1e-6 lets it err."""
 
 RECURRENCE = 1e-3
-"""By how much maxima may differ from those a period before, beside the range, where they still come
-nearer to each other; beyond, too few of them are known to say how they converge."""
+"""By how much maxima may differ from those a period before, relative to the range, where they still
+come nearer to each other; beyond, too few of them are known to say how they converge."""
 
 LONGEST_PERIOD = 16
 """Maxima in a period beyond which a motion counts as irregular: records hold some 50 to 100 maxima,
@@ -71,16 +74,10 @@ class Attractor:
 
 @dataclass(frozen=True)
 class MotionOptions:
-    """How motions are computed.
+    """How motions are computed, and whether the exponents of irregular ones are."""
 
-    Attributes:
-        transient, duration: time left out, and time recorded.
-        rtol: of the integration.
-        exponents: whether the exponents of irregular motions are computed.
-    """
-
-    transient: float
-    duration: float
+    transient: float  # time left out
+    duration: float  # time recorded
     rtol: float
     exponents: bool
 
@@ -100,18 +97,11 @@ def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
     while len(found) < count:
         parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
         parts *= 10.0 ** random.uniform(-1.5, 0.0)
-        for _ in range(6):
-
-            def bend(s: Array, parts: Array = parts) -> Array:
-                modes = np.array([1.0, 3.0, 5.0])[:, None] * (0.5 * math.pi * s)
-                return np.asarray(parts @ np.sin(modes))
-
-            try:
-                found.append(model.bent(bend))
+        for halved in 0.5 ** np.arange(6):
+            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+                found.append(model.bent(modal_bend(halved * parts)))
                 break
-            except PipedynError:  # guides and pins that such a bend cannot meet
-                parts = 0.5 * parts
-    return found[:count]
+    return found
 
 
 def attractors(
@@ -119,22 +109,16 @@ def attractors(
     speeds: Array,
     starts: list[Array],
     options: MotionOptions,
+    fail: Fail,
     executor: Executor | None,
     shown: bool,
-) -> tuple[tuple[Attractor, ...], tuple[Failure, ...]]:
-    """Where motions end, from each start at each speed, and the members that failed."""
+) -> tuple[Attractor, ...]:
+    """Where motions end, from each start at each speed."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
-    parts = [
-        [members[i] for i in part]
-        for part in np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
-    ]
+    indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
+    parts = [[members[i] for i in part] for part in indices]
     found: list[Attractor] = []
-    failures: list[Failure] = []
-
-    def fail(u: float, error: Exception) -> None:
-        failures.append(Failure(int(np.searchsorted(speeds, u)), u, error))
-
     jobs = [partial(_batch, model, part, starts, options) for part in parts]
     answers = parallel(jobs, executor, label="brute force", progress=shown)
     for part, answer in zip(parts, answers, strict=True):
@@ -147,22 +131,17 @@ def attractors(
             found.append(one)
     if options.exponents:
         irregular = [i for i, one in enumerate(found) if one.ending == "irregular"]
-        exponents = [
-            partial(
-                lyapunov_exponent,
-                *(model, found[i].speed, found[i].end),
-                duration=2.0 * options.duration,
-                transient=20.0,
-            )
-            for i in irregular
-        ]
+        measured = partial(
+            lyapunov_exponent, model, duration=2.0 * options.duration, transient=20.0
+        )
+        exponents = [partial(measured, found[i].speed, found[i].end) for i in irregular]
         results = parallel(exponents, executor, label="exponents", progress=shown)
         for i, exponent in zip(irregular, results, strict=True):
             if isinstance(exponent, Exception):
                 fail(found[i].speed, exponent)
             else:
                 found[i] = replace(found[i], exponent=exponent)
-    return tuple(found), tuple(failures)
+    return tuple(found)
 
 
 def _batch(
@@ -177,22 +156,22 @@ def _batch(
         times=options.transient + np.linspace(0.0, options.duration, options.samples),
         rtol=options.rtol,
     )
+    answers: list[Attractor | Exception] = []
     errors = {failure.index: failure.error for failure in ensemble.failures}
-    return [
-        errors[i] if i in errors else _attractor(u, k, motion, options.rtol)
-        for i, ((u, k), motion) in enumerate(zip(members, ensemble.motions, strict=True))
-    ]
-
-
-def _attractor(u: float, start: int, motion: Motion, rtol: float) -> Attractor:
-    x = motion.tip[:, 0]
-    turnings, error = turning_points(motion.t, x, motion.tip_velocity[:, 0])
-    # Errors of an integrator's steps add up over the ten or more that a period takes.
-    ending, period = ending_of(x, turnings, error + 10.0 * rtol * float(np.ptp(x)))
-    if ending == "rest":
-        turnings = x[-1:].copy()
-    state = motion.model.start(motion.q[-1], motion.qdot[-1])
-    return Attractor(u, start, ending, period, turnings, np.asarray(state))
+    for i, ((u, k), motion) in enumerate(zip(members, ensemble.motions, strict=True)):
+        if i in errors:
+            answers.append(errors[i])
+            continue
+        x = motion.tip[:, 0]
+        turnings, error = turning_points(motion.t, x, motion.tip_velocity[:, 0])
+        # Errors of an integrator's steps add up over the ten or more that a period takes.
+        error += 10.0 * options.rtol * float(np.ptp(x))
+        ending, period = ending_of(x, turnings, error)
+        if ending == "rest":
+            turnings = x[-1:].copy()
+        end = np.asarray(model.start(motion.q[-1], motion.qdot[-1]))
+        answers.append(Attractor(u, k, ending, period, turnings, end))
+    return answers
 
 
 def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
@@ -210,12 +189,9 @@ def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
 
 
 def ending_of(x: Array, turnings: Array, error: float) -> tuple[Ending, int]:
-    """What kind of motion the samples of the tip and its turning points show, and its period.
+    """What kind of motion the samples x of the tip and its turning points show, and its period.
 
-    Args:
-        x: samples.
-        turnings: values at turning points, in order.
-        error: by how much two of these may differ although the motion repeats.
+    Two turning points may differ by the error although the motion repeats.
     """
     quarters = [float(np.ptp(part)) for part in np.array_split(x, 4)]
     if quarters[-1] < AT_REST:
@@ -230,7 +206,7 @@ def ending_of(x: Array, turnings: Array, error: float) -> tuple[Ending, int]:
             return "periodic", period
         if change.size < 4 * period:
             continue
-        # A Floquet multiplier that still acts shrinks the changes by a constant factor. Beside a
+        # A Floquet multiplier that still acts shrinks the changes by a constant factor. Near a
         # torus they may shrink for a while as well, but not twice as much in each quarter.
         parts = [max(float(part.max()), error) for part in np.array_split(change, 4)]
         converges = all(b <= max(0.5 * a, error) for a, b in pairwise(parts))

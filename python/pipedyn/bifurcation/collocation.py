@@ -22,35 +22,17 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
 
-MOST_ENTRIES = 500_000
-"""Numbers in the stages' matrices that are made at a time: what a cache holds."""
-
-ITERATIONS = 15
-"""Of Newton's method; a good start takes 2 to 4, a poor one a few shortened steps more."""
-
-LONGEST_STEP = 0.5
-"""Of Newton's method, beside the size of the orbit, its frequency and the speed."""
-
-VANISHING, GROWN, FREQUENCIES = 0.03, 30.0, (0.1, 10.0)
-"""Beside the start's: size below which an orbit shrinks to rest, and size and frequencies beyond
-which Newton's method has nothing to do with its start any more."""
-
-
 # -------------------------------------------------------------------------------- one interval
 
 
 def _condensed(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-    """How intervals answer to small changes, with the stages eliminated.
+    """Derivatives of each interval's stages and of the state at its end.
 
-    As many intervals are taken at a time as a cache holds.
-
-    Returns:
-        Rates of the stages to the state at the beginning, to what they miss, to the frequency and
-        to the speed, shape (M, s, width, 2 moving + 3), and the state at the end to the same, shape
-        (M, 2 moving, 2 moving + 3).
+    By the state at its beginning, a share of the residual, the frequency and the speed: of the
+    stages' rates, shape (M, s, width, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
     """
     count, _, width = orbit.rates.shape
-    piece = max(1, MOST_ENTRIES // (STAGES * width) ** 2)
+    piece = max(1, 500_000 // (STAGES * width) ** 2)  # intervals whose 4 MB a cache holds
     parts = []
     for i in range(0, count, piece):
         some = slice(i, i + piece)
@@ -62,15 +44,21 @@ def _condensed(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]
 
 
 def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-    """The same of a few."""
+    """`_condensed` of a few intervals."""
     count, _, width = orbit.rates.shape
-    size, half, u = motion.size, motion.half, orbit.u
+    size, u, twice = motion.size, orbit.u, orbit.twice
     y = np.ascontiguousarray(orbit.stages().reshape(-1, size).T)
     missed = motion(y, u)[-width:].T.reshape(orbit.rates.shape) - orbit.rates
     by_speed = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
     rows = motion.jacobians(y, u)[:, -width:].reshape(count, STAGES, width, size)
-    h = orbit.durations[:, None, None]
-    by_start, by_time = _carried(motion, orbit, h)
+    # Derivatives of the states at the stages by the first state and by time, at fixed rates.
+    h, lag = orbit.durations[:, None, None], RADAU.nodes[:, None]
+    by_start = np.zeros((count, STAGES, size, size)) + np.eye(size)
+    by_start[..., :twice, twice : 2 * twice] += (h * lag)[..., None] * np.eye(twice)
+    by_time = np.zeros((count, STAGES, size))
+    by_time[..., :twice] = lag * orbit.starts[:, None, twice : 2 * twice]
+    by_time[..., :twice] += 2.0 * h * (RADAU.twice @ orbit.rates[..., :twice])
+    by_time[..., twice:] = RADAU.once @ orbit.rates
     by_frequency = -h / orbit.frequency * by_time
     forced = np.stack([missed, np.zeros_like(missed), by_speed], axis=-1)
     forced[..., 1] = (rows @ by_frequency[..., None])[..., 0]
@@ -79,11 +67,9 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     def spread(block: Array, weights: Array) -> Array:
         return block[:, :, :, None, :] * weights[:, None, :, None]
 
-    if motion.constrained:
-        matrix = spread(-h[..., None] * rows, RADAU.once)
-    else:
-        matrix = spread(-(h[..., None] ** 2) * rows[..., :half], RADAU.twice)
-        matrix += spread(-h[..., None] * rows[..., half:], RADAU.once)
+    matrix = spread(-h[..., None] * rows[..., twice:], RADAU.once)
+    if twice:
+        matrix += spread(-(h[..., None] ** 2) * rows[..., :twice], RADAU.twice)
     matrix = matrix.reshape(count, STAGES * width, STAGES * width)
     matrix += np.eye(STAGES * width)
     factorised(count)
@@ -92,45 +78,30 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     ends = np.zeros((count, size, size + 3))
     ends[..., :size] = by_start[:, -1]
     ends[..., size + 1] = by_frequency[:, -1]
-    ends[:, -width:] += h * np.tensordot(RADAU.once[-1], found, (0, 1))
-    if not motion.constrained:
-        ends[:, :half] += h**2 * np.tensordot(RADAU.twice[-1], found, (0, 1))
+    ends[:, twice:] += h * np.tensordot(RADAU.once[-1], found, (0, 1))
+    ends[:, :twice] += h**2 * np.tensordot(RADAU.twice[-1], found[:, :, :twice], (0, 1))
     return found, ends
-
-
-def _carried(motion: VectorField, orbit: PeriodicOrbit, h: Array) -> tuple[Array, Array]:
-    """How stages follow from the first state and the time taken while their rates stay."""
-    size, half = motion.size, motion.half
-    by_start = np.zeros((len(orbit.starts), STAGES, size, size)) + np.eye(size)
-    once = RADAU.once @ orbit.rates
-    if motion.constrained:
-        return by_start, once
-    lag = RADAU.nodes[:, None]
-    by_start[..., :half, half:] += (h * lag)[..., None] * np.eye(half)
-    further = lag * orbit.starts[:, None, half:] + 2.0 * h * (RADAU.twice @ orbit.rates)
-    return by_start, np.concatenate([further, once], axis=2)
 
 
 # -------------------------------------------------------------------------------- all intervals
 
 
 @dataclass(frozen=True)
-class _Link:
-    """L x(begin) + R x(end) = C, for one interval or several.
-
-    Attributes:
-        first, last, right: stacks of L, R and C, shape (k, n, n) twice and (k, n, r).
-    """
+class _EndRelations:
+    """L x(begin) + R x(end) = C over one interval each, or over several in a row."""
 
     first: Array
+    """L, shape (k, n, n)."""
     last: Array
+    """R, shape (k, n, n)."""
     right: Array
+    """C, shape (k, n, r)."""
 
-    def paired(self) -> tuple[_Link, tuple[Array, _Link]]:
-        """Links of twice the length, and the triangles and rest that give the states between."""
+    def paired(self) -> tuple[_EndRelations, tuple[Array, _EndRelations]]:
+        """Over twice as many intervals each, and what gives the states between: T x = C - L - R."""
         n, whole = self.first.shape[1], 2 * (len(self.first) // 2)
         a, b = (
-            _Link(self.first[i:whole:2], self.last[i:whole:2], self.right[i:whole:2])
+            _EndRelations(self.first[i:whole:2], self.last[i:whole:2], self.right[i:whole:2])
             for i in (0, 1)
         )
         factorised(whole // 2)
@@ -141,16 +112,14 @@ class _Link:
         right = turned[:, :, :n] @ a.right + turned[:, :, n:] @ b.right
         longer = (first[:, n:], last[:, n:], right[:, n:])
         odd = (self.first[whole:], self.last[whole:], self.right[whole:])
-        joined = _Link(*(np.concatenate(pair) for pair in zip(longer, odd, strict=True)))
-        return joined, (r[:, :n], _Link(first[:, :n], last[:, :n], right[:, :n]))
+        joined = _EndRelations(*(np.concatenate(pair) for pair in zip(longer, odd, strict=True)))
+        return joined, (r[:, :n], _EndRelations(first[:, :n], last[:, :n], right[:, :n]))
 
 
 class Linearised:
     """The collocation equations about an orbit, with all but its first state eliminated.
 
     Args:
-        motion: the model's.
-        orbit: the orbit.
         phase: row and value of the condition row @ unknowns = value that fixes the phase.
     """
 
@@ -164,29 +133,33 @@ class Linearised:
         right = ends[:, :, n:].copy()
         right[:, :, 0] += orbit.stages()[:, -1]
         right[:, :, 0] -= np.concatenate([orbit.starts[1:], mirror * orbit.starts[:1]])
-        self.link, self._between = _collapsed(ends, right, self._units)
+        self._whole, self._between = _collapsed(ends, right, self._units)
         across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
         self._matrix = np.zeros((n + 2, n + 2))
-        self._matrix[:n, :n] = self.link.first[0] + mirror * self.link.last[0]
-        self._matrix[:n, n:] = -self.link.right[0, :, 1:]
+        self._matrix[:n, :n] = self._whole.first[0] + mirror * self._whole.last[0]
+        self._matrix[:n, n:] = -self._whole.right[0, :, 1:]
         self._matrix[n, :n] = across / np.linalg.norm(across)
 
-    def correction(self, row: Array, gap: float) -> Array:
-        """Newton's step, on which row @ step = gap; shape and order are those of `packed`."""
+    def __call__(self, row: Array, gap: float, share: float) -> Array:
+        """See `continuation.Solver`; shape and order are those of `packed`.
+
+        The conditions on the phase and on row @ change hold on all unknowns, so three solutions
+        that meet simpler ones on (y(0), omega, u) are combined.
+        """
         phase, value = self._phase
-        return self._combined(row, value - float(phase @ self.orbit.packed()), gap, 1.0)
-
-    def tangent(self, row: Array) -> Array:
-        """Change along the branch of orbits, on which row @ change = 1."""
-        return self._combined(row, 0.0, 1.0, 0.0)
-
-    def _combined(self, row: Array, shift: float, gap: float, missed: float) -> Array:
-        """The solution that meets both conditions, from three that meet simpler ones at y(0)."""
+        shift = share * (value - float(phase @ self.orbit.packed()))
         n = self._units.size
-        right = np.zeros((n + 2, 3))
-        right[:n, 0], right[n, 1], right[n + 1, 2] = self.link.right[0, :, 0] * missed, 1.0, 1.0
-        found = self._solved(row, right, np.array([missed, 0.0, 0.0]))
-        rows = np.stack([self._phase[0], row]) @ found
+        matrix, right = self._matrix.copy(), np.zeros((n + 2, 3))
+        matrix[n + 1] = np.append(row[:n] * self._units, row[-2:])
+        length = float(np.linalg.norm(matrix[n + 1]))
+        matrix[n + 1] /= length
+        right[:n, 0] = self._whole.right[0, :, 0] * share
+        right[n, 1], right[n + 1, 2] = 1.0, 1.0 / length
+        factorised()
+        known = np.linalg.solve(matrix, right)
+        ends = np.stack([known[:n], self.orbit.mirror * known[:n]])
+        found = self._restored(ends, np.concatenate([[[share, 0.0, 0.0]], known[n:]]))
+        rows = np.stack([phase, row]) @ found
         shares = np.linalg.solve(rows[:, 1:], np.array([shift, gap]) - rows[:, 0])
         combined: Array = found[:, 0] + found[:, 1:] @ shares
         return combined
@@ -196,36 +169,17 @@ class Linearised:
 
         Where an orbit loses its symmetry or doubles its period nothing is left.
         """
-        opposite = self.link.first[0] - self.orbit.mirror * self.link.last[0]
+        opposite = self._whole.first[0] - self.orbit.mirror * self._whole.last[0]
         y = np.linalg.svd(opposite)[2][-1]
         ends = np.stack([y, -self.orbit.mirror * y])
         change: Array = self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
         return change
 
-    def _solved(self, row: Array, right: Array, missed: Array) -> Array:
-        """Of the equations with two conditions on (y(0), omega, u), for k right-hand sides.
-
-        Args:
-            row: of the second condition, of which what concerns these is taken.
-            right: shape (2 moving + 2, k).
-            missed: shares of what the equations miss, shape (k,).
-
-        Returns:
-            All unknowns, one column for each right-hand side.
-        """
-        n = self._units.size
-        matrix = self._matrix.copy()
-        matrix[n + 1] = np.append(row[:n] * self._units, row[-2:])
-        length = float(np.linalg.norm(matrix[n + 1]))
-        matrix[n + 1] /= length
-        right[n + 1] /= length
-        factorised()
-        found = np.linalg.solve(matrix, right)
-        ends = np.stack([found[:n], self.orbit.mirror * found[:n]])
-        return self._restored(ends, np.concatenate([missed[None], found[n:]]))
-
     def _restored(self, ends: Array, factors: Array) -> Array:
-        """All unknowns, from the first and last states (2, n, k) and what acts, (3, k)."""
+        """All unknowns, from states at both ends, (2, n, k), and factors of what acts, (3, k).
+
+        What acts is the residual, a change of the frequency and one of the speed.
+        """
         for triangles, rest in reversed(self._between):
             pairs = len(triangles)
             known = rest.right @ factors
@@ -244,15 +198,17 @@ class Linearised:
         )
 
 
-def _collapsed(ends: Array, right: Array, units: Array) -> tuple[_Link, list[tuple[Array, _Link]]]:
-    """One link over all intervals, in units of the state, and what gives the states between."""
+def _collapsed(
+    ends: Array, right: Array, units: Array
+) -> tuple[_EndRelations, list[tuple[Array, _EndRelations]]]:
+    """One relation over all intervals, in units of the state, and what gives the states between."""
     n, between = units.size, []
     through = ends[:, :, :n] * units / units[:, None]
-    link = _Link(-through, np.zeros_like(through) + np.eye(n), right / units[:, None])
-    while len(link.first) > 1:
-        link, inner = link.paired()
+    whole = _EndRelations(-through, np.zeros_like(through) + np.eye(n), right / units[:, None])
+    while len(whole.first) > 1:
+        whole, inner = whole.paired()
         between.append(inner)
-    return link, between
+    return whole, between
 
 
 def _units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
@@ -267,8 +223,8 @@ def through(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """L and R of L y(0) + R y(span) = 0 for small changes along an orbit, (2 moving,) * 2 each."""
     units = _units(motion, orbit)
     _, ends = _condensed(motion, orbit)
-    link, _ = _collapsed(ends, ends[:, :, :0], units)
-    return link.first[0] / units, link.last[0] / units
+    whole, _ = _collapsed(ends, ends[:, :, :0], units)
+    return whole.first[0] / units, whole.last[0] / units
 
 
 # ----------------------------------------------------------------------------- Newton's method
@@ -277,12 +233,8 @@ def through(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
 class OrbitProblem:
     """The collocation equations on one mesh, for pseudo-arclength continuation from an orbit.
 
-    Lengths are measured in L of the free end, and relative in frequency and speed.
-
-    Args:
-        motion: the model's.
-        start: the orbit.
-        unit: root mean square of what moves, for each L of the free end's amplitude.
+    Lengths are measured in L of the free end, and relative in frequency and speed; `unit` is the
+    root mean square of what moves for each L of the free end's amplitude.
     """
 
     def __init__(self, motion: VectorField, start: PeriodicOrbit, unit: float = 1.0) -> None:
@@ -306,23 +258,19 @@ class OrbitProblem:
         return Linearised(self.motion, self.orbit(z), self._phase)
 
     def relative(self, z: Array, step: Array) -> float:
-        """Size of a step beside the orbit's own size, its frequency and its speed."""
+        """Size of a step relative to the orbit's own size, its frequency and its speed."""
         orbit = self.orbit(z)
         moved = step[: orbit.starts.size].reshape(orbit.starts.shape)[:, : orbit.half]
         sizes = float(np.abs(moved).max()), abs(float(step[-2])), abs(float(step[-1]))
         return max(sizes[0] / orbit.size, sizes[1] / orbit.frequency, sizes[2] / orbit.u)
 
     def check(self, z: Array) -> None:
-        """Refuses what is no orbit near the start.
-
-        Raises:
-            NewtonFailed: with the reason.
-        """
-        start, orbit = self.start, self.orbit(z)
-        if orbit.size < VANISHING * start.size:
-            raise NewtonFailed("it shrank to rest")
-        low, high = (share * start.frequency for share in FREQUENCIES)
-        if orbit.size > GROWN * start.size or not low < orbit.frequency < high or orbit.u <= 0.0:
+        """Raises NewtonFailed for what is no orbit near the start: an equilibrium, or far away."""
+        orbit = self.orbit(z)
+        size, turn = orbit.size / self.start.size, orbit.frequency / self.start.frequency
+        if size < 0.03:
+            raise NewtonFailed("Newton's method takes the amplitude below 3 % of its start's")
+        if size > 30.0 or not 0.1 < turn < 10.0 or orbit.u <= 0.0:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
 
 
@@ -330,11 +278,7 @@ def control(longest: float, tolerance: float) -> Control:
     """How orbits are solved for: steps are measured as by `OrbitProblem`.
 
     Orbits are costly: a tangent that turns by 37 degrees will do, and one linearisation serves the
-    last correction and the tangent.
-
-    Args:
-        longest: step along a branch.
-        tolerance: relative size of Newton's last step.
+    last correction and the tangent. A good start takes 2 to 4 iterations.
     """
     return Control(
         longest=longest,
@@ -343,26 +287,17 @@ def control(longest: float, tolerance: float) -> Control:
         shorten=0.4,
         tolerance=tolerance,
         stagnation=1e3 * tolerance,
-        iterations=ITERATIONS,
+        iterations=15,
         patience=3,
-        longest_change=LONGEST_STEP,
+        longest_change=0.5,
         farthest=math.inf,
-        quick=ITERATIONS,
+        quick=15,
         fresh=False,
     )
 
 
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
-    """The periodic orbit near a start at its speed, on its mesh, by Newton's method.
-
-    Args:
-        motion: the model's.
-        orbit: where to begin.
-        tolerance: the last step, relative; one that shrinks no more may end at 1e3 times that.
-
-    Raises:
-        NewtonFailed: if there is none.
-    """
+    """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
     problem = OrbitProblem(motion, orbit)
     branch = Continuation(problem, replace(control(math.inf, tolerance), patience=None))
     return problem.orbit(branch.fixed(orbit.packed(), orbit.u).z)

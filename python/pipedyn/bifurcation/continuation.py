@@ -14,12 +14,14 @@ Source: Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.linalg import LinAlgError
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from pipedyn.util.check import Array
@@ -30,19 +32,10 @@ FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
 
-HALVINGS = 8
-"""Of a step on which Newton's method at a fixed parameter fails: its ends are then 256 times nearer
-to each other."""
 
-
-class LinearisedEquations(Protocol):
-    """G_z at a point, factorised."""
-
-    def correction(self, row: Array, gap: float) -> Array:
-        """The dz with G_z dz = -G and row @ dz = gap."""
-
-    def tangent(self, row: Array) -> Array:
-        """The dz with G_z dz = 0 and row @ dz = 1."""
+Solver = Callable[[Array, float, float], Array]
+"""G_z at a point, factorised. To row, gap and share it gives the dz with G_z dz = -share G and
+row @ dz = gap: with share 1 Newton's step, with share 0 a tangent."""
 
 
 class Problem(Protocol):
@@ -51,11 +44,11 @@ class Problem(Protocol):
     weights: Array
     """Of squares in the length of a change, shape (n + 1,)."""
 
-    def linearised(self, z: Array) -> LinearisedEquations:
+    def linearised(self, z: Array) -> Solver:
         """The equations about a point."""
 
     def relative(self, z: Array, step: Array) -> float:
-        """Size of a step of Newton's method beside that of the solution."""
+        """Size of a step of Newton's method relative to that of the solution."""
 
     def check(self, z: Array) -> None:
         """Raises NewtonFailed for what is not to be followed."""
@@ -63,48 +56,29 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Control:
-    """How steps are taken.
+    """How steps are taken, along the branch and in Newton's method.
 
-    Attributes:
-        longest: step.
-        shortest: step at which a branch that cannot be continued is given up.
-        turn: angle between neighbouring tangents, rad: a step that turns further is shortened.
-        shorten: factor by which it is.
-        tolerance: relative size of Newton's last step.
-        stagnation: the same where rounding keeps steps from getting shorter.
-        iterations: of Newton's method.
-        patience: steps of Newton's method in a row that are no shorter than half the one before,
-            after which a shorter step along the branch is cheaper.
-        longest_change: relative size beyond which a step of Newton's method is shortened.
-        farthest: step of Newton's method, beside that along the branch, with which it is given up.
-        quick: iterations up to which the next step is made longer.
-        fresh: whether tangents are computed from the equations about the very point, and not about
-            the last iterate before it.
+    Lengths along the branch are those of the problem's weights, sizes of Newton's steps are its
+    `relative`.
     """
 
-    longest: float
-    shortest: float = 1e-7
-    turn: float = 0.35
-    shorten: float = 0.5
-    tolerance: float = 1e-12
-    stagnation: float = 1e-8
-    iterations: int = 12
-    patience: int | None = None
-    longest_change: float = math.inf
-    farthest: float = 4.0
-    quick: int = 4
-    fresh: bool = True
+    longest: float  # step along the branch
+    shortest: float = 1e-7  # step at which a branch that cannot be continued is given up
+    turn: float = 0.35  # angle between neighbouring tangents, rad; beyond, the step is shortened
+    shorten: float = 0.5  # factor by which it is
+    tolerance: float = 1e-12  # size of Newton's last step
+    stagnation: float = 1e-8  # the same where rounding keeps steps from getting shorter
+    iterations: int = 12  # of Newton's method
+    patience: int | None = None  # slow Newton steps in a row after which it is given up
+    longest_change: float = math.inf  # size beyond which a Newton step is shortened
+    farthest: float = 4.0  # length of a Newton step, in those along the branch, at which it fails
+    quick: int = 4  # iterations up to which the next step along the branch is made longer
+    fresh: bool = True  # tangents from the equations at the very point, not at the last iterate
 
 
 @dataclass(frozen=True)
 class Point:
-    """A solution on a branch.
-
-    Attributes:
-        z: unknowns and parameter, shape (n + 1,).
-        tangent: of unit length, shape (n + 1,).
-        iterations: that Newton's method took.
-    """
+    """A solution on a branch: unknowns and parameter with a tangent of unit length, (n + 1,)."""
 
     z: Array
     tangent: Array
@@ -122,12 +96,7 @@ class Point:
 
 
 class Continuation:
-    """A branch of solutions.
-
-    Args:
-        problem: the equations.
-        control: how steps are taken.
-    """
+    """A branch of solutions of a problem."""
 
     def __init__(self, problem: Problem, control: Control) -> None:
         self.problem, self.control = problem, control
@@ -149,9 +118,9 @@ class Continuation:
         """A point with a direction for its tangent, as at a branch point in a null direction."""
         return Point(z, direction / self.length(direction))
 
-    def _unit(self, equations: LinearisedEquations, row: Array) -> Array:
+    def _unit(self, equations: Solver, row: Array) -> Array:
         try:
-            tangent = equations.tangent(row)
+            tangent = equations(row, 1.0, 0.0)
         except (LinAlgError, ValueError) as error:
             raise NewtonFailed(f"the branch has no tangent: {error}") from error
         length = self.length(tangent)
@@ -162,21 +131,13 @@ class Continuation:
     def at(self, start: Point, ds: float, guess: Array | None = None) -> Point:
         """The point at arc length ds from another, measured along its tangent.
 
-        Args:
-            start: the other.
-            ds: the length.
-            guess: where Newton's method begins; on the tangent where not given.
+        Newton's method begins at the guess, on the tangent where there is none. With ds = 0 a start
+        that misses the equations is corrected.
         """
         z = start.z + ds * start.tangent if guess is None else guess
         row = self.problem.weights * start.tangent
-        return self._solved(
-            z, row, float(row @ start.z) + ds, self.control.farthest * abs(ds) + 1e-6
-        )
-
-    def corrected(self, start: Point) -> Point:
-        """The point nearest to one that misses the equations, across its tangent."""
-        row = self.problem.weights * start.tangent
-        return self._solved(start.z, row, float(row @ start.z), math.inf)
+        farthest = self.control.farthest * (abs(ds) + 1e-6)
+        return self._solved(z, row, float(row @ start.z) + ds, farthest)
 
     def fixed(self, guess: Array, p: float) -> Point:
         """The point at a value of the parameter."""
@@ -185,12 +146,12 @@ class Continuation:
         return self._solved(np.append(guess[:-1], p), row, p, math.inf)
 
     def _solved(self, z: Array, row: Array, value: float, longest: float) -> Point:
-        last: LinearisedEquations | None = None
+        last: Solver | None = None
 
         def correction(here: Array) -> tuple[Array, float]:
             nonlocal last
             last = self.problem.linearised(here)
-            step = last.correction(row, value - float(row @ here))
+            step = last(row, value - float(row @ here), 1.0)
             if self.length(step) > longest:
                 raise NewtonFailed("Newton's method left the neighbourhood of its start")
             return step, self.problem.relative(here, step)
@@ -212,11 +173,7 @@ class Continuation:
         return Point(found.state, self._unit(equations, row), found.iterations)
 
     def next(self, start: Point, step: float) -> tuple[Segment, float]:
-        """The step to the next point, at most so long, and the length to try after it.
-
-        Raises:
-            NewtonFailed: if not even the shortest step finds one.
-        """
+        """The step to the next point, at most so long, and the length to try after it."""
         control = self.control
         while True:
             reason = NewtonFailed("it turns too sharply")
@@ -231,18 +188,13 @@ class Continuation:
             step *= control.shorten
             if step < control.shortest:
                 raise reason
-        gentle = found.iterations <= control.quick and straight > math.cos(0.5 * control.turn)
-        return Segment(self, start, found), min(step * (1.5 if gentle else 1.0), control.longest)
+        quick = found.iterations <= control.quick and straight > math.cos(0.5 * control.turn)
+        return Segment(self, start, found), min(step * (1.5 if quick else 1.0), control.longest)
 
 
 @dataclass(frozen=True)
 class Segment:
-    """What lies between two neighbouring points of a branch, any point of which can be solved for.
-
-    Attributes:
-        branch: the continuation.
-        begin, end: the points.
-    """
+    """What lies between two neighbouring points of a branch; any point there can be solved for."""
 
     branch: Continuation
     begin: Point
@@ -262,40 +214,29 @@ class Segment:
         """Arc length at which a point lies."""
         return self.branch.product(self.begin.tangent, z - self.begin.z)
 
-    def guess(self, s: float) -> Array:
-        """The cubic through both ends with their tangents, at an arc length."""
-        length = self.length
-        share = s / length
+    @cached_property
+    def guess(self) -> CubicHermiteSpline:
+        """The cubic through both ends with their tangents, a function of arc length."""
         onward = self.end.tangent / self.branch.product(self.begin.tangent, self.end.tangent)
-        moved = self.end.z - self.begin.z
-        bend = self.begin.tangent - moved / length
-        other = onward - moved / length
-        inner = share * (1.0 - share) * length
-        cubic: Array = inner * ((1.0 - share) * bend - share * other)
-        return self.begin.z + share * moved + cubic
+        ends, slopes = [self.begin.z, self.end.z], [self.begin.tangent, onward]
+        return CubicHermiteSpline([0.0, self.length], ends, slopes)
 
     def at(self, s: float) -> Point:
         """The point at an arc length."""
         return self.branch.at(self.begin, s, self.guess(s))
 
-    def slope(self, s: float) -> float:
-        """Derivative of the parameter by arc length."""
-        return float(self.at(s).tangent[-1])
-
-    def part(self, begin: Point, end: Point) -> Segment:
-        """What lies between two of its points."""
-        return replace(self, begin=begin, end=end)
-
     def where(self, p: float) -> Point:
         """The point at a value of the parameter between those at the ends."""
         part = self
-        for _ in range(HALVINGS):
+        for _ in range(8):  # halvings, after which the ends are 256 times nearer to each other
             try:
                 return part.landing(p)
             except NewtonFailed:
                 middle = part.at(0.5 * part.length)
-            before = (middle.p - p) * (part.begin.p - p) <= 0.0
-            part = part.part(part.begin, middle) if before else part.part(middle, part.end)
+            if (middle.p - p) * (part.begin.p - p) <= 0.0:
+                part = replace(part, end=middle)
+            else:
+                part = replace(part, begin=middle)
         return part.landing(p)
 
     def landing(self, p: float) -> Point:
@@ -315,9 +256,7 @@ class Segment:
 def folds(segment: Segment, rtol: float) -> list[float]:
     """Arc lengths within a segment at which the parameter turns back: none, one or two.
 
-    Args:
-        segment: the segment.
-        rtol: tolerance beside the length of the segment.
+    They are known to rtol times the length of the segment.
     """
     first, last = segment.slopes
     length = segment.length
@@ -325,7 +264,7 @@ def folds(segment: Segment, rtol: float) -> list[float]:
 
     def slope(s: float) -> float:
         if s not in known:
-            known[s] = segment.slope(s)
+            known[s] = float(segment.at(s).tangent[-1])
         return known[s]
 
     brackets = []
@@ -345,43 +284,36 @@ def folds(segment: Segment, rtol: float) -> list[float]:
     return [float(brentq(slope, *pair, xtol=rtol * length)) for pair in brackets]
 
 
-def change(
-    segment: Segment, low: float, high: float, count: Callable[[Point], int]
-) -> tuple[Point, float]:
-    """Where a whole number first differs from its value at a lower arc length, by bisection.
+def sign_changes(
+    values: Callable[[float], Array], low: float, high: float, tolerance: float
+) -> Iterator[tuple[float, float]]:
+    """Where the number of positive values changes: lengths right before and right beyond, in order.
 
-    Args:
-        segment: the segment.
-        low: arc length before the change.
-        high: arc length beyond it.
-        count: the number.
-
-    Returns:
-        The point just beyond the change and its arc length.
+    Values at an arc length are in falling order, so that the one that passes 0 is a continuous
+    function of the length unless others pass with it; they are asked for repeatedly.
     """
-    first = count(segment.at(low))
-    width = 1e-10 * (1.0 + high)
-    beyond = segment.at(high)
-    while high - low > width:
-        middle, point = _within(segment, low, high)
-        if point is None:
-            break
-        if count(point) == first:
-            low = middle
-        else:
-            high, beyond = middle, point
-    return beyond, high
+    tried: set[float] = set()
 
+    def value(s: float, which: int) -> float:
+        tried.add(s)
+        return float(values(s)[which])
 
-def _within(segment: Segment, low: float, high: float) -> tuple[float, Point | None]:
-    """A point between two arc lengths; None if there is a branch point in its way."""
-    for share in (0.5, 0.37, 0.66):
-        middle = low + share * (high - low)
-        try:
-            return middle, segment.at(middle)
-        except NewtonFailed:
-            continue
-    return low, None
+    def count(s: float) -> int:
+        tried.add(s)
+        return int(np.count_nonzero(values(s) > 0.0))
+
+    for _ in range(8):  # six on one step are the most that have been met
+        first, last = count(low), count(high)
+        if first == last:
+            return
+        passing = first - (last < first)
+        root = float(brentq(value, low, high, (passing,), xtol=tolerance))
+        if value(root, passing) == 0.0:  # then the interval may still be wide
+            tried |= {max(low, root - tolerance), min(root + tolerance, high)}
+        lengths = sorted(s for s in tried if low <= s <= high)
+        i = next(i for i, s in enumerate(lengths) if count(s) != first)
+        yield lengths[i - 1], lengths[i]
+        low = lengths[i]
 
 
 # ----------------------------------------------------------------------------- dense equations
@@ -401,24 +333,26 @@ class Equations(Protocol):
 
 
 class DenseProblem:
-    """Equations whose bordered matrix is dense.
-
-    Args:
-        equations: the equations.
-        size: their number.
-        scale: change of the parameter that counts like a change by 1 of every unknown.
-    """
+    """Equations whose bordered matrix is dense; `scale` of the parameter weighs like 1 of all x."""
 
     def __init__(self, equations: Equations, size: int, scale: float) -> None:
         self.equations = equations
         self.weights = np.append(np.full(size, 1.0 / size), scale**-2)
 
-    def linearised(self, z: Array) -> _Bordered:
+    def linearised(self, z: Array) -> Solver:
         """The equations about a point."""
-        return _Bordered(self.equations, z)
+        x, p, equations = z[:-1], float(z[-1]), self.equations
+        derivative = np.column_stack([equations.jacobian(x, p), equations.by_parameter(x, p)])
+        residual = equations.residual(x, p)
+
+        def change(row: Array, gap: float, share: float) -> Array:
+            right = np.append(-share * residual, gap)
+            return _dense_solution(np.vstack([derivative, row]), right)
+
+        return change
 
     def relative(self, z: Array, step: Array) -> float:
-        """Length of a step beside 1 and that of the point."""
+        """Length of a step relative to 1 plus that of the point."""
         lengths = [math.sqrt(float((self.weights * v) @ v)) for v in (step, z)]
         return lengths[0] / (1.0 + lengths[1])
 
@@ -426,47 +360,18 @@ class DenseProblem:
         """Every point may be followed."""
 
 
-class _Bordered:
-    """The bordered matrix of dense equations about a point."""
-
-    def __init__(self, equations: Equations, z: Array) -> None:
-        x, p = z[:-1], float(z[-1])
-        self.equations, self.x, self.p = equations, x, p
-        self.derivative = np.column_stack([equations.jacobian(x, p), equations.by_parameter(x, p)])
-
-    def correction(self, row: Array, gap: float) -> Array:
-        """The dz with G_z dz = -G and row @ dz = gap."""
-        missed = -self.equations.residual(self.x, self.p)
-        return _dense_solution(np.vstack([self.derivative, row]), np.append(missed, gap))
-
-    def tangent(self, row: Array) -> Array:
-        """The dz with G_z dz = 0 and row @ dz = 1."""
-        right = np.append(np.zeros(self.x.size), 1.0)
-        return _dense_solution(np.vstack([self.derivative, row]), right)
-
-
 def solve(equations: Equations, x: Array, p: float) -> Array:
-    """A solution at a given parameter by Newton's method.
-
-    Args:
-        equations: the equations.
-        x: where to begin, shape (n,).
-        p: the parameter.
-
-    Raises:
-        NewtonFailed: if none is found from there.
-    """
+    """A solution at a given parameter by Newton's method."""
 
     def correction(x: Array) -> tuple[Array, float]:
         step = -_dense_solution(equations.jacobian(x, p), equations.residual(x, p))
         return step, float(np.abs(step).max())
 
-    control = Control(longest=math.inf)
     found = newton(
         x,
         correction,
-        tolerance=control.tolerance,
-        stagnation=control.stagnation,
+        tolerance=Control.tolerance,
+        stagnation=Control.stagnation,
         longest=0.5,
         iterations=60,  # those that are shortened to half a radian go 30 rad, five turns
         scale=lambda x: 1.0 + float(np.abs(x).max()),

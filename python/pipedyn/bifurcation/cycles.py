@@ -15,8 +15,9 @@ from dataclasses import field
 import numpy as np
 
 from pipedyn.bifurcation.collocation import residual, solved
+from pipedyn.bifurcation.events import nontrivial
 from pipedyn.bifurcation.floquet import floquet
-from pipedyn.bifurcation.periodic_orbit import MOST_INTERVALS, PeriodicOrbit, refined
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
@@ -25,28 +26,17 @@ from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 
-DEFECT, DEFECT_ACROSS_KINKS = 1e-3, 1e-1
-"""Largest defect of an orbit beside rtol, where f is smooth and under drag, whose kinks the mesh
-follows: with these the first answer mostly meets the tolerance."""
+MOST_INTERVALS = 2000
+"""Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
 
 CHECKS = 3
-"""Times that the mesh is refined for the sake of the multipliers, and once at least."""
+"""Meshes on which the multipliers are asked for, each for a hundredth of the defect of the last: by
+the third that is 1e-7 of rtol, where rounding is all that is left."""
 
-DOUBTED = 1e-4
-"""Error of the multipliers of an orbit on a branch beyond which it is solved for more sharply."""
-
-TRIVIAL = 1e-6
-"""How far the trivial multiplier may be from 1."""
-
-TRUSTED = 0.01
-"""The same beside the distance from 1 of the next multiplier, where the two are near: what moves
-the one moves the other about as far, and up to a hundredth the next one's side of 1 is sure."""
-
-ROUNDING = 1e-13
-"""Error, relative, that is claimed at least: answers of ever finer meshes differ by some 3e-14."""
-
-PEAKS = 2048
-"""Phases among which the free end's extremes are found, before a polynomial goes through them."""
+TRIVIAL, SHARE_OF_NEXT = 1e-6, 0.01
+"""How far the trivial multiplier may be from 1: the tolerance to which users ask for cycles or, if
+that is more, this share of the distance from 1 of the next multiplier. What moves the one moves the
+other about as far, and up to a hundredth the next one's side of 1 is certain."""
 
 
 @result
@@ -74,6 +64,7 @@ class LimitCycle(Trajectory):
         phases: number of states solved for.
         evaluations: right-hand sides and Jacobians.
         method: how it was found.
+        orbit: the solution of the collocation equations, from which other searches set out.
     """
 
     amplitude: float
@@ -93,6 +84,7 @@ class LimitCycle(Trajectory):
     phases: int
     evaluations: int
     method: str
+    orbit: PeriodicOrbit = field(repr=False, compare=False)
 
     @property
     def tip(self) -> Array:
@@ -102,7 +94,7 @@ class LimitCycle(Trajectory):
     @property
     def others(self) -> Complex:
         """Multipliers without the trivial one, shape (2 dof - 1,)."""
-        return np.delete(self.multipliers, int(np.argmin(np.abs(self.multipliers - 1.0))))
+        return nontrivial(self.multipliers)
 
 
 class NoCycle(PipedynError):
@@ -122,17 +114,11 @@ def finished(
 ) -> LimitCycle:
     """The cycle, refined until its amplitude and frequency converge and its multipliers are right.
 
-    Args:
-        motion: the model's.
-        orbit: the cycle, on any mesh.
-        rtol: relative tolerance of amplitude and frequency.
-        samples: number of states that are given.
-        how: how it was found.
-
     Raises:
         NotConverged: if the tolerance is out of reach; `result` holds what was reached.
     """
-    largest = rtol * (DEFECT_ACROSS_KINKS if motion.model.pipe.drag else DEFECT)
+    # Defects with which the first answer mostly meets rtol: the mesh follows the kinks of drag.
+    largest = rtol * (1e-1 if motion.model.pipe.drag else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for attempt in range(CHECKS):
         orbit, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
@@ -162,7 +148,7 @@ def _allowed(others: Complex) -> float:
     A change of the equations by eps moves a multiplier by eps / d if another lies d away.
     """
     apart = float(np.abs(others - 1.0).min(initial=1.0))
-    return max(TRIVIAL, min(TRUSTED * apart, TRIVIAL / apart))
+    return max(TRIVIAL, min(SHARE_OF_NEXT * apart, TRIVIAL / apart))
 
 
 def _refined(
@@ -174,13 +160,12 @@ def _refined(
     is left of the defects is rounding, which halving does not lessen.
     """
     # Under drag two answers may agree by chance: believed is no more than the fourth power of h.
-    measured, error = amplitude_of(motion, orbit), math.inf
+    measured, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
     last = math.inf if motion.model.pipe.drag else 0.0
-    worst = math.inf
     while True:
         defects = orbit.defects()
-        coarse, before, worst = defects > largest, worst, float(defects.max())
-        if error <= 0.5 * rtol and (not coarse.any() or worst > 0.5 * before):
+        coarse, coarsest, worst = defects > largest, worst, float(defects.max())
+        if error <= 0.5 * rtol and (not coarse.any() or worst > 0.5 * coarsest):
             return orbit, error, ""
         if not coarse.any():
             coarse[:] = True
@@ -190,20 +175,21 @@ def _refined(
             finer = solved(motion, refined(motion, orbit, 1 + coarse, turning=True), tolerance)
         except NewtonFailed as failure:
             return orbit, error, str(failure)
-        sharper = amplitude_of(motion, finer)
-        change = max(abs(sharper[0] / measured[0] - 1.0), ROUNDING)
-        change = max(change, abs(finer.frequency / orbit.frequency - 1.0))
+        before, measured = measured, amplitude_of(motion, finer)[0]
+        change = max(abs(measured / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
+        change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
         error, last = max(change, last / 16.0), change
-        orbit, measured = finer, sharper
+        orbit = finer
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
-    phase: Array = 2.0 * math.pi / PEAKS * np.arange(float(PEAKS))
-    across = motion.tip(orbit.states(phase))
+    count = 2048  # fine enough for the polynomial that then goes through the extremes
+    apart = 2.0 * math.pi / count
+    across = motion.tip(orbit.states(apart * np.arange(float(count))))
     greatest, where = _peak(across)
     least, _ = _peak(-across)
-    return 0.5 * (greatest + least), 2.0 * math.pi / PEAKS * where
+    return 0.5 * (greatest + least), apart * where
 
 
 def _peak(values: Array) -> tuple[float, float]:
@@ -224,7 +210,7 @@ def on_branch(
 ) -> LimitCycle:
     """The cycle of an orbit on a branch: its error is given, its multipliers are checked."""
     result = described(motion, orbit, error, samples, how)
-    if result.multiplier_error <= DOUBTED:
+    if result.multiplier_error <= 1e-4:  # the relative error that curves in a picture show
         return result
     with suppress(NewtonFailed):  # an orbit whose neighbours part fast has to be known better
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), turning=True)
@@ -236,15 +222,14 @@ def on_branch(
 def described(
     motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
 ) -> LimitCycle:
-    """The cycle of an orbit as it is; raises `NewtonFailed` as `floquet` does."""
+    """The cycle of an orbit on its mesh; raises `NewtonFailed` as `floquet` does."""
     amplitude, first = amplitude_of(motion, orbit)
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
     multipliers, unsettled = floquet(motion, orbit)
-    trivial = int(np.argmin(np.abs(multipliers - 1.0)))
-    others = np.abs(np.delete(multipliers, trivial))
+    others = np.abs(nontrivial(multipliers))
     return LimitCycle(
         amplitude=amplitude,
         frequency=orbit.frequency,
@@ -257,10 +242,11 @@ def described(
         u=orbit.u,
         model=motion.model,
         error=error,
-        multiplier_error=max(float(np.abs(multipliers[trivial] - 1.0)), unsettled),
+        multiplier_error=max(float(np.abs(multipliers - 1.0).min()), unsettled),
         residual=residual(motion, orbit),
         symmetric=orbit.symmetric,
         phases=orbit.rates.shape[0] * orbit.rates.shape[1],
         evaluations=motion.evaluations,
         method=f"collocation, {how}",
+        orbit=orbit,
     )

@@ -6,7 +6,6 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from dataclasses import field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,28 +23,20 @@ from pipedyn.bifurcation.brute_force import (
     RECURRENCE,
     SAMPLES_A_TIME,
     Attractor,
+    Fail,
     MotionOptions,
     attractors,
     initial_bends,
 )
 from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
-from pipedyn.bifurcation.equilibria import checked_size, equilibria
-from pipedyn.bifurcation.equilibrium_branch import (
-    EquilibriumBranch,
-    equilibrium_branch,
-    integrated,
-    is_stable_at,
-    lies_on,
-    mirror_image,
-)
+from pipedyn.bifurcation.equilibria import LARGEST, Statics, equilibria
+from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch, equilibrium_branch, lies_on
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
-from pipedyn.bifurcation.orbit_continuation import HopfPoint
-from pipedyn.bifurcation.statics import Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.motion.simulate import LARGEST_SAMPLES, slight_bend
+from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -59,12 +50,6 @@ MOST_MOTIONS = 100_000
 
 MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
-
-BEYOND = 1.5
-"""Share of the highest speed up to which onsets are followed: their cycles may come back."""
-
-NO_INDEX = -1
-"""Index of a failure that is at none of the speeds given."""
 
 
 @result
@@ -91,11 +76,7 @@ class BifurcationDiagram:
     model: Model
 
     def at(self, u: float) -> tuple[Attractor, ...]:
-        """Where motions end at the speed nearest to u >= 0.
-
-        Raises:
-            ValueError, TypeError: for what is no such number.
-        """
+        """Where motions end at the speed nearest to u >= 0; raises ValueError or TypeError."""
         u = check.real("u", u, low=0.0)
         if not self.motions:
             return ()
@@ -119,14 +100,14 @@ def bifurcation_diagram(
 ) -> BifurcationDiagram:
     """Equilibria and cycles over a range of flow speeds and, on request, where motions end.
 
-    Equilibria are followed by arc length, so that their folds lie wherever they are, and so are the
-    cycles from each onset of flutter of the straight pipe and of bent ones. Onsets count up to 1.5
-    times the highest speed given. Their cycles are followed up to a quarter beyond both the speeds
-    and the onset, since they may come back. Cycles that leave cycles at pitchforks and period
-    doublings within the speeds are followed as well, two generations of them; what leaves at a
-    torus is no cycle. Motions are integrated at the speeds given. Where one ends on a cycle that no
-    onset leads to, that is followed both ways. Without `brute_force` motions look for one at the
-    first, the middle and the last speed, if no cycle and no stable equilibrium is known there.
+    Equilibria are followed by arc length, past folds, and so are the cycles from each onset of
+    flutter of straight and bent pipes, up to 1.5 times the highest speed given. Cycles are followed
+    up to a quarter beyond both the speeds and the onset, since they may come back, and so are
+    cycles that leave them at pitchforks and period doublings within the speeds, two generations;
+    what leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
+    on a cycle that no onset leads to, that is followed both ways. Without `brute_force` motions
+    look for one at the first, the middle and the last speed, if no cycle and no stable equilibrium
+    is known there.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -149,8 +130,10 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    model = checked_size(model)
-    at = checked_speeds(speeds)
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
+    if at.size < 2 or np.any(np.diff(at) <= 0.0):
+        raise ValueError("speeds must be at least 2 and strictly increasing")
     steps = check.count("cycles", cycles, low=0, high=10_000)
     if steps and model.dof > LARGEST_CYCLE:
         raise ValueError(
@@ -177,129 +160,103 @@ def bifurcation_diagram(
     shown = check.flag("progress", progress)
 
     failures: list[Failure] = []
-    branches = equilibrium_branches(model, at, failures, shown)
-    found = _Cycles(model, BranchOptions(at, options.rtol, steps), failures)
+
+    def fail(u: float, error: Exception) -> None:
+        places = np.flatnonzero(at == u)
+        failures.append(Failure(int(places[0]) if places.size else -1, u, error))
+
+    branches, resting = equilibrium_branches(model, at, fail, shown)
+    found = _Cycles(model, BranchOptions(at, options.rtol, steps), fail)
     if steps:
         found.from_onsets(branches, executor, shown)
     motions: tuple[Attractor, ...] = ()
     if count:
         starts = initial_bends(model, count, seed)
-        motions, failed = attractors(model, at, starts, options, executor, shown)
-        failures += failed
+        motions = attractors(model, at, starts, options, fail, executor, shown)
     if steps:
         found.from_motions(motions)
-        found.where_none(branches)
+        for u in seeds(at):
+            if u > 0.0 and u not in resting and not any(one.passes(u) for one in found.branches):
+                found.through(u, model.bent(slight_bend))
     failures.sort(key=lambda failure: failure.value)
     return BifurcationDiagram(at, branches, tuple(found.branches), motions, tuple(failures), model)
 
 
-def seeds(speeds: Array) -> list[int]:
+def seeds(speeds: Array) -> list[float]:
     """Where to look for what lies on no branch: the first, the middle and the last speed."""
-    return sorted({0, speeds.size // 2, speeds.size - 1})
-
-
-def checked_speeds(speeds: Any) -> Array:
-    """The argument, if it is a row of increasing flow speeds."""
-    at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
-    if at.size < 2 or np.any(np.diff(at) <= 0.0):
-        raise ValueError("speeds must be at least 2 and strictly increasing")
-    return at
+    return [float(speeds[i]) for i in sorted({0, speeds.size // 2, speeds.size - 1})]
 
 
 # --------------------------------------------------------------------------------------- equilibria
 
 
 def equilibrium_branches(
-    model: Model, speeds: Array, failures: list[Failure], shown: bool = False
-) -> tuple[EquilibriumBranch, ...]:
-    """Branches through the equilibria at the first, the middle and the last speed, each once.
+    model: Model, speeds: Array, fail: Fail, shown: bool
+) -> tuple[tuple[EquilibriumBranch, ...], set[float]]:
+    """Branches through the equilibria at three of the speeds, each once.
 
-    Args:
-        model: the model.
-        speeds: increasing flow speeds.
-        failures: takes what could not be followed.
-        shown: show progress.
+    And those of the three at which an equilibrium is stable.
     """
-    statics = Statics(model)
-    ends = float(speeds[0]), float(speeds[-1])
+    statics, ends = Statics(model), (float(speeds[0]), float(speeds[-1]))
     branches: list[EquilibriumBranch] = []
-    places = seeds(speeds)
-    for i in track(places, len(places), "equilibria", shown):
-        u = float(speeds[i])
+    stable = set[float]()
+    for u in track(seeds(speeds), len(seeds(speeds)), "equilibria", shown):
         try:
             found = equilibria(model, u)
         except PipedynError as error:
-            failures.append(Failure(i, u, error))
+            fail(u, error)
             continue
-        for x in integrated(statics, found.q):
+        if found.stable.any():
+            stable.add(u)
+        for q in found.q:
             with one_thread(model.dof):
+                x = statics.from_start("q", q)
                 if any(lies_on(statics, branch, x, u) for branch in branches):
                     continue
             try:
-                branch = equilibrium_branch(model, x, u, ends)
+                branches.append(equilibrium_branch(model, q, u, ends))
             except PipedynError as error:
-                failures.append(Failure(i, u, error))
-                continue
-            branches.append(branch)
-            image = mirror_image(statics, branch)
-            if image is not None:
-                branches.append(image)
-    return tuple(branches)
+                fail(u, error)
+    return tuple(branches), stable
 
 
 # ------------------------------------------------------------------------------------------- cycles
 
 
 class _Cycles:
-    """Branches of cycles that were found so far, each once.
+    """Branches of cycles that were found so far, each once."""
 
-    Args:
-        model: the model.
-        options: how branches are followed.
-        failures: takes what could not be followed.
-    """
-
-    def __init__(self, model: Model, options: BranchOptions, failures: list[Failure]) -> None:
-        self.model, self.options, self.failures = model, options, failures
+    def __init__(self, model: Model, options: BranchOptions, fail: Fail) -> None:
+        self.model, self.options, self.fail = model, options, fail
         self.found: list[Traced] = []
 
     @property
     def branches(self) -> list[CycleBranch]:
         return [one.branch for one in self.found if one.branch is not None]
 
-    def fail(self, u: float, error: Exception) -> None:
-        at = np.flatnonzero(self.options.speeds == u)
-        self.failures.append(Failure(int(at[0]) if at.size else NO_INDEX, u, error))
-
-    def add(self, answer: tuple[list[Traced], tuple[Failed, ...]]) -> None:
-        """Takes the branches of one beginning."""
-        branches, failed = answer
+    def add(self, found: list[Traced], failed: list[Failed]) -> None:
+        """Takes the branches of one beginning, and the speeds that failed."""
         for u, error in failed:
             self.fail(u, error)
-        for one in branches:
-            if not any(one.retraces(other) for other in self.found):
+        for one in found:
+            if not any(one.is_reverse(other) for other in self.found):
                 self.found.append(one)
 
     def from_onsets(
         self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
     ) -> None:
         """From the onsets of flutter."""
-        begun: list[HopfPoint] = []
+        highest = 1.5 * float(self.options.speeds[-1])  # cycles from beyond may come back
         with one_thread(self.model.dof):
-            highest = BEYOND * float(self.options.speeds[-1])
-            for point in hopf_points(self.model, equilibria, highest):
-                if isinstance(point, HopfPoint):
-                    begun.append(point)
-                else:
-                    self.fail(*point)
-        self.options = replace(self.options, onsets=tuple(point.speed for point in begun))
-        jobs = [partial(traced, self.model, point, self.options) for point in begun]
+            onsets = hopf_points(self.model, equilibria, highest, self.fail)
+        self.options = replace(self.options, onsets=tuple(point.speed for point in onsets))
+        jobs = [partial(traced, self.model, point, self.options) for point in onsets]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
-        for point, answer in zip(begun, answers, strict=True):
+        for point, answer in zip(onsets, answers, strict=True):
             if isinstance(answer, Exception):
                 self.fail(point.speed, answer)
             else:
-                self.add(answer)
+                self.add(*answer)
 
     def through(self, u: float, state: Array) -> None:
         """Through the cycle that a motion from a state, or from coordinates at rest, ends on."""
@@ -316,11 +273,11 @@ class _Cycles:
             return
         known = (cycle for branch in self.branches for cycle in branch.at(u))
         if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
-            self.add(traced(self.model, orbit, self.options))
+            self.add(*traced(self.model, orbit, self.options))
 
     def from_motions(self, motions: tuple[Attractor, ...]) -> None:
         """Through cycles on which motions end and that lie on no branch."""
-        left = MOST_FROM_MOTIONS
+        followed = 0
         for one in motions:
             if one.ending != "periodic" or one.speed == 0.0:
                 continue
@@ -328,19 +285,9 @@ class _Cycles:
             known = [c for branch in self.branches for c in branch.at(one.speed)]
             if any(abs(c.amplitude / half - 1.0) < RECURRENCE for c in known):
                 continue
-            if left == 0:
+            if followed == MOST_FROM_MOTIONS:
                 many = f"motions end on more than {MOST_FROM_MOTIONS} cycles that lie on no branch"
                 self.fail(one.speed, NotConverged(many))
                 return
-            left -= 1
+            followed += 1
             self.through(one.speed, one.end)
-
-    def where_none(self, equilibria: tuple[EquilibriumBranch, ...]) -> None:
-        """Through cycles at speeds at which no cycle and no stable equilibrium is known."""
-        for i in seeds(self.options.speeds):
-            u = float(self.options.speeds[i])
-            if any(branch.passes(u) for branch in self.branches) or u == 0.0:
-                continue
-            if any(is_stable_at(branch, u) for branch in equilibria):
-                continue
-            self.through(u, self.model.bent(slight_bend))

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Configurations at which a pipe rests in the flow, all of them at one speed."""
+"""Configurations at which a pipe rests in the flow, all of them at one speed.
+
+At rest the flow acts with a u^2 and with nothing else, so forces are affine in u^2 at any
+configuration. Their derivative is exact: the operators' stiffness and flux.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,30 +19,29 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from pipedyn.bifurcation.continuation import (
-    Continuation,
-    Control,
-    DenseProblem,
-    Equations,
-    solve,
-)
-from pipedyn.bifurcation.statics import BALANCED, Statics, unstable_among
+from pipedyn.bifurcation.continuation import Continuation, Control, DenseProblem, Equations, solve
+from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import LARGEST_SPEED
-from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.motion.simulate import Start, checked_model_in_motion
+from pipedyn.models.base import Model, NotConverged, Operators, PipedynError
+from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
+BALANCED = 1e-8
+"""Force that may be left at an equilibrium, in units of 1 + |gamma| + a u^2: in 11 searches of five
+models Newton's method left 6e-16 at most."""
+
 LARGEST = 500
 """Degrees of freedom up to which equilibria are searched: factorisations here are dense."""
 
 DISTINCT = 1e-6
-"""Change of coordinates, beside 1 and the largest, from which two equilibria differ. In 11 searches
-of five models solutions for one equilibrium differed by 7e-16 at most, and two equilibria by 0.1 at
-least."""
+"""Change of coordinates, relative to 1 plus the largest, from which two equilibria differ. In 11
+searches of five models solutions for one equilibrium differed by 7e-16 at most, and two equilibria
+by 0.1 at least."""
 
 FAR = 60.0
 """Coordinate beyond which a branch is not followed: ten turns."""
@@ -59,7 +63,7 @@ class Equilibria:
         stable: whether no eigenvalue of the linearisation has a positive real part, shape (k,).
         growth: largest real part of an eigenvalue, in 1 / T, shape (k,).
         tips: position (x, y) of the free end in L, shape (k, 2).
-        residuals: largest force left, beside 1 + |gamma| + a u^2, shape (k,).
+        residuals: largest force left, in units of 1 + |gamma| + a u^2, shape (k,).
         u: flow speed.
         model: the model.
     """
@@ -95,27 +99,35 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         NotConverged: if not a single one is found.
         ValueError, TypeError: for bad arguments.
     """
-    statics = Statics(checked_size(model))
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    statics = Statics(model)
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
         raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
     own = [statics.from_start(f"starts[{i}]", start) for i, start in enumerate(starts)]
     with one_thread(model.dof):
-        found = _Distinct(statics, u)
-        found.add(statics.resting)
-        for x in _on_primary_branches(statics, u):
-            found.add(x)
-        for x in (*own, *_bends(statics)):
-            found.add_near(x)
-        if not found.xs:
+        found: list[Array] = []
+        for x in _solutions(statics, u, own):
+            size = float(np.abs(x).max())
+            for image in (x, -x):
+                new = all(np.abs(image - one).max() >= DISTINCT * (1.0 + size) for one in found)
+                with suppress(ValueError, PipedynError):
+                    if new and size <= FAR and statics.unbalanced(image, u) <= BALANCED:
+                        found.append(image + 0.0)
+        if not found:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
-        xs = found.sorted()
-        values = [statics.eigenvalues(x, u) for x in xs]
-        residuals = np.array([statics.unbalanced(x, u) for x in xs])
-    q = statics.recorded(np.array(xs))
+
+        def place(x: Array) -> tuple[float, float]:
+            tip = model.tips(statics.recorded(x[None]).T)[0, 0]
+            return round(statics.rms(x - statics.resting), 6), -float(tip)
+
+        found.sort(key=place)  # a mirror image next to its original, to the right first
+        values = [statics.eigenvalues(x, u) for x in found]
+        residuals = np.array([statics.unbalanced(x, u) for x in found])
+    q = statics.recorded(np.array(found))
     return Equilibria(
         q=q,
-        stable=np.array([unstable_among(one) == 0 for one in values]),
+        stable=np.array([not (one.real > rounding(one)).any() for one in values]),
         growth=np.array([float(one.real.max()) for one in values]),
         tips=model.tips(q.T),
         residuals=residuals,
@@ -124,14 +136,115 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     )
 
 
-def checked_size(model: Any) -> Model:
-    """The argument, if it is a model whose equilibria can be found."""
-    moving = checked_model_in_motion(model)
-    if moving.dof > LARGEST:
-        raise ValueError(
-            f"model must have at most {LARGEST} degrees of freedom for equilibria, got {moving.dof}"
-        )
-    return moving
+# --------------------------------------------------------------------------------- forces at rest
+
+
+class Statics:
+    """Forces at rest and their derivatives, in the coordinates that integrators advance.
+
+    With guides and pins the equations are those of accelerations along what these allow plus, for
+    what they forbid, the rates with which the motion returns to them: as many as unknowns, and zero
+    together at an equilibrium that meets the constraints.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.size = model.moving
+        self.motion = VectorField(model)
+        self._operators = lru_cache(1)(lambda key: model.operators(np.frombuffer(key)))
+        self.resting = np.array(model.resting(), dtype=np.float64)
+
+    def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
+        """Rates and accelerations of [x, 0], (moving,) each; rates are 0 but where guides are."""
+        y = np.concatenate([x, np.zeros(self.size)])
+        rates, turning = np.split(self.motion(y[:, None], u)[:, 0], 2)
+        return rates, turning
+
+    def residual(self, x: Array, p: float) -> Array:
+        """Forces, or for scenes accelerations and returns to the guides, shape (moving,)."""
+        rates, turning = self.accelerations(x, abs(p))
+        if self.motion.constrained:
+            total: Array = rates + turning
+            return total
+        forces: Array = self.operators(x).mass @ turning
+        return forces
+
+    def operators(self, x: Array) -> Operators:
+        """About a configuration; the last are kept: forces and their derivative both use them."""
+        return self._operators(x.tobytes())
+
+    def jacobian(self, x: Array, p: float) -> Array:
+        """Derivative of `residual` by x, (moving, moving)."""
+        if not self.motion.constrained:
+            ops = self.operators(x)
+            slope: Array = -ops.stiffness - ops.centrifugal * p**2 * ops.flux
+            return slope
+        whole = self.model.motion_jacobian(np.concatenate([x, np.zeros(self.size)]), abs(p))
+        joined: Array = whole[self.size :, : self.size] + whole[: self.size, : self.size]
+        return joined
+
+    def by_parameter(self, x: Array, p: float) -> Array:
+        """Derivative of `residual` by the speed: forces are affine in its square."""
+        slope: Array = 2.0 * p * (self.residual(x, 1.0) - self.residual(x, 0.0))
+        return slope
+
+    def unbalanced(self, x: Array, u: float) -> float:
+        """Largest force left, in units of 1 + |gamma| + a u^2, and how far guides are missed."""
+        rates, turning = self.accelerations(x, u)
+        missed = float(np.abs(rates).max())
+        if not missed < 1e-9:  # `operators` takes no configuration that misses a guide
+            return math.inf
+        along = self.model.free_directions(x).T @ turning if self.motion.constrained else turning
+        pipe = self.model.pipe
+        size = 1.0 + abs(pipe.gamma) + pipe.centrifugal * u**2
+        return float(np.abs(self.operators(x).mass @ along).max()) / size + missed
+
+    def eigenvalues(self, x: Array, u: float) -> Complex:
+        """Of small motions about an equilibrium, shape (2 dof,)."""
+        mass, velocity, stiffness = self.operators(x).at(u)
+        n = len(mass)
+        half = scipy.linalg.solve_triangular(np.linalg.cholesky(mass), np.eye(n), lower=True)
+        companion = np.zeros((2 * n, 2 * n))
+        companion[:n, n:] = np.eye(n)
+        companion[n:, :n], companion[n:, n:] = -half @ stiffness @ half.T, -half @ velocity @ half.T
+        found: Complex = scipy.linalg.eigvals(companion)
+        return found
+
+    def growth(self, x: Array, u: float) -> Array:
+        """Real parts of the eigenvalues beyond rounding, the largest first."""
+        found = self.eigenvalues(x, u)
+        beyond: Array = np.sort(found.real - rounding(found))[::-1]
+        return beyond
+
+    def recorded(self, xs: Array) -> Array:
+        """Coordinates that users see, (k, coordinates), of (k, moving)."""
+        return self.model.recorded(xs, np.zeros_like(xs))[0]
+
+    def from_start(self, name: str, start: Any) -> Array:
+        """The argument as [x], from coordinates or an angle theta(s)."""
+        given = self.model.bent(start) if callable(start) else start
+        try:
+            return np.array(self.model.start(given, None)[: self.size])
+        except (ValueError, TypeError) as error:
+            raise type(error)(str(error).replace("q0", name, 1)) from error
+
+    def rms(self, x: Array) -> float:
+        """Size of a difference of configurations."""
+        return float(np.linalg.norm(x)) / math.sqrt(self.size)
+
+    def straight(self, x: Array) -> bool:
+        """Whether a configuration is that of the straight pipe, its own mirror image."""
+        return not self.resting.any() and self.rms(x) < 1e-9
+
+    def rests(self, u: float) -> bool:
+        """Whether the configuration at rest is an equilibrium."""
+        return self.unbalanced(self.resting, u) <= BALANCED
+
+
+def rounding(eigenvalues: Complex) -> float:
+    """Real part up to which an eigenvalue counts as neutral."""
+    largest = float(np.abs(eigenvalues).max())
+    return 1e-10 + min(4.0 * float(np.finfo(float).eps) * largest**2, 1e-6)
 
 
 # ------------------------------------------------------------------------------------ where to look
@@ -147,13 +260,9 @@ def pitchforks(statics: Statics, highest: float) -> list[tuple[float, Array]]:
 def _branch_points(
     equations: Equations, x: Array, highest: float, squared: bool = False
 ) -> list[tuple[float, Array]]:
-    """Parameters > 0 at which branches leave an equilibrium that is one at all of them.
+    """Parameters > 0 at which branches leave an equilibrium x of all parameters, with directions.
 
-    Args:
-        equations: forces, affine in the parameter or in its square.
-        x: the equilibrium.
-        highest: parameter.
-        squared: whether they are affine in the square.
+    The forces are affine in the parameter or in its square.
     """
     a = equations.jacobian(x, 0.0)
     b = equations.jacobian(x, 1.0) - a
@@ -166,18 +275,31 @@ def _branch_points(
     return [(p, np.linalg.svd(equations.jacobian(x, p))[2][-1]) for p in parameters if p <= highest]
 
 
-def _on_primary_branches(statics: Statics, u: float) -> Iterator[Array]:
-    """Equilibria at a speed on branches that leave the straight pipe as speed or gravity grows."""
+def _solutions(statics: Statics, u: float, starts: list[Array]) -> Iterator[Array]:
+    """What may be equilibria at a speed.
+
+    First the straight pipe, then what lies on branches that leave it as speed or gravity grows, and
+    what scipy's hybrid method finds from starts and Newton's method improves.
+    """
+    yield statics.resting
     highest = 2.0 * u + 10.0
     for speed, direction in pitchforks(statics, highest):
         problem = DenseProblem(statics, statics.size, 0.1 * highest)
         yield from _on_branch(problem, statics.resting, speed, direction, u, (0.0, highest))
-    if statics.model.pipe.gamma == 0.0 or not statics.rests(u):
-        return
-    scaled = _ScaledGravity(statics, u)
-    for share, direction in _branch_points(scaled, statics.resting, 1.0):
-        problem = DenseProblem(scaled, statics.size, 0.5)
-        yield from _on_branch(problem, statics.resting, share, direction, 1.0, (0.0, 2.0))
+    if statics.model.pipe.gamma != 0.0 and statics.rests(u):
+        scaled = _ScaledGravity(statics, u)
+        for share, direction in _branch_points(scaled, statics.resting, 1.0):
+            problem = DenseProblem(scaled, statics.size, 0.5)
+            yield from _on_branch(problem, statics.resting, share, direction, 1.0, (0.0, 2.0))
+    bends = [size * mode for mode in np.eye(3) for size in (0.5, 1.5, 3.0, 5.0, 9.0)]
+    for parts in bends:
+        with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+            starts.append(statics.from_start("q0", modal_bend(parts)))
+    for start in starts:
+        with suppress(NewtonFailed, ValueError):
+            found = root(statics.residual, start, args=(u,), jac=statics.jacobian, method="hybr")
+            if float(np.abs(found.x).max()) <= FAR:
+                yield solve(statics, found.x, u)
 
 
 class _ScaledGravity:
@@ -189,17 +311,14 @@ class _ScaledGravity:
 
     def residual(self, x: Array, p: float) -> Array:
         none = self.none.residual(x, self.u)
-        result: Array = none + p * (self.full.residual(x, self.u) - none)
-        return result
+        return np.asarray(none + p * (self.full.residual(x, self.u) - none))
 
     def jacobian(self, x: Array, p: float) -> Array:
         none = self.none.jacobian(x, self.u)
-        result: Array = none + p * (self.full.jacobian(x, self.u) - none)
-        return result
+        return np.asarray(none + p * (self.full.jacobian(x, self.u) - none))
 
     def by_parameter(self, x: Array, p: float) -> Array:
-        result: Array = self.full.residual(x, self.u) - self.none.residual(x, self.u)
-        return result
+        return np.asarray(self.full.residual(x, self.u) - self.none.residual(x, self.u))
 
 
 def _on_branch(
@@ -213,77 +332,19 @@ def _on_branch(
     """Solutions at a parameter on the branch that leaves a branch point, one half of it."""
     branch = Continuation(problem, Control(longest=0.4))
     begin = branch.starting(np.append(x, p), np.append(direction, 0.0))
-    try:
-        point = branch.at(begin, LEAVING)
-    except NewtonFailed:
-        return
     step = 0.05
-    for _ in range(MOST_POINTS):
-        try:
+    with suppress(NewtonFailed):
+        point = branch.at(begin, LEAVING)
+        for _ in range(MOST_POINTS):
             segment, step = branch.next(point, step)
-        except NewtonFailed:
-            return
-        found = segment.end
-        if (point.p - target) * (found.p - target) <= 0.0 and point.p != found.p:
-            share = (target - point.p) / (found.p - point.p)
-            with suppress(NewtonFailed):
-                yield solve(problem.equations, point.x + share * (found.x - point.x), target)
-        away = found.x - x
-        back = float(away @ direction) / math.sqrt(x.size)
-        if abs(back) < 0.5 * LEAVING and float(np.linalg.norm(away)) < LEAVING * math.sqrt(x.size):
-            return  # through the straight pipe again, onto a mirror image
-        if not ends[0] <= found.p <= ends[1] or float(np.abs(found.x).max()) > FAR:
-            return
-        point = found
-
-
-def _bends(statics: Statics) -> Iterator[Array]:
-    """Bends of growing amplitude in three shapes."""
-    for shape in (1.0, 3.0, 5.0):
-        for amplitude in (0.5, 1.5, 3.0, 5.0, 9.0):
-
-            def bend(s: Array, shape: float = shape, size: float = amplitude) -> Array:
-                return np.asarray(size * np.sin(0.5 * math.pi * shape * s))
-
-            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
-                yield statics.from_start("q0", statics.model.bent(bend))
-
-
-class _Distinct:
-    """Equilibria at a speed, each once, with mirror images."""
-
-    def __init__(self, statics: Statics, u: float) -> None:
-        self.statics, self.u = statics, u
-        self.xs: list[Array] = []
-
-    def known(self, x: Array) -> bool:
-        return any(
-            float(np.abs(x - other).max()) < DISTINCT * (1 + np.abs(x).max()) for other in self.xs
-        )
-
-    def add(self, x: Array) -> None:
-        """A solution, if it is one and new, and its mirror image."""
-        for candidate in (x, -x):
-            if self.known(candidate) or float(np.abs(candidate).max()) > FAR:
-                continue
-            with suppress(ValueError, PipedynError):
-                if self.statics.unbalanced(candidate, self.u) <= BALANCED:
-                    self.xs.append(candidate + 0.0)
-
-    def add_near(self, x: Array) -> None:
-        """What scipy's hybrid method finds from a start, polished."""
-        statics, u = self.statics, self.u
-        with suppress(NewtonFailed, ValueError):
-            found = root(statics.residual, x, args=(u,), jac=statics.jacobian, method="hybr")
-            if float(np.abs(found.x).max()) <= FAR:
-                self.add(solve(statics, found.x, u))
-
-    def sorted(self) -> list[Array]:
-        """From the least bent on, a mirror image beside its original, to the right first."""
-        statics = self.statics
-
-        def key(x: Array) -> tuple[float, float]:
-            tip = statics.model.tips(statics.recorded(x[None]).T)[0, 0]
-            return round(statics.rms(x - statics.resting), 6), -float(tip)
-
-        return sorted(self.xs, key=key)
+            found = segment.end
+            if (point.p - target) * (found.p - target) <= 0.0 and point.p != found.p:
+                share = (target - point.p) / (found.p - point.p)
+                with suppress(NewtonFailed):
+                    yield solve(problem.equations, point.x + share * (found.x - point.x), target)
+            away = (found.x - x) / math.sqrt(x.size)
+            if abs(float(away @ direction)) < 0.5 * LEAVING and np.linalg.norm(away) < LEAVING:
+                return  # through the straight pipe again, onto a mirror image
+            if not ends[0] <= found.p <= ends[1] or float(np.abs(found.x).max()) > FAR:
+                return
+            point = found

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import field, replace
+from functools import cache
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +16,25 @@ from pipedyn.bifurcation.continuation import (
     Continuation,
     Control,
     DenseProblem,
+    Equations,
     Point,
     Segment,
-    change,
     folds,
+    sign_changes,
     solve,
 )
-from pipedyn.bifurcation.equilibria import FAR, MOST_POINTS, checked_size, pitchforks
-from pipedyn.bifurcation.statics import BALANCED, Statics, rounding
+from pipedyn.bifurcation.equilibria import (
+    BALANCED,
+    FAR,
+    LARGEST,
+    MOST_POINTS,
+    Statics,
+    pitchforks,
+    rounding,
+)
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.simulate import Start
+from pipedyn.motion.simulate import Start, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -33,9 +42,6 @@ from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
-
-FOLD = 1e-12
-"""Share of a step to which the place of a fold is known: all that rounding leaves."""
 
 NEAR = 0.5
 """Root mean square of the coordinates, in rad, within which a start leads to an equilibrium: far
@@ -132,8 +138,11 @@ def equilibrium_branch(
 
     Source: Keller (1977) for the continuation.
     """
-    statics = Statics(checked_size(model))
-    low, high = checked_range(speeds)
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    statics = Statics(model)
+    low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
+    if not high - low >= 1e-9 * (1.0 + high):
+        raise ValueError(f"speeds must be (lowest, highest), got ({low:g}, {high:g})")
     u0 = check.real("u0", u0, low=low, high=high)
     step = check.real("step", step, low=1e-4, high=1.0)
     start = statics.from_start("q0", q0)
@@ -150,65 +159,52 @@ def equilibrium_branch(
                 f"no equilibrium was found near q0 at u = {u0:g}: that to which Newton's method "
                 f"leads lies {away:.3g} rad away, more than {NEAR:g}"
             )
-        return _branch(statics, x, u0, (low, high), step)
-
-
-def checked_range(speeds: Any) -> tuple[float, float]:
-    """The argument speeds, if it is a lowest and a highest flow speed."""
-    ends = check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED)
-    low, high = (float(end) for end in ends)
-    if not high - low >= 1e-9 * (1.0 + high):
-        raise ValueError(f"speeds must be (lowest, highest), got ({low:g}, {high:g})")
-    return low, high
-
-
-def _branch(
-    statics: Statics, x: Array, u: float, ends: tuple[float, float], step: float
-) -> EquilibriumBranch:
-    """The branch through an equilibrium, both ways."""
-    straight = statics.rms(x - statics.resting) < 1e-9 and statics.rests(0.0) and statics.rests(1.0)
-    problem = DenseProblem(statics, statics.size, 0.1 * (ends[1] - ends[0]))
-    branch = (_Straight if straight else Continuation)(problem, Control(longest=step))
-    falling = np.append(np.zeros_like(x), -1.0)
-    try:
-        down = branch.point(np.append(statics.resting if straight else x, u), falling)
-    except NewtonFailed as error:
-        raise NotConverged(f"the equilibrium at u = {u:g} is a branch point") from error
-    up = Point(down.z, -down.tangent)
-    first, second = (_Way(statics, branch, start, ends) for start in (down, up))
-    whys = (first.run(), "closed")
-    points, counts, changes = first.points, first.counts, first.changes
-    if whys[0] != "closed":
-        whys = (whys[0], second.run())
-        points = points[:0:-1] + second.points
-        counts = counts[:0:-1] + second.counts
-        changes = changes[::-1] + second.changes
+        equations: Equations = statics
+        if statics.rms(x - statics.resting) < 1e-9 and statics.rests(0.0) and statics.rests(1.0):
+            x, equations = statics.resting, _AtRest(statics.resting)
+        problem = DenseProblem(equations, statics.size, 0.1 * (high - low))
+        branch = Continuation(problem, Control(longest=step))
+        try:
+            down = branch.point(np.append(x, u0), np.append(np.zeros_like(x), -1.0))
+        except NewtonFailed as error:
+            raise NotConverged(f"the equilibrium at u = {u0:g} is a branch point") from error
+        up = Point(down.z, -down.tangent)
+        first, second = (_Way(statics, branch, point, (low, high)) for point in (down, up))
+        ends = (first.run(), "closed")
+        points, growth, changes = first.points, first.growth, first.changes
+        if ends[0] != "closed":
+            ends = (ends[0], second.run())
+            points = points[:0:-1] + second.points
+            growth = growth[:0:-1] + second.growth
+            changes = changes[::-1] + second.changes
     q = statics.recorded(np.array([point.x for point in points]))
-    unstable = np.array(counts)
+    unstable = np.array([np.count_nonzero(one > 0.0) for one in growth])
     return EquilibriumBranch(
         speeds=np.array([point.p for point in points]),
         q=q,
         stable=unstable == 0,
         unstable=unstable,
-        tips=statics.model.tips(q.T),
+        tips=model.tips(q.T),
         points=tuple(changes),
-        ends=whys,
-        model=statics.model,
+        ends=ends,
+        model=model,
     )
 
 
-class _Straight(Continuation):
-    """The branch of a configuration that rests at any speed: nothing needs to be solved."""
+class _AtRest:
+    """x = rest, as equations: the straight pipe's, regular also where other branches leave it."""
 
-    def point(self, z: Array, towards: Array) -> Point:
-        return self.starting(z, towards)
+    def __init__(self, rest: Array) -> None:
+        self.rest = rest
 
-    def at(self, start: Point, ds: float, guess: Array | None = None) -> Point:
-        return Point(start.z + ds * start.tangent, start.tangent)
+    def residual(self, x: Array, p: float) -> Array:
+        return x - self.rest
 
-    def fixed(self, guess: Array, p: float) -> Point:
-        z = np.append(guess[:-1], p)
-        return self.starting(z, np.append(np.zeros_like(z[:-1]), 1.0))
+    def jacobian(self, x: Array, p: float) -> Array:
+        return np.eye(x.size)
+
+    def by_parameter(self, x: Array, p: float) -> Array:
+        return np.zeros(x.size)
 
 
 class _Way:
@@ -219,11 +215,8 @@ class _Way:
     ) -> None:
         self.statics, self.branch, self.ends = statics, branch, ends
         self.longest = branch.control.longest
-        self.points, self.counts = [start], [self.count(start)]
+        self.points, self.growth = [start], [statics.growth(start.x, abs(start.p))]
         self.changes: list[BranchPoint] = []
-
-    def count(self, point: Point) -> int:
-        return self.statics.unstable(point.x, abs(point.p))
 
     def run(self) -> str:
         """Follows the branch, and says why it ends."""
@@ -238,7 +231,7 @@ class _Way:
                 segment, step = self.branch.next(a, step)
                 end = segment.end.p
                 if not low <= end <= high and a.p != (edge := min(max(end, low), high)):
-                    segment = segment.part(a, segment.where(edge))
+                    segment = replace(segment, end=segment.where(edge))
                 joined = self._record(segment)
             except NewtonFailed:
                 return "lost"
@@ -248,63 +241,58 @@ class _Way:
             length += ds
             if float(np.abs(found.x).max()) > FAR:
                 return "far"
-            if length > 10.0 * self.longest and self._around(found, ds):
+            start = self.points[0]
+            back = self.branch.length(found.z - start.z) <= ds
+            same_way = self.branch.product(found.tangent, start.tangent) > 0.9
+            if length > 10.0 * self.longest and back and same_way:
                 return "closed"
         return "points"
-
-    def _around(self, found: Point, ds: float) -> bool:
-        start = self.points[0]
-        alike = self.branch.product(found.tangent, start.tangent) > 0.9
-        return alike and self.branch.length(found.z - start.z) <= ds
 
     def _record(self, segment: Segment) -> bool:
         """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
 
-        Undamped, a real eigenvalue near a fold is a root's root, so that the count changes as far
-        beside the fold as rounding in the count lets it: one change, listed once.
+        Undamped, a real eigenvalue is a square root near a fold, so that its count changes at a
+        distance from the fold, by rounding: both are one change, listed once.
         """
         statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
-        meeting = self._meeting(a, b)
-        turns: list[float] = []
-        until = ds
-        if meeting is not None:
-            size = statics.rms(a.x)
-            until = 0.98 * ds * size / (size + statics.rms(b.x))
+        sizes = statics.rms(a.x), statics.rms(b.x)
+        meeting, turns, until = None, list[float](), ds
+        across = float(a.x @ b.x) < 0.0 and not (statics.resting.any() or statics.straight(a.x))
+        if across and max(sizes) <= 2.0 * self.longest:  # a pitchfork leads onto its mirror image
+            meeting = self._pitchfork(a.p)
+        if meeting is None:
+            turns = folds(segment, 1e-12)
         else:
-            turns = folds(segment, FOLD)
-        marked: list[tuple[float, BranchPoint]] = []
-        count, at = self.counts[-1], 0.0
-        last = self.count(b if meeting is None else segment.at(until))
-        for _ in range(8):
-            if count == last:
-                break
-            beyond, at = change(segment, at, until, self.count)
-            more = self.count(beyond) - count
-            count += more
-            if more % 2 == 0:
-                marked.append((at, self._point("hopf", beyond)))
-            elif all(abs(at - turn) > 1e-3 * ds for turn in turns):
-                kind: Change = "pitchfork" if statics.straight(beyond.x) else "branch point"
-                marked.append((at, self._point(kind, beyond)))
-        marked += [(turn, self._point("fold", segment.at(turn))) for turn in turns]
+            until = 0.98 * ds * sizes[0] / sum(sizes)
+
+        @cache
+        def growth(s: float) -> Array:
+            if s == 0.0:
+                return self.growth[-1]
+            point = b if s == ds else segment.at(s)
+            return statics.growth(point.x, abs(point.p))
+
+        marked = [(turn, self._point("fold", segment.at(turn))) for turn in turns]
+        for before, beyond in sign_changes(growth, 0.0, until, 1e-10 * (1.0 + until)):
+            point = segment.at(beyond)
+            if np.count_nonzero((growth(beyond) > 0.0) != (growth(before) > 0.0)) % 2 == 0:
+                marked.append((beyond, self._point("hopf", point)))
+            elif all(abs(beyond - turn) > 1e-3 * ds for turn in turns):
+                kind: Change = "pitchfork" if statics.straight(point.x) else "branch point"
+                marked.append((beyond, self._point(kind, point)))
         self.changes += [point for _, point in sorted(marked, key=lambda one: one[0])]
+        self.growth.append(growth(until))
         if meeting is not None:
             b = Point(np.append(statics.resting, meeting), a.tangent)
             self.changes.append(self._point("pitchfork", b))
         self.points.append(b)
-        self.counts.append(last)
         return meeting is not None
 
-    def _meeting(self, a: Point, b: Point) -> float | None:
-        """Speed of the pitchfork through which a branch goes over into its mirror image."""
-        statics = self.statics
-        if statics.resting.any() or statics.straight(a.x) or not float(a.x @ b.x) < 0.0:
-            return None
-        if max(statics.rms(a.x), statics.rms(b.x)) > 2.0 * self.longest:
-            return None
-        near = 0.02 * (1.0 + a.p)
-        forks = [u for u, _ in pitchforks(statics, a.p + near) if abs(u - a.p) < near]
-        return min(forks, key=lambda u: abs(u - a.p)) if forks else None
+    def _pitchfork(self, u: float) -> float | None:
+        """Speed of the pitchfork of the straight pipe nearest to a speed, if one is near."""
+        near = 0.02 * (1.0 + u)
+        found = [p for p, _ in pitchforks(self.statics, u + near) if abs(p - u) < near]
+        return min(found, key=lambda p: abs(p - u), default=None)
 
     def _point(self, kind: Change, point: Point) -> BranchPoint:
         statics = self.statics
@@ -317,65 +305,19 @@ class _Way:
                 frequency = float(abs(oscillating[crossing].imag))
         speed = abs(point.p)
         if kind == "pitchfork":  # rounding in the count reaches further than in the roots of det K
-            near = 1e-4 * (1.0 + speed)
-            forks = [u for u, _ in pitchforks(statics, speed + near)]
-            speed = min(forks, key=lambda u: abs(u - speed), default=speed)
+            speed = self._pitchfork(speed) or speed
         q = statics.recorded(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])
-
-
-# ------------------------------------------------------------------------- questions about branches
-
-
-def integrated(statics: Statics, q: Array) -> Array:
-    """What integrators advance, (k, moving), of coordinates that users see, (k, coordinates)."""
-    return np.array([statics.from_start("q", row) for row in q])
 
 
 def lies_on(statics: Statics, branch: EquilibriumBranch, x: Array, u: float) -> bool:
     """Whether an equilibrium at a speed is one of a branch's."""
     near = 1e-5 * (1.0 + float(np.abs(x).max()))
-    xs = integrated(statics, branch.q)
+    xs = [statics.from_start("q", q) for q in branch.q]
     for (a, u_a), (b, u_b) in pairwise(zip(xs, branch.speeds, strict=True)):
         if min(u_a, u_b) <= u <= max(u_a, u_b):
             share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
             with suppress(NewtonFailed):
                 if float(np.abs(solve(statics, a + share * (b - a), u) - x).max()) < near:
                     return True
-    return False
-
-
-def mirror_image(statics: Statics, branch: EquilibriumBranch) -> EquilibriumBranch | None:
-    """The mirror image, None where it is the branch itself or no branch of equilibria."""
-    xs = integrated(statics, branch.q)
-    middle = len(xs) // 2
-    x, u = -xs[middle], float(branch.speeds[middle])
-    try:
-        if statics.unbalanced(x, u) > BALANCED or lies_on(statics, branch, x, u):
-            return None
-    except ValueError:
-        return None
-
-    def image(q: Array) -> tuple[Array, Array]:
-        mirrored = statics.recorded(-integrated(statics, q))
-        return mirrored, statics.model.tips(mirrored.T)
-
-    points = []
-    for point in branch.points:
-        q, tips = image(point.q[None])
-        points.append(replace(point, q=q[0], tip=tips[0]))
-    q, tips = image(branch.q)
-    return replace(branch, q=q, tips=tips, points=tuple(points))
-
-
-def is_stable_at(branch: EquilibriumBranch, u: float) -> bool:
-    """Whether a branch has stable equilibria at a speed."""
-    for (a, b), (good, after) in zip(pairwise(branch.speeds), pairwise(branch.stable), strict=True):
-        if not min(a, b) <= u <= max(a, b) or not (good or after):
-            continue
-        stable_end, other = (a, b) if good else (b, a)
-        changes = [p.speed for p in branch.points if min(a, b) <= p.speed <= max(a, b)]
-        end = min(changes, key=lambda p: abs(p - stable_end), default=other)
-        if (good and after) or min(stable_end, end) <= u < max(stable_end, end):
-            return True
     return False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What changes along a branch of cycles, as Floquet multipliers tell."""
+"""What changes along a branch of cycles, as Floquet multipliers show."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from numpy.typing import ArrayLike
 
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util import check
+from pipedyn.util.check import Array
 from pipedyn.util.result import result
 
 UNIT = 1e-6
-"""By how much the modulus of a multiplier may exceed 1 on a stable cycle."""
-
-REAL = 1e-3
-"""Imaginary part beside the modulus below which a multiplier passes the circle on the real axis."""
+"""By how much the modulus of a multiplier may exceed 1 on a stable cycle: rounding and more."""
 
 SAME = 1e-4
 """Relative difference below which two cycles, or the speeds of two events, are the same."""
@@ -34,9 +32,9 @@ class CycleEvent:
     Attributes:
         kind: "fold" (the branch turns back), "pitchfork" (a cycle that is its own mirror image
             meets two that are not), "period doubling" (it meets one of twice its period: a
-            multiplier passes -1), "torus" (a pair passes the unit circle), "hopf" (the cycle
-            shrinks to nothing), "infinite period" (the frequency falls towards 0, as where a cycle
-            meets an equilibrium) or "end" (it was not followed further).
+            multiplier passes -1), "torus" (a pair passes the unit circle), "hopf" (its
+            amplitude falls to 0), "infinite period" (the frequency falls towards 0, as where a
+            cycle meets an equilibrium) or "end" (it was not followed further).
         speed: u.
         error: half the interval of speeds that is known to hold it.
         multiplier: the one that passes, where it does, on the unit circle: 1 at a fold and a
@@ -51,17 +49,13 @@ class CycleEvent:
     amplitude: float
 
     def same(self, other: CycleEvent) -> bool:
-        """Whether two branches tell of one event.
-
-        Raises:
-            TypeError: for what is no event.
-        """
+        """Whether two branches meet in one event; raises TypeError for what is no event."""
         if not isinstance(other, CycleEvent):
             raise TypeError(f"other must be a CycleEvent, got {check.shown(other)}")
         apart = abs(self.speed - other.speed)
         near = SAME * self.speed + 3.0 * (self.error + other.error)
-        alike = abs(self.amplitude - other.amplitude) <= 0.1 * self.amplitude
-        return self.kind == other.kind and apart <= near and alike
+        equal = abs(self.amplitude - other.amplitude) <= 0.1 * self.amplitude
+        return self.kind == other.kind and apart <= near and equal
 
 
 def nontrivial(multipliers: ArrayLike) -> Complex:
@@ -70,32 +64,24 @@ def nontrivial(multipliers: ArrayLike) -> Complex:
     return np.delete(given, int(np.argmin(np.abs(given - 1.0))))
 
 
-def outside(multipliers: ArrayLike) -> int:
-    """Number of multipliers outside the unit circle, but for the trivial one."""
-    return int(np.count_nonzero(np.abs(nontrivial(multipliers)) > 1.0 + UNIT))
-
-
-def excess(multipliers: ArrayLike, place: int) -> float:
-    """Logarithm of a modulus, counted from the largest at 0, above that of the unit circle."""
+def growth(multipliers: ArrayLike) -> Array:
+    """Logarithms of the moduli of all but the trivial one, relative to 1 + UNIT, falling."""
     sizes = np.sort(np.abs(nontrivial(multipliers)))[::-1]
-    return float(np.log(max(sizes[place], 1e-300) / (1.0 + UNIT)))
+    found: Array = np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT))
+    return found
 
 
 def crossing_event(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex]:
     """What a multiplier that passes the unit circle does, and that multiplier.
 
     One that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are squares
-    of the eigenvalues of the map over half a period and the reflection, which tells a pitchfork
-    from a fold.
-
-    Args:
-        roots: the multipliers where one passes, or with a mirror their roots.
-        mirrored: whether they are roots.
+    of their `roots`, the eigenvalues of the map over half a period and the reflection, which
+    distinguish a pitchfork from a fold. Without one the roots are the multipliers themselves.
     """
     others = nontrivial(roots)
     nearest = complex(others[int(np.argmin(np.abs(np.abs(others) - 1.0)))])
     kind: EventKind = "torus"
-    if abs(nearest.imag) < REAL * abs(nearest):
+    if abs(nearest.imag) < 1e-3 * abs(nearest):  # two that meet split by the root of an error
         flipped: EventKind = "pitchfork" if mirrored else "period doubling"
         kind = "fold" if nearest.real > 0.0 else flipped
         nearest = complex(math.copysign(1.0, nearest.real))

@@ -28,38 +28,29 @@ TOLERANCE, MOST_HALVINGS, MOST = 1e-7, 4, 4000
 """Error of a multiplier, relative if above 1: a tenth of what the trivial one may be off; halvings
 of mesh intervals to come there, of which one mostly does, and intervals: 2 GB for 100 segments."""
 
-LARGEST = 1e150
-"""Modulus of a multiplier, whose square is finite still."""
-
 TURN = 4.0
 """|lambda| h of an interval at most, for modes that persist: its error is 3e-8, of a half 5e-13."""
-
-PERSISTS = 25.0
-"""Decrements over a cycle with which a mode persists: with more it ends below 1e-11 of its size."""
-
-LEFT, LEFT_ACROSS_KINKS = 1e-3, 0.25
-"""Share of the error that halving leaves at most: 2^-15 where f is smooth, 2^-3 across kinks."""
 
 
 def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, float]:
     """Floquet multipliers, the largest modulus first, shape (2 dof,), and the error of the worst.
 
-    Args:
-        motion: the model's.
-        orbit: the periodic orbit.
-
     Raises:
         NewtonFailed: if they leave finite numbers.
     """
-    left = LEFT_ACROSS_KINKS if motion.hidden_kinks else LEFT
-    orbit = shortened(motion, orbit)
+    # Halving leaves 2^-15 of the error where f is smooth, and 2^-3 across kinks of drag at phases
+    # that are not known; of both some more is allowed for.
+    some = motion.model.drag_velocities(*np.split(orbit.states(np.zeros(1)), 2))
+    left = 0.25 if motion.model.pipe.drag and not some.size else 1e-3
+    orbit = _fine_enough(motion, orbit)
     values, error = _multipliers(motion, orbit), math.inf
     for _ in range(MOST_HALVINGS):
         if error <= TOLERANCE or 2 * len(orbit.starts) > MOST:
             break
         orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
         coarser, values = values, _multipliers(motion, orbit)
-        last, error = error, left * _apart(coarser, values)
+        moved = np.abs(coarser[:, None] - values) / np.maximum(np.abs(values), 1.0)
+        last, error = error, left * float(moved[linear_sum_assignment(moved)].max())
         if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
             break
     # Rounded, as the moduli of a pair differ by rounding.
@@ -68,70 +59,60 @@ def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, float]:
     return values[order].astype(np.complex128), error
 
 
+def multiplier_roots(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
+    """The multipliers or, of an orbit with a mirror, eigenvalues over half a period, reflected.
+
+    The multipliers are the squares of these: the trivial one is 1 either way, and a perturbation
+    that breaks the mirror symmetry and neither grows nor decays has -1.
+    """
+    return _eigenvalues(motion, _fine_enough(motion, orbit))
+
+
 def _multipliers(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
-    values = returns(motion, orbit)
+    values = _eigenvalues(motion, orbit)
     return values**2 if orbit.symmetric else values
 
 
-def returns(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
-    """Eigenvalues over the span, with a mirror of half a period followed by the reflection.
-
-    These are the multipliers, or with a mirror their roots: the trivial one is 1 either way, and a
-    perturbation that breaks the mirror symmetry and neither grows nor decays has -1.
-
-    Args:
-        motion: the model's.
-        orbit: the periodic orbit, on a mesh that is fine enough for modes that persist.
-
-    Raises:
-        NewtonFailed: if they are beyond LARGEST, as where R is singular to rounding.
-    """
+def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
+    """`multiplier_roots` on a given mesh."""
     factorised()
     with np.errstate(over="raise", invalid="raise"):
         try:
             left, right = through(motion, orbit)
-            tangent = _tangent(motion, orbit)
-            if tangent is None:
-                values = scipy.linalg.eigvals(left, -right)
+            if motion.scene is not None and motion.constrained:
+                allowed = _allowed(motion.scene, orbit.starts[0], motion.model.dof)
+                values = np.linalg.eigvals(-allowed.T @ np.linalg.solve(right, left @ allowed))
             else:
-                values = np.linalg.eigvals(-tangent.T @ np.linalg.solve(right, left @ tangent))
+                values = scipy.linalg.eigvals(left, -right)
+            if not (np.abs(values) < 1e150).all():  # its square is finite
+                raise FloatingPointError
         except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
             raise NewtonFailed("its Floquet multipliers left finite numbers") from error
-    if not (np.abs(values) < LARGEST).all():
-        raise NewtonFailed("its Floquet multipliers left finite numbers")
     found: Complex = orbit.mirror * np.asarray(values, dtype=np.complex128)
     return found
 
 
-def shortened(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """The same on a mesh that is fine enough for every mode that persists."""
+def _fine_enough(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
+    """The same on a mesh that is fine enough for every mode that persists.
+
+    A mode that decays by more than exp(-25) in a period ends below 1e-11 of its size.
+    """
     some = np.ascontiguousarray(orbit.starts[:: len(orbit.starts) // 4].T)
     factorised(some.shape[1])
     rates = np.linalg.eigvals(motion.jacobians(some, orbit.u))
-    persist = rates.real > -PERSISTS * orbit.frequency / orbit.span
+    persist = rates.real > -25.0 * orbit.frequency / orbit.span
     turns = orbit.durations * np.abs(rates[persist]).max(initial=0.0)
     parts = np.ceil(np.maximum(turns / TURN, 1.0)).astype(int)
     return refined(motion, orbit, parts) if 2 * parts.sum() <= MOST else orbit
 
 
-def _apart(a: Complex, b: Complex) -> float:
-    """Largest difference of two sets of multipliers, relative to those above 1."""
-    moved = np.abs(a[:, None] - b) / np.maximum(np.abs(b), 1.0)
-    return float(moved[linear_sum_assignment(moved)].max())
-
-
-def _tangent(motion: VectorField, orbit: PeriodicOrbit) -> Array | None:
-    """An orthonormal basis of the perturbations that meet the constraints, where there are any."""
-    if not motion.constrained:
-        return None
-    half, h = motion.half, 1e-5
-    y = orbit.starts[0][:, None]
-    moves = h * np.eye(motion.size)
-    scene = motion.model.motion
-    assert isinstance(scene, SceneMotion)
+def _allowed(scene: SceneMotion, y: Array, dof: int) -> Array:
+    """An orthonormal basis of the perturbations of a state that meet the constraints."""
+    h = 1e-5
+    moves = h * np.eye(y.size)
     ahead, behind = (
-        np.concatenate(scene.projected((y + s * moves)[:half], (y + s * moves)[half:]))
-        for s in (1.0, -1.0)
+        np.concatenate(scene.projected(*np.split(y[:, None] + sign * moves, 2)))
+        for sign in (1.0, -1.0)
     )
     vectors, _, _ = np.linalg.svd((ahead - behind) / (2.0 * h))
-    return np.asarray(vectors[:, : 2 * motion.model.dof])
+    return np.asarray(vectors[:, : 2 * dof])

@@ -21,18 +21,22 @@ which changes what the flow feeds, so that it may even drive the flutter, Re(d) 
 from __future__ import annotations
 
 import math
-from dataclasses import field, replace
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.equilibrium_branch import BranchPoint
-from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal_form
-from pipedyn.bifurcation.statics import Statics
+from pipedyn.bifurcation.normal_form import NoHopf, NormalForm, averaged, normal_form, vectors
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
+from pipedyn.linear.stability_curve import Failure, swept
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
@@ -44,12 +48,29 @@ from pipedyn.util.threads import one_thread
 LARGEST_HOPF = 500
 """Degrees of freedom; beyond, dense eigenvectors lose the digits that differences need."""
 
-LEAST_DRAG = 1e-100
-"""Less acts at amplitudes alone that are nothing, and its law would leave finite numbers."""
+
+@dataclass(frozen=True)
+class HopfPoint:
+    """A pair of eigenvalues on the imaginary axis, from which small periodic orbits come."""
+
+    speed: float
+    frequency: float
+    mode: Complex = field(repr=False, compare=False, kw_only=True)
+    rest: Array = field(repr=False, compare=False, kw_only=True)
+
+
+def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
+    """The pair on the axis at an equilibrium, shape (2 moving,), without its normal form.
+
+    Raises:
+        ValueError, NoHopf: if there is no such pair, or two, or the free end does not move.
+    """
+    mode, _ = vectors(motion.jacobian(rest, u), frequency, lambda q: _tip_of(motion, rest, q))
+    return HopfPoint(u, frequency, mode=mode, rest=rest)
 
 
 @result
-class Hopf:
+class Hopf(HopfPoint):
     """A flutter onset, and the limit cycle that emerges there.
 
     The amplitude A of the free end obeys A' = growth (u - u_c) A + Re(quadratic) A^2 + Re(cubic)
@@ -82,8 +103,6 @@ class Hopf:
         rest: the equilibrium, an integrated state, shape (2 moving,).
     """
 
-    speed: float
-    frequency: float
     growth: float
     detuning: float
     quadratic: complex
@@ -97,8 +116,6 @@ class Hopf:
     criticality: Literal["supercritical", "subcritical"]
     crossing: Crossing | BranchPoint = field(repr=False)
     model: Model = field(repr=False)
-    mode: Complex = field(repr=False, compare=False)
-    rest: Array = field(repr=False, compare=False)
 
     @property
     def unstable_beside(self) -> int:
@@ -193,14 +210,16 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
 
     Source: Kuznetsov's projection formula, see `normal_form`.
     """
-    model = checked_model_in_motion(model)
-    if model.dof > LARGEST_HOPF:
-        raise ValueError(
-            f"model must have at most {LARGEST_HOPF} degrees of freedom for hopf, got {model.dof}"
-        )
+    model = checked_model_in_motion(model, largest=LARGEST_HOPF, purpose="hopf")
     own = crossing is None
     if crossing is None:
-        crossing = _first(model)
+        critical, found = first_loss(model)
+        if critical.kind != "flutter":
+            raise NoHopf(
+                f"stability is lost by divergence at u = {critical.speed:g}; a flutter beyond it "
+                "is asked for with crossing="
+            )
+        crossing = next(one for one in found if one.destabilising)
     elif not isinstance(crossing, Crossing | BranchPoint):
         raise TypeError(
             f"crossing must be a Crossing or a BranchPoint, got {check.shown(crossing)}"
@@ -221,14 +240,13 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
         model.require_equilibrium(u)
         rest = motion.resting()
     smooth = with_drag(model, 0.0) if model.pipe.drag else motion
-    drag = model.pipe.drag if model.pipe.drag >= LEAST_DRAG else 0.0
     with one_thread(motion.size):
         try:
             form = normal_form(
                 lambda y: smooth.jacobian(y, u),
                 rest,
                 crossing.frequency,
-                lambda q: tip_of(motion, rest, q),
+                lambda q: _tip_of(motion, rest, q),
                 lambda q: model.largest_angle(q[: motion.half]),
             )
         except ValueError as error:
@@ -238,67 +256,29 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
         slope = _slope(motion, rest, u, form)
         if abs(slope.real) < 1e-9 * (1.0 + abs(slope)):
             raise NoHopf(f"the pair touches the axis at u = {u:g} and does not pass through it")
-        mean, spread = 0j, 0.0
-        if drag:  # its force is as large as its number: a weak one would be lost in rounding
-            draggy = with_drag(model, 1.0)
-
-            def force(moved: Array) -> Array:
-                """Drag alone, free of cancellation."""
-                y = np.ascontiguousarray(rest[:, None] + moved)
-                return draggy(y, u) - smooth(y, u)
-
-            mean, spread = averaged(force, form, model.largest_angle(form.right[: motion.half]))
-    if abs(mean) <= 1e-12 * form.frequency:  # no drag where the mode moves
-        mean = 0j
-    return _result(model, crossing, rest, form, slope, drag * mean, drag * spread)
-
-
-def with_drag(model: Model, drag: float) -> VectorField:
-    """The motion of a model with another drag."""
-    return VectorField(model.with_pipe(replace(model.pipe, drag=drag)))
-
-
-def _first(model: Model) -> Crossing:
-    critical, found = first_loss(model)
-    if critical.kind != "flutter":
-        raise NoHopf(
-            f"stability is lost by divergence at u = {critical.speed:g}; a flutter beyond it is "
-            "asked for with crossing="
-        )
-    return next(one for one in found if one.destabilising)
-
-
-def _result(
-    model: Model,
-    crossing: Crossing | BranchPoint,
-    rest: Array,
-    form: NormalForm,
-    slope: complex,
-    drag: complex,
-    error: float,
-) -> Hopf:
-    omega, cubic = form.frequency, 0.25 * form.cubic
+        drag, spread = _mean_drag(model, smooth, rest, u, form)
+    cubic = 0.25 * form.cubic
     leading, name = drag, "the mean of drag"
     if not drag:
-        leading, error, name = cubic, 0.25 * form.error, "the first Lyapunov coefficient"
-    if abs(leading.real) <= error:
+        leading, spread, name = cubic, 0.25 * form.error, "the first Lyapunov coefficient"
+    if abs(leading.real) <= spread:
         raise NotConverged(
-            f"{name} at u = {crossing.speed:g} is 0 within its error of {error:.1e}, as at a "
-            "Bautin point: terms of higher degree decide, which are not computed",
+            f"{name} at u = {u:g} is 0 within its error of {spread:.1e}, as at a Bautin point: "
+            "terms of higher degree decide, which are not computed",
             form,
         )
     law = -slope.real / leading.real
     return Hopf(
-        speed=crossing.speed,
-        frequency=omega,
+        speed=u,
+        frequency=form.frequency,
         growth=slope.real,
         detuning=slope.imag,
         quadratic=drag,
         cubic=cubic,
         lyapunov=form.lyapunov,
-        lyapunov_error=form.error / omega,
+        lyapunov_error=form.error / form.frequency,
         amplitude_law=law,
-        amplitude_error=abs(law * error / leading.real),
+        amplitude_error=abs(law * spread / leading.real),
         frequency_law=slope.imag + law * leading.imag,
         exponent=1.0 if drag else 0.5,
         criticality="supercritical" if leading.real < 0.0 else "subcritical",
@@ -309,14 +289,9 @@ def _result(
     )
 
 
-def tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
-    """Transverse displacement of the free end, to first order: what its velocity is of rates."""
-    half, model = motion.half, motion.model
-    parts = []
-    for part in (mode.real, mode.imag):
-        q, rates = model.recorded(rest[None, :half], part[None, :half])
-        parts.append(float(model.tip_velocities(q.T, rates.T)[0, 0]))
-    return complex(*parts)
+def with_drag(model: Model, drag: float) -> VectorField:
+    """The motion of a model with another drag."""
+    return VectorField(model.with_pipe(replace(model.pipe, drag=drag)))
 
 
 def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> complex:
@@ -327,3 +302,120 @@ def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> comp
         factorised()
         moved = -np.asarray(np.linalg.solve(motion.jacobian(rest, u), force), dtype=np.float64)
     return complex(form.left.conj() @ (motion.jacobian_by_speed(rest, u, moved) @ form.right))
+
+
+def _mean_drag(
+    model: Model, smooth: VectorField, rest: Array, u: float, form: NormalForm
+) -> tuple[complex, float]:
+    """The quadratic coefficient and its error: 0 without drag, or where the mode moves without."""
+    # Less acts only at amplitudes that are 0 to any accuracy, and its law leaves finite numbers.
+    if model.pipe.drag < 1e-100:
+        return 0j, 0.0
+    unit = with_drag(model, 1.0)  # a weak drag would be lost in rounding; its force is as large
+
+    def force(moved: Array) -> Array:
+        """Drag alone, free of cancellation."""
+        y = np.ascontiguousarray(rest[:, None] + moved)
+        return unit(y, u) - smooth(y, u)
+
+    mean, error = averaged(force, form, model.largest_angle(form.right[: smooth.half]))
+    if abs(mean) <= 1e-12 * form.frequency:
+        mean = 0j
+    return model.pipe.drag * mean, model.pipe.drag * error
+
+
+def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
+    """Transverse displacement of the free end, to first order: what its velocity is of rates."""
+    half, model = motion.half, motion.model
+    parts = []
+    for part in (mode.real, mode.imag):
+        q, rates = model.recorded(rest[None, :half], part[None, :half])
+        parts.append(float(model.tip_velocities(q.T, rates.T)[0, 0]))
+    return complex(*parts)
+
+
+# ----------------------------------------------------------------------- against a parameter
+
+
+@result
+class CriticalityCurve:
+    """Onsets of flutter against a parameter.
+
+    Attributes:
+        values: the parameter, shape (S,).
+        onsets: Hopf at each value, None where the point failed.
+        failures: the points that failed, with what they raised: `NoHopf` where stability is lost
+            otherwise, `NoCrossing` where it is not lost.
+    """
+
+    values: Array
+    onsets: tuple[Hopf | None, ...] = field(repr=False)
+    failures: tuple[Failure, ...]
+
+    def _each(self, name: str) -> Array:
+        """An attribute of each onset, shape (S,), NaN for none."""
+        found = [getattr(one, name, None) for one in self.onsets]
+        return np.array([math.nan if value is None else value for value in found])
+
+    @property
+    def speeds(self) -> Array:
+        """Flow speeds of the onsets, shape (S,), NaN where there is none."""
+        return self._each("speed")
+
+    @property
+    def laws(self) -> Array:
+        """Amplitude laws, negative where the onset is subcritical, shape (S,), NaN for none."""
+        return self._each("amplitude_law")
+
+    @property
+    def subcritical(self) -> NDArray[np.bool_]:
+        """Where the cycle that emerges repels, so that flutter is large at once, shape (S,)."""
+        return np.array(
+            [one is not None and one.criticality == "subcritical" for one in self.onsets]
+        )
+
+    @property
+    def folds(self) -> Array:
+        """Speeds of `Hopf.fold`, shape (S,), NaN for none.
+
+        With drag an onset may be supercritical, but its cycles turn back at this speed, beyond
+        which flutter is large at once. Under weak drag that is hardly above the onset.
+        """
+        return self._each("fold")
+
+    @property
+    def changes(self) -> Array:
+        """Neighbouring values between which onsets change side, shape (C, 2).
+
+        Either the leading coefficient passes 0 there (a Bautin point), which `laws` that grow
+        without bound show, or the onset passes to another mode.
+        """
+        known = np.array([one is not None for one in self.onsets])
+        side = self.subcritical
+        at = np.flatnonzero(known[:-1] & known[1:] & (side[:-1] != side[1:]))
+        return np.stack([self.values[at], self.values[at + 1]], axis=1)
+
+
+def criticality_curve(
+    make_model: Callable[[float], Model],
+    values: ArrayLike,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> CriticalityCurve:
+    """Whether flutter at the critical speed is supercritical, against any parameter.
+
+    Args:
+        make_model: the model at a value of the parameter; called in this process, so a lambda will
+            do. Of a map over two parameters it is a row.
+        values: the parameter, shape (S,).
+        executor: a `concurrent.futures.Executor` that takes the points.
+        progress: show progress on stderr.
+
+    Returns:
+        CriticalityCurve; a point that fails is recorded in `failures` and the others are kept.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    at, onsets, failures = swept(make_model, values, hopf, executor, progress, "criticality")
+    return CriticalityCurve(at, tuple(onsets), failures)

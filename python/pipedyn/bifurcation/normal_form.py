@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Cubic normal form at a Hopf point, and the mean of a force that is not smooth there.
+"""Cubic normal form at a Hopf point of any system, and the mean of a force not smooth there.
 
 On the centre manifold of a pair i omega with right and left eigenvectors q and p, <p, q> = 1,
 
@@ -34,22 +34,10 @@ from pipedyn.models.base import NotConverged, PipedynError
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
-LEVELS = 6
-"""Steps of the differences, each half of the one before: measured, a seventh gains nothing."""
-
-FIRST_STEP = 0.2
-"""The longest: the largest angle of the displaced mode, rad."""
-
-PHASES = 8192
-"""Over which a force is averaged; drag's has kinks, so the mean converges slowly."""
-
-PARALLEL = 3e-5
-"""Cosine of the angle between left and right eigenvector below which two pairs are taken to meet:
-where they do, rounding leaves the root of its own size."""
-
-LARGEST_ERROR = 1e-3
-"""Relative error of a normal form beyond which it is no result: measured 8e-8 at most of 28 smooth
-pipes, while a force that is not smooth leaves some per cent."""
+LEVELS, FIRST_STEP = 6, 0.2
+"""Steps of the differences, each half of the one before, and the largest angle, rad, by which the
+first displaces the pipe. Of 28 smooth pipes the coefficient's error is then 8e-8 at most; a seventh
+step gains nothing."""
 
 
 class NoHopf(PipedynError):
@@ -58,21 +46,13 @@ class NoHopf(PipedynError):
 
 @dataclass(frozen=True)
 class NormalForm:
-    """What decides a Hopf point: z' = i omega z + cubic z |z|^2.
+    """What decides a Hopf point: z' = i omega z + c_1 z |z|^2."""
 
-    Attributes:
-        frequency: omega.
-        right: q, complex, shape (N,), scaled as asked for.
-        left: p, complex, shape (N,), with <p, q> = sum conj(p) q = 1.
-        cubic: c_1.
-        error: of c_1, absolute, estimated from the last two extrapolations.
-    """
-
-    frequency: float
-    right: Complex = field(repr=False)
-    left: Complex = field(repr=False)
-    cubic: complex
-    error: float
+    frequency: float  # omega
+    right: Complex = field(repr=False)  # q, shape (N,)
+    left: Complex = field(repr=False)  # p, shape (N,), with <p, q> = sum conj(p) q = 1
+    cubic: complex  # c_1
+    error: float  # of c_1, absolute, from the last two extrapolations
 
     @property
     def lyapunov(self) -> float:
@@ -87,7 +67,7 @@ def normal_form(
     scale: Callable[[Complex], complex],
     reach: Callable[[Complex], float],
 ) -> NormalForm:
-    """Cubic normal form at a Hopf point of y' = f(y), of any smooth system.
+    """Cubic normal form at an equilibrium of any smooth system y' = f(y).
 
     Args:
         jacobian: df/dy of states, shape (N,) to (N, N).
@@ -96,21 +76,13 @@ def normal_form(
         scale: a linear function of q, which is divided by its value.
         reach: the size of q by which the steps of differences are measured.
 
-    Returns:
-        NormalForm.
-
     Raises:
         ValueError: if there is no such eigenvalue.
         NoHopf: if it is a double one, or scale(q) is 0.
         NotConverged: if the differences do not converge.
     """
     a = jacobian(rest)
-    right, left = vectors(a, frequency)
-    share = scale(right)
-    if abs(share) <= 1e-9 * float(np.abs(right).max()) / (1.0 + frequency):
-        raise NoHopf("the free end does not move in the mode that flutters")
-    right = right / share
-    left = left / np.conj(left.conj() @ right)
+    right, left = vectors(a, frequency, scale)
     first = FIRST_STEP / reach(right)
     values = []
     directions = (right.real, right.imag)
@@ -125,7 +97,7 @@ def normal_form(
         third = sum((x + y - 2.0 * a) / h**2 for x, y in zip(ahead, behind, strict=True))
         values.append(_cubic(a, frequency, right, left, second, third))
     value, error = _extrapolated(values)
-    if not error <= LARGEST_ERROR * abs(value):
+    if not error <= 1e-3 * abs(value):  # a force that is not smooth leaves some per cent
         raise NotConverged(
             "the third derivatives at the onset do not converge as the steps of their differences "
             f"shrink: {value:.6g} with an error of {error:.1e}",
@@ -133,8 +105,13 @@ def normal_form(
     return NormalForm(frequency, right, left, value, error)
 
 
-def vectors(a: Array, frequency: float) -> tuple[Complex, Complex]:
-    """Right and left eigenvector of i omega by inverse iteration."""
+def vectors(
+    a: Array, frequency: float, scale: Callable[[Complex], complex]
+) -> tuple[Complex, Complex]:
+    """Right and left eigenvector q and p of i omega, scale(q) = <p, q> = 1, by inverse iteration.
+
+    Raises as `normal_form` does.
+    """
     size = a.shape[0]
     # Rates are about omega times coordinates: balanced, the shift is felt by both alike.
     balance, (scaling, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
@@ -158,9 +135,14 @@ def vectors(a: Array, frequency: float) -> tuple[Complex, Complex]:
     unit = np.ones(size)
     unit[size // 2 :] = frequency
     lengths = np.linalg.norm(right / unit) * np.linalg.norm(left * unit)
-    if abs(complex(left.conj() @ right)) < PARALLEL * lengths:
+    # Where two pairs meet, p and q are at right angles, but for the root of rounding.
+    if abs(complex(left.conj() @ right)) < 3e-5 * lengths:
         raise NoHopf("two pairs meet on the axis at the onset")
-    return right, left
+    share = scale(right)
+    if abs(share) <= 1e-9 * float(np.abs(right).max()) / (1.0 + frequency):
+        raise NoHopf("the free end does not move in the mode that flutters")
+    right = right / share
+    return right, left / np.conj(left.conj() @ right)
 
 
 def _cubic(
@@ -216,7 +198,7 @@ def averaged(
         form: the mode.
         angle: the largest of the pipe displaced by q, by which the displacements are measured.
     """
-    phase = np.linspace(0.0, 2.0 * np.pi, PHASES, endpoint=False)
+    phase = np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False)  # drag's kinks ask for many
     turn = np.exp(1j * phase)
     line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
     first = FIRST_STEP / angle

@@ -12,12 +12,13 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from itertools import islice
 
 import numpy as np
 
 from pipedyn.bifurcation.collocation import OrbitProblem, control, solved
 from pipedyn.bifurcation.continuation import Continuation, Control, Point, Segment, folds
+from pipedyn.bifurcation.hopf import HopfPoint
 from pipedyn.bifurcation.periodic_orbit import (
     COARSEST,
     PeriodicOrbit,
@@ -28,94 +29,40 @@ from pipedyn.bifurcation.periodic_orbit import (
     stage_phases,
 )
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 
 SMALL, SMALLEST = 0.01, 1e-4
-"""Amplitude in L of a branch's first orbit beside what it leaves, and the least that is tried: the
-normal form holds at the first to a per cent or better, and at the last rounding is far below."""
-
-NEAR = 1e-3
-"""Share of the speed within which a branch's first orbit has to lie from its Hopf point."""
+"""Distance in L of the free end at which a branch's first orbit lies from what it leaves, and the
+least that is tried: the normal form holds at the first to a per cent or better, and at the last
+rounding is far below."""
 
 MOST_INTERVALS = 250
 """Mesh intervals of an orbit on a branch: 2,000 stages, with which orbits take seconds each."""
 
-OVERRESOLVED = 1e-3
-"""Share of the largest defect allowed below which an interval may be twice as long: its defect then
-is some 2^8 times what it was."""
-
-COARSER = 0.75
-"""Share of the mesh that a coarser one may have at most to take its place: a change of the mesh
-costs as much as a step."""
-
 PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
 """Phases at which orbits are compared: enough for the harmonics that matter for a sign."""
 
-MOST_STEPS = 60
-"""Steps on the way to a speed: with the longest of them the amplitude could change by 18 L."""
-
-SHRUNK = 0.25
-"""Share of its first size below which a branch on its way to a speed shrinks to rest."""
-
-Breaking = Literal["pitchfork", "period doubling"]
+MOST_EVALUATIONS = 100_000
+"""Right-hand sides and Jacobians after which no more steps are taken on the way to a speed: they
+alone take 1 s of a chain of 20 segments, half a minute of one of 100."""
 
 
 @dataclass(frozen=True)
-class Pace:
-    """How branches of orbits are followed.
+class OrbitControl:
+    """How branches of orbits are followed."""
 
-    Attributes:
-        control: steps, in L of the free end and relative in speed and frequency.
-        first: length of the first step.
-        defect: largest defect of an orbit.
-    """
-
-    control: Control
-    first: float
-    defect: float
+    control: Control  # of steps, in L of the free end and relative in speed and frequency
+    first: float  # length of the first step
+    defect: float  # the largest of an orbit
 
 
-FINE = Pace(control(0.15, 1e-8), 0.03, 1e-4)
+FINE = OrbitControl(control(0.15, 1e-8), 0.03, 1e-4)
 """For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
 and 5e-5."""
 
-COARSE = Pace(control(0.3, 1e-5), 0.05, 1e-3)
-"""On the way to a speed, where the orbit is refined."""
-
-
-@dataclass(frozen=True)
-class HopfPoint:
-    """A pair of eigenvalues on the imaginary axis, from which small periodic orbits come.
-
-    Attributes:
-        rest: the equilibrium, shape (2 moving,).
-        mode: complex, of unit displacement of the free end, shape (2 moving,).
-        speed, frequency: of the pair.
-    """
-
-    rest: Array = field(repr=False)
-    mode: Complex = field(repr=False)
-    speed: float
-    frequency: float
-
-    def orbit(
-        self, motion: VectorField, amplitude: float, u: float, frequency: float
-    ) -> PeriodicOrbit:
-        """The mode with an amplitude of the free end, on the coarsest mesh.
-
-        Rates are those of the mode and not of the forces, which at large amplitudes of a stiff
-        pipe are far from them.
-        """
-        edges = coarsest_mesh(not self.rest.any() and motion.is_odd(u))
-        mode = amplitude * self.mode
-        if not motion.constrained:
-            mode[motion.half :] = 1j * frequency * mode[: motion.half]
-        turn = np.exp(1j * stage_phases(edges))[..., None]
-        rates = (1j * frequency * mode[-motion.width :] * turn).real
-        starts = self.rest + (mode * np.exp(1j * edges[:-1])[:, None]).real
-        return PeriodicOrbit(edges, starts, rates, frequency, u)
+COARSE = OrbitControl(control(0.3, 1e-5), 0.05, 1e-3)
+"""On the way to a speed: the orbit there is solved for again on finer meshes."""
 
 
 # ---------------------------------------------------------------------------- where it begins
@@ -127,8 +74,8 @@ class BranchStart:
 
     Attributes:
         orbit: its first orbit.
-        towards: direction in the unknowns; its length, if that is less than `Pace.first`, is that
-            of the first step.
+        towards: direction in the unknowns; its length, if that is less than `OrbitControl.first`,
+            is that of the first step.
         base: what it leaves, an equilibrium or an orbit, on the same mesh.
     """
 
@@ -137,30 +84,45 @@ class BranchStart:
     base: PeriodicOrbit | None = None
 
 
+def small_orbit(
+    motion: VectorField, point: HopfPoint, amplitude: float, u: float, frequency: float
+) -> PeriodicOrbit:
+    """The mode of a Hopf point with an amplitude of the free end, on the coarsest mesh.
+
+    Rates are those of the mode and not of the forces, which at large amplitudes of a stiff pipe are
+    far from them.
+    """
+    edges = coarsest_mesh(not point.rest.any() and motion.is_odd(u))
+    mode = amplitude * point.mode
+    if not motion.constrained:
+        mode[motion.half :] = 1j * frequency * mode[: motion.half]
+    turn = np.exp(1j * stage_phases(edges))[..., None]
+    rates = (1j * frequency * mode[-motion.width :] * turn).real
+    starts = point.rest + (mode * np.exp(1j * edges[:-1])[:, None]).real
+    return PeriodicOrbit(edges, starts, rates, frequency, u)
+
+
 def from_hopf(motion: VectorField, point: HopfPoint) -> BranchStart:
-    """At a small amplitude or, where the speed is by then more than `NEAR` off, less."""
+    """At a small amplitude, smaller where the speed is else more than 1e-3 off the Hopf point's."""
     amplitude = SMALL
     while True:
-        ring = point.orbit(motion, amplitude, point.speed, point.frequency)
+        ring = small_orbit(motion, point, amplitude, point.speed, point.frequency)
         rest = np.broadcast_to(point.rest, ring.starts.shape)
         still = replace(ring, starts=rest, rates=np.zeros_like(ring.rates))
-        start = _beside(motion, ring, still, ring.packed() - still.packed())
-        if abs(start.orbit.u - point.speed) <= NEAR * point.speed or amplitude <= SMALLEST:
+        start = _at_distance(motion, ring, still, ring.packed() - still.packed())
+        if abs(start.orbit.u - point.speed) <= 1e-3 * point.speed or amplitude <= SMALLEST:
             return start
         amplitude *= 0.3
 
 
-def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> BranchStart:
-    """From where an orbit loses its symmetry or doubles its period, in its neutral direction.
+def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
+    """From an orbit that loses its symmetry or, having none, doubles its period.
 
-    Args:
-        motion: the model's.
-        orbit: the orbit there; without a mirror symmetry it can only double its period.
-        kind: what happens.
+    It is left in its neutral direction.
     """
     equations = OrbitProblem(motion, orbit).linearised(orbit.packed())
     neutral = orbit.unpacked(np.append(equations.neutral()[:-2], [1.0, 0.0]))
-    base = orbit.doubled(kind)
+    base = orbit.doubled()
     # After the first half the perturbation is the opposite of what the orbit itself does.
     halves = (
         np.concatenate([part, -orbit.mirror * part]).ravel()
@@ -171,7 +133,7 @@ def from_change(motion: VectorField, orbit: PeriodicOrbit, kind: Breaking) -> Br
     direction *= SMALL / branch.length(direction)
     while True:
         try:
-            return _beside(motion, base, base, direction)
+            return _at_distance(motion, base, base, direction)
         except NewtonFailed:
             direction = 0.4 * direction
             if branch.length(direction) < SMALLEST:
@@ -189,7 +151,7 @@ def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> Branch
     return BranchStart(orbit, branch.point(orbit.packed(), towards).tangent)
 
 
-def _beside(
+def _at_distance(
     motion: VectorField, like: PeriodicOrbit, base: PeriodicOrbit, direction: Array
 ) -> BranchStart:
     """The orbit at a distance from what it leaves, in a direction of that length."""
@@ -209,12 +171,11 @@ def unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     return size / max(0.5 * float(np.ptp(across)), 0.01 * size)  # a free end may be held
 
 
-def broken(orbit: PeriodicOrbit, kind: str) -> Array:
-    """What of an orbit vanishes where it meets what it leaves, at `PROBES`, (k, moving).
+def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
+    """The part of an orbit that vanishes where it meets what it leaves, at `PROBES`, (k, moving).
 
-    Args:
-        orbit: the orbit.
-        kind: "hopf" (an equilibrium), "pitchfork" (its own mirror image) or "period doubling".
+    That is an equilibrium ("hopf"), its own mirror image ("pitchfork") or an orbit of half the
+    period ("period doubling").
     """
     p = orbit.states(PROBES)[: orbit.half].T
     later = np.roll(p, -PROBES.size // 2, axis=0)
@@ -228,12 +189,7 @@ def broken(orbit: PeriodicOrbit, kind: str) -> Array:
 
 @dataclass(frozen=True)
 class OrbitStep:
-    """A step along a branch of orbits.
-
-    Attributes:
-        segment: between its two ends.
-        problem: whose unknowns are those of the segment.
-    """
+    """A step along a branch of orbits: the problem's unknowns on a segment between two of them."""
 
     segment: Segment
     problem: OrbitProblem
@@ -258,22 +214,16 @@ class OrbitStep:
         return self.problem.orbit(self.segment.at(s).z)
 
 
-def followed(motion: VectorField, start: BranchStart, pace: Pace) -> Iterator[OrbitStep]:
-    """Steps along a branch of orbits, past folds, without end.
-
-    Args:
-        motion: the model's.
-        start: where it begins.
-        pace: how it is followed.
-    """
+def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[OrbitStep]:
+    """Steps along a branch of orbits, past folds, without end."""
     here, towards = start.orbit, start.towards
-    unit, largest = unit_of(motion, here), pace.defect
+    unit, largest = unit_of(motion, here), how.defect
     length: float | None = None
     while True:
         problem = OrbitProblem(motion, here, unit)
-        branch = Continuation(problem, pace.control)
+        branch = Continuation(problem, how.control)
         if length is None:
-            length = min(pace.first, branch.length(towards))
+            length = min(how.first, branch.length(towards))
         segment, following = branch.next(branch.starting(here.packed(), towards), length)
         step = OrbitStep(segment, problem)
         coarse = step.end.defects() > largest
@@ -281,18 +231,19 @@ def followed(motion: VectorField, start: BranchStart, pace: Pace) -> Iterator[Or
             if here.edges.size + np.count_nonzero(coarse) > MOST_INTERVALS:
                 raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
             edges = divided(here.edges, 1 + coarse)
-            here, towards = _on_mesh(step, segment.begin, edges, pace.control)
+            here, towards = _on_mesh(step, segment.begin, edges, how.control)
             length = segment.length
             continue
         yield step
         here, towards, length = step.end, segment.end.tangent, following
-        fine = here.defects() <= OVERRESOLVED * largest
-        if np.count_nonzero(fine) > 2 * COARSEST:
+        # An interval twice as long has some 2^8 times the defect. A change of the mesh costs as
+        # much as a step.
+        if np.count_nonzero(here.defects() <= 1e-3 * largest) > 2 * COARSEST:
             edges = resolved(
                 *(motion, here.states, here.frequency, here.u, here.symmetric), largest
             ).edges
-            if edges.size < COARSER * here.edges.size:
-                here, towards = _on_mesh(step, segment.end, edges, pace.control)
+            if edges.size < 0.75 * here.edges.size:
+                here, towards = _on_mesh(step, segment.end, edges, how.control)
 
 
 def _on_mesh(
@@ -311,53 +262,40 @@ def _on_mesh(
     starts = (moved.states(edges[:-1]) - orbit.states(edges[:-1])).T.ravel() / share
     towards[: starts.size], towards[-2:] = starts, point.tangent[-2:]
     branch = Continuation(problem, control)
-    found = branch.corrected(branch.point(problem.start.packed(), towards))
+    found = branch.at(branch.point(problem.start.packed(), towards), 0.0)
     return problem.orbit(found.z), found.tangent
 
 
-def continued(motion: VectorField, point: HopfPoint, u: float, most: int) -> PeriodicOrbit:
-    """The orbit at a speed to which those of a Hopf point lead.
-
-    Args:
-        motion: the model's.
-        point: the Hopf point.
-        u: the speed.
-        most: evaluations of right-hand sides and Jacobians after which it is given up.
-    """
+def continued(motion: VectorField, point: HopfPoint, u: float) -> PeriodicOrbit:
+    """The orbit at a speed to which those of a Hopf point lead; NewtonFailed says why if none."""
     begun, stopped = motion.evaluations, "it takes too many steps"
     start = from_hopf(motion, point)
-    turning: list[OrbitStep] = []
-    here = start.orbit
+    here, turning = start.orbit, list[OrbitStep]()
     try:
-        for _, step in zip(range(MOST_STEPS), followed(motion, start, COARSE), strict=False):
+        # Sixty of the longest steps change the amplitude by up to 18 L.
+        for step in islice(followed(motion, start, COARSE), 60):
             if (step.begin.u - u) * (step.end.u - u) <= 0.0:
                 return step.problem.orbit(step.segment.where(u).z)
-            here = step.end
-            if step.segment.slopes[0] * step.segment.slopes[1] < 0.0:
-                turning.append(step)
-            across = np.sum(broken(step.begin, "hopf") * broken(here, "hopf"))
-            if here.size < SHRUNK * start.orbit.size or across < 0.0:
-                stopped = f"it shrinks to rest at u = {here.u:.6g}"
+            here, slopes = step.end, step.segment.slopes
+            if slopes[0] * slopes[1] < 0.0 and slopes[0] * (u - step.begin.u) > 0.0:
+                turning.append(step)  # turned back on its way there
+            across = np.sum(breaking_part(step.begin, "hopf") * breaking_part(here, "hopf"))
+            if here.size < 0.25 * start.orbit.size or across < 0.0:
+                stopped = f"its amplitude falls to 0 near u = {here.u:.6g}"
                 break
             if not 0.5 * min(u, point.speed) < here.u < 1.5 * max(u, point.speed):
-                stopped = f"it goes off to u = {here.u:.6g}"
+                stopped = f"it leads to u = {here.u:.6g}"
                 break
-            if motion.evaluations > begun + most:
+            if motion.evaluations > begun + MOST_EVALUATIONS:
                 break
     except NewtonFailed as reason:
-        stopped = f"it is lost at u = {here.u:.6g}, where {reason}"
+        stopped = f"it could not be followed beyond u = {here.u:.6g}: {reason}"
     report = f"does not come to u = {u:g}: {stopped}"
-    turn = _nearest_turn(turning, u)
+    turns = list[float]()
+    for step in turning:
+        with suppress(NewtonFailed):
+            turns += [step.at(s).u for s in folds(step.segment, 1e-3)]
+    turn = min(turns, key=lambda turn: abs(turn - u), default=None)
     if turn is not None and (turn < point.speed) == (u < point.speed):
         report = f"reaches {'down' if u < turn else 'up'} to u = {turn:.6g} only"
     raise NewtonFailed(f"the cycle of the Hopf point at u = {point.speed:.6g} {report}")
-
-
-def _nearest_turn(steps: list[OrbitStep], u: float) -> float | None:
-    """The speed nearest to another at which orbits on their way there turned back, if any did."""
-    found = []
-    for step in steps:
-        if (u - step.begin.u) * step.segment.slopes[0] > 0.0:
-            with suppress(NewtonFailed):
-                found += [step.at(s).u for s in folds(step.segment, 1e-3)]
-    return min(found, key=lambda turn: abs(turn - u), default=None)

@@ -20,16 +20,6 @@ STAGES = 8
 COARSEST = 4
 """Intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd harmonics."""
 
-MOST_INTERVALS = 2000
-"""Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
-
-HALVINGS = 12
-"""Halvings of an interval when an orbit is interpolated: by then it is 4,000 times shorter."""
-
-APART = 1e-4
-"""Share of the span within which two ends of intervals are one: a shorter interval costs as much
-as any other and resolves nothing."""
-
 
 class _Radau:
     """Coefficients of the Radau IIA method on [0, 1].
@@ -67,20 +57,14 @@ RADAU = _Radau(STAGES)
 
 @dataclass(frozen=True)
 class PeriodicOrbit:
-    """A periodic orbit, or the half of it of which the other half is the mirror image.
-
-    Attributes:
-        edges: phases at which the mesh intervals end, from 0 to the span, shape (M + 1,).
-        starts: states at the beginnings of the intervals, shape (M, 2 moving).
-        rates: accelerations at the stages, with constraints rates of whole states, shape
-            (M, s, width).
-        frequency: omega.
-        u: flow speed.
-    """
+    """A periodic orbit, or the half of it of which the other half is the mirror image."""
 
     edges: Array = field(repr=False)
+    """Phases at which the mesh intervals end, from 0 to the span, shape (M + 1,)."""
     starts: Array = field(repr=False)
+    """States at the beginnings of the intervals, shape (M, 2 moving)."""
     rates: Array = field(repr=False)
+    """Accelerations at the stages, with constraints rates of states, shape (M, s, width)."""
     frequency: float
     u: float
 
@@ -103,6 +87,11 @@ class PeriodicOrbit:
     def half(self) -> int:
         """Number of positions in a state."""
         return int(self.starts.shape[1]) // 2
+
+    @property
+    def twice(self) -> int:
+        """Number of positions that are their accelerations integrated twice."""
+        return int(self.starts.shape[1] - self.rates.shape[2])
 
     @property
     def size(self) -> float:
@@ -139,13 +128,11 @@ class PeriodicOrbit:
     def _states(
         self, starts: Array, rates: Array, h: Array, share: Array, once: Array, twice: Array
     ) -> Array:
-        width, half = rates.shape[2], self.half
-        if width > half:
-            return starts[:, None] + h * (once @ rates)
-        p, v = starts[:, None, :half], starts[:, None, half:]
-        return np.concatenate(
-            [p + h * share * v + h**2 * (twice @ rates), v + h * (once @ rates)], axis=2
-        )
+        y = starts[:, None] + np.zeros((1, share.shape[-2], 1))
+        y[..., : self.twice] += h * share * starts[:, None, self.twice : 2 * self.twice]
+        y[..., : self.twice] += h**2 * (twice @ rates[..., : self.twice])
+        y[..., self.twice :] += h * (once @ rates)
+        return y
 
     def defects(self) -> Array:
         """Share of the largest velocity that each interval's last polynomials add, shape (M,)."""
@@ -154,10 +141,8 @@ class PeriodicOrbit:
         shares: Array = self.durations * last.sum(axis=1).max(axis=1) / velocity
         return shares
 
-    # The unknowns of the collocation equations as one array, shape (M (2 moving + s width) + 2,).
-
     def packed(self) -> Array:
-        """States, rates, frequency and speed."""
+        """Unknowns: states, rates, frequency and speed, shape (M (2 moving + s width) + 2,)."""
         return np.concatenate([self.starts.ravel(), self.rates.ravel(), [self.frequency, self.u]])
 
     def unpacked(self, z: Array) -> PeriodicOrbit:
@@ -171,10 +156,10 @@ class PeriodicOrbit:
             u=float(z[-1]),
         )
 
-    def doubled(self, kind: str) -> PeriodicOrbit:
-        """A symmetric orbit as a whole one ("pitchfork"), a whole one run through twice."""
+    def doubled(self) -> PeriodicOrbit:
+        """A symmetric orbit as a whole one, a whole one run through twice."""
         edges = np.append(self.edges, self.span + self.edges[1:])
-        share = 1.0 if kind == "pitchfork" else 0.5
+        share = 1.0 if self.symmetric else 0.5
         return PeriodicOrbit(
             share * edges,
             np.concatenate([self.starts, self.mirror * self.starts]),
@@ -206,15 +191,7 @@ def interpolated(
     frequency: float,
     u: float,
 ) -> PeriodicOrbit:
-    """An orbit through states, on a given mesh.
-
-    Args:
-        motion: the model's.
-        states: [p, p'] at phases, shape (k,) to (2 moving, k).
-        edges: of the mesh.
-        frequency: of the orbit.
-        u: flow speed.
-    """
+    """An orbit through states [p, p'], a function of phases (k,) to (2 moving, k), on a mesh."""
     width = motion.width
     rates = motion(states(stage_phases(edges).ravel()), u)[-width:]
     rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, STAGES, width)
@@ -229,18 +206,9 @@ def resolved(
     symmetric: bool,
     tolerance: float,
 ) -> PeriodicOrbit:
-    """An orbit through states, on as coarse a mesh as leaves no larger defect than a tolerance.
-
-    Args:
-        motion: the model's.
-        states: [p, p'] at phases, shape (k,) to (2 moving, k).
-        frequency: of the orbit.
-        u: flow speed.
-        symmetric: whether one half is to be kept.
-        tolerance: the largest defect.
-    """
+    """An orbit through states, on as coarse a mesh as leaves no larger defect than a tolerance."""
     orbit = interpolated(motion, states, coarsest_mesh(symmetric), frequency, u)
-    for _ in range(HALVINGS):
+    for _ in range(12):  # by then an interval is 4,000 times shorter
         coarse = orbit.defects() > tolerance
         if not coarse.any():
             break
@@ -251,13 +219,9 @@ def resolved(
 def refined(
     motion: VectorField, orbit: PeriodicOrbit, parts: NDArray[np.int_], turning: bool = False
 ) -> PeriodicOrbit:
-    """The same orbit on a finer mesh.
+    """The same orbit with each interval in so many parts, shape (M,).
 
-    Args:
-        motion: the model's.
-        orbit: the orbit.
-        parts: into how many each interval is divided, shape (M,).
-        turning: whether intervals are to end also where drag points turn back.
+    With `turning` intervals end also where points at which drag acts turn back.
     """
     edges = divided(orbit.edges, parts)
     if turning:
@@ -274,7 +238,7 @@ def divided(edges: Array, parts: NDArray[np.int_]) -> Array:
 
 def _joined(edges: Array, turns: Array) -> Array:
     """Edges with others that take the place of such as they coincide with."""
-    least = APART * edges[-1]
+    least = 1e-4 * edges[-1]  # a shorter interval costs as much and resolves nothing
     inner = edges[1:-1]
     if turns.size:
         turns = turns[np.concatenate([[True], np.diff(turns) > least])]
@@ -287,15 +251,20 @@ def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Phases at which drag's second derivative jumps, shape (k,)."""
     share = np.linspace(0.0, 1.0, 9)[:-1]
     phase = np.append(orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share, orbit.span)
-    values = motion.drag_velocities(orbit.states(phase))
+    values = _drag_velocities(motion, orbit, phase)
     point, at = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
     low, high = phase[at], phase[at + 1]
     first, last = values[point, at], values[point, at + 1]
     for _ in range(6):
         middle = low - first * (high - low) / (last - first)
-        now = motion.drag_velocities(orbit.states(middle))[point, np.arange(point.size)]
+        now = _drag_velocities(motion, orbit, middle)[point, np.arange(point.size)]
         after = now * last > 0.0
         # Illinois: the end that stays is halved, which keeps the order above one.
         low, high = np.where(after, low, middle), np.where(after, middle, high)
         first, last = np.where(after, 0.5 * first, now), np.where(after, now, 0.5 * last)
     return np.sort(low - first * (high - low) / (last - first))
+
+
+def _drag_velocities(motion: VectorField, orbit: PeriodicOrbit, phase: Array) -> Array:
+    """Normal velocities of the points at which drag acts, shape (points, k)."""
+    return motion.model.drag_velocities(*np.split(orbit.states(phase), 2))

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from pipedyn.models.base import Model
-from pipedyn.models.chain import Chain
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
@@ -16,17 +15,9 @@ from pipedyn.util.counters import evaluated
 STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
 """Central differences of sixth order, for 1, 2 and 3 steps to either side."""
 
-STEP, STEP_ACROSS_KINKS = 2e-3, 1e-4
-"""Step of the coordinates, where f is smooth and under drag, whose derivative has kinks; that of
-the rates is ten times as long, as rates are."""
-
 
 class VectorField:
-    """f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,).
-
-    Args:
-        model: chain, reduced model or scene.
-    """
+    """f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,)."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -36,12 +27,7 @@ class VectorField:
         """Whether constraints are met by a projection, and p' alone is not the rate of p."""
         self.width = self.size if self.constrained else self.half
         """Rates that are no positions': accelerations, the last ones; with constraints all."""
-        scene = model.motion if isinstance(model.motion, SceneMotion) else None
-        self.by_differences = self.constrained or (
-            scene is not None and scene.accelerations is None
-        )
-        self.hidden_kinks = model.pipe.drag > 0.0 and not isinstance(model, Chain)
-        """Whether f's second derivative jumps where `drag_velocities` does not tell."""
+        self.scene = model.motion if isinstance(model.motion, SceneMotion) else None
         self.evaluations = 0
 
     def _count(self, states: int) -> None:
@@ -67,15 +53,16 @@ class VectorField:
         and, unlike the analytic one, hold the curvature of the projection onto guides and pins.
         """
         count = y.shape[1]
-        if not self.by_differences:
+        compiled = self.scene is not None and self.scene.accelerations is None
+        if not (self.constrained or compiled):
             self._count(count)
             columns = np.ascontiguousarray(y.T)
             return np.array([self.model.motion_jacobian(column, u) for column in columns])
         pipe = self.model.pipe
         if pipe.drag and not y[self.half :].any():  # at rest drag has no derivative to differ
             return VectorField(self.model.with_pipe(replace(pipe, drag=0.0))).jacobians(y, u)
-        scale = STEP_ACROSS_KINKS if pipe.drag else STEP
-        steps = np.repeat([scale, 10.0 * scale], self.half)
+        scale = 1e-4 if pipe.drag else 2e-3  # drag's derivative has kinks
+        steps = np.repeat([scale, 10.0 * scale], self.half)  # rates are as much larger
         moves = np.concatenate([k * np.diag(steps) for k in (1, 2, 3)], axis=1)
         found = np.empty((count, self.size, self.size))
         piece = max(1, 30_000 // moves.shape[1])
@@ -124,24 +111,6 @@ class VectorField:
     def resting(self) -> Array:
         """The state at rest where the model is linearised."""
         return np.concatenate([self.model.resting(), np.zeros(self.half)])
-
-    def drag_velocities(self, y: Array) -> Array:
-        """Normal velocities at whose zeros f's second derivative jumps, shape (points, k).
-
-        Of the drag points of a chain; none of other models, where these are many and weak
-        or not known.
-        """
-        chain = self.model
-        if not isinstance(chain, Chain) or chain.pipe.drag == 0.0:
-            return np.empty((0, y.shape[1]))
-        angles, rates = y[: self.half], y[self.half :]
-        lengths, reach = chain.lengths[:, None] * rates, chain.drag_points * chain.lengths
-        across, down = (
-            np.cumsum(lengths * turned, axis=0) - lengths * turned
-            for turned in (np.cos(angles), np.sin(angles))
-        )
-        found: Array = across * np.cos(angles) + down * np.sin(angles) + reach[:, None] * rates
-        return found
 
     def tip(self, y: Array) -> Array:
         """Transverse position of the free end of the states in the columns, shape (k,)."""

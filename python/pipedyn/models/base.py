@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Protocol
+from operator import attrgetter
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,14 +22,8 @@ from pipedyn.util.result import result
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are made: six matrices of 128 MB."""
 
-
 LARGEST_RESULT = 1_000_000_000
 """Numbers in one result: 8 GB, and twice that if they are complex."""
-
-
-BALANCED = 1e-7
-"""Force that may be left unbalanced at an equilibrium, beside 1 + |gamma| + a u^2."""
-
 
 LARGEST_ANGLE = 1e6
 """Coordinates of a shape; sine and cosine of greater angles lose their digits."""
@@ -113,11 +108,15 @@ class Power:
         return self.flow + self.joints + self.drag + self.others
 
 
-def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
-    """The core's matrices with the pipe's two flow factors."""
+def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
+    """The core's matrices, each times a scale (dof, dof), with the pipe's two flow factors."""
+
+    def scaled(matrix: Array) -> Array:
+        return matrix if scale is None else scale * matrix
+
     return Operators(
-        *(core.mass, core.gyroscopic, core.end_flux),
-        *(core.damping, core.stiffness, core.flux),
+        *(scaled(core.mass), scaled(core.gyroscopic), scaled(core.end_flux)),
+        *(scaled(core.damping), scaled(core.stiffness), scaled(core.flux)),
         *(pipe.direction, pipe.centrifugal),
     )
 
@@ -142,30 +141,22 @@ def checked_pipe(pipe: Any) -> Pipe:
     return pipe
 
 
-class Moving(Protocol):
-    """Equations of motion as integrators take them."""
-
-    def rhs_and_power(self, t: Any, y: Any, u: Any) -> Array:
-        """Rates of [p, p', work done], shape (2 moving + 1,) or (2 moving + 1, k)."""
-
-    def energy(self, y: Any) -> float | Array:
-        """Energy of states [q, q'], a number or shape (k,)."""
-
-    def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
-        """Power of flow, joints, drag and other parts."""
-
-
 class Model(ABC):
     """A pipe with a finite number of degrees of freedom. Immutable; models pickle.
 
-    Beside the coordinates q that users see, each model has elastic coordinates z, in which the
+    Besides the coordinates q that users see, each model has elastic coordinates z, in which the
     elastic energy is |z|^2 / 2: eigenvalues are computed there, where small ones survive rounding.
+
+    Every method raises ValueError for an argument of another shape or out of range, NaN or infinity
+    among its numbers, and TypeError for what is no number or array of real numbers.
     """
 
+    _pipe: Pipe
+
     @property
-    @abstractmethod
     def pipe(self) -> Pipe:
         """The pipe."""
+        return self._pipe
 
     @property
     @abstractmethod
@@ -178,13 +169,18 @@ class Model(ABC):
         return self.dof
 
     @property
+    def coordinate_kind(self) -> str:
+        """What p is, in words: models of one kind can go on from each other's states."""
+        return f"angles of {self.moving} segments"
+
+    @property
     def approximates_pipe(self) -> bool:
         """Whether the model tends to the continuous pipe as it grows."""
         return True
 
     @property
     def linear_cost(self) -> bool:
-        """Whether a right-hand side costs O(dof), so that a Jacobian is dear beside it."""
+        """Whether a right-hand side costs O(dof), and a Jacobian so many times more."""
         return False
 
     @property
@@ -223,14 +219,14 @@ class Model(ABC):
         return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))
 
     def unbalanced(self, u: float) -> float:
-        """Largest force at rest where the model is linearised, beside 1 + |gamma| + a u^2."""
+        """Largest force at rest where the model is linearised, relative to 1 + |gamma| + a u^2."""
         return 0.0
 
     def require_equilibrium(self, *speeds: float) -> None:
         """Raises ValueError if the model cannot rest, where it is linearised, at a flow speed."""
         for u in speeds:
             rest = self.unbalanced(u)
-            if rest > BALANCED:
+            if rest > 1e-7:  # far above what an equilibrium to ten digits leaves
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
                     f"force of {rest:.1e}; choose about(equilibrium(..., u))"
@@ -240,18 +236,39 @@ class Model(ABC):
         """P(lambda) at any flow speed, in elastic coordinates.
 
         Args:
-            dense: matrices, or products and solves in O(dof) where the model has them; without it
-                what is the faster.
+            dense: matrices, or products and solves in O(dof) where the model has them; where not
+                given what is the faster.
         """
         return DensePencil(self)
 
-    @abstractmethod
-    def with_pipe(self, pipe: Pipe) -> Model:
-        """The same discretisation, springs included, of another pipe."""
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what is computed at the first request and kept: compiled parts do not pickle."""
+        kept = {name for name in self.__dict__ if hasattr(type(self), name)}
+        return {name: value for name, value in self.__dict__.items() if name not in kept}
 
+    def with_pipe(self, pipe: Pipe) -> Self:
+        """The same discretisation, springs included, of another pipe."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__getstate__())
+        other._pipe = checked_pipe(pipe)
+        return other
+
+    @property
     @abstractmethod
+    def core(self) -> Any:
+        """The compiled model, which has the linear operators of the straight pipe."""
+
+    @property
+    @abstractmethod
+    def motion(self) -> Any:
+        """The compiled equations of motion.
+
+        `rhs_and_power` takes [p, p', work done], shape (2 moving + 1,) or (2 moving + 1, k), with
+        the coordinates p that an integrator advances; `energy` and `power` take states [q, q'].
+        """
+
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Linear operators in q about a configuration at rest.
+        """Six linear operators in q, each (dof, dof), about a configuration at rest.
 
         Mass, gyroscopic, end_flux and damping are what multiplies q'' and q' there; at rest drag
         has no linear part. stiffness is the derivative of the forces of bending, gravity and terms,
@@ -262,14 +279,13 @@ class Model(ABC):
         Args:
             q: coordinates, shape (dof,); the straight pipe where not given.
 
-        Returns:
-            Six matrices, each (dof, dof).
-
         Raises:
-            ValueError: for coordinates out of range or of another shape, or more than 4000 degrees
-                of freedom.
-            TypeError: for what is no array of real numbers.
+            ValueError: also for more than 4000 degrees of freedom.
         """
+        self._check_dense()
+        if q is None:
+            return operators_from(self.core.operators(), self.pipe)
+        return operators_from(self.motion.operators(self._coordinates(q)), self.pipe)
 
     @abstractmethod
     def elastic_operators(self) -> Operators:
@@ -277,13 +293,8 @@ class Model(ABC):
 
     @abstractmethod
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape.
+        """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape."""
 
-        Raises:
-            ValueError, TypeError: for z of another shape, or not of finite numbers.
-        """
-
-    @abstractmethod
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
         """Rate of the state, geometrically exact at any amplitude.
 
@@ -298,13 +309,10 @@ class Model(ABC):
 
         Returns:
             dy/dt = [q', q''], of the shape of y.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, or a speed below 0.
-            TypeError: for what is no array of real numbers.
         """
+        rates: Array = self.motion.rhs(t, y, u)
+        return rates
 
-    @abstractmethod
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
         """Derivative of `rhs` with respect to the state, analytic.
 
@@ -317,15 +325,11 @@ class Model(ABC):
             d(dy/dt)/dy, shape (2 dof, 2 dof). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
 
         Raises:
-            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 4000
-                segments of a chain.
-            TypeError: for what is no array of real numbers.
+            ValueError: also for more than 4000 segments of a chain.
         """
-
-    @property
-    @abstractmethod
-    def motion(self) -> Moving:
-        """The equations of motion; `rhs_and_power` takes [p, p', work done]."""
+        self._check_dense()
+        derivative: Array = self.motion.jacobian(t, y, u)
+        return derivative
 
     @property
     def moving(self) -> int:
@@ -366,62 +370,35 @@ class Model(ABC):
     def energy(self, y: ArrayLike) -> float | Array:
         """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
 
-        Args:
-            y: state [q, q'], shape (2 coordinates,) or (2 coordinates, k).
-
-        Returns:
-            A number, or for k states shape (k,).
-
-        Raises:
-            ValueError: for another shape, NaN or infinity.
-            TypeError: for what is no array of real numbers.
+        A number for a state y, shape (2 coordinates,), or shape (k,) for k, (2 coordinates, k).
         """
-        return self.motion.energy(y)
+        energy: float | Array = self.motion.energy(y)
+        return energy
 
     def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
         """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
 
-        Args:
-            y: state [q, q'], shape (2 coordinates,) or (2 coordinates, k).
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
-
-        Returns:
-            Power by what does the work, numbers or shape (k,) each.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, or a speed below 0.
-            TypeError: for what is no array of real numbers.
+        By what does the work, each a number or shape (k,); states y as for `energy`, flow speed u
+        as for `rhs`.
         """
         return Power(*self.motion.power(y, u))
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        """Centreline (x, y) at arc lengths s, inextensible at any amplitude.
+        """Centreline, inextensible at any amplitude: x transverse and y downward, shape (k, 2).
 
         Args:
             q: coordinates, shape (coordinates,).
             s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
-
-        Returns:
-            x transverse and y downward, shape (k, 2).
-
-        Raises:
-            ValueError: for coordinates or arc lengths out of range or of another shape.
         """
 
     @abstractmethod
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        """Transverse displacement for small q at arc lengths s.
+        """Transverse displacement for small q at arc lengths s, shape (p,) or (p, k).
 
         Args:
             q: coordinates, real or complex, shape (dof,) or (dof, k).
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
-
-        Returns:
-            Displacements, shape (p,) or (p, k).
-
-        Raises:
-            ValueError, TypeError: for coordinates or arc lengths that are not such.
         """
 
     @abstractmethod
@@ -430,32 +407,23 @@ class Model(ABC):
 
     @abstractmethod
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end in L / T, exact.
+        """Velocities (x', y') of the free end in L / T, exact, (k, 2), for k states.
 
-        Args:
-            q: coordinates of k states, shape (coordinates, k).
-            qdot: their rates, of the same shape.
-
-        Returns:
-            Shape (k, 2).
-
-        Raises:
-            ValueError, TypeError: for what has another shape, or is not of finite real numbers.
+        Coordinates q and their rates have shape (coordinates, k) each.
         """
+
+    def drag_velocities(self, p: Array, pdot: Array) -> Array:
+        """Normal velocities of the points at which drag acts, (points, k), of states (moving, k).
+
+        No points where they are many and drag at each is weak, or where they are not known.
+        """
+        return np.empty((0, p.shape[1]))
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """Coordinates of a bent pipe, so that models may start alike.
+        """Coordinates q, shape (dof,), of a bent pipe, so that all models may start the same.
 
-        Args:
-            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
-
-        Returns:
-            q, shape (dof,).
-
-        Raises:
-            TypeError: if angle is no function.
-            ValueError: if it gives another shape, or no finite numbers.
+        `angle` gives theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
         """
 
     @staticmethod
@@ -491,13 +459,20 @@ class Model(ABC):
         )
         if columns.ndim == 0 or columns.shape[0] != size or columns.size == 0:
             raise ValueError(f"{name} must have shape ({size}, ...), got {columns.shape}")
-        good = np.isfinite(columns)
-        if not good.all():
-            where = tuple(int(i) for i in np.unravel_index(np.argmin(good), good.shape))
+        bad = np.argwhere(~np.isfinite(columns))
+        if bad.size:
+            where = tuple(bad[0].tolist())
             index = where[0] if len(where) == 1 else where
-            raise ValueError(
-                f"{name} must be finite, got {columns[where].item()!r} at index {index}"
-            )
+            raise ValueError(f"{name} must be finite, got {columns[where]} at index {index}")
+        return columns
+
+    def _configurations(self, name: str, given: ArrayLike) -> Array:
+        """Coordinates of k configurations, (coordinates, k)."""
+        columns = self._columns(name, given, self.coordinates)
+        if columns.ndim != 2:
+            raise ValueError(f"{name} must have shape ({self.coordinates}, k), got {columns.shape}")
+        if columns.dtype.kind == "c":
+            raise TypeError(f"{name} must be real, got complex numbers")
         return columns
 
     def _moving_columns(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
@@ -506,16 +481,6 @@ class Model(ABC):
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
         return columns, rates
-
-    def _configurations(self, name: str, given: ArrayLike) -> Array:
-        """Coordinates of k configurations, (coordinates, k)."""
-        size = self.coordinates
-        columns = self._columns(name, given, size)
-        if columns.ndim != 2:
-            raise ValueError(f"{name} must have shape ({size}, k), got {columns.shape}")
-        if columns.dtype.kind == "c":
-            raise TypeError(f"{name} must be real, got complex numbers")
-        return columns
 
     def _displaced(self, q: ArrayLike, points: int) -> NDArray[Any]:
         """Coordinates to be displaced at so many points, shape (dof,) or (dof, k)."""
@@ -537,4 +502,6 @@ def arc_lengths(s: ArrayLike) -> Array:
     return check.array("s", s, low=0.0, high=1.0)
 
 
-__all__ = ["Model", "NotConverged", "Operators", "PipedynError", "Power"]
+def stored(name: str, doc: str) -> Any:
+    """A property that hands out what the model stores under a private name."""
+    return property(attrgetter(name), doc=doc)

@@ -21,6 +21,7 @@ from pipedyn.models.base import (
     checked_pipe,
     core_pipe,
     operators_from,
+    stored,
 )
 from pipedyn.models.pencil import LONGEST_DENSE, ChainPencil, DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
@@ -28,12 +29,15 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 
 SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
+
 FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
 
 LARGEST_CHAIN = 1_000_000
+"""Segments: their arrays take 8 MB each, a right-hand side some 0.1 s."""
+
 SHORTEST_SEGMENT = 1e-7
-"""Shorter segments, or a last one with less inertia, are lost in rounding beside the others."""
+"""Shorter segments, or a last one with less inertia, are lost in the rounding of the others."""
 
 
 class Chain(Model):
@@ -45,7 +49,7 @@ class Chain(Model):
 
     Args:
         pipe: the pipe.
-        n: number of segments; not needed where an array tells it.
+        n: number of segments; not needed where an array is given.
         springs: stiffness k_j of the joint at each segment's clamped side, in EI / L, shape (n,),
             each >= 0; or a rule:
             "consistent": 1 / k_j is the length that lies nearer to joint j than to any other, with
@@ -99,10 +103,7 @@ class Chain(Model):
             gyration_radii=gyration_radii,
             drag_points=drag_points,
         )
-        if lengths is not None:
-            self._lengths = check.array("lengths", lengths, size=n, low=0.0, open_low=True)
-        elif rule != "midpoint":
-            self._lengths = _frozen(np.full(n, (1.0 - base) / n))
+        cells = np.full(n, (1.0 - base) / n)
         if rule == "midpoint":
             if lengths is not None or base != 0.0:
                 raise ValueError(
@@ -111,7 +112,7 @@ class Chain(Model):
             base = 0.5 / n
             cells = np.full(n, 1.0 / n)
             cells[-1] = 0.5 / n
-            self._lengths = _frozen(cells)
+        self._lengths = _given("lengths", lengths, cells, open_low=True)
         total = base + math.fsum(self._lengths)
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"base + sum(lengths) must be 1, got {total!r}")
@@ -119,14 +120,10 @@ class Chain(Model):
         if shortest < SHORTEST_SEGMENT:
             raise ValueError(f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {shortest}")
         self._base = base
-        self._centers = _fractions("centers", centers, n)
-        self._drag_points = _fractions("drag_points", drag_points, n)
-        if gyration_radii is None:
-            self._gyration_radii = _frozen(self._lengths / math.sqrt(12.0))
-        else:
-            self._gyration_radii = check.array(
-                "gyration_radii", gyration_radii, size=n, low=0.0, high=1e3
-            )
+        self._centers = _given("centers", centers, np.full(n, 0.5), high=1.0)
+        self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
+        homogeneous = self._lengths / math.sqrt(12.0)
+        self._gyration_radii = _given("gyration_radii", gyration_radii, homogeneous, high=1e3)
         arm = self._centers[-1] * self._lengths[-1] + self._gyration_radii[-1]
         if arm < 0.1 * SHORTEST_SEGMENT:
             raise ValueError(
@@ -197,76 +194,33 @@ class Chain(Model):
         """The compiled chain with springs added to its own, shape (n,)."""
         return self._with_springs(self._springs + springs)
 
-    def __getstate__(self) -> dict[str, Any]:
-        of_pipe = ("core", "resistances", "term_stiffness")
-        return {name: value for name, value in self.__dict__.items() if name not in of_pipe}
-
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
         return f"Chain({self._pipe!r}, n={self.dof}, springs={rule})"
-
-    @property
-    def pipe(self) -> Pipe:
-        return self._pipe
 
     @property
     def dof(self) -> int:
         return self._lengths.size
 
     @property
-    def rule(self) -> str | None:
-        """Name of the spring rule, None for springs of the user's own."""
-        return self._rule
-
-    @property
-    def approximates_pipe(self) -> bool:
-        """Whether springs and inertia follow from the pipe, not from arrays of the user's."""
-        return self._approximates
-
-    @property
     def linear_cost(self) -> bool:
         return True
 
-    @property
-    def lengths(self) -> Array:
-        """l_j, shape (n,)."""
-        return self._lengths
-
-    @property
-    def springs(self) -> Array:
-        """k_j, shape (n,)."""
-        return self._springs
-
-    @property
-    def centers(self) -> Array:
-        """chi_j, shape (n,)."""
-        return self._centers
-
-    @property
-    def gyration_radii(self) -> Array:
-        """eta_j, shape (n,)."""
-        return self._gyration_radii
-
-    @property
-    def drag_points(self) -> Array:
-        """xi_j, shape (n,)."""
-        return self._drag_points
-
-    @property
-    def base(self) -> float:
-        """Length of the fixed part at the clamp."""
-        return self._base
+    approximates_pipe = stored(
+        *("_approximates", "Whether springs and inertia follow from the pipe, not from arrays.")
+    )
+    rule = stored("_rule", "Name of the spring rule, None for springs of the user's own.")
+    base = stored("_base", "Length of the fixed part at the clamp.")
+    lengths = stored("_lengths", "l_j, shape (n,).")
+    springs = stored("_springs", "k_j, shape (n,).")
+    centers = stored("_centers", "chi_j, shape (n,).")
+    gyration_radii = stored("_gyration_radii", "eta_j, shape (n,).")
+    drag_points = stored("_drag_points", "xi_j, shape (n,).")
 
     def pencil(self, dense: bool | None = None) -> Pencil:
         """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
         long = self.dof > LONGEST_DENSE if dense is None else not dense
         return ChainPencil(self) if long else DensePencil(self)
-
-    def with_pipe(self, pipe: Pipe) -> Chain:
-        other = Chain.__new__(Chain)
-        other.__dict__.update(self.__getstate__())
-        other._pipe = checked_pipe(pipe)
-        return other
 
     @cached_property
     def elastic_scale(self) -> Array:
@@ -317,12 +271,6 @@ class Chain(Model):
         """Arc lengths of the nodes: polylines peak there."""
         return np.minimum(self._base + np.cumsum(self._lengths), 1.0)
 
-    def operators(self, q: ArrayLike | None = None) -> Operators:
-        self._check_dense()
-        if q is None:
-            return operators_from(self.core.operators(), self._pipe)
-        return operators_from(self.core.operators(self._coordinates(q)), self._pipe)
-
     def elastic_operators(self) -> Operators:
         self._check_dense()
         return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
@@ -330,13 +278,6 @@ class Chain(Model):
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         joints = (self.elastic_scale * self._columns("z", z).T).T
         return np.cumsum(joints, axis=0, out=joints)
-
-    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
-        return self.core.rhs(t, y, u)
-
-    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        self._check_dense()
-        return self.core.jacobian(t, y, u)
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         angles = self._coordinates(q)
@@ -354,6 +295,16 @@ class Chain(Model):
         angles, rates = self._moving_columns(q, qdot)
         across = self._lengths @ (rates * np.cos(angles))
         return np.stack([across, -self._lengths @ (rates * np.sin(angles))], axis=-1)
+
+    def drag_velocities(self, p: Array, pdot: Array) -> Array:
+        if self.pipe.drag == 0.0:
+            return super().drag_velocities(p, pdot)
+        steps, cosine, sine = self._lengths[:, None] * pdot, np.cos(p), np.sin(p)
+        # Of each segment's joint, and of the point on the segment itself.
+        across, down = (np.cumsum(steps * part, axis=0) - steps * part for part in (cosine, sine))
+        reach = (self._drag_points * self._lengths)[:, None]
+        found: Array = across * cosine + down * sine + reach * pdot
+        return found
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)
@@ -402,7 +353,8 @@ def _frozen(values: Array) -> Array:
     return values
 
 
-def _fractions(name: str, values: ArrayLike | None, n: int) -> Array:
+def _given(name: str, values: Any, default: Array, **rule: Any) -> Array:
+    """Numbers of each segment, >= 0: the user's, checked, or the default."""
     if values is None:
-        return _frozen(np.full(n, 0.5))
-    return check.array(name, values, size=n, low=0.0, high=1.0)
+        return _frozen(default)
+    return check.array(name, values, size=default.size, low=0.0, **rule)

@@ -21,6 +21,7 @@ from pipedyn.models.base import (
     checked_pipe,
     core_pipe,
     operators_from,
+    stored,
 )
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
@@ -30,16 +31,8 @@ from pipedyn.util.check import Array
 BASES = ("beam", "legendre")
 LARGEST_BASIS = 2000
 
-JOINT_COST = 3
-"""Functions that a joint between panels takes from what resolves modes: with 2 to 20 panels three
-fifths of the rest are the pipe's modes to some 1e-4, as of all on one panel."""
-
-MOST_TURNING = 1000.0
-"""Angle, rad, through which a shape may turn along the pipe: its quadrature grows with it."""
-
 LARGEST_TABLE = 100_000_000
 """Values of functions handed out at once: 800 MB."""
-
 
 SHORTEST_PANEL = 1e-4
 """Length of the shortest panel of a basis. To leave out a joint at the distance d from another
@@ -123,45 +116,36 @@ class Galerkin(Model):
         # about m / 2 waves and a layer of width 1 / (m pi) at either end.
         count = self._most + 3 if self._basis == "legendre" else 2 * self._size + 30
         nodes, weights = self._rule(count)
-        return _core.Galerkin(
-            pipe=core_pipe(self._pipe),
-            legendre=self._basis == "legendre",
-            size=self._size,
-            joints=self._joints,
-            more=self._more,
-            nodes=nodes,
-            weights=weights,
-        )
+        return _core.Galerkin(**self._arguments, nodes=nodes, weights=weights)
 
     @cached_property
     def motion(self) -> _core.GalerkinMotion:
-        return _core.GalerkinMotion(
-            pipe=core_pipe(self._pipe),
-            legendre=self._basis == "legendre",
-            size=self._size,
-            joints=self._joints,
-            more=self._more,
-        )
+        return _core.GalerkinMotion(**self._arguments)
 
-    def __getstate__(self) -> dict[str, Any]:
-        compiled = ("core", "motion")
-        return {name: value for name, value in self.__dict__.items() if name not in compiled}
+    @property
+    def _arguments(self) -> dict[str, Any]:
+        """What both compiled parts take."""
+        return {
+            "pipe": core_pipe(self._pipe),
+            "legendre": self._basis == "legendre",
+            "size": self._size,
+            "joints": self._joints,
+            "more": self._more,
+        }
 
     def __repr__(self) -> str:
         return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
-
-    @property
-    def pipe(self) -> Pipe:
-        return self._pipe
 
     @property
     def dof(self) -> int:
         return self._size
 
     @property
-    def basis(self) -> str:
-        """Name of the basis."""
-        return self._basis
+    def coordinate_kind(self) -> str:
+        joined = f" joined at {check.shown(self._joints)}" if self._joints.size else ""
+        return f"amplitudes of {self._size} {self._basis} functions{joined}"
+
+    basis = stored("_basis", "Name of the basis.")
 
     @property
     def panels(self) -> int:
@@ -170,8 +154,12 @@ class Galerkin(Model):
 
     @property
     def resolution(self) -> int:
-        """Number of functions on one panel that would resolve as many modes."""
-        return max(self._size - JOINT_COST * (self.panels - 1), self._size // 2)
+        """Number of functions on one panel that would resolve as many modes.
+
+        A joint between panels takes three: with 2 to 20 panels three fifths of the rest are the
+        pipe's modes to some 1e-4, as of all on one panel.
+        """
+        return max(self._size - 3 * (self.panels - 1), self._size // 2)
 
     @property
     def resolved_modes(self) -> int:
@@ -228,11 +216,6 @@ class Galerkin(Model):
             )
         return self.core.basis(at, order)
 
-    def operators(self, q: ArrayLike | None = None) -> Operators:
-        if q is None:
-            return operators_from(self.core.operators(), self._pipe)
-        return operators_from(self.motion.operators(self._coordinates(q)), self._pipe)
-
     @cached_property
     def elastic_scale(self) -> Array:
         """Amplitude q_i of one elastic coordinate, shape (m,)."""
@@ -240,23 +223,12 @@ class Galerkin(Model):
         return scale
 
     def elastic_operators(self) -> Operators:
-        ops = self.operators()
         both = np.outer(self.elastic_scale, self.elastic_scale)
-        return Operators(
-            *(both * ops.mass, both * ops.gyroscopic, both * ops.end_flux),
-            *(both * ops.damping, both * ops.stiffness, both * ops.flux),
-            *(ops.direction, ops.centrifugal),
-        )
+        return operators_from(self.core.operators(), self._pipe, both)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         result: NDArray[Any] = (self.elastic_scale * self._columns("z", z).T).T
         return result
-
-    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
-        return self.motion.rhs(t, y, u)
-
-    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        return self.motion.jacobian(t, y, u)
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)
@@ -293,10 +265,8 @@ class Galerkin(Model):
         count = 2 * self._most + 60
         turns = np.abs(np.diff(self.core.basis(self._rule(count)[0], 1) @ amplitudes, axis=0))
         most = float(turns.sum(axis=0).max(initial=0.0))
-        if most > MOST_TURNING:
-            raise ValueError(
-                f"q must bend the pipe by at most {MOST_TURNING:g} rad in all, got {most:.3g} rad"
-            )
+        if most > 1000.0:  # the quadrature grows with it
+            raise ValueError(f"q must bend the pipe by at most 1000 rad in all, got {most:.3g} rad")
         return count + math.ceil(most)
 
     def largest_angle(self, p: NDArray[Any]) -> float:

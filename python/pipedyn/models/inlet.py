@@ -16,35 +16,8 @@ from scipy.special import roots_legendre
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
-PANELS = 1024
-"""Into which the radius is cut before a velocity is integrated: the widest gap between the 21 nodes
-in a panel is then 7.3e-5 of the radius, and no jet of 1e-4 lies between two of them."""
-
-FINEST_PANEL = 40
-"""Halvings of the unit radius down to the last panel at the wall and at the centre: 2^-40, so that
-a profile with an infinite slope there is known to TOLERANCE before any panel is divided."""
-
 TOLERANCE = 1e-12
 """Relative error asked of both integrals; rounding in 23,000 terms leaves 1e-13."""
-
-MOST_PANELS = 8000
-"""Where the division of panels gives up: a jump needs 50 more for TOLERANCE, a profile like
-(1 - r)^-0.4 needs 840, and noise would never end."""
-
-UNCERTAIN = 1e-7
-"""Error of a coefficient that is refused: jumps leave 3e-12 and (1 - r)^-0.4 leaves 9e-9, while
-noise of a millionth of the velocity leaves 1e-5."""
-
-BALANCED = 1e-24
-"""A square of the mean velocity below this part of the mean square is no flow: the mean is then
-below TOLERANCE of the root mean square, and its sign is not known."""
-
-LARGEST_RATIO = 1e100
-"""Of a velocity to the largest one sampled: the squares, 1e200, still stay far from overflow."""
-
-CLOSEST_RADII = 1e-30
-"""Least distance of two radii, in the last one: a cubic's coefficients grow with its third power,
-and 1e90 stays far from overflow."""
 
 
 def inlet_coefficient(
@@ -96,13 +69,19 @@ def inlet_coefficient(
     if radii is not None:
         at = check.array("radii", radii, low=0.0)
         samples = check.array("velocity", velocity, size=at.size)
-        least = CLOSEST_RADII * at[-1]
-        if at.size < 2 or at[0] != 0.0 or np.any(np.diff(at) <= least):
+        # A cubic's coefficients grow with the third power of the distance: 1e90 does not overflow.
+        if at.size < 2 or at[0] != 0.0 or np.any(np.diff(at) <= 1e-30 * at[-1]):
             raise ValueError(
-                f"radii must increase from 0, by more than {CLOSEST_RADII:g} of the last, "
+                f"radii must increase from 0, by more than 1e-30 of the last, "
                 f"got {check.shown(radii)}"
             )
-        mean, square = _means_of_rings(samples, at / at[-1])
+        x = at / at[-1]
+        profile = PchipInterpolator(x, samples / _peak(samples))
+        nodes, weights = roots_legendre(4)  # exact up to degree 7: x times a cubic's square
+        half = 0.5 * np.diff(x)[:, None]
+        nodes = x[:-1, None] + half * (1.0 + nodes)
+        values, rings = profile(nodes), 2.0 * nodes * half * weights
+        mean, square = float(np.sum(rings * values)), float(np.sum(rings * values**2))
         return _coefficient(mean, square, section, float(at[-1]), math.pi * float(at[-1]))
     patches = check.array("areas", areas, low=0.0, open_low=True)
     samples = check.array("velocity", velocity, size=patches.size)
@@ -127,48 +106,33 @@ def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple
             return float(value)
         return check.real(f"velocity({r:g})", value)
 
-    # The first and the last panel, 2^-10 wide, are halved towards the centre and the wall.
-    near = 0.5 ** np.arange(11, FINEST_PANEL + 1)
-    edges = np.concatenate([[0.0], near[::-1], np.arange(1, PANELS) / PANELS, 1.0 - near, [1.0]])
+    # In 1024 panels the widest gap between the 21 nodes is 7.3e-5 of the radius: no jet of 1e-4
+    # lies between two. The first and the last are halved towards the centre and the wall, down to
+    # 2^-40: a profile with an infinite slope there is then known before any panel is divided.
+    near = 0.5 ** np.arange(11, 41)
+    edges = np.concatenate([[0.0], near[::-1], np.arange(1, 1024) / 1024, 1.0 - near, [1.0]])
     samples = edges[:-1, None] + np.diff(edges)[:, None] * (np.arange(16) + 0.5) / 16
     peak = _peak(np.array([at(float(x)) for x in samples.flat]))
 
     def ring(x: float) -> Array:
         value = at(x) / peak
-        if abs(value) > LARGEST_RATIO:
-            raise ValueError(
-                f"velocity({x * radius:g}) must be at most {LARGEST_RATIO:g} times the others"
-            )
+        if abs(value) > 1e100:  # the squares stay far from overflow
+            raise ValueError(f"velocity({x * radius:g}) must be at most 1e+100 times the others")
         return np.array([2.0 * x * value, 2.0 * x * value**2])
 
-    means, error = quad_vec(
-        *(ring, 0.0, 1.0),
-        epsabs=0.0,
-        epsrel=TOLERANCE,
-        norm="max",
-        limit=MOST_PANELS,
-        points=edges[1:-1],
-    )
+    # A jump takes 50 panels more, a profile like (1 - r)^-0.4 takes 840, noise would never end.
+    settings: dict[str, Any] = {"epsabs": 0.0, "epsrel": TOLERANCE, "norm": "max", "limit": 8000}
+    means, error = quad_vec(ring, 0.0, 1.0, points=edges[1:-1], **settings)
     mean, square = map(float, means)
     if not _vanishes(mean, square):
         uncertain = error * (1.0 / square + 2.0 / abs(mean))
-        if not uncertain <= UNCERTAIN:
+        # Jumps leave 3e-12, (1 - r)^-0.4 leaves 9e-9, noise of a millionth of the velocity 1e-5.
+        if not uncertain <= 1e-7:
             raise ValueError(
                 "velocity must be a profile that can be integrated, got one whose coefficient "
                 f"has an error of {uncertain:.0e}"
             )
     return mean, square
-
-
-def _means_of_rings(samples: Array, x: Array) -> tuple[float, float]:
-    """Mean of V and of V^2 for samples at x from 0 to 1, joined by monotone cubics."""
-    profile = PchipInterpolator(x, samples / _peak(samples))
-    nodes, weights = roots_legendre(4)  # exact up to degree 7, which x times a cubic's square has
-    half = 0.5 * np.diff(x)[:, None]
-    at = x[:-1, None] + half * (1.0 + nodes)
-    values = profile(at)
-    rings = 2.0 * at * half * weights
-    return float(np.sum(rings * values)), float(np.sum(rings * values**2))
 
 
 def _peak(velocity: Array) -> float:
@@ -180,8 +144,8 @@ def _peak(velocity: Array) -> float:
 
 
 def _vanishes(mean: float, square: float) -> bool:
-    # Cauchy and Schwarz: mean^2 <= square. Written so that NaN vanishes, too.
-    return not mean**2 > BALANCED * square
+    """Whether the mean velocity is rounding of its root mean square, or NaN."""
+    return not mean**2 > TOLERANCE**2 * square
 
 
 def _coefficient(

@@ -7,10 +7,9 @@ are dense matrices; long chains and scenes multiply and solve in O(n).
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,26 +22,42 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
 if TYPE_CHECKING:
-    from pipedyn.models.base import Model, Operators
+    from pipedyn.models.base import Model
     from pipedyn.models.chain import Chain
     from pipedyn.models.modular import Assembly
 
 Vectors = NDArray[Any]
 
+Product = Callable[[Vectors], Vectors]
+"""Takes and gives (dof, r)."""
+
 LONGEST_DENSE = 64
 """Chains and scenes up to this size are dense: measured, both ways take equal time near there."""
 
 
-class Pencil(ABC):
+class Pencil:
     """P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A, in elastic coordinates.
 
-    V = s (gyroscopic + end_flux) and A = flux. Each product takes and gives (dof, r).
+    V = s (gyroscopic + end_flux) and A = flux.
 
     Attributes:
+        mass: product with M.
+        velocity: with V.
+        damping: with D: delta times the elastic stiffness, and what else damps.
+        stiffness: with K.
+        flux: with A.
+        factor: solve(rows, adjoint=False) with P(value, u), or its conjugate transpose, from the
+            value and u.
         is_long: whether products and solves are O(dof), and no matrices are there.
     """
 
     is_long = True
+    mass: Product
+    velocity: Product
+    damping: Product
+    stiffness: Product
+    flux: Product
+    factor: Callable[[complex, float], Callable[..., Vectors]]
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -51,30 +66,6 @@ class Pencil(ABC):
         self.is_damped = model.pipe.damping != 0.0 or model.resisted
         self.direction = self.pipe.direction
         self.centrifugal = self.pipe.centrifugal
-
-    @abstractmethod
-    def mass(self, x: Vectors) -> Vectors:
-        """M x."""
-
-    @abstractmethod
-    def velocity(self, x: Vectors) -> Vectors:
-        """V x."""
-
-    @abstractmethod
-    def damping(self, x: Vectors) -> Vectors:
-        """D x: delta times the elastic stiffness, and what else damps."""
-
-    @abstractmethod
-    def stiffness(self, x: Vectors) -> Vectors:
-        """K x."""
-
-    @abstractmethod
-    def flux(self, x: Vectors) -> Vectors:
-        """A x."""
-
-    @abstractmethod
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose."""
 
     def gravity(self, x: Vectors) -> Vectors:
         """dK/dgamma x; K is linear in gamma."""
@@ -101,31 +92,13 @@ class DensePencil(Pencil):
 
     is_long = False
 
-    @cached_property
-    def operators(self) -> Operators:
-        """The model's, computed at the first product."""
-        return self.model.elastic_operators()
-
-    @cached_property
-    def V(self) -> Array:
-        """S (gyroscopic + end_flux)."""
-        result: Array = self.direction * (self.operators.gyroscopic + self.operators.end_flux)
-        return result
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self.operators.mass @ x
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self.V @ x
-
-    def damping(self, x: Vectors) -> Vectors:
-        return self.operators.damping @ x
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        return self.operators.stiffness @ x
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self.operators.flux @ x
+    def __init__(self, model: Model) -> None:
+        super().__init__(model)
+        self.operators = ops = model.elastic_operators()
+        self.V: Array = self.direction * (ops.gyroscopic + ops.end_flux)
+        self.mass, self.velocity = partial(np.matmul, ops.mass), partial(np.matmul, self.V)
+        self.damping, self.flux = partial(np.matmul, ops.damping), partial(np.matmul, ops.flux)
+        self.stiffness = partial(np.matmul, ops.stiffness)
 
     def matrices(self, u: float) -> tuple[Array, Array, Array]:
         """(M, C, K) at speed u, each of shape (dof, dof)."""
@@ -166,6 +139,8 @@ class ChainPencil(Pencil):
         self.resisted = model.resisted
         self.scale = model.elastic_scale[:, None]
         self.share = model.elastic_share[:, None]
+        self.mass = partial(self._rows, self.core.mass_times)
+        self.flux = partial(self._rows, self.core.flux_times)
 
     def _rows(self, product: Callable[[Array], Array], x: Vectors) -> Vectors:
         """A product in the angles, taken to elastic coordinates; complex columns as real pairs."""
@@ -177,35 +152,25 @@ class ChainPencil(Pencil):
         result: Vectors = self.scale * np.cumsum(rows[::-1], axis=0)[::-1]
         return result
 
-    def elastic(self, x: Vectors) -> Vectors:
-        """Elastic stiffness times x: the springs'."""
-        result: Vectors = self.share * x
-        return result
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self._rows(self.core.mass_times, x)
-
     def velocity(self, x: Vectors) -> Vectors:
         return self.direction * self._rows(self.core.velocity_times, x)
 
     def damping(self, x: Vectors) -> Vectors:
-        result: Vectors = self.pipe.damping * self.elastic(x)
+        result: Vectors = self.pipe.damping * self.by_damping(x)
         return result + self._rows(self.core.terms_damping_times, x) if self.resisted else result
 
     def by_damping(self, x: Vectors) -> Vectors:
-        return self.elastic(x)
+        result: Vectors = self.share * x  # the springs'
+        return result
 
     def stiffness(self, x: Vectors) -> Vectors:
-        result = self.elastic(x)
+        result = self.by_damping(x)
         if self.pipe.terms:
             result = result + self._rows(self.core.terms_stiffness_times, x)
         return result + self.pipe.gamma * self.gravity(x) if self.pipe.gamma else result
 
     def gravity(self, x: Vectors) -> Vectors:
         return self._rows(self.core.gravity_times, x)
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self._rows(self.core.flux_times, x)
 
     def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
         width, band = self.core.band_width, self.core.band(complex(value), u)
@@ -233,21 +198,9 @@ class ScenePencil(Pencil):
     def __init__(self, model: Assembly) -> None:
         super().__init__(model)
         self.linear = model.linear
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self.linear.mass(x)
+        self.mass, self.damping = self.linear.mass, self.linear.damping
+        self.stiffness, self.flux = self.linear.stiffness, self.linear.flux
+        self.factor = self.linear.factor
 
     def velocity(self, x: Vectors) -> Vectors:
         return self.direction * (self.linear.gyroscopic(x) + self.linear.end_flux(x))
-
-    def damping(self, x: Vectors) -> Vectors:
-        return self.linear.damping(x)
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        return self.linear.stiffness(x)
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self.linear.flux(x)
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        return self.linear.factor(value, u)

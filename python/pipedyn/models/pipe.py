@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, NamedTuple
@@ -11,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.terms import Term, checked_terms, from_si, in_range, in_si
+from pipedyn.models.terms import Term, checked_terms, converted, in_range
 from pipedyn.util import check
 
 Flow = Literal["ejecting", "aspirating"]
@@ -25,9 +26,6 @@ RANGES: dict[str, dict[str, Any]] = {
     "damping": {"low": 0.0, "high": 1e6},
 }
 """What `check.real` asks of a pipe's numbers."""
-
-LARGEST_CONVERSION = 10_000_000
-"""Numbers converted at once."""
 
 
 class Scales(NamedTuple):
@@ -134,12 +132,11 @@ class Pipe:
                 part: of drag_coefficient, external_diameter and external_density all three or none.
             TypeError: for what is no number.
         """
-        length = check.real("length", length, low=0.0, high=1e12, open_low=True)
-        stiffness = check.real(
-            "bending_stiffness", bending_stiffness, low=0.0, high=1e12, open_low=True
-        )
-        pipe_mass = check.real("pipe_mass", pipe_mass, low=0.0, high=1e12, open_low=True)
-        fluid_mass = check.real("fluid_mass", fluid_mass, low=0.0, high=1e12, open_low=True)
+        positive: dict[str, Any] = {"low": 0.0, "high": 1e12, "open_low": True}
+        length = check.real("length", length, **positive)
+        stiffness = check.real("bending_stiffness", bending_stiffness, **positive)
+        pipe_mass = check.real("pipe_mass", pipe_mass, **positive)
+        fluid_mass = check.real("fluid_mass", fluid_mass, **positive)
         gravity = check.real("gravity", gravity, low=-1e12, high=1e12)
         drag = [
             check.real("drag_coefficient", drag_coefficient, low=0.0),
@@ -154,39 +151,34 @@ class Pipe:
         damping_time = check.real("damping_time", damping_time, low=0.0)
         mass = pipe_mass + fluid_mass
         time = length**2 * math.sqrt(mass / stiffness)
-        speed = math.sqrt(stiffness / fluid_mass) / length
-        scales = (length, mass, time, speed)
-        if not all(0.0 < scale < math.inf for scale in scales):
+        units = Scales(length, mass, time, math.sqrt(stiffness / fluid_mass) / length)
+        if not all(0.0 < unit < math.inf for unit in units):
             raise ValueError(
                 "length, bending_stiffness, pipe_mass and fluid_mass must give finite units, "
-                f"got {dict(zip(Scales._fields, scales, strict=True))}"
+                f"got {units._asdict()}"
             )
-        units = Scales(*scales)
-        numbers = {
-            ("beta", "pipe_mass and fluid_mass"): fluid_mass / mass,
-            (
-                "gamma",
-                "gravity, length, pipe_mass, fluid_mass and bending_stiffness",
-            ): gravity * length**3 * mass / stiffness,
-            (
-                "drag",
-                "drag_coefficient, external_diameter, external_density, length and the masses",
-            ): math.prod(drag) * length / (2.0 * mass),
-            (
-                "damping",
-                "damping_time, length, bending_stiffness and the masses",
-            ): damping_time / time,
+        values = {
+            "beta": fluid_mass / mass,
+            "gamma": gravity * length**3 * mass / stiffness,
+            "drag": math.prod(drag) * length / (2.0 * mass),
+            "damping": damping_time / time,
         }
+        causes = {
+            "beta": "pipe_mass and fluid_mass",
+            "gamma": "gravity, length, pipe_mass, fluid_mass and bending_stiffness",
+            "drag": "drag_coefficient, external_diameter, external_density, length and the masses",
+            "damping": "damping_time, length, bending_stiffness and the masses",
+        }
+        given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
         return cls(
             **{
-                name: check.real(f"{name} from {causes}", value, **RANGES[name])
-                for (name, causes), value in numbers.items()
+                name: check.real(f"{name} from {causes[name]}", value, **RANGES[name])
+                for name, value in values.items()
             },
             flow=flow,
             alpha=alpha,
             terms=in_range(
-                tuple(from_si(term, units) for term in checked_terms(terms, end=length)),
-                " from its SI value, length, bending_stiffness and the masses",
+                tuple(given), " from its SI value, length, bending_stiffness and the masses"
             ),
             scales=units,
         )
@@ -223,52 +215,49 @@ class Pipe:
         Raises:
             ValueError: for a pipe not made with `from_si`.
         """
-        if self.scales is None:
-            raise ValueError(f"terms in SI need a pipe made with Pipe.from_si, got {self!r}")
-        return tuple(in_si(term, self.scales) for term in self.terms)
+        units = self._units("terms", "need")
+        return tuple(converted(term, units, operator.mul) for term in self.terms)
 
-    def _scale(self, name: str) -> float:
+    def _units(self, name: str, need: str = "needs") -> Scales:
         if self.scales is None:
-            raise ValueError(f"{name} in SI needs a pipe made with Pipe.from_si, got {self!r}")
-        return float(getattr(self.scales, name))
+            raise ValueError(f"{name} in SI {need} a pipe made with Pipe.from_si, got {self!r}")
+        return self.scales
 
     def speed_si(self, u: ArrayLike) -> Any:
         """Flow speed in m/s from the nondimensional u; a number or an array."""
-        return _converted("u", u, np.multiply, self._scale("speed"))
+        return _converted("u", u, np.multiply, self._units("speed").speed)
 
     def speed(self, V: ArrayLike) -> Any:
         """Nondimensional flow speed u from V in m/s; a number or an array."""
-        return _converted("V", V, np.divide, self._scale("speed"))
+        return _converted("V", V, np.divide, self._units("speed").speed)
 
     def time_si(self, tau: ArrayLike) -> Any:
         """Time in s from the nondimensional tau; a number or an array."""
-        return _converted("tau", tau, np.multiply, self._scale("time"))
+        return _converted("tau", tau, np.multiply, self._units("time").time)
 
     def time(self, t: ArrayLike) -> Any:
         """Nondimensional time tau from t in s; a number or an array."""
-        return _converted("t", t, np.divide, self._scale("time"))
+        return _converted("t", t, np.divide, self._units("time").time)
 
     def frequency_si(self, omega: ArrayLike) -> Any:
         """Angular frequency in rad/s from the nondimensional omega; a number or an array."""
-        return _converted("omega", omega, np.divide, self._scale("time"))
+        return _converted("omega", omega, np.divide, self._units("time").time)
 
     def frequency(self, omega_si: ArrayLike) -> Any:
         """Nondimensional angular frequency from rad/s; a number or an array."""
-        return _converted("omega_si", omega_si, np.multiply, self._scale("time"))
+        return _converted("omega_si", omega_si, np.multiply, self._units("time").time)
 
     def length_si(self, s: ArrayLike) -> Any:
         """Length in m from a fraction of the pipe's; a number or an array."""
-        return _converted("s", s, np.multiply, self._scale("length"))
+        return _converted("s", s, np.multiply, self._units("length").length)
 
     def length(self, x: ArrayLike) -> Any:
         """Length as a fraction of the pipe's from m; a number or an array."""
-        return _converted("x", x, np.divide, self._scale("length"))
+        return _converted("x", x, np.divide, self._units("length").length)
 
 
 def _converted(name: str, value: ArrayLike, by: np.ufunc, scale: float) -> Any:
-    numbers = check.numbers(
-        name, value, "a number or an array of numbers", longest=LARGEST_CONVERSION
-    )
+    numbers = check.numbers(name, value, "a number or an array of numbers", longest=10_000_000)
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite, got {check.shown(value)}")
     with np.errstate(over="ignore", under="ignore"):

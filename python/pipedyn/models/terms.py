@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Terms: laws of force that act on a pipe beside its own elasticity, gravity, drag and flow.
+"""Terms: laws of force on a pipe, besides its own elasticity, gravity, drag and flow.
 
 A term is a frozen dataclass: the place where it acts, if it acts at one, and the numbers of its
 law. The law itself, load, slopes, mass, energy and power at a station of the pipe, stands in the
@@ -10,6 +10,7 @@ them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
@@ -27,15 +28,7 @@ MOST_TERMS = 400
 
 
 def number(high: float, *, mass: int = 0, length: int = 0, time: int = 0, low: float = 0.0) -> Any:
-    """A field of a term: its range and the powers of the pipe's units that its SI value has.
-
-    Args:
-        high: largest value.
-        mass: power of the mass per length, mu_p + mu_f in kg/m.
-        length: power of the length L in m.
-        time: power of the time L^2 sqrt((mu_p + mu_f) / EI) in s.
-        low: smallest value.
-    """
+    """A field of a term: its range, and the powers of the units in its SI value, see `Scales`."""
     return field(metadata={"range": {"low": low, "high": high}, "powers": (mass, length, time)})
 
 
@@ -50,7 +43,7 @@ class Term:
     """A law of force on the pipe. Subclasses are laws; this one is not made.
 
     Raises:
-        ValueError: for a number out of its range, NaN or infinity.
+        ValueError: for a number out of its range, NaN or infinity, in any law.
         TypeError: for what is no number.
     """
 
@@ -92,10 +85,6 @@ class PointMass(Term):
 
     In `Pipe.from_si`: at in m, mass in kg.
 
-    Raises:
-        ValueError: for a number out of its range, NaN or infinity.
-        TypeError: for what is no number.
-
     Source: d'Alembert's principle, mass * (acceleration - gamma) at the place.
 
     Example:
@@ -115,17 +104,13 @@ class Spring(Term):
     """A spring between one place of the pipe and the axis of the straight pipe.
 
     Its force -stiffness * x acts along x alone, x the transverse displacement of the place; it is
-    linear at any amplitude and does not feel what the place moves along the axis.
+    linear at any amplitude and independent of what the place moves along the axis.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
         stiffness: >= 0, in EI / L^3.
 
     In `Pipe.from_si`: at in m, stiffness in N/m.
-
-    Raises:
-        ValueError: for a number out of its range, NaN or infinity.
-        TypeError: for what is no number.
 
     Source: energy stiffness * x^2 / 2.
 
@@ -154,10 +139,6 @@ class Damper(Term):
 
     In `Pipe.from_si`: at in m, coefficient in N s/m.
 
-    Raises:
-        ValueError: for a number out of its range, NaN or infinity.
-        TypeError: for what is no number.
-
     Source: power -coefficient * x'^2.
 
     Example:
@@ -174,7 +155,7 @@ class Damper(Term):
 
 @dataclass(frozen=True, repr=False)
 class Foundation(Term):
-    """An elastic foundation all along the pipe, of springs that do not know of each other.
+    """An elastic foundation all along the pipe, of springs independent of one another.
 
     Its force per length -stiffness * x acts along x alone, x the transverse displacement; it is
     linear at any amplitude.
@@ -183,10 +164,6 @@ class Foundation(Term):
         stiffness: >= 0, in EI / L^4.
 
     In `Pipe.from_si`: stiffness in N/m^2.
-
-    Raises:
-        ValueError: for a number out of its range, NaN or infinity.
-        TypeError: for what is no number.
 
     Source: Winkler's foundation, energy stiffness * x^2 / 2 per length.
 
@@ -204,27 +181,22 @@ class Foundation(Term):
 Law = TypeVar("Law", bound=Term)
 
 
-def in_si(term: Law, scales: Scales) -> Law:
-    """The term with its numbers in SI units, by the SI values of the pipe's units."""
-    units = _units(term, scales)
-    return replace(term, **{name: getattr(term, name) * unit for name, unit in units.items()})
-
-
-def from_si(term: Law, scales: Scales) -> Law:
-    """The term in the pipe's units, where its numbers are in SI."""
-    units = _units(term, scales)
-    return replace(term, **{name: getattr(term, name) / unit for name, unit in units.items()})
+def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) -> Law:
+    """The term with its numbers times (mul) or over (truediv) the SI values of the pipe's units."""
+    bases, numbers = (scales.mass, scales.length, scales.time), {}
+    try:
+        for item in fields(term):
+            unit = math.prod(map(pow, bases, item.metadata["powers"]))
+            numbers[item.name] = by(getattr(term, item.name), unit)
+    except OverflowError:
+        raise ValueError(f"{term!r} has no finite numbers in units of {scales}") from None
+    return replace(term, **numbers)
 
 
 def in_range(terms: tuple[Term, ...], given: str = "") -> tuple[Term, ...]:
-    """The terms, if their nondimensional numbers are in their ranges.
+    """The terms, if their nondimensional numbers are in their ranges; else ValueError.
 
-    Args:
-        terms: any.
-        given: what a message says of where the numbers come from.
-
-    Raises:
-        ValueError: for a number beyond its range.
+    `given` is what a message says of where the numbers come from.
     """
     for i, term in enumerate(terms):
         for item in fields(term):
@@ -233,25 +205,10 @@ def in_range(terms: tuple[Term, ...], given: str = "") -> tuple[Term, ...]:
     return terms
 
 
-def _units(term: Term, scales: Scales) -> dict[str, float]:
-    powers = {item.name: item.metadata["powers"] for item in fields(term)}
-    bases = (scales.mass, scales.length, scales.time)
-    try:
-        return {name: math.prod(map(pow, bases, power)) for name, power in powers.items()}
-    except OverflowError:
-        raise ValueError(f"{term!r} has no finite numbers in units of {scales}") from None
-
-
 def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
-    """The argument as a tuple, if it is a sequence of terms that lie on the pipe.
+    """The argument as a tuple, if it is a sequence of terms that lie on the pipe up to its end.
 
-    Args:
-        terms: any.
-        end: arc length of the free end.
-
-    Raises:
-        ValueError: for more than 400, or a place beyond the free end.
-        TypeError: for what is no sequence of terms.
+    Raises ValueError for more than 400, or a place beyond the free end, else TypeError.
     """
     if isinstance(terms, Term) or not isinstance(terms, tuple | list):
         raise TypeError(f"terms must be a tuple or list of terms, got {check.shown(terms)}")

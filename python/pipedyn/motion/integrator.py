@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""scipy's integrators, with right-hand sides that are counted, limited and kept from raising."""
+"""scipy's integrators: which serves a model best, and right-hand sides that never raise."""
 
 from __future__ import annotations
 
 import math
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,6 @@ import scipy.integrate
 from scipy.integrate import ode
 
 from pipedyn.models.base import Model
-from pipedyn.motion.stiffness import fastest_decay, highest_frequency
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
 from pipedyn.util.progress import track
@@ -23,22 +22,19 @@ from pipedyn.util.progress import track
 COMPILED = ("dop853", "lsoda")
 """scipy.integrate.ode's integrators that serve."""
 
-EXPLICIT = ("dop853", "DOP853")
-"""Methods whose steps stability holds to the time of the fastest mode."""
-
 METHODS = ("auto", *COMPILED, "DOP853", "Radau", "BDF", "LSODA")
 """Small letters: compiled; the others: `scipy.integrate.solve_ivp`'s, in Python."""
 
 FORECAST = 400
-"""Right-hand sides after which a motion is asked how many more it takes: that costs 40 to 120."""
+"""Right-hand sides after which the number of those to come is estimated, which costs 40 to 120."""
 
 CALLS, JACOBIAN_CALLS = 20_000, 20
-"""Right-hand sides between two looks at how far a motion came, and for how many of them a Jacobian
-counts, which is the dearer with its factorisation. Looks cost nothing beside so many."""
+"""Right-hand sides between two checks of progress, and for how many of them a Jacobian with its
+factorisation counts. A check costs nothing compared with so many."""
 
 LEAST_STEP = 2e-5
 """Share of the fastest mode's time that each right-hand side must cover: methods that go on cover
-0.02 and more, of those that do not the step falls without end."""
+0.02 and more; of those that do not, the step size tends to 0."""
 
 CALLS_A_RATE = 1.5
 """Right-hand sides of an explicit method in the time 1 / |lambda| of the fastest mode, at least:
@@ -47,8 +43,19 @@ measured 1.6 with damping to 16 without at rtol 1e-6."""
 MOST_CALLS = 1e8
 """Right-hand sides that a motion may take: minutes with few segments, an hour with a thousand."""
 
-MOST_STEPS = 1_000_000_000
-"""Steps of a compiled integrator between two samples: more than `MOST_CALLS` allows."""
+CHAIN_DECAY, CHAIN_SEGMENTS = 0.025, 16
+"""Fastest decay, relative to the highest frequency of a chain and for each digit asked for, from
+which implicit steps pay; beyond so many segments, in proportion to their number. The choice then
+costs at most 1.5 times the cheaper of both, measured with 5 to 24 segments at damping 0.001 to 0.1,
+rtol 1e-3 to 1e-9 and 41 or 51 samples."""
+
+REDUCED_RATE = 40.0
+"""|lambda| of the fastest mode of other models, for each digit, from which implicit steps pay:
+measured likewise."""
+
+LARGEST_IMPLICIT = 2000
+"""Degrees of freedom beyond which dense factorisations are not chosen: one of 4,001 unknowns takes
+128 MB and, measured, 4 s on one core."""
 
 
 class Stopped(Exception):
@@ -57,26 +64,15 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class Task:
-    """An integration to be done, of one state or, in the columns, of several.
-
-    Attributes:
-        model: the model.
-        u: flow speed, or one of each state, shape (k,).
-        times: of the samples, the first the start, shape (S,).
-        start: [p, p', 0] of the coordinates p that are integrated, shape (2 moving + 1,) or
-            (2 moving + 1, k).
-        rtol, atol: tolerances of each state's error in a step.
-        method: of METHODS, not "auto".
-        most: right-hand sides at most.
-    """
+    """An integration to be done, of one state or, in the columns, of several."""
 
     model: Model
-    u: float | Array
-    times: Array
-    start: Array
+    u: float | Array  # flow speed, or one of each state, shape (k,)
+    times: Array  # of the samples, shape (S,)
+    start: Array  # [p, p', 0] of what is integrated, shape (2 moving + 1,) or (2 moving + 1, k)
     rtol: float
     atol: float
-    method: str
+    method: str  # of METHODS, not "auto"
     most: float = MOST_CALLS
 
 
@@ -84,14 +80,8 @@ class Guarded:
     """Rates and Jacobian of y' = f(t, y), which count their calls and never raise.
 
     Compiled integrators do not survive an exception: NaN makes them shorten the step and give up.
-    A state that is not finite is remembered, any other exception is kept for `reason`.
-
-    Args:
-        rates: f(t, y, *arguments) of states of some shape.
-        jacobian: df/dy (t, y) of one state, shape (N, N).
-        shape: of the states, (N,) or (N, k).
-        arguments: of `rates`, after t and y.
-        most: calls that it may take.
+    A state that is not finite is remembered, any other exception is kept for `reason`. States have
+    the given shape, (N,) or (N, k); `arguments` go to `rates` after t and y.
     """
 
     def __init__(
@@ -134,10 +124,6 @@ class Guarded:
             self._keep(error)
         return np.full(self.shape, np.nan)
 
-    def flat_rates(self, t: float, y: Array) -> Array:
-        """The same of several states in one row."""
-        return self.rates(t, y.reshape(self.shape)).ravel()
-
     def jacobian(self, t: float, y: Array) -> Array:
         """df/dy, which integrators factorise each time."""
         try:
@@ -161,7 +147,7 @@ class Guarded:
 
 
 class Watched(Guarded):
-    """The right-hand side of a task, asked now and then whether it can come to its end."""
+    """The right-hand side of a task, which is checked now and then for progress."""
 
     def __init__(self, task: Task) -> None:
         super().__init__(
@@ -178,44 +164,42 @@ class Watched(Guarded):
 
     @cached_property
     def fastest(self) -> tuple[float, float]:
-        """Highest frequency and fastest decay at rest; only long motions come to ask."""
+        """Highest frequency and fastest decay at rest, which only long motions need."""
         return highest_frequency(self.task.model), fastest_decay(self.task.model)
 
-    @cached_property
-    def least(self) -> float:
-        """Time that so many calls must cover, by the fastest of modes, flow and its own turning."""
-        turning = float(np.abs(self.task.start).max())
-        fastest = sum(self.fastest) + float(np.max(self.task.u)) ** 2 + turning + 1.0
-        return LEAST_STEP * CALLS / fastest
-
     def check(self, t: float) -> None:
-        """Whether it can come to its end, and whether the last calls came anywhere."""
+        """Raises what stops an integration that needs too many calls or whose steps vanish."""
         in_time()
         task, fastest = self.task, max(self.fastest)
         ahead = CALLS_A_RATE * fastest * (float(task.times[-1]) - t)
-        if task.method in EXPLICIT and self.calls + ahead > task.most:
+        if task.method.lower() == "dop853" and self.calls + ahead > task.most:
             raise Stopped(
                 f"it needs {ahead:.1g} right-hand sides or more and may take {task.most:g}"
                 f" at most: its fastest mode has |lambda| = {fastest:.2g}"
             )
-        if t - self.reached < self.least:
-            raise Stopped("its step shrank to nothing beside its fastest mode's time")
+        rotation = float(np.abs(task.start).max())
+        rate = sum(self.fastest) + float(np.max(task.u)) ** 2 + rotation + 1.0
+        if t - self.reached < LEAST_STEP * CALLS / rate:
+            raise Stopped("its step size tends to 0")
         self.next_check, self.reached = self.calls + CALLS, t
 
 
 def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
     """States at the samples, (S, *start.shape), right-hand sides, and why it stopped early."""
     guarded = Watched(task)
-    sampled = _compiled_samples if task.method in COMPILED else _python_samples
+    if task.method in COMPILED:
+        advanced = compiled(guarded, task.start, task.method, task.rtol, task.atol)
+        samples: Iterator[Array] = map(advanced, task.times)
+    else:
+        samples = _python_samples(task, guarded)
     rows: list[Array] = []
     why = None
     try:
-        for row in track(sampled(task, guarded), task.times.size, "motion", shown):
+        for row in track(samples, task.times.size, "motion", shown):
             rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
     except Stopped as stopped:
         why = guarded.reason(stopped)
-    states = task.start[0].size
-    evaluated(states * (guarded.calls + guarded.jacobians))
+    evaluated(task.start[0].size * (guarded.calls + guarded.jacobians))
     factorised(guarded.factorisations)
     return np.array(rows).reshape(-1, *task.start.shape), guarded.calls, why
 
@@ -227,11 +211,16 @@ def compiled(
 
     The function that is returned raises `Stopped` where the integrator fails.
     """
-    rhs = guarded.rates if len(guarded.shape) == 1 else guarded.flat_rates
+
+    def flat_rates(t: float, y: Array) -> Array:
+        return guarded.rates(t, y.reshape(guarded.shape)).ravel()
+
+    rhs = guarded.rates if len(guarded.shape) == 1 else flat_rates
     explicit = method == "dop853"
     solver = ode(rhs) if explicit else ode(rhs, guarded.jacobian)
     options = {} if explicit else {"with_jacobian": True}
-    solver.set_integrator(method, rtol=rtol, atol=atol, nsteps=MOST_STEPS, **options)
+    # Its own limit of steps is beyond MOST_CALLS.
+    solver.set_integrator(method, rtol=rtol, atol=atol, nsteps=1_000_000_000, **options)
     solver.set_initial_value(start.ravel(), 0.0)
     if explicit:
         # Its test for stiffness ends runs whose steps are held by stability, which is no failure.
@@ -243,44 +232,84 @@ def compiled(
                 warnings.simplefilter("ignore", UserWarning)  # said by the exception
                 solver.integrate(t)
             if not (solver.successful() and np.isfinite(solver.y).all()):
-                raise Stopped("its step shrank to nothing")
+                raise Stopped("its step size tends to 0")
         found: Array = solver.y.copy()
         return found
 
     return advanced
 
 
-def _compiled_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
-    advanced = compiled(guarded, task.start, task.method, task.rtol, task.atol)
-    for t in task.times:
-        yield advanced(t)
-
-
 def _python_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
     kind = getattr(scipy.integrate, task.method)
     implicit = {} if task.method == "DOP853" else {"jac": guarded.jacobian}
-    waiting = iter(task.times)
-    t = next(waiting)
-    if t == 0.0:
-        yield task.start
-        t = next(waiting, None)
-    if t is None:
-        return
     end = float(task.times[-1])
     solver = kind(guarded.rates, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
-    while t is not None:
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):  # of a step that shrinks to nothing
-                message = solver.step()
-            guarded.factorisations = solver.nlu
-        except ValueError as error:  # a factorisation refuses what is not finite
-            raise Stopped(str(error)) from error
-        if solver.status == "failed" or not np.isfinite(solver.y).all():
-            raise Stopped(message or "the state left finite numbers")
-        between = solver.dense_output()  # DOP853 asks for three more right-hand sides, or gets NaN
-        while t is not None and t <= solver.t:
-            row = between(t)
-            if not np.isfinite(row).all():
-                raise Stopped("the state left finite numbers")
-            yield row
-            t = next(waiting, None)
+    between: Callable[[float], Array] | None = None
+    for t in task.times:
+        while solver.t < t:
+            try:
+                with np.errstate(over="ignore", invalid="ignore"):  # of a step that tends to 0
+                    message = solver.step()
+                guarded.factorisations = solver.nlu
+            except ValueError as error:  # a factorisation refuses what is not finite
+                raise Stopped(str(error)) from error
+            if solver.status == "failed" or not np.isfinite(solver.y).all():
+                raise Stopped(message or "the state left finite numbers")
+            between = solver.dense_output()  # of DOP853 from three right-hand sides, or NaN
+        row = task.start if between is None else between(t)
+        if not np.isfinite(row).all():
+            raise Stopped("the state left finite numbers")
+        yield row
+
+
+# ----------------------------------------------------------------------------- which one serves
+
+
+def choose_method(model: Model, rtol: float) -> str:
+    """The integrator that measured cheapest: "dop853" unless damping makes the motion stiff.
+
+    The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
+    "lsoda" leaves it out of account where it decays at once, at the cost of Jacobians and
+    factorisations, which weigh less where a right-hand side costs more, as in a reduced model.
+    Undamped it follows every mode and costs more (see tests/benchmark_simulate.py).
+    """
+    if not (model.pipe.damping or model.resisted) or model.moving > LARGEST_IMPLICIT:
+        return "dop853"
+    fastest, decay, digits = highest_frequency(model), fastest_decay(model), -math.log10(rtol)
+    if model.linear_cost:
+        share = CHAIN_DECAY * digits * max(1.0, model.moving / CHAIN_SEGMENTS)
+        return "lsoda" if decay > share * fastest else "dop853"
+    stiff = max(fastest, decay) > REDUCED_RATE * digits
+    return "lsoda" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
+
+
+def highest_frequency(model: Model) -> float:
+    """Angular frequency of the fastest mode at rest, to some per cent, by power iteration."""
+    return math.sqrt(_strongest(model.with_pipe(replace(model.pipe, damping=0.0, drag=0.0)), 0))
+
+
+def fastest_decay(model: Model) -> float:
+    """Rate of the fastest decay of velocities at rest, likewise."""
+    if not model.resisted:
+        return model.pipe.damping * highest_frequency(model) ** 2
+    return _strongest(model.with_pipe(replace(model.pipe, drag=0.0)), model.moving)
+
+
+def _strongest(model: Model, first: int) -> float:
+    """Largest ratio of accelerations to coordinates (first 0) or velocities, by iteration."""
+    size = model.moving
+    rest = np.concatenate([model.resting(), np.zeros(size + 1)])
+    at_rest = model.motion.rhs_and_power(0.0, rest, 0.0)[size:-1]
+    moved = np.cos(math.pi * np.arange(size)) * np.linspace(1.0, 1.5, size)
+    strongest = 0.0
+    for _ in range(40):
+        largest = float(np.abs(moved).max())
+        if largest == 0.0:
+            break
+        moved *= 1e-6 / largest
+        state = rest.copy()
+        state[first : first + size] += moved
+        answer = model.motion.rhs_and_power(0.0, state, 0.0)[size:-1] - at_rest
+        strongest = float(np.linalg.norm(answer) / np.linalg.norm(moved))
+        moved = answer
+    return strongest

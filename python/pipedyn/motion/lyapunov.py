@@ -12,15 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from dataclasses import field
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.integrator import Guarded, Stopped, compiled
+from pipedyn.motion.integrator import Guarded, Stopped, choose_method, compiled
 from pipedyn.motion.simulate import (
     Start,
     Trajectory,
@@ -28,7 +27,6 @@ from pipedyn.motion.simulate import (
     slight_bend,
     state_of,
 )
-from pipedyn.motion.stiffness import choose_method
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
@@ -36,22 +34,14 @@ from pipedyn.util.progress import track
 from pipedyn.util.result import result
 
 Rates = Callable[[Array], Array]
-"""Right-hand side y' of a state, shape (n,)."""
-
-ExponentStart: TypeAlias = Trajectory | Start | None
-"""Where a motion begins."""
-
-KINDS = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
-"""What a start may be."""
-
-METHODS = ("variational", "pair")
+"""Of a state y, shape (n,): y' or its Jacobian."""
 
 DISTANCE = 1e-7
 """Of a pair of neighbours, in the norm of the state, where each interval begins. Its square, by
 which their motion differs from the linear one, is lost in rounding."""
 
 MOST_INTERVALS = 10_000_000
-"""Whose growth is stored: 80 MB."""
+"""Intervals, whose growth is stored: 80 MB."""
 
 
 @result
@@ -88,7 +78,7 @@ class LyapunovExponent:
 def lyapunov_exponent(
     model: Model,
     u: float,
-    start: ExponentStart = None,
+    start: Trajectory | Start | None = None,
     *,
     duration: float = 200.0,
     transient: float = 100.0,
@@ -110,11 +100,11 @@ def lyapunov_exponent(
         duration: over which growth is measured, in T, after the transient.
         transient: time left out before, in which the motion finds its attractor and the difference
             its direction.
-        blocks: parts of the duration whose means tell the spread, at least 4.
+        blocks: parts of the duration, from whose means the spread comes, at least 4.
         interval: after which the difference is brought back to unit length, in T; the largest that
             divides a block and is not longer is taken.
         method: "variational", by the analytic Jacobian; "pair", by two neighbouring motions in one
-            batch, which needs no Jacobian and is the cheaper for long chains.
+            batch, which needs no Jacobian and costs less for long chains.
         rtol: relative tolerance of the error of each step, in [1e-13, 1e-3].
         progress: show progress on stderr.
 
@@ -129,15 +119,14 @@ def lyapunov_exponent(
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
     if start is None:
         start = slight_bend
-    state = state_of(model, "start", start, KINDS)
-    plan = Averaging(
-        duration=check.real("duration", duration, low=1e-3, high=1e6),
-        transient=check.real("transient", transient, low=0.0, high=1e6),
-        blocks=check.count("blocks", blocks, low=4, high=10_000),
-        interval=check.real("interval", interval, low=1e-6, high=1e3),
-        pair=check.choice("method", method, METHODS) == "pair",
-        rtol=check.real("rtol", rtol, low=1e-13, high=1e-3),
-    )
+    kinds = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
+    state = state_of(model, "start", start, kinds)
+    duration = check.real("duration", duration, low=1e-3, high=1e6)
+    transient = check.real("transient", transient, low=0.0, high=1e6)
+    blocks = check.count("blocks", blocks, low=4, high=10_000)
+    interval = check.real("interval", interval, low=1e-6, high=1e3)
+    pair = check.choice("method", method, ("variational", "pair")) == "pair"
+    rtol = check.real("rtol", rtol, low=1e-13, high=1e-3)
     shown = check.flag("progress", progress)
     if (duration + transient) / min(interval, duration / blocks) > MOST_INTERVALS:
         raise ValueError(f"interval must cut the time into at most {MOST_INTERVALS} parts")
@@ -145,63 +134,73 @@ def lyapunov_exponent(
     def rates(y: Array) -> Array:
         work = np.zeros((1, *y.shape[1:]))
         evaluated(y[0].size)
-        return model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
+        found: Array = model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)
+        return found[:-1]
 
     def jacobian(y: Array) -> Array:
         evaluated(1)
         return model.motion_jacobian(y, u)
 
     return largest_exponent(
-        rates, jacobian, state, plan, stiff=choose_method(model, rtol) == "lsoda", shown=shown
+        *(rates, jacobian, state, duration, transient, blocks, interval, pair, rtol),
+        stiff=choose_method(model, rtol) == "lsoda",
+        shown=shown,
     )
-
-
-@dataclass(frozen=True)
-class Averaging:
-    """How growth is averaged: the arguments of `lyapunov_exponent` of these names.
-
-    Attributes:
-        pair: two neighbouring motions, not the variational equation.
-    """
-
-    duration: float
-    transient: float
-    blocks: int = 10
-    interval: float = 0.5
-    pair: bool = False
-    rtol: float = 1e-8
 
 
 def largest_exponent(
     rates: Rates,
-    jacobian: Callable[[Array], Array],
+    jacobian: Rates,
     start: Array,
-    plan: Averaging,
+    duration: float,
+    transient: float,
+    blocks: int = 10,
+    interval: float = 0.5,
+    pair: bool = False,
+    rtol: float = 1e-8,
     *,
     stiff: bool = False,
     shown: bool = False,
 ) -> LyapunovExponent:
-    """The largest exponent of any y' = f(y).
+    """The largest exponent of any y' = f(y), with the arguments of `lyapunov_exponent`.
 
-    Args:
-        rates: f; for a pair of two states at once, shape (n, 2).
-        jacobian: df/dy, (n, n).
-        start: y at time 0, shape (n,).
-        plan: how growth is averaged; rtol holds for the difference, of unit length, absolutely.
-        stiff: take an implicit method.
-        shown: show progress.
-
-    Raises:
-        NotConverged: if the integration stops.
+    `rates` is f, for a pair of two states at once, shape (n, 2); `jacobian` is df/dy, (n, n); rtol
+    holds for the difference, of unit length, absolutely; `stiff` asks for an implicit method.
     """
-    blocks = plan.blocks
-    each = max(math.ceil(plan.duration / blocks / plan.interval), 1)
-    step = plan.duration / blocks / each
-    before = math.ceil(plan.transient / step)
-    neighbour = _Neighbour(rates, jacobian, start, plan, stiff)
-    growth = np.empty(before + blocks * each)
+    each = max(math.ceil(duration / blocks / interval), 1)
+    step = duration / blocks / each
+    before = math.ceil(transient / step)
+    n, state = start.size, start.copy()
+    direction = np.cos(np.arange(n) + 0.5)  # in no direction of the system's own
+    direction /= np.linalg.norm(direction)
+    # Both of a pair take the same steps, with nearly the same errors: the distance may be below
+    # the relative tolerance, but near a state at rest not below the absolute one.
+    length, atol = (DISTANCE, DISTANCE * rtol) if pair else (1.0, 0.01 * rtol)
+
+    def slopes(t: float, whole: Array) -> Array:
+        y, v = whole[:n], whole[n:]
+        if pair:
+            return np.asarray(rates(np.stack([y, v], axis=1))).T.ravel()
+        return np.concatenate([rates(y), jacobian(y) @ v])
+
+    def slopes_by_state(t: float, whole: Array) -> Array:
+        """The same block twice: Newton's method does without the Jacobian's own change."""
+        block = jacobian(whole[:n])
+        result: Array = block_diag(block, block)
+        return result
+
+    growth = np.empty(before + blocks * each)  # logarithms
     for i in track(range(growth.size), growth.size, "exponent", shown):
-        growth[i] = neighbour.advance(step)
+        whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
+        guarded = Guarded(slopes, slopes_by_state, whole.shape)
+        try:
+            found = compiled(guarded, whole, "lsoda" if stiff else "dop853", rtol, atol)(step)
+        except Stopped as stopped:
+            raise NotConverged(f"the motion stopped: {guarded.reason(stopped)}") from None
+        state = found[:n]
+        difference = found[n:] - state if pair else found[n:]
+        size = float(np.linalg.norm(difference))
+        direction, growth[i] = difference / size, math.log(size / length)
     growth = growth[before:]
     t = step * np.arange(1.0, growth.size + 1.0)
     means = growth.reshape(blocks, each).mean(axis=1) / step
@@ -210,63 +209,13 @@ def largest_exponent(
     half = blocks // 2
     drift = 0.5 * abs(float(means[:half].mean() - means[-half:].mean()))
     # The difference's length oscillates with the motion: at which phase the time ends is chance.
-    oscillation = float(np.ptp(np.cumsum(growth) - value * t)) / plan.duration
+    oscillation = float(np.ptp(np.cumsum(growth) - value * t)) / duration
     return LyapunovExponent(
         value=value,
         spread=max(standard, drift, oscillation),
         blocks=means,
         t=t,
         history=np.cumsum(growth) / t,
-        duration=plan.duration,
-        end=neighbour.state,
+        duration=duration,
+        end=state,
     )
-
-
-class _Neighbour:
-    """A state and a small difference from it, which advance together."""
-
-    def __init__(
-        self,
-        rates: Rates,
-        jacobian: Callable[[Array], Array],
-        start: Array,
-        plan: Averaging,
-        stiff: bool,
-    ) -> None:
-        self.rates, self.jacobian, self.size = rates, jacobian, start.size
-        self.plan, self.stiff = plan, stiff
-        self.state = start.copy()
-        self.direction = np.cos(np.arange(start.size) + 0.5)  # in no direction of the system's own
-        self.direction /= np.linalg.norm(self.direction)
-
-    def advance(self, step: float) -> float:
-        """Logarithm of the difference's growth over a step, after which it has its first length."""
-        pair, rtol, n = self.plan.pair, self.plan.rtol, self.size
-        # Both of a pair take the same steps, whose errors are alike: the distance may be below the
-        # relative tolerance, but beside a state at rest not below the absolute one.
-        length, atol = (DISTANCE, DISTANCE * rtol) if pair else (1.0, 0.01 * rtol)
-        second = length * self.direction + (self.state if pair else 0.0)
-        whole = np.concatenate([self.state, second])
-        guarded = Guarded(self._slopes, self._slopes_by_state, whole.shape)
-        method = "lsoda" if self.stiff else "dop853"
-        try:
-            found = compiled(guarded, whole, method, rtol, atol)(step)
-        except Stopped as stopped:
-            raise NotConverged(f"the motion stopped: {guarded.reason(stopped)}") from None
-        self.state, second = found[:n], found[n:]
-        difference = second - self.state if pair else second
-        size = float(np.linalg.norm(difference))
-        self.direction = difference / size
-        return math.log(size / length)
-
-    def _slopes(self, t: float, whole: Array) -> Array:
-        y, v = whole[: self.size], whole[self.size :]
-        if self.plan.pair:
-            return np.asarray(self.rates(np.stack([y, v], axis=1))).T.ravel()
-        return np.concatenate([self.rates(y), self.jacobian(y) @ v])
-
-    def _slopes_by_state(self, t: float, whole: Array) -> Array:
-        """Of both halves alike; the Newton iteration does without the Jacobian's own change."""
-        block = self.jacobian(whole[: self.size])
-        result: Array = block_diag(block, block)
-        return result

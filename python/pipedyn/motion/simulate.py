@@ -3,13 +3,20 @@
 
 Integrated is y = [q, q', W] with W' the power of flow, joints and drag, so that the audit
 |E(t) - E(0) - W(t)| has the integrator's own order and does not depend on the samples.
+
+Many motions of one model advance together in batches. A batch costs one call a right-hand side for
+all its members, and the call goes through the processor's vectors. The integrator's steps are
+common, and its error norm is a mean over the batch: the tolerance is divided by the root of the
+number of members, so that each meets its own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import field
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import field, replace
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,32 +24,28 @@ from numpy.typing import ArrayLike
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.continuum import Continuum
-from pipedyn.motion.integrator import METHODS, MOST_CALLS, Task, integrate
-from pipedyn.motion.stiffness import choose_method
+from pipedyn.motion.integrator import METHODS, MOST_CALLS, Task, choose_method, integrate
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
 
-SAMPLES_A_TIME = 40
-"""Samples in a unit of time where the user asks for no number: some 20 in a cycle of flutter."""
-
 LARGEST_SAMPLES = 100_000_000
 """Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
 
 
-class Trajectory:
-    """States of a model at times: what a `Motion` and a `LimitCycle` have in common.
+LARGEST_ENSEMBLE = 1_000_000
+"""Members, each of which takes a kilobyte before anything is computed."""
 
-    Attributes:
-        t: times in T, shape (S,).
-        q, qdot: coordinates and their rates, shape (S, coordinates).
-        u: flow speed.
-        model: the model.
-    """
+BATCH = 64
+"""Members of a batch: measured, the cost of a member falls little beyond."""
+
+
+class Trajectory:
+    """States of a model at times: what a `Motion` and a `LimitCycle` have in common."""
 
     t: Array
     q: Array
@@ -107,6 +110,35 @@ class MotionStopped(PipedynError):
         self.motion = motion
 
 
+@result
+class MemberFailure:
+    """A member whose motion stopped.
+
+    Attributes:
+        index: of the member.
+        error: why, with the motion up to there.
+    """
+
+    index: int
+    error: MotionStopped
+
+
+@result
+class Ensemble:
+    """Motions of many members.
+
+    Attributes:
+        motions: one a member, in order; of one that failed, up to where it stopped.
+        failures: the members that stopped early.
+    """
+
+    motions: tuple[Motion, ...] = field(repr=False)
+    failures: tuple[MemberFailure, ...]
+
+    def __len__(self) -> int:
+        return len(self.motions)
+
+
 def simulate(
     model: Model,
     u: float,
@@ -150,21 +182,13 @@ def simulate(
         Motion.
 
     Raises:
-        MotionStopped: if the step shrinks to nothing, the state leaves finite numbers or it takes
+        MotionStopped: if the step tends to 0, the state leaves finite numbers or it takes
             more than `most` right-hand sides; it carries the motion up to there.
         ValueError, TypeError: for bad arguments.
 
     Source: `rhs` of the models for the equations; scipy for their integration.
     """
-    task = checked_task(
-        *(model, u, duration, q0, qdot0),
-        samples=samples,
-        times=times,
-        rtol=rtol,
-        atol=atol,
-        method=method,
-        most=most,
-    )
+    task = checked_task(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most)
     rows, evaluations, why = integrate(task, check.flag("progress", progress))
     motion = motion_of(task, rows, evaluations)
     if why is not None:
@@ -172,18 +196,198 @@ def simulate(
     return motion
 
 
+def simulate_many(
+    models: Model | Sequence[Model],
+    speeds: float | ArrayLike,
+    duration: float,
+    q0: Start | Sequence[Start],
+    qdot0: ArrayLike | Sequence[ArrayLike] | None = None,
+    *,
+    samples: int | None = None,
+    times: ArrayLike | None = None,
+    rtol: float = 1e-6,
+    atol: float | None = None,
+    method: str = "auto",
+    most: float = MOST_CALLS,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> Ensemble:
+    """Motions of many members, which may differ in model, flow speed and initial state.
+
+    Whatever is given once holds for all members; what is given k times, for each its own. Members
+    with the same model object are integrated in batches where the method is "dop853".
+
+    Args:
+        models: one model or k.
+        speeds: flow speed >= 0, a number or shape (k,).
+        duration: in T, from 1e-12 to 1e9.
+        q0: initial coordinates (dof,) or an angle theta(s), as for `simulate`; or k of them, e.g.
+            shape (k, dof).
+        qdot0: initial rates, shape (dof,) or k of them; at rest where not given.
+        samples: number of evenly spaced samples, as for `simulate`.
+        times: samples at these times instead.
+        rtol: relative tolerance of the error of each member's steps.
+        atol: absolute tolerance; rtol / 100 where not given.
+        method: as for `simulate`.
+        most: right-hand sides that each batch may take, as for `simulate`.
+        executor: a `concurrent.futures.Executor`; batches are its tasks.
+        progress: show progress on stderr.
+
+    Returns:
+        Ensemble; a member that stops early is reported in `failures`, the others are kept.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    chosen = list(models) if isinstance(models, Sequence) else [models]
+    for i, model in enumerate(chosen):
+        checked_model_in_motion(model, f"models[{i}]" if isinstance(models, Sequence) else "models")
+    at = np.atleast_1d(check.numbers("speeds", speeds, "a number or an array of real numbers"))
+    at = check.array("speeds", at, low=0.0, high=LARGEST_SPEED)
+    starts, rates = _each("q0", q0), _each("qdot0", qdot0)
+    given: dict[str, Any] = {"models": chosen, "speeds": at, "q0": starts, "qdot0": rates}
+    members = max(len(values) for values in given.values())
+    for name, values in given.items():
+        if len(values) not in (1, members):
+            raise ValueError(
+                f"{name} must be one or as many as the others, {members}, got {len(values)}"
+            )
+    if members > LARGEST_ENSEMBLE:
+        raise ValueError(f"speeds must ask for at most {LARGEST_ENSEMBLE} members, got {members}")
+    check.executor("executor", executor)
+    shown = check.flag("progress", progress)
+    tasks = []
+    methods: dict[int, str] = {}
+    for i in range(members):
+        model, u, start, rate = (values[i % len(values)] for values in given.values())
+        try:
+            task = checked_task(
+                *(model, u.item(), duration, start, rate),
+                *(samples, times, rtol, atol, methods.get(id(model), method), most),
+            )
+        except (ValueError, TypeError) as error:
+            raise type(error)(f"{error} (member {i})") from error
+        methods[id(model)] = task.method
+        tasks.append(task)
+    if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
+        raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
+    groups: dict[tuple[int, str], list[int]] = {}
+    for i, task in enumerate(tasks):
+        groups.setdefault((id(task.model), task.method), []).append(i)
+    blocks = []
+    for (_, method), group in groups.items():
+        parts = math.ceil(len(group) / BATCH) if method == "dop853" else len(group)
+        blocks += [part.tolist() for part in np.array_split(group, parts)]
+    jobs = [partial(_motions, [tasks[i] for i in block]) for block in blocks]
+    answers = parallel(jobs, executor, label="batches", progress=shown)
+    motions: list[Any] = [None] * members
+    failures = []
+    for block, found in zip(blocks, answers, strict=True):
+        if isinstance(found, Exception):
+            found.add_note(f"in the motions of members {', '.join(map(str, block))}")
+            raise found
+        for i, (motion, why) in zip(block, found, strict=True):
+            motions[i] = motion
+            if why is not None:
+                message = f"member {i} stopped {motion.reached}: {why}"
+                failures.append(MemberFailure(i, MotionStopped(message, motion)))
+    return Ensemble(tuple(motions), tuple(sorted(failures, key=lambda failure: failure.index)))
+
+
+def _each(name: str, given: Any) -> list[Any]:
+    """What is given for each member, or once: a list of k, or of 1."""
+    several = isinstance(given, Sequence) and not isinstance(given, str)
+    several = several and all(callable(one) or np.ndim(one) == 1 for one in given)
+    if isinstance(given, np.ndarray):
+        several = given.ndim == 2
+    if several and not len(given):
+        raise ValueError(f"{name} must not be empty, got {check.shown(given)}")
+    return list(given) if several else [given]
+
+
+def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
+    """Motion of each member of a batch, and why it stopped early.
+
+    A batch that stops is halved, unless it took all the right-hand sides that it may.
+    """
+    first, count = tasks[0], len(tasks)
+    if count == 1:
+        rows, evaluations, why = integrate(first)
+        return [(motion_of(first, rows, evaluations), why)]
+    together = replace(
+        first,
+        u=np.array([float(task.u) for task in tasks]),
+        start=np.stack([task.start for task in tasks], axis=1),
+        rtol=max(first.rtol / math.sqrt(count), 1e-14),
+        atol=first.atol / math.sqrt(count),
+    )
+    rows, evaluations, why = integrate(together)
+    if why is not None and evaluations < first.most:
+        return _motions(tasks[: count // 2]) + _motions(tasks[count // 2 :])
+    return [
+        (motion_of(task, rows[:, :, j].copy(), evaluations), why) for j, task in enumerate(tasks)
+    ]
+
+
+def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
+    """The motion of a task of one state from its samples (S, 2 dof + 1)."""
+    model, size = task.model, task.model.moving
+
+    def recorded(samples: Array) -> tuple[Array, Array, Array]:
+        q, qdot = model.recorded(samples[:, :size], samples[:, size : 2 * size])
+        return q, qdot, np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
+
+    q, qdot, states = recorded(rows)
+    energy = np.asarray(model.energy(states))
+    at_rest = states.copy()
+    at_rest[model.coordinates :] = 0.0
+    kinetic = energy - np.asarray(model.energy(at_rest))
+    first = float(np.asarray(model.energy(recorded(task.start[None])[2]))[0])
+    scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
+    miss = float(np.abs(energy - first - rows[:, 2 * size]).max(initial=0.0))
+    return Motion(
+        t=task.times[: len(rows)],
+        q=q,
+        qdot=qdot,
+        tip=model.tips(q.T) if len(rows) else np.zeros((0, 2)),
+        energy=energy,
+        audit=miss / scale if scale else 0.0,
+        u=float(task.u),
+        method=task.method,
+        evaluations=evaluations,
+        model=model,
+    )
+
+
+# ------------------------------------------------------------------------- starts and arguments
+
+
 def slight_bend(s: Array) -> Array:
     """The angle theta(s) from which motions set out where no start is given."""
     return 0.05 * s**2
 
 
-def checked_model_in_motion(model: Any, name: str = "model") -> Model:
-    """The argument, if it is a model that moves."""
-    if isinstance(model, Continuum) or not isinstance(model, Model):
+def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
+    """The angle theta(s) of the first three modes of bending, in parts, shape (3,), rad."""
+
+    def bend(s: Array) -> Array:
+        return np.asarray(parts @ np.sin(np.outer([1.0, 3.0, 5.0], 0.5 * math.pi * s)))
+
+    return bend
+
+
+def checked_model_in_motion(
+    model: Any, name: str = "model", largest: float = math.inf, purpose: str = ""
+) -> Model:
+    """The argument, if it is a model that moves, of at most so many degrees of freedom."""
+    if not isinstance(model, Model):
         raise TypeError(
-            f"{name} must be a Chain, a Galerkin model or an Assembly, got {check.shown(model)}"
-            + ("; take Continuum.frozen(m)" if isinstance(model, Continuum) else "")
+            f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
+            f"Continuum.frozen(m)), got {check.shown(model)}"
         )
+    if model.dof > largest:
+        many = f"{largest} degrees of freedom for {purpose}"
+        raise ValueError(f"{name} must have at most {many}, got {model.dof}")
     return model
 
 
@@ -193,10 +397,9 @@ def checked_task(
     duration: Any,
     q0: Any,
     qdot0: Any,
-    *,
-    rtol: Any,
     samples: Any = None,
     times: Any = None,
+    rtol: Any = 1e-6,
     atol: Any = None,
     method: Any = "auto",
     most: Any = MOST_CALLS,
@@ -208,7 +411,7 @@ def checked_task(
     longest = LARGEST_SAMPLES // model.coordinates
     if times is None:
         if samples is None:
-            samples = min(max(501, math.ceil(SAMPLES_A_TIME * duration) + 1), longest)
+            samples = min(max(501, math.ceil(40.0 * duration) + 1), longest)
         at = np.linspace(0.0, duration, check.count("samples", samples, low=2, high=longest))
     else:
         at = check.array("times", times, low=0.0, high=duration, longest=longest)
@@ -229,22 +432,13 @@ def checked_task(
 
 
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
-    """[p, p'], shape (2 moving,), of a start that may be a state.
+    """[p, p'], shape (2 moving,), of a start, which is one of the `kinds` that the message names.
 
-    Args:
-        model: the model.
-        name: of the argument.
-        start: a trajectory, at whose last state it is; an angle theta(s) or coordinates, at rest;
-            or a state [q, q'].
-        kinds: what the argument may be, for the message.
+    A trajectory starts at its last state, an angle theta(s) and coordinates at rest.
     """
     if isinstance(start, Trajectory):
-        if start.model is not model and start.q.shape[1] != model.coordinates:
-            raise ValueError(
-                f"{name} must be a {type(start).__name__} of the model, with {model.coordinates} "
-                f"coordinates, got {start.q.shape[1]}"
-            )
-        return np.array(model.start(start.q[-1], start.qdot[-1]))
+        check_coordinates(model, name, start)
+        return np.array(start.model.start(start.q[-1], start.qdot[-1]))
     if callable(start):
         return np.array(model.start(model.bent(start), None))
     check.numbers(name, start, kinds)
@@ -260,39 +454,10 @@ def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
     )
 
 
-def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
-    """The motion of a task of one state from its samples (S, 2 dof + 1)."""
-    model, size = task.model, task.model.moving
-
-    def recorded(samples: Array) -> tuple[Array, Array, Array]:
-        q, qdot = model.recorded(samples[:, :size], samples[:, size : 2 * size])
-        return q, qdot, np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
-
-    if not len(rows):  # it stopped before the first sample
-        nothing, none = np.zeros((0, model.coordinates)), np.zeros(0)
-        return Motion(
-            *(none, nothing, nothing, np.zeros((0, 2)), none, 0.0, float(task.u)),
-            *(task.method, evaluations, model),
+def check_coordinates(model: Model, name: str, given: Trajectory) -> None:
+    """Refuses a trajectory whose coordinates do not mean what the model's do."""
+    if given.model.coordinate_kind != model.coordinate_kind:
+        raise ValueError(
+            f"{name} must be a {type(given).__name__} in the model's coordinates, "
+            f"{model.coordinate_kind}, got {given.model.coordinate_kind}"
         )
-    t = task.times[: len(rows)]
-    q, qdot, states = recorded(rows)
-    work = rows[:, 2 * size]
-    energy = np.asarray(model.energy(states))
-    at_rest = states.copy()
-    at_rest[model.coordinates :] = 0.0
-    kinetic = energy - np.asarray(model.energy(at_rest))
-    first = float(np.asarray(model.energy(recorded(task.start[None])[2]))[0])
-    scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
-    miss = float(np.abs(energy - first - work).max(initial=0.0))
-    return Motion(
-        t=t,
-        q=q,
-        qdot=qdot,
-        tip=model.tips(q.T),
-        energy=energy,
-        audit=miss / scale if scale else 0.0,
-        u=float(task.u),
-        method=task.method,
-        evaluations=evaluations,
-        model=model,
-    )

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, ScalarFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, own_error, relative_errors
 from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
 from pipedyn.linear.critical_speed import CriticalSpeed
+from pipedyn.models.galerkin import BASES
 from pipedyn.plot.style import (
     BLACK,
     BLUE,
@@ -25,7 +26,6 @@ from pipedyn.plot.style import (
     axes_or_new,
     check_mapping,
     check_type,
-    note,
     notice,
     open_marker,
 )
@@ -83,37 +83,42 @@ def convergence(
             check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
     check_type("exact", exact, CriticalSpeed)
     families = {name: found for name, found in families.items() if found}
-    ax = axes_or_new(ax, 6.4, 5.2)
-    ax.set_xlabel("degrees of freedom $n$, $m$")
-    ax.set_ylabel(r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$")
+    error_label = r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$"
+    ax = axes_or_new(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=error_label)
     if exact.speed == 0.0:
         return notice("The critical speed is 0: there is nothing to converge to.", ax)
-    floor = max((own_error(found, exact) for found in families.values()), default=1e-15)
-    least, largest, all_alike = 1.0, 2.0, True
+    if not families:  # nothing positive is there that logarithmic axes could show
+        return notice("No model has an answer to show.", ax)
+    floor = max(own_error(found, exact) for found in families.values())
+    least, largest, others = 1.0, 2.0, False
     for name, found in families.items():
-        sizes, errors, alike = relative_errors(found, exact)
+        sizes, errors, same_kind = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
         look = _look(name, markersize=4.5)
         fitted = convergence_law(found, exact)
-        ax.plot(sizes[alike], shown[alike], label=f"{_family(name)}: {_law(fitted)}", **look)
+        kind = "reduced" if name in BASES else "chain"
+        named = "rayleigh (the paper's)" if name == "rayleigh" else name
+        label = f"{kind}, {named}: {_law(fitted)}"
+        ax.plot(sizes[same_kind], shown[same_kind], label=label, **look)
         look |= {"linestyle": "none", "markerfacecolor": "none"}
-        ax.plot(sizes[~alike], shown[~alike], **look)
+        ax.plot(sizes[~same_kind], shown[~same_kind], **look)
         if fitted.law == "flat":
             limit = abs(fitted.limit)
             ax.axhline(limit, color=look["color"], linewidth=0.7, zorder=0.8)
-            edge: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "va": "center"}
-            note(ax, _percent(fitted.limit), (1.0, limit), (3, 0), color=look["color"], **edge)
+            beside: dict[str, Any] = {"transform": ax.get_yaxis_transform(), "va": "center"}
+            ax.text(1.01, limit, _percent(fitted.limit), color=look["color"], **beside)
         least, largest = min([least, *shown]), max([largest, *shown])
-        all_alike = all_alike and bool(alike.all())
-    if not all_alike:
+        others = others or not same_kind.all()
+    if others:
         ring = open_marker(4.5, "0.3", markerfacecolor="none")
         ax.plot([], [], label=f"open: no {exact.kind}, not fitted", **ring)
     ax.set_xscale("log", base=2)
     ax.set_yscale("log")
     if least <= floor:
-        said = "error of the compared speeds themselves; smaller differences are shown at its edge"
-        _floor(ax, 0.1 * floor, floor, said, (0.02, 0.3 * floor), va="center", clip_on=True)
+        text = "error of the compared speeds themselves; smaller differences are shown at its edge"
+        _floor(ax, 0.1 * floor, floor, text, (0.02, 0.3 * floor), va="center", clip_on=True)
     ax.xaxis.set_major_formatter(ScalarFormatter())
+    ax.grid(True, color="0.9", linewidth=0.5, zorder=0.2)
     _legend_on_top(ax, 0.1 * least, 1.5 * largest)
     return ax
 
@@ -135,19 +140,16 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
     """
     check_type("found", found, Trade)
     cost = check.choice("cost", cost, COSTS)
-    ax = axes_or_new(ax, 6.4, 4.8)
-    ax.set_xlabel(COST_LABELS[cost])
-    ax.set_ylabel(ERROR_LABELS[found.quantity.name])
-    orders = found.orders()
-    shown: list[TradeRow] = []
-    for family in found.families:
-        rows = [row for row in found.of(family) if _point(row, cost)]
+    ylabel = ERROR_LABELS[found.quantity.name]
+    ax = axes_or_new(ax, (6.4, 4.8), xlabel=COST_LABELS[cost], ylabel=ylabel)
+    points: list[tuple[float, float]] = []
+    for family, order in found.orders().items():
+        rows = [row for row in found.of(family) if _shown(row, cost)]
         if rows:
-            _draw(ax, rows, cost, f"{family}: {_law(orders[family], sign='-')}")
-            shown += rows
-    if not shown:
+            points += _draw(ax, rows, cost, f"{family}: {_law(order, sign='-')}")
+    if not points:
         return notice("No model has an answer to show.", ax)
-    front = [point for row in found.pareto(cost) if (point := _point(row, cost))]
+    front = [(float(getattr(r, cost)), r.error) for r in found.pareto(cost) if _shown(r, cost)]
     if front:  # empty where the most accurate model has no such cost
         band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}
         ax.plot(*zip(*front, strict=True), zorder=0.9, label="Pareto front", **band)
@@ -155,7 +157,17 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
     ax.set_yscale("log")
     floor = found.reference.error
     _floor(ax, 0.0, floor, "error of the reference itself", (0.99, floor), ha="right", va="top")
-    _ranges(ax, shown, cost, floor)
+    costs, errors = zip(*points, strict=True)
+    ax.set_ylim(min(0.3 * min(errors), 0.5 * floor), 3.0 * max(errors))
+    if max(costs) < 10.0 * min(costs):  # at least a decade, or no tick is a round number
+        middle = math.sqrt(max(costs) * min(costs))
+        ax.set_xlim(middle / 4.0, middle * 4.0)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(numticks=12))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
+    ax.tick_params(axis="x", which="minor", labelsize=6.0)
+    ax.grid(True, color="0.9", linewidth=0.5, zorder=0.1)
     ax.legend(fontsize=7.0, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
     return ax
 
@@ -167,11 +179,6 @@ def _look(family: str, **more: Any) -> dict[str, Any]:
     if rule != family:
         look |= {"linestyle": (0, (1, 1.5)), "markersize": 3.5}
     return look | more
-
-
-def _family(name: str) -> str:
-    kind = "reduced" if name in ("beam", "legendre") else "chain"
-    return f"{kind}, {name}" + (" (the paper's)" if name == "rayleigh" else "")
 
 
 def _law(fitted: ConvergenceLaw, sign: str = "+") -> str:
@@ -198,64 +205,38 @@ def _floor(
     ax.text(*at, text, fontsize=6.5, color="0.35", transform=ax.get_yaxis_transform(), **look)
 
 
-def _point(row: TradeRow, cost: str) -> tuple[float, float] | tuple[()]:
-    """Cost and error of a row; empty if it failed or has no such cost."""
-    at = float(getattr(row, cost))
-    return (at, row.error) if at > 0.0 and 0.0 < row.error < math.inf else ()
+def _shown(row: TradeRow, cost: str) -> bool:
+    """Whether a row has an error and a cost that logarithmic axes can show."""
+    return getattr(row, cost) > 0.0 and 0.0 < row.error < math.inf
 
 
-def _draw(ax: Axes, rows: Sequence[TradeRow], cost: str, label: str) -> None:
-    """One family, bounds open and with an arrow downwards."""
+def _draw(ax: Axes, rows: Sequence[TradeRow], cost: str, label: str) -> list[tuple[float, float]]:
+    """One family, bounds open and with an arrow downwards; returns its points."""
     look = _look(rows[0].family)
-    x, y = (np.array(values) for values in zip(*(_point(row, cost) for row in rows), strict=True))
+    points = [(float(getattr(row, cost)), row.error) for row in rows]
     resolved = [i for i, row in enumerate(rows) if row.resolved]
-    filled = look | {"markevery": resolved} if resolved else look | {"marker": ""}
-    ax.plot(x, y, label=label, **filled)
-    bounds = [i for i, row in enumerate(rows) if not row.resolved]
-    if bounds:
-        bare = look | {"linestyle": "none", "markerfacecolor": "white", "zorder": 2.5}
-        ax.plot(x[bounds], y[bounds], **bare)
+    filled = {"markevery": resolved} if resolved else {"marker": ""}
+    ax.plot(*zip(*points, strict=True), label=label, **look | filled)
+    bare = look | {"linestyle": "none", "markerfacecolor": "white", "zorder": 2.5}
     arrow = {"arrowstyle": "<|-", "color": look["color"], "lw": 0.8, "shrinkB": 3}
-    for i in bounds:
-        note(ax, "", (x[i], y[i]), (0, -14), arrowprops=arrow)
-
-
-def _ranges(ax: Axes, rows: Sequence[TradeRow], cost: str, floor: float) -> None:
-    """Ranges around the rows shown, and a tick at each decade."""
-    errors = [row.error for row in rows]
-    ax.set_ylim(min(0.3 * min(errors), 0.5 * floor), 3.0 * max(errors))
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(numticks=12))
-    costs = [float(getattr(row, cost)) for row in rows]
-    if max(costs) < 10.0 * min(costs):  # at least a decade, or no tick is a round number
-        middle = math.sqrt(max(costs) * min(costs))
-        ax.set_xlim(middle / 4.0, middle * 4.0)
-    ax.yaxis.set_minor_formatter(NullFormatter())
-    ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
-    ax.tick_params(axis="x", which="minor", labelsize=6.0)
-    ax.grid(True, which="major", color="0.9", linewidth=0.5, zorder=0.1)
+    for point, row in zip(points, rows, strict=True):
+        if not row.resolved:
+            ax.plot(*point, **bare)
+            ax.annotate("", point, (0, -14), textcoords="offset points", arrowprops=arrow)
+    return points
 
 
 def _legend_on_top(ax: Axes, low: float, high: float) -> None:
-    """Major grid, and a legend inside logarithmic axes above the range from low to high."""
-    ax.grid(True, which="major", color="0.9", linewidth=0.5, zorder=0.2)
+    """A legend inside logarithmic axes, above the range from low to high."""
     share = 0.0
+    look = {"fontsize": 7.0, "handlelength": 2.5, "handletextpad": 0.6, "columnspacing": 1.0}
     for columns in (2, 1) if ax.get_legend_handles_labels()[0] else ():
-        legend = ax.legend(
-            loc="upper center",
-            ncols=columns,
-            fontsize=7.0,
-            handlelength=2.5,
-            handletextpad=0.6,
-            columnspacing=1.0,
-            framealpha=1.0,
-        )
+        legend = ax.legend(loc="upper center", ncols=columns, framealpha=1.0, **look)
         taken, whole = legend.get_window_extent(), ax.get_window_extent()
         share = min(0.6, 1.25 * taken.height / whole.height)  # it stands off the frame
         if taken.width < whole.width:
             break
     ax.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))
     decades = np.arange(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
-    step = math.ceil(decades.size / 20)
-    ax.yaxis.set_major_locator(FixedLocator((10.0**decades)[::-step].tolist()))
-    ax.yaxis.set_minor_locator(NullLocator())
+    ax.set_yticks((10.0**decades)[:: -math.ceil(decades.size / 20)])
+    ax.minorticks_off()

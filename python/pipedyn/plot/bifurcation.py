@@ -4,23 +4,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import cycle as repeated
 from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from matplotlib.patches import Circle
 
 from pipedyn.bifurcation.branches import CycleBranch
 from pipedyn.bifurcation.cycles import LimitCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram
 from pipedyn.bifurcation.equilibrium_branch import BranchPoint, EquilibriumBranch
-from pipedyn.bifurcation.events import CycleEvent, nontrivial
-from pipedyn.plot.interpolation import finer
+from pipedyn.bifurcation.events import UNIT, CycleEvent, nontrivial
+from pipedyn.plot.interpolation import finer, first_component, tip_of
 from pipedyn.plot.style import (
     BLACK,
     BLUE,
+    CURVE_STYLES,
     GREEN,
     ORANGE,
     PURPLE,
@@ -32,8 +33,8 @@ from pipedyn.plot.style import (
     axes_or_new,
     check_type,
     checked_coordinate,
+    colour_bar,
     coordinate_label,
-    cycled_styles,
     open_marker,
 )
 from pipedyn.util import check
@@ -51,11 +52,11 @@ MARKS: dict[str, dict[str, Any]] = {
 }
 """Look of each bifurcation."""
 
-STABLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.4}
-UNSTABLE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.0}
-
-OUTSIDE = 1e-6
-"""A modulus is outside the unit circle if it exceeds 1 by more: the default error of a cycle."""
+STABILITY_STYLES: dict[str, dict[str, Any]] = {
+    "stable": {"linestyle": "-", "linewidth": 1.4, "zorder": 3.0},
+    "unstable": {"linestyle": (0, (4, 2)), "linewidth": 1.0, "zorder": 2.0},
+}
+"""Look of branches and cycles."""
 
 
 def bifurcation_diagram(
@@ -80,42 +81,33 @@ def bifurcation_diagram(
     """
     check_type("diagram", diagram, BifurcationDiagram)
     index = checked_coordinate(coordinate, diagram.model.coordinates)
-    ax = axes_or_new(ax, 6.4, 4.2)
-    used: dict[str, Line2D] = {}
-
+    ax = axes_or_new(ax, (6.4, 4.2), xlabel=SPEED_LABEL, ylabel=coordinate_label(index))
     if diagram.motions and index is None:
-        turns = [(one.speed, one.turnings) for one in diagram.motions if one.turnings.size]
-        x = np.concatenate([np.full(values.size, u) for u, values in turns] or [np.zeros(0)])
-        y = np.concatenate([values for _, values in turns] or [np.zeros(0)])
-        dots: dict[str, Any] = {"marker": ".", "linestyle": "none", "color": "0.55"}
-        small: dict[str, Any] = {
-            "markersize": 2.6,
-            "markeredgewidth": 0.0,
-            "zorder": 1.0,
-            "gid": "motions",
-        }
-        ax.plot(x, y, rasterized=x.size > 20_000, **dots, **small)  # keeps vector files small
-        used["turning points of late motion"] = Line2D([], [], markersize=4.0, **dots)
+        x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
+        y = np.concatenate([one.turnings for one in diagram.motions])
+        look: dict[str, Any] = {"marker": ".", "color": "0.55", "markersize": 2.6, "gid": "motions"}
+        look |= {"linestyle": "none", "markeredgewidth": 0.0, "zorder": 1.0}
+        look["rasterized"] = x.size > 20_000  # keeps vector files small
+        ax.plot(x, y, label="turning points of late motion", **look)
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
-        _line(ax, branch, heights, branch.points, BLACK, "equilibrium", used)
+        _line(ax, branch, heights, branch.points, BLACK, "equilibrium")
     for cycles in diagram.cycles if index is None else ():
         for heights in _extremes(cycles):
-            _line(ax, cycles, heights, cycles.events, BLUE, "cycle", used)
+            _line(ax, cycles, heights, cycles.events, BLUE, "cycle")
     for kind, u, height in _bifurcations(diagram, index):
-        look = {**MARKS[kind], "linestyle": "none", "markersize": 5.0}
+        look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[kind]}
         look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
-        ax.plot([u], [height], zorder=4.0, **look)
-        used[kind.replace("hopf", "Hopf")] = Line2D([], [], **look)
+        ax.plot([u], [height], label=kind.replace("hopf", "Hopf"), **look)
     failed = sorted({failure.value for failure in diagram.failures})
     if failed:
         look = {"marker": "x", "linestyle": "none", "color": VERMILION, "markersize": 4.0}
-        ax.plot(failed, [0.02] * len(failed), transform=ax.get_xaxis_transform(), **look)
-        used["failed"] = Line2D([], [], **look)
+        look["transform"] = ax.get_xaxis_transform()
+        ax.plot(failed, [0.02] * len(failed), label="failed", **look)
     ax.set_xlim(float(diagram.speeds[0]), float(diagram.speeds[-1]))
-    ax.set_xlabel(SPEED_LABEL)
-    ax.set_ylabel(coordinate_label(index))
-    ax.legend(used.values(), used.keys(), loc="best")
+    lines, names = ax.get_legend_handles_labels()
+    once = dict(zip(names, lines, strict=True))
+    ax.legend(once.values(), once.keys())
     return ax
 
 
@@ -132,7 +124,6 @@ def _line(
     events: Sequence[BranchPoint | CycleEvent],
     colour: str,
     name: str,
-    used: dict[str, Line2D],
 ) -> None:
     """A branch in stable and unstable pieces.
 
@@ -145,12 +136,10 @@ def _line(
         stable = np.where(special[:-1], stable[1:], stable[:-1])
     ends = [0, *(np.flatnonzero(np.diff(stable)) + 1), stable.size]
     for start, stop in pairwise(ends):
-        good = bool(stable[start])
-        look = {"color": colour, **(STABLE if good else UNSTABLE)}
+        word = "stable" if stable[start] else "unstable"
         part = slice(start, stop + 1)
-        ax.plot(speeds[part], heights[part], zorder=2.0 + good, **look)
-        label = f"{name}, {'stable' if good else 'unstable'}"
-        used.setdefault(label, Line2D([], [], **look))
+        look = {"color": colour, "label": f"{name}, {word}", **STABILITY_STYLES[word]}
+        ax.plot(speeds[part], heights[part], **look)
 
 
 def _bifurcations(
@@ -181,27 +170,21 @@ def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> 
         ValueError: for no cycle, or fewer than 8 samples of one.
         TypeError: for bad arguments.
     """
-    shown = _checked_cycles(cycles)
-    curves = []
+    shown: list[Any] = list(cycles) if isinstance(cycles, list | tuple) else [cycles]
+    if not shown:
+        raise ValueError("cycles must hold at least one, got none")
     for i, cycle in enumerate(shown):
-        t, q, rates = np.asarray(cycle.t), np.asarray(cycle.q), np.asarray(cycle.qdot)
-        if len(q) < 8:
-            raise ValueError(f"cycles[{i}] must have at least 8 samples, got {len(q)}")
-        velocity = cycle.model.tip_velocities(q.T, rates.T)[:, 0]
-        fine = finer(t)
-        x = CubicHermiteSpline(t, cycle.model.tips(q.T)[:, 0], velocity)(fine)
-        curves.append((x, CubicSpline(t, velocity)(fine)))
-    ax = axes_or_new(ax, 4.8, 4.2)
-    for cycle, look, (x, velocity) in zip(shown, cycled_styles(len(shown)), curves, strict=True):
-        closed = np.append(np.arange(x.size), 0)
-        speed = getattr(cycle, "u", None)
-        label = "" if speed is None else f"$u = {speed:.6g}$, "
-        label += "stable" if cycle.stable else "unstable"
-        line = {"color": look["color"], **(STABLE if cycle.stable else UNSTABLE)}
-        ax.plot(x[closed], velocity[closed], label=label, **line)
-    ax.set_xlabel(TIP_LABEL)
-    ax.set_ylabel(TIP_RATE_LABEL)
-    ax.legend(loc="best")
+        if not isinstance(cycle, LimitCycle):
+            raise TypeError(f"cycles must be limit cycles, got {check.shown(cycle)}")
+        if cycle.t.size < 8:
+            raise ValueError(f"cycles[{i}] must have at least 8 samples, got {cycle.t.size}")
+    ax = axes_or_new(ax, (4.8, 4.2), xlabel=TIP_LABEL, ylabel=TIP_RATE_LABEL)
+    for cycle, look in zip(shown, repeated(CURVE_STYLES), strict=False):
+        x, t = first_component(tip_of(cycle)), finer(cycle.t)
+        word = "stable" if cycle.stable else "unstable"
+        line = {"color": look["color"], **STABILITY_STYLES[word]}
+        ax.plot(x(t), x(t, 1), label=f"$u = {cycle.u:.6g}$, {word}", **line)
+    ax.legend()
     return ax
 
 
@@ -218,48 +201,31 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
     Raises:
         TypeError: for bad arguments.
     """
-    if isinstance(cycles, CycleBranch):
-        rows, speeds = cycles.multipliers, cycles.speeds
-    else:
-        (cycle,) = _checked_cycles(cycles)
-        rows, speeds = np.asarray(cycle.multipliers, dtype=np.complex128)[None], None
-    ax = axes_or_new(ax, 4.4, 4.2)
-    angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    circle = np.cos(angle), np.sin(angle)
-    ax.fill(*circle, color="0.95", zorder=0.2)
-    ax.plot(*circle, color="0.4", linewidth=0.8, zorder=0.5)
+    if not isinstance(cycles, LimitCycle | CycleBranch):
+        raise TypeError(f"cycles must be limit cycles, got {check.shown(cycles)}")
+    ax = axes_or_new(ax, (4.4, 4.2), xlabel=r"Re $\rho$", ylabel=r"Im $\rho$")
+    circle: dict[str, Any] = {"facecolor": "0.95", "edgecolor": "0.4", "linewidth": 0.8}
+    ax.add_patch(Circle((0.0, 0.0), 1.0, zorder=0.2, **circle))
     ax.axhline(0.0, color="0.8", linewidth=0.5, zorder=0.3)
     ax.axvline(0.0, color="0.8", linewidth=0.5, zorder=0.3)
-    others = np.array([nontrivial(row) for row in rows])
-    flat = others.ravel()
-    outside = np.abs(flat) > 1.0 + OUTSIDE
+    others = np.array([nontrivial(row) for row in np.atleast_2d(cycles.multipliers)])
+    outside = np.abs(others) > 1.0 + UNIT
+    speeds = None
+    if isinstance(cycles, CycleBranch):
+        speeds = np.broadcast_to(cycles.speeds[:, None], others.shape)
     for chosen, marker, size, plain in ((~outside, "o", 16, BLUE), (outside, "X", 30, VERMILION)):
         if not chosen.any():
             continue
         look: dict[str, Any] = {"color": plain}
         if speeds is not None:
-            colours = np.repeat(speeds, others.shape[1])[chosen]
             ends = {"vmin": float(speeds.min()), "vmax": float(speeds.max()) + 1e-12}
-            look = {"c": colours, "cmap": "viridis", **ends}
-        points = flat.real[chosen], flat.imag[chosen]
-        shown = ax.scatter(*points, marker=marker, s=size, zorder=3.0, **look)
-    if speeds is not None and flat.size and ax.figure is not None:
-        ax.figure.colorbar(shown, ax=ax, label=SPEED_LABEL)
+            look = {"c": speeds[chosen], "cmap": "viridis", **ends}
+        points = others[chosen]
+        ax.scatter(points.real, points.imag, marker=marker, s=size, zorder=3.0, **look)
+    if speeds is not None:
+        colour_bar(SPEED_LABEL, ax)
     ring = open_marker(7.0, SKY, markerfacecolor="none", markeredgewidth=1.4, zorder=2.5)
     ax.plot([1.0], [0.0], **ring)
     ax.margins(0.08)
     ax.set_aspect("equal", adjustable="datalim")
-    ax.set_xlabel(r"Re $\rho$")
-    ax.set_ylabel(r"Im $\rho$")
     return ax
-
-
-def _checked_cycles(cycles: Any) -> list[Any]:
-    """The argument as a list, if it is a limit cycle or several."""
-    several = list(cycles) if isinstance(cycles, list | tuple) else [cycles]
-    if not several:
-        raise ValueError("cycles must hold at least one, got none")
-    for cycle in several:
-        if not all(hasattr(cycle, name) for name in ("t", "q", "qdot", "multipliers", "stable")):
-            raise TypeError(f"cycles must be limit cycles, got {check.shown(cycle)}")
-    return several

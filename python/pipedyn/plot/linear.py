@@ -30,9 +30,9 @@ NEUTRAL = 1e-9
 """Real parts up to this are rounding of undamped motion: the lowest roots, up to 1e4, are right to
 1e-13 of their size."""
 
-DOTS = 18
-"""Steps between the dots of a benchmark branch: 19 dots of 2.2 points leave the curve visible
-between them in a panel two inches wide."""
+DOT: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 2.2, "linestyle": "none"}
+DOT |= {"markeredgewidth": 0.0, "zorder": 3.0}
+"""Look of a benchmark."""
 
 
 def root_loci(
@@ -55,7 +55,7 @@ def root_loci(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    ax = _checked(loci, benchmark, ax)
+    ax = _checked_axes(loci, benchmark, ax, REAL_LABEL, IMAGINARY_LABEL)
     end = float(loci.speeds[-1])
     if highest is not None:
         end = check.real("highest", highest, low=0.0, open_low=True)
@@ -63,12 +63,10 @@ def root_loci(
     norm = Normalize(0.0, end or 1.0)
     _coloured(ax, branches.real, branches.imag, loci.speeds[:, None], "viridis", norm)
     if benchmark is not None:
-        exact = _branches(benchmark)
-        _dots(ax, benchmark, exact.real, exact.imag)
+        exact = _branches(benchmark)[:: dot_stride(benchmark)]
+        ax.plot(exact.real, exact.imag, **DOT)
     ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
-    ax.set_xlabel(REAL_LABEL)
-    ax.set_ylabel(IMAGINARY_LABEL)
     return ax
 
 
@@ -92,7 +90,7 @@ def frequencies(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    ax = _checked(loci, benchmark, ax)
+    ax = _checked_axes(loci, benchmark, ax, SPEED_LABEL, FREQUENCY_LABEL)
     branches = _branches(loci)
     if largest is None:
         largest = float(np.nanmax(np.abs(branches.real), initial=0.0))
@@ -100,22 +98,26 @@ def frequencies(
     norm = SymLogNorm(1.0, vmin=-max(largest, 2.0), vmax=max(largest, 2.0))
     speeds = loci.speeds[:, None]
     _coloured(ax, speeds, branches.imag, branches.real, "RdBu_r", norm, outlined=NEUTRAL)
-    onsets = _onsets(loci.speeds, branches)
-    ax.plot(*onsets, **open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0))
+    # Onsets, where a real part becomes positive, by linear interpolation along the segments.
+    real, places = branches.real, speeds + 1j * branches.imag
+    i, j = np.nonzero((real[:-1] <= NEUTRAL) & (real[1:] > NEUTRAL))
+    part = real[i, j] / (real[i, j] - real[i + 1, j])
+    onsets = places[i, j] + part * (places[i + 1, j] - places[i, j])
+    diamond = open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0)
+    ax.plot(onsets.real, onsets.imag, **diamond)
     if benchmark is not None:
-        _dots(ax, benchmark, benchmark.speeds, _branches(benchmark).imag)
+        stride = dot_stride(benchmark)
+        ax.plot(benchmark.speeds[::stride], _branches(benchmark).imag[::stride], **DOT)
     ax.autoscale_view()
-    ax.set_xlabel(SPEED_LABEL)
-    ax.set_ylabel(FREQUENCY_LABEL)
     return ax
 
 
-def _checked(loci: Any, benchmark: Any, ax: Any) -> Axes:
+def _checked_axes(loci: Any, benchmark: Any, ax: Any, xlabel: str, ylabel: str) -> Axes:
     """The Axes to draw on, once the arguments of both pictures of eigenvalues are checked."""
     check_type("loci", loci, RootLoci)
     if benchmark is not None:
         check_type("benchmark", benchmark, RootLoci)
-    return axes_or_new(ax, 4.8, 4.2)
+    return axes_or_new(ax, (4.8, 4.2), xlabel=xlabel, ylabel=ylabel)
 
 
 def _coloured(
@@ -138,14 +140,12 @@ def _coloured(
     means = segments[:, :, 2].mean(axis=1)
     order = np.argsort(means, kind="stable")
     ends, means = list(segments[order, :, :2]), means[order]
-    lines = LineCollection(ends, cmap=colours, norm=norm, linewidths=2.0, zorder=2.2)
-    lines.set_array(means)
     outline = np.where(means > outlined, "black", "0.35").tolist()
     widths = np.where(means > outlined, 4.2, 2.6).tolist()
-    below = LineCollection(ends, colors=outline, linewidths=widths, zorder=2.1)
-    for collection in (lines, below):
-        collection.set_capstyle("round")
-        ax.add_collection(collection)
+    coloured: dict[str, Any] = {"array": means, "cmap": colours, "norm": norm, "linewidths": 2.0}
+    below: dict[str, Any] = {"colors": outline, "linewidths": widths}
+    ax.add_collection(LineCollection(ends, capstyle="round", zorder=2.2, **coloured))
+    ax.add_collection(LineCollection(ends, capstyle="round", zorder=2.1, **below))
 
 
 def _branches(loci: RootLoci) -> NDArray[np.complex128]:
@@ -162,27 +162,11 @@ def _branches(loci: RootLoci) -> NDArray[np.complex128]:
     return np.asarray(roots.real + 1j * np.abs(roots.imag))
 
 
-def _onsets(speeds: Array, branches: NDArray[np.complex128]) -> tuple[Array, Array]:
-    """Speed and |Im| where a real part becomes positive, by linear interpolation."""
-    real, imaginary = branches.real, branches.imag
-    i, j = np.nonzero((real[:-1] <= NEUTRAL) & (real[1:] > NEUTRAL))
-    part = real[i, j] / (real[i, j] - real[i + 1, j])
-    return (
-        speeds[i] + part * (speeds[i + 1] - speeds[i]),
-        imaginary[i, j] + part * (imaginary[i + 1, j] - imaginary[i, j]),
-    )
-
-
 def dot_stride(loci: RootLoci) -> int:
     """Number of speeds from one dot of a benchmark to the next."""
     check_type("loci", loci, RootLoci)
-    return max(1, round((loci.speeds.size - 1) / DOTS))
-
-
-def _dots(ax: Axes, benchmark: RootLoci, x: Array, y: Array) -> None:
-    """A benchmark's branches as dots."""
-    every = slice(None, None, dot_stride(benchmark))
-    ax.plot(x[every], y[every], "o", markersize=2.2, color="black", markeredgewidth=0.0, zorder=3.0)
+    # 19 dots of 2.2 points leave the curve visible between them in a panel two inches wide.
+    return max(1, round((loci.speeds.size - 1) / 18))
 
 
 def mode_shapes(modes: Modes, ax: Axes | None = None) -> Axes:
@@ -196,22 +180,19 @@ def mode_shapes(modes: Modes, ax: Axes | None = None) -> Axes:
         TypeError: for bad arguments.
     """
     check_type("modes", modes, Modes)
-    ax = axes_or_new(ax, 6.4, 4.2)
+    ylabel = "displacement (largest = 1); Re solid, Im dashed"
+    ax = axes_or_new(ax, (6.4, 4.2), xlabel="arc length $s / L$ from the clamp", ylabel=ylabel)
     s = np.linspace(0.0, 1.0, 401)
     upper = [shape for shape in modes.shapes if shape.eigenvalue.imag >= 0.0]
     for i, shape in enumerate(upper):
-        displacement = shape(s)
-        colour, width = CURVE_STYLES[i % len(CURVE_STYLES)]["color"], 1.0 + 0.4 * (i % 3)
-        value = shape.eigenvalue
+        displacement, value = shape(s), shape.eigenvalue
+        colour = CURVE_STYLES[i % len(CURVE_STYLES)]["color"]
+        look: dict[str, Any] = {"color": colour, "linewidth": 1.0 + 0.4 * (i % 3)}
         label = rf"$\lambda = {value.real:.3g} {value.imag:+.4g}\,\mathrm{{i}}$"
-        ax.plot(s, displacement.real, label=label, color=colour, linewidth=width)
-        ax.plot(s, displacement.imag, linestyle="--", color=colour, linewidth=width)
+        ax.plot(s, displacement.real, label=label, **look)
+        ax.plot(s, displacement.imag, linestyle="--", **look)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
-    ax.set_xlim(0.0, 1.0)
-    ax.set_ylim(-1.08, 1.08)
-    ax.set_xlabel("arc length $s / L$ from the clamp")
-    ax.set_ylabel("displacement (largest = 1); Re solid, Im dashed")
-    ax.set_title(rf"$u = {modes.speed:g}$")
+    ax.set(xlim=(0.0, 1.0), ylim=(-1.08, 1.08), title=rf"$u = {modes.speed:g}$")
     if upper:
-        ax.legend(loc="best")
+        ax.legend()
     return ax

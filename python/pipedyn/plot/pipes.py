@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -26,12 +25,9 @@ from numpy.typing import ArrayLike
 
 from pipedyn.motion.simulate import Motion
 from pipedyn.plot.interpolation import coordinates_at, shown_part, upward_crossings
-from pipedyn.plot.style import BLACK, BLUE, VERMILION, axes_or_new, check_type, motion_title
+from pipedyn.plot.style import BLACK, BLUE, VERMILION, axes_or_new, motion_title
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-MOST_SHAPES = 1000
-"""Shapes of one picture: more than its pixels can separate."""
 
 MOST_FRAMES = 2000
 """Frames of one animation: 80 s at 25 frames a second."""
@@ -44,7 +40,7 @@ CYCLE_SECONDS, MOTION_SECONDS = 2.5, 8.0
 """Where no speed is given: seconds of animation for a cycle, slow enough to follow by eye, and for
 all of a motion without cycles."""
 
-POINTS = np.linspace(0.0, 1.0, 241)
+ARC_LENGTHS = np.linspace(0.0, 1.0, 241)
 """Arc lengths of a shape. The joints of chains of 1 to 6, 8, 10, 12 ... equal segments are among
 them, so that no corner is cut."""
 
@@ -79,8 +75,8 @@ def snapshots(
         TypeError: for bad arguments.
     """
     motion, start, end, cycle = shown_part(motion, span)
-    count = check.count("count", count, low=2, high=MOST_SHAPES)
-    ax = axes_or_new(ax, 4.4, 5.0)
+    count = check.count("count", count, low=2, high=1000)  # more than pixels can separate
+    ax = axes_or_new(ax, (4.4, 5.0))
     times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
     shapes = _shapes(motion, times)
     darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
@@ -88,11 +84,11 @@ def snapshots(
         list(shapes),
         cmap=ListedColormap(1.0 - darkness[:, None] * [1.0, 0.9, 0.75]),
         linewidths=[1.1] * (count - 1) + [2.4],
-        zorder=2.0,
+        array=times,
         capstyle="round",
+        zorder=2.0,
+        gid="shapes",
     )
-    lines.set_array(times)
-    lines.set_gid("shapes")
     ax.add_collection(lines)
     _surroundings(ax, motion, shapes, shapes[-1])
     what = f"a cycle of {end - start:.4g}" if cycle else rf"$\tau =$ {start:.4g} to {end:.4g}"
@@ -133,23 +129,17 @@ def animate(
         TypeError: for bad arguments.
     """
     motion, start, end, cycle = shown_part(motion, span)
-    target = _checked_path(path)
+    path = _checked_path(path)
     fps = check.real("fps", fps, low=1.0, high=50.0)
     if speed is not None:
         speed = check.real("speed", speed, low=0.0, open_low=True)
-    if ax is not None:
-        check_type("ax", ax, Axes)
     periods = [end - start] if cycle else np.diff(upward_crossings(motion, start, end))
     period = float(np.median(periods)) if len(periods) else None
     frames = _frames(end - start, period, fps, speed)
     own = ax is None
     if ax is None:
-        figure = Figure(figsize=(4.0, 4.6), layout="constrained")
-        FigureCanvasAgg(figure)
-        ax = figure.subplots()
-    else:
-        root = ax.figure
-        figure = root if isinstance(root, Figure) else root.figure
+        ax = Figure(figsize=(4.0, 4.6), layout="constrained").subplots()
+    figure = axes_or_new(ax, (4.0, 4.6)).figure.figure
 
     times = np.linspace(start, end, frames, endpoint=not cycle)
     shapes = _shapes(motion, times)
@@ -176,21 +166,21 @@ def animate(
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
     animation = FuncAnimation(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
-    if target is not None:
-        animation.save(target, writer=PillowWriter(fps=fps))  # type: ignore[arg-type]
+    if path is not None:
+        animation.save(path, writer=PillowWriter(fps=fps))  # type: ignore[arg-type]
     return animation
 
 
 def _checked_path(path: Any) -> Path | None:
+    """The path of a file that can be written; None where none is asked for."""
     if path is None:
         return None
     if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
         raise TypeError(f"path must be a path of a file, got {check.shown(path)}")
     target = Path(path)
     if target.suffix.lower() != ".gif" or not target.parent.is_dir():
-        raise ValueError(
-            f"path must end with .gif and lie in a folder that exists, got {check.shown(path)}"
-        )
+        came = check.shown(path)
+        raise ValueError(f"path must end with .gif and lie in a folder that exists, got {came}")
     return target
 
 
@@ -218,7 +208,7 @@ def _frames(duration: float, period: float | None, fps: float, speed: float | No
 
 def _shapes(motion: Motion, times: Array) -> Array:
     """The pipe at some times, shape (len(times), points, 2)."""
-    return np.stack([motion.model.shape(q, POINTS) for q in coordinates_at(motion, times)])
+    return np.stack([motion.model.shape(q, ARC_LENGTHS) for q in coordinates_at(motion, times)])
 
 
 def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> FancyArrowPatch | None:
@@ -232,12 +222,10 @@ def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> Fanc
     low = min(-0.12, float(shapes[..., 1].min()) - ARROW - 0.06)
     high = float(shapes[..., 1].max()) + ARROW + 0.06
     ax.set_aspect("equal", adjustable="box")
-    ax.set_xlim(-wide, wide)
-    ax.set_ylim(*((low, high) if gamma < 0.0 else (high, low)))
-    wall = Rectangle((-0.1, -0.06), 0.2, 0.06, facecolor="0.92", edgecolor="0.35", hatch="////")
-    wall.set_gid("clamp")
-    wall.set_zorder(1.5)
-    ax.add_patch(wall)
+    ax.set(xlim=(-wide, wide), ylim=(low, high) if gamma < 0.0 else (high, low))
+    ax.set(xlabel="transverse $x$  $(L)$", ylabel="along the straight pipe $y$  $(L)$")
+    hatched: dict[str, Any] = {"facecolor": "0.92", "edgecolor": "0.35", "hatch": "////"}
+    ax.add_patch(Rectangle((-0.1, -0.06), 0.2, 0.06, zorder=1.5, gid="clamp", **hatched))
     ax.plot([-0.1, 0.1], [0.0, 0.0], color=BLACK, linewidth=1.4, zorder=1.6)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
     if gamma != 0.0:
@@ -245,11 +233,7 @@ def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> Fanc
         start = -0.06 if gamma > 0.0 else 0.1
         _arrow(ax, BLACK, "gravity", ((at, start), (at, start + length)))
         ax.text(at + 0.03, start + 0.5 * length, "$g$", va="center")
-    ax.set_xlabel("transverse $x$  $(L)$")
-    ax.set_ylabel("along the straight pipe $y$  $(L)$")
-    if motion.u == 0.0:
-        return None
-    return _arrow(ax, VERMILION, "flow", _flow_ends(motion, shape))
+    return _arrow(ax, VERMILION, "flow", _flow_ends(motion, shape)) if motion.u > 0.0 else None
 
 
 def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
@@ -263,6 +247,5 @@ def _flow_ends(motion: Motion, shape: Array) -> tuple[Any, Any]:
     """Tail and head of the arrow at the free end: out of it, or into it."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
-    ends = [tuple(map(float, shape[-1] + length * along)) for length in (0.02, ARROW)]
-    near, far = ends if motion.model.pipe.flow == "ejecting" else ends[::-1]
-    return near, far
+    near, far = (tuple(map(float, shape[-1] + length * along)) for length in (0.02, ARROW))
+    return (near, far) if motion.model.pipe.flow == "ejecting" else (far, near)

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from itertools import pairwise, product
+from dataclasses import dataclass, field
+from itertools import cycle, pairwise, product
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,12 +18,11 @@ from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.plot.style import (
     BETA_LABEL,
+    CURVE_STYLES,
     SPEED_LABEL,
     axes_or_new,
     check_mapping,
     check_type,
-    cycled_styles,
-    note,
     notice,
     open_marker,
 )
@@ -32,9 +32,6 @@ from pipedyn.util.check import Array
 FARTHEST = 0.15
 """Crossings at a larger distance, as `_pairs` measures it, are not joined. Neighbours on a boundary
 were at most 0.062 apart on eight maps, ejecting, gravity -10 to 100, with and without damping."""
-
-FORBIDDEN = 1e3
-"""Distance of two that do not fit: a sum of distances, each at most 1.2, always avoids it."""
 
 
 def stability_map(
@@ -64,9 +61,9 @@ def stability_map(
         highest = check.real("highest", highest, low=0.0, open_low=True)
     if marked is not None:
         check_type("marked", marked, CriticalSpeed)
-    ax = axes_or_new(ax, 6.4, 4.8)
+    ax = axes_or_new(ax, (6.4, 4.8), xlabel=BETA_LABEL, ylabel=SPEED_LABEL)
     largest = 0.0
-    for (label, curve), look in zip(curves.items(), cycled_styles(len(curves)), strict=True):
+    for (label, curve), look in zip(curves.items(), cycle(CURVE_STYLES), strict=False):
         lines = _boundary_lines(curve)
         largest = max([largest, *(float(line[:, 1].max()) for line, _ in lines)])
         if not lines:
@@ -77,7 +74,7 @@ def stability_map(
             if kind == "divergence":
                 middle = line[line.shape[0] // 2]
                 centred = {"color": look["color"], "ha": "center", "fontsize": 7.0}
-                note(ax, "divergence", middle, (0, 3), **centred)
+                ax.annotate("divergence", middle, (0, 3), textcoords="offset points", **centred)
     if marked is not None and (highest is None or marked.speed <= highest):
         place = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         ring = open_marker(7.0, markerfacecolor="none", markeredgewidth=1.2, zorder=4.0)
@@ -86,10 +83,8 @@ def stability_map(
     ax.set_ylim(0.0, highest)
     if largest == 0.0:
         notice("There is no stability boundary above $u = 0$.", ax)
-    ax.set_xlabel(BETA_LABEL)
-    ax.set_ylabel(SPEED_LABEL)
     if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
-        ax.legend(loc="best")
+        ax.legend()
     return ax
 
 
@@ -106,66 +101,69 @@ def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
     return [c for c in crossings if min(c.unstable_before, c.unstable_after) == 0]
 
 
-Node = tuple[int, int]
-"""A crossing: the index of its column, and its own in the column."""
+@dataclass(eq=False)
+class _Point:
+    """A crossing on the map.
 
-End = tuple[Node, int]
-"""A side of a crossing: -1 is left, 1 is right."""
+    Attributes:
+        at: parameter and speed, shape (2,).
+        crossing: the crossing.
+        joined: at its left (-1) and right (1) side the point that continues its boundary, the side
+            of that point, and the curve to it, shape (k, 2).
+    """
+
+    at: Array
+    crossing: Crossing
+    joined: dict[int, tuple[_Point, int, Array]] = field(default_factory=dict)
+
+    def join(self, side: int, other: _Point, other_side: int, curve: Array) -> None:
+        """Continue the boundary to another point."""
+        self.joined[side] = other, other_side, curve
+        other.joined[other_side] = self, side, curve[::-1]
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """d(speed)/dbeta and d(frequency)/dbeta; 0 where there is no sensitivity."""
+        known = self.crossing.sensitivity
+        if known is None or known.speed.beta is None or known.frequency.beta is None:
+            return 0.0, 0.0
+        return known.speed.beta, known.frequency.beta
 
 
 def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
     """Stability boundaries as polylines (parameter, speed), each of shape (k, 2), and kinds."""
     failed = {failure.index for failure in curve.failures}
     taken = [i for i in np.argsort(curve.values) if i not in failed]
-    values = curve.values[taken]
-    columns = [boundaries(curve.crossings[i]) for i in taken]
-    scale = max([c.speed for column in columns for c in column], default=0.0) or 1.0
-    edges: dict[End, tuple[End, Array]] = {}
-
-    def join(a: End, b: End, points: Array) -> None:
-        edges[a], edges[b] = (b, points), (a, points[::-1])
-
-    for i, (left, right) in enumerate(pairwise(columns)):
-        step = float(values[i + 1] - values[i])
-        pairs = _pairs(left, right, step, scale)
-        for j, k in pairs:
-            arc = _hermite_arc((values[i], left[j]), (values[i + 1], right[k]), scale)
-            join(((i, j), 1), ((i + 1, k), -1), arc)
-        joined = [set(side) for side in zip(*pairs, strict=True)] or [set(), set()]
-        for k, column, towards in ((i, left, 1), (i + 1, right, -1)):
-            single = [j for j in range(len(column)) if j not in joined[k - i]]
-            for a, b, points in _fold_tips(values[k], column, single, towards * step):
-                join(((k, a), towards), ((k, b), towards), points)
-    nodes = {(i, j): c for i, column in enumerate(columns) for j, c in enumerate(column)}
-    places = {node: np.array([values[node[0]], c.speed]) for node, c in nodes.items()}
-    return [(points, nodes[first].kind) for first, points in _traced(places, edges)]
-
-
-def _traced(
-    nodes: dict[Node, Array], edges: dict[End, tuple[End, Array]]
-) -> list[tuple[Node, Array]]:
-    """Polylines along the edges with the node that each starts from, open ones first."""
-    unseen = set(nodes)
-    ends: list[End] = [*product(nodes, (-1, 1))]
-    lines = []
-    for first, side in sorted(ends, key=lambda end: end in edges):
-        if first not in unseen:
+    columns = [
+        [_Point(np.array([curve.values[i], c.speed]), c) for c in boundaries(curve.crossings[i])]
+        for i in taken
+    ]
+    points = [point for column in columns for point in column]
+    scale = max((point.crossing.speed for point in points), default=0.0) or 1.0
+    for (left, right), step in zip(pairwise(columns), np.diff(curve.values[taken]), strict=True):
+        for a, b in _pairs(left, right, step, scale):
+            a.join(1, b, -1, _hermite_arc(a, b, scale))
+        for column, side in ((left, 1), (right, -1)):
+            _join_folds([point for point in column if side not in point.joined], side, step)
+    lines: list[tuple[Array, str]] = []
+    seen = set()
+    open_first = sorted(product(points, (-1, 1)), key=lambda start: start[1] in start[0].joined)
+    for first, side in open_first:
+        if first in seen:
             continue
-        node, line = first, [nodes[first][None]]
-        unseen.discard(node)
-        while (node, -side) in edges:
-            (node, side), points = edges[node, -side]
-            line.append(points[1:])
-            if node not in unseen:
-                break
-            unseen.discard(node)
-        lines.append((first, np.concatenate(line)))
+        point, line = first, [first.at[None]]
+        while point not in seen and -side in point.joined:
+            seen.add(point)
+            point, side, arc = point.joined[-side]
+            line.append(arc[1:])
+        seen.add(point)
+        lines.append((np.concatenate(line), first.crossing.kind))
     return lines
 
 
 def _pairs(
-    left: list[Crossing], right: list[Crossing], step: float, scale: float
-) -> list[tuple[int, int]]:
+    left: list[_Point], right: list[_Point], step: float, scale: float
+) -> list[tuple[_Point, _Point]]:
     """Which crossing of the right column continues which of the left, at the least total distance.
 
     The distance of two is that of their speeds, in the highest speed, and a fifth of that of their
@@ -173,63 +171,49 @@ def _pairs(
     Direction along a branch changes only at the tip of a fold.
     """
     cost = np.full((len(left), len(right)), math.inf)
-    for (j, a), (k, b) in product(enumerate(left), enumerate(right)):
+    for (j, p), (k, q) in product(enumerate(left), enumerate(right)):
+        a, b = p.crossing, q.crossing
         if a.kind != b.kind or a.destabilising != b.destabilising:
             continue
         weight = 0.2 / (1.0 + max(a.frequency, b.frequency))
         plain = abs(a.speed - b.speed) / scale + weight * abs(a.frequency - b.frequency)
-        (ua, wa), (ub, wb) = _slopes(a), _slopes(b)
+        (ua, wa), (ub, wb) = p.slopes, q.slopes
         speeds = a.speed - b.speed + 0.5 * step * (ua + ub)
         frequencies = a.frequency - b.frequency + 0.5 * step * (wa + wb)
         cost[j, k] = min(plain, abs(speeds) / scale + weight * abs(frequencies))
-    assigned = zip(*linear_sum_assignment(np.minimum(cost, FORBIDDEN)), strict=True)
-    return [(int(j), int(k)) for j, k in assigned if cost[j, k] < FARTHEST]
+    # A distance is at most 1.2, so the least sum holds no 1000 that it can avoid.
+    assigned = zip(*linear_sum_assignment(np.minimum(cost, 1e3)), strict=True)
+    return [(left[j], right[k]) for j, k in assigned if cost[j, k] < FARTHEST]
 
 
-def _slopes(crossing: Crossing) -> tuple[float, float]:
-    """d(speed)/dbeta and d(frequency)/dbeta; 0 where there is no sensitivity."""
-    known = crossing.sensitivity
-    if known is None or known.speed.beta is None or known.frequency.beta is None:
-        return 0.0, 0.0
-    return known.speed.beta, known.frequency.beta
-
-
-def _hermite_arc(a: tuple[float, Crossing], b: tuple[float, Crossing], scale: float) -> Array:
+def _hermite_arc(a: _Point, b: _Point, scale: float) -> Array:
     """Hermite cubic by arc length between two crossings, shape (k, 2)."""
-    ends = np.array([[x, crossing.speed] for x, crossing in (a, b)])
-    if any(crossing.sensitivity is None for _, crossing in (a, b)):
+    ends = np.array([a.at, b.at])
+    if a.crossing.sensitivity is None or b.crossing.sensitivity is None:
         return ends
     stretch = np.array([scale, 1.0])  # beta spans 1
-    tangents = np.array([[1.0, _slopes(crossing)[0]] for _, crossing in (a, b)]) * stretch
-    tangents *= (
-        np.linalg.norm(np.diff(ends * stretch, axis=0)) / np.linalg.norm(tangents, axis=1)[:, None]
-    )
+    tangents = np.array([[1.0, a.slopes[0]], [1.0, b.slopes[0]]]) * stretch
+    length = np.linalg.norm(np.diff(ends * stretch, axis=0))
+    tangents *= length / np.linalg.norm(tangents, axis=1)[:, None]
     arc = CubicHermiteSpline([0.0, 1.0], ends * stretch, tangents)
     return np.asarray(arc(np.linspace(0.0, 1.0, 9)) / stretch)
 
 
-def _fold_tips(
-    value: float, column: list[Crossing], single: list[int], step: float
-) -> list[tuple[int, int, Array]]:
-    """Neighbouring crossings that end together before the next column, and the curve round both."""
-    found = []
-    order = sorted(single, key=lambda j: column[j].speed)
+def _join_folds(single: list[_Point], side: int, step: float) -> None:
+    """Join neighbours of a column that end together before the next column on a side."""
+    order = sorted(single, key=lambda point: point.crossing.speed)
     while len(order) > 1:
-        nearest = min(pairwise(order), key=lambda jk: column[jk[1]].speed - column[jk[0]].speed)
-        a, b = (column[j] for j in nearest)
-        order = [j for j in order if j not in nearest]
-        (slope_a, _), (slope_b, _) = _slopes(a), _slopes(b)
+        nearest = int(np.argmin(np.diff([point.crossing.speed for point in order])))
+        p, q = order.pop(nearest), order.pop(nearest)
+        a, b, (slope_a, _), (slope_b, _) = p.crossing, q.crossing, p.slopes, q.slopes
         if a.kind != b.kind or a.destabilising == b.destabilising or slope_a == slope_b:
             continue
         # A parabola's tangents meet twice as far off as its vertex.
         reach = (b.speed - a.speed) / (slope_a - slope_b)
-        if reach * step <= 0.0:
+        if reach * side <= 0.0:
             continue
-        reach = math.copysign(min(abs(reach), 2.0 * abs(step)), step)
+        reach = math.copysign(min(abs(reach), 2.0 * step), side)
         corner = 0.5 * (a.speed + b.speed + reach * (slope_a + slope_b))
-        control = np.array([value + reach, min(max(corner, a.speed), b.speed)])
+        control = np.array([p.at[0] + reach, min(max(corner, a.speed), b.speed)])
         t = np.linspace(0.0, 1.0, 17)[:, None]
-        p, q = np.array([value, a.speed]), np.array([value, b.speed])
-        points = p * (1 - t) ** 2 + 2.0 * control * t * (1 - t) + q * t * t
-        found.append((*nearest, points))
-    return found
+        p.join(side, q, side, p.at * (1 - t) ** 2 + 2.0 * control * t * (1 - t) + q.at * t * t)

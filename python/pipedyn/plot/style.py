@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import SymmetricalLogLocator
 from numpy.typing import NDArray
 
 from pipedyn.motion.simulate import Motion
@@ -104,33 +104,32 @@ def colour_bar(label: str, ax: Axes | NDArray[Any]) -> Axes | None:
     shown = [one.collections[0] for one in every if one.collections]
     if not shown:
         return None
-    bar = every[0].figure.colorbar(shown[0], ax=every, label=label, pad=0.01, aspect=40)
+    look: dict[str, Any] = {"pad": 0.01, "aspect": 40}
     if isinstance(shown[0].norm, SymLogNorm):
-        end = float(shown[0].norm.vmax or 1.0)
-        decades = [10.0**k for k in range(math.floor(math.log10(end)) + 1)]
-        steps = [a * b for a in decades for b in (1.0, 3.0) if a * b <= end]
-        ticks = [-step for step in reversed(steps)] + [0.0, *steps]
-        bar.set_ticks(ticks, labels=[f"{tick:g}".replace("-", "\u2212") for tick in ticks])
-        bar.minorticks_off()
+        look["ticks"] = SymmetricalLogLocator(base=10, linthresh=1.0, subs=(1.0, 3.0))
+        look["format"] = "{x:g}"
+    bar = every[0].figure.colorbar(shown[0], ax=every, label=label, **look)
+    bar.minorticks_off()
     own: Axes = bar.ax
     return own
 
 
-def axes_or_new(ax: Any, width: float, height: float) -> Axes:
-    """The Axes given, or those of a new figure of pyplot, width x height inches."""
+def axes_or_new(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
+    """The Axes given, or those of a new figure of pyplot, of a size in inches; with its labels."""
     if ax is None:
         import matplotlib.pyplot as plt  # chooses how figures are shown, so only where needed
 
-        return plt.subplots(figsize=(width, height), layout="constrained")[1]
-    check_type("ax", ax, Axes)
-    given: Axes = ax
-    return given
+        ax = plt.subplots(figsize=size, layout="constrained")[1]
+    chosen: Axes = check_type("ax", ax, Axes)
+    chosen.set(**labels)
+    return chosen
 
 
-def check_type(name: str, value: Any, kind: type) -> None:
-    """Refuse a value of another type."""
+def check_type(name: str, value: Any, kind: type) -> Any:
+    """The value; refused if it is of another type."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be of type {kind.__name__}, got {check.shown(value)}")
+    return value
 
 
 def check_mapping(name: str, value: Any, kind: type) -> None:
@@ -165,27 +164,16 @@ def notice(text: str, ax: Axes | None = None) -> Axes:
         TypeError: for bad arguments.
     """
     check_type("text", text, str)
-    ax = axes_or_new(ax, 6.4, 4.8)
-    ax.set_xticks([])
-    ax.set_yticks([])
+    ax = axes_or_new(ax, (6.4, 4.8))
+    ax.set(xticks=[], yticks=[])
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", wrap=True)
     return ax
-
-
-def note(ax: Axes, text: str, at: Any, offset: tuple[float, float], **look: Any) -> None:
-    """A short text beside a point, the offset in printer's points."""
-    ax.annotate(text, at, xytext=offset, textcoords="offset points", **look)
 
 
 def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
     """Look of a white marker with an edge, without a line; a ring where no other shape is given."""
     look = {"linestyle": "none", "marker": "o", "markersize": size, "markerfacecolor": "white"}
     return look | {"markeredgecolor": edge} | more
-
-
-def cycled_styles(count: int) -> list[dict[str, Any]]:
-    """Looks of so many curves."""
-    return [CURVE_STYLES[i % len(CURVE_STYLES)] for i in range(count)]
 
 
 def motion_title(motion: Motion) -> str:

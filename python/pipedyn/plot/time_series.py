@@ -3,37 +3,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from itertools import cycle
 from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, PPoly
 
-from pipedyn.motion.ensemble import Ensemble
-from pipedyn.motion.simulate import Motion
+from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot.interpolation import (
     checked_motions,
     finer,
+    first_component,
     last_cycle,
     refuse_coarse,
     tip_of,
-    transverse,
 )
 from pipedyn.plot.style import (
+    CURVE_STYLES,
     TIME_LABEL,
     TIP_LABEL,
     TIP_RATE_LABEL,
     axes_or_new,
     checked_coordinate,
     coordinate_label,
-    cycled_styles,
     motion_title,
     open_marker,
 )
-
-MOST_NAMED = 12
-"""Motions beyond which there is no legend: 13 rows would cover most of the axes' height."""
 
 
 def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None = None) -> Axes:
@@ -49,14 +46,12 @@ def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None 
         TypeError: for bad arguments.
     """
     shown = _signals(checked_motions(motions), None, rates_shown=False)
-    ax = axes_or_new(ax, 6.4, 3.2)
+    ax = axes_or_new(ax, (6.4, 3.2), xlabel=TIME_LABEL, ylabel=TIP_LABEL)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for _, curve, label, look in shown:
         t = finer(curve.x)
         ax.plot(t, curve(t), label=label, linewidth=1.0, **look)
     ax.margins(x=0.0)
-    ax.set_xlabel(TIME_LABEL)
-    ax.set_ylabel(TIP_LABEL)
     _legend(ax, shown)
     return ax
 
@@ -83,29 +78,26 @@ def phase_portrait(
     least = min(motion.model.coordinates for motion in named.values())
     index = checked_coordinate(coordinate, least)
     shown = _signals(named, index, rates_shown=True)
-    ax = axes_or_new(ax, 4.8, 4.2)
+    rate = TIP_RATE_LABEL if index is None else rf"its rate $\dot q_{{{index}}}$  $(1/T)$"
+    ax = axes_or_new(ax, (4.8, 4.2), xlabel=coordinate_label(index), ylabel=rate)
     for motion, curve, label, look in shown:
-        t, cycle = finer(curve.x), last_cycle(motion)
-        last = t
-        if cycle is not None:
-            last = np.linspace(*cycle, 401)
+        last = t = finer(curve.x)
+        if (ends := last_cycle(motion)) is not None:
+            last = np.linspace(*ends, 401)
             thin = {"color": look["color"], "linewidth": 0.6, "alpha": 0.5, "zorder": 2.0}
-            for part in (t[t <= cycle[0]], t[t >= cycle[1]]):
+            for part in (t[t <= ends[0]], t[t >= ends[1]]):
                 ax.plot(curve(part), curve(part, 1), **thin)
         ax.plot(curve(last), curve(last, 1), label=label, linewidth=1.6, **look)
         ax.plot(curve(t[0]), curve(t[0], 1), **open_marker(4.5, look["color"], zorder=3.0))
-    ax.set_xlabel(coordinate_label(index))
-    rate = TIP_RATE_LABEL if index is None else rf"its rate $\dot q_{{{index}}}$  $(1/T)$"
-    ax.set_ylabel(rate)
     _legend(ax, shown)
     return ax
 
 
-Signal = tuple[Motion, CubicHermiteSpline, str, dict[str, Any]]
+Signal = tuple[Motion, PPoly, str, dict[str, Any]]
 """A motion, the free end or a coordinate as a function of time, label and style of the curve."""
 
 
-def _signals(named: Mapping[str, Motion], index: int | None, rates_shown: bool) -> list[Signal]:
+def _signals(named: dict[str, Motion], index: int | None, rates_shown: bool) -> list[Signal]:
     """What is shown of each motion; refuses samples too far apart.
 
     A label is the speed, and the model where speeds are the same.
@@ -113,7 +105,7 @@ def _signals(named: Mapping[str, Motion], index: int | None, rates_shown: bool) 
     curves = []
     for name, motion in named.items():
         if index is None:
-            curve = transverse(tip_of(motion))
+            curve = first_component(tip_of(motion))
         else:
             curve = CubicHermiteSpline(motion.t, motion.q[:, index], motion.qdot[:, index])
         refuse_coarse(name, curve, rates_shown=rates_shown)
@@ -121,15 +113,17 @@ def _signals(named: Mapping[str, Motion], index: int | None, rates_shown: bool) 
     motions = list(named.values())
     labels = [f"$u = {motion.u:.6g}$" for motion in motions]
     if len(set(labels)) < len(labels):
-        sizes = [f"{type(m.model).__name__}, {m.model.dof} d.o.f." for m in motions]
-        labels = [f"{label}, {size}" for label, size in zip(labels, sizes, strict=True)]
-    if len(set(labels)) < len(labels):
-        labels = [f"{i}: {label}" for i, label in enumerate(labels)]
-    return list(zip(motions, curves, labels, cycled_styles(len(motions)), strict=True))
+        models = [motion.model for motion in motions]
+        labels = [
+            f"{i}: {label}, {type(model).__name__}, {model.dof} d.o.f."
+            for i, (label, model) in enumerate(zip(labels, models, strict=True))
+        ]
+    return list(zip(motions, curves, labels, cycle(CURVE_STYLES), strict=False))
 
 
 def _legend(ax: Axes, shown: Sequence[Signal]) -> None:
+    """Names of several curves; of more than 12 a legend would cover most of the axes' height."""
     if len(shown) == 1:
         ax.set_title(motion_title(shown[0][0]))
-    elif len(shown) <= MOST_NAMED:
-        ax.legend(loc="best")
+    elif len(shown) <= 12:
+        ax.legend()

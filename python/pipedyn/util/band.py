@@ -18,19 +18,14 @@ Rows = NDArray[Any]
 def band_solver(band: Rows, below: int, above: int) -> Callable[[Rows, bool], Rows]:
     """solve(rows, adjoint) with a real or complex band matrix, or its conjugate transpose.
 
-    An exactly singular matrix gets the LU factors of one that differs in rounding.
-
-    Args:
-        band: entry (i, j) at [below + above + i - j, j], shape (2 below + above + 1, n); it may be
-            overwritten, and so may the rows that solve is given.
-        below: number of diagonals below the main one.
-        above: number above.
+    Entry (i, j) stands at [below + above + i - j, j], shape (2 below + above + 1, n), with so many
+    diagonals below and above the main one. Band and rows may be overwritten. An exactly singular
+    matrix gets the LU factors of one that differs in rounding.
     """
     factorised()
     real = not np.iscomplexobj(band)
-    factorise, substitute = (
-        (lapack.dgbtrf, lapack.dgbtrs) if real else (lapack.zgbtrf, lapack.zgbtrs)
-    )
+    factorise = lapack.dgbtrf if real else lapack.zgbtrf
+    substitute = lapack.dgbtrs if real else lapack.zgbtrs
     lu, pivots, singular = factorise(band, kl=below, ku=above, overwrite_ab=True)
     if singular > 0:
         pivot = lu[below + above]
@@ -40,10 +35,8 @@ def band_solver(band: Rows, below: int, above: int) -> Callable[[Rows, bool], Ro
         if real and np.iscomplexobj(rows):
             return solve(rows.real, adjoint) + 1j * solve(rows.imag, adjoint)
         right = np.asarray(rows, dtype=lu.dtype, order="F")
-        trans = 2 if adjoint else 0
-        solution: Rows = substitute(lu, below, above, right, pivots, trans=trans, overwrite_b=True)[
-            0
-        ]
+        how = {"trans": 2 if adjoint else 0, "overwrite_b": True}
+        solution: Rows = substitute(lu, below, above, right, pivots, **how)[0]
         return solution
 
     return solve

@@ -22,11 +22,9 @@ class TookTooLong(Exception):
 
 @dataclass
 class Counters:
-    """Counts of a computation.
+    """States at which dy/dt or its Jacobian was computed, and matrices that were factorised.
 
-    Attributes:
-        right_hand_sides: states at which dy/dt, or its Jacobian, was computed.
-        factorisations: matrices factorised, dense eigenvalue problems among them.
+    A dense eigenvalue problem counts as a factorisation.
     """
 
     right_hand_sides: int = 0
@@ -52,9 +50,8 @@ def counted() -> Iterator[Counters]:
 def limited(seconds: float) -> Iterator[None]:
     """Within, this thread computes for so many seconds at most; an outer limit holds as well.
 
-    Raises:
-        TookTooLong: at the next right-hand side or factorisation after that; integrators ask now
-            and then only.
+    TookTooLong is raised at the next right-hand side or factorisation after that; integrators ask
+    now and then only.
     """
     token = _end.set(min(_end.get(), (clock() + seconds, f"it took more than {seconds:.3g} s")))
     try:

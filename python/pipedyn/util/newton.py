@@ -15,11 +15,7 @@ State = TypeVar("State")
 
 
 class NewtonFailed(Exception):
-    """Newton's method that found no solution: the reason.
-
-    Attributes:
-        state: the last iterate, None where there is none.
-    """
+    """Why Newton's method found no solution, with the last iterate, `state`, if there is one."""
 
     def __init__(self, message: str, state: Any = None) -> None:
         super().__init__(message)
@@ -28,13 +24,7 @@ class NewtonFailed(Exception):
 
 @dataclass(frozen=True)
 class Solution(Generic[State]):
-    """What Newton's method found.
-
-    Attributes:
-        state: the solution.
-        step: size of the last step, which measures the error.
-        iterations: number of steps.
-    """
+    """What Newton's method found; the size of its last step measures the error."""
 
     state: State
     step: float
@@ -49,39 +39,23 @@ def newton(
     tolerance: float,
     stagnation: float = 0.0,
     slower: float = 0.5,
-    keep: bool = False,
     longest: float = math.inf,
     iterations: int = 25,
     patience: int | None = None,
     scale: Callable[[State], float] = lambda x: 1.0,
     check: Callable[[State], None] = lambda x: None,
 ) -> Solution[State]:
-    """A solution near a start.
+    """A solution near a start; the unknowns may be an array, a number, a periodic orbit.
 
-    The unknowns may be of any type: an array, a number, a periodic orbit.
-
-    Args:
-        start: where to begin.
-        correction: Newton's step from an iterate, in full, and its size.
-        plus: an iterate and a share of a step; their sum where not given.
-        tolerance: steps up to this size, times `scale`, end the iteration.
-        stagnation: so do steps up to this size, times `scale`, that are no longer shorter than
-            `slower` times the one before: that is rounding.
-        slower: see `stagnation` and `patience`.
-        keep: whether the iterate before the last step is returned, and not the one after it.
-        longest: size beyond which a step is shortened to it.
-        iterations: steps at most.
-        patience: number of steps in a row, each longer than `slower` times the one before, after
-            which the iteration is given up; never where not given.
-        scale: size of the solution.
-        check: raises `NewtonFailed` for iterates that are not to be followed.
-
-    Returns:
-        Solution.
+    `correction` gives Newton's step from an iterate, in full, and its size; `plus` adds a share of
+    it, less than all where the size is beyond `longest`. Steps up to `tolerance` times the `scale`
+    of the solution end the iteration. A step is slow if it is longer than `slower` times the one
+    before: then `stagnation` times the scale is enough, as that is rounding, and `patience` slow
+    steps in a row, or `iterations` in all, end it without a solution.
 
     Raises:
-        NewtonFailed: if a step is not finite, a matrix is singular, `check` refuses an iterate, or
-            steps do not converge.
+        NewtonFailed: if a step is not finite, a matrix is singular, `check` raises it for an
+            iterate, or steps do not converge.
     """
     state, last, slow = start, math.inf, 0
     for iteration in range(1, iterations + 1):
@@ -99,7 +73,7 @@ def newton(
         size = scale(moved)
         slowly = step >= slower * last
         if step <= tolerance * size or (slowly and step <= stagnation * size):
-            return Solution(state if keep else moved, step, iteration)
+            return Solution(moved, step, iteration)
         slow = slow + 1 if slowly else 0
         if slow == patience:
             break

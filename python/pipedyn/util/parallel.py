@@ -23,28 +23,19 @@ def parallel(
 ) -> Iterator[Answer | Exception]:
     """What each job returned, or the exception that it raised, in the order of the jobs.
 
-    Args:
-        jobs: functions without arguments; without an executor each runs when its answer is taken.
-        executor: takes them all at once; those that have not begun are cancelled where the caller
-            takes no more answers.
-        label: of the progress bar.
-        progress: show progress on stderr.
+    Without an executor each runs when its answer is taken; an executor gets all at once, and those
+    that have not begun are cancelled where the caller takes no more answers.
     """
-    results: Iterable[Job[Answer]] = jobs
-    futures = []
-    if executor is not None:
-        futures = [executor.submit(job) for job in jobs]
-        results = [future.result for future in futures]
+    futures = [] if executor is None else [executor.submit(job) for job in jobs]
+    results: Iterable[Job[Answer]] = [future.result for future in futures] if futures else jobs
+    outcome: Answer | Exception
     try:
         for result in track(results, len(jobs), label, progress):
-            yield _outcome(result)
+            try:
+                outcome = result()
+            except Exception as error:
+                outcome = error
+            yield outcome
     finally:
         for future in futures:
             future.cancel()
-
-
-def _outcome(result: Job[Answer]) -> Answer | Exception:
-    try:
-        return result()
-    except Exception as error:
-        return error

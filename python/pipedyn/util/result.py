@@ -37,11 +37,13 @@ def _equal(one: Any, other: object) -> Any:
 
 
 def _hash(one: Any) -> int:
-    return hash((type(one), *map(_key, _compared(one))))
+    """From the numbers, but NaN, and the words in a result, which equal results share."""
+    kinds = (str, int, float, complex)
+    return hash((type(one), *(v for v in _compared(one) if isinstance(v, kinds) and v == v)))
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values are alike: numbers and arrays by entries, what pickles by its state."""
+    """Whether two values are equal: numbers and arrays by entries, what pickles by its state."""
     if one is other:
         return True
     if type(one) is not type(other):
@@ -62,14 +64,3 @@ def same(one: Any, other: Any) -> bool:
     if getattr(type(one), "__eq__", None) is object.__eq__ and not callable(one):
         return same(one.__getstate__(), other.__getstate__())
     return bool(one == other)
-
-
-def _key(value: Any) -> Any:
-    """Something hashable that is alike for values that are the same."""
-    if isinstance(value, np.ndarray):
-        return value.shape
-    if isinstance(value, list | tuple):
-        return tuple(map(_key, value))
-    if isinstance(value, str | int | float | complex) and value == value:
-        return value
-    return _hash(value) if dataclasses.is_dataclass(value) else type(value)

@@ -10,15 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Table:
-    """A titled table.
-
-    Attributes:
-        title: lines above it.
-        headings: of the columns.
-        rows: their cells, as many as headings.
-        numbers: whether all columns but the first are numbers, set flush right.
-        notes: lines below it.
-    """
+    """A titled table with notes below; `numbers` sets all columns but the first flush right."""
 
     title: str
     headings: tuple[str, ...]

@@ -3,7 +3,7 @@
 
 Threads of BLAS gain nothing on matrices of a few hundred rows, and where other work shares the
 processor they wait for one another: measured, 64 segments up to u = 15 took 39 s with two threads
-beside a busy process and 0.5 s with one.
+next to a busy process and 0.5 s with one.
 
 A limit of OpenBLAS with its own threads holds for the whole process, but threadpoolctl lets only
 the thread that limited it first change it, and ignores the others: work in a second thread would
