@@ -19,19 +19,20 @@ namespace {
 template <class T>
 using Column = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
-/// SciPy's LAPACK, by the addresses that it publishes for Cython.
+/// SciPy's BLAS and LAPACK, by the addresses that it publishes for Cython.
 Lapack scipy_lapack() {
-  const py::dict all = py::module_::import("scipy.linalg.cython_lapack").attr("__pyx_capi__");
   Lapack lapack{};
-  const auto set = [&all](const char* name, auto& routine) {
+  const auto set = [](const char* library, const char* name, auto& routine) {
+    const py::dict all = py::module_::import(library).attr("__pyx_capi__");
     const py::capsule address = all[name];
     routine = reinterpret_cast<std::decay_t<decltype(routine)>>(address.get_pointer());
   };
-  set("dgetrf", lapack.dgetrf);
-  set("dgetrs", lapack.dgetrs);
-  set("zgetrf", lapack.zgetrf);
-  set("zgetrs", lapack.zgetrs);
-  set("dgeev", lapack.dgeev);
+  set("scipy.linalg.cython_blas", "dgemm", lapack.dgemm);
+  set("scipy.linalg.cython_lapack", "dgetrf", lapack.dgetrf);
+  set("scipy.linalg.cython_lapack", "dgetrs", lapack.dgetrs);
+  set("scipy.linalg.cython_lapack", "zgetrf", lapack.zgetrf);
+  set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
+  set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   return lapack;
 }
 

@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <limits>
 
-#include "pipedyn/products.hpp"
-
 namespace pipedyn {
 
 namespace {
@@ -49,14 +47,21 @@ DenseOperator::DenseOperator(const Lapack& lapack, Matrix mass, Matrix velocity,
       velocity_(std::move(velocity)),
       stiffness_(std::move(stiffness)) {}
 
+void DenseOperator::times(const Matrix& factor, const double* x, Index columns, double* out) const {
+  // Row by row, as these are, they are their transposes column by column: out^T = x^T factor^T.
+  int m = static_cast<int>(columns), n = static_cast<int>(dof);
+  double one = 1.0, zero = 0.0;
+  char plain = 'N';
+  lapack_.dgemm(&plain, &plain, &m, &n, &n, &one, const_cast<double*>(x), &m,
+                const_cast<double*>(factor.data()), &n, &zero, out, &m);
+}
+
 ComplexTable DenseOperator::multiply(const Complex* x, Index count) const {
   ComplexTable result(3 * dof * count);
-  // Real and imaginary parts are columns of their own.
-  const Index columns = 2 * count;
-  const Eigen::Map<const Matrix> parts(reinterpret_cast<const double*>(x), dof, columns);
+  const Index columns = 2 * count;  // real and imaginary parts are columns of their own
   double* out = reinterpret_cast<double*>(result.data());
   for (const Matrix* const factor : {&mass_, &velocity_, &stiffness_}) {
-    pipedyn::multiply(Eigen::Map<Matrix>(out, dof, columns), *factor, parts);
+    times(*factor, reinterpret_cast<const double*>(x), columns, out);
     out += dof * columns;
   }
   return result;
@@ -87,7 +92,7 @@ std::vector<double> DenseOperator::hidden(const Pairs& pairs) const {
   for (Index k = 0; k < dof * count; ++k) sizes.data()[k] = std::abs(pairs.right[k]);
   int power = 2;
   for (const Matrix* const factor : {&mass_, &velocity_, &stiffness_}) {
-    pipedyn::multiply(rows, Matrix(factor->cwiseAbs()), sizes);
+    times(factor->cwiseAbs(), sizes.data(), count, rows.data());
     for (Index i = 0; i < count; ++i) {
       double sum = 0.0;
       for (Index k = 0; k < dof; ++k) sum += std::abs(pairs.left[k * count + i]) * rows(k, i);

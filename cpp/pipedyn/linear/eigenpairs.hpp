@@ -16,10 +16,12 @@ namespace pipedyn {
 using Complex = std::complex<double>;
 using ComplexTable = std::vector<Complex>;
 
-/// The routines of LAPACK that are needed, by address, as SciPy has them: the core is linked with
-/// no LAPACK. Measured beside Eigen's EigenSolver, dgeev takes half of the time at 20 rows and a
-/// third at 200, with left vectors, which that does not have.
+/// The routines of BLAS and LAPACK that are needed, by address, as SciPy has them: the core is
+/// linked with neither. Measured beside Eigen's EigenSolver, dgeev takes half of the time at 20
+/// rows and a third at 200, with left vectors, which that does not have.
 struct Lapack {
+  void (*dgemm)(char* trans_a, char* trans_b, int* m, int* n, int* k, double* alpha, double* a,
+                int* lda, double* b, int* ldb, double* beta, double* c, int* ldc);
   void (*dgetrf)(int* rows, int* columns, double* a, int* lda, int* pivots, int* info);
   void (*dgetrs)(char* trans, int* n, int* columns, double* lu, int* ldlu, int* pivots, double* b,
                  int* ldb, int* info);
@@ -79,6 +81,9 @@ class DenseOperator : public Operator {
   Inverse inverse(double shift, bool velocity_free, bool left) const;
 
  private:
+  /// out = factor x, x and out (dof, columns).
+  void times(const Matrix& factor, const double* x, Index columns, double* out) const;
+
   const Lapack lapack_;
   const Matrix mass_, velocity_, stiffness_;
 };
