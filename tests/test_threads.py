@@ -4,6 +4,7 @@ The numbers asked of BLAS are what is asserted, and no time.
 """
 
 import itertools
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -141,3 +142,27 @@ def test_the_inverse_problem_of_the_core_is_scipy_s(size, velocity_free):
         scale = sum(map(np.abs, terms))
         assert (abs(sum(terms) @ x) <= 1e-9 * (scale @ abs(x)).max()).all()
         assert (abs(y.conj() @ sum(terms)) <= 1e-9 * (abs(y) @ scale).max()).all()
+
+
+def test_another_thread_runs_while_the_core_solves():
+    """Python would change threads on its own only after a minute."""
+    matrices = np.random.default_rng(0).standard_normal((3, 150, 150))
+    operator = _core.DenseOperator(*matrices, 1.0)
+    begun, done = threading.Event(), threading.Event()
+
+    def solve():
+        begun.set()
+        operator.inverse(0.7, False, True)
+        done.set()
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(60.0)
+    try:
+        worker = threading.Thread(target=solve)
+        worker.start()
+        begun.wait()
+        beside = not done.is_set()
+        worker.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert beside

@@ -203,6 +203,12 @@ void define_linear(py::module_& m) {
         return flags_of(unstable(SampleArrays(at).view(), vector_of(onto), flags, zero));
       },
       "at"_a, "onto"_a, "before"_a, "zero"_a);
+  py::class_<Scan>(m, "Scan")
+      .def_property_readonly("roots", [](const Scan& found) { return numbers_of(found.roots); })
+      .def_property_readonly("leaving", [](const Scan& found) { return flags_of(found.leaving); })
+      .def_property_readonly("after", [](const Scan& found) { return flags_of(found.after); })
+      .def_readonly("clear", &Scan::clear)
+      .def_readonly("crossings", &Scan::crossings);
   m.def(
       "scan",
       [](const py::object& step, const Column<Root>& modes, const Column<bool>& before,
@@ -211,16 +217,9 @@ void define_linear(py::module_& m) {
         const Roots onto = vector_of(Column<Root>(step.attr("onto")));
         const Roots meets = vector_of(Column<Root>(step.attr("meets")));
         const Column<double> error(step.attr("error"));
-        const Scan found =
-            scan({left.view(), right.view(), onto, meets, error.data(), vector_of(modes),
-                  Flags(before.data(), before.data() + before.size())},
-                 {resolved, certain, zero, conservative});
-        std::vector<std::tuple<Root, double, bool>> crossings;
-        for (const Scan::Crossing& one : found.crossings) {
-          crossings.emplace_back(one.root, one.at, one.rising);
-        }
-        return py::make_tuple(numbers_of(found.roots), flags_of(found.leaving),
-                              flags_of(found.after), found.clear, crossings);
+        return scan({left.view(), right.view(), onto, meets, error.data(), vector_of(modes),
+                     Flags(before.data(), before.data() + before.size())},
+                    {resolved, certain, zero, conservative});
       },
       "step"_a, "modes"_a, "unstable"_a, "resolved"_a, "certain"_a, "zero"_a, "conservative"_a);
 }

@@ -18,6 +18,7 @@ __all__: list[str] = [
     "Operator",
     "Operators",
     "Pipe",
+    "Scan",
     "Scene",
     "match",
     "most_on_a_panel",
@@ -254,6 +255,18 @@ class LongOperator(Operator):
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
 
+class Scan:
+    @property
+    def after(self) -> numpy.typing.NDArray[numpy.bool]: ...
+    @property
+    def clear(self) -> bool: ...
+    @property
+    def crossings(self) -> list[tuple[int, float, bool]]: ...
+    @property
+    def leaving(self) -> numpy.typing.NDArray[numpy.bool]: ...
+    @property
+    def roots(self) -> numpy.typing.NDArray[numpy.int64]: ...
+
 class Scene:
     return_rate: typing.ClassVar[float] = 10.0
     def __init__(
@@ -406,13 +419,7 @@ def scan(
     certain: typing.SupportsInt | typing.SupportsIndex,
     zero: typing.SupportsFloat | typing.SupportsIndex,
     conservative: bool,
-) -> tuple[
-    numpy.typing.NDArray[numpy.int64],
-    numpy.typing.NDArray[numpy.bool],
-    numpy.typing.NDArray[numpy.bool],
-    bool,
-    list[tuple[int, float, bool]],
-]: ...
+) -> Scan: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

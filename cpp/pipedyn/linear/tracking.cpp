@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <tuple>
 
 namespace pipedyn {
 
@@ -296,7 +295,7 @@ Scan scan(const Step& step, const Search& search) {
         // Without a change of sign one end lies in the noise.
         const double nearer = std::abs(low) < std::abs(high) ? last : point.at;
         const double at = low * high < 0.0 ? cubic.zero(last, point.at) : nearer;
-        result.crossings.push_back({i, at, point.positive});
+        result.crossings.emplace_back(i, at, point.positive);
       }
       positive = point.positive;
       last = point.at;

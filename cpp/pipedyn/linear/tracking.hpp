@@ -7,6 +7,7 @@
 
 #include <complex>
 #include <cstdint>
+#include <tuple>
 #include <vector>
 
 namespace pipedyn {
@@ -64,16 +65,12 @@ struct Search {
 
 /// One root of each conjugate pair; those that meet another on the real axis are not scanned.
 struct Scan {
-  struct Crossing {
-    Root root;
-    double at;  // fraction of the step
-    bool rising;
-  };
-  Roots roots;                      // looked at
-  Flags leaving;                    // (left.size), which leave the axis at rest to the right
-  Flags after;                      // (left.size), which are unstable at the right end
-  bool clear = true;                // the cubics show all; without this there are no crossings
-  std::vector<Crossing> crossings;  // in order along each root
+  Roots roots;        // looked at
+  Flags leaving;      // (left.size), which leave the axis at rest to the right
+  Flags after;        // (left.size), which are unstable at the right end
+  bool clear = true;  // the cubics show all; without this there are no crossings
+  /// Root, fraction of the step, whether it turns unstable; in order along each root.
+  std::vector<std::tuple<Root, double, bool>> crossings;
 };
 
 /// Crossings of the imaginary axis within a step, by the cubics of real parts.

@@ -79,25 +79,6 @@ class Sweep:
     crossings: tuple[AxisCrossing, ...]
 
 
-@dataclass(frozen=True)
-class Scan:
-    """What a step shows of crossings.
-
-    Attributes:
-        roots: those looked at, one of each conjugate pair, by their places in the left sample.
-        leaving: which roots of the left sample lie on the axis at rest and turn unstable at once.
-        after: which are unstable at the right end.
-        clear: whether the cubics show all crossings.
-        crossings: (root, fraction of the step, whether it turns unstable), if clear.
-    """
-
-    roots: Indices
-    leaving: Flags
-    after: Flags
-    clear: bool
-    crossings: list[tuple[int, float, bool]]
-
-
 class Untracked(Exception):
     """A root outside the tracked set became unstable: more must be tracked."""
 
@@ -105,12 +86,8 @@ class Untracked(Exception):
 class CrossingSearch:
     """One sweep from rest, for pipes with flow or damping.
 
-    Args:
-        problem: the model's.
-        max_speed: end of the search.
-        tracked: how many modes are computed and tracked; all without.
-        resolved: how many modes, counted from rest, are looked at; all without.
-        count: roots computed where not all; without, two for each mode tracked and 16.
+    `tracked` modes are computed and tracked, of which the lowest `resolved` at rest are looked at;
+    without, all. Where not all are tracked, `count` roots are computed: two a mode and 16 without.
     """
 
     def __init__(
@@ -134,9 +111,7 @@ class CrossingSearch:
     def run(self, until: Callable[[AxisCrossing], bool] | None = None) -> Sweep:
         """All crossings up to max_speed, or up to the first that `until` accepts.
 
-        Raises:
-            NotConverged: if the crossings found do not account for the unstable roots.
-            Untracked: if a root beyond those tracked turns unstable.
+        Raises NotConverged if they do not account for the unstable roots, and Untracked.
         """
         longest = longest_step(self.problem.pipe.gamma)
         steps = max(1, math.ceil(self.max_speed / longest))
@@ -218,11 +193,11 @@ class CrossingSearch:
         """Which roots are unstable: by the sign of Re lambda, or as before where it has none."""
         return _core.unstable(at, onto, before, self.problem.zero_tolerance)
 
-    def scan(self, step: Step) -> Scan:
+    def scan(self, step: Step) -> _core.Scan:
         """What the step shows of the roots resolved."""
         conservative, zero = self.problem.is_conservative, self.problem.zero_tolerance
         known = (step, self.modes, self.unstable)
-        return Scan(*_core.scan(*known, self.resolved, self.certain, zero, conservative))
+        return _core.scan(*known, self.resolved, self.certain, zero, conservative)
 
     def sure(self, step: Step) -> bool:
         """Whether the step shows all crossings in it."""
@@ -276,7 +251,7 @@ class CrossingSearch:
                 middle = 0.5 * (step.left.u + step.right.u)
                 met_there = AxisCrossing(middle, value, change, int(self.modes[i]), step.length)
                 found.append(divergence or met_there)
-        _refuse_twins(found)
+        _refuse_equal(found)
         return found
 
     def _collapse(self, step: Step, expected: int) -> list[AxisCrossing]:
@@ -324,13 +299,9 @@ class CrossingSearch:
         u = step.left.u + t * step.length
         slack = 1e-9 * (1.0 + u) + 0.1 * step.length
 
-        def refined(near: Iterate) -> tuple[Eigenpairs, complex, complex]:
+        def correction(near: Iterate) -> tuple[Iterate, float]:
             pair = problem.refine(*near)
             value, _, slope = self._sharp(near[0], pair)
-            return pair, slope, value
-
-        def correction(near: Iterate) -> tuple[Iterate, float]:
-            pair, slope, value = refined(near)
             change = -value.real / slope.real if slope.real else math.inf
             if not step.left.u - slack <= near[0] + change <= step.right.u + slack:
                 raise NewtonFailed("Newton's method left the step", near)
@@ -349,35 +320,25 @@ class CrossingSearch:
             ).state
         except NewtonFailed as failed:  # what is there is judged by where the step has the root
             last = failed.state
-        u = last[0]
-        pair, slope, value = refined(last)
+        u, pair = last[0], problem.refine(*last)
+        value, rounding, slope = self._sharp(u, pair)
         tolerance = 1e-6 * (1.0 + abs(value))
         another = abs(value - step.expected(root, u)) > 4.0 * step.error[root] + tolerance
         if (slope.real > 0.0) != rising or another or abs(value.real) > tolerance:
             u = self._bisect(step, root)
-            near = self._nearest(u, step, root)
-            pair, slope = near.pairs, complex(near.slopes[0])
-            value = complex(pair.values[0])
+            pair = self._nearest(u, step, root)
+            value, rounding, slope = self._sharp(u, pair)
         if not pair.converged[0]:
             raise NotConverged(
                 f"the eigenvalue near {value:.6g} that passes the axis at u = {u:g} failed its "
                 f"residual check with {pair.residuals[0]:.1e}"
             )
-        assert pair.left is not None
-        value, rounding, _ = self._sharp(u, pair)
         uncertain = rounding + abs(value.real)
         error = uncertain / abs(slope.real) if slope.real else math.inf
-        change_of_count = (1 if real else 2) * (1 if rising else -1)
-        frequency = 0.0 if real else abs(value.imag)
-        return AxisCrossing(
-            float(u),
-            complex(0.0, frequency),
-            change_of_count,
-            int(self.modes[root]),
-            error,
-            problem.original(u, pair),
-            slope,
-        )
+        change = (1 if real else 2) * (1 if rising else -1)
+        at = complex(0.0, 0.0 if real else abs(value.imag))
+        own, mode = problem.original(u, pair), int(self.modes[root])
+        return AxisCrossing(float(u), at, change, mode, error, own, slope)
 
     def _sharp(self, u: float, pair: Eigenpairs) -> tuple[complex, float, complex]:
         """The eigenvalue of one pair, how far it may be off, and d lambda / du."""
@@ -414,13 +375,10 @@ class CrossingSearch:
         mode = int(self.modes[root])
         return AxisCrossing(u, complex(0.0, frequency), change, mode, error + tolerance)
 
-    def _nearest(self, u: float, step: Step, root: int) -> Sample:
+    def _nearest(self, u: float, step: Step, root: int) -> Eigenpairs:
         """The root's own eigenvalue at a speed within the step."""
         at = self.take(u)
-        where = int(np.argmin(np.abs(at.values - step.expected(root, u))))
-        pairs, own = at.pairs.take([where]), [where]
-        slopes, noise = at.slopes[own], at.noise[own]
-        return Sample(u, pairs, slopes, noise, at.slope_noise[own], at.signatures[own])
+        return at.pairs.take([int(np.argmin(np.abs(at.values - step.expected(root, u))))])
 
     def _bisect(self, step: Step, root: int) -> float:
         def real_part(u: float) -> float:
@@ -441,7 +399,7 @@ def longest_step(gamma: float) -> float:
     return LONGEST_STEP * float(np.cbrt(1.0 + max(gamma, 0.0) / LARGE_GRAVITY))
 
 
-def _refuse_twins(found: list[AxisCrossing]) -> None:
+def _refuse_equal(found: list[AxisCrossing]) -> None:
     """Raises where two real roots pass zero at one speed: they are one root, found twice."""
     static = sorted(crossing.speed for crossing in found if crossing.value == 0.0 < crossing.speed)
     for low, high in itertools.pairwise(static):
@@ -507,8 +465,8 @@ def modes_of_pairs(values: Complex, damping: float) -> Indices:
     groups: list[tuple[float, list[int]]] = []
     real = [i for i in range(values.size) if values[i].imag == 0.0]
     for i in map(int, np.flatnonzero(values.imag > 0.0)):
-        twin = np.flatnonzero(values == values[i].conj())
-        groups.append((float(np.abs(values[i]) ** 2), [i, *map(int, twin[:1])]))
+        other = np.flatnonzero(values == values[i].conj())
+        groups.append((float(np.abs(values[i]) ** 2), [i, *map(int, other[:1])]))
     while real:
         i = real.pop(0)
         if not real:

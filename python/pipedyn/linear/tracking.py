@@ -7,7 +7,7 @@ middle of the step,
 
     e = |lambda_0 + lambda_0' h/2 - (lambda_1 - lambda_1' h/2)| = O(h^3),
 
-measures how well a curve is known. A match is doubtful where two curves pass within a few e of one
+measures how well a curve is known. A match is ambiguous where two curves pass within a few e of one
 another; the step is then halved. A pair that meets on the real axis has no slope there, but its sum
 and product run smoothly through the meeting, and are compared instead.
 """
@@ -47,12 +47,9 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Cluster:
-    """Overdamped roots of a Kelvin-Voigt pipe cluster at -1 / delta, where they need no names.
+    """Overdamped roots of a Kelvin-Voigt pipe, which cluster at -1 / delta within `radius` / delta.
 
-    Attributes:
-        delta: the damping; without it there is no cluster.
-        radius: how far the cluster reaches, in 1 / delta.
-        zero: |lambda| below which roots count as zero, where they need no names either.
+    They need not be distinguished, nor do roots below `zero`. Without damping there is no cluster.
     """
 
     delta: float
@@ -72,18 +69,15 @@ SLOPE_NOISE = 10.0
 
 @dataclass(frozen=True)
 class Sample:
-    """The lowest eigenvalues at one speed.
+    """The lowest eigenvalues at one speed with both vectors, and more of each, shape (r,).
 
     Attributes:
-        u: the speed.
-        pairs: eigenvalues with both vectors.
-        slopes: d lambda / du, shape (r,).
-        noise: how far rounding may have moved each eigenvalue, shape (r,).
-        slope_noise: the same of the real part of a slope, shape (r,); beyond rest 0 where it does
-            not matter, since the eigenvalue itself is no better known.
-        signatures: Krein signature of each eigenvalue of a conservative system on the imaginary
-            axis, -1 or 1, and 0 for all others, shape (r,): two alike pass through each other
-            there and stay on the axis.
+        slopes: d lambda / du.
+        noise: how far rounding may have moved lambda.
+        slope_noise: the same of the real part of a slope; beyond rest 0 where it does not matter,
+            since lambda itself is no better known.
+        signatures: Krein's, -1 or 1, on the imaginary axis of a conservative system, 0 elsewhere:
+            two roots of one signature pass through each other and stay on the axis.
     """
 
     u: float
@@ -101,13 +95,12 @@ class Sample:
 
 @dataclass(frozen=True)
 class Step:
-    """Two neighbouring samples and the root of `right` that continues each root of `left`.
+    """Two neighbouring samples, and what is known of each root of `left`, shape (r,).
 
     Attributes:
-        left, right: the samples.
-        onto: index in `right` for each root of `left`, shape (r,), -1 where it left the sample.
-        error: e of each root of `left`, shape (r,).
-        meets: for each root, the one it meets on the real axis within the step, or -1.
+        onto: the root of `right` that continues it, -1 where it left the sample.
+        error: e.
+        meets: the root that it meets on the real axis within the step, or -1.
     """
 
     left: Sample
@@ -118,7 +111,7 @@ class Step:
 
     @property
     def length(self) -> float:
-        """H = u_1 - u_0."""
+        """Of the step, in u."""
         return self.right.u - self.left.u
 
     @property
@@ -144,11 +137,7 @@ class Step:
 
 
 def pairs_at(problem: Eigenproblem, u: float, count: int | None) -> Eigenpairs:
-    """The `count` lowest eigenvalues (all without) at speed u, with both vectors.
-
-    Raises:
-        NotConverged: if double precision does not hold one of them.
-    """
+    """The `count` lowest eigenvalues (all without), with both vectors, if doubles hold them."""
     pairs = lowest(problem, u, count, left=True, high=False)
     if not np.isfinite(pairs.values).all():
         raise NotConverged(f"an eigenvalue at u = {u:g} is beyond double precision")
@@ -160,7 +149,11 @@ def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
     pairs = pairs_at(problem, u, count)
     found = problem.assessed(u, pairs)
     slopes = np.where(np.isfinite(found.slopes), found.slopes, 0.0)
-    noise = _noise(found.uncertain, pairs.values)
+    # Residuals and rounding of mu, taken to lambda; where roots meet they scatter by its root.
+    size = np.abs(pairs.values)
+    nearest = max(float(np.abs(pairs.values - SHIFTS[0]).min(initial=np.inf)), 1e-3)
+    of_mu = 1e-14 * size + 40.0 * EPS * size**2 / nearest
+    noise = np.maximum(of_mu, np.minimum(found.uncertain, 1e-7 * (1.0 + size)))
     slope_noise = np.zeros(noise.size)
     if not problem.is_conservative:
         values, sharp = problem.sharpened(u, pairs, found, noise)
@@ -177,15 +170,6 @@ def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
     return Sample(u, pairs, slopes, noise, slope_noise, signatures)
 
 
-def _noise(uncertain: Array, values: Complex) -> Array:
-    """Residuals and rounding, taken to lambda; where roots meet they scatter by its root."""
-    size = np.abs(values)
-    nearest = max(float(np.abs(values - SHIFTS[0]).min(initial=np.inf)), 1e-3)
-    of_mu = 1e-14 * size + 40.0 * EPS * size**2 / nearest
-    noise: Array = np.maximum(of_mu, np.minimum(uncertain, 1e-7 * (1.0 + size)))
-    return noise
-
-
 def tracked_steps(
     take: Callable[[float], Sample],
     first: Sample,
@@ -195,25 +179,16 @@ def tracked_steps(
     sure: Callable[[Step], bool] = lambda step: True,
     longest: float = LONGEST_STEP,
 ) -> Iterator[Step]:
-    """Steps from the first sample through all speeds, short enough to be believed.
+    """Steps from the first sample through increasing speeds, short enough to be unambiguous.
 
-    Args:
-        take: gives the sample at a speed.
-        first: the sample to start from.
-        speeds: strictly increasing, above the first sample's.
-        tracked: the roots of the first sample that must be tracked with certainty; the others
-            are matched as well as they can be.
-        cluster: roots that need not be distinguished.
-        sure: a further condition that a step must meet, unless it is the shortest.
-        longest: step in u above which it is split before anything is believed of it.
-
-    Raises:
-        NotConverged: if the steps become too many.
+    `take` gives the sample at a speed. Of the first sample the roots `tracked` are tracked with
+    certainty, the others matched as well as they can be. Longer steps than `longest` are halved, as
+    are those that are not `sure` and not the shortest. Raises NotConverged where they are too many.
     """
     ahead = list(speeds)[::-1]
-    patience = MOST_STEPS + 4 * len(ahead)
+    trials = MOST_STEPS + 4 * len(ahead)
     if ahead:
-        patience += math.ceil(4.0 * (ahead[0] - first.u) / longest)
+        trials += math.ceil(4.0 * (ahead[0] - first.u) / longest)
     left = first
     stack: list[Sample] = []
     while ahead or stack:
@@ -224,8 +199,8 @@ def tracked_steps(
         if right.u - left.u > longest * (1.0 + 1e-12):
             stack.append(take(middle))
             continue
-        patience -= 1
-        if patience < 0:
+        trials -= 1
+        if trials < 0:
             raise NotConverged(f"eigenvalues near u = {left.u:.6g} are too close to be tracked")
         onto, error, meets, slopes, unambiguous = _core.match(
             left, right, tracked, cluster.delta, cluster.radius, cluster.zero
