@@ -356,7 +356,7 @@ def parts(good: tuple[Any, ...], *wrong: Any) -> Kind:
 
 MODULES = SCENE.modules
 CONSTRAINTS = SCENE.constraints
-FURTHER = modular.Module(), modular.Constraint(), modular.Segment, modular.PointMass(4, 1.0)
+FURTHER = modular.Module(), modular.Constraint(), modular.Segment, pp.PointMass(at=4.0, mass=1.0)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -384,9 +384,7 @@ def test_another_pipe_may_take_the_same_chain():
     assert chain.pipe == pp.Pipe(0.2)
 
 
-@pytest.mark.parametrize(
-    "product", ["mass_times", "velocity_times", "flux_times", "gravity_times", "springs_times"]
-)
+@pytest.mark.parametrize("product", ["mass_times", "velocity_times", "flux_times", "gravity_times"])
 def test_the_core_refuses_an_array_of_another_size(product):
     core = pp.Chain(pp.Pipe(0.2), 10).core
     with pytest.raises(ValueError, match="one row a segment"):

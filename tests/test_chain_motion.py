@@ -120,8 +120,8 @@ def test_a_hundred_thousand_segments_obey_their_equations():
     rates = 1e-3 * np.sin(np.arange(n) / 1e4)
     found = chain.rhs(0.0, np.concatenate([np.zeros(n), rates]), u)[n:]
     turning = np.diff(rates, prepend=0.0)
-    force = u * chain.core.velocity_times(rates[:, None], False)[:, 0]
-    force += 1e-3 * chain.core.springs_times(turning[:, None])[:, 0]
+    force = u * chain.core.velocity_times(rates[:, None])[:, 0]
+    force -= 1e-3 * np.diff(chain.springs * turning, append=0.0)
     missing = chain.core.mass_times(found[:, None])[:, 0] + force
     terms = chain.core.mass_times(np.abs(found)[:, None])[:, 0]
     assert np.all(np.abs(missing) < 4.0 * np.finfo(float).eps * terms)

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.bifurcation.normal_form import NormalForm, normal_form
+from pipedyn.bifurcation.hopf import NormalForm, normal_form
 
 PIPE = pp.Pipe(0.2)
 ASPIRATING = pp.Pipe(0.2, flow="aspirating", damping=0.01)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 import pipedyn as pp
 from pipedyn import modular as md
-from pipedyn.models.modular.derivatives import forces
 from pipedyn.motion.integrator import integrate
 from pipedyn.motion.simulate import checked_task
 
@@ -95,7 +94,7 @@ def test_every_recursion_gives_the_accelerations_of_the_one_shot_null_space(name
         mass = np.zeros((n, n))
         rows, columns, values = scene.core.operators()["mass"]
         np.add.at(mass, (rows, columns), values)
-        force, _, _ = forces(scene.core, scene._customs, y, u)
+        force, _, _ = scene.motion.forces(y, u)
         basis = scipy.linalg.null_space(matrix, rcond=1e-9)
         assert basis.shape[1] == scene.dof
         whole = np.concatenate([basis.T @ mass, matrix])
@@ -187,7 +186,7 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp
     q = None if angles is None else np.array([0.3, -0.5, 0.8, 0.2])
     mine, theirs = scene.operators(q), chain.operators(q)
     names = ["mass", "gyroscopic", "end_flux", "damping"]
-    # Beside the derivatives of the forces in the angles, about a bent chain that is no equilibrium
+    # Besides the derivatives of the forces in the angles, about a bent chain that is no equilibrium
     # nothing else is left: no guide or pin bends the coordinates.
     for name in [*names, "stiffness", "flux"]:
         np.testing.assert_allclose(
@@ -454,7 +453,7 @@ def test_terms_move_the_critical_speed_of_scene_and_continuum_alike(name: str) -
 
 
 def drifting(scene: md.Assembly, u: float, duration: float, method: str) -> float:
-    """How far the angles that are integrated, before their projection, stray from guides and pins.
+    """How far the angles that are integrated, before their projection, are off guides and pins.
 
     The integrator is asked for few digits: what holds them is not its accuracy.
     """
@@ -481,7 +480,7 @@ def test_constraints_do_not_drift_over_a_hundred_periods() -> None:
     assert max(drift) < 1e-12
     assert np.abs(motion.qdot[:, 3 * 4 - 3]).max() < 1e-12
     assert motion.audit < 1e-4
-    # What the integrator itself carries beside the guide stays as small.
+    # What the integrator itself is off the guide stays as small.
     assert drifting(guided, 2.0, duration, "dop853") < 1e-8
 
 
@@ -565,11 +564,13 @@ def test_initial_states_are_angles_or_coordinates_that_meet_the_constraints() ->
     by_coordinates = pp.simulate(scene, 1.0, 0.1, y[:12], samples=3)
     np.testing.assert_allclose(by_angles.q, by_coordinates.q, atol=1e-13)
     np.testing.assert_allclose(scene.angles(y), angles, atol=1e-15)
-    with pytest.raises(ValueError, match=r"q0 must meet Guide\(node=4\), got .*e-02 beside it"):
+    with pytest.raises(
+        ValueError, match=r"q0 must meet Guide\(node=4\), got a deviation of .*e-02"
+    ):
         pp.simulate(scene, 1.0, 0.1, [0.3, 0.1, -0.2, 0.1])
     torn = y[:12].copy()
     torn[3] += 0.01
-    with pytest.raises(ValueError, match=r"q0 must meet Joint\(segment=.\), got .* beside it"):
+    with pytest.raises(ValueError, match=r"q0 must meet Joint\(segment=.\), got a deviation of"):
         pp.simulate(scene, 1.0, 0.1, torn)
     with pytest.raises(ValueError, match=r"qdot0 must keep Guide\(node=4\)"):
         pp.simulate(scene, 1.0, 0.1, angles, [1.0, 0.0, 0.0, 0.0])

@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from pipedyn import _core
+from pipedyn.models.modular.motion import acceleration_derivatives
 
 CLAMP, JOINT, GUIDE, PIN = range(4)
 FLOWS = [(False, 1.0), (True, 0.7)]
@@ -17,6 +18,10 @@ FLOWS = [(False, 1.0), (True, 0.7)]
 
 def chained(n):
     return [(CLAMP, 1), *((JOINT, j) for j in range(2, n + 1))]
+
+
+def springs(joint, stiffness, damping, rest):
+    return np.stack([joint, stiffness, damping, rest], axis=1)
 
 
 class Made:
@@ -49,22 +54,13 @@ class Made:
         )
         groups = chained(n) if constraints is None else list(constraints)
         groups += more
-        rows = [(*group, 0.0, 0.0)[:4] for group in groups]
-        kinds, nodes, x, y = (np.array(column) for column in zip(*rows, strict=True))
         arguments = {
-            "spring_joint": np.arange(1, n + 1),
-            "spring_stiffness": self.spring,
-            "spring_damping": 0.01 * self.spring,
-            "spring_rest": np.zeros(n),
+            "springs": springs(np.arange(1, n + 1), self.spring, 0.01 * self.spring, np.zeros(n)),
+            "constraints": [(*group, 0.0, 0.0)[:4] for group in groups],
+            "inertia": np.zeros((0, 3)),
             "flow": True,
             "drag": True,
-            "constraint_kind": kinds,
-            "constraint_node": nodes,
-            "constraint_x": x,
-            "constraint_y": y,
         }
-        for name in ("inertia_row", "inertia_coordinate", "inertia_weight"):
-            arguments[name] = np.array([])
         arguments.update(segments, **given)
         self.core = _core.Scene(pipe, length=self.length, base=self.base, **arguments)
 
@@ -91,10 +87,12 @@ def rich(n, more=(), **given):
                 *(("damper", at, [c]) for at, c in zip(places, [0.7, 0.2], strict=True)),
                 *(("point_mass", at, [m]) for at, m in zip(places, [0.3, 0.1], strict=True)),
             ],
-            "spring_joint": np.r_[1 : n + 1, n, 1],
-            "spring_stiffness": np.r_[np.full(n, float(n)), 2.0, 3.0],
-            "spring_damping": np.r_[np.full(n, 0.1), 0.2, 0.0],
-            "spring_rest": np.r_[np.zeros(n), 0.4, -0.3],
+            "springs": springs(
+                np.r_[1 : n + 1, n, 1],
+                np.r_[np.full(n, float(n)), 2.0, 3.0],
+                np.r_[np.full(n, 0.1), 0.2, 0.0],
+                np.r_[np.zeros(n), 0.4, -0.3],
+            ),
         }
         | inertia(
             [first, first, last, last, last + 1, last + 2],
@@ -115,16 +113,19 @@ def inertia(rows, columns, values):
 
 def inertia_rows(factor, coordinates):
     row, column = np.nonzero(factor)
-    return {
-        "inertia_row": row,
-        "inertia_coordinate": np.asarray(coordinates)[column],
-        "inertia_weight": factor[row, column],
-    }
+    entries = [row, np.asarray(coordinates)[column], factor[row, column]]
+    return {"inertia": np.stack(entries, axis=1)}
 
 
 def matrix(triplets, shape):
     rows, columns, values = triplets
     return sparse.coo_array((values, (rows, columns)), shape=shape).toarray()
+
+
+def curvature(core, q, multipliers):
+    """sum_i multipliers_i d2 g_i / dq2."""
+    rows, *places, values = core.hessians(q)
+    return matrix((*places, values * multipliers[rows]), (q.size, q.size))
 
 
 def least_squares_accelerations(core, y, u):
@@ -139,12 +140,15 @@ def least_squares_accelerations(core, y, u):
 
 
 def operators_of(core):
-    """All linear operators about the straight pipe: those that are constant, and of the forces."""
+    """All linear operators about the straight pipe, dense: constant ones, and of the forces."""
+    size = core.coordinates
     straight = np.r_[core.straight(), np.zeros(core.coordinates)]
     by_q, by_rate = core.force_derivatives(straight, 0.0)
-    names = ("stiffness", by_q), ("damping", by_rate)
-    negated = {name: (rows, columns, -values) for name, (rows, columns, values) in names}
-    return core.operators() | negated
+    dense = {name: matrix(of, (size, size)) for name, of in core.operators().items()}
+    flow = dense.pop("velocity")
+    dense |= {"gyroscopic": 0.5 * (flow - flow.T), "end_flux": 0.5 * (flow + flow.T)}
+    forces = {"stiffness": by_q, "damping": by_rate}
+    return dense | {name: -matrix(of, (size, size)) for name, of in forces.items()}
 
 
 def worst(found, expected):
@@ -351,8 +355,7 @@ def test_operators_are_those_of_the_chain_on_the_straight_pipe():
         basis = np.zeros((size, n))
         basis[0::3] = np.tril(np.ones((n, n))) * made.length
         basis[2::3] = np.eye(n) - np.eye(n, k=-1)
-        ops = operators_of(made.core)
-        dense = {name: matrix(ops[name], (size, size)) for name in ops}
+        dense = operators_of(made.core)
         expected = made.chain.operators()
         for name in ("mass", "gyroscopic", "end_flux", "damping"):
             found = basis.T @ dense[name] @ basis
@@ -369,7 +372,7 @@ def test_operators_are_those_of_the_chain_on_the_straight_pipe():
         for u in (0.0, 3.0):
             multipliers = np.linalg.lstsq(a.T, made.core.forces(y, u), rcond=None)[0]
             stiffness = dense["stiffness"] + centrifugal * u**2 * dense["flux"]
-            stiffness += matrix(made.core.curvature(q, multipliers), (size, size))
+            stiffness += curvature(made.core, q, multipliers)
             whole = expected.stiffness + centrifugal * u**2 * expected.flux
             np.testing.assert_allclose(basis.T @ stiffness @ basis, whole, rtol=1e-11, atol=1e-11)
 
@@ -379,7 +382,7 @@ def test_forces_follow_the_operators_at_small_motions(aspirating, alpha):
     made = rich(3, aspirating=aspirating, alpha=alpha, drag=False)
     size, u = 9, 2.5
     y = np.random.default_rng(0).normal(size=2 * size)
-    ops = {name: matrix(t, (size, size)) for name, t in operators_of(made.core).items()}
+    ops = operators_of(made.core)
     np.testing.assert_array_equal(ops["gyroscopic"], -ops["gyroscopic"].T)
     np.testing.assert_array_equal(ops["mass"], ops["mass"].T)
     direction = -1.0 if aspirating else 1.0
@@ -419,18 +422,20 @@ def test_derivatives_agree_with_differences(n):
 
     np.testing.assert_allclose(b, -(along(1e-5) - along(-1e-5)) / 2e-5, atol=1e-8)
     multipliers, acceleration = rng.normal(size=m), rng.normal(size=size)
-    curvature = matrix(core.curvature(q, multipliers), (size, size))
+    found = curvature(core, q, multipliers)
     expected = differences(
         lambda x: multipliers @ matrix(core.constraints(np.r_[x, rates])[1], (m, size)), q
     )
-    np.testing.assert_allclose(curvature, expected, atol=1e-8)
-    np.testing.assert_allclose(curvature, curvature.T, atol=1e-13)
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+    np.testing.assert_allclose(found, found.T, atol=1e-13)
 
     def missing(z):
         _, triplets, b, _ = core.constraints(z)
         return matrix(triplets, (m, size)) @ acceleration - b
 
-    close(core.acceleration_derivatives(y, acceleration), (m, size), missing)
+    found = acceleration_derivatives(core, y, acceleration)
+    dense = np.hstack([of.toarray() for of in found])
+    np.testing.assert_allclose(dense, differences(missing, y), atol=2e-8, rtol=1e-7)
 
 
 # ----------------------------------------------------------------------------------------- energy
@@ -497,19 +502,13 @@ def test_a_thousand_straight_segments_at_rest_stay():
     ("given", "message"),
     [
         ({"center": np.zeros(2)}, "one entry a segment"),
-        ({"spring_joint": [1, 2, 4]}, r"spring_joint must lie in 1\.\.3, got 4"),
-        ({"spring_joint": [1, 2]}, "arrays of equal length"),
+        ({"springs": [[4, 1, 0, 0]]}, r"spring_joint must lie in 1\.\.3, got 4"),
+        ({"springs": [[1, 2]]}, "a row of springs must have 4 entries, got 2"),
         ({"constraints": [(JOINT, 1)]}, "a joint's constraint_node"),
         ({"constraints": [(CLAMP, 2)]}, "a clamp's constraint_node"),
         ({"constraints": [(4, 1)]}, "constraint_kind"),
-        (
-            {"inertia_row": [0], "inertia_coordinate": [9], "inertia_weight": [1.0]},
-            "inertia must lie on the scene's coordinates",
-        ),
-        (
-            {"inertia_row": [0], "inertia_coordinate": [1], "inertia_weight": []},
-            "inertia must have arrays of equal length",
-        ),
+        ({"inertia": [[0, 9, 1.0]]}, "inertia must lie on the scene's coordinates"),
+        ({"inertia": [[0, 1]]}, "a row of inertia must have 3 entries, got 2"),
     ],
 )
 def test_inconsistent_scenes_are_refused(given, message):
@@ -525,7 +524,7 @@ def test_wrong_sizes_are_refused():
         core.rhs(0.0, np.zeros((12, 2)), 1.0, force=np.zeros(6))
     with pytest.raises(ValueError, match="y must have 12 entries, got 6"):
         core.forces(np.zeros(6), 1.0)
-    with pytest.raises(ValueError, match="multipliers must have 4 entries"):
-        core.curvature(np.zeros(6), np.zeros(3))
+    with pytest.raises(ValueError, match="q must have 6 entries, got 3"):
+        core.hessians(np.zeros(3))
     with pytest.raises(ValueError, match="omega must have the shape of theta"):
         core.from_angles(np.zeros(2), np.zeros((2, 1)))

@@ -214,7 +214,7 @@ def test_functions_of_ones_own_are_tried(functions: dict, error: type, message: 
         md.chain(PIPE, 4).plus(md.Custom(nodes=(2,), name="magnet", **functions))
 
 
-def test_a_force_that_only_places_tell_resists_no_velocity() -> None:
+def test_a_force_that_depends_on_places_alone_resists_no_velocity() -> None:
     plain = md.chain(pp.Pipe(0.0), 4)
     by_force = plain.plus(
         md.Custom(nodes=(3,), force=lambda q, v: np.array([-30.0 * q[0], 0.0 * q[1]]))
@@ -252,7 +252,7 @@ def test_parts_of_other_classes_are_refused() -> None:
             plain.plus(part)
 
 
-def test_scenes_tell_what_they_are() -> None:
+def test_the_description_of_a_scene_lists_its_parts() -> None:
     scene = md.chain(PIPE, 3).plus(md.TorsionalSpring(2, 1.0, rest_angle=0.4), md.Guide(3))
     assert "TorsionalSpring(joint=2, stiffness=1, rest_angle=0.4)" in repr(scene)
     assert "Guide(node=3)" in repr(scene)

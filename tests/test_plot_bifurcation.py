@@ -50,6 +50,7 @@ def circle(stable=True):
         phases=0,
         evaluations=0,
         method="written down",
+        orbit=None,  # what was solved: no picture shows it
     )
 
 

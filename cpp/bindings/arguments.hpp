@@ -167,6 +167,51 @@ void run(py::ssize_t amount, const Work& work) {
   work();
 }
 
+/// What work(batch, out) makes of states (rows,) or (rows, k) and their speeds, of the same shape.
+/// cost: of a member, as in `run`.
+template <class Work>
+Numbers rates_of(py::ssize_t rows, py::ssize_t cost, const py::object& y, const py::object& u,
+                 const Work& work) {
+  const States states("y", y, rows);
+  const Speeds speeds("u", u, states);
+  Numbers rates = new_numbers(rows, states.members, states.one);
+  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  double* const out = rates.mutable_data();
+  run(cost * states.members, [&] { work(batch, out); });
+  return rates;
+}
+
+/// Energy of each member. rows, cost: as for `rates_of`.
+template <class Model>
+NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost,
+                        const py::object& y) {
+  const States states("y", y, rows);
+  const double still = 0.0;
+  const Batch batch{states.values.data(), &still, states.members, 0};
+  Numbers result(states.members);
+  double* const out = result.mutable_data();
+  run(cost * states.members, [&] { model.energy(batch, out); });
+  return number_or_array(result, states.one);
+}
+
+/// (flow, joints, drag, others)
+using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
+
+template <class Model>
+Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
+               const py::object& u) {
+  const States states("y", y, rows);
+  const Speeds speeds("u", u, states);
+  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  Numbers flow(states.members), joints(states.members), drag(states.members),
+      others(states.members);
+  const PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data(),
+                         others.mutable_data()};
+  run(cost * states.members, [&] { model.power(batch, parts); });
+  return py::make_tuple(number_or_array(flow, states.one), number_or_array(joints, states.one),
+                        number_or_array(drag, states.one), number_or_array(others, states.one));
+}
+
 /// Eigenpairs and their tracking, in linear.cpp.
 void define_linear(py::module_& m);
 

@@ -20,7 +20,7 @@ using namespace py::literals;
 using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Operators,
     pipedyn::Pipe, pipedyn::Segments;
 using pipedyn::Batch, pipedyn::GalerkinMotion, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
-using pipedyn::number_or_array, pipedyn::NumberOrArray, pipedyn::Unlocked;
+using pipedyn::NumberOrArray, pipedyn::Unlocked;
 
 namespace {
 
@@ -38,27 +38,16 @@ py::ssize_t work_of(const GalerkinMotion& motion) { return 4 * motion.dof() * mo
 
 template <class Model>
 Numbers rhs(const Model& model, const py::object&, const py::object& y, const py::object& u) {
-  const py::ssize_t rows = 2 * model.dof();
-  const States states("y", y, rows);
-  const Speeds speeds("u", u, states);
-  Numbers rates = pipedyn::new_numbers(rows, states.members, states.one);
-  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
-  double* const out = rates.mutable_data();
-  pipedyn::run(work_of(model) * states.members, [&] { model.rhs(batch, out); });
-  return rates;
+  return pipedyn::rates_of(2 * model.dof(), work_of(model), y, u,
+                           [&](const Batch& batch, double* out) { model.rhs(batch, out); });
 }
 
 template <class Model>
 Numbers rhs_and_power(const Model& model, const py::object&, const py::object& y,
                       const py::object& u) {
-  const py::ssize_t rows = 2 * model.dof() + 1;
-  const States states("y", y, rows);
-  const Speeds speeds("u", u, states);
-  Numbers rates = pipedyn::new_numbers(rows, states.members, states.one);
-  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
-  double* const out = rates.mutable_data();
-  pipedyn::run(work_of(model) * states.members, [&] { pipedyn::rhs_and_power(model, batch, out); });
-  return rates;
+  return pipedyn::rates_of(
+      2 * model.dof() + 1, work_of(model), y, u,
+      [&](const Batch& batch, double* out) { pipedyn::rhs_and_power(model, batch, out); });
 }
 
 template <class Model>
@@ -75,30 +64,12 @@ Numbers jacobian(const Model& model, const py::object&, const py::object& y, con
 
 template <class Model>
 NumberOrArray energy(const Model& model, const py::object& y) {
-  const States states("y", y, 2 * model.dof());
-  const double still = 0.0;
-  const Batch batch{states.values.data(), &still, states.members, 0};
-  Numbers result(states.members);
-  double* const out = result.mutable_data();
-  pipedyn::run(work_of(model) * states.members, [&] { model.energy(batch, out); });
-  return number_or_array(result, states.one);
+  return pipedyn::energy_of(model, 2 * model.dof(), work_of(model), y);
 }
 
-/// (flow, joints, drag, others)
-using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
-
 template <class Model>
-Parts power(const Model& model, const py::object& y, const py::object& u) {
-  const States states("y", y, 2 * model.dof());
-  const Speeds speeds("u", u, states);
-  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
-  Numbers flow(states.members), joints(states.members), drag(states.members),
-      others(states.members);
-  const pipedyn::PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data(),
-                                  others.mutable_data()};
-  pipedyn::run(work_of(model) * states.members, [&] { model.power(batch, parts); });
-  return py::make_tuple(number_or_array(flow, states.one), number_or_array(joints, states.one),
-                        number_or_array(drag, states.one), number_or_array(others, states.one));
+pipedyn::Parts power(const Model& model, const py::object& y, const py::object& u) {
+  return pipedyn::power_of(model, 2 * model.dof(), work_of(model), y, u);
 }
 
 template <class Model>
@@ -162,15 +133,12 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
            "base"_a)
-      .def("operators", py::overload_cast<>(&Chain::operators, py::const_), Unlocked())
-      .def("operators", py::overload_cast<const pipedyn::Vector&>(&Chain::operators, py::const_),
-           "angles"_a, Unlocked())
+      .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def("mass_times", &Chain::mass_times, "x"_a, Unlocked())
-      .def("velocity_times", &Chain::velocity_times, "x"_a, "transposed"_a = false, Unlocked())
-      .def("flux_times", &Chain::flux_times, "x"_a, "transposed"_a = false, Unlocked())
+      .def("velocity_times", &Chain::velocity_times, "x"_a, Unlocked())
+      .def("flux_times", &Chain::flux_times, "x"_a, Unlocked())
       .def("gravity_times", &Chain::gravity_times, "x"_a, Unlocked())
-      .def("springs_times", &Chain::springs_times, "joint_angles"_a, Unlocked())
       .def("terms_stiffness_times", &Chain::terms_stiffness_times, "x"_a, Unlocked())
       .def("terms_damping_times", &Chain::terms_damping_times, "x"_a, Unlocked())
       .def("bodies", &Chain::bodies, Unlocked())

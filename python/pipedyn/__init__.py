@@ -18,9 +18,8 @@ from pipedyn.bifurcation.equilibrium_branch import (
     equilibrium_branch,
 )
 from pipedyn.bifurcation.events import CycleEvent
-from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, criticality_curve, hopf
+from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, NoHopf, criticality_curve, hopf
 from pipedyn.bifurcation.limit_cycle import limit_cycle
-from pipedyn.bifurcation.normal_form import NoHopf
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity

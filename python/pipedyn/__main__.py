@@ -16,40 +16,19 @@ import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
+
+from threadpoolctl import threadpool_limits
 
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
 from pipedyn.models.pipe import FLOWS, Pipe
-from pipedyn.paper.analysis import (
-    HIGHEST_SPEED,
-    LEAST_HIGHEST,
-    Case,
-    Findings,
-    gather,
-    one_blas_thread,
-)
+from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Case, Findings, gather
 from pipedyn.paper.report import HEADER, draw, report, table
 from pipedyn.util import check
-
-LARGEST_CHAIN = 1000
-"""Segments: root loci at 181 speeds take 12 s."""
-
-LARGEST_REDUCED = 200
-"""Functions: root loci at 181 speeds take 18 s; more digits are not gained."""
-
-MOST_PANELS = 5
-"""Panels in a row: more than 5 at 2 inches each do not fit on a page."""
-
-MOST_SPEEDS = 5001
-"""Flow speeds of figures 2 and 3: steps of 0.02 up to the highest speed."""
-
-MOST_WORKERS = 64
-"""Processes: there are fewer than 100 models to compute."""
-
-FORMATS = ("png", "pdf", "svg")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -71,6 +50,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         "the rest is kept; 2 for bad arguments.",
         allow_abbrev=False,
     )
+    usual = "(default: %(default)s)"
     add = parser.add_argument_group("pipe").add_argument
     for name, metavar, default, text in (
         ("beta", "B", 0.2, "mass ratio in [0, 1)"),
@@ -78,45 +58,59 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         ("alpha", "A", 1.0, "inlet coefficient of an aspirating pipe, A >= 0"),
         ("damping", "D", 0.0, "Kelvin-Voigt damping, D >= 0"),
     ):
-        text = f"{text} (default: {default:g})"
-        add(f"--{name}", type=float, default=default, metavar=metavar, help=text)
-    add("--flow", choices=FLOWS, default="ejecting", help="direction (default: ejecting)")
+        add(f"--{name}", type=float, default=default, metavar=metavar, help=f"{text} {usual}")
+    add("--flow", choices=FLOWS, default="ejecting", help=f"direction {usual}")
 
     add = parser.add_argument_group("panels of figures 2 and 3").add_argument
+    rules: dict[str, Any] = {"choices": SPRING_RULES, "default": ["rayleigh", "consistent"]}
     text = (
         f"spring rules of the chains, one row of panels each: {', '.join(SPRING_RULES)}; rayleigh "
         "is the paper's (default: rayleigh consistent)"
     )
-    rules: dict[str, Any] = {"choices": SPRING_RULES, "default": ["rayleigh", "consistent"]}
     add("--springs", nargs="+", metavar="RULE", help=text, **rules)
-    for name, metavar, sizes, largest, text in (
-        ("chain", "N", [4, 8, 16], LARGEST_CHAIN, "segments"),
-        ("reduced", "M", [2, 4, 8], LARGEST_REDUCED, "functions"),
+    for name, metavar, sizes, largest, text in (  # the largest take 12 and 18 s at 181 speeds
+        ("chain", "N", [4, 8, 16], 1000, "segments"),
+        ("reduced", "M", [2, 4, 8], 200, "functions"),
     ):
         text = f"numbers of {text}, each from 1 to {largest} (default: {' '.join(map(str, sizes))})"
-        several: dict[str, Any] = {"nargs": "+", "type": _size(largest), "default": sizes}
+        several: dict[str, Any] = {"nargs": "+", "type": partial(_whole, 1, largest)}
+        several |= {"dest": f"{name}_sizes", "default": sizes}
         add(f"--{name}", metavar=metavar, help=text, **several)
-    add("--basis", choices=BASES, default="beam", help="of the reduced models (default: beam)")
+    add("--basis", choices=BASES, default="beam", help=f"of the reduced models {usual}")
     text = (
         f"highest flow speed, 0 < U <= {HIGHEST_SPEED:g} (default: 1.5 times the critical speed, "
         f"but at least {LEAST_HIGHEST:g})"
     )
     add("--highest", type=float, metavar="U", help=text)
-    text = f"number of flow speeds, from 2 to {MOST_SPEEDS} (default: 181)"
-    add("--speeds", type=int, default=181, metavar="COUNT", help=text)
+    text = f"number of flow speeds, from 2 to 5001 {usual}"  # steps of 0.02 up to the highest
+    add("--speeds", type=partial(_whole, 2, 5001), default=181, metavar="COUNT", help=text)
 
     add = parser.add_argument_group("output").add_argument
-    text = "folder to write to, made if it does not exist (default: figures)"
+    text = f"folder to write to, made if it does not exist {usual}"
     add("--output", default="figures", metavar="FOLDER", help=text)
-    add("--format", choices=FORMATS, default="png", help="of the figures (default: png)")
-    text = "processes that share the work; 0: this one alone (default: %(default)s)"
-    add("--workers", type=int, default=min(2, os.cpu_count() or 1), metavar="K", help=text)
-    add("--quiet", action="store_true", help="show no progress on stderr")
-    given = sys.argv[1:] if arguments is None else arguments
+    add("--format", choices=("png", "pdf", "svg"), default="png", help=f"of the figures {usual}")
+    workers = min(2, os.cpu_count() or 1)
+    text = f"processes that share the work; 0: this one alone {usual}"
+    add("--workers", type=partial(_whole, 0, 64), default=workers, metavar="K", help=text)
+    add("--quiet", dest="progress", action="store_false", help="show no progress on stderr")
+
+    words = sys.argv[1:] if arguments is None else arguments
+    given = vars(parser.parse_args([_positional(word) for word in words]))
     try:
-        return _checked(parser.parse_args([_positional(word) for word in given]))
+        numbers = {name: given.pop(name) for name in ("beta", "gamma", "flow", "alpha", "damping")}
+        pipe = Pipe(**numbers)
+        if given["highest"] is not None:
+            bounds: dict[str, Any] = {"low": 0.0, "high": HIGHEST_SPEED, "open_low": True}
+            check.real("argument --highest:", given["highest"], **bounds)
+        for name in ("chain", "reduced"):
+            sizes = given[f"{name}_sizes"] = sorted(set(given[f"{name}_sizes"]))
+            if len(sizes) > 5:  # panels of 2 inches
+                raise ValueError(f"argument --{name}: at most 5 sizes fit a page")
+        given["springs"] = list(dict.fromkeys(given["springs"]))
+        given["output"] = _writable(given["output"])
     except (ValueError, OSError) as error:
         parser.error(str(error))
+    return Case(pipe=pipe, **given)
 
 
 def _positional(word: str) -> str:
@@ -128,52 +122,27 @@ def _positional(word: str) -> str:
     return f" {word}" if word.startswith("-") else word
 
 
-def _size(largest: int) -> Callable[[str], int]:
-    def size(text: str) -> int:
-        text = text.strip()
-        if not text.isdecimal() or not 1 <= int(text) <= largest:
-            raise argparse.ArgumentTypeError(
-                f"sizes must be whole numbers from 1 to {largest}, got {text!r}"
-            )
-        return int(text)
-
-    return size
+def _whole(low: int, high: int, text: str) -> int:
+    """A word as a whole number in an interval."""
+    text = text.strip()
+    if not text.isdecimal() or not low <= int(text) <= high:
+        rule = f"must be a whole number from {low} to {high}"
+        raise argparse.ArgumentTypeError(f"{rule}, got {text!r}")
+    return int(text)
 
 
-def _checked(given: argparse.Namespace) -> Case:
-    pipe = Pipe(given.beta, given.gamma, given.flow, alpha=given.alpha, damping=given.damping)
-    highest = given.highest
-    if highest is not None:
-        name = "argument --highest:"
-        highest = check.real(name, highest, low=0.0, high=HIGHEST_SPEED, open_low=True)
-    speeds = check.count("argument --speeds:", given.speeds, low=2, high=MOST_SPEEDS)
-    workers = check.count("argument --workers:", given.workers, low=0, high=MOST_WORKERS)
-    for name in ("chain", "reduced"):
-        if len(set(getattr(given, name))) > MOST_PANELS:
-            raise ValueError(f"argument --{name}: at most {MOST_PANELS} sizes fit a page")
-    if not given.output.strip() or "\0" in given.output:
-        raise ValueError(f"argument --output: must name a folder, got {given.output!r}")
-    folder = Path(given.output)
+def _writable(name: str) -> Path:
+    """A folder that can be written to; made where there is none."""
+    if not name.strip() or "\0" in name:
+        raise ValueError(f"argument --output: must name a folder, got {name!r}")
+    folder = Path(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            pass
+            return folder
     except OSError as error:
         reason = error.strerror or error
-        raise OSError(f"argument --output: cannot write to {str(folder)!r}: {reason}") from None
-    return Case(
-        pipe=pipe,
-        springs=tuple(dict.fromkeys(given.springs)),
-        chain_sizes=tuple(sorted(set(given.chain))),
-        basis=given.basis,
-        reduced_sizes=tuple(sorted(set(given.reduced))),
-        highest=highest,
-        speeds=speeds,
-        output=folder,
-        format=given.format,
-        workers=workers,
-        progress=not given.quiet,
-    )
+        raise OSError(f"argument --output: cannot write to {name!r}: {reason}") from None
 
 
 def _pool(workers: int) -> AbstractContextManager[Executor | None]:
@@ -181,18 +150,14 @@ def _pool(workers: int) -> AbstractContextManager[Executor | None]:
     if workers > 0:
         try:
             spawn = multiprocessing.get_context("spawn")
-            return ProcessPoolExecutor(workers, spawn, one_blas_thread)
+            return ProcessPoolExecutor(workers, spawn, threadpool_limits, (1, "blas"))
         except (OSError, ImportError, NotImplementedError):  # a system without semaphores
             pass
     return nullcontext()
 
 
 def write(case: Case, findings: Findings, figures: dict[str, plot.Figure]) -> list[Path]:
-    """Write the table and the figures; what cannot be written is added to `findings.failures`.
-
-    Returns:
-        The paths of the files written.
-    """
+    """Write the table and the figures; what cannot be written is added to `findings.failures`."""
 
     def save_table(path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:

@@ -86,9 +86,7 @@ class Chain:
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def flux_times(
-        self,
-        x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        transposed: bool = False,
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def gravity_times(
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
@@ -102,11 +100,8 @@ class Chain:
     def mass_times(
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    @typing.overload
-    def operators(self) -> Operators: ...
-    @typing.overload
     def operators(
-        self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+        self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
     def power(
         self, y: typing.Any, u: typing.Any
@@ -123,9 +118,6 @@ class Chain:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def springs_times(
-        self, joint_angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def terms_damping_times(
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
@@ -133,9 +125,7 @@ class Chain:
         self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def velocity_times(
-        self,
-        x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        transposed: bool = False,
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Galerkin:
@@ -268,6 +258,7 @@ class Scan:
     def roots(self) -> numpy.typing.NDArray[numpy.int64]: ...
 
 class Scene:
+    met: typing.ClassVar[float] = 1e-13
     return_rate: typing.ClassVar[float] = 10.0
     def __init__(
         self,
@@ -277,36 +268,12 @@ class Scene:
         gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
-        spring_joint: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        spring_stiffness: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        spring_damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        spring_rest: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        springs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        constraints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         flow: bool,
         drag: bool,
-        constraint_kind: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        constraint_node: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        constraint_x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        constraint_y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        inertia_row: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        inertia_coordinate: typing.Annotated[numpy.typing.ArrayLike, numpy.int64, "[m, 1]"],
-        inertia_weight: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     ) -> None: ...
-    def acceleration_derivatives(
-        self,
-        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        acceleration: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-    ) -> tuple[
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-    ]: ...
     def angle_rates(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -321,15 +288,6 @@ class Scene:
         ],
         numpy.typing.NDArray[numpy.float64],
         numpy.typing.NDArray[numpy.int64],
-    ]: ...
-    def curvature(
-        self,
-        q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        multipliers: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.float64],
     ]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def force_derivatives(
@@ -356,6 +314,14 @@ class Scene:
     def from_angles(
         self, theta: typing.Any, omega: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def hessians(
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.float64],
+    ]: ...
     def lacking(
         self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> int: ...
@@ -384,6 +350,7 @@ class Scene:
     ) -> tuple[
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
     def rhs(
         self, t: typing.Any, y: typing.Any, u: typing.Any, force: typing.Any = None

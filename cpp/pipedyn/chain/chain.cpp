@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -23,47 +24,31 @@ void require_rows(Index rows, Index dof) {
   }
 }
 
+/// The moments of each segment's loads at rest.
+std::vector<LoadMoments> loads_at(const MotionModel& model, const Vector& sine,
+                                  const Vector& cosine) {
+  std::vector<LoadMoments> sums(static_cast<std::size_t>(model.size));
+  load_moments(model, sine.data(), cosine.data(), nullptr, sums.data());
+  return sums;
+}
+
 }  // namespace
 
 Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::move(segments)) {
+  auto& [l, chi, eta, spring, xi, base] = segments_;
   const Index n = dof();
-  if (n < 1 || segments_.center.size() != n || segments_.gyration_radius.size() != n ||
-      segments_.spring.size() != n || segments_.drag_point.size() != n) {
+  if (n < 1 || chi.size() != n || eta.size() != n || spring.size() != n || xi.size() != n) {
     throw std::invalid_argument("segments must have one entry a segment in every array");
   }
-  place_terms();
-  const Vector& l = segments_.length;
-  mass_beyond_.resize(n);
-  double beyond = 0.0;
-  for (Index k = n - 1; k >= 0; --k) {
-    mass_beyond_[k] = beyond;
-    beyond += mass_[k];
-  }
-  first_moment_ = l.array() * (mass_beyond_.array() + mass_.array() * segments_.center.array());
-  links_.reserve(static_cast<std::size_t>(n));
-  for (Index j = 0; j < n; ++j) {
-    const double mass = mass_[j], arm = segments_.center[j] * l[j],
-                 eta = segments_.gyration_radius[j];
-    const double inertia = mass * (arm * arm + eta * eta), rest = l[j] - arm;
-    links_.push_back({.length = l[j],
-                      .length_square = l[j] * l[j],
-                      .mass = mass,
-                      .first_moment = mass * arm,
-                      .inertia = inertia,
-                      .end_inertia = mass * (rest * rest + eta * eta),
-                      .own_inertia = mass * mass * eta * eta,
-                      .exchange = mass * (eta * eta - arm * rest),
-                      .spring = segments_.spring[j],
-                      .drag_arm = segments_.drag_point[j] * l[j],
-                      .drag = pipe_.drag * l[j],
-                      .weight = pipe_.gamma * first_moment_[j]});
-  }
-  linearise_loads();
-}
-
-void Chain::place_terms() {
-  mass_ = segments_.length;
-  for_each_place(pipe_.terms, segments_.length, segments_.base,
+  Vector masses = l;
+  const auto add_mass = [&](Index j, double arm, double mass) {
+    const double own = masses[j], total = own + mass, share = mass / total;
+    const double apart = arm - chi[j] * l[j];
+    eta[j] = std::sqrt(own / total * (eta[j] * eta[j] + share * apart * apart));
+    chi[j] += share * apart / l[j];
+    masses[j] = total;
+  };
+  for_each_place(pipe_.terms, l, base,
                  [&](const auto& law, const Term& term, Index j, double arm, double weight) {
                    if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
                    if (law.loads) loads_.push_back({j, arm, weight, term});
@@ -71,39 +56,50 @@ void Chain::place_terms() {
   std::stable_sort(
       loads_.begin(), loads_.end(),
       [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
+  links_.resize(static_cast<std::size_t>(n));
+  first_moment_.resize(n);
+  double beyond = 0.0;
+  for (Index j = n - 1; j >= 0; --j) {
+    const double mass = masses[j], arm = chi[j] * l[j], rest = l[j] - arm, square = eta[j] * eta[j];
+    const double inertia = mass * (arm * arm + square);
+    first_moment_[j] = l[j] * (beyond + mass * chi[j]);
+    links_[static_cast<std::size_t>(j)] = {.length = l[j],
+                                           .length_square = l[j] * l[j],
+                                           .mass = mass,
+                                           .first_moment = mass * arm,
+                                           .inertia = inertia,
+                                           .end_inertia = mass * (rest * rest + square),
+                                           .own_inertia = mass * mass * eta[j] * eta[j],
+                                           .exchange = mass * (square - arm * rest),
+                                           .spring = spring[j],
+                                           .drag_arm = xi[j] * l[j],
+                                           .drag = pipe_.drag * l[j],
+                                           .weight = pipe_.gamma * first_moment_[j]};
+    beyond += mass;
+  }
+  linearise();
 }
 
-void Chain::linearise_loads() {
-  if (loads_.empty()) return;
+void Chain::linearise() {
   const Index n = dof();
-  const Vector& l = segments_.length;
   const Vector straight = Vector::Zero(n), one = Vector::Ones(n);
-  std::vector<LoadMoments> sums(static_cast<std::size_t>(n));
-  load_moments(motion(), straight.data(), one.data(), nullptr, sums.data());
-  linear_loads_.resize(sums.size());
+  const std::vector<LoadMoments> sums = loads_at(motion(), straight, one);
   double tension = 0.0;
+  linear_.resize(sums.size());
   for (Index j = n - 1; j >= 0; --j) {
+    const Link& link = this->link(j);
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
-    const auto moments = [&](double (Slopes::*by)[2][2]) {
+    const auto moments = [&slopes = slopes](double (Slopes::*by)[2][2]) {
       return Moments{-(slopes[0].*by)[0][0], -(slopes[1].*by)[0][0], -(slopes[2].*by)[0][0]};
     };
-    linear_loads_[static_cast<std::size_t>(j)] = {
+    linear_[static_cast<std::size_t>(j)] = {
+        .mass = {link.mass, link.first_moment, link.inertia},
         .stiffness = moments(&Slopes::by_position),
         .damping = moments(&Slopes::by_velocity),
         .turned = {-slopes[0].by_angle[0], -slopes[1].by_angle[0]},
-        .held = l[j] * tension + load[1][1]};
+        .held = link.length * tension + load[1][1]};
     tension += load[0][1];
   }
-}
-
-void Chain::add_mass(Index segment, double arm, double mass) {
-  const double l = segments_.length[segment];
-  double &own = mass_[segment], &chi = segments_.center[segment];
-  double& eta = segments_.gyration_radius[segment];
-  const double total = own + mass, share = mass / total, apart = arm - chi * l;
-  eta = std::sqrt(own / total * (eta * eta + share * apart * apart));
-  chi += share * apart / l;
-  own = total;
 }
 
 void Moments::before(double l, const Moments& own) {
@@ -112,102 +108,97 @@ void Moments::before(double l, const Moments& own) {
   zeroth += own.zeroth;
 }
 
-Operators Chain::operators() const { return operators(Vector::Zero(dof())); }
-
 Operators Chain::operators(const Vector& angles) const {
   const Index n = dof();
-  require_rows(angles.size(), n);
-  const Vector sine = angles.array().sin(), cosine = angles.array().cos();
+  Vector sine = Vector::Zero(n), cosine = Vector::Ones(n);
+  if (angles.size() > 0) require_rows(angles.size(), n);
+  for (Index k = 0; k < angles.size(); ++k) {
+    sine[k] = std::sin(angles[k]);
+    cosine[k] = std::cos(angles[k]);
+  }
   const auto cosine_between = [&](Index k, Index i) {
     return cosine[k] * cosine[i] + sine[k] * sine[i];
   };
-  const auto& [l, chi, eta, spring, xi, base] = segments_;
   const double sqrt_beta = pipe_.sqrt_beta();
+  double beyond = 0.0, spring_beyond = 0.0;
   Operators ops(n);
-  for (Index k = 0; k < n; ++k) {
-    const double arm = chi[k] * l[k];
-    ops.mass(k, k) = l[k] * l[k] * mass_beyond_[k] + mass_[k] * (arm * arm + eta[k] * eta[k]);
-    ops.end_flux(k, k) = sqrt_beta * l[k] * l[k];
+  for (Index k = n - 1; k >= 0; --k) {
+    const Link& link = this->link(k);
+    const double l = link.length;
+    ops.mass(k, k) = link.length_square * beyond + link.inertia;
+    ops.end_flux(k, k) = sqrt_beta * l * l;
     for (Index i = k + 1; i < n; ++i) {
       const double turned = cosine_between(k, i);
-      const double product = sqrt_beta * l[k] * l[i] * turned;
-      ops.mass(k, i) = ops.mass(i, k) = l[k] * first_moment_[i] * turned;
+      const double product = sqrt_beta * l * this->link(i).length * turned;
+      ops.mass(k, i) = ops.mass(i, k) = l * first_moment_[i] * turned;
       ops.end_flux(k, i) = ops.end_flux(i, k) = product;
       ops.gyroscopic(k, i) = product;
       ops.gyroscopic(i, k) = -product;
     }
-    const double thrust = l[k] * cosine_between(k, n - 1);
+    const double thrust = l * cosine_between(k, n - 1);
     ops.flux(k, k) -= thrust;
     ops.flux(k, n - 1) += thrust;
-    ops.stiffness(k, k) = spring[k];
+    const double elastic = link.spring + spring_beyond;
+    ops.stiffness(k, k) = elastic + pipe_.gamma * (first_moment_[k] * cosine[k]);
+    ops.damping(k, k) = pipe_.damping * elastic;
     if (k + 1 < n) {
-      ops.stiffness(k, k) += spring[k + 1];
-      ops.stiffness(k, k + 1) = ops.stiffness(k + 1, k) = -spring[k + 1];
+      ops.stiffness(k, k + 1) = ops.stiffness(k + 1, k) = -spring_beyond;
+      ops.damping(k, k + 1) = ops.damping(k + 1, k) = -(pipe_.damping * spring_beyond);
     }
+    beyond += link.mass;
+    spring_beyond = link.spring;
   }
-  ops.damping = pipe_.damping * ops.stiffness;
-  ops.stiffness.diagonal() += pipe_.gamma * first_moment_.cwiseProduct(cosine);
   if (!loads_.empty()) add_loads(sine, cosine, ops);
   return ops;
 }
 
 void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const {
-  using Plane = Eigen::Vector2d;
-  using Block = Eigen::Matrix<double, 2, 2, Eigen::RowMajor>;
-  const Index n = dof();
-  const Vector& l = segments_.length;
-  std::vector<LoadMoments> sums(static_cast<std::size_t>(n));
-  load_moments(motion(), sine.data(), cosine.data(), nullptr, sums.data());
-  const auto block = [](const double (&rows)[2][2]) { return Block(&rows[0][0]); };
-  const auto normal = [&](Index k) { return Plane(cosine[k], -sine[k]); };
-  Block position = Block::Zero(), velocity = Block::Zero();  // slopes beyond segment i
-  Plane load = Plane::Zero();
-  for (Index i = n - 1; i >= 0; --i) {
+  const std::vector<LoadMoments> sums = loads_at(motion(), sine, cosine);
+  const auto normal = [&](Index k) { return Plane{cosine[k], -sine[k]}; };
+  Slopes beyond;  // of all loads beyond segment i
+  Plane load{0.0, 0.0};
+  for (Index i = dof() - 1; i >= 0; --i) {
     const auto& [loads, slopes] = sums[static_cast<std::size_t>(i)];
-    const Plane across = normal(i), along(sine[i], cosine[i]);
-    const Block by_position = l[i] * position + block(slopes[1].by_position);
-    const Block by_velocity = l[i] * velocity + block(slopes[1].by_velocity);
-    const Plane turned = by_position * across + Plane(slopes[0].by_angle);
-    const Plane moved = by_velocity * across;
+    const double l = link(i).length;
+    const Plane across = normal(i), along{sine[i], cosine[i]};
+    Slopes arm = slopes[1], own = slopes[2];  // with the arms from the joint of segment i
+    add(arm, l, beyond);
+    add(own, l * l, beyond);
+    const Plane turned = plus(times(arm.by_position, across), plane(slopes[0].by_angle));
+    const Plane moved = times(arm.by_velocity, across);
     for (Index k = 0; k < i; ++k) {
-      const Plane other = l[k] * normal(k);
-      ops.stiffness(k, i) -= other.dot(turned);
-      ops.stiffness(i, k) -= across.dot(by_position * other);
-      ops.damping(k, i) -= other.dot(moved);
-      ops.damping(i, k) -= across.dot(by_velocity * other);
+      const Plane other = scaled(link(k).length, normal(k));
+      ops.stiffness(k, i) -= dot(other, turned);
+      ops.stiffness(i, k) -= dot(across, times(arm.by_position, other));
+      ops.damping(k, i) -= dot(other, moved);
+      ops.damping(i, k) -= dot(across, times(arm.by_velocity, other));
     }
-    const Block own_position = l[i] * l[i] * position + block(slopes[2].by_position);
-    const Block own_velocity = l[i] * l[i] * velocity + block(slopes[2].by_velocity);
-    ops.stiffness(i, i) -= across.dot(own_position * across + Plane(slopes[1].by_angle));
-    ops.stiffness(i, i) += along.dot(l[i] * load + Plane(loads[1]));
-    ops.damping(i, i) -= across.dot(own_velocity * across);
-    position += block(slopes[0].by_position);
-    velocity += block(slopes[0].by_velocity);
-    load += Plane(loads[0]);
+    ops.stiffness(i, i) -=
+        dot(across, plus(times(own.by_position, across), plane(slopes[1].by_angle)));
+    ops.stiffness(i, i) += dot(along, plus(scaled(l, load), plane(loads[1])));
+    ops.damping(i, i) -= dot(across, times(own.by_velocity, across));
+    add(beyond, 1.0, slopes[0]);
+    load = plus(load, plane(loads[0]));
   }
 }
 
 Operators Chain::joint_operators(const Vector& scale) const {
   const Index n = dof();
   require_rows(scale.size(), n);
-  const auto& [l, chi, eta, spring, xi, base] = segments_;
+  const Vector& l = segments_.length;
   const double sqrt_beta = pipe_.sqrt_beta();
   Operators ops(n);
   Moments mass, stiffness, damping;  // of all beyond joint j, about joint j
   double beyond = 0.0, held = 0.0, turned = 0.0, turning = 0.0;
   for (Index j = n - 1; j >= 0; --j) {
-    const double arm = chi[j] * l[j];
-    mass.before(l[j], {mass_[j], mass_[j] * arm, mass_[j] * (arm * arm + eta[j] * eta[j])});
+    const LinearSegment& own = linear_[static_cast<std::size_t>(j)];
+    mass.before(l[j], own.mass);
+    stiffness.before(l[j], own.stiffness);
+    damping.before(l[j], own.damping);
     beyond += l[j];
-    const bool loaded = !loads_.empty();
-    if (loaded) {
-      const LinearLoads& own = linear_loads_[static_cast<std::size_t>(j)];
-      stiffness.before(l[j], own.stiffness);
-      damping.before(l[j], own.damping);
-      held += own.held;
-      turning += l[j] * turned + own.turned[1];
-      turned += own.turned[0];
-    }
+    held += own.held;
+    turning += l[j] * turned + own.turned[1];
+    turned += own.turned[0];
     double distance = 0.0;  // from joint i to joint j
     for (Index i = j; i >= 0; --i) {
       if (i < j) distance += l[i];
@@ -217,65 +208,68 @@ Operators Chain::joint_operators(const Vector& scale) const {
       ops.gyroscopic(j, i) = -ops.gyroscopic(i, j);
       ops.end_flux(i, j) = ops.end_flux(j, i) = s * sqrt_beta * (distance + beyond) * beyond;
       ops.flux(i, j) = s * distance;
-      double moment = s * pipe_.gamma * mass.first;
-      if (loaded) {
-        moment += s * (stiffness.second + distance * stiffness.first + held + turning);
-        ops.damping(i, j) = ops.damping(j, i) = s * (damping.second + distance * damping.first);
-      }
-      ops.stiffness(i, j) = ops.stiffness(j, i) = moment;
-      if (loaded && i < j) ops.stiffness(i, j) += s * distance * turned;
+      ops.damping(i, j) = ops.damping(j, i) = s * (damping.second + distance * damping.first);
+      ops.stiffness(i, j) = ops.stiffness(j, i) =
+          s * pipe_.gamma * mass.first +
+          s * (stiffness.second + distance * stiffness.first + held + turning);
+      if (i < j) ops.stiffness(i, j) += s * distance * turned;
     }
-    const double elastic = spring[j] * scale[j] * scale[j];
+    const double elastic = segments_.spring[j] * scale[j] * scale[j];
     ops.stiffness(j, j) += elastic;
     ops.damping(j, j) += pipe_.damping * elastic;
   }
   return ops;
 }
 
-Matrix Chain::mass_times(const Matrix& x) const {
-  const Index n = dof();
+Matrix Chain::moments_times(const Matrix& x, Moments LinearSegment::* of) const {
+  const Index n = dof(), columns = x.cols();
   require_rows(x.rows(), n);
-  const auto& [l, chi, eta, spring, xi, base] = segments_;
-  Matrix out(n, x.cols());
-  Eigen::RowVectorXd carry = Eigen::RowVectorXd::Zero(x.cols());  // acceleration of node k - 1
+  const bool turns = of == &LinearSegment::stiffness;
+  Matrix out(n, columns), force(n, columns);
+  Vector carry = Vector::Zero(columns);  // displacement of the joint of segment k
   for (Index k = 0; k < n; ++k) {
-    out.row(k) = mass_[k] * (carry + chi[k] * l[k] * x.row(k));  // inertia force of segment k
-    carry += l[k] * x.row(k);
+    const LinearSegment& here = linear_[static_cast<std::size_t>(k)];
+    const auto& [zeroth, first, second] = here.*of;
+    const double by_angle = first + (turns ? here.turned[0] : 0.0);
+    const double own = second + (turns ? here.turned[1] + here.held : 0.0);
+    for (Index c = 0; c < columns; ++c) {
+      force(k, c) = zeroth * carry[c] + by_angle * x(k, c);
+      out(k, c) = first * carry[c] + own * x(k, c);
+      carry[c] += segments_.length[k] * x(k, c);
+    }
   }
-  carry.setZero();  // inertia force of all beyond segment k
-  Eigen::RowVectorXd force(x.cols());
+  carry.setZero();  // force on all beyond segment k
   for (Index k = n - 1; k >= 0; --k) {
-    force = out.row(k);
-    out.row(k) = l[k] * carry + chi[k] * l[k] * force + mass_[k] * eta[k] * eta[k] * x.row(k);
-    carry += force;
+    for (Index c = 0; c < columns; ++c) {
+      out(k, c) += segments_.length[k] * carry[c];
+      carry[c] += force(k, c);
+    }
   }
   return out;
 }
 
-Matrix Chain::velocity_times(const Matrix& x, bool transposed) const {
-  const Index n = dof();
-  require_rows(x.rows(), n);
-  const Vector& l = segments_.length;
+Matrix Chain::velocity_times(const Matrix& x) const {
+  require_rows(x.rows(), dof());
   const double sqrt_beta = pipe_.sqrt_beta();
-  Matrix out(n, x.cols());
-  Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(x.cols());  // over i > k; transposed: i < k
-  for (Index step = 0; step < n; ++step) {
-    const Index k = transposed ? step : n - 1 - step;
-    out.row(k) = sqrt_beta * l[k] * (l[k] * x.row(k) + 2.0 * sum);
-    sum += l[k] * x.row(k);
+  Matrix out(dof(), x.cols());
+  Vector sum = Vector::Zero(x.cols());  // over the segments beyond
+  for (Index k = dof() - 1; k >= 0; --k) {
+    const double l = segments_.length[k];
+    for (Index c = 0; c < x.cols(); ++c) {
+      out(k, c) = sqrt_beta * l * (l * x(k, c) + 2.0 * sum[c]);
+      sum[c] += l * x(k, c);
+    }
   }
   return out;
 }
 
-Matrix Chain::flux_times(const Matrix& x, bool transposed) const {
-  const Index n = dof();
-  require_rows(x.rows(), n);
-  const Vector& l = segments_.length;
-  Matrix out = -(l.asDiagonal() * x);
-  if (transposed) {
-    out.row(n - 1) += l.transpose() * x;
-  } else {
-    out += l * x.row(n - 1);
+Matrix Chain::flux_times(const Matrix& x) const {
+  require_rows(x.rows(), dof());
+  Matrix out(dof(), x.cols());
+  for (Index k = 0; k < dof(); ++k) {
+    for (Index c = 0; c < x.cols(); ++c) {
+      out(k, c) = segments_.length[k] * x(dof() - 1, c) - segments_.length[k] * x(k, c);
+    }
   }
   return out;
 }
@@ -285,57 +279,23 @@ Matrix Chain::gravity_times(const Matrix& x) const {
   return first_moment_.asDiagonal() * x;
 }
 
-Matrix Chain::springs_times(const Matrix& joint_angles) const {
-  const Index n = dof();
-  require_rows(joint_angles.rows(), n);
-  Matrix out = segments_.spring.asDiagonal() * joint_angles;
-  out.topRows(n - 1) -= out.bottomRows(n - 1).eval();
-  return out;
-}
-
-Matrix Chain::terms_stiffness_times(const Matrix& x) const { return loads_times(x, true); }
-
-Matrix Chain::terms_damping_times(const Matrix& x) const { return loads_times(x, false); }
-
-Matrix Chain::loads_times(const Matrix& x, bool by_position) const {
-  const Index n = dof();
-  require_rows(x.rows(), n);
-  Matrix out = Matrix::Zero(n, x.cols());
-  if (loads_.empty()) return out;
-  const Vector& l = segments_.length;
-  Matrix force(n, x.cols());
-  Eigen::RowVectorXd carry = Eigen::RowVectorXd::Zero(x.cols());  // displacement of joint k
-  for (Index k = 0; k < n; ++k) {
-    const auto& [stiffness, damping, turned, held] = linear_loads_[static_cast<std::size_t>(k)];
-    const Moments& own = by_position ? stiffness : damping;
-    force.row(k) = own.zeroth * carry + own.first * x.row(k);
-    out.row(k) = own.first * carry + own.second * x.row(k);
-    if (by_position) {
-      force.row(k) += turned[0] * x.row(k);
-      out.row(k) += (turned[1] + held) * x.row(k);
-    }
-    carry += l[k] * x.row(k);
-  }
-  carry.setZero();  // force on all beyond segment k
-  for (Index k = n - 1; k >= 0; --k) {
-    out.row(k) += l[k] * carry;
-    carry += force.row(k);
-  }
-  return out;
-}
-
 Matrix Chain::bodies() const {
   Matrix out(dof(), 3);
-  out << mass_, segments_.center, segments_.gyration_radius;
+  for (Index j = 0; j < dof(); ++j) {
+    out(j, 0) = link(j).mass;
+    out(j, 1) = segments_.center[j];
+    out(j, 2) = segments_.gyration_radius[j];
+  }
   return out;
 }
 
 Matrix Chain::resistances() const {
-  Matrix out = Matrix::Zero(dof(), 7);
-  for (std::size_t j = 0; j < linear_loads_.size(); ++j) {
-    const auto& [k, c, turned, held] = linear_loads_[j];
-    out.row(static_cast<Index>(j)) << k.zeroth, k.first, k.second, c.zeroth, c.first, c.second,
-        turned[1] + held;
+  Matrix out(dof(), 7);
+  for (Index j = 0; j < dof(); ++j) {
+    const auto& [mass, k, c, turned, held] = linear_[static_cast<std::size_t>(j)];
+    const double own[] = {k.zeroth, k.first,  k.second,        c.zeroth,
+                          c.first,  c.second, turned[1] + held};
+    std::copy(std::begin(own), std::end(own), out.data() + 7 * j);
   }
   return out;
 }
@@ -343,8 +303,6 @@ Matrix Chain::resistances() const {
 Chain::ComplexMatrix Chain::band(std::complex<double> lambda, double u) const {
   using Complex = std::complex<double>;
   const Index n = dof();
-  const auto& [l, chi, eta, spring, xi, base] = segments_;
-  const Complex inertia = lambda * lambda;
   const Complex coriolis = pipe_.sqrt_beta() * pipe_.direction() * u * lambda;
   const Complex elastic = 1.0 + pipe_.damping * lambda;
   const double thrust = pipe_.centrifugal * u * u;
@@ -355,38 +313,32 @@ Chain::ComplexMatrix Chain::band(std::complex<double> lambda, double u) const {
   for (Index j = 0; j < n; ++j) {
     const Index phi = 4 * j, theta = phi + 1, w = phi + 2, force = phi + 3;
     const Index angle_row = phi, node_row = phi + 1, moment_row = phi + 2, force_row = phi + 3;
-    const double arm = chi[j] * l[j];
+    const double l = link(j).length;
+    const auto& [mass, stiffness, damping, turned, held] = linear_[static_cast<std::size_t>(j)];
+    const auto sum = [&](double Moments::* power) {
+      return lambda * lambda * mass.*power + (stiffness.*power + lambda * damping.*power);
+    };
+    const Complex zeroth = sum(&Moments::zeroth), first = sum(&Moments::first);
     at(angle_row, theta) = 1.0;
     at(angle_row, phi) = -1.0;
     at(node_row, w) = 1.0;
-    at(node_row, theta) = -l[j];
-    at(moment_row, phi) = elastic * spring[j];
-    at(moment_row, theta) = inertia * mass_[j] * (arm * arm + eta[j] * eta[j]) +
-                            coriolis * l[j] * l[j] - thrust * l[j] + pipe_.gamma * first_moment_[j];
-    at(moment_row, force) = l[j];
+    at(node_row, theta) = -l;
+    at(moment_row, phi) = elastic * link(j).spring;
+    at(moment_row, theta) = sum(&Moments::second) + coriolis * l * l - thrust * l +
+                            pipe_.gamma * first_moment_[j] + turned[1] + held;
+    at(moment_row, force) = l;
     at(force_row, force) = 1.0;
-    if (j > 0) {
+    if (j > 0) {  // the first joint stands still
       at(angle_row, theta - 4) = -1.0;
       at(node_row, w - 4) = -1.0;
-      at(moment_row, w - 4) = inertia * mass_[j] * arm;
+      at(moment_row - 4, phi) = -elastic * link(j).spring;
+      at(moment_row, w - 4) = first;
+      at(force_row - 4, force) = -1.0;
+      at(force_row - 4, w - 4) = -zeroth;
+      at(force_row - 4, theta) = -first - turned[0] - 2.0 * coriolis * l;
     }
-    if (j + 1 < n) {
-      at(moment_row, phi + 4) = -elastic * spring[j + 1];
-      at(force_row, force + 4) = -1.0;
-      at(force_row, w) = -inertia * mass_[j + 1];
-      at(force_row, theta + 4) =
-          -inertia * chi[j + 1] * l[j + 1] * mass_[j + 1] - 2.0 * coriolis * l[j + 1];
-    } else {
-      at(force_row, theta) = -thrust;
-    }
-    if (loads_.empty()) continue;
-    const auto& [k, c, turned, held] = linear_loads_[static_cast<std::size_t>(j)];
-    at(moment_row, theta) += k.second + lambda * c.second + turned[1] + held;
-    if (j == 0) continue;  // the first joint stands still, and so does the force beyond nothing
-    at(moment_row, w - 4) += k.first + lambda * c.first;
-    at(force_row - 4, w - 4) -= k.zeroth + lambda * c.zeroth;
-    at(force_row - 4, theta) -= k.first + lambda * c.first + turned[0];
   }
+  at(4 * n - 1, 4 * n - 3) = -thrust;
   return band;
 }
 

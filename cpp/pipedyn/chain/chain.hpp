@@ -63,10 +63,11 @@ struct Moments {
   void before(double l, const Moments& own);
 };
 
-/// What the loads on one segment add to the linear operators of the straight pipe.
-struct LinearLoads {
-  Moments stiffness, damping;  // against displacement and velocity across the pipe
-  double turned[2];            // force and moment against the segment's own angle
+/// What one segment and the loads on it add to the linear operators of the straight pipe.
+struct LinearSegment {
+  Moments mass;                // against acceleration across the pipe
+  Moments stiffness, damping;  // of the loads, against displacement and velocity
+  double turned[2];            // force and moment of the loads against the segment's own angle
   double held;                 // moment against it of loads along the pipe, here and beyond
 };
 
@@ -78,29 +79,31 @@ class Chain {
 
   Index dof() const { return segments_.length.size(); }
 
-  /// Operators in the angles theta about the straight pipe, O(n^2).
-  Operators operators() const;
-
-  /// The same about a configuration at rest with the given angles (n): what multiplies theta'' and
-  /// theta' there, and the derivatives of the moments of springs and gravity (stiffness) and of the
-  /// follower force (flux). Throws std::invalid_argument unless there is one angle a segment.
-  Operators operators(const Vector& angles) const;
+  /// Operators in the angles theta, O(n^2), about the straight pipe or a configuration at rest (n):
+  /// what multiplies theta'' and theta' there, and the derivatives of the moments of springs,
+  /// gravity and loads (stiffness) and of the follower force (flux). Throws std::invalid_argument
+  /// unless there is one angle a segment.
+  Operators operators(const Vector& angles = Vector()) const;
 
   /// Operators in the joint angles divided by scale, phi = scale * z, O(n^2). Every entry is a sum
   /// of terms of one sign, so none loses digits to cancellation. Throws std::invalid_argument
   /// unless scale has one entry a segment.
   Operators joint_operators(const Vector& scale) const;
 
-  // Products in O(n): x (n, k) holds angles (for springs_times: joint angles) in its columns, the
-  // result (n, k) is the operator of the straight pipe in the angles times x. Each throws
-  // std::invalid_argument unless x has one row a segment.
-  Matrix mass_times(const Matrix& x) const;
-  Matrix velocity_times(const Matrix& x, bool transposed) const;  // gyroscopic + end_flux
-  Matrix flux_times(const Matrix& x, bool transposed) const;
+  // Products in O(n): x (n, k) holds angles in its columns, the result (n, k) is the operator of
+  // the straight pipe in the angles times x. Each throws std::invalid_argument unless x has one row
+  // a segment.
+  Matrix mass_times(const Matrix& x) const { return moments_times(x, &LinearSegment::mass); }
+  Matrix velocity_times(const Matrix& x) const;  // gyroscopic + end_flux
+  Matrix flux_times(const Matrix& x) const;
   Matrix gravity_times(const Matrix& x) const;  // for gamma = 1
-  Matrix springs_times(const Matrix& joint_angles) const;
-  Matrix terms_stiffness_times(const Matrix& x) const;  // of the terms' loads, so is the next
-  Matrix terms_damping_times(const Matrix& x) const;
+  /// Of the terms' loads, so is the next.
+  Matrix terms_stiffness_times(const Matrix& x) const {
+    return moments_times(x, &LinearSegment::stiffness);
+  }
+  Matrix terms_damping_times(const Matrix& x) const {
+    return moments_times(x, &LinearSegment::damping);
+  }
 
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
@@ -136,19 +139,16 @@ class Chain {
 
  private:
   Pipe pipe_;
-  Segments segments_;
-  Vector mass_;          // of each segment with its terms; segments_ has centre and radius of both
-  Vector mass_beyond_;   // sum_{i > k} mass_i
+  Segments segments_;    // centre and radius with the masses of terms
   Vector first_moment_;  // p_k
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
-  std::vector<LinearLoads> linear_loads_;  // empty where no term has a load
+  std::vector<LinearSegment> linear_;
 
-  void place_terms();
-  void linearise_loads();
-  void add_mass(Index segment, double arm, double mass);
+  const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
+  void linearise();
   void add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const;
-  Matrix loads_times(const Matrix& x, bool by_position) const;
+  Matrix moments_times(const Matrix& x, Moments LinearSegment::* of) const;
   MotionModel motion() const;
 };
 

@@ -26,21 +26,6 @@
 
 namespace {
 
-struct Plane {
-  double x, y;
-};
-
-inline double dot(const Plane& a, const Plane& b) { return a.x * b.x + a.y * b.y; }
-inline Plane plus(const Plane& a, const Plane& b) { return {a.x + b.x, a.y + b.y}; }
-
-/// A matrix, by rows, times a vector, and its transpose times one.
-inline Plane times(const double (&rows)[2][2], const Plane& v) {
-  return {rows[0][0] * v.x + rows[0][1] * v.y, rows[1][0] * v.x + rows[1][1] * v.y};
-}
-inline Plane transposed_times(const double (&rows)[2][2], const Plane& v) {
-  return {rows[0][0] * v.x + rows[1][0] * v.y, rows[0][1] * v.x + rows[1][1] * v.y};
-}
-
 /// Directions along and across a segment.
 struct Frame {
   Plane t, n;

@@ -17,6 +17,23 @@ namespace {
 
 using pipedyn::MotionModel, pipedyn::SegmentTerm;
 
+struct Plane {
+  double x, y;
+};
+
+inline double dot(const Plane& a, const Plane& b) { return a.x * b.x + a.y * b.y; }
+inline Plane plus(const Plane& a, const Plane& b) { return {a.x + b.x, a.y + b.y}; }
+inline Plane scaled(double factor, const Plane& a) { return {factor * a.x, factor * a.y}; }
+inline Plane plane(const double (&entries)[2]) { return {entries[0], entries[1]}; }
+
+/// A matrix, by rows, times a vector, and its transpose times one.
+inline Plane times(const double (&rows)[2][2], const Plane& v) {
+  return {rows[0][0] * v.x + rows[0][1] * v.y, rows[1][0] * v.x + rows[1][1] * v.y};
+}
+inline Plane transposed_times(const double (&rows)[2][2], const Plane& v) {
+  return {rows[0][0] * v.x + rows[1][0] * v.y, rows[0][1] * v.x + rows[1][1] * v.y};
+}
+
 /// From segment to segment, from the clamp on, past the places with a load.
 template <class Real>
 struct Walk {

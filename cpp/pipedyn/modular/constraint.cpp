@@ -17,15 +17,15 @@ void require_node(const char* what, Index node, Index least, Index most) {
   }
 }
 
-/// Calls put(i, derivative of a . d, derivative of cross(a, d)) for node j - i, i = 0, 1, 2, with
-/// a = r_j - r_{j-1} and d = r_{j-1} - r_{j-2}, over l_{j-1} both.
-template <class Put>
-void by_nodes(const Point& a, const Point& d, const Put& put) {
-  const Point across = turned(d), back = turned_back(a);
-  put(0, d, across);
-  put(1, a - d, back - across);
-  put(2, -a, -back);
-}
+/// A segment and the direction of the one before, or rates of both.
+struct Pair {
+  Point a, d;
+
+  Pair(const Nodes& nodes, Index j, const Vector& length, const Point& fixed)
+      : a(nodes(j) - nodes(j - 1)), d(fixed) {
+    if (j > 1) d = (nodes(j - 1) - nodes(j - 2)) / length[j - 2];
+  }
+};
 
 }  // namespace
 
@@ -57,96 +57,55 @@ std::vector<int> Constraint::coordinates() const {
 
 void Constraint::fill(const Nodes& place, const Nodes& rate, const Vector& length, double* residual,
                       double* matrix, double* right_side) const {
-  if (kind == Kind::guide) {
-    residual[0] = place(node).x();
-    matrix[0] = 1.0;
-    right_side[0] = 0.0;
-    return;
-  }
-  if (kind == Kind::pin) {
+  if (kind == Kind::guide || kind == Kind::pin) {
     const Point missing = place(node) - Point(x, y);
-    for (Index i = 0; i < 2; ++i) {
+    for (Index i = 0; i < rows(); ++i) {
       residual[i] = missing[i];
-      matrix[2 * i + i] = 1.0;
-      matrix[2 * i + 1 - i] = 0.0;
       right_side[i] = 0.0;
+      for (Index k = 0; k < rows(); ++k) matrix[rows() * i + k] = i == k ? 1.0 : 0.0;
     }
     return;
   }
   const double l = length[node - 1], phi = place.angle(node), turning = rate.angle(node);
   const double sine = l * std::sin(phi), cosine = l * std::cos(phi);
-  const bool clamp = kind == Kind::clamp;
-  const Point a = place(node) - place(node - 1), a_rate = rate(node) - rate(node - 1);
-  Point d(0.0, 1.0), d_rate(0.0, 0.0), a_share(0.0, 0.0);  // each over l_{j-1}
-  if (!clamp) {
-    const double before = length[node - 2];
-    d = (place(node - 1) - place(node - 2)) / before;
-    d_rate = (rate(node - 1) - rate(node - 2)) / before;
-    a_share = a / before;
-  }
-  residual[0] = a.dot(d) - cosine;
-  residual[1] = cross(a, d) - sine;
-  right_side[0] = -2.0 * a_rate.dot(d_rate) - cosine * turning * turning;
-  right_side[1] = -2.0 * cross(a_rate, d_rate) - sine * turning * turning;
-  const Index nodes = std::min<Index>(node, clamp ? 1 : 3);
-  double* const first = matrix;
+  const Pair at(place, node, length, {0.0, 1.0}), moves(rate, node, length, {0.0, 0.0});
+  residual[0] = at.a.dot(at.d) - cosine;
+  residual[1] = cross(at.a, at.d) - sine;
+  right_side[0] = -2.0 * moves.a.dot(moves.d) - cosine * turning * turning;
+  right_side[1] = -2.0 * cross(moves.a, moves.d) - sine * turning * turning;
+  // Rows by the nodes j, j - 1 and j - 2, as far as they move: the last comes last.
+  const Point share = node > 1 ? Point(at.a / length[node - 2]) : Point(0.0, 0.0);
+  const Point of_dot[] = {at.d, share - at.d, -share};
+  const Point of_cross[] = {turned(at.d), turned_back(share) - turned(at.d), -turned_back(share)};
+  const Index nodes = std::min<Index>(node, 3);
   double* const second = matrix + 2 * nodes + 1;
-  by_nodes(a_share, d, [&](Index from_last, const Point& of_dot, const Point& of_cross) {
-    if (from_last >= nodes) return;
+  for (Index back = 0; back < nodes; ++back) {
     for (Index i = 0; i < 2; ++i) {
-      first[2 * (nodes - 1 - from_last) + i] = of_dot[i];
-      second[2 * (nodes - 1 - from_last) + i] = of_cross[i];
+      matrix[2 * (nodes - 1 - back) + i] = of_dot[back][i];
+      second[2 * (nodes - 1 - back) + i] = of_cross[back][i];
     }
-  });
-  first[2 * nodes] = sine;
+  }
+  matrix[2 * nodes] = sine;
   second[2 * nodes] = -cosine;
 }
 
-void Constraint::add_curvature(const Nodes& place, const Vector& length, const double* multipliers,
-                               Triplets& out) const {
-  if (kind != Kind::clamp && kind != Kind::joint) return;
+void Constraint::add_hessians(const Nodes& place, const Vector& length, Index row,
+                              Hessians& out) const {
+  if (kind == Kind::guide || kind == Kind::pin) return;
   const double l = length[node - 1], phi = place.angle(node);
-  out.add(phi_of(node), phi_of(node),
-          l * (multipliers[0] * std::cos(phi) + multipliers[1] * std::sin(phi)));
-  if (kind == Kind::clamp) return;
-  // a^T block d
-  const double dot = multipliers[0] / length[node - 2], turn = multipliers[1] / length[node - 2];
-  const Block block{{dot, turn}, {-turn, dot}};
+  out.add(row, phi_of(node), phi_of(node), l * std::cos(phi));
+  out.add(row + 1, phi_of(node), phi_of(node), l * std::sin(phi));
+  // a . d and cross(a, d) by node j or j - 1 in a, and j - 1 or j - 2 in d; r_0 stays.
   for (Index of_a = 0; of_a < 2; ++of_a) {
-    for (Index of_d = 0; of_d < 2; ++of_d) {
-      const Block share = of_a == of_d ? block : Block(-block);
-      out.add_block(node - of_a, node - 1 - of_d, share);
-      out.add_block(node - 1 - of_d, node - of_a, share.transpose());
+    for (Index of_d = 0; of_d < 2 && node - 1 - of_d > 0; ++of_d) {
+      const Index a = node - of_a, d = node - 1 - of_d;
+      const double value = (of_a == of_d ? 1.0 : -1.0) / length[node - 2];
+      out.add_both(row, x_of(a), x_of(d), value);
+      out.add_both(row, y_of(a), y_of(d), value);
+      out.add_both(row + 1, x_of(a), y_of(d), value);
+      out.add_both(row + 1, y_of(a), x_of(d), -value);
     }
   }
-}
-
-void Constraint::add_derivatives(const Nodes& place, const Nodes& rate, const Nodes& acceleration,
-                                 const Vector& length, Index row, Derivatives& out) const {
-  if (kind != Kind::clamp && kind != Kind::joint) return;
-  const double l = length[node - 1], phi = place.angle(node), turning = rate.angle(node);
-  const double sine = l * std::sin(phi), cosine = l * std::cos(phi);
-  const double faster = acceleration.angle(node);
-  out.by_coordinates.add(row, phi_of(node), cosine * faster - sine * turning * turning);
-  out.by_coordinates.add(row + 1, phi_of(node), sine * faster + cosine * turning * turning);
-  out.by_rates.add(row, phi_of(node), 2.0 * cosine * turning);
-  out.by_rates.add(row + 1, phi_of(node), 2.0 * sine * turning);
-  if (kind == Kind::clamp) return;
-  // of (a'' . d + a . d'' + 2 a' . d') / l_{j-1} and its like with cross
-  const auto add = [&](Triplets& to, const Nodes& change, double factor) {
-    const Point a = factor * (change(node) - change(node - 1));
-    const Point d = factor * (change(node - 1) - change(node - 2));
-    by_nodes(a, d, [&](Index from_last, const Point& of_dot, const Point& of_cross) {
-      const Index at = node - from_last;
-      if (at == 0) return;
-      for (Index i = 0; i < 2; ++i) {
-        to.add(row, x_of(at) + i, of_dot[i]);
-        to.add(row + 1, x_of(at) + i, of_cross[i]);
-      }
-    });
-  };
-  add(out.by_coordinates, acceleration, 1.0 / length[node - 2]);
-  add(out.by_rates, rate, 2.0 / length[node - 2]);
 }
 
 }  // namespace pipedyn

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Constraints between the redundant coordinates, g(q) = 0; twice differentiated A(q) q'' = b(q,
-// q').
+// Constraints between the redundant coordinates, g(q) = 0; twice differentiated A(q) q'' = b(q, q')
+// with b_i = -sum_jk H_ijk q_j' q_k', H_i the second derivatives of g_i.
 #pragma once
 
 #include <vector>
@@ -10,13 +10,12 @@
 
 namespace pipedyn {
 
-/// With a = r_j - r_{j-1}, d = r_{j-1} - r_{j-2}:
-///   clamp (eq. (10), j = 1): (y_1 - base) - l_1 cos phi_1,  x_1 - l_1 sin phi_1
-///   joint (eq. (11), j >= 2): a . d / l_{j-1} - l_j cos phi_j,
-///                             cross(a, d) / l_{j-1} - l_j sin phi_j
-///   guide: x_j      pin: x_j - x, y_j - y
-/// The clamp is a joint to a fixed segment with d / l = (0, 1). phi_j is the angle from segment
-/// j - 1 to segment j, t = (sin theta, cos theta).
+/// With a = r_j - r_{j-1}, d = (r_{j-1} - r_{j-2}) / l_{j-1}:
+///   clamp (eq. (10), j = 1) and joint (eq. (11), j >= 2): a . d - l_j cos phi_j,
+///                                                         cross(a, d) - l_j sin phi_j
+///   guide: x_j - x      pin: x_j - x, y_j - y
+/// The clamp is a joint to a fixed segment, d = (0, 1). phi_j is the angle from segment j - 1 to
+/// segment j, t = (sin theta, cos theta).
 struct Constraint {
   enum class Kind : std::int64_t { clamp, joint, guide, pin };
   Kind kind;
@@ -32,12 +31,8 @@ struct Constraint {
   /// residual: g, matrix: A (rows, coordinates), row-major, right_side: b. length: of all segments.
   void fill(const Nodes& place, const Nodes& rate, const Vector& length, double* residual,
             double* matrix, double* right_side) const;
-  /// Adds sum_i multipliers_i d2 g_i / dq2.
-  void add_curvature(const Nodes& place, const Vector& length, const double* multipliers,
-                     Triplets& out) const;
-  /// Derivatives of A q'' - b with q'' held, its rows from `row` on.
-  void add_derivatives(const Nodes& place, const Nodes& rate, const Nodes& acceleration,
-                       const Vector& length, Index row, Derivatives& out) const;
+  /// Adds the second derivatives of g, whose rows are counted from `row`.
+  void add_hessians(const Nodes& place, const Vector& length, Index row, Hessians& out) const;
 };
 
 }  // namespace pipedyn

@@ -27,101 +27,72 @@ constexpr double nothing = 1e-200;
 Enforcement::Enforcement(std::vector<double> scale, std::vector<InertiaRow> inertia,
                          std::vector<Group> groups)
     : scale_(std::move(scale)), inertia_(std::move(inertia)), groups_(std::move(groups)) {
-  const int coordinates = static_cast<int>(scale_.size());
   std::vector<char> touched(scale_.size(), 0);
-  for (const InertiaRow& row : inertia_) {
-    for (const int c : row.coordinate) touched[static_cast<std::size_t>(c)] = 1;
-  }
+  const auto touch = [&](const std::vector<int>& coordinates) {
+    for (const int c : coordinates) touched[c] = 1;
+  };
+  for (const InertiaRow& row : inertia_) touch(row.coordinate);
   std::size_t entries = 0, rows = 0;
   for (const Group& group : groups_) {
+    touch(group.coordinate);
     matrix_start_.push_back(entries);
     row_start_.push_back(rows);
-    entries += group.coordinate.size() * static_cast<std::size_t>(group.rows);
-    rows += static_cast<std::size_t>(group.rows);
-    for (const int c : group.coordinate) touched[static_cast<std::size_t>(c)] = 1;
+    entries += group.coordinate.size() * group.rows;
+    rows += group.rows;
   }
-  for (int c = 0; c < coordinates; ++c) {
-    if (!touched[static_cast<std::size_t>(c)]) inertia_.push_back({{c}, {0.0}});
+  for (std::size_t c = 0; c < scale_.size(); ++c) {
+    if (!touched[c]) inertia_.push_back({{static_cast<int>(c)}, {0.0}});
   }
 
-  struct Item {
-    int key;
-    bool constraint;
-    int index;
+  // By the largest node, from the tip; its inertia precedes its groups.
+  std::vector<Element> elements;
+  const auto add = [&](bool constraint, std::size_t index, const std::vector<int>& touches) {
+    const int last = touches.empty() ? -1 : *std::max_element(touches.begin(), touches.end());
+    elements.push_back({constraint, static_cast<int>(index), last / node_size, touches});
   };
-  // The key is the largest node; its inertia precedes its groups.
-  std::vector<Item> items;
-  const auto key = [](const std::vector<int>& touches) {
-    return touches.empty() ? -1 : *std::max_element(touches.begin(), touches.end()) / node_size;
-  };
-  for (std::size_t i = 0; i < inertia_.size(); ++i) {
-    items.push_back({key(inertia_[i].coordinate), false, static_cast<int>(i)});
-  }
-  for (std::size_t i = 0; i < groups_.size(); ++i) {
-    items.push_back({key(groups_[i].coordinate), true, static_cast<int>(i)});
-  }
-  std::stable_sort(items.begin(), items.end(), [](const Item& a, const Item& b) {
-    return a.key != b.key ? a.key > b.key : !a.constraint && b.constraint;
+  for (std::size_t i = 0; i < inertia_.size(); ++i) add(false, i, inertia_[i].coordinate);
+  for (std::size_t i = 0; i < groups_.size(); ++i) add(true, i, groups_[i].coordinate);
+  std::stable_sort(elements.begin(), elements.end(), [](const Element& a, const Element& b) {
+    return a.node != b.node ? a.node > b.node : !a.constraint && b.constraint;
   });
-  const auto touches = [&](const Item& item) -> const std::vector<int>& {
-    const auto i = static_cast<std::size_t>(item.index);
-    return item.constraint ? groups_[i].coordinate : inertia_[i].coordinate;
-  };
 
-  std::vector<std::size_t> last(scale_.size(), 0);
-  for (std::size_t i = 0; i < items.size(); ++i) {
-    for (const int c : touches(items[i])) last[static_cast<std::size_t>(c)] = i;
+  std::vector<std::size_t> last(scale_.size(), 0);  // element that touches a coordinate
+  for (std::size_t i = 0; i < elements.size(); ++i) {
+    for (const int c : elements[i].slot) last[c] = i;
   }
-  std::vector<int> slot_of(scale_.size(), -1);
   std::vector<int> living;  // coordinates that survive the last stage
-  Stage stage;
-  const auto begin = [&] {
-    stage = Stage{};
+  for (std::size_t i = 0; i < elements.size();) {
+    Stage stage;
     stage.coordinate = living;
-    for (std::size_t s = 0; s < living.size(); ++s) {
-      slot_of[static_cast<std::size_t>(living[s])] = static_cast<int>(s);
-    }
-  };
-  begin();
-  for (std::size_t i = 0; i < items.size(); ++i) {
-    Element element{items[i].constraint, items[i].index, {}};
-    bool deaths = false;
-    for (const int c : touches(items[i])) {
-      int& slot = slot_of[static_cast<std::size_t>(c)];
-      if (slot < 0) {
-        slot = static_cast<int>(stage.coordinate.size());
-        stage.coordinate.push_back(c);
+    const auto before = static_cast<int>(living.size());
+    for (bool deaths = false; i < elements.size() && !deaths; ++i) {
+      Element& element = elements[i];
+      for (int& slot : element.slot) {
+        const int c = slot;
+        auto& present = stage.coordinate;
+        const auto found = std::find(present.begin(), present.end(), c);
+        slot = static_cast<int>(found - present.begin());
+        if (found == present.end()) present.push_back(c);
+        deaths = deaths || last[c] == i;
       }
-      element.slot.push_back(slot);
-      deaths = deaths || last[static_cast<std::size_t>(c)] == i;
-    }
-    if (element.constraint) {
-      const int count = groups_[static_cast<std::size_t>(element.index)].rows;
-      stage.group_rows = std::max(stage.group_rows, count);
-    } else {
-      ++stage.inertia_rows;
-    }
-    stage.elements.push_back(std::move(element));
-    if (!deaths && i + 1 < items.size()) continue;
-
-    const std::size_t before = living.size();
-    living.clear();
-    for (std::size_t s = 0; s < stage.coordinate.size(); ++s) {
-      const int c = stage.coordinate[s];
-      if (last[static_cast<std::size_t>(c)] <= i) {
-        stage.dying.push_back(static_cast<int>(s));
+      if (element.constraint) {
+        stage.group_rows = std::max(stage.group_rows, groups_[element.index].rows);
       } else {
-        stage.surviving.push_back(static_cast<int>(s));
-        living.push_back(c);
+        ++stage.inertia_rows;
       }
+      stage.elements.push_back(std::move(element));
     }
-    const int variables = static_cast<int>(stage.coordinate.size());
+    living.clear();
+    const auto variables = static_cast<int>(stage.coordinate.size());
+    for (int s = 0; s < variables; ++s) {
+      const int c = stage.coordinate[s];
+      (last[c] < i ? stage.dying : stage.surviving).push_back(s);
+      if (last[c] >= i) living.push_back(c);
+    }
     most_variables_ = std::max(most_variables_, variables);
-    most_rows_ = std::max(most_rows_, 1 + variables + static_cast<int>(before) + stage.group_rows +
-                                          static_cast<int>(before) + stage.inertia_rows);
-    record_size_ += (before + stage.dying.size()) * (living.size() + 1);
+    most_rows_ = std::max(most_rows_,
+                          1 + variables + before + stage.group_rows + before + stage.inertia_rows);
     stages_.push_back(std::move(stage));
-    begin();
   }
 }
 
@@ -129,58 +100,49 @@ Enforcement::Enforcement(std::vector<double> scale, std::vector<InertiaRow> iner
 
 /// All that is affine in the variables z, a row each: g (which has no constant), the slots'
 /// coordinates L z + p, the variables with which the stage began, the rows of the group being
-/// enforced, and the energy's R z + r. The variables are columns.
+/// enforced, and the energy's R z + r. Column 0 holds the constants, column v variable v.
 class Enforcement::Front {
  public:
-  Front(int most_rows, int most_variables, double* memory)
-      : stride_(most_rows),
-        data_(memory),
-        constant_(data_ + most_rows * most_variables),
-        product_(constant_ + most_rows),
-        reflection_(product_ + most_rows) {}
-
-  static std::size_t size(int most_rows, int most_variables) {
-    return static_cast<std::size_t>(most_rows) * static_cast<std::size_t>(most_variables + 2) +
-           static_cast<std::size_t>(std::max(most_rows, most_variables));
+  /// An empty front with room for so many rows and variables.
+  void reset(int most_rows, int most_variables) {
+    stride_ = most_rows;
+    const auto room = static_cast<std::size_t>(most_rows) * (most_variables + 1);
+    if (data_.size() < room) data_.resize(room);
+    product_.resize(most_rows);
+    reflection_.resize(std::max(most_rows, most_variables + 1));
+    variables_ = slots_ = began_ = energy_rows_ = 0;
   }
 
   int variables() const { return variables_; }
   int began() const { return began_; }
   int began_row() const { return 1 + slots_; }
   static int slot_row(int slot) { return 1 + slot; }
-  /// Column of a variable; behind the last, the constants.
-  const double* column(int variable) const {
-    return variable < variables_ ? data_ + variable * stride_ : constant_;
-  }
+  const double* column(int variable) const { return data_.data() + variable * stride_; }
 
   /// What survives of the previous stage, and the coordinates that enter.
   void begin(const Stage& stage, const Front& previous, const std::vector<int>& survivors,
              const double* scale, const double* force) {
     slots_ = static_cast<int>(stage.coordinate.size());
     began_ = previous.variables_;
-    const int kept = static_cast<int>(survivors.size());
+    const auto kept = static_cast<int>(survivors.size());
     variables_ = began_ + slots_ - kept;
     energy_first_ = 1 + slots_ + began_ + stage.group_rows;
     energy_rows_ = previous.energy_rows_;
     for (int v = 0; v <= variables_; ++v) {
       double* const to = writable(v);
       std::fill_n(to, end_row(), 0.0);
-      const bool constants = v == variables_;
-      if (v >= began_ && !constants) continue;
-      const double* const from = constants ? previous.constant_ : previous.column(v);
-      for (int s = 0; s < kept; ++s) {
-        to[slot_row(s)] = from[slot_row(survivors[static_cast<std::size_t>(s)])];
+      if (v > began_) {
+        const int s = kept + v - began_ - 1, c = stage.coordinate[s];
+        to[slot_row(s)] = scale[c];
+        to[0] = scale[c] * force[c];
+        continue;
       }
+      const double* const from = previous.column(v);
+      for (int s = 0; s < kept; ++s) to[slot_row(s)] = from[slot_row(survivors[s])];
       std::copy_n(from + previous.energy_first_, energy_rows_, to + energy_first_);
-      if (constants) continue;
+      if (v == 0) continue;
       to[0] = from[0];
-      to[began_row() + v] = 1.0;
-    }
-    for (int s = kept; s < slots_; ++s) {
-      double* const entering = writable(began_ + s - kept);
-      const int c = stage.coordinate[static_cast<std::size_t>(s)];
-      entering[slot_row(s)] = scale[c];
-      entering[0] = scale[c] * force[c];
+      to[began_row() + v - 1] = 1.0;
     }
   }
 
@@ -188,9 +150,7 @@ class Enforcement::Front {
   void add_inertia(const Element& element, const std::vector<double>& weight) {
     const int row = end_row();
     ++energy_rows_;
-    for (int v = 0; v <= variables_; ++v) {
-      writable(v)[row] = sum_of(element, weight.data(), column(v));
-    }
+    fill_row(row, element, weight.data(), 1.0);
   }
 
   /// sum_i matrix_ri a_i = b_r: a reflection of the variables leaves a row only the last of them,
@@ -200,35 +160,32 @@ class Enforcement::Front {
     const int first = began_row() + began_;
     const std::size_t touched = element.slot.size();
     for (int r = 0; r < rows; ++r) {
-      const double* const entries = matrix + static_cast<std::size_t>(r) * touched;
+      const double* const entries = matrix + r * touched;
       double square = 0.0;
       for (std::size_t i = 0; i < touched; ++i) {
-        const auto slot = static_cast<std::size_t>(element.slot[i]);
-        const double entry = entries[i] * scale[stage.coordinate[slot]];
+        const double entry = entries[i] * scale[stage.coordinate[element.slot[i]]];
         square += entry * entry;
       }
       const double weight = square > 0.0 ? 1.0 / std::sqrt(square) : 0.0;
-      for (int v = 0; v <= variables_; ++v) {
-        writable(v)[first + r] = weight * sum_of(element, entries, column(v));
-      }
-      constant_[first + r] -= weight * b[r];
+      fill_row(first + r, element, entries, weight);
+      writable(0)[first + r] -= weight * b[r];
     }
     for (int done = 0; done < rows; ++done) {
       int best = first;
       double most = 0.0;
       for (int row = first; row < first + rows; ++row) {
-        const double norm = row_norm(row, 0);
+        const double norm = row_norm(row, 1);
         if (norm > most) {
           most = norm;
           best = row;
         }
       }
       if (!(most > redundant)) return;
-      const int last = variables_ - 1;
-      reflect(best, 0, last, most);
-      const double* const c = column(last);
-      const double value = -constant_[best] / c[best];
-      for (int i = 0; i < end_row(); ++i) constant_[i] += value * c[i];
+      reflect(best, 1, variables_, most);
+      const double* const last = column(variables_);
+      double* const constant = writable(0);
+      const double value = -constant[best] / last[best];
+      for (int i = 0; i < end_row(); ++i) constant[i] += value * last[i];
       --variables_;
     }
   }
@@ -241,27 +198,22 @@ class Enforcement::Front {
       int best = 0;
       double most = 0.0;
       for (const int slot : stage.surviving) {
-        const double size = scale[stage.coordinate[static_cast<std::size_t>(slot)]];
-        const double norm = row_norm(slot_row(slot), seen) / size;
+        const double norm = row_norm(slot_row(slot), seen + 1) / scale[stage.coordinate[slot]];
         if (norm > most) {
           most = norm;
           best = slot_row(slot);
         }
       }
       if (!(most > unseen)) break;
-      reflect(best, seen, seen, row_norm(best, seen));
+      reflect(best, seen + 1, seen + 1, row_norm(best, seen + 1));
     }
-    double largest = 0.0;
-    for (int v = 0; v < variables_; ++v) largest = std::max(largest, energy_square(v, 0));
+    const double largest = energy_square(heaviest(1, 0), 0);
     while (variables_ > seen) {
-      const int w = variables_ - 1;
-      int best = w;
-      for (int v = seen; v < w; ++v) {
-        if (energy_square(v, 0) > energy_square(best, 0)) best = v;
-      }
+      const int best = heaviest(seen + 1, 0);
       if (!(energy_square(best, 0) > massless * massless * largest)) return best;
-      std::swap_ranges(writable(best), writable(best) + (best < w ? end_row() : 0), writable(w));
-      reflect_energy(w, 0, w);
+      std::swap_ranges(writable(best), writable(best) + (best < variables_ ? end_row() : 0),
+                       writable(variables_));
+      reflect_energy(variables_, 0);
       minimise_over_last(stage);
     }
     compress();
@@ -269,30 +221,29 @@ class Enforcement::Front {
   }
 
  private:
-  int stride_;
-  double *data_, *constant_, *product_, *reflection_;
+  int stride_ = 0;
+  std::vector<double> data_, product_, reflection_;
   int variables_ = 0, slots_ = 0, began_ = 0;
   int energy_first_ = 1, energy_rows_ = 0;
 
   int end_row() const { return energy_first_ + energy_rows_; }
-  double* writable(int variable) {
-    return variable < variables_ ? data_ + variable * stride_ : constant_;
-  }
+  double* writable(int variable) { return data_.data() + variable * stride_; }
 
-  static double sum_of(const Element& element, const double* weight, const double* column) {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < element.slot.size(); ++i) {
-      sum += weight[i] * column[slot_row(element.slot[i])];
+  /// The row becomes factor * sum_i weight_i a_i.
+  void fill_row(int row, const Element& element, const double* weight, double factor) {
+    for (int v = 0; v <= variables_; ++v) {
+      double* const c = writable(v);
+      double sum = 0.0;
+      for (std::size_t i = 0; i < element.slot.size(); ++i) {
+        sum += weight[i] * c[slot_row(element.slot[i])];
+      }
+      c[row] = factor * sum;
     }
-    return sum;
   }
 
   double row_norm(int row, int first) const {
     double sum = 0.0;
-    for (int v = first; v < variables_; ++v) {
-      const double x = data_[v * stride_ + row];
-      sum += x * x;
-    }
+    for (int v = first; v <= variables_; ++v) sum += column(v)[row] * column(v)[row];
     return std::sqrt(sum);
   }
 
@@ -303,33 +254,46 @@ class Enforcement::Front {
     return sum;
   }
 
+  /// The variable from `from` on of most energy, by its rows from `first` on.
+  int heaviest(int from, int first) const {
+    int best = variables_;
+    double most = energy_square(best, first);
+    for (int v = from; v < variables_; ++v) {
+      const double square = energy_square(v, first);
+      if (square > most) {
+        most = square;
+        best = v;
+      }
+    }
+    return best;
+  }
+
   /// Orthogonal change of the variables from `first` on after which the row sees only `pivot`.
   void reflect(int row, int first, int pivot, double norm) {
     const int end = end_row();
     const double at_pivot = column(pivot)[row];
     const double image = at_pivot > 0.0 ? -norm : norm;
-    for (int v = first; v < variables_; ++v) reflection_[v] = column(v)[row];
+    for (int v = first; v <= variables_; ++v) reflection_[v] = column(v)[row];
     reflection_[pivot] -= image;
     const double factor = 1.0 / (norm * (norm + std::abs(at_pivot)));
-    std::fill_n(product_, end, 0.0);
-    for (int v = first; v < variables_; ++v) {
+    std::fill_n(product_.begin(), end, 0.0);
+    for (int v = first; v <= variables_; ++v) {
       const double* const c = column(v);
       const double weight = reflection_[v];
       for (int i = 0; i < end; ++i) product_[i] += weight * c[i];
     }
-    for (int v = first; v < variables_; ++v) {
+    for (int v = first; v <= variables_; ++v) {
       double* const c = writable(v);
       const double weight = factor * reflection_[v];
       for (int i = 0; i < end; ++i) c[i] -= weight * product_[i];
-      c[row] = 0.0;
+      c[row] = v == pivot ? image : 0.0;
     }
-    writable(pivot)[row] = image;
   }
 
   /// Reflection of the energy's rows from `first` on after which, of these, only the first sees the
-  /// variable; applied to the variables before `columns` and to the constant. The row of the
-  /// largest entry comes first: so rows of different size keep their own digits.
-  void reflect_energy(int variable, int first, int columns) {
+  /// variable. The row of the largest entry comes first: so rows of different size keep their own
+  /// digits.
+  void reflect_energy(int variable, int first) {
     double* const x = writable(variable) + energy_first_;
     const double square = energy_square(variable, first);
     if (square < nothing) {
@@ -349,9 +313,9 @@ class Enforcement::Front {
     const double factor = 1.0 / (norm * (norm + std::abs(x[first])));
     for (int i = first; i < energy_rows_; ++i) reflection_[i] = x[i];
     reflection_[first] -= image;
-    for (int v = 0; v <= columns; ++v) {
-      if (v == variable && v < columns) continue;
-      double* const c = (v < columns ? writable(v) : constant_) + energy_first_;
+    for (int v = 0; v <= variables_; ++v) {
+      if (v == variable) continue;
+      double* const c = writable(v) + energy_first_;
       double product = 0.0;
       for (int i = first; i < energy_rows_; ++i) product += reflection_[i] * c[i];
       product *= factor;
@@ -363,100 +327,82 @@ class Enforcement::Front {
 
   /// The last variable w, which only the energy's first row sees: w = (h / T - B y - r) / T.
   void minimise_over_last(const Stage& stage) {
-    const int w = variables_ - 1, top = energy_first_;
-    const double* const last = column(w);
+    const int top = energy_first_;
+    const double* const last = column(variables_);
     const double t = last[top], push = last[0] / t;
-    const double shift = (push - constant_[top]) / t;
-    for (int v = 0; v <= w; ++v) {
-      double* const c = v < w ? writable(v) : constant_;
-      const double share = v < w ? -c[top] / t : shift;
+    for (int v = 0; v < variables_; ++v) {
+      double* const c = writable(v);
+      const double share = v > 0 ? -c[top] / t : (push - c[top]) / t;
       for (int i = began_row(); i < began_row() + began_; ++i) c[i] += last[i] * share;
       for (const int slot : stage.dying) c[slot_row(slot)] += last[slot_row(slot)] * share;
-      if (v < w) c[0] -= c[top] * push;
+      if (v > 0) c[0] -= c[top] * push;
     }
     ++energy_first_;
     --energy_rows_;
     --variables_;
   }
 
-  /// As many of the energy's rows as variables say all: R becomes triangular, columns permuted.
+  /// As many of the energy's rows as variables say all: R becomes triangular, columns permuted. A
+  /// variable done before sees none of the rows that follow.
   void compress() {
     if (energy_rows_ <= variables_) return;
     for (int first = 0; first < variables_; ++first) {
-      int best = -1;
-      double most = -1.0;
-      for (int v = 0; v < variables_; ++v) {
-        // a variable done before sees none of these rows
-        const double square = energy_square(v, first);
-        if (square > most) {
-          most = square;
-          best = v;
-        }
-      }
-      if (most < nothing) break;
-      reflect_energy(best, first, variables_);
+      const int best = heaviest(1, first);
+      if (energy_square(best, first) < nothing) break;
+      reflect_energy(best, first);
     }
     energy_rows_ = variables_;
   }
 };
 
 /// The variables with which a stage began and the coordinates that died in it, as what the
-/// variables at its end make of them.
+/// variables at its end make of them: column-major (began + dying, 1 + variables), the constants
+/// first.
 struct Enforcement::Record {
-  const double* values;  // column-major (began + dying, variables), then the constants
+  std::size_t values;  // where they begin
   int began, variables;
 };
 
-namespace {
-
-double* thread_memory(std::size_t count) {
-  thread_local std::vector<double> kept;
-  if (kept.size() < count) kept = std::vector<double>(count);
-  return kept.data();
-}
-
-}  // namespace
+struct Enforcement::Workspace {
+  Front fronts[2];
+  std::vector<Record> records;
+  std::vector<double> values, z, next;
+};
 
 template <class Found>
-void Enforcement::substitute(const std::vector<Record>& records, double* z, double* next,
-                             double constants, const Found& found) const {
-  for (std::size_t s = records.size(); s-- > 0;) {
-    const Record& record = records[s];
-    const Stage& stage = stages_[s];
-    const int rows = record.began + static_cast<int>(stage.dying.size());
+void Enforcement::substitute(Workspace& work, const Found& found) const {
+  for (std::size_t s = work.records.size(); s-- > 0;) {
+    const auto [start, began, variables] = work.records[s];
+    const double* const values = work.values.data() + start;
+    const int rows = began + static_cast<int>(stages_[s].dying.size());
+    work.next[0] = work.z[0];
     for (int i = 0; i < rows; ++i) {
-      double sum = constants * record.values[record.variables * rows + i];
-      for (int v = 0; v < record.variables; ++v) sum += record.values[v * rows + i] * z[v];
-      if (i < record.began) {
-        next[i] = sum;
+      double sum = 0.0;
+      for (int v = 0; v <= variables; ++v) sum += values[v * rows + i] * work.z[v];
+      if (i < began) {
+        work.next[1 + i] = sum;
       } else {
-        const int slot = stage.dying[static_cast<std::size_t>(i - record.began)];
-        found(stage.coordinate[static_cast<std::size_t>(slot)], sum);
+        found(stages_[s].coordinate[stages_[s].dying[i - began]], sum);
       }
     }
-    std::swap(z, next);
+    work.z.swap(work.next);
   }
 }
 
 int Enforcement::solve(const double* matrix, const double* b, const double* force,
                        double* accelerations) const {
-  const std::size_t front_size = Front::size(most_rows_, most_variables_);
-  const auto variables = static_cast<std::size_t>(most_variables_);
-  double* const memory = thread_memory(2 * front_size + 2 * variables + record_size_);
-  Front fronts[2] = {{most_rows_, most_variables_, memory},
-                     {most_rows_, most_variables_, memory + front_size}};
-  double* const z = memory + 2 * front_size;
-  double* const next = z + variables;
-  double* values = next + variables;
-  thread_local std::vector<Record> records;
-  records.clear();
-
-  static const std::vector<int> none;
+  thread_local Workspace work;
+  for (Front& front : work.fronts) front.reset(most_rows_, most_variables_);
+  work.records.clear();
+  work.values.clear();
+  work.z.resize(most_variables_ + 1);
+  work.next.resize(most_variables_ + 1);
+  const std::vector<int> none;
   for (std::size_t s = 0; s < stages_.size(); ++s) {
     const Stage& stage = stages_[s];
-    Front& front = fronts[s % 2];
-    front.begin(stage, fronts[(s + 1) % 2], s > 0 ? stages_[s - 1].surviving : none, scale_.data(),
-                force);
+    Front& front = work.fronts[s % 2];
+    front.begin(stage, work.fronts[(s + 1) % 2], s > 0 ? stages_[s - 1].surviving : none,
+                scale_.data(), force);
     for (const Element& element : stage.elements) {
       const auto index = static_cast<std::size_t>(element.index);
       if (element.constraint) {
@@ -472,27 +418,30 @@ int Enforcement::solve(const double* matrix, const double* b, const double* forc
       int coordinate = 0;
       double most = -1.0;
       const auto found = [&](int c, double value) {
-        const double size = std::abs(value) / scale_[static_cast<std::size_t>(c)];
+        const double size = std::abs(value) / scale_[c];
         if (size > most) {
           most = size;
           coordinate = c;
         }
       };
       for (const int slot : stage.dying) {
-        found(stage.coordinate[static_cast<std::size_t>(slot)], way[Front::slot_row(slot)]);
+        found(stage.coordinate[slot], way[Front::slot_row(slot)]);
       }
-      std::copy_n(way + front.began_row(), front.began(), z);
-      substitute(records, z, next, 0.0, found);
+      work.z[0] = 0.0;  // a change along the variable alone
+      std::copy_n(way + front.began_row(), front.began(), work.z.begin() + 1);
+      substitute(work, found);
       return coordinate;
     }
-    records.push_back({values, front.began(), front.variables()});
+    work.records.push_back({work.values.size(), front.began(), front.variables()});
     for (int v = 0; v <= front.variables(); ++v) {
       const double* const c = front.column(v);
-      values = std::copy_n(c + front.began_row(), front.began(), values);
-      for (const int slot : stage.dying) *values++ = c[Front::slot_row(slot)];
+      const double* const first = c + front.began_row();
+      work.values.insert(work.values.end(), first, first + front.began());
+      for (const int slot : stage.dying) work.values.push_back(c[Front::slot_row(slot)]);
     }
   }
-  substitute(records, z, next, 1.0, [&](int c, double value) { accelerations[c] = value; });
+  work.z[0] = 1.0;
+  substitute(work, [&](int c, double value) { accelerations[c] = value; });
   return complete;
 }
 

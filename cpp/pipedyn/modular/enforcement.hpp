@@ -70,7 +70,7 @@ class Enforcement {
  private:
   struct Element {
     bool constraint;
-    int index;
+    int index, node;        // among all of its kind; the largest that it touches
     std::vector<int> slot;  // of its coordinates, among the stage's living
   };
   /// Modules and groups up to one after which coordinates die.
@@ -83,12 +83,12 @@ class Enforcement {
   };
   class Front;
   struct Record;
+  struct Workspace;
 
-  /// From the variables z at the end to all before them, calling found(coordinate, acceleration);
-  /// constants: 1, or 0 for a change along z alone.
+  /// From (1, z), the variables z at the end, to all before them, calling
+  /// found(coordinate, acceleration); from (0, z) a change along z alone.
   template <class Found>
-  void substitute(const std::vector<Record>& records, double* z, double* next, double constants,
-                  const Found& found) const;
+  void substitute(Workspace& work, const Found& found) const;
 
   std::vector<double> scale_;
   std::vector<InertiaRow> inertia_;
@@ -97,7 +97,6 @@ class Enforcement {
   std::vector<Stage> stages_;
   int most_variables_ = 0;
   int most_rows_ = 0;
-  std::size_t record_size_ = 0;
 };
 
 }  // namespace pipedyn

@@ -128,50 +128,7 @@ void Body::add_inertia(std::vector<InertiaRow>& rows) const {
   if (turning != 0.0) add_rows(rows, node, -root * turning, root * turning);
 }
 
-void Body::add_force(const Motion&, const Loads& loads) const {
-  loads.add(node - 1, {0.0, (1.0 - center) * weight});
-  loads.add(node, {0.0, center * weight});
-}
-
-double Body::energy(const Motion& motion) const {
-  const double height =
-      (1.0 - center) * motion.place(node - 1).y() + center * motion.place(node).y();
-  return -weight * (height - straight_height);
-}
-
-// ------------------------------------------------------------------------------------- springs
-
-void TorsionalSpring::add_force(const Motion& motion, const Loads& loads) const {
-  loads.add_moment(
-      joint, -stiffness * (motion.place.angle(joint) - rest) - damping * motion.rate.angle(joint));
-}
-
-void TorsionalSpring::add_derivatives(const Motion&, Derivatives& out) const {
-  out.by_coordinates.add(phi_of(joint), phi_of(joint), -stiffness);
-  out.by_rates.add(phi_of(joint), phi_of(joint), -damping);
-}
-
-double TorsionalSpring::energy(const Motion& motion) const {
-  const double phi = motion.place.angle(joint);
-  return 0.5 * stiffness * phi * (phi - 2.0 * rest);
-}
-
-void TorsionalSpring::add_power(const Motion& motion, Power& out) const {
-  const double turning = motion.rate.angle(joint);
-  out.joints -= damping * turning * turning;
-}
-
 // ----------------------------------------------------------------------------------------- flow
-
-void InternalFlow::add_operators(RedundantOperators& ops) const {
-  for (Index j = 1; j <= segments; ++j) {
-    ops.gyroscopic.add_uniform(j - 1, j, sqrt_beta);
-    ops.gyroscopic.add_uniform(j, j - 1, -sqrt_beta);
-  }
-  ops.end_flux.add_uniform(segments, segments, sqrt_beta);
-  ops.flux.add_uniform(segments, segments, 1.0 / last_length);
-  ops.flux.add_uniform(segments, segments - 1, -1.0 / last_length);
-}
 
 void InternalFlow::add_force(const Motion& motion, const Loads& loads) const {
   const double u = motion.flow_speed, coriolis = sqrt_beta * u;

@@ -32,8 +32,14 @@ struct Body : Module {
   double straight_height;        // y* of the straight pipe
 
   void add_inertia(std::vector<InertiaRow>& rows) const;
-  void add_force(const Motion& motion, const Loads& loads) const;
-  double energy(const Motion& motion) const;
+  void add_force(const Motion&, const Loads& loads) const {
+    loads.add(node - 1, {0.0, (1.0 - center) * weight});
+    loads.add(node, {0.0, center * weight});
+  }
+  double energy(const Motion& motion) const {
+    const double above = motion.place(node - 1).y(), below = motion.place(node).y();
+    return -weight * ((1.0 - center) * above + center * below - straight_height);
+  }
 };
 
 /// At joint j: energy 1/2 k ((phi - p)^2 - p^2), moment -k (phi - p) - c phi'.
@@ -43,10 +49,22 @@ struct TorsionalSpring : Module {
 
   TorsionalSpring(Index at, double k, double c, double p)
       : joint(at), stiffness(k), damping(c), rest(p) {}
-  void add_force(const Motion& motion, const Loads& loads) const;
-  void add_derivatives(const Motion& motion, Derivatives& out) const;
-  double energy(const Motion& motion) const;
-  void add_power(const Motion& motion, Power& out) const;
+  void add_force(const Motion& motion, const Loads& loads) const {
+    const double bent = motion.place.angle(joint) - rest;
+    loads.add_moment(joint, -stiffness * bent - damping * motion.rate.angle(joint));
+  }
+  void add_derivatives(const Motion&, Derivatives& out) const {
+    out.by_coordinates.add(phi_of(joint), phi_of(joint), -stiffness);
+    out.by_rates.add(phi_of(joint), phi_of(joint), -damping);
+  }
+  double energy(const Motion& motion) const {
+    const double phi = motion.place.angle(joint);
+    return 0.5 * stiffness * phi * (phi - 2.0 * rest);
+  }
+  void add_power(const Motion& motion, Power& out) const {
+    const double turning = motion.rate.angle(joint);
+    out.joints -= damping * turning * turning;
+  }
 };
 
 /// A station on segment j: r = (1 - xi) r_{j-1} + xi r_j. A force f there is (1 - xi) f and xi f on
@@ -95,7 +113,6 @@ struct InternalFlow : Module {
         last_length(length[segments - 1]),
         sqrt_beta(pipe.sqrt_beta()),
         centrifugal(pipe.centrifugal) {}
-  void add_operators(RedundantOperators& ops) const;
   void add_force(const Motion& motion, const Loads& loads) const;
   void add_derivatives(const Motion& motion, Derivatives& out) const;
   void add_power(const Motion& motion, Power& out) const;

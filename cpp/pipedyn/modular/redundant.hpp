@@ -59,11 +59,13 @@ struct Triplets {
   std::vector<std::int64_t> rows, columns;
   std::vector<double> values;
 
-  void add(Index row, Index column, double value) {
-    if (value == 0.0) return;
+  void push(Index row, Index column, double value) {
     rows.push_back(row);
     columns.push_back(column);
     values.push_back(value);
+  }
+  void add(Index row, Index column, double value) {
+    if (value != 0.0) push(row, column, value);
   }
   /// Of two nodes; what falls on node 0 is dropped.
   void add_block(Index row_node, Index column_node, const Block& block) {
@@ -77,15 +79,30 @@ struct Triplets {
   }
 };
 
-/// Matrices (3 n, 3 n) that no coordinates change, as in Operators: of the inertia and the flow.
-/// Stiffness and damping about any place are the derivatives of the forces there, negated.
-struct RedundantOperators {
-  Triplets mass, gyroscopic, end_flux, flux;
+/// Second derivatives by coordinates i and k of the constraint rows: entries (row, i, k, value).
+struct Hessians {
+  std::vector<std::int64_t> rows;
+  Triplets entries;
+
+  void add(Index row, Index i, Index k, double value) {
+    rows.push_back(row);
+    entries.push(i, k, value);
+  }
+  void add_both(Index row, Index i, Index k, double value) {
+    add(row, i, k, value);
+    add(row, k, i, value);
+  }
 };
 
 /// Derivatives by the coordinates and by their rates.
 struct Derivatives {
   Triplets by_coordinates, by_rates;
+};
+
+/// Matrices (3 n, 3 n) that no coordinates change: of the inertia and, U = 1, of the flow.
+/// Stiffness and damping about any place are the derivatives of the forces there, negated.
+struct RedundantOperators {
+  Triplets mass, velocity, flux;
 };
 
 /// What flow, joints, drag and the pipe's terms add to the energy in unit time.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/modular/scene.hpp"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -15,7 +14,11 @@ namespace pipedyn {
 
 namespace {
 
-std::size_t count(Index size) { return static_cast<std::size_t>(size); }
+/// Scratch of the thread, which one caller uses at a time.
+double* resized(std::vector<double>& kept, Index size) {
+  if (static_cast<Index>(kept.size()) < size) kept.resize(static_cast<std::size_t>(size));
+  return kept.data();
+}
 
 void require(const char* name, Index size, Index expected) {
   if (size != expected) {
@@ -96,19 +99,13 @@ Enforcement Scene::assemble(const Pipe& pipe, const Modules& given) {
     rows_ += constraint.rows();
     matrix_size_ += constraint.rows() * static_cast<Index>(groups.back().coordinate.size());
   }
-  const auto hold = [&](Index node, Index axis, double value) {
-    for (const Held& other : held_) {
-      if (other.node == node && other.axis == axis) return;
-    }
-    held_.push_back({node, axis, value});
-  };
-  for (const Constraint& constraint : constraints_) {
-    const bool pin = constraint.kind == Constraint::Kind::pin;
-    if (pin || constraint.kind == Constraint::Kind::guide) hold(constraint.node, 0, constraint.x);
-    if (pin) hold(constraint.node, 1, constraint.y);
+  for (const Constraint& of : constraints_) {
+    const bool pin = of.kind == Constraint::Kind::pin;
+    if (pin || of.kind == Constraint::Kind::guide) held_.push_back({of.node, 0, of.x});
+    if (pin) held_.push_back({of.node, 1, of.y});
   }
-  std::vector<double> scale(count(3 * n), 1.0);
-  for (Index j = 1; j <= n; ++j) scale[count(phi_of(j))] = 1.0 / length[j - 1];
+  std::vector<double> scale(static_cast<std::size_t>(3 * n), 1.0);
+  for (Index j = 1; j <= n; ++j) scale[phi_of(j)] = 1.0 / length[j - 1];
   return Enforcement(std::move(scale), std::move(rows), std::move(groups));
 }
 
@@ -117,10 +114,8 @@ Motion Scene::motion(const double* y, double u) const {
 }
 
 Vector Scene::straight() const {
-  Vector q = Vector::Zero(coordinates());
-  double y = base_;
-  for (Index j = 1; j <= segments(); ++j) q[y_of(j)] = y += length_[j - 1];
-  return q;
+  const Matrix upright = Matrix::Zero(segments(), 1);
+  return from_angles(upright, upright).col(0).head(coordinates());
 }
 
 RedundantOperators Scene::operators() const {
@@ -132,8 +127,15 @@ RedundantOperators Scene::operators() const {
       }
     }
   }
-  for (const InternalFlow& flow : std::get<std::vector<InternalFlow>>(modules_)) {
-    flow.add_operators(ops);
+  Derivatives by_flow;
+  for (InternalFlow flow : std::get<std::vector<InternalFlow>>(modules_)) {
+    flow.centrifugal = 1.0;
+    flow.add_derivatives({{nullptr, 0.0}, {nullptr, 0.0}, 1.0}, by_flow);
+  }
+  ops.velocity = std::move(by_flow.by_rates);
+  ops.flux = std::move(by_flow.by_coordinates);
+  for (Triplets* of : {&ops.velocity, &ops.flux}) {
+    for (double& value : of->values) value = -value;
   }
   return ops;
 }
@@ -156,24 +158,15 @@ Derivatives Scene::force_derivatives(const Vector& y, double u) const {
 
 // --------------------------------------------------------------------------------- constraints
 
-/// Calls work(constraint, row), the first of its rows among all.
-template <class Work>
-void Scene::for_each_constraint(const Work& work) const {
-  Index row = 0;
-  for (const Constraint& constraint : constraints_) {
-    work(constraint, row);
-    row += constraint.rows();
-  }
-}
-
 /// matrix: each group's A over the coordinates that it touches, one group after the other.
 void Scene::fill_constraints(const Motion& motion, double* residual, double* matrix,
                              double* right_side) const {
-  std::size_t group = 0;
-  for_each_constraint([&](const Constraint& constraint, Index row) {
-    constraint.fill(motion.place, motion.rate, length_, residual + row, matrix, right_side + row);
-    matrix += enforcement_.matrix_size(group++);
-  });
+  for (std::size_t i = 0; i < constraints_.size(); ++i) {
+    constraints_[i].fill(motion.place, motion.rate, length_, residual, matrix, right_side);
+    residual += constraints_[i].rows();
+    right_side += constraints_[i].rows();
+    matrix += enforcement_.matrix_size(i);
+  }
 }
 
 ConstraintRows Scene::constraints(const Vector& y) const {
@@ -193,24 +186,14 @@ ConstraintRows Scene::constraints(const Vector& y) const {
   return out;
 }
 
-Triplets Scene::curvature(const Vector& q, const Vector& multipliers) const {
+Hessians Scene::hessians(const Vector& q) const {
   require("q", q.size(), coordinates());
-  require("multipliers", multipliers.size(), rows_);
-  Triplets out;
-  for_each_constraint([&](const Constraint& constraint, Index row) {
-    constraint.add_curvature({q.data(), base_}, length_, multipliers.data() + row, out);
-  });
-  return out;
-}
-
-Derivatives Scene::acceleration_derivatives(const Vector& y, const Vector& acceleration) const {
-  require("y", y.size(), 2 * coordinates());
-  require("acceleration", acceleration.size(), coordinates());
-  const Motion now = motion(y.data(), 0.0);
-  Derivatives out;
-  for_each_constraint([&](const Constraint& constraint, Index row) {
-    constraint.add_derivatives(now.place, now.rate, {acceleration.data(), 0.0}, length_, row, out);
-  });
+  Hessians out;
+  Index row = 0;
+  for (const Constraint& constraint : constraints_) {
+    constraint.add_hessians({q.data(), base_}, length_, row, out);
+    row += constraint.rows();
+  }
   return out;
 }
 
@@ -243,61 +226,112 @@ Matrix Scene::from_angles(const Matrix& theta, const Matrix& omega) const {
   return states;
 }
 
-void Scene::project_one(Vector& theta, Vector& omega) const {
-  constexpr double close = 1e-13, rank = 1e-9;
-  constexpr int most_steps = 20;
-  const Index n = segments(), held = static_cast<Index>(held_.size());
-  Matrix rows(held, n);
-  Vector missed(held);
-  Eigen::CompleteOrthogonalDecomposition<Matrix> factors;
-  factors.setThreshold(rank);
-  for (int step = 0; step < most_steps; ++step) {
-    const Eigen::ArrayXd sine = theta.array().sin(), cosine = theta.array().cos();
-    rows.setZero();
-    for (Index i = 0; i < held; ++i) {
-      const Held& one = held_[count(i)];
-      double place = one.axis == 0 ? 0.0 : base_;
-      for (Index j = 0; j < one.node; ++j) {
-        place += length_[j] * (one.axis == 0 ? sine[j] : cosine[j]);
-        rows(i, j) = length_[j] * (one.axis == 0 ? cosine[j] : -sine[j]);
+namespace {
+
+/// Least x with rows x = wanted, where each column holds a row of length n and its wanted values
+/// below it. Gram and Schmidt's method, twice, the row that differs most from those before it
+/// first; rows that follow from others are left out.
+Matrix least(Eigen::MatrixXd& columns, Index n) {
+  constexpr double rank = 1e-9;
+  double largest = 0.0;
+  for (Index k = 0; k < columns.cols(); ++k) {
+    Index best = k;
+    double most = 0.0;
+    for (Index i = k; i < columns.cols(); ++i) {
+      const double norm = columns.col(i).head(n).norm();
+      if (norm > most) {
+        most = norm;
+        best = i;
       }
-      missed[i] = place - one.value;
     }
-    factors.compute(rows);
-    if (missed.cwiseAbs().maxCoeff() <= close) {
-      omega -= factors.solve(rows * omega);
-      return;
+    if (k == 0) largest = most;
+    if (!(most > rank * largest)) {
+      columns.rightCols(columns.cols() - k).setZero();
+      break;
     }
-    theta -= factors.solve(missed);
+    columns.col(best).swap(columns.col(k));
+    for (Index i = 0; i < k; ++i) {
+      columns.col(k) -= columns.col(i).head(n).dot(columns.col(k).head(n)) * columns.col(i);
+    }
+    columns.col(k) /= columns.col(k).head(n).norm();
+    for (Index i = k + 1; i < columns.cols(); ++i) {
+      columns.col(i) -= columns.col(k).head(n).dot(columns.col(i).head(n)) * columns.col(k);
+    }
   }
-  theta.setConstant(std::numeric_limits<double>::quiet_NaN());
-  omega = theta;
+  const Index wanted = columns.rows() - n;
+  Matrix x = Matrix::Zero(n, wanted);
+  for (Index k = 0; k < columns.cols(); ++k) {
+    for (Index i = 0; i < wanted; ++i) x.col(i) += columns(n + i, k) * columns.col(k).head(n);
+  }
+  return x;
 }
 
-void Scene::project(Matrix& theta, Matrix& omega) const {
+}  // namespace
+
+double Scene::project_one(Vector& theta, Vector& omega) const {
+  constexpr double longest = 0.5;  // rad a step, so that segments do not turn over
+  constexpr int most_steps = 100;
+  const Index n = segments(), held = static_cast<Index>(held_.size());
+  // Of each coordinate held: its derivative by the angles, how far it is missed, and its rate.
+  Eigen::MatrixXd columns(n + 2, held);
+  Vector closest = theta;
+  double least_missed = std::numeric_limits<double>::infinity();
+  for (int step = 0; step < most_steps; ++step) {
+    const Eigen::ArrayXd sine = theta.array().sin(), cosine = theta.array().cos();
+    columns.setZero();
+    for (Index i = 0; i < held; ++i) {
+      const auto& [node, axis, value] = held_[i];
+      double place = axis == 0 ? 0.0 : base_, rate = 0.0;
+      for (Index j = 0; j < node; ++j) {
+        place += length_[j] * (axis == 0 ? sine[j] : cosine[j]);
+        columns(j, i) = length_[j] * (axis == 0 ? cosine[j] : -sine[j]);
+        rate += columns(j, i) * omega[j];
+      }
+      columns(n, i) = place - value;
+      columns(n + 1, i) = rate;
+    }
+    const double missed = columns.row(n).cwiseAbs().maxCoeff();
+    const Matrix change = least(columns, n);
+    if (missed < least_missed) {
+      least_missed = missed;
+      closest = theta;
+    }
+    if (missed <= met) {
+      omega -= change.col(1);
+      break;
+    }
+    const double turn = change.col(0).cwiseAbs().maxCoeff();
+    if (!(turn > 0.0)) break;
+    theta -= std::min(1.0, longest / turn) * change.col(0);
+  }
+  theta = closest;
+  return least_missed;
+}
+
+Vector Scene::project(Matrix& theta, Matrix& omega) const {
   require("theta", theta.rows(), segments());
   require("omega", omega.rows(), segments());
-  if (held_.empty()) return;
-  for (Index k = 0; k < theta.cols(); ++k) {
+  Vector missed = Vector::Zero(theta.cols());
+  for (Index k = 0; k < theta.cols() && !held_.empty(); ++k) {
     Vector angles = theta.col(k), rates = omega.col(k);
-    project_one(angles, rates);
+    missed[k] = project_one(angles, rates);
     theta.col(k) = angles;
     omega.col(k) = rates;
   }
+  return missed;
 }
 
 void Scene::angle_rates(const Batch& batch, double* rates) const {
   const Index n = segments(), size = coordinates(), members = batch.members;
-  Vector theta(n), omega(n), met_theta(n), met_omega(n), moved(2 * size);
+  const Eigen::Map<const Matrix> given(batch.y, 2 * n, members);
+  Vector moved(2 * size);
   for (Index k = 0; k < members; ++k) {
-    for (Index j = 0; j < n; ++j) {
-      theta[j] = batch.y[j * members + k];
-      omega[j] = batch.y[(n + j) * members + k];
+    const Vector y = given.col(k);
+    Vector theta = y.head(n), omega = y.tail(n);
+    if (!held_.empty() && !(project_one(theta, omega) <= met)) {
+      theta.setConstant(std::numeric_limits<double>::quiet_NaN());
     }
-    met_theta = theta;
-    met_omega = omega;
-    if (!held_.empty()) project_one(met_theta, met_omega);
-    const Matrix state = from_angles(met_theta, met_omega);
+    const Matrix state = from_angles(theta, omega);
     const Batch one{state.data(), batch.u + k * batch.u_step, 1, 0};
     rhs(one, nullptr, moved.data());
     double flow = 0.0, joints = 0.0, drag = 0.0, others = 0.0;
@@ -305,8 +339,8 @@ void Scene::angle_rates(const Batch& batch, double* rates) const {
     double turning = 0.0;  // of the segment: the joints' accelerations up to it
     for (Index j = 0; j < n; ++j) {
       turning += moved[size + phi_of(j + 1)];
-      rates[j * members + k] = met_omega[j] - return_rate * (theta[j] - met_theta[j]);
-      rates[(n + j) * members + k] = turning - return_rate * (omega[j] - met_omega[j]);
+      rates[j * members + k] = omega[j] - return_rate * (y[j] - theta[j]);
+      rates[(n + j) * members + k] = turning - return_rate * (y[n + j] - omega[j]);
     }
     rates[2 * n * members + k] = flow + joints + drag + others;
   }
@@ -315,20 +349,17 @@ void Scene::angle_rates(const Batch& batch, double* rates) const {
 template <class Work>
 void Scene::for_each_member(const Batch& batch, const Work& work) const {
   thread_local std::vector<double> kept;
-  const Index size = 2 * coordinates();
-  if (kept.size() < count(size)) kept.resize(count(size));
+  double* const y = resized(kept, 2 * coordinates());
   for (Index k = 0; k < batch.members; ++k) {
-    for (Index i = 0; i < size; ++i) kept[count(i)] = batch.y[i * batch.members + k];
-    work(k, motion(kept.data(), batch.u[k * batch.u_step]));
+    for (Index i = 0; i < 2 * coordinates(); ++i) y[i] = batch.y[i * batch.members + k];
+    work(k, motion(y, batch.u[k * batch.u_step]));
   }
 }
 
 /// Accelerations under forces, as Enforcement::solve.
 int Scene::enforce(const Motion& motion, const double* force, double* accelerations) const {
   thread_local std::vector<double> kept;
-  const Index needed = 2 * rows_ + matrix_size_;
-  if (kept.size() < count(needed)) kept.resize(count(needed));
-  double* const residual = kept.data();
+  double* const residual = resized(kept, 2 * rows_ + matrix_size_);
   double* const right_side = residual + rows_;
   double* const matrix = right_side + rows_;
   fill_constraints(motion, residual, matrix, right_side);
@@ -338,8 +369,7 @@ int Scene::enforce(const Motion& motion, const double* force, double* accelerati
 void Scene::rhs(const Batch& batch, const double* force, double* rates) const {
   const Index size = coordinates(), members = batch.members;
   thread_local std::vector<double> kept;
-  if (kept.size() < count(2 * size)) kept.resize(count(2 * size));
-  double* const sum = kept.data();
+  double* const sum = resized(kept, 2 * size);
   double* const acceleration = sum + size;
   for_each_member(batch, [&](Index k, const Motion& now) {
     for (Index i = 0; i < size; ++i) sum[i] = force != nullptr ? force[i * members + k] : 0.0;

@@ -16,7 +16,7 @@
 
 namespace pipedyn {
 
-/// What a scene is made of beside the terms of its pipe. Of the segments their springs are not
+/// What a scene is made of besides the terms of its pipe. Of the segments their springs are not
 /// read.
 struct Modules {
   Segments segments{};
@@ -55,10 +55,7 @@ class Scene {
   Derivatives force_derivatives(const Vector& y, double u) const;
 
   ConstraintRows constraints(const Vector& y) const;
-  /// sum_i multipliers_i d2 g_i / dq2 (3 n, 3 n).
-  Triplets curvature(const Vector& q, const Vector& multipliers) const;
-  /// Of A q'' - b (m, 3 n), with q'' held.
-  Derivatives acceleration_derivatives(const Vector& y, const Vector& acceleration) const;
+  Hessians hessians(const Vector& q) const;
 
   /// States (6 n, k) of segments at absolute angles theta (n, k) that turn at omega (n, k):
   /// r_j = r_{j-1} + l_j (sin theta_j, cos theta_j), phi_j = theta_j - theta_{j-1}.
@@ -74,15 +71,17 @@ class Scene {
   void power(const Batch& batch, const PowerParts& out) const;
 
   /// Angles and rates (n, k) close to those given that meet guides and pins, by Newton's method in
-  /// least steps; NaN where there are none close by.
-  void project(Matrix& theta, Matrix& omega) const;
+  /// least steps. Returns how far the angles miss them (k), which is above `met` where no such
+  /// angles are close by; then they are the closest found.
+  Vector project(Matrix& theta, Matrix& omega) const;
+  static constexpr double met = 1e-13;  // in L: a hundred times rounding
 
-  /// Rate at which a state beside guides and pins returns to them, as fast as flutter turns.
+  /// Rate at which a state off guides and pins returns to them, as fast as flutter turns.
   static constexpr double return_rate = 10.0;
 
   /// Rates of [theta, theta', work done] (2 n + 1, members). With P the projection above, the state
-  /// moves as P(y) does, and y - P(y) decays at return_rate: what an integrator errs beside guides
-  /// and pins does not grow. Clamps and joints are met to rounding at any angles.
+  /// moves as P(y) does, and y - P(y) decays at return_rate: an integrator's errors off guides and
+  /// pins do not grow. Clamps and joints are met to rounding at any angles. NaN where P fails.
   void angle_rates(const Batch& batch, double* rates) const;
 
   /// Coordinate that moves most in a direction that the constraints allow at q and that has no
@@ -104,9 +103,9 @@ class Scene {
              std::vector<InternalFlow>, std::vector<Drag>>
       modules_;
   std::vector<Constraint> constraints_;
-  std::vector<Held> held_;  // each once
-  Index rows_ = 0;          // of all constraints
-  Index matrix_size_ = 0;   // entries of their A
+  std::vector<Held> held_;
+  Index rows_ = 0;         // of all constraints
+  Index matrix_size_ = 0;  // entries of their A
   Enforcement enforcement_;
 
   Enforcement assemble(const Pipe& pipe, const Modules& given);
@@ -115,9 +114,7 @@ class Scene {
   template <class Work>
   void for_each_member(const Batch& batch, const Work& work) const;
   Motion motion(const double* y, double u) const;
-  void project_one(Vector& theta, Vector& omega) const;
-  template <class Work>
-  void for_each_constraint(const Work& work) const;
+  double project_one(Vector& theta, Vector& omega) const;
   void fill_constraints(const Motion& motion, double* residual, double* matrix,
                         double* right_side) const;
   int enforce(const Motion& motion, const double* force, double* accelerations) const;

@@ -150,10 +150,11 @@ def choose(
     """The cheapest model that meets a tolerance, or the most accurate one within a budget.
 
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
-    that is known ten times as well. A motion or cycle is integrated as accurately as the tolerance
-    asks for. Families are asked one after the other, and a further one only as long as it promises
-    to be 30 % cheaper than the best so far: times of one answer scatter by as much. What a search
-    costs in answers of the model chosen: tests/benchmark_choose.py.
+    that is known ten times as well. Where no rtol is given a motion is integrated with a hundredth
+    of the tolerance, a cycle with a tenth. Families are asked one after the other, and a further
+    one only as long as it promises to be 30 % cheaper than the best so far: times of one answer
+    scatter by as much. What a search costs in answers of the model chosen:
+    tests/benchmark_choose.py.
 
     Args:
         pipe: the pipe.

@@ -21,10 +21,9 @@ RULES = {"consistent": 2.0, "midpoint": 2.0, "rayleigh": 0.0, "uniform": 1.0, "f
 
 @dataclass(frozen=True)
 class Family:
-    """Models of one kind and growing size.
+    """Models of one kind and growing size, named by a spring rule, that and "pair", or a basis.
 
     Attributes:
-        name: a spring rule, a basis, or a spring rule and "pair".
         order: of the error, n^-order; infinite where it falls exponentially, 0 where it stays.
         sizes: that a measurement of the whole family takes.
         largest: size, without terms, up to which a search goes; None where only the question sets
@@ -68,6 +67,7 @@ class Family:
 
 
 DOUBLED = (2, 4, 8, 16, 32, 64)
+"""Sizes of chains: of a pair the doubled size is measured as well, up to 64."""
 
 FAMILIES: dict[str, Family] = {
     family.name: family

@@ -49,10 +49,8 @@ class Answer:
         values: numbers, real or complex, of a shape that the quantity sets.
         kind: what must agree besides numbers, as that a loss of stability is flutter.
         error: the solver's own, relative.
-        damping: delta of the pipe whose roots these are: those that cluster at -1 / delta are not
-            distinguished.
-        others: roots beyond those asked for, of which one may be the counterpart of a root that
-            another model counts among them; of the values' shape but for the last axis.
+        damping: delta, if these are roots: those that cluster at -1 / delta are not compared.
+        others: roots beyond those asked for, of which another model may count one among them.
     """
 
     values: NDArray[Any]

@@ -22,11 +22,17 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.brute_force import Fail
 from pipedyn.bifurcation.collocation import OrbitProblem
 from pipedyn.bifurcation.continuation import Continuation, Segment, folds, sign_changes
-from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, amplitude_of, finished, on_branch
+from pipedyn.bifurcation.cycles import (
+    LimitCycle,
+    NoCycle,
+    amplitude_of,
+    finished,
+    multiplier_roots,
+    on_branch,
+)
 from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, growth
-from pipedyn.bifurcation.floquet import multiplier_roots
 from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,

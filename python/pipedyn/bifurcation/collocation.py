@@ -13,10 +13,16 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from pipedyn.bifurcation.continuation import Continuation, Control
-from pipedyn.bifurcation.periodic_orbit import RADAU, STAGES, PeriodicOrbit
+from pipedyn.bifurcation.periodic_orbit import (
+    NODES,
+    ONCE,
+    STAGES,
+    TWICE,
+    PeriodicOrbit,
+    integrals,
+)
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -52,13 +58,13 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     by_speed = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
     rows = motion.jacobians(y, u)[:, -width:].reshape(count, STAGES, width, size)
     # Derivatives of the states at the stages by the first state and by time, at fixed rates.
-    h, lag = orbit.durations[:, None, None], RADAU.nodes[:, None]
+    h, lag = orbit.durations[:, None, None], NODES[:, None]
     by_start = np.zeros((count, STAGES, size, size)) + np.eye(size)
     by_start[..., :twice, twice : 2 * twice] += (h * lag)[..., None] * np.eye(twice)
     by_time = np.zeros((count, STAGES, size))
     by_time[..., :twice] = lag * orbit.starts[:, None, twice : 2 * twice]
-    by_time[..., :twice] += 2.0 * h * (RADAU.twice @ orbit.rates[..., :twice])
-    by_time[..., twice:] = RADAU.once @ orbit.rates
+    by_time[..., :twice] += 2.0 * h * (TWICE @ orbit.rates[..., :twice])
+    by_time[..., twice:] = ONCE @ orbit.rates
     by_frequency = -h / orbit.frequency * by_time
     forced = np.stack([missed, np.zeros_like(missed), by_speed], axis=-1)
     forced[..., 1] = (rows @ by_frequency[..., None])[..., 0]
@@ -67,9 +73,9 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     def spread(block: Array, weights: Array) -> Array:
         return block[:, :, :, None, :] * weights[:, None, :, None]
 
-    matrix = spread(-h[..., None] * rows[..., twice:], RADAU.once)
+    matrix = spread(-h[..., None] * rows[..., twice:], ONCE)
     if twice:
-        matrix += spread(-(h[..., None] ** 2) * rows[..., :twice], RADAU.twice)
+        matrix += spread(-(h[..., None] ** 2) * rows[..., :twice], TWICE)
     matrix = matrix.reshape(count, STAGES * width, STAGES * width)
     matrix += np.eye(STAGES * width)
     factorised(count)
@@ -78,8 +84,8 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     ends = np.zeros((count, size, size + 3))
     ends[..., :size] = by_start[:, -1]
     ends[..., size + 1] = by_frequency[:, -1]
-    ends[:, twice:] += h * np.tensordot(RADAU.once[-1], found, (0, 1))
-    ends[:, :twice] += h**2 * np.tensordot(RADAU.twice[-1], found[:, :, :twice], (0, 1))
+    ends[:, twice:] += h * np.tensordot(ONCE[-1], found, (0, 1))
+    ends[:, :twice] += h**2 * np.tensordot(TWICE[-1], found[:, :, :twice], (0, 1))
     return found, ends
 
 
@@ -90,12 +96,9 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
 class _EndRelations:
     """L x(begin) + R x(end) = C over one interval each, or over several in a row."""
 
-    first: Array
-    """L, shape (k, n, n)."""
-    last: Array
-    """R, shape (k, n, n)."""
-    right: Array
-    """C, shape (k, n, r)."""
+    first: Array  # L, shape (k, n, n)
+    last: Array  # R, shape (k, n, n)
+    right: Array  # C, shape (k, n, r)
 
     def paired(self) -> tuple[_EndRelations, tuple[Array, _EndRelations]]:
         """Over twice as many intervals each, and what gives the states between: T x = C - L - R."""
@@ -305,10 +308,9 @@ def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> Perio
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """Largest |dy/dt - f(y)| half-way between the stages, of the accelerations, relative."""
-    share = np.concatenate([[0.0], RADAU.nodes])
+    share = np.concatenate([[0.0], NODES])
     share = 0.5 * (share[:-1] + share[1:])
-    between = legendre.legvander(2.0 * share - 1.0, STAGES - 1) @ RADAU.to_legendre
-    given = (between @ orbit.rates)[:, :, -motion.half :]
+    given = (integrals(share, 0) @ orbit.rates)[:, :, -motion.half :]
     phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share
     true = motion(orbit.states(phase.ravel()), orbit.u)[motion.half :]
     return float(np.abs(given.reshape(true.T.shape) - true.T).max() / np.abs(true).max())

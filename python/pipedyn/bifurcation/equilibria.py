@@ -164,10 +164,8 @@ class Statics:
         """Forces, or for scenes accelerations and returns to the guides, shape (moving,)."""
         rates, turning = self.accelerations(x, abs(p))
         if self.motion.constrained:
-            total: Array = rates + turning
-            return total
-        forces: Array = self.operators(x).mass @ turning
-        return forces
+            return rates + turning
+        return self.operators(x).mass @ turning
 
     def operators(self, x: Array) -> Operators:
         """About a configuration; the last are kept: forces and their derivative both use them."""
@@ -177,16 +175,13 @@ class Statics:
         """Derivative of `residual` by x, (moving, moving)."""
         if not self.motion.constrained:
             ops = self.operators(x)
-            slope: Array = -ops.stiffness - ops.centrifugal * p**2 * ops.flux
-            return slope
+            return -ops.stiffness - ops.centrifugal * p**2 * ops.flux
         whole = self.model.motion_jacobian(np.concatenate([x, np.zeros(self.size)]), abs(p))
-        joined: Array = whole[self.size :, : self.size] + whole[: self.size, : self.size]
-        return joined
+        return whole[self.size :, : self.size] + whole[: self.size, : self.size]
 
     def by_parameter(self, x: Array, p: float) -> Array:
         """Derivative of `residual` by the speed: forces are affine in its square."""
-        slope: Array = 2.0 * p * (self.residual(x, 1.0) - self.residual(x, 0.0))
-        return slope
+        return 2.0 * p * (self.residual(x, 1.0) - self.residual(x, 0.0))
 
     def unbalanced(self, x: Array, u: float) -> float:
         """Largest force left, in units of 1 + |gamma| + a u^2, and how far guides are missed."""
@@ -207,14 +202,12 @@ class Statics:
         companion = np.zeros((2 * n, 2 * n))
         companion[:n, n:] = np.eye(n)
         companion[n:, :n], companion[n:, n:] = -half @ stiffness @ half.T, -half @ velocity @ half.T
-        found: Complex = scipy.linalg.eigvals(companion)
-        return found
+        return np.asarray(scipy.linalg.eigvals(companion))
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues beyond rounding, the largest first."""
         found = self.eigenvalues(x, u)
-        beyond: Array = np.sort(found.real - rounding(found))[::-1]
-        return beyond
+        return np.sort(found.real - rounding(found))[::-1]
 
     def recorded(self, xs: Array) -> Array:
         """Coordinates that users see, (k, coordinates), of (k, moving)."""
@@ -291,8 +284,7 @@ def _solutions(statics: Statics, u: float, starts: list[Array]) -> Iterator[Arra
         for share, direction in _branch_points(scaled, statics.resting, 1.0):
             problem = DenseProblem(scaled, statics.size, 0.5)
             yield from _on_branch(problem, statics.resting, share, direction, 1.0, (0.0, 2.0))
-    bends = [size * mode for mode in np.eye(3) for size in (0.5, 1.5, 3.0, 5.0, 9.0)]
-    for parts in bends:
+    for parts in (size * mode for mode in np.eye(3) for size in (0.5, 1.5, 3.0, 5.0, 9.0)):
         with suppress(PipedynError):  # guides and pins that such a bend cannot meet
             starts.append(statics.from_start("q0", modal_bend(parts)))
     for start in starts:

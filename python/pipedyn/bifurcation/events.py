@@ -67,8 +67,7 @@ def nontrivial(multipliers: ArrayLike) -> Complex:
 def growth(multipliers: ArrayLike) -> Array:
     """Logarithms of the moduli of all but the trivial one, relative to 1 + UNIT, falling."""
     sizes = np.sort(np.abs(nontrivial(multipliers)))[::-1]
-    found: Array = np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT))
-    return found
+    return np.asarray(np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT)))
 
 
 def crossing_event(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex]:

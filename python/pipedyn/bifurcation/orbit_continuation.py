@@ -72,16 +72,12 @@ COARSE = OrbitControl(control(0.3, 1e-5), 0.05, 1e-3)
 class BranchStart:
     """Where a branch begins.
 
-    Attributes:
-        orbit: its first orbit.
-        towards: direction in the unknowns; its length, if that is less than `OrbitControl.first`,
-            is that of the first step.
-        base: what it leaves, an equilibrium or an orbit, on the same mesh.
+    The length of `towards` is that of the first step, if it is less than `OrbitControl.first`.
     """
 
-    orbit: PeriodicOrbit
-    towards: Array = field(repr=False)
-    base: PeriodicOrbit | None = None
+    orbit: PeriodicOrbit  # the first
+    towards: Array = field(repr=False)  # direction in the unknowns
+    base: PeriodicOrbit | None = None  # what it leaves, at rest or periodic, on the same mesh
 
 
 def small_orbit(
@@ -250,17 +246,14 @@ def _on_mesh(
     step: OrbitStep, point: Point, edges: Array, control: Control
 ) -> tuple[PeriodicOrbit, Array]:
     """A point's orbit and tangent on another mesh."""
-    motion, orbit = step.problem.motion, step.problem.orbit(point.z)
-    problem = OrbitProblem(
-        *(motion, interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)),
-        step.problem.unit,
+    motion = step.problem.motion
+    # The tangent there: any direction near it is good enough to find it by.
+    here, moved = (
+        interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
+        for orbit in map(step.problem.orbit, (point.z, point.z + 1e-4 * point.tangent))
     )
-    # The tangent's states there: any direction near it is good enough to find it by.
-    share = 1e-4
-    moved = step.problem.orbit(point.z + share * point.tangent)
-    towards = np.zeros(problem.weights.size)
-    starts = (moved.states(edges[:-1]) - orbit.states(edges[:-1])).T.ravel() / share
-    towards[: starts.size], towards[-2:] = starts, point.tangent[-2:]
+    problem = OrbitProblem(motion, here, step.problem.unit)
+    towards = moved.packed() - here.packed()
     branch = Continuation(problem, control)
     found = branch.at(branch.point(problem.start.packed(), towards), 0.0)
     return problem.orbit(found.z), found.tangent

@@ -10,61 +10,50 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 
 STAGES = 8
-"""Stages of the Radau method, whose order is one less than twice as many: 15."""
+"""Stages of the Radau IIA method, whose order is one less than twice as many: 15."""
 
 COARSEST = 4
 """Intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd harmonics."""
 
+_X: Array = np.sort(legendre.legroots([0.0] * (STAGES - 1) + [-1.0, 1.0]).real)
+_X[-1] = 1.0
+NODES: Array = 0.5 * (_X + 1.0)
+"""Places of the stages in an interval, shape (s,)."""
 
-class _Radau:
-    """Coefficients of the Radau IIA method on [0, 1].
+TO_LEGENDRE = np.linalg.inv(legendre.legvander(_X, STAGES - 1))
+"""Legendre coefficients from values at the stages, shape (s, s)."""
 
-    Attributes:
-        nodes: c, shape (s,).
-        once, twice: integrals from 0 to each node, and integrals of these, shape (s, s).
-        to_legendre: Legendre coefficients from values at the nodes, shape (s, s).
-    """
-
-    def __init__(self, stages: int) -> None:
-        ends = np.zeros(stages + 1)
-        ends[-2:] = -1.0, 1.0
-        x = np.sort(legendre.legroots(ends).real)
-        x[-1] = 1.0
-        self.to_legendre = np.linalg.inv(legendre.legvander(x, stages - 1))
-        self.nodes: Array = 0.5 * (x + 1.0)
-        self._integrated = {
-            times: 0.5**times * legendre.legint(self.to_legendre, times, lbnd=-1.0)
-            for times in (1, 2)
-        }
-        self.once = self.integrals(self.nodes, 1)
-        self.twice = self.once @ self.once
-
-    def integrals(self, at: Array, times: int) -> Array:
-        """Integrals from 0, once or twice, of the polynomials through values, shape (k, s)."""
-        coefficients = self._integrated[times]
-        basis = legendre.legvander(2.0 * at - 1.0, len(coefficients) - 1)
-        found: Array = basis @ coefficients
-        return found
+_INTEGRATED = [0.5**k * legendre.legint(TO_LEGENDRE, k, lbnd=-1.0) for k in (0, 1, 2)]
 
 
-RADAU = _Radau(STAGES)
+def integrals(at: Array, times: int) -> Array:
+    """Values, or integrals from 0 once or twice, of the polynomial through stages, shape (k, s)."""
+    basis = legendre.legvander(2.0 * at - 1.0, STAGES - 1 + times)
+    found: Array = basis @ _INTEGRATED[times]
+    return found
+
+
+ONCE = integrals(NODES, 1)
+"""Integrals from 0 to each stage, shape (s, s)."""
+
+TWICE: Array = ONCE @ ONCE
+"""Integrals of these, shape (s, s)."""
 
 
 @dataclass(frozen=True)
 class PeriodicOrbit:
     """A periodic orbit, or the half of it of which the other half is the mirror image."""
 
-    edges: Array = field(repr=False)
-    """Phases at which the mesh intervals end, from 0 to the span, shape (M + 1,)."""
-    starts: Array = field(repr=False)
-    """States at the beginnings of the intervals, shape (M, 2 moving)."""
+    edges: Array = field(repr=False)  # phases at which intervals end, from 0 on, shape (M + 1,)
+    starts: Array = field(repr=False)  # states where they begin, shape (M, 2 moving)
+    # Accelerations at the stages, with constraints rates of whole states, shape (M, s, width).
     rates: Array = field(repr=False)
-    """Accelerations at the stages, with constraints rates of states, shape (M, s, width)."""
     frequency: float
     u: float
 
@@ -108,7 +97,7 @@ class PeriodicOrbit:
         """States at the stages, shape (M, s, 2 moving)."""
         return self._states(
             *(self.starts, self.rates, self.durations[:, None, None]),
-            *(RADAU.nodes[:, None], RADAU.once, RADAU.twice),
+            *(NODES[:, None], ONCE, TWICE),
         )
 
     def states(self, phase: Array) -> Array:
@@ -118,7 +107,7 @@ class PeriodicOrbit:
         where = np.clip(np.searchsorted(self.edges, inside, side="right") - 1, 0, None)
         where = np.minimum(where, len(self.starts) - 1)
         share = (inside - self.edges[where]) / np.diff(self.edges)[where]
-        once, twice = RADAU.integrals(share, 1)[:, None], RADAU.integrals(share, 2)[:, None]
+        once, twice = integrals(share, 1)[:, None], integrals(share, 2)[:, None]
         y = self._states(
             *(self.starts[where], self.rates[where], self.durations[where, None, None]),
             *(share[:, None, None], once, twice),
@@ -136,7 +125,7 @@ class PeriodicOrbit:
 
     def defects(self) -> Array:
         """Share of the largest velocity that each interval's last polynomials add, shape (M,)."""
-        last = np.abs(RADAU.to_legendre[-2:] @ self.rates[:, :, -self.half :])
+        last = np.abs(TO_LEGENDRE[-2:] @ self.rates[:, :, -self.half :])
         velocity = np.abs(self.starts[:, self.half :]).max()
         shares: Array = self.durations * last.sum(axis=1).max(axis=1) / velocity
         return shares
@@ -180,7 +169,7 @@ def coarsest_mesh(symmetric: bool) -> Array:
 
 def stage_phases(edges: Array) -> Array:
     """Phases of the stages, shape (M, s)."""
-    phases: Array = edges[:-1, None] + np.diff(edges)[:, None] * RADAU.nodes
+    phases: Array = edges[:-1, None] + np.diff(edges)[:, None] * NODES
     return phases
 
 
@@ -251,20 +240,7 @@ def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Phases at which drag's second derivative jumps, shape (k,)."""
     share = np.linspace(0.0, 1.0, 9)[:-1]
     phase = np.append(orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share, orbit.span)
-    values = _drag_velocities(motion, orbit, phase)
-    point, at = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
-    low, high = phase[at], phase[at + 1]
-    first, last = values[point, at], values[point, at + 1]
-    for _ in range(6):
-        middle = low - first * (high - low) / (last - first)
-        now = _drag_velocities(motion, orbit, middle)[point, np.arange(point.size)]
-        after = now * last > 0.0
-        # Illinois: the end that stays is halved, which keeps the order above one.
-        low, high = np.where(after, low, middle), np.where(after, middle, high)
-        first, last = np.where(after, 0.5 * first, now), np.where(after, now, 0.5 * last)
-    return np.sort(low - first * (high - low) / (last - first))
-
-
-def _drag_velocities(motion: VectorField, orbit: PeriodicOrbit, phase: Array) -> Array:
-    """Normal velocities of the points at which drag acts, shape (points, k)."""
-    return motion.model.drag_velocities(*np.split(orbit.states(phase), 2))
+    velocities = motion.model.drag_velocities(*np.split(orbit.states(phase), 2))
+    roots = CubicSpline(phase, velocities.T).roots(extrapolate=False) if velocities.size else []
+    turns: Array = np.sort(np.concatenate([np.empty(0), *roots]))
+    return turns[np.isfinite(turns)]  # no numbers mark a point that stands still

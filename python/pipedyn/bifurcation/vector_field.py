@@ -53,7 +53,7 @@ class VectorField:
         and, unlike the analytic one, hold the curvature of the projection onto guides and pins.
         """
         count = y.shape[1]
-        compiled = self.scene is not None and self.scene.accelerations is None
+        compiled = self.scene is not None and self.scene.compiled
         if not (self.constrained or compiled):
             self._count(count)
             columns = np.ascontiguousarray(y.T)
@@ -77,17 +77,14 @@ class VectorField:
         return found
 
     def by_speed(self, y: Array, u: float) -> Array:
-        """df/du of the states in the columns: exact, as f is of second degree in u."""
-        h = 0.5 * u if u > 0.0 else 1.0
-        if u > 0.0:
-            return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
-        return (4.0 * self(y, h) - self(y, 2.0 * h) - 3.0 * self(y, 0.0)) / (2.0 * h)
+        """df/du of the states in the columns at u > 0: exact, as f is of second degree in u."""
+        h = 0.5 * u
+        return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
 
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
         """d/du of df/dy along states with dy/du = moved, at u > 0, shape (2 moving, 2 moving).
 
-        By central differences: of second order where the state stays, as they are exact then but
-        for rounding, else of sixth.
+        Central differences of second order are exact where the state stays, but for rounding.
         """
         weights, h = np.array([0.5]), 0.5 * u
         if moved.any():

@@ -34,7 +34,7 @@ FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
 
 LARGEST_CHAIN = 1_000_000
-"""Segments: their arrays take 8 MB each, a right-hand side some 0.1 s."""
+"""Segments: their arrays take 8 MB each, a right-hand side some 0.03 s."""
 
 SHORTEST_SEGMENT = 1e-7
 """Shorter segments, or a last one with less inertia, are lost in the rounding of the others."""

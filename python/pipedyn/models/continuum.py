@@ -28,13 +28,9 @@ FUNCTIONS_A_JOINT = 4
 
 @dataclass(frozen=True)
 class Converged(Generic[Answer]):
-    """An answer that converged.
+    """An answer that converged: its value at the larger of the last two sizes.
 
-    Attributes:
-        value: the answer at the larger of the last two sizes.
-        size: number of functions.
-        error: its change from the size before, relative; a bound on its error where convergence is
-            exponential.
+    Its error is the relative change from the size before, a bound where convergence is exponential.
     """
 
     value: Answer
@@ -79,12 +75,7 @@ class Continuum:
         return core_pipe(self._pipe).resisted
 
     def frozen(self, m: int) -> Galerkin:
-        """The reduced model with m Legendre functions.
-
-        Raises:
-            ValueError, TypeError: for m that is no whole number from 1, or one for each panel
-                between terms, to 2000.
-        """
+        """The reduced model with m Legendre functions; m and errors as for `Galerkin`."""
         return Galerkin(self._pipe, m, "legendre")
 
     def converge(

@@ -30,6 +30,7 @@ from pipedyn.util.check import Array
 
 BASES = ("beam", "legendre")
 LARGEST_BASIS = 2000
+"""Functions: each matrix takes 32 MB, and all eigenvalues minutes."""
 
 LARGEST_TABLE = 100_000_000
 """Values of functions handed out at once: 800 MB."""
@@ -48,10 +49,7 @@ def gauss_nodes(count: int) -> tuple[Array, Array]:
 
 
 def panel_ends(terms: tuple[Term, ...]) -> Array:
-    """Ends of the panels between the places of terms, from 0 to 1: integrands are smooth on each.
-
-    Shape (panels + 1,).
-    """
+    """Ends of the panels between terms, shape (panels + 1,): integrands are smooth on each."""
     return np.unique([0.0, *(term.place for term in terms if term.place is not None), 1.0])
 
 
@@ -195,17 +193,11 @@ class Galerkin(Model):
         return (self._ends[:-1, None] + lengths * nodes).ravel(), (lengths * weights).ravel()
 
     def functions(self, s: ArrayLike, derivative: int = 0) -> Array:
-        """The functions w_i, their slopes or curvatures.
+        """The functions w_i, their slopes or curvatures, shape (k, m).
 
         Args:
             s: arc lengths in L, each in [0, 1], shape (k,).
             derivative: 0, 1 or 2.
-
-        Returns:
-            Values, shape (k, m).
-
-        Raises:
-            ValueError: for arc lengths or a derivative out of range.
         """
         order = check.count("derivative", derivative, low=0, high=2)
         at = arc_lengths(s)

@@ -24,7 +24,6 @@ from pipedyn.util.counters import factorised
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
     from pipedyn.models.chain import Chain
-    from pipedyn.models.modular import Assembly
 
 Vectors = NDArray[Any]
 
@@ -69,22 +68,20 @@ class Pencil:
 
     def gravity(self, x: Vectors) -> Vectors:
         """dK/dgamma x; K is linear in gamma."""
-        other, step = self._stepped("gamma")
-        result: Vectors = step * (other.stiffness(x) - self.stiffness(x))
-        return result
+        return self._derivative("gamma", "stiffness", x)
 
     def by_damping(self, x: Vectors) -> Vectors:
         """dD/ddelta x; D is linear in delta."""
-        other, step = self._stepped("damping")
-        result: Vectors = step * (other.damping(x) - self.damping(x))
-        return result
+        return self._derivative("damping", "damping", x)
 
-    def _stepped(self, name: str) -> tuple[Pencil, float]:
-        """The pencil with one number changed by a step of 1 or -1, which keeps it in its range."""
-        value = getattr(self.pipe, name)
+    def _derivative(self, number: str, product: str, x: Vectors) -> Vectors:
+        """Of a product linear in a number of the pipe: by a step that keeps it in its range."""
+        value = getattr(self.pipe, number)
         step = 1.0 if value < 1.0 else -1.0
-        pipe: Pipe = replace(self.pipe, **{name: value + step})
-        return type(self)(self.model.with_pipe(pipe)), step
+        pipe: Pipe = replace(self.pipe, **{number: value + step})
+        other = type(self)(self.model.with_pipe(pipe))
+        result: Vectors = step * (getattr(other, product)(x) - getattr(self, product)(x))
+        return result
 
 
 class DensePencil(Pencil):
@@ -190,17 +187,3 @@ class ChainPencil(Pencil):
             return joint_angles
 
         return solve
-
-
-class ScenePencil(Pencil):
-    """A long scene: a band or sparse matrix of its redundant coordinates and constraints."""
-
-    def __init__(self, model: Assembly) -> None:
-        super().__init__(model)
-        self.linear = model.linear
-        self.mass, self.damping = self.linear.mass, self.linear.damping
-        self.stiffness, self.flux = self.linear.stiffness, self.linear.flux
-        self.factor = self.linear.factor
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self.direction * (self.linear.gyroscopic(x) + self.linear.end_flux(x))

@@ -25,7 +25,7 @@ RANGES: dict[str, dict[str, Any]] = {
     "drag": {"low": 0.0, "high": 1e9},
     "damping": {"low": 0.0, "high": 1e6},
 }
-"""What `check.real` asks of a pipe's numbers."""
+"""What `check.real` asks of a pipe's numbers: far above any pipe's, far below overflow."""
 
 
 class Scales(NamedTuple):

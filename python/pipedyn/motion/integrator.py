@@ -139,10 +139,10 @@ class Guarded:
     def reason(self, stopped: Stopped) -> str:
         """Why an integration stopped; what is neither its own nor a number's is raised again."""
         cause = self.interruption
-        if cause is not None and not isinstance(cause, Stopped):
-            raise cause from None
-        if cause is not None:
+        if isinstance(cause, Stopped):
             return str(cause)
+        if cause is not None:
+            raise cause from None
         return "the state left finite numbers" if self.overflowed else str(stopped)
 
 
@@ -233,8 +233,7 @@ def compiled(
                 solver.integrate(t)
             if not (solver.successful() and np.isfinite(solver.y).all()):
                 raise Stopped("its step size tends to 0")
-        found: Array = solver.y.copy()
-        return found
+        return np.array(solver.y)
 
     return advanced
 

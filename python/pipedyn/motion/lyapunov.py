@@ -117,10 +117,8 @@ def lyapunov_exponent(
     """
     model = checked_model_in_motion(model)
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
-    if start is None:
-        start = slight_bend
     kinds = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
-    state = state_of(model, "start", start, kinds)
+    state = state_of(model, "start", slight_bend if start is None else start, kinds)
     duration = check.real("duration", duration, low=1e-3, high=1e6)
     transient = check.real("transient", transient, low=0.0, high=1e6)
     blocks = check.count("blocks", blocks, low=4, high=10_000)
@@ -186,8 +184,7 @@ def largest_exponent(
     def slopes_by_state(t: float, whole: Array) -> Array:
         """The same block twice: Newton's method does without the Jacobian's own change."""
         block = jacobian(whole[:n])
-        result: Array = block_diag(block, block)
-        return result
+        return np.asarray(block_diag(block, block))
 
     growth = np.empty(before + blocks * each)  # logarithms
     for i in track(range(growth.size), growth.size, "exponent", shown):

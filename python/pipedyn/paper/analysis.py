@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from pipedyn import plot
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
@@ -29,7 +28,6 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import BASES, Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.parallel import Job, parallel
-from pipedyn.util.progress import track
 
 BRANCHES = 4
 """Branches in figures 2 and 3: the paper's smallest chain has as many."""
@@ -40,22 +38,8 @@ stability; at 100 the branches need more than 60 functions."""
 
 CHAIN_SIZES = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
-"""Sizes in the convergence picture, beside those of the panels: factors of sqrt(2), and every small
+"""Sizes in the convergence picture, with those of the panels: factors of sqrt(2), and every small
 number of functions, because the error of Legendre functions falls to rounding by m = 12."""
-
-MAP_GAMMAS = (-10.0, 0.0, 10.0, 100.0)
-"""Gravity in the stability map: a standing pipe that does not buckle, a level one, two hanging
-ones."""
-
-MAP_BETAS = np.linspace(0.01, 0.98, 25)
-"""Mass ratios at first; steps across folds are refined."""
-
-MAP_SPEEDS = 20.0, 30.0
-"""Highest speed of the map, and how far it may be raised to show the case's own critical speed."""
-
-MAP_JUMP, MAP_STEP = 0.04, 0.002
-"""Steps in beta are halved where a boundary jumps by more than the first, as a part of the highest
-speed. Steps shorter than the second, a sixth of a line's width on the page, are left."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +47,10 @@ class Case:
     """The options of the command; highest None: chosen from the critical speed."""
 
     pipe: Pipe
-    springs: tuple[str, ...]
-    chain_sizes: tuple[int, ...]
+    springs: list[str]
+    chain_sizes: list[int]
+    reduced_sizes: list[int]
     basis: str
-    reduced_sizes: tuple[int, ...]
     highest: float | None
     speeds: int
     output: Path
@@ -88,123 +72,92 @@ class Row:
 
 @dataclass
 class Findings:
-    """All that the figures and the table show; what failed is missing and named in `failures`.
+    """All that the figures and the table show; what failed is missing and named in `failures`."""
 
-    Attributes:
-        highest: end of the speeds in figures 2 and 3.
-        exact: critical speed of the continuous pipe; None where it has none.
-        remark: why there is no critical speed.
-        crossings: of the continuous pipe, up to `highest`.
-        benchmark: root loci of the continuous pipe.
-        panels: titles and root loci of the models, a list for each row of panels.
-        rows: the table, without the continuous pipe.
-        curves: stability over beta, by gamma.
-        map_error: largest distance of the map's boundaries from the continuous pipe's.
-        failures: what could not be computed, and why.
-    """
-
-    highest: float = 0.0
-    exact: CriticalSpeed | None = None
-    remark: str = ""
-    crossings: tuple[Crossing, ...] = ()
-    benchmark: RootLoci | None = None
-    panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)
-    rows: list[Row] = field(default_factory=list)
-    curves: dict[float, StabilityCurve] = field(default_factory=dict)
-    map_error: float = 0.0
+    highest: float = 0.0  # end of the speeds in figures 2 and 3
+    exact: CriticalSpeed | None = None  # of the continuous pipe
+    remark: str = ""  # why there is none
+    crossings: tuple[Crossing, ...] = ()  # of the continuous pipe, up to `highest`
+    benchmark: RootLoci | None = None  # root loci of the continuous pipe
+    panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # rows, titled
+    rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
+    curves: dict[float, StabilityCurve] = field(default_factory=dict)  # over beta, by gamma
+    map_error: float = 0.0  # largest distance of the map's boundaries from the continuous pipe's
     failures: list[str] = field(default_factory=list)
 
 
-def one_blas_thread() -> None:
-    """Start of a worker process: as many processes share the work as there are processors."""
-    threadpool_limits(1, "blas")
-
-
 def gather(case: Case, executor: Executor | None = None) -> Findings:
-    """Compute all that the figures and the table show.
-
-    Args:
-        case: the options of the command.
-        executor: takes the models; without one they are computed in this process.
-    """
+    """Compute all that the figures and the table show, in an executor or in this process."""
     exact = Continuum(case.pipe)
     findings = Findings()
 
-    def kept(what: str, outcome: Any) -> tuple[Any, str]:
-        """The outcome, or None and the reason; a failure is recorded."""
-        if not isinstance(outcome, Exception):
-            return outcome, ""
-        if not isinstance(outcome, NoCrossing):
-            findings.failures.append(f"{what}: {_remark(outcome)}")
-        return None, _remark(outcome)
+    def computed(
+        jobs: dict[str, Job[Any]], executor: Executor | None = None, progress: bool = False
+    ) -> dict[str, tuple[Any, str]]:
+        """What each job returned, or None and the reason; failures are recorded."""
+        outcomes = {}
+        answers = parallel([*jobs.values()], executor, label="models", progress=progress)
+        for (name, job), answer in zip(jobs.items(), answers, strict=True):
+            if isinstance(answer, BrokenExecutor):  # a job whose process died runs here
+                (answer,) = parallel([job])
+            failed = isinstance(answer, Exception)
+            outcomes[name] = (None, _remark(answer)) if failed else (answer, "")
+            if failed and not isinstance(answer, NoCrossing):
+                findings.failures.append(f"{name}: {_remark(answer)}")
+        return outcomes
 
-    first: Job[Any] = partial(critical_speed, exact)
-    (outcome,) = parallel([first])
-    findings.exact, findings.remark = kept("critical speed, continuous pipe", outcome)
-    findings.highest = _highest(case, findings.exact)
+    name = "critical speed, continuous pipe"
+    findings.exact, findings.remark = computed({name: partial(critical_speed, exact)})[name]
+    wanted = 0.0 if findings.exact is None else math.ceil(1.5 * findings.exact.speed)
+    findings.highest = case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
     speeds = np.linspace(0.0, findings.highest, case.speeds)
+    # A standing pipe that does not buckle, a level one, two hanging ones.
+    gammas = [case.pipe.gamma, *sorted({-10.0, 0.0, 10.0, 100.0} - {case.pipe.gamma}, reverse=True)]
+    maps = {gamma: f"stability map, gamma = {gamma}" for gamma in gammas}
     panels, families = _panels(case), _families(case)
-    pictured = [model for row in panels for _, model in row]
-    jobs: list[Job[Any]] = [
-        partial(root_loci, exact, speeds, BRANCHES),
-        partial(crossings, exact, findings.highest),
-        *(partial(root_loci, model, speeds, min(BRANCHES, model.dof)) for model in pictured),
-        *(partial(critical_speed, model) for _, _, model in families),
-    ]
-    answers = parallel(jobs, executor, label="models", progress=case.progress)
-    outcomes = (  # a job whose worker process died runs here
-        next(parallel([job])) if isinstance(answer, BrokenExecutor) else answer
-        for job, answer in zip(jobs, answers, strict=True)
-    )
+    jobs: dict[str, Job[Any]] = {
+        "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
+        "crossings, continuous pipe": partial(crossings, exact, findings.highest),
+    }
+    for gamma, name in maps.items():
+        pipe = replace(case.pipe, gamma=gamma)
+        jobs[name] = partial(stability_map, pipe, map_top(findings.exact))
+    for title, model in (panel for row in panels for panel in row):
+        jobs[f"root loci, {title}"] = partial(root_loci, model, speeds, min(BRANCHES, model.dof))
+    for kind, family, model in families:
+        jobs[f"critical speed, {kind}, {family}, {model.dof}"] = partial(critical_speed, model)
+    outcomes = computed(jobs, executor, case.progress)
 
-    def next_of(what: str) -> tuple[Any, str]:
-        return kept(what, next(outcomes))
-
-    findings.benchmark, _ = next_of("root loci, continuous pipe")
-    findings.crossings = next_of("crossings, continuous pipe")[0] or ()
+    findings.benchmark, _ = outcomes["root loci, continuous pipe"]
+    findings.crossings = outcomes["crossings, continuous pipe"][0] or ()
     findings.panels = [
-        [(title, next_of(f"root loci, {title}")[0]) for title, _ in row] for row in panels
+        [(title, outcomes[f"root loci, {title}"][0]) for title, _ in row] for row in panels
     ]
     findings.rows = [
-        Row(kind, family, model.dof, *next_of(f"critical speed, {kind}, {family}, {model.dof}"))
+        Row(kind, family, model.dof, *outcomes[f"critical speed, {kind}, {family}, {model.dof}"])
         for kind, family, model in families
     ]
-    others = sorted({*MAP_GAMMAS} - {case.pipe.gamma}, reverse=True)
-    gammas = [case.pipe.gamma, *others]
-    for gamma in track(gammas, len(gammas), "stability map", case.progress):
-        pipe = replace(case.pipe, gamma=gamma)
-        try:
-            curve, difference = stability_map(pipe, map_top(findings.exact), executor)
-        except BrokenExecutor:
-            executor = None
-            curve, difference = stability_map(pipe, map_top(findings.exact), executor)
-        findings.curves[gamma] = curve
+    for gamma, name in maps.items():
+        if outcomes[name][0] is None:
+            continue
+        findings.curves[gamma], difference = outcomes[name][0]
         findings.map_error = max(findings.map_error, difference)
         if math.isinf(difference):
-            what = f"stability map, gamma = {gamma:g}"
-            findings.failures.append(f"{what}: boundaries differ from the continuous pipe's")
+            findings.failures.append(f"{name}: boundaries differ from the continuous pipe's")
         findings.failures += [
-            f"stability map, gamma = {gamma:g}, beta = {failure.value:g}: {_remark(failure.error)}"
-            for failure in curve.failures
+            f"{name}, beta = {failure.value:g}: {_remark(failure.error)}"
+            for failure in findings.curves[gamma].failures
         ]
     return findings
 
 
-def _highest(case: Case, critical: CriticalSpeed | None) -> float:
-    if case.highest is not None:
-        return case.highest
-    wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
-    return float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
-
-
 def map_top(critical: CriticalSpeed | None) -> float:
     """Highest speed of the map: low for a pipe that the smallest flow makes unstable."""
-    usual, farthest = MAP_SPEEDS
     if critical is None:
-        return usual
+        return 20.0
     if critical.speed < 1.0:
         return 5.0 * critical.speed or 1.0
-    return min(max(usual, 1.1 * critical.speed), farthest)
+    return min(max(20.0, 1.1 * critical.speed), 30.0)
 
 
 def _remark(error: Exception) -> str:
@@ -213,19 +166,18 @@ def _remark(error: Exception) -> str:
 
 
 def _panels(case: Case) -> list[list[tuple[str, Model]]]:
-    """Title and model of each panel: a row for each spring rule, and one for the basis."""
+    """Title and model of each panel: a row for each spring rule, and one for the basis.
+
+    The longest row comes last, so that every column ends there.
+    """
     rows: list[list[tuple[str, Model]]] = []
     for rule in case.springs:
         named = "rayleigh (the paper's)" if rule == "rayleigh" else f"{rule} springs"
         chains = [Chain(case.pipe, n, springs=rule) for n in case.chain_sizes]
         rows.append([(f"chain, n = {chain.dof}, {named}", chain) for chain in chains])
-    rows.append(
-        [
-            (f"reduced, m = {m}, {case.basis} basis", Galerkin(case.pipe, m, case.basis))
-            for m in case.reduced_sizes
-        ]
-    )
-    return rows
+    reduced = [Galerkin(case.pipe, m, case.basis) for m in case.reduced_sizes]
+    rows.append([(f"reduced, m = {model.dof}, {case.basis} basis", model) for model in reduced])
+    return sorted(rows, key=len)
 
 
 def _families(case: Case) -> list[tuple[str, str, Model]]:
@@ -238,47 +190,39 @@ def _families(case: Case) -> list[tuple[str, str, Model]]:
     ]
 
 
-def stability_map(
-    pipe: Pipe, top: float, executor: Executor | None
-) -> tuple[StabilityCurve, float]:
+def stability_map(pipe: Pipe, top: float) -> tuple[StabilityCurve, float]:
     """Stability over beta, and the distance of its boundaries from the continuous pipe's.
 
-    A reduced model with as many Legendre functions as the highest speed needs takes a third of the
-    continuous pipe's time, and stands for it. At three values of beta both are computed and
-    compared.
+    Computed is a reduced model with as many Legendre functions as the highest speed needs, in a
+    third of the continuous pipe's time. At three values of beta it is compared with that.
     """
-    end = 1.02 * top
-    size = math.ceil(0.8 * top) + 4
-
-    def reduced(beta: float) -> Galerkin:
-        return Continuum(replace(pipe, beta=beta)).frozen(size)
+    end, size = 1.02 * top, math.ceil(0.8 * top) + 4
+    first = np.linspace(0.01, 0.98, 25).tolist()
 
     def continuous(beta: float) -> Continuum:
         return Continuum(replace(pipe, beta=beta))
 
     points: dict[float, Point] = {}
-    failures: list[Failure] = []
-    betas = MAP_BETAS.tolist()
+    failures: dict[float, Failure] = {}
+    betas = first
     while betas:
-        curve = stability_curve(reduced, betas, max_speed=end, executor=executor)
-        answers = zip(curve.critical, curve.crossings, strict=True)
-        points |= zip(curve.values.tolist(), answers, strict=True)
-        failures += curve.failures
+        curve = stability_curve(lambda beta: continuous(beta).frozen(size), betas, max_speed=end)
+        points |= zip(betas, zip(curve.critical, curve.crossings, strict=True), strict=True)
+        failures |= {failure.value: failure for failure in curve.failures}
+        # Steps across folds are halved, down to a sixth of a line's width on the page.
         betas = [
             0.5 * (a + b)
             for a, b in pairwise(sorted(points))
-            if b - a > MAP_STEP and _distance(points[a][1], points[b][1]) > MAP_JUMP * top
+            if b - a > 0.002 and _distance(points[a][1], points[b][1]) > 0.04 * top
         ]
     values = sorted(points)
     critical, found = zip(*(points[value] for value in values), strict=True)
-    failures.sort(key=lambda failure: failure.value)
-    failed = tuple(replace(one, index=values.index(one.value)) for one in failures)
-    three = MAP_BETAS[:: MAP_BETAS.size // 2].tolist()
-    exact = stability_curve(continuous, three, max_speed=end, executor=executor)
+    failed = (replace(failures[v], index=i) for i, v in enumerate(values) if v in failures)
+    exact = stability_curve(continuous, first[::12], max_speed=end)
     missing = {failure.value for failure in exact.failures}
-    pairs = zip(three, exact.crossings, strict=True)
+    pairs = zip(first[::12], exact.crossings, strict=True)
     distances = [_distance(points[value][1], c) for value, c in pairs if value not in missing]
-    curve = StabilityCurve(np.array(values), critical, found, failed)
+    curve = StabilityCurve(np.array(values), critical, found, tuple(failed))
     return curve, max(distances, default=0.0)
 
 

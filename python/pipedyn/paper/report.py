@@ -16,6 +16,7 @@ from pipedyn.accuracy.convergence import convergence_law
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, Row, map_top
+from pipedyn.util.table import Table
 
 
 def draw(case: Case, findings: Findings) -> dict[str, plot.Figure]:
@@ -59,8 +60,7 @@ def _panels(
 ) -> tuple[plot.Figure, Any]:
     """One picture of each model under a common title, and a colour bar.
 
-    Labels stand at the left and below the lowest panel of each column. Panels without a model are
-    hidden. A dotted line marks the critical speed if the title says so (`more`).
+    A dotted line marks the critical speed if the title says so (`more`).
     """
     rows, columns = len(findings.panels), max(len(row) for row in findings.panels)
     figure, axes = plot.panels(rows, columns, 1.5 + 2.05 * columns, 0.7 + 2.1 * rows)
@@ -77,12 +77,7 @@ def _panels(
             if more and findings.exact is not None:
                 line = {"color": "0.4", "linestyle": ":", "linewidth": 0.9, "zorder": 0.6}
                 ax.axvline(findings.exact.speed, **line)
-        lowest = all(len(below) <= j for below in findings.panels[i + 1 :])
-        ax.tick_params(labelbottom=lowest)
-        if not lowest:
-            ax.set_xlabel("")
-        if j > 0:
-            ax.set_ylabel("")
+        ax.label_outer()
     title = _title(case.pipe)
     if findings.benchmark is not None:
         step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
@@ -102,14 +97,13 @@ def _ranges(findings: Findings) -> tuple[float, float, float]:
         every.insert(0, findings.benchmark)
     if not every:
         return -1.0, 1.0, 1.0
-    values = [np.concatenate([loci.eigenvalues, loci.partners]) for loci in every]
-    left, right = float(np.nanmin(values[0].real)), float(np.nanmax(values[0].real))
-    top, room = float(np.nanmax(values[0].imag)), right - left
-    left = max(left - room, min(float(np.nanmin(v.real)) for v in values))
-    right = min(right + room, max(float(np.nanmax(v.real)) for v in values))
-    top = min(1.5 * top, max(float(np.nanmax(v.imag)) for v in values))
+    roots = [np.concatenate([loci.eigenvalues, loci.partners]) for loci in every]
+    ends = [(np.nanmin(v.real), np.nanmax(v.real), np.nanmax(v.imag)) for v in roots]
+    (left, right, top), (lefts, rights, tops) = ends[0], zip(*ends, strict=True)
+    room = right - left
+    left, right = max(left - room, min(lefts)), min(right + room, max(rights))
     margin = 0.04 * max(right - left, 1.0)
-    return left - margin, right + margin, max(top, 1.0)
+    return float(left - margin), float(right + margin), float(max(min(1.5 * top, max(tops)), 1.0))
 
 
 def _title(pipe: Pipe) -> str:
@@ -155,14 +149,8 @@ def instabilities(findings: Findings) -> str:
         for c in findings.crossings
         if c.speed > 0.0
     ]
-    listed = ", ".join(_first(found, 8)) or "none"
+    listed = textwrap.shorten(", ".join(found), 500, placeholder=" ...") or "none"
     return f"{start}Instabilities of the continuous pipe, 0 < u <= {findings.highest:g}: {listed}."
-
-
-def _first(items: list[str], count: int) -> list[str]:
-    """The first few items, then how many more there are."""
-    more = len(items) - count
-    return items if more <= 0 else [*items[:count], f"and {more} more"]
 
 
 def second_mode(findings: Findings) -> list[str]:
@@ -173,7 +161,8 @@ def second_mode(findings: Findings) -> list[str]:
         answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
         modes = [(row, row.critical.mode) for row in findings.rows if row.critical is not None]
         others = [f"{row.family} {row.size} (mode {k})" for row, k in modes if k != exact.mode]
-        named = f"; others: {', '.join(_first(others, 10))}" if others else ""
+        named = f"; others: {', '.join(others)}" if others else ""
+        named = textwrap.shorten(named, 300, placeholder=" ...")
         lines.append(
             "Is the instability in the second mode (branches counted from rest)? Continuous pipe: "
             f"{answer}; {len(modes) - len(others)} of {len(modes)} models agree{named}."
@@ -207,24 +196,19 @@ HEADER = (
 def table(findings: Findings) -> list[tuple[str, ...]]:
     """Lines of the table under HEADER, the continuous pipe first; numbers with all digits."""
     exact = findings.exact
-    size = 0 if exact is None else exact.size
-    first = Row("continuous", "", size, exact, findings.remark)
+    first = Row("continuous", "", 0 if exact is None else exact.size, exact, findings.remark)
     lines: list[tuple[str, ...]] = []
     for row in (first, *findings.rows):
-        found = row.critical
+        start, found = (row.kind, row.family, str(row.size)), row.critical
         if found is None:
-            lines.append((row.kind, row.family, str(row.size), *[""] * 7, row.remark))
+            lines.append((*start, *[""] * 7, row.remark))
             continue
         error = ""
         if row is not first and exact is not None and exact.speed > 0.0:
             error = f"{100.0 * (found.speed / exact.speed - 1.0):+.6g}"
-        lines.append(
-            (
-                *(row.kind, row.family, str(row.size), repr(found.speed), repr(found.frequency)),
-                *(found.kind, str(found.mode), "yes" if found.stable_at_rest else "no"),
-                *(error, f"{found.error:.1e}", row.remark),
-            )
-        )
+        speed, rest = repr(found.speed), "yes" if found.stable_at_rest else "no"
+        answer = (speed, repr(found.frequency), found.kind, str(found.mode), rest)
+        lines.append((*start, *answer, error, f"{found.error:.1e}", row.remark))
     return lines
 
 
@@ -234,32 +218,19 @@ def report(case: Case, findings: Findings) -> str:
         "chain": {*case.chain_sizes, max((*CHAIN_SIZES, *case.chain_sizes))},
         "reduced": {*case.reduced_sizes, max((*REDUCED_SIZES, *case.reduced_sizes))},
     }
-    pipe = case.pipe
-    text = [
+    pipe, rows = case.pipe, []
+    for kind, family, size, speed, frequency, how, mode, _, *errors in table(findings):
+        if kind not in shown or int(size) in shown[kind]:
+            rounded = [f"{float(speed):.7f}", f"{float(frequency):.6f}"] if speed else ["", ""]
+            rows.append((f"{kind} {family}", size, *rounded, how, mode, *errors))
+    title = (
         f"Critical speeds: beta = {pipe.beta:g}, gamma = {pipe.gamma:g}, {pipe.flow}, "
-        f"alpha = {pipe.alpha:g}, damping = {pipe.damping:g}",
-        "",
-        f"{'model':11}{'springs, basis':16}{'size':>5}{'u_c':>13}{'omega_c':>12}  {'kind':11}"
-        f"{'mode':>4}{'error %':>12}",
-    ]
-    for kind, family, size, speed, frequency, how, mode, _, error, own, remark in table(findings):
-        if kind in shown and int(size) not in shown[kind]:
-            continue
-        start = f"{kind:11}{family:16}{size:>5}"
-        if not speed:
-            text.append(f"{start}  {remark}")
-            continue
-        if kind == "continuous" and float(speed) > 0.0:
-            error = f"+- {100.0 * float(own) / float(speed):.0e}"
-        elif error:
-            small = abs(float(error)) < 1e-3
-            error = f"{float(error):+.2e}" if small else f"{float(error):+.4f}"
-        text.append(
-            f"{start}{float(speed):13.7f}{float(frequency):12.6f}  {how:11}{mode:>4}{error:>12}"
-        )
+        f"alpha = {pipe.alpha:g}, damping = {pipe.damping:g}\n"
+    )
+    headings = ("model, springs or basis", "size", "u_c", "omega_c", "kind", "mode", *HEADER[-3:])
     compared = (
         f"  The map's boundaries are within {findings.map_error:.0e} of the continuous pipe's, "
         "where compared."
     )
-    text += ["", verdict(findings), instabilities(findings), *second_mode(findings), compared]
-    return "\n".join(text)
+    notes = ["", verdict(findings), instabilities(findings), *second_mode(findings), compared]
+    return Table(title, headings, rows, numbers=True, notes=notes).text()

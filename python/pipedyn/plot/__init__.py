@@ -10,10 +10,7 @@ from matplotlib.figure import Figure
 
 from pipedyn.plot.accuracy import FAMILY_STYLES, convergence, trade
 from pipedyn.plot.bifurcation import bifurcation_diagram, multipliers, orbit
-from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
-from pipedyn.plot.pipes import animate, snapshots
-from pipedyn.plot.stability_map import boundaries, stability_map
-from pipedyn.plot.style import (
+from pipedyn.plot.common import (
     BETA_LABEL,
     BLACK,
     BLUE,
@@ -33,6 +30,9 @@ from pipedyn.plot.style import (
     panels,
     style,
 )
+from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
+from pipedyn.plot.pipes import animate, snapshots
+from pipedyn.plot.stability_map import boundaries, stability_map
 from pipedyn.plot.time_series import phase_portrait, time_history
 
 __all__ = [

@@ -10,35 +10,24 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from numpy.typing import NDArray
 
 from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, own_error, relative_errors
 from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.galerkin import BASES
-from pipedyn.plot.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    axes_or_new,
-    check_mapping,
-    check_type,
-    notice,
-    open_marker,
-)
+from pipedyn.plot import common
 from pipedyn.util import check
+from pipedyn.util.check import Array
 
 FAMILY_STYLES: dict[str, dict[str, Any]] = {
-    "rayleigh": {"color": VERMILION, "marker": "X", "linestyle": "-"},
-    "uniform": {"color": ORANGE, "marker": "s", "linestyle": "--"},
-    "frequency": {"color": PURPLE, "marker": "v", "linestyle": ":"},
-    "consistent": {"color": BLUE, "marker": "o", "linestyle": "-"},
-    "midpoint": {"color": SKY, "marker": "D", "linestyle": "--"},
-    "beam": {"color": GREEN, "marker": "^", "linestyle": "-."},
-    "legendre": {"color": BLACK, "marker": "P", "linestyle": ":"},
+    "rayleigh": {"color": common.VERMILION, "marker": "X", "linestyle": "-"},
+    "uniform": {"color": common.ORANGE, "marker": "s", "linestyle": "--"},
+    "frequency": {"color": common.PURPLE, "marker": "v", "linestyle": ":"},
+    "consistent": {"color": common.BLUE, "marker": "o", "linestyle": "-"},
+    "midpoint": {"color": common.SKY, "marker": "D", "linestyle": "--"},
+    "beam": {"color": common.GREEN, "marker": "^", "linestyle": "-."},
+    "legendre": {"color": common.BLACK, "marker": "P", "linestyle": ":"},
 }
 """Look of each spring rule and basis."""
 
@@ -77,40 +66,35 @@ def convergence(
     Raises:
         TypeError: for bad arguments.
     """
-    check_mapping("families", families, Sequence)
+    common.check_mapping("families", families, Sequence)
     for name, found in families.items():
         for i, critical in enumerate(found):
-            check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
-    check_type("exact", exact, CriticalSpeed)
+            common.check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
+    common.check_type("exact", exact, CriticalSpeed)
     families = {name: found for name, found in families.items() if found}
-    error_label = r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$"
-    ax = axes_or_new(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=error_label)
+    ylabel = r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$"
+    ax = common.axes(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=ylabel)
     if exact.speed == 0.0:
-        return notice("The critical speed is 0: there is nothing to converge to.", ax)
+        return common.notice("The critical speed is 0: there is nothing to converge to.", ax)
     if not families:  # nothing positive is there that logarithmic axes could show
-        return notice("No model has an answer to show.", ax)
+        return common.notice("No model has an answer to show.", ax)
     floor = max(own_error(found, exact) for found in families.values())
     least, largest, others = 1.0, 2.0, False
     for name, found in families.items():
         sizes, errors, same_kind = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
-        look = _look(name, markersize=4.5)
         fitted = convergence_law(found, exact)
         kind = "reduced" if name in BASES else "chain"
         named = "rayleigh (the paper's)" if name == "rayleigh" else name
-        label = f"{kind}, {named}: {_law(fitted)}"
-        ax.plot(sizes[same_kind], shown[same_kind], label=label, **look)
-        look |= {"linestyle": "none", "markerfacecolor": "none"}
-        ax.plot(sizes[~same_kind], shown[~same_kind], **look)
+        colour = _draw(ax, name, sizes, shown, same_kind, f"{kind}, {named}: {_law(fitted)}")
         if fitted.law == "flat":
-            limit = abs(fitted.limit)
-            ax.axhline(limit, color=look["color"], linewidth=0.7, zorder=0.8)
-            beside: dict[str, Any] = {"transform": ax.get_yaxis_transform(), "va": "center"}
-            ax.text(1.01, limit, _percent(fitted.limit), color=look["color"], **beside)
+            limit, place = abs(fitted.limit), ax.get_yaxis_transform()
+            ax.axhline(limit, color=colour, linewidth=0.7, zorder=0.8)
+            ax.text(1.01, limit, _percent(fitted.limit), color=colour, va="center", transform=place)
         least, largest = min([least, *shown]), max([largest, *shown])
         others = others or not same_kind.all()
     if others:
-        ring = open_marker(4.5, "0.3", markerfacecolor="none")
+        ring = common.open_marker(4.5, "0.3", markerfacecolor="none")
         ax.plot([], [], label=f"open: no {exact.kind}, not fitted", **ring)
     ax.set_xscale("log", base=2)
     ax.set_yscale("log")
@@ -138,29 +122,32 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    check_type("found", found, Trade)
+    common.check_type("found", found, Trade)
     cost = check.choice("cost", cost, COSTS)
     ylabel = ERROR_LABELS[found.quantity.name]
-    ax = axes_or_new(ax, (6.4, 4.8), xlabel=COST_LABELS[cost], ylabel=ylabel)
-    points: list[tuple[float, float]] = []
+    ax = common.axes(ax, (6.4, 4.8), xlabel=COST_LABELS[cost], ylabel=ylabel)
+    costs, errors, _ = _points(found.rows, cost)
+    if not costs.size:
+        return common.notice("No model has an answer to show.", ax)
     for family, order in found.orders().items():
-        rows = [row for row in found.of(family) if _shown(row, cost)]
-        if rows:
-            points += _draw(ax, rows, cost, f"{family}: {_law(order, sign='-')}")
-    if not points:
-        return notice("No model has an answer to show.", ax)
-    front = [(float(getattr(r, cost)), r.error) for r in found.pareto(cost) if _shown(r, cost)]
-    if front:  # empty where the most accurate model has no such cost
+        x, y, resolved = _points(found.of(family), cost)
+        if x.size:
+            label = f"{family}: {_law(order, sign='-')}"
+            colour = _draw(ax, family, x, y, resolved > 0.0, label)
+            arrow = {"arrowstyle": "<|-", "color": colour, "lw": 0.8, "shrinkB": 3}
+            for point in np.stack([x, y], axis=1)[resolved == 0.0]:
+                ax.annotate("", point, (0, -14), textcoords="offset points", arrowprops=arrow)
+    x, y, _ = _points(found.pareto(cost), cost)
+    if x.size:  # empty where the most accurate model has no such cost
         band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}
-        ax.plot(*zip(*front, strict=True), zorder=0.9, label="Pareto front", **band)
+        ax.plot(x, y, zorder=0.9, label="Pareto front", **band)
     ax.set_xscale("log")
     ax.set_yscale("log")
     floor = found.reference.error
     _floor(ax, 0.0, floor, "error of the reference itself", (0.99, floor), ha="right", va="top")
-    costs, errors = zip(*points, strict=True)
-    ax.set_ylim(min(0.3 * min(errors), 0.5 * floor), 3.0 * max(errors))
-    if max(costs) < 10.0 * min(costs):  # at least a decade, or no tick is a round number
-        middle = math.sqrt(max(costs) * min(costs))
+    ax.set_ylim(min(0.3 * errors.min(), 0.5 * floor), 3.0 * errors.max())
+    if costs.max() < 10.0 * costs.min():  # at least a decade, or no tick is a round number
+        middle = math.sqrt(costs.max() * costs.min())
         ax.set_xlim(middle / 4.0, middle * 4.0)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(numticks=12))
@@ -172,13 +159,19 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _look(family: str, **more: Any) -> dict[str, Any]:
-    """Look of a family; a pair has its rule's colour, and a smaller marker on a dotted line."""
+def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], label: str) -> str:
+    """A family as a line with filled and open markers; returns its colour.
+
+    A pair of sizes has its rule's colour, and a smaller marker on a dotted line.
+    """
     rule = family.removesuffix(" pair")
     look = {"linewidth": 1.1, "markersize": 5.0, **FAMILY_STYLES.get(rule, {"color": "0.4"})}
     if rule != family:
         look |= {"linestyle": (0, (1, 1.5)), "markersize": 3.5}
-    return look | more
+    ax.plot(x, y, label=label, markevery=filled.tolist(), **look)
+    look |= {"linestyle": "none", "markerfacecolor": "white", "zorder": 2.5}
+    ax.plot(x[~filled], y[~filled], **look)
+    return str(look["color"])
 
 
 def _law(fitted: ConvergenceLaw, sign: str = "+") -> str:
@@ -205,25 +198,12 @@ def _floor(
     ax.text(*at, text, fontsize=6.5, color="0.35", transform=ax.get_yaxis_transform(), **look)
 
 
-def _shown(row: TradeRow, cost: str) -> bool:
-    """Whether a row has an error and a cost that logarithmic axes can show."""
-    return getattr(row, cost) > 0.0 and 0.0 < row.error < math.inf
-
-
-def _draw(ax: Axes, rows: Sequence[TradeRow], cost: str, label: str) -> list[tuple[float, float]]:
-    """One family, bounds open and with an arrow downwards; returns its points."""
-    look = _look(rows[0].family)
-    points = [(float(getattr(row, cost)), row.error) for row in rows]
-    resolved = [i for i, row in enumerate(rows) if row.resolved]
-    filled = {"markevery": resolved} if resolved else {"marker": ""}
-    ax.plot(*zip(*points, strict=True), label=label, **look | filled)
-    bare = look | {"linestyle": "none", "markerfacecolor": "white", "zorder": 2.5}
-    arrow = {"arrowstyle": "<|-", "color": look["color"], "lw": 0.8, "shrinkB": 3}
-    for point, row in zip(points, rows, strict=True):
-        if not row.resolved:
-            ax.plot(*point, **bare)
-            ax.annotate("", point, (0, -14), textcoords="offset points", arrowprops=arrow)
-    return points
+def _points(rows: Sequence[TradeRow], cost: str) -> Array:
+    """Costs, errors and whether they are resolved, of what logarithmic axes can show, (3, k)."""
+    values = [(getattr(row, cost), row.error, row.resolved) for row in rows]
+    table = np.array(values, dtype=np.float64).reshape(-1, 3)
+    shown = (table[:, 0] > 0.0) & (table[:, 1] > 0.0) & np.isfinite(table[:, 1])
+    return np.asarray(table[shown].T)
 
 
 def _legend_on_top(ax: Axes, low: float, high: float) -> None:
@@ -233,7 +213,7 @@ def _legend_on_top(ax: Axes, low: float, high: float) -> None:
     for columns in (2, 1) if ax.get_legend_handles_labels()[0] else ():
         legend = ax.legend(loc="upper center", ncols=columns, framealpha=1.0, **look)
         taken, whole = legend.get_window_extent(), ax.get_window_extent()
-        share = min(0.6, 1.25 * taken.height / whole.height)  # it stands off the frame
+        share = min(0.6, 1.25 * taken.height / whole.height)  # with a gap to the frame
         if taken.width < whole.width:
             break
     ax.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import cycle as repeated
 from itertools import pairwise
 from typing import Any, Literal
@@ -15,40 +15,22 @@ from matplotlib.patches import Circle
 from pipedyn.bifurcation.branches import CycleBranch
 from pipedyn.bifurcation.cycles import LimitCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram
-from pipedyn.bifurcation.equilibrium_branch import BranchPoint, EquilibriumBranch
-from pipedyn.bifurcation.events import UNIT, CycleEvent, nontrivial
+from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
+from pipedyn.bifurcation.events import UNIT, nontrivial
+from pipedyn.plot import common
 from pipedyn.plot.interpolation import finer, first_component, tip_of
-from pipedyn.plot.style import (
-    BLACK,
-    BLUE,
-    CURVE_STYLES,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    SPEED_LABEL,
-    TIP_LABEL,
-    TIP_RATE_LABEL,
-    VERMILION,
-    axes_or_new,
-    check_type,
-    checked_coordinate,
-    colour_bar,
-    coordinate_label,
-    open_marker,
-)
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
 MARKS: dict[str, dict[str, Any]] = {
-    "fold": {"marker": "<", "color": VERMILION},
-    "pitchfork": {"marker": "s", "color": GREEN},
-    "branch point": {"marker": "D", "color": GREEN},
-    "hopf": {"marker": "o", "color": ORANGE},
-    "period doubling": {"marker": "^", "color": PURPLE},
-    "torus": {"marker": "h", "color": PURPLE},
-    "infinite period": {"marker": "X", "color": VERMILION},
-    "end": {"marker": "|", "color": BLUE},
+    "fold": {"marker": "<", "color": common.VERMILION},
+    "pitchfork": {"marker": "s", "color": common.GREEN},
+    "branch point": {"marker": "D", "color": common.GREEN},
+    "hopf": {"marker": "o", "color": common.ORANGE},
+    "period doubling": {"marker": "^", "color": common.PURPLE},
+    "torus": {"marker": "h", "color": common.PURPLE},
+    "infinite period": {"marker": "X", "color": common.VERMILION},
+    "end": {"marker": "|", "color": common.BLUE},
 }
 """Look of each bifurcation."""
 
@@ -79,9 +61,9 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    check_type("diagram", diagram, BifurcationDiagram)
-    index = checked_coordinate(coordinate, diagram.model.coordinates)
-    ax = axes_or_new(ax, (6.4, 4.2), xlabel=SPEED_LABEL, ylabel=coordinate_label(index))
+    common.check_type("diagram", diagram, BifurcationDiagram)
+    index, ylabel = common.coordinate_axis(coordinate, diagram.model.coordinates)
+    ax = common.axes(ax, (6.4, 4.2), xlabel=common.SPEED_LABEL, ylabel=ylabel)
     if diagram.motions and index is None:
         x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
         y = np.concatenate([one.turnings for one in diagram.motions])
@@ -91,45 +73,43 @@ def bifurcation_diagram(
         ax.plot(x, y, label="turning points of late motion", **look)
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
-        _line(ax, branch, heights, branch.points, BLACK, "equilibrium")
+        at = [float(p.tip[0] if index is None else p.q[index]) for p in branch.points]
+        _branch(ax, branch, heights, at, "equilibrium", common.BLACK)
     for cycles in diagram.cycles if index is None else ():
-        for heights in _extremes(cycles):
-            _line(ax, cycles, heights, cycles.events, BLUE, "cycle")
-    for kind, u, height in _bifurcations(diagram, index):
-        look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[kind]}
-        look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
-        ax.plot([u], [height], label=kind.replace("hopf", "Hopf"), **look)
+        lowest = cycles.highest - 2.0 * cycles.amplitudes
+        nearest = [
+            int(np.argmin(abs(cycles.speeds - e.speed) + abs(cycles.amplitudes - e.amplitude)))
+            for e in cycles.events
+        ]
+        mirror_image = (-cycles.highest, -lowest) if cycles.mirrored else ()
+        for heights in (cycles.highest, lowest, *mirror_image):
+            _branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE)
     failed = sorted({failure.value for failure in diagram.failures})
     if failed:
-        look = {"marker": "x", "linestyle": "none", "color": VERMILION, "markersize": 4.0}
-        look["transform"] = ax.get_xaxis_transform()
+        look = {"marker": "x", "linestyle": "none", "color": common.VERMILION, "zorder": 5.0}
+        look |= {"markersize": 4.0, "transform": ax.get_xaxis_transform()}
         ax.plot(failed, [0.02] * len(failed), label="failed", **look)
     ax.set_xlim(float(diagram.speeds[0]), float(diagram.speeds[-1]))
-    lines, names = ax.get_legend_handles_labels()
-    once = dict(zip(names, lines, strict=True))
-    ax.legend(once.values(), once.keys())
+    named = {str(line.get_label()): line for line in ax.get_legend_handles_labels()[0]}
+    ordered = sorted(named.items(), key=lambda item: item[1].get_zorder())
+    ax.legend([line for _, line in ordered], [name for name, _ in ordered])
     return ax
 
 
-def _extremes(cycles: CycleBranch) -> list[Array]:
-    """Highest and lowest positions along a branch, and those of its mirror image."""
-    own = [cycles.highest, cycles.highest - 2.0 * cycles.amplitudes]
-    return [*own, *(-heights for heights in own)] if cycles.mirrored else own
-
-
-def _line(
+def _branch(
     ax: Axes,
     branch: EquilibriumBranch | CycleBranch,
     heights: Array,
-    events: Sequence[BranchPoint | CycleEvent],
-    colour: str,
+    at: Sequence[float],
     name: str,
+    colour: str,
 ) -> None:
-    """A branch in stable and unstable pieces.
+    """A branch in stable and unstable pieces, and its bifurcations at heights `at`.
 
     A step between neighbouring points is as stable as the one it starts from; from a bifurcation it
     is as stable as the next.
     """
+    events: Any = branch.events if isinstance(branch, CycleBranch) else branch.points
     speeds, stable = branch.speeds, branch.stable
     if speeds.size > 1:
         special = np.isin(speeds.round(6), np.round([event.speed for event in events], 6))
@@ -140,23 +120,11 @@ def _line(
         part = slice(start, stop + 1)
         look = {"color": colour, "label": f"{name}, {word}", **STABILITY_STYLES[word]}
         ax.plot(speeds[part], heights[part], **look)
-
-
-def _bifurcations(
-    diagram: BifurcationDiagram, index: int | None
-) -> Iterator[tuple[str, float, float]]:
-    """Kind, speed and height of each bifurcation to mark."""
-    for branch in diagram.equilibria:
-        for point in branch.points:
-            height = point.tip[0] if index is None else point.q[index]
-            yield point.kind, point.speed, float(height)
-    for cycles in diagram.cycles if index is None else ():
-        for event in cycles.events:
-            if event.kind in MARKS and event.kind != "hopf":
-                apart = np.abs(cycles.speeds - event.speed)
-                nearest = int(np.argmin(apart + np.abs(cycles.amplitudes - event.amplitude)))
-                for heights in _extremes(cycles):
-                    yield event.kind, event.speed, float(heights[nearest])
+    for event, height in zip(events, at, strict=True):
+        if event.kind in MARKS and (name, event.kind) != ("cycle", "hopf"):
+            look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[event.kind]}
+            look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
+            ax.plot(event.speed, height, label=event.kind.replace("hopf", "Hopf"), **look)
 
 
 def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> Axes:
@@ -178,8 +146,8 @@ def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> 
             raise TypeError(f"cycles must be limit cycles, got {check.shown(cycle)}")
         if cycle.t.size < 8:
             raise ValueError(f"cycles[{i}] must have at least 8 samples, got {cycle.t.size}")
-    ax = axes_or_new(ax, (4.8, 4.2), xlabel=TIP_LABEL, ylabel=TIP_RATE_LABEL)
-    for cycle, look in zip(shown, repeated(CURVE_STYLES), strict=False):
+    ax = common.axes(ax, (4.8, 4.2), xlabel=common.TIP_LABEL, ylabel=common.TIP_RATE_LABEL)
+    for cycle, look in zip(shown, repeated(common.CURVE_STYLES), strict=False):
         x, t = first_component(tip_of(cycle)), finer(cycle.t)
         word = "stable" if cycle.stable else "unstable"
         line = {"color": look["color"], **STABILITY_STYLES[word]}
@@ -189,7 +157,7 @@ def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> 
 
 
 def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axes:
-    """Floquet multipliers beside the unit circle.
+    """Floquet multipliers and the unit circle.
 
     The trivial multiplier is a ring at 1. Multipliers outside the circle, which make a cycle
     unstable, are crosses; those inside are dots. For a branch, colour shows the flow speed.
@@ -203,7 +171,7 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
     """
     if not isinstance(cycles, LimitCycle | CycleBranch):
         raise TypeError(f"cycles must be limit cycles, got {check.shown(cycles)}")
-    ax = axes_or_new(ax, (4.4, 4.2), xlabel=r"Re $\rho$", ylabel=r"Im $\rho$")
+    ax = common.axes(ax, (4.4, 4.2), xlabel=r"Re $\rho$", ylabel=r"Im $\rho$")
     circle: dict[str, Any] = {"facecolor": "0.95", "edgecolor": "0.4", "linewidth": 0.8}
     ax.add_patch(Circle((0.0, 0.0), 1.0, zorder=0.2, **circle))
     ax.axhline(0.0, color="0.8", linewidth=0.5, zorder=0.3)
@@ -213,7 +181,8 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
     speeds = None
     if isinstance(cycles, CycleBranch):
         speeds = np.broadcast_to(cycles.speeds[:, None], others.shape)
-    for chosen, marker, size, plain in ((~outside, "o", 16, BLUE), (outside, "X", 30, VERMILION)):
+    inside_look, outside_look = ("o", 16, common.BLUE), ("X", 30, common.VERMILION)
+    for chosen, (marker, size, plain) in ((~outside, inside_look), (outside, outside_look)):
         if not chosen.any():
             continue
         look: dict[str, Any] = {"color": plain}
@@ -223,9 +192,9 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
         points = others[chosen]
         ax.scatter(points.real, points.imag, marker=marker, s=size, zorder=3.0, **look)
     if speeds is not None:
-        colour_bar(SPEED_LABEL, ax)
-    ring = open_marker(7.0, SKY, markerfacecolor="none", markeredgewidth=1.4, zorder=2.5)
-    ax.plot([1.0], [0.0], **ring)
+        common.colour_bar(common.SPEED_LABEL, ax)
+    ring = {"markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 2.5}
+    ax.plot([1.0], [0.0], **common.open_marker(7.0, common.SKY, **ring))
     ax.margins(0.08)
     ax.set_aspect("equal", adjustable="datalim")
     return ax

@@ -13,19 +13,9 @@ from scipy.interpolate import CubicHermiteSpline, PPoly
 
 from pipedyn.bifurcation.cycles import LimitCycle
 from pipedyn.motion.simulate import Ensemble, Motion
-from pipedyn.plot.style import check_type
+from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-COARSE, COARSE_RATE = 0.05, 0.25
-"""By how much every other sample may miss those left out: of the range of positions, and of the
-largest velocity. Six samples a cycle meet this. A sine is then known to 0.4 % from all samples."""
-
-INVISIBLE = 1e-4
-"""Positions in L that differ by less look the same: a twentieth of a pixel at 100 dpi."""
-
-AT_REST = 1e-6
-"""A free end that moves by less, in L, has no cycle to show: its motion is error of integration."""
 
 ROUNDING = 1e-9
 """A point that moves by less, in L, is held: its velocity is rounding in the constraints."""
@@ -36,7 +26,7 @@ POINTS = 4000
 
 def checked_motion(motion: Any, name: str = "motion") -> Motion:
     """The argument, if it is a motion with samples to draw."""
-    checked: Motion = check_type(name, motion, Motion)
+    checked: Motion = common.check_type(name, motion, Motion)
     if checked.t.size < 3:
         raise ValueError(f"{name} must have at least 3 samples, got {checked.t.size}")
     return checked
@@ -85,9 +75,11 @@ def _observed(motion: Motion) -> CubicHermiteSpline:
 def refuse_coarse(
     name: str, curve: PPoly, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> None:
-    """Refuse samples between which a cubic through every other sample misses the others.
+    """Refuse samples too far apart: a cubic through every other sample misses the others.
 
-    Errors of positions up to `invisible` do not matter; velocities do only if they are shown.
+    It may miss them by 5 % of the range of positions or by `invisible`, and by 25 % of the largest
+    velocity if velocities are shown. Six samples a cycle meet this; a sine is then known to 0.4 %
+    from all samples.
     """
     t, positions, velocities = curve.x, curve(curve.x), curve(curve.x, 1)
     if np.ptp(positions, axis=0).max() < ROUNDING:
@@ -99,35 +91,12 @@ def refuse_coarse(
     missed_rate = np.abs(every_other(t[left], 1) - velocities[left]).max()
     # One sample a cycle always finds the same position: only the velocities show that it is wrong.
     missed = max(missed, 0.125 * missed_rate * np.diff(t[kept]).max())
-    lost = missed > max(invisible, COARSE * np.ptp(positions, axis=0).max())
-    if lost or (rates_shown and missed_rate > COARSE_RATE * np.abs(velocities).max()):
+    lost = missed > max(invisible, 0.05 * np.ptp(positions, axis=0).max())
+    if lost or (rates_shown and missed_rate > 0.25 * np.abs(velocities).max()):
         raise ValueError(
             f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
             f"samples {np.diff(t).max():.3g} T apart"
         )
-
-
-def upward_crossings(motion: Motion, start: float, end: float) -> Array:
-    """Times in a span at which the free end (or what is observed) crosses its middle to the right.
-
-    The middle is the median of its transverse position in the last quarter of the span. A crossing
-    counts if the point swings by a tenth of its late range before the next that counts: a smaller
-    swing is a ripple, not a cycle.
-    """
-    x = first_component(_observed(motion))
-    late = x(np.linspace(end - 0.25 * (end - start), end, POINTS))
-    crossings = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
-    crossings = crossings[(crossings >= start) & (crossings <= end)]  # drops NaN: a piece at rest
-    crossings = crossings[x(crossings, 1) > 0.0]
-    counted: list[float] = []
-    low, high = math.inf, -math.inf
-    between = np.split(x(x.x), np.searchsorted(x.x, crossings))[1:]
-    for crossing, positions in zip(crossings[::-1], between[::-1], strict=True):
-        low, high = positions.min(initial=low), positions.max(initial=high)
-        if not counted or high - low > 0.1 * np.ptp(late):
-            counted.append(float(crossing))
-            low, high = math.inf, -math.inf
-    return np.array(counted[::-1])
 
 
 def last_cycle(motion: Motion) -> tuple[float, float] | None:
@@ -137,12 +106,11 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
     a curve that misses its start by 3 % looks closed. Where there is none, as in growing motion, it
     starts at the crossing before.
     """
-    begin, finish = float(motion.t[0]), float(motion.t[-1])
-    late = motion.t[motion.t >= finish - 0.25 * (finish - begin)]
+    late = motion.t[motion.t >= motion.t[-1] - 0.25 * np.ptp(motion.t)]
     observed = _observed(motion)
-    if np.ptp(observed(late)[:, 0]) < AT_REST:
+    if np.ptp(observed(late)[:, 0]) < 1e-6:  # at rest but for errors of integration
         return None
-    crossings = upward_crossings(motion, begin, finish)[-51:]  # of more, none is periodic
+    crossings = _upward_crossings(first_component(observed))[-51:]  # of more, none is periodic
     if crossings.size < 2:
         return None
     rates = observed(crossings, 1) / np.abs(observed(late, 1)).max()
@@ -151,19 +119,30 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
     return float(crossings[same[-1] if same.size else -2]), float(crossings[-1])
 
 
-def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
-    """The samples of what is shown, its start and end, and whether that is the last cycle.
+def _upward_crossings(x: PPoly) -> Array:
+    """Times at which a curve rises through its middle, its median in the last quarter of time.
 
-    Raises:
-        ValueError: for a span outside the motion's times, or samples too far apart.
-        TypeError: for bad arguments.
+    A crossing counts if the curve swings by a tenth of its late range before the next one, as does
+    the last: a smaller swing is a ripple, not a cycle.
     """
+    t = x.x
+    late = x(np.linspace(t[-1] - 0.25 * (t[-1] - t[0]), t[-1], POINTS))
+    crossings = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
+    crossings = crossings[x(crossings, 1) > 0.0]  # drops NaN, too: a piece at rest
+    between = np.split(x(t), np.searchsorted(t, crossings))[1:]
+    swings = np.array([np.ptp(part) if part.size else 0.0 for part in between])
+    swings[-1:] = math.inf
+    return np.asarray(crossings[swings > 0.1 * np.ptp(late)])
+
+
+def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
+    """The samples of what is shown, its start and end, and whether that is the last cycle."""
     motion = checked_motion(motion)
     begin, finish = float(motion.t[0]), float(motion.t[-1])
     cycle = last_cycle(motion) if span is None else None
     start, end = cycle or (begin, finish)
     if span is not None:
-        start, end = (float(time) for time in check.array("span", span, size=2))
+        start, end = map(float, check.array("span", span, size=2))
     if not begin <= start < end <= finish:
         raise ValueError(
             f"span must be a start and a later end within the motion's times, "
@@ -174,12 +153,11 @@ def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
     names = ("t", "q", "qdot", "tip", "energy")
     shown = replace(motion, **{name: getattr(motion, name)[held] for name in names})
-    refuse_coarse("motion", tip_of(shown), invisible=INVISIBLE)
+    refuse_coarse("motion", tip_of(shown), invisible=1e-4)  # L: a twentieth of a pixel at 100 dpi
     return shown, start, end, cycle is not None
 
 
 def finer(t: Array) -> Array:
     """Times between which straight lines look like the curve, the samples among them."""
     parts = min(8, -(-POINTS // t.size))
-    steps = np.arange(parts) / parts
-    return np.append((t[:-1, None] + np.diff(t)[:, None] * steps).ravel(), t[-1])
+    return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)

@@ -13,16 +13,7 @@ from matplotlib.colors import Normalize, SymLogNorm
 from numpy.typing import NDArray
 
 from pipedyn.linear.modes import Modes, RootLoci
-from pipedyn.plot.style import (
-    CURVE_STYLES,
-    FREQUENCY_LABEL,
-    IMAGINARY_LABEL,
-    REAL_LABEL,
-    SPEED_LABEL,
-    axes_or_new,
-    check_type,
-    open_marker,
-)
+from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -55,7 +46,7 @@ def root_loci(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    ax = _checked_axes(loci, benchmark, ax, REAL_LABEL, IMAGINARY_LABEL)
+    ax = _checked_axes(loci, benchmark, ax, common.REAL_LABEL, common.IMAGINARY_LABEL)
     end = float(loci.speeds[-1])
     if highest is not None:
         end = check.real("highest", highest, low=0.0, open_low=True)
@@ -78,7 +69,7 @@ def frequencies(
 ) -> Axes:
     """|Im lambda| against flow speed, the real part as a diverging colour centred on zero.
 
-    Unstable parts have a black outline beside their colour; a diamond marks each onset.
+    Unstable parts have a black outline; a diamond marks each onset.
 
     Args:
         loci: branches of the model.
@@ -90,7 +81,7 @@ def frequencies(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    ax = _checked_axes(loci, benchmark, ax, SPEED_LABEL, FREQUENCY_LABEL)
+    ax = _checked_axes(loci, benchmark, ax, common.SPEED_LABEL, common.FREQUENCY_LABEL)
     branches = _branches(loci)
     if largest is None:
         largest = float(np.nanmax(np.abs(branches.real), initial=0.0))
@@ -103,7 +94,7 @@ def frequencies(
     i, j = np.nonzero((real[:-1] <= NEUTRAL) & (real[1:] > NEUTRAL))
     part = real[i, j] / (real[i, j] - real[i + 1, j])
     onsets = places[i, j] + part * (places[i + 1, j] - places[i, j])
-    diamond = open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0)
+    diamond = common.open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0)
     ax.plot(onsets.real, onsets.imag, **diamond)
     if benchmark is not None:
         stride = dot_stride(benchmark)
@@ -114,10 +105,10 @@ def frequencies(
 
 def _checked_axes(loci: Any, benchmark: Any, ax: Any, xlabel: str, ylabel: str) -> Axes:
     """The Axes to draw on, once the arguments of both pictures of eigenvalues are checked."""
-    check_type("loci", loci, RootLoci)
+    common.check_type("loci", loci, RootLoci)
     if benchmark is not None:
-        check_type("benchmark", benchmark, RootLoci)
-    return axes_or_new(ax, (4.8, 4.2), xlabel=xlabel, ylabel=ylabel)
+        common.check_type("benchmark", benchmark, RootLoci)
+    return common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=ylabel)
 
 
 def _coloured(
@@ -164,7 +155,7 @@ def _branches(loci: RootLoci) -> NDArray[np.complex128]:
 
 def dot_stride(loci: RootLoci) -> int:
     """Number of speeds from one dot of a benchmark to the next."""
-    check_type("loci", loci, RootLoci)
+    common.check_type("loci", loci, RootLoci)
     # 19 dots of 2.2 points leave the curve visible between them in a panel two inches wide.
     return max(1, round((loci.speeds.size - 1) / 18))
 
@@ -179,14 +170,14 @@ def mode_shapes(modes: Modes, ax: Axes | None = None) -> Axes:
     Raises:
         TypeError: for bad arguments.
     """
-    check_type("modes", modes, Modes)
+    common.check_type("modes", modes, Modes)
     ylabel = "displacement (largest = 1); Re solid, Im dashed"
-    ax = axes_or_new(ax, (6.4, 4.2), xlabel="arc length $s / L$ from the clamp", ylabel=ylabel)
+    ax = common.axes(ax, (6.4, 4.2), xlabel="arc length $s / L$ from the clamp", ylabel=ylabel)
     s = np.linspace(0.0, 1.0, 401)
     upper = [shape for shape in modes.shapes if shape.eigenvalue.imag >= 0.0]
     for i, shape in enumerate(upper):
         displacement, value = shape(s), shape.eigenvalue
-        colour = CURVE_STYLES[i % len(CURVE_STYLES)]["color"]
+        colour = common.CURVE_STYLES[i % len(common.CURVE_STYLES)]["color"]
         look: dict[str, Any] = {"color": colour, "linewidth": 1.0 + 0.4 * (i % 3)}
         label = rf"$\lambda = {value.real:.3g} {value.imag:+.4g}\,\mathrm{{i}}$"
         ax.plot(s, displacement.real, label=label, **look)

@@ -24,25 +24,10 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 
 from pipedyn.motion.simulate import Motion
-from pipedyn.plot.interpolation import coordinates_at, shown_part, upward_crossings
-from pipedyn.plot.style import BLACK, BLUE, VERMILION, axes_or_new, motion_title
+from pipedyn.plot import common
+from pipedyn.plot.interpolation import coordinates_at, last_cycle, shown_part
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-MOST_FRAMES = 2000
-"""Frames of one animation: 80 s at 25 frames a second."""
-
-FEWEST_FRAMES = 8
-"""Frames of a cycle below which an animation shows another motion than the pipe's: with fewer than
-2 it would run backwards, and 8 show the shapes between."""
-
-CYCLE_SECONDS, MOTION_SECONDS = 2.5, 8.0
-"""Where no speed is given: seconds of animation for a cycle, slow enough to follow by eye, and for
-all of a motion without cycles."""
-
-ARC_LENGTHS = np.linspace(0.0, 1.0, 241)
-"""Arc lengths of a shape. The joints of chains of 1 to 6, 8, 10, 12 ... equal segments are among
-them, so that no corner is cut."""
 
 ARROW = 0.14
 """Length of the arrow that shows the flow, in L: it widens the picture by a seventh at most."""
@@ -57,13 +42,13 @@ def snapshots(
     """Shapes of the pipe at equal time steps in one picture, the latest darkest.
 
     The arrow at the free end of the latest shape shows the flow, out of the pipe or into it. The
-    arrow beside the clamp shows gravity, if there is any.
+    arrow next to the clamp shows gravity, if there is any.
 
     Args:
         motion: what to show.
         span: start and end in T; where not given the last cycle, or all of a motion without one.
             A cycle lasts from one upward crossing of the free end's middle position to the next
-            that is alike.
+            in the same state.
         count: number of shapes, from 2 to 1000. Both ends of a span are among them, but only the
             end of a cycle, where it is as at the start.
         ax: where to draw; new Axes where not given. The first collection, the shapes, serves
@@ -76,7 +61,7 @@ def snapshots(
     """
     motion, start, end, cycle = shown_part(motion, span)
     count = check.count("count", count, low=2, high=1000)  # more than pixels can separate
-    ax = axes_or_new(ax, (4.4, 5.0))
+    ax = common.axes(ax, (4.4, 5.0))
     times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
     shapes = _shapes(motion, times)
     darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
@@ -92,7 +77,7 @@ def snapshots(
     ax.add_collection(lines)
     _surroundings(ax, motion, shapes, shapes[-1])
     what = f"a cycle of {end - start:.4g}" if cycle else rf"$\tau =$ {start:.4g} to {end:.4g}"
-    ax.set_title(f"{motion_title(motion)}\n{count} shapes, {what} $T$")
+    ax.set_title(f"{common.motion_title(motion)}\n{count} shapes, {what} $T$")
     return ax
 
 
@@ -133,21 +118,20 @@ def animate(
     fps = check.real("fps", fps, low=1.0, high=50.0)
     if speed is not None:
         speed = check.real("speed", speed, low=0.0, open_low=True)
-    periods = [end - start] if cycle else np.diff(upward_crossings(motion, start, end))
-    period = float(np.median(periods)) if len(periods) else None
-    frames = _frames(end - start, period, fps, speed)
+    begin, finish = (start, end) if cycle else last_cycle(motion) or (0.0, 0.0)
+    frames = _frames(end - start, finish - begin, fps, speed)
     own = ax is None
     if ax is None:
         ax = Figure(figsize=(4.0, 4.6), layout="constrained").subplots()
-    figure = axes_or_new(ax, (4.0, 4.6)).figure.figure
+    figure = common.axes(ax, (4.0, 4.6)).figure.figure
 
     times = np.linspace(start, end, frames, endpoint=not cycle)
     shapes = _shapes(motion, times)
     dots = max(1, math.ceil(400 / frames))
     fine = np.linspace(start, end, dots * (frames - (not cycle)) + 1)
     path_of_tip = motion.model.tips(coordinates_at(motion, fine).T)
-    (trace,) = ax.plot([], [], color=BLUE, linewidth=0.9, zorder=1.8, gid="trace")
-    (pipe,) = ax.plot([], [], color=BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
+    (trace,) = ax.plot([], [], color=common.BLUE, linewidth=0.9, zorder=1.8, gid="trace")
+    (pipe,) = ax.plot([], [], color=common.BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
     flow = _surroundings(ax, motion, shapes, shapes[0])
     digits = max(0, -math.floor(math.log10(times[1] - times[0])))  # neighbouring times differ
 
@@ -158,7 +142,7 @@ def animate(
         if flow is not None:
             flow.set_positions(*_flow_ends(motion, shapes[frame]))
         now = rf"$\tau = {times[frame]:.{digits}f}\,T$"
-        text = ax.set_title(f"{motion_title(motion)}\n{now}")
+        text = ax.set_title(f"{common.motion_title(motion)}\n{now}")
         return [pipe, trace, text]
 
     show(0)
@@ -184,20 +168,24 @@ def _checked_path(path: Any) -> Path | None:
     return target
 
 
-def _frames(duration: float, period: float | None, fps: float, speed: float | None) -> int:
-    """Number of frames of an animation; refuses too many, and too few to show the motion."""
+def _frames(duration: float, period: float, fps: float, speed: float | None) -> int:
+    """Number of frames of an animation; refuses too many, and too few to show the motion.
+
+    The period is 0 for a motion without cycles. Without a speed a cycle takes 2.5 s, slow enough to
+    follow by eye. With fewer than 2 frames a cycle would run backwards; 8 show the shapes between.
+    """
     if speed is None:
-        speed = duration / MOTION_SECONDS if period is None else period / CYCLE_SECONDS
+        speed = period / 2.5 or duration / 8.0
     wanted = duration / speed * fps
-    if not wanted <= MOST_FRAMES:
+    if not wanted <= 2000.0:
         raise ValueError(
-            f"span, fps and speed must ask for at most {MOST_FRAMES} frames, got {wanted:.4g}: "
+            f"span, fps and speed must ask for at most 2000 frames, got {wanted:.4g}: "
             f"{duration:.4g} T at {speed:.4g} T a second, {fps:g} frames a second"
         )
-    if period is not None and period / speed * fps < (1.0 - 1e-9) * FEWEST_FRAMES:  # rounding
+    if 0.0 < period / speed * fps < 8.0 * (1.0 - 1e-9):  # rounding
         raise ValueError(
-            f"speed must leave at least {FEWEST_FRAMES} frames to a cycle of {period:.4g} T: at "
-            f"{fps:g} frames a second at most {period * fps / FEWEST_FRAMES:.4g}, got {speed:.4g}"
+            f"speed must leave at least 8 frames to a cycle of {period:.4g} T: at {fps:g} frames a "
+            f"second at most {period * fps / 8.0:.4g}, got {speed:.4g}"
         )
     if round(wanted) < 2:
         raise ValueError(
@@ -208,14 +196,14 @@ def _frames(duration: float, period: float | None, fps: float, speed: float | No
 
 def _shapes(motion: Motion, times: Array) -> Array:
     """The pipe at some times, shape (len(times), points, 2)."""
-    return np.stack([motion.model.shape(q, ARC_LENGTHS) for q in coordinates_at(motion, times)])
+    s = np.linspace(0.0, 1.0, 241)  # holds the joints of chains of 1 to 6, 8, 10 ... segments
+    return np.stack([motion.model.shape(q, s) for q in coordinates_at(motion, times)])
 
 
 def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> FancyArrowPatch | None:
-    """Clamp, gravity, and axes of equal scale with room for the shapes and the flow's arrow.
+    """Clamp, gravity, and axes of equal scale with room for all shapes and the flow's arrow.
 
-    Returns:
-        The arrow of the flow at one shape; None without flow.
+    Returns the arrow, at one shape; None without flow.
     """
     gamma = motion.model.pipe.gamma
     wide = max(0.36, float(np.abs(shapes[..., 0]).max()) + ARROW + 0.06)
@@ -226,14 +214,16 @@ def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> Fanc
     ax.set(xlabel="transverse $x$  $(L)$", ylabel="along the straight pipe $y$  $(L)$")
     hatched: dict[str, Any] = {"facecolor": "0.92", "edgecolor": "0.35", "hatch": "////"}
     ax.add_patch(Rectangle((-0.1, -0.06), 0.2, 0.06, zorder=1.5, gid="clamp", **hatched))
-    ax.plot([-0.1, 0.1], [0.0, 0.0], color=BLACK, linewidth=1.4, zorder=1.6)
+    ax.plot([-0.1, 0.1], [0.0, 0.0], color=common.BLACK, linewidth=1.4, zorder=1.6)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
     if gamma != 0.0:
         at, length = -wide + 0.1, math.copysign(0.16, gamma)
         start = -0.06 if gamma > 0.0 else 0.1
-        _arrow(ax, BLACK, "gravity", ((at, start), (at, start + length)))
+        _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
         ax.text(at + 0.03, start + 0.5 * length, "$g$", va="center")
-    return _arrow(ax, VERMILION, "flow", _flow_ends(motion, shape)) if motion.u > 0.0 else None
+    if motion.u == 0.0:
+        return None
+    return _arrow(ax, common.VERMILION, "flow", _flow_ends(motion, shape))
 
 
 def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:

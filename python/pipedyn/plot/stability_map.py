@@ -10,28 +10,15 @@ from itertools import cycle, pairwise, product
 
 import numpy as np
 from matplotlib.axes import Axes
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import BPoly, CubicHermiteSpline
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import StabilityCurve
-from pipedyn.plot.style import (
-    BETA_LABEL,
-    CURVE_STYLES,
-    SPEED_LABEL,
-    axes_or_new,
-    check_mapping,
-    check_type,
-    notice,
-    open_marker,
-)
+from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-FARTHEST = 0.15
-"""Crossings at a larger distance, as `_pairs` measures it, are not joined. Neighbours on a boundary
-were at most 0.062 apart on eight maps, ejecting, gravity -10 to 100, with and without damping."""
 
 
 def stability_map(
@@ -56,18 +43,18 @@ def stability_map(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    check_mapping("curves", curves, StabilityCurve)
+    common.check_mapping("curves", curves, StabilityCurve)
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
     if marked is not None:
-        check_type("marked", marked, CriticalSpeed)
-    ax = axes_or_new(ax, (6.4, 4.8), xlabel=BETA_LABEL, ylabel=SPEED_LABEL)
+        common.check_type("marked", marked, CriticalSpeed)
+    ax = common.axes(ax, (6.4, 4.8), xlabel=common.BETA_LABEL, ylabel=common.SPEED_LABEL)
     largest = 0.0
-    for (label, curve), look in zip(curves.items(), cycle(CURVE_STYLES), strict=False):
+    for (label, curve), look in zip(curves.items(), cycle(common.CURVE_STYLES), strict=False):
         lines = _boundary_lines(curve)
         largest = max([largest, *(float(line[:, 1].max()) for line, _ in lines)])
         if not lines:
-            ax.plot([], [], linewidth=1.5, label=f"{label}: none here", **look)
+            ax.plot([], [], linewidth=1.5, label=f"{label}: no boundary", **look)
         for line, kind in lines:
             ax.plot(line[:, 0], line[:, 1], linewidth=1.5, label=label, **look)
             label = "_" + label.lstrip("_")
@@ -77,12 +64,12 @@ def stability_map(
                 ax.annotate("divergence", middle, (0, 3), textcoords="offset points", **centred)
     if marked is not None and (highest is None or marked.speed <= highest):
         place = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
-        ring = open_marker(7.0, markerfacecolor="none", markeredgewidth=1.2, zorder=4.0)
+        ring = common.open_marker(7.0, markerfacecolor="none", markeredgewidth=1.2, zorder=4.0)
         label = f"{place}: $u_c = {marked.speed:.4g}$"
         ax.plot(marked.pipe.beta, marked.speed, clip_on=False, label=label, **ring)
     ax.set_ylim(0.0, highest)
     if largest == 0.0:
-        notice("There is no stability boundary above $u = 0$.", ax)
+        common.notice("There is no stability boundary above $u = 0$.", ax)
     if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
         ax.legend()
     return ax
@@ -97,19 +84,15 @@ def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
         raise TypeError(f"found must be crossings in a sequence, got {check.shown(found)}")
     crossings = list(found)
     for i, crossing in enumerate(crossings):
-        check_type(f"found[{i}]", crossing, Crossing)
+        common.check_type(f"found[{i}]", crossing, Crossing)
     return [c for c in crossings if min(c.unstable_before, c.unstable_after) == 0]
 
 
 @dataclass(eq=False)
 class _Point:
-    """A crossing on the map.
+    """A crossing at (parameter, speed), and what continues its boundary left (-1) and right (1).
 
-    Attributes:
-        at: parameter and speed, shape (2,).
-        crossing: the crossing.
-        joined: at its left (-1) and right (1) side the point that continues its boundary, the side
-            of that point, and the curve to it, shape (k, 2).
+    That is another point, the side of it, and the curve from here to there, shape (k, 2).
     """
 
     at: Array
@@ -142,7 +125,7 @@ def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
     scale = max((point.crossing.speed for point in points), default=0.0) or 1.0
     for (left, right), step in zip(pairwise(columns), np.diff(curve.values[taken]), strict=True):
         for a, b in _pairs(left, right, step, scale):
-            a.join(1, b, -1, _hermite_arc(a, b, scale))
+            a.join(1, b, -1, _arc(a, b, scale))
         for column, side in ((left, 1), (right, -1)):
             _join_folds([point for point in column if side not in point.joined], side, step)
     lines: list[tuple[Array, str]] = []
@@ -183,20 +166,21 @@ def _pairs(
         cost[j, k] = min(plain, abs(speeds) / scale + weight * abs(frequencies))
     # A distance is at most 1.2, so the least sum holds no 1000 that it can avoid.
     assigned = zip(*linear_sum_assignment(np.minimum(cost, 1e3)), strict=True)
-    return [(left[j], right[k]) for j, k in assigned if cost[j, k] < FARTHEST]
+    # Neighbours were at most 0.062 apart on eight maps, ejecting, gravity -10 to 100, with and
+    # without damping.
+    return [(left[j], right[k]) for j, k in assigned if cost[j, k] < 0.15]
 
 
-def _hermite_arc(a: _Point, b: _Point, scale: float) -> Array:
-    """Hermite cubic by arc length between two crossings, shape (k, 2)."""
+def _arc(a: _Point, b: _Point, scale: float) -> Array:
+    """Hermite cubic by arc length between two crossings, shape (k, 2); beta spans 1."""
     ends = np.array([a.at, b.at])
     if a.crossing.sensitivity is None or b.crossing.sensitivity is None:
         return ends
-    stretch = np.array([scale, 1.0])  # beta spans 1
-    tangents = np.array([[1.0, a.slopes[0]], [1.0, b.slopes[0]]]) * stretch
-    length = np.linalg.norm(np.diff(ends * stretch, axis=0))
-    tangents *= length / np.linalg.norm(tangents, axis=1)[:, None]
-    arc = CubicHermiteSpline([0.0, 1.0], ends * stretch, tangents)
-    return np.asarray(arc(np.linspace(0.0, 1.0, 9)) / stretch)
+    tangents = np.array([[1.0, a.slopes[0]], [1.0, b.slopes[0]]])
+    stretch = np.array([scale, 1.0])
+    length = np.linalg.norm((b.at - a.at) * stretch)
+    tangents *= length / np.linalg.norm(tangents * stretch, axis=1, keepdims=True)
+    return np.asarray(CubicHermiteSpline([0.0, 1.0], ends, tangents)(np.linspace(0.0, 1.0, 9)))
 
 
 def _join_folds(single: list[_Point], side: int, step: float) -> None:
@@ -215,5 +199,5 @@ def _join_folds(single: list[_Point], side: int, step: float) -> None:
         reach = math.copysign(min(abs(reach), 2.0 * step), side)
         corner = 0.5 * (a.speed + b.speed + reach * (slope_a + slope_b))
         control = np.array([p.at[0] + reach, min(max(corner, a.speed), b.speed)])
-        t = np.linspace(0.0, 1.0, 17)[:, None]
-        p.join(side, q, side, p.at * (1 - t) ** 2 + 2.0 * control * t * (1 - t) + q.at * t * t)
+        parabola = BPoly(np.array([p.at, control, q.at])[:, None], [0.0, 1.0])
+        p.join(side, q, side, parabola(np.linspace(0.0, 1.0, 17)))

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from scipy.interpolate import CubicHermiteSpline, PPoly
 
 from pipedyn.motion.simulate import Ensemble, Motion
+from pipedyn.plot import common
 from pipedyn.plot.interpolation import (
     checked_motions,
     finer,
@@ -19,17 +20,6 @@ from pipedyn.plot.interpolation import (
     last_cycle,
     refuse_coarse,
     tip_of,
-)
-from pipedyn.plot.style import (
-    CURVE_STYLES,
-    TIME_LABEL,
-    TIP_LABEL,
-    TIP_RATE_LABEL,
-    axes_or_new,
-    checked_coordinate,
-    coordinate_label,
-    motion_title,
-    open_marker,
 )
 
 
@@ -46,7 +36,7 @@ def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None 
         TypeError: for bad arguments.
     """
     shown = _signals(checked_motions(motions), None, rates_shown=False)
-    ax = axes_or_new(ax, (6.4, 3.2), xlabel=TIME_LABEL, ylabel=TIP_LABEL)
+    ax = common.axes(ax, (6.4, 3.2), xlabel=common.TIME_LABEL, ylabel=common.TIP_LABEL)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for _, curve, label, look in shown:
         t = finer(curve.x)
@@ -76,10 +66,10 @@ def phase_portrait(
     """
     named = checked_motions(motions)
     least = min(motion.model.coordinates for motion in named.values())
-    index = checked_coordinate(coordinate, least)
+    index, xlabel = common.coordinate_axis(coordinate, least)
     shown = _signals(named, index, rates_shown=True)
-    rate = TIP_RATE_LABEL if index is None else rf"its rate $\dot q_{{{index}}}$  $(1/T)$"
-    ax = axes_or_new(ax, (4.8, 4.2), xlabel=coordinate_label(index), ylabel=rate)
+    rate = common.TIP_RATE_LABEL if index is None else rf"its rate $\dot q_{{{index}}}$  $(1/T)$"
+    ax = common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=rate)
     for motion, curve, label, look in shown:
         last = t = finer(curve.x)
         if (ends := last_cycle(motion)) is not None:
@@ -88,7 +78,7 @@ def phase_portrait(
             for part in (t[t <= ends[0]], t[t >= ends[1]]):
                 ax.plot(curve(part), curve(part, 1), **thin)
         ax.plot(curve(last), curve(last, 1), label=label, linewidth=1.6, **look)
-        ax.plot(curve(t[0]), curve(t[0], 1), **open_marker(4.5, look["color"], zorder=3.0))
+        ax.plot(curve(t[0]), curve(t[0], 1), **common.open_marker(4.5, look["color"], zorder=3.0))
     _legend(ax, shown)
     return ax
 
@@ -118,12 +108,12 @@ def _signals(named: dict[str, Motion], index: int | None, rates_shown: bool) -> 
             f"{i}: {label}, {type(model).__name__}, {model.dof} d.o.f."
             for i, (label, model) in enumerate(zip(labels, models, strict=True))
         ]
-    return list(zip(motions, curves, labels, cycle(CURVE_STYLES), strict=False))
+    return list(zip(motions, curves, labels, cycle(common.CURVE_STYLES), strict=False))
 
 
 def _legend(ax: Axes, shown: Sequence[Signal]) -> None:
     """Names of several curves; of more than 12 a legend would cover most of the axes' height."""
     if len(shown) == 1:
-        ax.set_title(motion_title(shown[0][0]))
+        ax.set_title(common.motion_title(shown[0][0]))
     elif len(shown) <= 12:
         ax.legend()

@@ -31,7 +31,8 @@ class Counters:
     factorisations: int = 0
 
 
-_tally: ContextVar[Counters | None] = ContextVar("counters", default=None)
+_unasked = Counters()  # what nobody asked to count
+_tally: ContextVar[Counters] = ContextVar("counters", default=_unasked)
 _end: ContextVar[tuple[float, str]] = ContextVar("end", default=(math.inf, ""))
 
 
@@ -70,14 +71,10 @@ def in_time() -> None:
 def factorised(matrices: int = 1) -> None:
     """Counts matrices that were factorised."""
     in_time()
-    counters = _tally.get()
-    if counters is not None:
-        counters.factorisations += matrices
+    _tally.get().factorisations += matrices
 
 
 def evaluated(states: int) -> None:
     """Counts states at which the right-hand side was computed."""
     in_time()
-    counters = _tally.get()
-    if counters is not None:
-        counters.right_hand_sides += states
+    _tally.get().right_hand_sides += states

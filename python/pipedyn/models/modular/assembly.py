@@ -23,20 +23,9 @@ from pipedyn.models.base import (
 )
 from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
 from pipedyn.models.modular.custom import CustomForces
-from pipedyn.models.modular.derivatives import (
-    acceleration_jacobian,
-    forces,
-    matrix,
-    scene_matrices,
-)
-from pipedyn.models.modular.enforcement import (
-    Group,
-    by_orthonormal_basis,
-    by_udwadia_kalaba,
-    projection,
-)
-from pipedyn.models.modular.layout import KINDS, MODULES, Layout
-from pipedyn.models.modular.linearisation import Linear, Tree
+from pipedyn.models.modular.enforcement import ENFORCEMENTS, projection
+from pipedyn.models.modular.layout import KINDS, MODULES, SAME, Layout
+from pipedyn.models.modular.linearisation import ScenePencil, matrix
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.models.modular.parts import (
     Constraint,
@@ -46,15 +35,12 @@ from pipedyn.models.modular.parts import (
     TorsionalSpring,
     described,
 )
-from pipedyn.models.pencil import LONGEST_DENSE, DensePencil, Pencil, ScenePencil
+from pipedyn.models.pencil import LONGEST_DENSE, DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed, newton
-
-ENFORCEMENTS = {"orthonormal": by_orthonormal_basis, "udwadia-kalaba": by_udwadia_kalaba}
-"""The dense recursions by name; the default route does the first in O(n)."""
 
 LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
 """Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
@@ -75,9 +61,13 @@ class Assembly(Model):
 
     States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j
     transverse and y_j downward is where node j, the end of segment j, stands from the clamp, phi_j
-    the angle of joint j. Operators live in the degrees of freedom that the constraints leave: the
-    angles of the segments, theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them,
-    coordinates along an orthonormal basis of what these leave.
+    the angle of joint j. They need not meet the constraints exactly; their accelerations do, in
+    O(n), and are NaN where a direction has lost its inertia.
+
+    Operators live in the degrees of freedom that the constraints leave: the angles of the segments,
+    theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
+    orthonormal basis of what these leave. Methods that take a configuration take the angles, shape
+    (n,), or redundant coordinates, shape (3 n,), that meet the constraints.
 
     Immutable; `plus` makes another.
 
@@ -107,7 +97,10 @@ class Assembly(Model):
         enforcement: str = "orthonormal",
     ) -> None:
         given = _parts("modules", modules, (Module, Term))
-        self._pipe = _with_terms(checked_pipe(pipe), given)
+        terms = tuple(part for part in given if isinstance(part, Term))
+        self._pipe = checked_pipe(pipe)
+        if terms:
+            self._pipe = replace(pipe, terms=(*pipe.terms, *terms))
         self._enforcement = check.choice("enforcement", enforcement, ENFORCEMENTS)
         self._layout = Layout(
             [part for part in given if isinstance(part, Module)],
@@ -118,9 +111,7 @@ class Assembly(Model):
             custom.validate(self._configuration(self._layout.rest)[custom.index])
         self._refuse_massless()
         straight = np.zeros(self.moving)
-        self._reference: Array | None = None
-        if np.abs(self._layout.missed(straight)).max(initial=0.0) <= MET:
-            self._reference = straight
+        self._reference = straight if self._misses(straight) <= MET else None
 
     def _refuse_massless(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
@@ -128,7 +119,7 @@ class Assembly(Model):
         if massless >= 0:
             raise ValueError(
                 f"{self._layout.coordinate(massless)} moves without inertia: give its segment a "
-                "gyration radius, or the node a mass"
+                "gyration radius, or the pipe a point mass there"
             )
 
     @cached_property
@@ -139,12 +130,11 @@ class Assembly(Model):
     @cached_property
     def motion(self) -> SceneMotion:
         """The equations of motion in the angles of the segments, as integrators take them."""
-        plain = not self._customs and self._enforcement == "orthonormal"
-        accelerations = None if plain else self._accelerations
-        return SceneMotion(self.core, self._layout, self._customs, accelerations)
+        dense = None if self._enforcement == "orthonormal" else ENFORCEMENTS[self._enforcement]
+        return SceneMotion(self.core, self._layout, self._customs, dense)
 
     def __getstate__(self) -> dict[str, Any]:
-        compiled = ("core", "motion", "_linear", "resisted")
+        compiled = ("core", "motion", "linear", "resisted")
         return {name: value for name, value in self.__dict__.items() if name not in compiled}
 
     def __repr__(self) -> str:
@@ -183,7 +173,6 @@ class Assembly(Model):
 
     @property
     def dof(self) -> int:
-        """Number of degrees of freedom that the constraints leave."""
         return self._layout.size - len(self._layout.independent)
 
     @property
@@ -203,25 +192,21 @@ class Assembly(Model):
 
     @property
     def term_stiffness(self) -> float:
-        """What gravity, terms and custom modules add to the elastic stiffness, about."""
-        return self._linear.added
+        return self.linear.added
 
     @property
     def rests_straight(self) -> bool:
-        """Whether linear questions are asked about the straight pipe."""
         return self._reference is not None and not self._reference.any()
 
     @cached_property
     def resisted(self) -> bool:
-        """Whether terms, joints of their own damping or custom modules resist velocities."""
         other = self.with_pipe(replace(self._pipe, damping=0.0))
         still = self.core.from_angles(self.resting(), np.zeros(self.moving))
-        _, _, by_rate = forces(other.core, self._customs, still, 0.0)
+        _, _, by_rate = other.motion.forces(still, 0.0)
         return bool(by_rate.count_nonzero())
 
     @property
     def elastic_share(self) -> Array:
-        """Elastic stiffness by the scaled joint angles, shape (n,)."""
         springs = self._layout.springs
         share: Array = springs * elastic_scale(springs) ** 2
         return share
@@ -245,22 +230,23 @@ class Assembly(Model):
                 raise TypeError(
                     f"parts must be modules, constraints or terms, got {check.shown(part)}"
                 )
+        constraints = tuple(part for part in parts if isinstance(part, Constraint))
+        others = tuple(part for part in parts if isinstance(part, Module | Term))
         more = Assembly(
             self._pipe,
-            (*self.modules, *(part for part in parts if isinstance(part, Module | Term))),
-            (*self.constraints, *(part for part in parts if isinstance(part, Constraint))),
+            (*self.modules, *others),
+            (*self.constraints, *constraints),
             self._enforcement,
         )
         chosen = self._reference
-        if chosen is not None and chosen.any() and chosen.size == more.moving:
-            met = np.abs(more._layout.missed(chosen)).max(initial=0.0) <= MET
-            more._reference = chosen if met else more._reference
+        if chosen is not None and chosen.size == more.moving and more._misses(chosen) <= MET:
+            more._reference = chosen
         return more
 
     def pencil(self, dense: bool | None = None) -> Pencil:
         """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
         long = self.dof > LONGEST_DENSE if dense is None else not dense
-        return ScenePencil(self) if long else DensePencil(self)
+        return self.linear if long else DensePencil(self)
 
     def with_pipe(self, pipe: Pipe) -> Assembly:
         """The same parts on another pipe, which has its own terms.
@@ -282,8 +268,7 @@ class Assembly(Model):
         speeds at which the configuration is no equilibrium.
 
         Args:
-            q: the configuration: angles of the segments, shape (n,), or redundant coordinates,
-                shape (3 n,), such as `equilibrium` gives.
+            q: the configuration, such as `equilibrium` gives.
 
         Raises:
             ValueError, TypeError: for what is no such array, or misses a constraint.
@@ -314,8 +299,14 @@ class Assembly(Model):
         return self.core.from_angles(theta, omega)
 
     def _configuration(self, theta: Array) -> Array:
+        """Redundant coordinates of angles, shape (3 n,)."""
         q: Array = self.core.from_angles(theta, np.zeros_like(theta))[: self.coordinates]
         return q
+
+    def _misses(self, theta: Array) -> float:
+        """How far a configuration is from meeting the constraints."""
+        residual, _, _, _ = self.core.constraints(self.core.from_angles(theta, 0.0 * theta))
+        return float(np.abs(residual).max())
 
     def angles(self, y: ArrayLike) -> Array:
         """Angles of the segments from redundant coordinates or states.
@@ -351,8 +342,8 @@ class Assembly(Model):
         given = check.array(
             "angles", angles, size=self.moving, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
         )
-        theta, missed = self._layout.closed(given)
-        if missed > 1e-12:
+        theta, missed = self._layout.closed(self.core, given)
+        if missed > SAME:
             raise NotConverged(
                 f"no angles close to those given meet {self._layout.described_holds()}", theta
             )
@@ -379,8 +370,8 @@ class Assembly(Model):
             given = np.cumsum(given[2::3])
 
         def correction(theta: Array) -> tuple[Array, float]:
-            linear = self._linear_about(theta)
-            step = linear.factor(0.0, u)(linear.unbalanced(u)[:, None])
+            linear = ScenePencil(self, theta)
+            step = linear.factor(0.0, u)(linear.unbalanced(u))
             turn = np.cumsum(linear.joint_angles(step)[:, 0])
             return turn, float(np.abs(turn).max())
 
@@ -401,48 +392,38 @@ class Assembly(Model):
     # ------------------------------------------------------------------------------ linear motion
 
     @cached_property
-    def _linear(self) -> Linear:
+    def linear(self) -> ScenePencil:
+        """Small motions about the configuration of `about`, else the straight pipe."""
+        return ScenePencil(self)
+
+    @property
+    def reference(self) -> Array:
+        """Angles about which linear questions are asked, shape (n,).
+
+        Raises:
+            ValueError: where the straight pipe misses a constraint and `about` chose nothing.
+        """
         if self._reference is None:
             raise ValueError(
                 f"the straight pipe misses {self._layout.described_holds()}: choose a "
                 "configuration with about(q), for example about(equilibrium(...))"
             )
-        return self._linear_about(self._reference)
-
-    @property
-    def linear(self) -> Linear:
-        """Small motions about the reference configuration, in elastic coordinates."""
-        return self._linear
-
-    def _linear_about(self, theta: Array) -> Linear:
-        layout = self._layout
-        q = self._configuration(theta)
-        return Linear(
-            Tree(layout.lengths, theta),
-            scene_matrices(self.core, self._pipe, layout, self._customs, q),
-            elastic_scale(layout.springs),
-            np.array([held.coordinate for held in layout.held], dtype=np.intp),
-        )
+        return self._reference
 
     def unbalanced(self, u: float) -> float:
-        """Largest force at rest in the reference configuration, beside 1 + |gamma| + a u^2."""
-        size = 1.0 + abs(self._pipe.gamma) + self._linear.parts.centrifugal * u**2
-        return float(np.abs(self._linear.unbalanced(u)).max()) / size
+        size = 1.0 + abs(self._pipe.gamma) + self.linear.centrifugal * u**2
+        return float(np.abs(self.linear.unbalanced(u)).max()) / size
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Linear operators about a configuration at rest, in the degrees of freedom.
+        """As for `Model.operators`, about a configuration at rest.
 
-        Where no guide or pin is there these are the angles of the segments; else their columns are
-        those of `basis`. stiffness contains the forces of all modules but the flow's and what the
-        constraint forces add to it on a bent pipe, flux the flow's with its share of them; small
-        motions about q obey the operators where q is an equilibrium at the speed in question.
+        Where no guide or pin is there they are those of the angles of the segments; else their
+        columns are those of `basis`. stiffness contains the forces of all modules but the flow's
+        and what the constraint forces add to it on a bent pipe, flux the flow's with its share of
+        them.
 
         Args:
-            q: angles (n,) or redundant coordinates (3 n,); where not given, the configuration of
-                `about`, else the straight pipe.
-
-        Returns:
-            Six matrices, each (dof, dof).
+            q: the configuration; that of `about`, else the straight pipe, where not given.
 
         Raises:
             ValueError: for what misses a constraint or has another shape, or more than 4000 degrees
@@ -465,92 +446,34 @@ class Assembly(Model):
         return linear.angle_basis.spread(np.eye(linear.dof))
 
     def free_directions(self, p: Array) -> Array:
-        """Those of `basis`."""
         return self.basis(p)
 
-    def _linear_at(self, q: ArrayLike | None) -> Linear:
+    def _linear_at(self, q: ArrayLike | None) -> ScenePencil:
         """Small motions about q, or the reference, if dense operators can be made."""
         self._check_dense()
-        return self._linear if q is None else self._linear_about(self._angles_of("q", q))
+        return self.linear if q is None else ScenePencil(self, self._angles_of("q", q))
 
     def elastic_operators(self) -> Operators:
         """The same operators in elastic coordinates, see `pipedyn.models.modular.linearisation`."""
         return self._linear_at(None).operators(np.eye(self.dof))
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        """Degrees of freedom, shape (dof, ...), from elastic coordinates of the same shape.
-
-        Raises:
-            ValueError, TypeError: for z of another shape, or not of finite numbers.
-        """
-        columns = self._columns("z", z)
-        linear = self._linear
-        flat = columns.reshape(self.dof, -1)
-        theta = np.cumsum(linear.joint_angles(flat), axis=0)
+        columns, linear = self._columns("z", z), self.linear
+        theta = np.cumsum(linear.joint_angles(columns.reshape(self.dof, -1)), axis=0)
         result: NDArray[Any] = linear.angle_basis.gather(theta).reshape(columns.shape)
         return result
 
     # -------------------------------------------------------------------------- nonlinear motion
 
     def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
-        """Rate of the state, exact at any amplitude, in O(n).
-
-        The redundant state need not meet the constraints exactly; its accelerations do.
-
-        Args:
-            t: time; nothing depends on it.
-            y: state [q, q'], shape (6 n,), or (6 n, k) for k states.
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
-
-        Returns:
-            dy/dt = [q', q''], of the shape of y; NaN where a direction has lost its inertia.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, or a speed below 0.
-            TypeError: for what is no array of real numbers.
-        """
-        if not self._customs and self._enforcement == "orthonormal":
-            return self.core.rhs(t, y, u)
-        state = check.doubles("y", y, "an array of real numbers")
-        self.core.energy(state)  # checks it
-        return self._accelerations(state, u)
-
-    def _accelerations(self, y: Array, u: Any) -> Array:
-        """`rhs` of checked states."""
-        size = self.coordinates
-        if self._enforcement == "orthonormal":
-            return self.core.rhs(0.0, y, u, self._customs.force(y[:size], y[size:]))
-        rates = np.concatenate([y[size:], np.empty_like(y[:size])])
-        speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
-        for j in np.ndindex(y.shape[1:]):
-            state = y[(slice(None), *j)].copy()
-            rates[(slice(size, None), *j)] = self._enforced(
-                ENFORCEMENTS[self._enforcement], state, float(speeds[j])
-            )
-        return rates
-
-    def _enforced(
-        self, enforce: Callable[[Array, Array, list[Group]], Array], y: Array, u: float
-    ) -> Array:
-        """Accelerations of one state by a dense recursion."""
-        size = self.coordinates
-        mass = matrix(self.core.operators()["mass"], size, size).toarray()
-        force = self.core.forces(y, u) + self._customs.force(y[:size], y[size:])
-        return enforce(mass, force, self._groups(y))
-
-    def _groups(self, y: Array) -> list[Group]:
-        """A_r and b_r of each constraint at a state."""
-        _, triplets, wanted, group = self.core.constraints(y)
-        rows = matrix(triplets, wanted.size, self.coordinates).toarray()
-        return [(rows[group == r], wanted[group == r]) for r in np.unique(group)]
+        return self.motion.rhs(t, y, u)
 
     def projection(self, q: ArrayLike | None = None) -> Array:
         """C_R of the recursion at a configuration: what the constraints leave, group by group.
 
         Args:
-            q: angles (n,) or redundant coordinates (3 n,); where not given, the configuration of
-                `about`, else the straight pipe or, where that misses a constraint, one that does
-                not.
+            q: a configuration; that of `about` where not given, else the straight pipe or, where
+                that misses a constraint, one that does not.
 
         Returns:
             Shape (3 n, dof), with orthonormal columns.
@@ -561,7 +484,7 @@ class Assembly(Model):
         self._check_size(LARGEST_RECURSION)
         theta = self.resting() if q is None else self._angles_of("q", q)
         still = self.core.from_angles(theta, np.zeros_like(theta))
-        return projection(self._groups(still), self.coordinates)[0]
+        return projection(self.motion.groups(still), self.coordinates)[0]
 
     def accelerations(self, y: ArrayLike, u: float, enforcement: str) -> Array:
         """Accelerations q'' by one of the dense recursions, to compare with `rhs`; O(n^3).
@@ -582,130 +505,74 @@ class Assembly(Model):
         u = check.real("u", u, low=0.0, high=1e100)
         self._check_size(LARGEST_RECURSION)
         state = check.array("y", y, size=2 * self.coordinates)
-        return self._enforced(ENFORCEMENTS[name], state, u)
+        return self.motion.enforced(ENFORCEMENTS[name], state, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        """Derivative of `rhs` with respect to the redundant state, analytic, in O(n^2).
-
-        Args:
-            t: time; nothing depends on it.
-            y: state [q, q'], shape (6 n,).
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
-
-        Returns:
-            d(dy/dt)/dy, shape (6 n, 6 n). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
-
-        Raises:
-            ValueError: for another shape, NaN or infinity, a speed below 0, or more than 1300
-                segments.
-            TypeError: for what is no array of real numbers.
-        """
+        """As for `Model.jacobian`, shape (6 n, 6 n), of at most 1300 segments, in O(n^2)."""
         self._check_size(LARGEST_JACOBIAN)
         size = self.coordinates
         state = check.doubles("y", y, "an array of real numbers")
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
-        u = check.real("u", u, low=0.0, high=1e100)
-        self.core.energy(state)  # finite numbers only
+        self.core.power(state, u)  # checks both
         whole = np.zeros((2 * size, 2 * size))
         whole[:size, size:] = np.eye(size)
-        whole[size:] = self._acceleration_jacobian(state, u)
+        whole[size:] = self.motion.acceleration_jacobian(state, float(u))
         return whole
-
-    def _acceleration_jacobian(self, y: Array, u: float) -> Array:
-        return acceleration_jacobian(self.core, self._customs, self._layout.independent_rows, y, u)
 
     # ------------------------------------------------------------------------- what is integrated
 
     def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
-        """[theta, theta'] to integrate from, shape (2 n,), of what `simulate` is given."""
         theta = self._angles_of("q0", q0)
         return np.concatenate([theta, self._rates_of("qdot0", qdot0, theta)])
 
     def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        """Redundant coordinates and rates, (S, 3 n) each, of integrated angles (S, n)."""
         y = self.motion.states(p.T, pdot.T)
         return y[: self.coordinates].T, y[self.coordinates :].T
 
     def resting(self) -> Array:
-        """Angles about which the motion's frequencies are estimated, shape (n,)."""
         return self._layout.rest if self._reference is None else self._reference
 
     def motion_jacobian(self, y: Array, u: float) -> Array:
-        """Derivative of the integrated angles' rates, (2 n, 2 n)."""
-        return self.motion.jacobian(y, u, self._acceleration_jacobian)
+        return self.motion.jacobian(y, u)
 
     # ---------------------------------------------------------------------------------- geometry
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        """Centreline (x, y) at arc lengths s, shape (len(s), 2).
-
-        Args:
-            q: angles (n,) or redundant coordinates (3 n,), whose nodes are joined as they stand.
-            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
-
-        Raises:
-            ValueError: for coordinates or arc lengths out of range or of another shape.
-        """
         rows = self._rows("q", q, (self.moving, self.coordinates))
         at, base = arc_lengths(s), self._layout.base
+        # Of redundant coordinates the nodes are joined as they stand.
         places = self._configuration(rows) if rows.size == self.moving else rows
         nodes = np.stack([places[0::3], places[1::3]], axis=1)
-        line = self._along(np.diff(nodes, axis=0, prepend=[[0.0, base]]), at)
+        steps = np.diff(nodes, axis=0, prepend=[[0.0, base]])
+        line = along(steps, base, self._layout.lengths, at)
         line[:, 1] += np.minimum(at, base)
         return line
 
     def tips(self, q: ArrayLike) -> Array:
-        """Positions (x, y) of the free end, shape (k, 2), for k configurations, (3 n, k)."""
-        rows = self._configurations("q", q)
-        tips: Array = rows[-3:-1].T
-        return tips.copy()
+        return np.array(self._configurations("q", q)[-3:-1].T)
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end in L / T, (k, 2), for k states, (3 n, k) each."""
         _, rates = self._moving_columns(q, qdot)
-        velocities: Array = rates[-3:-1].T
-        return velocities.copy()
+        return np.array(rates[-3:-1].T)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """Redundant coordinates of a bent pipe, shape (3 n,): theta(s) at the segments' middles.
-
-        Where guides and pins are there, of angles close to these that meet them.
-
-        Args:
-            angle: theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+        """As for `Model.bent`, of theta(s) at the segments' middles or close to it.
 
         Raises:
-            TypeError: if angle is no function.
-            ValueError: if it gives another shape, or no finite numbers.
-            NotConverged: if no angles close to these meet the constraints.
+            NotConverged: if no angles close to these meet guides and pins.
+            ValueError, TypeError: as for `Model.bent`.
         """
         ends = self._layout.ends
         theta = self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
         return self._configuration(self.closed(theta))
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        """Transverse displacement along x for small motions at arc lengths s.
-
-        Args:
-            q: degrees of freedom as those of `operators`, real or complex, (dof,) or (dof, k).
-            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
-
-        Returns:
-            Displacements, shape (p,) or (p, k).
-
-        Raises:
-            ValueError, TypeError: for coordinates or arc lengths that are not such.
-        """
-        at = arc_lengths(s)
+        at, linear, layout = arc_lengths(s), self.linear, self._layout
         given = self._displaced(q, at.size)
-        linear = self._linear
         theta = linear.angle_basis.spread(given.reshape(self.dof, -1))
-        moved = self._along(linear.tree.across * theta, at)
+        moved = along(linear.tree.across * theta, layout.base, layout.lengths, at)
         return moved.reshape(at.size, *given.shape[1:])
-
-    def _along(self, steps: NDArray[Any], s: Array) -> NDArray[Any]:
-        return along(steps, self._layout.base, self._layout.lengths, s)
 
     # ----------------------------------------------------------------------------------- arguments
 
@@ -755,8 +622,8 @@ class Assembly(Model):
         worst = int(np.argmax(np.abs(residual)))
         if not abs(residual[worst]) <= most:
             raise ValueError(
-                f"{rule} {described(self.constraints[int(group[worst])])}, got "
-                f"{abs(residual[worst]):.1e} beside it; closed(angles) gives angles that meet all"
+                f"{rule} {described(self.constraints[int(group[worst])])}, got a deviation of "
+                f"{abs(residual[worst]):.1e}; closed(angles) gives angles that meet all"
             )
 
 
@@ -781,9 +648,3 @@ def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ..
     if len(parts) > 10 * LARGEST_CHAIN:
         raise ValueError(f"{name} must be at most {10 * LARGEST_CHAIN}, got {len(parts)}")
     return parts
-
-
-def _with_terms(pipe: Pipe, parts: Iterable[Any]) -> Pipe:
-    """The pipe with the terms among the parts added to its own."""
-    terms = tuple(part for part in parts if isinstance(part, Term))
-    return replace(pipe, terms=(*pipe.terms, *terms)) if terms else pipe

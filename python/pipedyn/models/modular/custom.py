@@ -15,7 +15,7 @@ from pipedyn.models.modular.parts import Custom, Function
 from pipedyn.util.check import Array
 
 COMPLEX_STEP = 1e-30
-"""A complex step has no difference that cancels; its square must vanish beside any number."""
+"""A complex step has no difference that cancels; its square is lost next to any number."""
 
 STRIDE = 1e-3
 """Step of the differences of a complex-step gradient: of order 4, they err by some 1e-12."""
@@ -28,7 +28,6 @@ The differences err by some 1e-10; a wrong derivative seldom agrees to four digi
 
 TRIAL_SIZES = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
 """Displacements at which functions are checked, in L and rad: both sides of a wall show there."""
-
 
 MASSLESS = 1e-10
 """Inertia below this share of a coordinate's own is what rounding leaves of a semidefinite one."""
@@ -82,24 +81,19 @@ class CustomForce:
 
     def by_q(self, q: Array, qdot: Array) -> Array:
         """Derivative of the force by the coordinates, shape (k, k)."""
-        if self.module.force_by_q is None and self.module.force is None:
+        if self.module.force_by_q is not None:
+            return np.array(self._call("force_by_q", (q.size, q.size), q, qdot))
+        if self.module.force is None:
             return -_differences(self._gradient, q, STRIDE * (1.0 + np.abs(q)))
-        return self._derivative("force_by_q", (q, qdot), lambda z: (z, qdot), q)
+        return self._complex_step("force", q.shape, lambda z: (z, qdot), q)
 
     def by_qdot(self, q: Array, qdot: Array) -> Array:
         """Derivative of the force by the rates, shape (k, k)."""
         if self.module.force is None:
             return np.zeros((q.size, q.size))
-        return self._derivative("force_by_qdot", (q, qdot), lambda z: (q, z), qdot)
-
-    def _derivative(
-        self, name: str, state: tuple[Array, Array], arguments: Function, at: Array
-    ) -> Array:
-        """What the module gives under the name, or the force's derivative by complex step."""
-        if getattr(self.module, name) is None:
-            return self._complex_step("force", at.shape, arguments, at)
-        given: Array = self._call(name, (at.size, at.size), *state)
-        return given
+        if self.module.force_by_qdot is not None:
+            return np.array(self._call("force_by_qdot", (q.size, q.size), q, qdot))
+        return self._complex_step("force", q.shape, lambda z: (q, z), qdot)
 
     def _gradient(self, q: Array) -> Array:
         if self.module.energy is None:
@@ -138,39 +132,34 @@ class CustomForce:
         return answer.astype(np.complex128 if kind == "c" else np.float64)
 
     def validate(self, q: Array) -> None:
-        """Calls every function and compares derivatives with differences.
+        """Calls every function near q and compares derivatives with differences.
 
-        Args:
-            q: the coordinates that it touches, near which the scene will be.
-
-        Raises:
-            ValueError, TypeError: for what returns another shape, or no finite numbers, or
-                derivatives that are not those of the function.
+        Raises ValueError or TypeError for what returns another shape, or no finite numbers, or
+        derivatives that are not those of the function.
         """
+        rates = 0.1 * np.sin(1.0 + self.index)
         with warnings.catch_warnings():
             warnings.simplefilter("error", np.exceptions.ComplexWarning)  # an imaginary part lost
             for size in TRIAL_SIZES:
-                self._validate_at(q + size * np.cos(1.0 + self.index), size == TRIAL_SIZES[0])
+                self._validate_at(
+                    q + size * np.cos(1.0 + self.index), rates, size == TRIAL_SIZES[0]
+                )
 
-    def _validate_at(self, q: Array, must_be_finite: bool) -> None:
-        rates = 0.1 * np.sin(1.0 + self.index)
+    def _validate_at(self, q: Array, rates: Array, must_be_finite: bool) -> None:
         energy, force = self.energy(q), self.force(q, rates)
         if not (np.isfinite(force).all() and np.isfinite(energy)):
             if must_be_finite:
                 raise ValueError(f"{self.module.name} must give finite forces and energies")
             return  # a place that it is not made for
+        name, by = self.module.name, "must be the force's derivative"
         if self.module.energy is not None:
-            rule = "energy of {} must have its gradient by complex step"
+            rule = f"energy of {name} must have its gradient by complex step"
             self._compare(rule, self._gradient(q), self.energy, q, energy)
-        largest = float(np.abs(force).max(initial=0.0))
-        rule = "{} of {{}} must be the force's derivative"
-        given = self.by_q(q, rates), self.by_qdot(q, rates)
-        self._compare(
-            rule.format("force_by_q"), given[0], lambda z: self.force(z, rates), q, largest
-        )
-        self._compare(
-            rule.format("force_by_qdot"), given[1], lambda z: self.force(q, z), rates, largest
-        )
+        largest = float(np.abs(force).max())
+        rule = f"force_by_q of {name} {by}"
+        self._compare(rule, self.by_q(q, rates), lambda z: self.force(z, rates), q, largest)
+        rule = f"force_by_qdot of {name} {by}"
+        self._compare(rule, self.by_qdot(q, rates), lambda z: self.force(q, z), rates, largest)
 
     def _compare(self, rule: str, given: Array, function: Function, at: Array, size: float) -> None:
         """Raises ValueError unless the derivative given is the function's."""
@@ -180,7 +169,7 @@ class CustomForce:
         size = abs(size) + float(np.abs(measured).max(initial=0.0))
         if not np.abs(given - measured).max(initial=0.0) <= AGREEMENT * size + 1e-8:
             raise ValueError(
-                f"{rule.format(self.module.name)}, by differences "
+                f"{rule}, by differences "
                 f"{np.array2string(measured, precision=4)}, got "
                 f"{np.array2string(given, precision=4)} (functions that are not analytic, such as "
                 "abs, have no complex step)"

@@ -25,7 +25,7 @@ section 5.2, for the diffuse start.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -38,21 +38,18 @@ RANK = 1e-10
 Group = tuple[Array, Array]
 """A_r, shape (m, N), and b_r, shape (m,)."""
 
+Enforce = Callable[[Array, Array, Sequence[Group]], Array]
+"""Accelerations of M, shape (N, N), symmetric and positive semidefinite, f and the groups."""
+
 
 class Mechanism(PipedynError):
     """A scene that can move in some direction without inertia."""
 
 
 def projection(groups: Sequence[Group], size: int) -> tuple[Array, Array]:
-    """C_R and p: what the constraints leave free, group by group.
+    """C_R, shape (N, dof), and p, shape (N,): what the constraints leave free, group by group.
 
-    Args:
-        groups: A_r and b_r, in the order in which they are enforced.
-        size: number N of redundant coordinates.
-
-    Returns:
-        C_R, shape (N, dof), with orthonormal columns; p, shape (N,), of all that meet the
-        constraints the one that each group adds least to.
+    The columns of C_R are orthonormal; of all p that meet the constraints each group adds least.
     """
     basis, particular = np.eye(size), np.zeros(size)
     for rows, wanted in groups:
@@ -65,18 +62,9 @@ def projection(groups: Sequence[Group], size: int) -> tuple[Array, Array]:
 
 
 def by_orthonormal_basis(mass: Array, force: Array, groups: Sequence[Group]) -> Array:
-    """Accelerations q'' by the recursive orthonormal basis.
+    """Accelerations q'', shape (N,), by the recursive orthonormal basis.
 
-    Args:
-        mass: M, shape (N, N), symmetric and positive semidefinite.
-        force: f, shape (N,).
-        groups: A_r and b_r.
-
-    Returns:
-        Shape (N,).
-
-    Raises:
-        Mechanism: if a direction that is left free has no inertia.
+    Raises `Mechanism` where a direction that is left free has no inertia.
     """
     basis, particular = projection(groups, force.size)
     reduced = basis.T @ mass @ basis
@@ -90,10 +78,7 @@ def by_orthonormal_basis(mass: Array, force: Array, groups: Sequence[Group]) -> 
 
 
 def by_udwadia_kalaba(mass: Array, force: Array, groups: Sequence[Group]) -> Array:
-    """Accelerations q'' by recursive Udwadia-Kalaba with an exact start for a singular mass.
-
-    Args, Returns, Raises: as for `by_orthonormal_basis`.
-    """
+    """The same by recursive Udwadia-Kalaba with an exact start for a singular mass."""
     values, vectors = np.linalg.eigh(mass)
     light = values <= RANK * values[-1]
     heavy = vectors[:, ~light]
@@ -143,3 +128,10 @@ def _pseudo_inverse(matrix: Array, size: float) -> Array:
     good = values > RANK * size
     inverse: Array = vectors[:, good] @ (vectors[:, good] / values[good]).T
     return inverse
+
+
+ENFORCEMENTS: dict[str, Enforce] = {
+    "orthonormal": by_orthonormal_basis,
+    "udwadia-kalaba": by_udwadia_kalaba,
+}
+"""The dense recursions by name; the default route does the first in O(n)."""

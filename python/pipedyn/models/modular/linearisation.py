@@ -18,9 +18,8 @@ segment: a band of a few diagonals unless a custom module ties far nodes togethe
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
@@ -29,12 +28,14 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from pipedyn.models.base import Operators
+from pipedyn.models.chain import elastic_scale
+from pipedyn.models.pencil import Pencil
 from pipedyn.util.band import Rows, band_solver
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
-Entries = list[tuple[Any, Any, Any]]
-"""Rows, columns and values of a sparse matrix, in parts."""
+if TYPE_CHECKING:
+    from pipedyn.models.modular.assembly import Assembly
 
 WIDEST_BAND = 60
 """Diagonals up to which a band solver is used, beyond it a sparse one.
@@ -46,30 +47,20 @@ DEPENDENT = 1e-9
 """Guides and pins that depend on the others to this, well above rounding, are redundant."""
 
 
-@dataclass(frozen=True)
-class SceneMatrices:
-    """What the modules are to small motions, in redundant coordinates; each (3 n, 3 n), sparse.
+def matrix(triplets: Any, rows: int, columns: int) -> Any:
+    """A sparse matrix by rows from (rows, columns, values); what meets adds up."""
+    row, column, values = triplets
+    return sparse.coo_array((values, (row, column)), shape=(rows, columns)).tocsr()
 
-    Attributes:
-        mass, gyroscopic, end_flux, damping, stiffness, flux: as in `Operators`; stiffness without
-            the torsional springs, damping with everything but the flow.
-        springs: torsional stiffness by joints, shape (n,).
-        force: of modules at rest without flow, shape (3 n,).
-        thrust: its derivative by a u^2, shape (3 n,).
-        direction, centrifugal: s and a of the pipe.
-    """
 
-    mass: Any
-    gyroscopic: Any
-    end_flux: Any
-    damping: Any
-    stiffness: Any
-    flux: Any
-    springs: Array
-    force: Array
-    thrust: Array
-    direction: float
-    centrifugal: float
+def independent(columns: Array, tolerance: float = DEPENDENT) -> NDArray[np.intp]:
+    """Which columns depend on none of the others chosen, by QR with pivoting."""
+    if columns.shape[1] == 0:
+        return np.zeros(0, dtype=np.intp)
+    _, r, order = scipy.linalg.qr(columns, mode="economic", pivoting=True)
+    size = np.abs(np.diag(r))
+    rank = int(np.sum(size > tolerance * max(float(size[0]), 1e-300)))
+    return np.sort(order[:rank]).astype(np.intp)
 
 
 class Reflections:
@@ -81,41 +72,28 @@ class Reflections:
 
     def __init__(self, b: Array) -> None:
         self.count = b.shape[1]
-        if self.count == 0:
-            return
-        (packed, tau), _ = scipy.linalg.qr(b, mode="raw")
-        self.vectors = np.tril(packed, -1)[:, : self.count]
-        self.vectors[np.arange(self.count), np.arange(self.count)] = 1.0
-        self.small = np.zeros((self.count, self.count))
-        for i in range(self.count):
-            self.small[i, i] = tau[i]
-            across = self.vectors[:, :i].T @ self.vectors[:, i]
-            self.small[:i, i] = -tau[i] * (self.small[:i, :i] @ across)
+        if self.count:
+            (self.packed, self.tau), _ = scipy.linalg.qr(b, mode="raw")
+
+    def _product(self, x: Rows, transposed: str) -> Rows:
+        kind = np.complex128 if np.iscomplexobj(x) else np.float64
+        pairs = np.ascontiguousarray(x, dtype=kind).view(np.float64)  # of a complex column two
+        work = 64 * max(1, pairs.shape[1])  # blocks of LAPACK's usual size
+        product, _, _ = scipy.linalg.lapack.dormqr(
+            "L", transposed, self.packed, self.tau, pairs, work
+        )
+        result: Rows = np.ascontiguousarray(product).view(kind)
+        return result
 
     def spread(self, x: Rows) -> Rows:
         """Z x, shape (n, r), from (n - c, r)."""
         if self.count == 0:
             return x
-        full = np.concatenate([np.zeros((self.count, *x.shape[1:]), dtype=x.dtype), x])
-        result: Rows = full - self.vectors @ (self.small @ (self.vectors.T @ full))
-        return result
+        return self._product(np.pad(x, ((self.count, 0), (0, 0))), "N")
 
     def gather(self, x: Rows) -> Rows:
         """Z^T x, shape (n - c, r), from (n, r)."""
-        if self.count == 0:
-            return x
-        result: Rows = x - self.vectors @ (self.small.T @ (self.vectors.T @ x))
-        return result[self.count :]
-
-
-def independent(columns: Array, tolerance: float = DEPENDENT) -> NDArray[np.intp]:
-    """Which columns depend on none of the others chosen, by QR with pivoting."""
-    if columns.shape[1] == 0:
-        return np.zeros(0, dtype=np.intp)
-    _, r, order = scipy.linalg.qr(columns, mode="economic", pivoting=True)
-    size = np.abs(np.diag(r))
-    rank = int(np.sum(size > tolerance * max(float(size[0]), 1e-300)))
-    return np.sort(order[:rank]).astype(np.intp)
+        return self._product(x, "T")[self.count :] if self.count else x
 
 
 def _beyond(rows: Rows) -> Rows:
@@ -132,14 +110,13 @@ class Tree:
     """
 
     def __init__(self, lengths: Array, theta: Array) -> None:
-        self.size = lengths.size
         self.across = (lengths * np.cos(theta))[:, None]  # l n_x = l t_y
         self.along = (lengths * np.sin(theta))[:, None]  # l t_x = -l n_y
 
     def spread(self, phi: Rows) -> Rows:
         """T phi, shape (3 n, r)."""
         theta = np.cumsum(phi, axis=0)
-        rows = np.empty((3 * self.size, phi.shape[1]), dtype=phi.dtype)
+        rows = np.empty((3 * phi.shape[0], phi.shape[1]), dtype=phi.dtype)
         rows[0::3] = np.cumsum(self.across * theta, axis=0)
         rows[1::3] = -np.cumsum(self.along * theta, axis=0)
         rows[2::3] = phi
@@ -156,145 +133,138 @@ class Tree:
         return result
 
     def stiffening(self, force: Array) -> Array:
-        """Geometric stiffness in dtheta of forces on nodes, shape (n, 1) from (3 n,)."""
-        stiffness: Array = self.along[:, 0] * _beyond(force[0::3])
-        return (stiffness + self.across[:, 0] * _beyond(force[1::3]))[:, None]
+        """Geometric stiffness in dtheta of forces on nodes, shape (n, 1) from (3 n, 1)."""
+        stiffness: Array = self.along * _beyond(force[0::3]) + self.across * _beyond(force[1::3])
+        return stiffness
 
 
-class Linear:
-    """Operators of small motions, in elastic coordinates zeta, shape (dof,).
+class ScenePencil(Pencil):
+    """P(lambda) of small motions about a configuration, in elastic coordinates zeta, shape (dof,).
 
     Args:
-        tree: displacements about the configuration.
-        parts: what the modules are there.
-        scale: joint angle of one elastic coordinate, shape (n,).
-        given: redundant coordinates that guides and pins hold, shape (c,).
+        model: the scene.
+        theta: angles of the segments that meet guides and pins, shape (n,); the scene's reference
+            where not given.
     """
 
-    def __init__(
-        self, tree: Tree, parts: SceneMatrices, scale: Array, given: NDArray[np.intp]
-    ) -> None:
-        self.tree, self.parts = tree, parts
-        self.scale = scale[:, None]
-        n = tree.size
-        held = np.zeros((3 * n, given.size))
-        held[given, np.arange(given.size)] = 1.0
+    def __init__(self, model: Assembly, theta: Array | None = None) -> None:
+        super().__init__(model)
+        theta = model.reference if theta is None else theta
+        motion = model.motion
+        layout, core = motion.layout, motion.core
+        size = core.coordinates
+        self.tree = tree = Tree(layout.lengths, theta)
+        self.springs = layout.springs
+        self.scale = elastic_scale(self.springs)[:, None]
+        still = core.from_angles(theta, np.zeros_like(theta))
+        force, by_q, by_rate = motion.forces(still, 0.0)
+        in_joints = np.zeros(size)
+        in_joints[2::3] = self.springs
+        # In redundant coordinates; the stiffness without the torsional springs.
+        self.parts = {name: matrix(of, size, size) for name, of in core.operators().items()}
+        flow = self.parts["velocity"]
+        self.parts["gyroscopic"], self.parts["end_flux"] = (
+            0.5 * (flow - flow.T),
+            0.5 * (flow + flow.T),
+        )
+        self.parts["damping"] = -by_rate
+        self.parts["stiffness"] = -by_q - sparse.diags_array(in_joints)
+        thrust = np.zeros(size)  # derivative of the force by a u^2
+        if layout.has_flow:
+            thrust[-3:-1] = -np.sin(theta[-1]), -np.cos(theta[-1])
+
+        held = layout.unit_loads
         rows = self.scale * tree.gather(held)
         chosen = independent(rows)
-        self.held, held, rows = given[chosen], held[:, chosen], rows[:, chosen]
+        self.held = layout.held[chosen]
+        held, rows = held[:, chosen], rows[:, chosen]
+        self.dof = layout.size - chosen.size
         self.basis = Reflections(rows)
         # The same for the angles theta: coordinates of the operators that users see.
-        moments = tree.gather_angles(held)
-        self.angle_basis = Reflections(moments)
-        self.dof = n - self.held.size
-        self.elastic = (parts.springs * scale**2)[:, None]
-        self.residuals, stiffening = [], []
-        for force in (parts.force, parts.thrust):
-            loads = self.scale[:, 0] * tree.gather(force[:, None])[:, 0]
-            multipliers = -np.linalg.lstsq(rows, loads)[0] if chosen.size else np.zeros(0)
-            self.residuals.append(self.basis.gather(loads))
-            stiffening.append(tree.stiffening(force + held @ multipliers))
+        self.angle_basis = Reflections(tree.gather_angles(held))
+        residuals, stiffening = [], []
+        for of in (force[:, None], thrust[:, None]):
+            loads = self.scale * tree.gather(of)
+            multipliers = -np.linalg.lstsq(rows, loads)[0] if chosen.size else np.zeros((0, 1))
+            residuals.append(self.basis.gather(loads))
+            stiffening.append(tree.stiffening(of + held @ multipliers))
+        self.residual, self.residual_by_thrust = residuals
         self.stiffening, self.stiffening_by_thrust = stiffening
-        self._factors: tuple[Any, ...] | None = None
+        self.mass, self.damping, self.flux = (
+            partial(self.product, name) for name in ("mass", "damping", "flux")
+        )
 
     def unbalanced(self, u: float) -> Array:
-        """Force at rest that nothing balances, shape (dof,); 0 at an equilibrium."""
-        result: Array = self.residuals[0] + self.parts.centrifugal * u**2 * self.residuals[1]
-        return result
+        """Force at rest that nothing balances, shape (dof, 1); 0 at an equilibrium."""
+        return self.residual + self.centrifugal * u**2 * self.residual_by_thrust
 
     def joint_angles(self, zeta: Rows) -> Rows:
         """Phi, shape (n, r)."""
         result: Rows = self.scale * self.basis.spread(zeta)
         return result
 
-    def _product(self, matrix: Any, zeta: Rows) -> Rows:
-        rows = matrix @ self.tree.spread(self.joint_angles(zeta))
-        return self.basis.gather(self.scale * self.tree.gather(rows))
-
-    def _bending(self, stiffening: Array, zeta: Rows) -> Rows:
-        theta = np.cumsum(self.joint_angles(zeta), axis=0)
-        return self.basis.gather(self.scale * _beyond(stiffening * theta))
-
-    def mass(self, zeta: Rows) -> Rows:
-        """M zeta."""
-        return self._product(self.parts.mass, zeta)
-
-    def gyroscopic(self, zeta: Rows) -> Rows:
-        """G zeta."""
-        return self._product(self.parts.gyroscopic, zeta)
-
-    def end_flux(self, zeta: Rows) -> Rows:
-        """F zeta."""
-        return self._product(self.parts.end_flux, zeta)
-
-    def damping(self, zeta: Rows) -> Rows:
-        """D zeta."""
-        return self._product(self.parts.damping, zeta)
-
-    def stiffness(self, zeta: Rows) -> Rows:
-        """K zeta, torsional springs, other modules and forces at rest."""
-        springs = self.basis.gather(self.elastic * self.basis.spread(zeta))
-        result: Rows = springs + self._others(zeta)
+    def product(self, name: str, zeta: Rows) -> Rows:
+        """One of the operators times zeta, by its name; of the stiffness all but the springs."""
+        phi = self.joint_angles(zeta)
+        rows = self.parts[name] @ self.tree.spread(phi)
+        result: Rows = self.basis.gather(self.scale * self.tree.gather(rows))
+        if name in ("stiffness", "flux"):
+            geometric = self.stiffening if name == "stiffness" else self.stiffening_by_thrust
+            moments = _beyond(geometric * np.cumsum(phi, axis=0))
+            result = result + self.basis.gather(self.scale * moments)
         return result
 
-    def _others(self, zeta: Rows) -> Rows:
-        """What K zeta has beside the torsional springs."""
-        modules = self._product(self.parts.stiffness, zeta)
-        result: Rows = modules + self._bending(self.stiffening, zeta)
+    def velocity(self, x: Rows) -> Rows:
+        return self.direction * self.product("velocity", x)
+
+    def stiffness(self, x: Rows) -> Rows:
+        elastic = self.springs[:, None] * self.scale**2
+        springs = self.basis.gather(elastic * self.basis.spread(x))
+        result: Rows = springs + self.product("stiffness", x)
         return result
 
     @cached_property
     def added(self) -> float:
-        """Norm of what K has beside the torsional springs, to some ten per cent."""
+        """Norm of what K has besides the torsional springs, to some ten per cent."""
         zeta = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
         norm = 0.0
         for _ in range(12):
             zeta /= np.linalg.norm(zeta)
-            zeta = self._others(zeta)
+            zeta = self.product("stiffness", zeta)
             norm = float(np.linalg.norm(zeta))
             if norm == 0.0:
                 break
         return norm
 
-    def flux(self, zeta: Rows) -> Rows:
-        """A zeta."""
-        result: Rows = self._product(self.parts.flux, zeta)
-        return result + self._bending(self.stiffening_by_thrust, zeta)
-
     def operators(self, zeta: Array) -> Operators:
         """Dense matrices in coordinates of which zeta, shape (dof, dof), are the columns."""
-        mass, gyroscopic, end_flux, damping, stiffness, flux = (
-            zeta.T @ product(zeta)
-            for product in (
-                *(self.mass, self.gyroscopic, self.end_flux),
-                *(self.damping, self.stiffness, self.flux),
-            )
+        mass, gyroscopic, end_flux, damping, flux = (
+            zeta.T @ self.product(name, zeta)
+            for name in ("mass", "gyroscopic", "end_flux", "damping", "flux")
         )
         return Operators(
             *(0.5 * (mass + mass.T), 0.5 * (gyroscopic - gyroscopic.T)),
-            *(0.5 * (end_flux + end_flux.T), damping, stiffness, flux),
-            *(self.parts.direction, self.parts.centrifugal),
+            *(0.5 * (end_flux + end_flux.T), damping, zeta.T @ self.stiffness(zeta), flux),
+            *(self.direction, self.centrifugal),
         )
 
     def factor(self, value: complex, u: float) -> Callable[..., Rows]:
-        """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose, O(n)."""
-        if self._factors is None:
-            self._factors = self._assembled()
-        size, row, column, constant, mass, velocity, damping, stiffness, flux = self._factors
-        data = constant + value**2 * mass + value * (u * velocity + damping) + stiffness
-        data = data + self.parts.centrifugal * u**2 * flux
+        places, row, column, data = self._system
+        constant, mass, velocity, damping, stiffness, flux = data
+        entries = constant + value**2 * mass + value * (u * velocity + damping) + stiffness
+        entries = entries + self.centrifugal * u**2 * flux
         if np.imag(value) == 0.0:
-            data = data.real
-        solve_sparse = factored(size, row, column, data)
-        phi, moment = self._places[:, 0], self._places[:, 3]
+            entries = entries.real
+        solve_sparse = factored(places.size, row, column, entries)
+        n = self.scale.size
+        phi, moment = places[:n], places[3 * n : 4 * n]
 
         def solve(rows: Rows, adjoint: bool = False) -> Rows:
             loads = self.basis.spread(rows) / self.scale
-            right = np.zeros((size, loads.shape[1]), dtype=np.result_type(loads, data))
+            right = np.zeros((places.size, loads.shape[1]), dtype=np.result_type(loads, entries))
             if adjoint:
                 right[phi] = loads
-                found = solve_sparse(right, True)[moment]
-                dual = np.diff(found, axis=0, prepend=np.zeros((1, found.shape[1])))
+                dual = np.diff(solve_sparse(right, True)[moment], axis=0, prepend=0.0)
                 return self.basis.gather(dual / self.scale)
             right[moment] = loads
             right[moment[:-1]] -= loads[1:]
@@ -302,76 +272,68 @@ class Linear:
 
         return solve
 
-    def _assembled(self) -> tuple[Any, ...]:
-        """Rows and columns of the sparse system with the entries of each operator there."""
-        n, parts, tree = self.tree.size, self.parts, self.tree
-        # Unknowns phi, theta, x, y, f_x, f_y of each segment and the multipliers at its node; the
-        # equations have the places: angle, node x, node y, moment, force x, force y, held.
-        at_node = np.bincount(self.held // 3, minlength=n)
-        first = 6 * np.arange(n) + np.concatenate([[0], np.cumsum(at_node)[:-1]])
-        self._places = place = first[:, None] + np.arange(6)
-        size = 6 * n + self.held.size
-        angle, node_x, node_y, moment, force_x, force_y = place.T
-        phi, theta, x, y, beyond_x, beyond_y = place.T
-        one = np.ones(n)
-        across, along = tree.across[:, 0], tree.along[:, 0]
-        fixed: Entries = [
-            (angle, theta, one),
-            (angle[1:], theta[:-1], -one[1:]),
-            (angle, phi, -one),
-            *((row, c, one) for row, c in ((node_x, x), (node_y, y))),
-            *((row[1:], c[:-1], -one[1:]) for row, c in ((node_x, x), (node_y, y))),
-            (node_x, theta, -across),
-            (node_y, theta, along),
-            *((row, c, one) for row, c in ((force_x, beyond_x), (force_y, beyond_y))),
-            *((row[:-1], c[1:], -one[1:]) for row, c in ((force_x, beyond_x), (force_y, beyond_y))),
-            (moment, beyond_x, across),
-            (moment, beyond_y, -along),
-        ]
-        for i in np.argsort(self.held, kind="stable"):
-            j, axis = divmod(int(self.held[i]), 3)
-            own = first[j] + 5 + at_node[j]
-            at_node[j] -= 1
-            fixed.append(([own], [place[j, 2 + axis]], [1.0]))
-            fixed.append(([place[j, 4 + axis]], [own], [-1.0]))
+    @cached_property
+    def _system(self) -> tuple[NDArray[np.intp], NDArray[Any], NDArray[Any], Array]:
+        """The sparse system: places of the unknowns, and rows, columns and values of its entries.
 
-        # Rows of nodes enter the force balance, those of joints two moments.
-        row_x, row_y, row_phi = np.arange(3 * n).reshape(n, 3).T
-        balance: Entries = [
-            *((force_x, row_x, -one), (force_y, row_y, -one), (moment, row_phi, one)),
-            (moment[:-1], row_phi[1:], -one[1:]),
-        ]
-        equations = _sparse(balance, size, 3 * n)
-        unknowns = _sparse([(row_x, x, one), (row_y, y, one), (row_phi, phi, one)], 3 * n, size)
-        springs = np.zeros(3 * n)
-        springs[2::3] = parts.springs
-        mass, velocity, damping, stiffness, flux = (
-            equations @ of @ unknowns
-            for of in (
-                *(parts.mass, parts.direction * (parts.gyroscopic + parts.end_flux)),
-                *(parts.damping, parts.stiffness + sparse.diags_array(springs), parts.flux),
-            )
+        Unknowns (phi, theta, x, y, f_x, f_y, multipliers) and equations (angles, nodes along x and
+        y, moments, forces along x and y, what is held) are listed one kind after the other and take
+        their places segment after segment. Values: of what no operator changes, mass, velocity,
+        damping, stiffness and flux, a row each.
+        """
+        n, tree, parts = self.scale.size, self.tree, self.parts
+        one = sparse.eye_array(n)
+        step = one - sparse.eye_array(n, k=-1)  # from a node or segment to the next
+        across, along = (sparse.diags_array(of[:, 0]) for of in (tree.across, tree.along))
+        node, axis = np.divmod(self.held, 3)
+        place = np.arange(node.size), node
+        held = [sparse.coo_array((1.0 * (axis == a), place), (node.size, n)) for a in (0, 1)]
+        constant = sparse.block_array(
+            [
+                [-one, step, None, None, None, None, None],
+                [None, -across, step, None, None, None, None],
+                [None, along, None, step, None, None, None],
+                [None, None, None, None, across, -along, None],
+                [None, None, None, None, step.T, None, -held[0].T],
+                [None, None, None, None, None, step.T, -held[1].T],
+                [None, None, *held, None, None, None],
+            ]
         )
-        stiffness = stiffness + _sparse([(moment, theta, self.stiffening[:, 0])], size, size)
-        flux = flux + _sparse([(moment, theta, self.stiffening_by_thrust[:, 0])], size, size)
-        matrices = [
-            sparse.coo_array(of)
-            for of in (_sparse(fixed, size, size), mass, velocity, damping, stiffness, flux)
+        size, at = constant.shape[0], np.arange(n)
+        # Rows of nodes enter the balance of forces, those of joints two moments.
+        x, y, phi = np.arange(3 * n).reshape(n, 3).T
+        unknowns = matrix(
+            (np.r_[x, y, phi], np.r_[2 * n + at, 3 * n + at, at], np.ones(3 * n)), 3 * n, size
+        )
+        rows = np.r_[4 * n + at, 5 * n + at, 3 * n + at, 3 * n + at[:-1]]
+        signs = np.repeat([-1.0, -1.0, 1.0, -1.0], [n, n, n, n - 1])
+        equations = matrix((rows, np.r_[x, y, phi, phi[1:]], signs), size, 3 * n)
+        in_joints = matrix((phi, phi, self.springs), 3 * n, 3 * n)
+
+        def geometric(stiffening: Array) -> Any:
+            return matrix((3 * n + at, n + at, stiffening[:, 0]), size, size)
+
+        matrices = [constant] + [
+            equations @ of @ unknowns + more
+            for of, more in (
+                (parts["mass"], 0),
+                (self.direction * parts["velocity"], 0),
+                (parts["damping"], 0),
+                (parts["stiffness"] + in_joints, geometric(self.stiffening)),
+                (parts["flux"], geometric(self.stiffening_by_thrust)),
+            )
         ]
-        # One list of places serves all operators.
-        keys = [of.col.astype(np.int64) * size + of.row for of in matrices]
+        places = np.empty(size, dtype=np.intp)
+        places[np.argsort(np.r_[np.tile(at, 6), node], kind="stable")] = np.arange(size)
+        # One list of entries serves all.
+        entries = [sparse.coo_array(of) for of in matrices]
+        keys = [places[of.col] * size + places[of.row] for of in entries]
         pattern = np.unique(np.concatenate(keys))
         data = np.zeros((len(keys), pattern.size))
-        for values, key, of in zip(data, keys, matrices, strict=True):
+        for values, key, of in zip(data, keys, entries, strict=True):
             values[np.searchsorted(pattern, key)] = of.data
         column, row = np.divmod(pattern, size)
-        return (size, row, column, *data)
-
-
-def _sparse(entries: Entries, rows: int, columns: int) -> Any:
-    """A sparse matrix by rows; what meets adds up."""
-    row, column, values = (np.concatenate(part) for part in zip(*entries, strict=True))
-    return sparse.coo_array((values, (row, column)), shape=(rows, columns)).tocsr()
+        return places, row, column, data
 
 
 def factored(
@@ -390,13 +352,11 @@ def factored(
     except RuntimeError:  # exactly singular
         factors = splu(matrix + np.finfo(float).eps * sparse.eye_array(size, format="csc"))
 
-    real = not np.iscomplexobj(data)
-
-    def by_sparse(rows: Rows, adjoint: bool) -> Rows:
-        if real and np.iscomplexobj(rows):
-            return by_sparse(rows.real, adjoint) + 1j * by_sparse(rows.imag, adjoint)
+    def solve(rows: Rows, adjoint: bool) -> Rows:
+        if data.dtype.kind == "f" and np.iscomplexobj(rows):
+            return solve(rows.real, adjoint) + 1j * solve(rows.imag, adjoint)
         right = np.ascontiguousarray(rows, dtype=data.dtype)
         solution: Rows = factors.solve(right, trans="H" if adjoint else "N")
         return solution
 
-    return by_sparse
+    return solve

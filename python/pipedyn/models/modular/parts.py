@@ -8,6 +8,7 @@ mass or a spring to the axis, is a term of the pipe: see `pipedyn.models.terms`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
@@ -19,30 +20,39 @@ from pipedyn.models.chain import LARGEST_CHAIN
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
-STIFFEST = 1e15
-"""Largest stiffness of a joint, as of a joint of `Chain`."""
+MOST_MASS = 1e6
+"""Largest mass of a Custom, as of the terms of a pipe."""
 
-MOST_DAMPING, MOST_MASS = 1e9, 1e6
-"""Largest damping of a joint and mass of a Custom, as of the terms of a pipe."""
+RANGES: dict[str, dict[str, Any]] = {
+    "length": {"low": 1e-7, "high": 1.0},
+    "center": {"low": 0.0, "high": 1.0},
+    "drag_point": {"low": 0.0, "high": 1.0},
+    "gyration_radius": {"low": 0.0, "high": 1e3},
+    "stiffness": {"low": 0.0, "high": 1e15},
+    "damping": {"low": 0.0, "high": 1e9},
+    "rest_angle": {"low": -1e3, "high": 1e3},
+    "base": {"low": 0.0, "high": 1.0, "open_high": True},
+    "x": {"low": -1e3, "high": 1e3},
+    "y": {"low": -1e3, "high": 1e3},
+}
+"""Ranges of the parts' numbers: stiffness as of `Chain`, damping as of a pipe's terms."""
 
-MOST_NODES = LARGEST_CHAIN
-"""No scene has more segments than a chain."""
+FIRST = {"joint": 1, "segment": 2, "node": 1}
+"""Least number of a place; no scene has more segments than a chain."""
 
 
 class Part:
     """What modules and constraints share."""
 
-    def _check(self, **rules: dict[str, Any]) -> None:
-        """Replaces each named number by a float in its range."""
-        for name, rule in rules.items():
-            value = check.real(f"{name} of {type(self).__name__}", getattr(self, name), **rule)
-            object.__setattr__(self, name, value)
-
-    def _check_place(self, name: str, low: int = 1) -> None:
-        place = check.count(
-            f"{name} of {type(self).__name__}", getattr(self, name), low=low, high=MOST_NODES
-        )
-        object.__setattr__(self, name, place)
+    def __post_init__(self) -> None:
+        """Replaces each number by one of its own type, if it lies in its range."""
+        for item in fields(self):  # type: ignore[arg-type]
+            value, name = getattr(self, item.name), f"{item.name} of {type(self).__name__}"
+            if item.name in FIRST:
+                value = check.count(name, value, low=FIRST[item.name], high=LARGEST_CHAIN)
+            elif value is not None or item.default is not None:
+                value = check.real(name, value, **RANGES[item.name])
+            object.__setattr__(self, item.name, value)
 
 
 class Module(Part):
@@ -73,15 +83,9 @@ class Segment(Module):
     drag_point: float = 0.5
 
     def __post_init__(self) -> None:
-        fraction = {"low": 0.0, "high": 1.0}
-        self._check(
-            length={"low": 1e-7, "high": 1.0},
-            center=fraction,
-            drag_point=fraction,
-        )
+        super().__post_init__()
         if self.gyration_radius is None:
-            object.__setattr__(self, "gyration_radius", self.length / np.sqrt(12.0).item())
-        self._check(gyration_radius={"low": 0.0, "high": 1e3})
+            object.__setattr__(self, "gyration_radius", self.length / math.sqrt(12.0))
 
 
 @dataclass(frozen=True)
@@ -101,12 +105,6 @@ class TorsionalSpring(Module):
     stiffness: float
     damping: float | None = None
     rest_angle: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._check_place("joint")
-        self._check(stiffness={"low": 0.0, "high": STIFFEST}, rest_angle={"low": -1e3, "high": 1e3})
-        if self.damping is not None:
-            self._check(damping={"low": 0.0, "high": MOST_DAMPING})
 
 
 @dataclass(frozen=True)
@@ -170,7 +168,8 @@ class Custom(Module):
                     f"{places} of {self.name} must be a tuple of numbers, got {check.shown(given)}"
                 )
             checked = tuple(
-                check.count(f"{places} of {self.name}", place, high=MOST_NODES) for place in given
+                check.count(f"{places} of {self.name}", place, high=LARGEST_CHAIN)
+                for place in given
             )
             if len(set(checked)) < len(checked):
                 raise ValueError(f"{places} of {self.name} must differ, got {checked}")
@@ -236,9 +235,6 @@ class Clamp(Constraint):
 
     base: float = 0.0
 
-    def __post_init__(self) -> None:
-        self._check(base={"low": 0.0, "high": 1.0, "open_high": True})
-
 
 @dataclass(frozen=True)
 class Joint(Constraint):
@@ -252,9 +248,6 @@ class Joint(Constraint):
 
     segment: int
 
-    def __post_init__(self) -> None:
-        self._check_place("segment", low=2)
-
 
 @dataclass(frozen=True)
 class Guide(Constraint):
@@ -265,9 +258,6 @@ class Guide(Constraint):
     """
 
     node: int
-
-    def __post_init__(self) -> None:
-        self._check_place("node")
 
 
 @dataclass(frozen=True)
@@ -283,10 +273,6 @@ class Pin(Constraint):
     node: int
     x: float
     y: float
-
-    def __post_init__(self) -> None:
-        self._check_place("node")
-        self._check(x={"low": -1e3, "high": 1e3}, y={"low": -1e3, "high": 1e3})
 
 
 def described(part: Part) -> str:

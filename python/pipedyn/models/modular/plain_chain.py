@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from numpy.typing import ArrayLike
 
 from pipedyn.models.chain import Chain
@@ -24,12 +26,8 @@ def chain(
     n: int | None = None,
     springs: str | ArrayLike = "consistent",
     *,
-    lengths: ArrayLike | None = None,
-    centers: ArrayLike | None = None,
-    gyration_radii: ArrayLike | None = None,
-    drag_points: ArrayLike | None = None,
-    base: float = 0.0,
     enforcement: str = "orthonormal",
+    **segments: Any,
 ) -> Assembly:
     """The chain of `pipedyn.Chain`, put together from parts, with internal flow and drag.
 
@@ -37,27 +35,14 @@ def chain(
         pipe: the pipe.
         n: number of segments; not needed where an array has it.
         springs: a rule, or the stiffness of each joint, as for `Chain`.
-        lengths: of the segments, shape (n,).
-        centers: their centres of mass, as fractions, shape (n,).
-        gyration_radii: in L, shape (n,).
-        drag_points: as fractions, shape (n,).
-        base: length of the fixed part at the clamp, in L.
         enforcement: as for `Assembly`.
+        segments: `lengths`, `centers`, `gyration_radii`, `drag_points` and `base`, as for `Chain`.
 
     Raises:
         ValueError: as for `Chain` and `Assembly`.
         TypeError: for what is no number, array or pipe.
     """
-    plain = Chain(
-        pipe,
-        n,
-        springs=springs,
-        lengths=lengths,
-        centers=centers,
-        gyration_radii=gyration_radii,
-        drag_points=drag_points,
-        base=base,
-    )
+    plain = Chain(pipe, n, springs=springs, **segments)
     columns = (plain.lengths, plain.centers, plain.gyration_radii, plain.drag_points)
     modules: list[Module] = [
         Segment(*row) for row in zip(*(column.tolist() for column in columns), strict=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from typing import Any
+from typing import Any, cast
 
 import matplotlib
 import numpy as np
@@ -24,7 +24,7 @@ IMAGINARY_LABEL = r"Im $\lambda$  $(1/T)$"
 FREQUENCY_LABEL = r"|Im $\lambda$|  $(1/T)$"
 TIME_LABEL = r"time $\tau$  $(T)$"
 TIP_LABEL = "free end $x$  $(L)$"
-TIP_RATE_LABEL = r"its velocity $\dot x$  $(L/T)$"
+TIP_RATE_LABEL = r"velocity of the free end $\dot x$  $(L/T)$"
 BETA_LABEL = r"mass ratio $\beta = \mu_f / (\mu_p + \mu_f)$"
 
 # The colours of Okabe and Ito, which remain distinct to colour-blind readers.
@@ -85,7 +85,7 @@ def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure
 
 
 def colour_bar(label: str, ax: Axes | NDArray[Any]) -> Axes | None:
-    """One colour bar beside one or several Axes, for the first collection that they show.
+    """One colour bar next to one or several Axes, for the first collection that they show.
 
     Args:
         label: of the bar.
@@ -110,11 +110,10 @@ def colour_bar(label: str, ax: Axes | NDArray[Any]) -> Axes | None:
         look["format"] = "{x:g}"
     bar = every[0].figure.colorbar(shown[0], ax=every, label=label, **look)
     bar.minorticks_off()
-    own: Axes = bar.ax
-    return own
+    return cast("Axes", bar.ax)
 
 
-def axes_or_new(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
+def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
     """The Axes given, or those of a new figure of pyplot, of a size in inches; with its labels."""
     if ax is None:
         import matplotlib.pyplot as plt  # chooses how figures are shown, so only where needed
@@ -140,17 +139,13 @@ def check_mapping(name: str, value: Any, kind: type) -> None:
         check_type(f"{name}[{key!r}]", one, kind)
 
 
-def checked_coordinate(coordinate: Any, coordinates: int) -> int | None:
-    """The index of a coordinate; None for "tip", the free end's transverse displacement."""
+def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]:
+    """Index and label of a coordinate; the index is None for "tip", the free end."""
     if isinstance(coordinate, str):
         check.choice("coordinate", coordinate, ("tip",))
-        return None
-    return check.count("coordinate", coordinate, low=0, high=coordinates - 1)
-
-
-def coordinate_label(index: int | None) -> str:
-    """Label of an axis that shows the free end or a coordinate."""
-    return TIP_LABEL if index is None else f"coordinate $q_{{{index}}}$, counted from 0"
+        return None, TIP_LABEL
+    index = check.count("coordinate", coordinate, low=0, high=coordinates - 1)
+    return index, f"coordinate $q_{{{index}}}$, counted from 0"
 
 
 def notice(text: str, ax: Axes | None = None) -> Axes:
@@ -164,7 +159,7 @@ def notice(text: str, ax: Axes | None = None) -> Axes:
         TypeError: for bad arguments.
     """
     check_type("text", text, str)
-    ax = axes_or_new(ax, (6.4, 4.8))
+    ax = axes(ax, (6.4, 4.8))
     ax.set(xticks=[], yticks=[])
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", wrap=True)
     return ax
