@@ -2,8 +2,8 @@
 """Where eigenvalues pass through the imaginary axis as the flow speed grows.
 
 Each step of a tracked sweep (see `tracking`) gives a cubic for the real part of a branch.
-The step is believed where no extremum of the cubic lies closer to the axis than the cubic's own
-error, and halved otherwise; so a branch that touches the axis between two samples, or passes it
+A step shows all crossings where no extremum of the cubic lies closer to the axis than the cubic's own
+error, and is halved otherwise; so a branch that touches the axis between two samples, or passes it
 twice, is found. Each crossing is then polished by Newton's method with d lambda / du on the model.
 
 A real part within rounding of zero has no sign: such a branch stays what it was, stable or not,
@@ -42,7 +42,7 @@ Iterate = tuple[float, complex, Complex]
 """u, lambda and its right vector."""
 
 LARGEST_ERROR = 1e-3
-"""Relative error of a crossing's speed beyond which it is no result."""
+"""Relative error of a crossing's speed beyond which it is no result: three digits are wanted."""
 
 LARGE_GRAVITY = 100.0
 """gamma beyond which weight rather than stiffness sets the speeds at which the flow is felt."""

@@ -28,7 +28,7 @@ SHIFTS = (0.97, 2.31, 0.41)
 """Tried in turn until every residual passes; an eigenvalue may lie on one of them by chance."""
 
 
-DENSE_RESCUE, PATIENCE = 1000, 30
+DENSE_RESCUE, RESTARTS = 1000, 30
 """Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or a
 cluster at -1 / delta), chains up to this size are solved dense; after a few it ends where it does.
 """
@@ -130,10 +130,10 @@ def _about(
     pairs.residuals[none] = np.inf
     if dual is not None:
         pairs = Eigenpairs(values, right, dual[:, order], pairs.residuals)
-    return _mended(problem, u, pairs, left, high)
+    return _refined(problem, u, pairs, left, high)
 
 
-def _mended(
+def _refined(
     problem: Eigenproblem, u: float, pairs: Eigenpairs, left: bool, high: bool
 ) -> Eigenpairs:
     """Pairs that failed, or want left vectors, refined one by one (conjugates together)."""
@@ -145,7 +145,7 @@ def _mended(
     for i in np.flatnonzero(todo & (values.imag >= 0.0)):
         if not np.isfinite(values[i]):
             continue
-        twin = np.flatnonzero(pairs.values == np.conj(pairs.values[i]))
+        other = np.flatnonzero(pairs.values == np.conj(pairs.values[i]))
         better = problem.refine(u, complex(values[i]), right[:, i])
         near = abs(better.values[0] - values[i]) <= 1e-3 * abs(values[i]) + 1e-6
         if not near or better.left is None:
@@ -155,8 +155,8 @@ def _mended(
             values[i] = better.values[0].real if same else better.values[0]
             right[:, i], residuals[i] = better.right[:, 0], better.residuals[0]
         lefts[:, i] = better.left[:, 0]
-        if not same and twin.size:
-            j = twin[0]
+        if not same and other.size:
+            j = other[0]
             values[j], residuals[j] = np.conj(values[i]), residuals[i]
             right[:, j], lefts[:, j] = right[:, i].conj(), lefts[:, i].conj()
     return Eigenpairs(values, right, lefts if left else None, residuals)
@@ -187,7 +187,7 @@ def arnoldi(
     ncv = min(size, max(2 * count + 1, 20))
     options = {"v0": start, "tol": 0.0, "ncv": ncv}
     if n <= DENSE_RESCUE:
-        options["maxiter"] = PATIENCE
+        options["maxiter"] = RESTARTS
     try:
         mu, vectors = eigs(operator, k=count, which="LM", **options)
     except ArpackError as error:

@@ -28,19 +28,24 @@ from pipedyn.models.base import NotConverged
 from pipedyn.util.check import Array
 
 LONGEST_STEP = 0.5
-"""Steps in u above this are split before anything is believed of them, of a pipe without weight."""
+"""Steps in u above this are halved unseen, of a pipe without weight. Measured on 36 pipes of 10
+segments up to u = 20: 69 matches a sweep; 96 with steps of 0.25, and 67 and 71 with 1 and 2, which
+are ambiguous and halved anyway."""
 
 SHORTEST_STEP = 1e-6
-"""Relative to 1 + u; below it the best match is taken as it is."""
+"""Relative to 1 + u; below it the best match is taken as it is. Roots that meet, like the square
+root of the speed, are 1e-3 apart at this distance: four digits above their rounding of 1e-7."""
 
 MOST_STEPS = 800
-"""Steps tried, beyond four times those needed, before roots are given up as too close."""
+"""Steps tried, beyond four times those of the sweep, before roots are given up as too close: the
+36 pipes of `LONGEST_STEP` take up to 2.7 times those, and 40 meetings 19 halvings each."""
 
 ON_AXIS = 1e-10
 """Real parts of conservative systems below this share of |lambda| are rounding."""
 
 JUMP = 0.1
-"""A root that moves by more than this share of 1 + |lambda| in a shortest step is another one."""
+"""A root that moves by more than this share of 1 + |lambda| in a shortest step is another one: at a
+meeting each moves by 1e-3."""
 
 Indices = NDArray[np.intp]
 
