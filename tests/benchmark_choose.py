@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What `choose` promises, on random pipes: its error against a sharper answer, its cost by hand.
+"""What `choose` promises, on random pipes: its error against an accurate answer, its cost by hand.
 
     python tests/benchmark_choose.py [pipes] [seed] [question ...]
 
@@ -30,7 +30,7 @@ from pipedyn.util.counters import clock
 
 HAND = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 40, 64, 100, 200)
 CHAINS = (3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 100, 128, 160, 200)
-DEAR = 0.15
+COSTLY = 0.15
 """Seconds of an answer after which a family is not tried by hand further."""
 
 SHARP = {True: (48,), False: (18, 24)}
@@ -148,7 +148,7 @@ def least_by_hand(case, choice, truth, tolerance, most):
             row = measured(case.pipe, quantity, FAMILIES[name], size, truth, 1)
             if row.error <= tolerance:
                 good.append(row)
-            if row.seconds > (DEAR if is_linear(quantity.name) else 1.5 * most):
+            if row.seconds > (COSTLY if is_linear(quantity.name) else 1.5 * most):
                 break
     return min(good, key=lambda row: row.seconds, default=None)
 
@@ -190,7 +190,7 @@ def hold(case, tally):
         flag = " WRONG" if error > tolerance else ""
         if error > tolerance:
             tally.failures.append(f"{case.title} {tolerance:g} {case.pipe!r}: {error:.1e}")
-        flag += " DEAR" if ratio > 2.0 else ""
+        flag += " COSTLY" if ratio > 2.0 else ""
         flag += " LONG" if share > 10.0 else ""
         own = f" ({truth.error:.0e})" if truth.error else ""
         print(

@@ -2,7 +2,7 @@
 """What each effect costs a right-hand side, and that one switched off costs nothing.
 
 Run with `.venv/bin/python tests/benchmark_effects.py` after `pip install ".[bench,test]"`; pytest
-does not collect it. Prints, and fails on an error only. Each effect is timed alone beside the pipe
+does not collect it. Prints, and fails on an error only. Each effect is timed alone against the pipe
 without any; its error is that of the same code path with the effect too weak to act (1e-30 of it)
 beside the path that leaves it out. None and all are held against the dense equations or, for the
 reduced model, against three times the nodes. One thread.
@@ -70,7 +70,7 @@ def rates(make, strengths: dict[str, float], many: np.ndarray) -> np.ndarray:
 def seconds(make, cases: list[dict[str, float]], many: np.ndarray) -> np.ndarray:
     """Of a state by itself and of one in a batch, shape (cases, 2).
 
-    The least of rounds in which all cases take their turn: the machine's pace changes between.
+    The least of rounds in which all cases take their turn: the machine's speed changes between.
     """
     y, best = many[:, 0].copy(), np.full((len(cases), 2), np.inf)
     made = [(make(pipe), u) for pipe, u in map(scene, cases)]

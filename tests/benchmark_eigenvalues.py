@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Error beside cost of eigenvalues and critical speeds; prints, and fails on an error only.
+"""Error and cost of eigenvalues and critical speeds; prints, and fails on an error only.
 
 Run with `.venv/bin/python tests/benchmark_eigenvalues.py`; pytest does not collect it.
 """

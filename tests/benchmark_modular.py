@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Error beside cost of scenes from parts, next to `Chain`: what generality costs.
+"""Error and cost of scenes from parts, next to `Chain`: what generality costs.
 
 Run with `.venv/bin/python tests/benchmark_modular.py`; pytest does not collect it. Prints, and
 fails on an error only.

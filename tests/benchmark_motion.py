@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Error beside cost of the motion: the chain's beside pinocchio and mujoco, the reduced model's.
+"""Error and cost of the motion: the chain's against pinocchio and mujoco, the reduced model's.
 
 Run with `.venv/bin/python tests/benchmark_motion.py` after `pip install ".[bench,test]"`; pytest
 does not collect it. Prints, and fails on an error only. Flow, drag, damping and gravity act on our
@@ -257,7 +257,7 @@ def eighth_order(model: pp.Galerkin, y: np.ndarray, column: int, step: float) ->
 
 
 def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]]:
-    """Errors of rhs, a batch and the Jacobian, each beside the cost of a state, s.
+    """Errors of rhs, a batch and the Jacobian, each with the cost of a state, s.
 
     rhs against the same equations with three times the nodes, the Jacobian against differences,
     whose steps move the kinks of drag's integrand.

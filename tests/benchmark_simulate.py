@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Error beside cost of motions: integrators, a flutter to its limit cycle, ensembles.
+"""Error and cost of motions: integrators, a flutter to its limit cycle, ensembles.
 
 Run with `.venv/bin/python tests/benchmark_simulate.py`; pytest does not collect it. Prints, and
 fails on an error only. Takes some minutes: the plain formulation is slow.
@@ -77,7 +77,7 @@ def methods() -> None:
 
 
 def flutter() -> None:
-    """20 segments from a small push to the settled limit cycle, beside plain dense numpy."""
+    """20 segments from a small push to the settled limit cycle, against plain dense numpy."""
     chain, u, end = pp.Chain(pp.Pipe(0.2), 20), 6.0, 60.0
     q0 = chain.bent(lambda s: 0.01 * s)
     cost, ours = clocked(lambda: pp.simulate(chain, u, end, q0, rtol=1e-6, samples=601))
@@ -109,7 +109,7 @@ def flutter() -> None:
 
 
 def ensembles() -> None:
-    """A hundred members beside a hundred motions."""
+    """A hundred members against a hundred motions."""
     print("100 flow speeds from 4 to 7 to tau = 10, rtol 1e-6")
     print("| n | 100 motions, s | ensemble, s | times faster | largest difference of q |")
     print("|---|---|---|---|---|")

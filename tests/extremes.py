@@ -2,7 +2,7 @@
 """Where each model and each numerical route holds, and where it stops: one table.
 
 Run with `.venv/bin/python tests/extremes.py [--quick | --all] [--csv FILE]`; fails if a row
-misleads. Each row is an answer of the package beside a reference that shares nothing with it but,
+misleads. Each row is an answer of the package and a reference that shares nothing with it but,
 where it says so, another route of the package. Verdicts:
 
 holds: the relative error is below the row's limit, and below the package's own estimate of it.
@@ -62,7 +62,7 @@ SHOOTING, SERIES = "mpmath: shooting", "mpmath: power series"
 
 @dataclass(frozen=True)
 class Row:
-    """One answer beside its reference.
+    """One answer and its reference.
 
     Attributes:
         route: what was asked.
@@ -271,7 +271,7 @@ def tends_to_the_pipe(n: int) -> Row:
 
 
 def eigenvalues_of_reduced_models(level: int) -> Iterator[Row]:
-    """Second pair at u = 6 beside the pipe's, whose distance falls as said; and the highest."""
+    """Second pair at u = 6 against the pipe's, whose distance falls as said; and the highest."""
     pipe, u = pp.Pipe(0.2), 6.0
     sizes = {"beam": (10, 100, 1000), "legendre": (10, 50, 200)}
     for basis, numbers in sizes.items():
@@ -550,7 +550,7 @@ def rates(level: int) -> Iterator[Row]:
 
 
 def motions(level: int) -> Iterator[Row]:
-    """Short motions from a bow or coil beside plain dense equations at rtol 1e-12."""
+    """Short motions from a bow or coil against plain dense equations at rtol 1e-12."""
     pipe = pp.Pipe(0.2)
     cases: list[tuple[str, pp.Chain, float, float, float]] = [
         ("coiled, 3 turns", pp.Chain(pipe, 6), 6.0, 6.0 * math.pi, 0.1),
@@ -676,7 +676,7 @@ def stable_steps(level: int) -> Iterator[Row]:
     """Step times fastest rate: what stability allows DOP853, and what the methods take.
 
     Theory is the end of DOP853's stability region on the imaginary and on the negative real axis:
-    first beside the largest step of constant length that is stable, then beside the mean of those
+    first against the largest step of constant length that is stable, then against the mean of those
     that a method chooses where accuracy asks for little. Names in capitals are scipy's methods, the
     others compiled; compiled lsoda is for damped models. The compiled dop853 rejects some steps and
     stays below the limit, implicit methods go beyond it; the error is how far outside these bounds
@@ -736,7 +736,7 @@ def stable_steps(level: int) -> Iterator[Row]:
 
 
 def kept_energy(motion: pp.Motion) -> Outcome:
-    """What a motion without flow and damping lost or won, beside its audit."""
+    """What a motion without flow and damping lost or won, and its audit."""
     error = abs(motion.energy[-1] - motion.energy[0]) / np.abs(motion.energy).max()
     return Outcome(f"{motion.evaluations} rhs", float(error), motion.audit)
 
@@ -868,7 +868,7 @@ def swept(model: Any, u: float, cycle: pp.LimitCycle) -> float:
 
 
 def scenes(level: int) -> Iterator[Row]:
-    """The modular route of a plain chain beside the chain's own equations."""
+    """The modular route of a plain chain against the chain's own equations."""
     cases = {"u=100": ({}, pp.Pipe(0.2), 100.0), "gamma=1e6": ({}, pp.Pipe(0.2, 1e6), 6.0)}
     for at, arrays in unequal(6).items():
         cases[at] = (arrays, pp.Pipe(0.2), 1.0)

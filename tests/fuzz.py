@@ -840,7 +840,7 @@ def _comparisons() -> Iterator[Target]:
 
 
 def _chosen(**given: Any) -> tuple[Any, ...]:
-    """What a choice must tell in numbers; those of models that failed are NaN."""
+    """What a choice must give in numbers; those of models that failed are NaN."""
     found = choose(**given)
     _own(row.failure for row in (one.row for one in found.tried) if row is not None)
     return found.row, found.reference.error, found.seconds, str(found), found._repr_html_()
@@ -1039,7 +1039,7 @@ def _front(found: Trade, cost: str) -> list[Any]:
 
 
 def _any_model(dice: Random) -> Any:
-    """Some pipe's, with roots that meet, vanish or crowd among them."""
+    """Some pipe's, with roots that meet, vanish or cluster among them."""
     beta, gamma = dice.choice((0.0, 1e-12, 0.5, 0.999999)), dice.choice((-1e4, -7.837, 0.0, 1e6))
     flow, damping = dice.choice(("ejecting", "aspirating")), dice.choice((0.0, 1e-12, 0.01, 1e3))
     pipe = pp.Pipe(beta, gamma, flow, dice.choice((0.0, 1.0)), damping=damping)

@@ -24,8 +24,8 @@ HOSE = pp.Pipe.from_si(length=0.6, bending_stiffness=7.3e-3, pipe_mass=0.19, flu
 """beta = 0.387, gamma = 90: the paper's rule tends to an error of 0.0094, not of 0.0144."""
 
 FOLD = pp.Pipe(0.255404218, 10.0)
-"""Beside a fold of u_c(beta): models of 5 to 12 functions lose stability 4 % earlier, in the branch
-that the pipe has not reached yet."""
+"""Close to a fold of u_c(beta): models of 5 to 12 functions lose stability 4 % earlier, in the
+branch that the pipe has not reached yet."""
 
 KINDS = [("ejecting", False), ("ejecting", True), ("aspirating", True)]
 """Flows, with damping or without."""
@@ -368,7 +368,7 @@ def test_the_most_accurate_within_a_budget_has_an_answer_at_the_references_floor
     ],
 )
 def test_of_what_was_tried_within_a_budget_none_is_more_accurate(name, among, conditions):
-    """But for errors below what the reference can tell, of which the cheapest is as good."""
+    """But for errors below what the reference resolves, of which the cheapest is as good."""
     budget = 0.02
     choice = pp.choose(DAMPED, name, budget=budget, among=among, **conditions)
     rows = [one.row for one in choice.tried if one.row is not None and one.row.failure is None]

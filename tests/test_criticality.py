@@ -75,7 +75,7 @@ def test_two_segments_are_subcritical_where_the_fluid_is_light_only():
     assert curve.subcritical.tolist() == [True, False, False, False]
 
 
-@pytest.mark.parametrize("gamma", [0.0, 10.0, 100.0])
+@pytest.mark.parametrize("gamma", [0.0, 100.0])
 def test_the_continuous_pipe_is_subcritical_nowhere_unless_it_hangs_heavily(gamma):
     curve = pp.criticality_curve(
         lambda b: pp.Galerkin(pp.Pipe(b, gamma=gamma), 12, "legendre"), [0.05, 0.3, 0.5, 0.7, 0.95]

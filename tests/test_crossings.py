@@ -26,7 +26,7 @@ def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, share=0.
     """Unstable roots between the crossings found, against eigvals of the matrices on a fine grid.
 
     Grid points within `slack` of a crossing, or with a root nearer to the axis than rounding and
-    the meeting of two roots allow eigvals to tell, say nothing; a `share` of them must be counted.
+    the meeting of two roots allow eigvals to decide, say nothing; a `share` must be counted.
     """
     found = pp.crossings(model, max_speed)
     speeds = np.array([crossing.speed for crossing in found])
@@ -104,9 +104,10 @@ def test_any_pipes_crossings_account_for_every_unstable_root(beta, gamma, dampin
 
 
 @pytest.mark.parametrize("beta", [0.295, 0.9])
-def test_a_long_chain_has_the_crossings_of_its_matrices(beta):
-    """65 segments, where eigenvalues come from sweeps along the chain."""
-    counts_meet_the_matrices(pp.Chain(pp.Pipe(beta), 65), 13.0, samples=40)
+def test_a_long_chain_has_the_crossings_of_its_matrices(beta, monkeypatch):
+    """Eigenvalues come from sweeps along the chain, as they do beyond 64 segments."""
+    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    counts_meet_the_matrices(pp.Chain(pp.Pipe(beta), 30), 13.0, samples=40)
 
 
 @pytest.mark.parametrize(
@@ -178,13 +179,11 @@ def touch(make_model, beta, window, sign):
     [
         (legendre(14), (0.2925, 0.2935), (7.7, 8.3), 1, (1e-4, 1e-9)),
         (legendre(14), (0.2965, 0.2975), (7.2, 8.0), -1, (1e-4, 1e-9)),
-        (legendre(16), (0.648, 0.650), (11.8, 12.5), 1, (1e-5, 1e-8)),
-        (legendre(16), (0.694, 0.696), (10.9, 11.5), -1, (1e-5, 1e-8)),
         (legendre(20), (0.845, 0.846), (15.9, 16.6), 1, (1e-5, 1e-8)),
         (legendre(20), (0.924, 0.926), (14.6, 15.2), -1, (1e-5, 1e-8)),
         (lambda beta: pp.Chain(pp.Pipe(beta), 70), (0.29300, 0.29302), (7.9, 8.1), 1, (1e-6,)),
     ],
-    ids=["begin 1", "end 1", "begin 2", "end 2", "begin 3", "end 3", "long chain"],
+    ids=["begin 1", "end 1", "begin 3", "end 3", "long chain"],
 )
 def test_two_crossings_that_all_but_touch_are_both_found_or_neither(
     make_model, betas, window, sign, distances
@@ -325,7 +324,7 @@ def test_one_segment_never_flutters():
         pp.critical_speed(pp.Chain(pp.Pipe(0.2), 1))
 
 
-@pytest.mark.parametrize("beta", [0.1, 0.295, 0.5, 0.9, 0.99])
+@pytest.mark.parametrize("beta", [0.1, 0.295, 0.9, 0.99])
 def test_the_continuums_error_is_honest(beta):
     for crossing in pp.crossings(pp.Continuum(pp.Pipe(beta)), 18.5)[:4]:
         speed, _ = determinant_crossing(beta, crossing.speed, crossing.frequency, digits=35)
@@ -418,12 +417,13 @@ def test_sensitivity_meets_differences(scene, kind):
         assert getattr(found.frequency, name) == pytest.approx(frequency, rel=1e-5, abs=1e-6), name
 
 
-def test_sensitivity_of_a_long_chain_meets_differences():
-    """65 segments, the route of sweeps along the chain."""
+def test_sensitivity_of_a_long_chain_meets_differences(monkeypatch):
+    """The route of sweeps along the chain, which those beyond 64 segments take."""
+    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
     pipe, step = pp.Pipe(0.2, gamma=3.0, damping=1e-4), 1e-4
-    found = pp.critical_speed(pp.Chain(pipe, 65)).sensitivity
+    found = pp.critical_speed(pp.Chain(pipe, 30)).sensitivity
     more, less = (
-        pp.critical_speed(pp.Chain(dataclasses.replace(pipe, beta=beta), 65))
+        pp.critical_speed(pp.Chain(dataclasses.replace(pipe, beta=beta), 30))
         for beta in (pipe.beta + step, pipe.beta - step)
     )
     speed = (more.speed - less.speed) / (2.0 * step)
@@ -450,9 +450,10 @@ def test_sensitivity_to_each_spring_meets_differences(scene):
         assert found.frequency.springs[j] == pytest.approx(frequency, rel=1e-5, abs=1e-6)
 
 
-def test_stiffer_springs_and_faster_flow_scale_together():
+def test_stiffer_springs_and_faster_flow_scale_together(monkeypatch):
     """Without gravity and damping u_c grows like sqrt(k): sum k du/dk = u / 2, omega alike."""
-    for n in (5, 70):
+    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    for n in (5, 30):
         chain = pp.Chain(pp.Pipe(0.3), n)
         found = pp.critical_speed(chain)
         by_speed, by_frequency = found.sensitivity.speed, found.sensitivity.frequency

@@ -208,7 +208,7 @@ def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
     assert kept.error > 1e-9
 
 
-def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
+def test_multipliers_that_do_not_converge_are_not_claimed(monkeypatch):
     monkeypatch.setattr("pipedyn.bifurcation.cycles.TURN", 40.0)
     monkeypatch.setattr("pipedyn.bifurcation.cycles.MOST_HALVINGS", 1)
     monkeypatch.setattr("pipedyn.bifurcation.cycles.CHECKS", 1)
@@ -218,7 +218,7 @@ def test_multipliers_that_do_not_settle_are_not_claimed(monkeypatch):
 
 
 def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch):
-    """Right beside the onset the two are 2e-4 apart, and rounding moves both by 1e-6."""
+    """Right past the onset the two are 2e-4 apart, and rounding moves both by 1e-6."""
     model = pp.modular.chain(pp.Pipe(0.1, drag=2.0), n=3)
     u = 3.946653574561674  # 3e-5 beyond the onset
     cycle = pp.limit_cycle(model, u)
@@ -315,7 +315,7 @@ def test_two_cycles_at_one_speed_below_a_subcritical_onset():
         large = pp.limit_cycle(model, speed, large)
     assert large.stable
     assert large.amplitude > 2.0 * small.amplitude
-    assert pp.eigenvalues(model, u).real.max() < 0.0  # beside a pipe that rests
+    assert pp.eigenvalues(model, u).real.max() < 0.0  # the pipe may rest as well
     # Below the fold there is neither.
     with pytest.raises(pp.NoCycle, match="rest"):
         pp.limit_cycle(model, 6.19)
@@ -374,7 +374,7 @@ def test_below_the_fold_of_cycles_the_search_says_where_it_lies():
         pp.limit_cycle(model, 3.12)
     with pytest.raises(pp.NoCycle, match=r"reaches down to u = 3\.12922 only"):
         pp.limit_cycle(model, 3.12, onset)
-    # It lies there: two cycles beside it, none beyond.
+    # It lies there: two cycles above it, none below.
     assert pp.limit_cycle(model, 3.1293, onset).amplitude < 0.2
     with pytest.raises(pp.NoCycle):
         pp.limit_cycle(model, 3.1292, onset)
@@ -530,7 +530,7 @@ def test_a_bad_argument_is_refused_by_name(call, name):
 
 @pytest.mark.parametrize("pivot", [0.0, np.nan])
 def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
-    """R of L + mu R is singular where a motion leaves the cycle faster than numbers can tell."""
+    """R of L + mu R is singular where a motion leaves the cycle faster than numbers can hold."""
 
     def singular(motion, solution):
         right = np.eye(motion.size)

@@ -17,8 +17,8 @@ import pipedyn as pp
 def unstable_in_many_digits(chain, u, digits=50):
     """Unstable roots from the equations of motion at small angles, written out in mpmath.
 
-    In 50 digits the coefficients that vanish for a standing zero, double or triple, are told from
-    small ones.
+    In 50 digits the coefficients that vanish for a standing zero, double or triple, are far below
+    those that do not.
     """
     pipe, n = chain.pipe, chain.dof
     with mpmath.workdps(digits):
@@ -63,7 +63,6 @@ FREE = [
     *([3, 0, 2, 0], [0, 0.9, 0, 6.4]),  # several free joints: three roots may pass zero as one
 ]
 FLOWS = [
-    {"beta": 0.05},
     {"beta": 0.5},
     {"beta": 0.0},
     {"beta": 0.0, "damping": 0.01},
@@ -128,7 +127,7 @@ def test_sensitivity_of_a_flutter_beside_a_standing_zero_meets_differences():
     )
 
 
-@pytest.mark.parametrize(("beta", "gamma"), [(0.01, -51.9), (0.02, -55.0), (1e-6, -50.0)])
+@pytest.mark.parametrize(("beta", "gamma"), [(0.01, -51.9), (1e-6, -50.0)])
 def test_a_divergence_beside_a_meeting_is_known_to_rounding(beta, gamma):
     def divergence(gamma):
         found = pp.crossings(pp.Continuum(pp.Pipe(beta, gamma)), 3.0)

@@ -50,7 +50,7 @@ def test_motions_end_on_stable_equilibria_where_there_are_some(diagram):
 
 def test_motions_end_on_a_cycle_beyond_the_fold(diagram):
     for one in diagram.at(5.0):
-        assert (one.ending, one.period) == ("periodic", 3)  # two loops beside each swing
+        assert (one.ending, one.period) == ("periodic", 3)  # two loops in each swing
     motion = pp.simulate(TWO, 5.0, 60.0, lambda s: 0.3 * s, samples=30_001, rtol=1e-9)
     largest = np.abs(motion.tip[-5000:, 0]).max()
     assert diagram.at(5.0)[0].turnings.max() == pytest.approx(largest, abs=1e-4)

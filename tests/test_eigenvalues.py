@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Eigenvalues that can be trusted at any size."""
+"""Eigenvalues that are right at any size."""
 
 import numpy as np
 import pytest
@@ -262,7 +262,7 @@ def test_what_a_broken_solver_returns_is_refused(n, monkeypatch):
     solver = (_core.DenseOperator, "inverse") if n == 10 else (eigensolver, "arnoldi")
     exact = getattr(*solver)
 
-    def broken(*given):
+    def failing(*given):
         mu, *vectors = exact(*given)
         return mu * (1.0 + 1e-6), *vectors
 
@@ -270,7 +270,7 @@ def test_what_a_broken_solver_returns_is_refused(n, monkeypatch):
         nothing = np.zeros((self.dof, 1), dtype=complex)
         return Eigenpairs(np.array([np.nan + 0j]), nothing, nothing, np.array([np.inf]))
 
-    monkeypatch.setattr(*solver, broken)
+    monkeypatch.setattr(*solver, failing)
     monkeypatch.setattr(Eigenproblem, "refine", unmended)
     chain = pp.Chain(pp.Pipe(0.2), n)
     with pytest.raises(pp.NotConverged, match="residual") as caught:
@@ -286,11 +286,11 @@ def test_a_broken_solver_is_mended_where_that_is_possible(monkeypatch):
     expected = pp.eigenvalues(chain, 6.0, 4)
     exact = eigensolver.arnoldi
 
-    def broken(*given):
+    def failing(*given):
         mu, *vectors = exact(*given)
         return mu * (1.0 + 1e-6), *vectors
 
-    monkeypatch.setattr(eigensolver, "arnoldi", broken)
+    monkeypatch.setattr(eigensolver, "arnoldi", failing)
     np.testing.assert_allclose(pp.eigenvalues(chain, 6.0, 4), expected, rtol=1e-11)
 
 
@@ -375,7 +375,7 @@ def test_rounding_excuses_no_pair_that_misses_the_operators(model, missing):
 SHORT_FIRST = np.array([1.954e-6, 0.192, 0.8028, 0.00521])
 UNEQUAL = {
     "two": (pp.Chain(pp.Pipe(0.2), lengths=[1e-6, 1.0 - 1e-6]), 3.0),
-    "twins inside": (pp.Chain(pp.Pipe(0.2), lengths=[0.5, 1e-6, 1e-6, 0.5 - 2e-6]), 9.0),
+    "close pairs inside": (pp.Chain(pp.Pipe(0.2), lengths=[0.5, 1e-6, 1e-6, 0.5 - 2e-6]), 9.0),
     "springs": (pp.Chain(pp.Pipe(0.2), lengths=[0.5, 0.2, 0.3], springs=[1e8, 1.0, 1e4]), 2.0),
     "overdamped": (
         pp.Chain(

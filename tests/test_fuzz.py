@@ -17,7 +17,8 @@ MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != 
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
 CALLED_WITH_CHECKED = {"braced", "motion_jacobian", "recorded", "require_equilibrium", "start"}
-CALLED_WITH_CHECKED |= {"free_directions", "largest_angle", "pencil", "unbalanced"}
+CALLED_WITH_CHECKED |= {"drag_velocities", "free_directions", "largest_angle", "pencil"}
+CALLED_WITH_CHECKED |= {"unbalanced"}
 """Methods that integrators and searches call, with what they have checked."""
 
 

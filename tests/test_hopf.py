@@ -365,7 +365,7 @@ def test_every_flutter_of_a_pipe_that_turns_stable_again_has_its_law():
         assert cycle.amplitude == pytest.approx(onset.amplitude(onset.speed + d), rel=0.05)
 
 
-def test_a_subcritical_onset_tells_the_size_of_a_kick_that_rest_survives():
+def test_a_subcritical_onset_gives_the_size_of_a_kick_that_rest_survives():
     model = pp.Chain(pp.Pipe(0.8), 4)
     onset = pp.hopf(model)
     u = onset.speed - 2e-2

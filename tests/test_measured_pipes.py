@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Measured pipes (Paidoussis 1970, hanging elastomer cantilevers conveying air), theory beside.
+"""Measured pipes (Paidoussis 1970, hanging elastomer cantilevers conveying air) against theory.
 
 Numbers: physics.md, section 6. And the kind of error that few segments make.
 """

@@ -473,6 +473,25 @@ def test_energy_and_power_of_a_chain_are_the_chains():
     assert Made(6, flow=False).core.power(y, 5.0)[0] == 0.0
 
 
+# ---------------------------------------------------------------------------------------- closing
+
+
+def test_projection_meets_guides_and_pins_said_twice_and_says_how_far_it_misses_others():
+    twice = [(GUIDE, 5), (PIN, 5, 0.0, 0.8), (GUIDE, 5), (GUIDE, 2)]
+    core = Made(5, twice).core
+    theta, omega = (0.3 * x for x in Made(5).angles(1.0, members=7))
+    met_theta, met_omega, missed = core.project(theta, omega)
+    assert missed.max() <= core.met
+    for y in core.from_angles(met_theta, met_omega).T:
+        g, triplets, _, _ = core.constraints(y)
+        assert np.abs(g).max() < 1e-12
+        assert np.abs(matrix(triplets, (g.size, 15)) @ y[15:]).max() < 1e-11
+    _, again, _ = core.project(met_theta, met_omega)
+    np.testing.assert_allclose(again, met_omega, atol=1e-12)
+    *_, missed = Made(5, [(PIN, 5, 0.0, 1.3)]).core.project(theta, omega)
+    assert np.all((missed >= 0.3 - 1e-12) & (missed < 0.4))  # the pipe's length is 1
+
+
 # ------------------------------------------------------------------------------------- degenerate
 
 

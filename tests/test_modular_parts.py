@@ -39,8 +39,9 @@ def own_spring(node: int, stiffness: float, coefficient: float) -> md.Custom:
     )
 
 
-@pytest.mark.parametrize("n", [4, 70])
-def test_a_module_in_python_is_the_built_in_one(n: int) -> None:
+@pytest.mark.parametrize("n", [4, 30])  # dense, and by bands
+def test_a_module_in_python_is_the_built_in_one(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipedyn.models.modular.assembly.LONGEST_DENSE", 20)
     plain = md.chain(PIPE, n)
     built_in = plain.plus(pp.Spring(2.0 / n, 30.0), pp.Damper(2.0 / n, 0.7))
     own = plain.plus(own_spring(2, 30.0, 0.7))
@@ -320,6 +321,15 @@ def test_scenes_pickle() -> None:
     other = pickle.loads(pickle.dumps(scene))
     y = scene.state(scene.closed([0.1, 0.2, -0.3, 0.4]))
     np.testing.assert_array_equal(other.rhs(0.0, y, 2.0), scene.rhs(0.0, y, 2.0))
+
+
+def test_elastic_coordinates_are_numbers_of_any_type() -> None:
+    scene = md.chain(PIPE, 4).plus(md.Guide(3))
+    whole = np.arange(6).reshape(3, 2)
+    expected = scene.from_elastic(whole.astype(float))
+    for kind in (int, np.longdouble, np.float32):
+        np.testing.assert_allclose(scene.from_elastic(whole.astype(kind)), expected, rtol=1e-14)
+    np.testing.assert_allclose(scene.from_elastic(1j * whole), 1j * expected, rtol=1e-14)
 
 
 def test_another_pipe_reaches_every_part() -> None:

@@ -155,7 +155,7 @@ def test_every_picture_takes_its_axes_last_and_makes_its_own_without():
     assert len(taking) >= 14
     for name, parameters in taking.items():
         assert parameters[-1] == "ax", name
-        if name != "colour_bar":  # beside Axes that show something
+        if name != "colour_bar":  # which needs Axes that show something
             assert pictures[name]["ax"].default is None, name
     try:
         for ax in (

@@ -169,7 +169,7 @@ def test_every_mode_solves_the_operators(model, u):
         assert np.isfinite(shape([0.0, 0.5, 1.0])).all()
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(models(pipes()), st.lists(SPEEDS, min_size=1, max_size=3, unique=True), st.integers(1, 3))
 def test_every_branch_is_made_of_eigenvalues(model, speeds, count):
     speeds = sorted(speeds)
@@ -183,7 +183,7 @@ def test_every_branch_is_made_of_eigenvalues(model, speeds, count):
             assert np.abs(whole - value).min() <= 1e-5 * (1.0 + abs(value))
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(models(pipes()), mixed([1e-3, 30.0], 0.1, 15.0))
 def test_every_crossing_has_an_eigenvalue_on_the_axis(model, max_speed):
     try:
@@ -335,7 +335,7 @@ def test_a_short_motion_keeps_its_books(model, u, seed):
 # ------------------------------------------------------------------------------------ what is found
 
 
-@settings(max_examples=10)
+@settings(max_examples=6)
 @given(models(calm_pipes(), wild=False), mixed([0.0], 0.0, 8.0))
 def test_every_equilibrium_stays_at_rest(model, u):
     try:

@@ -362,7 +362,7 @@ def test_the_centrifugal_factor_is_one_ejecting_and_alpha_aspirating():
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_as_many_frequencies_are_given_as_were_asked_for(count):
-    """Two roots of another set lie beside the last, and are no part of the answer."""
+    """Two roots of another set lie close to the last, and are no part of the answer."""
     found = pp.relevant(pp.Pipe(0.3, 5.0, damping=1e-3), 3.0, "frequencies", count=count)
     assert found.full.count(",") == count - 1
     assert all(one.without.count(",") <= count - 1 for one in found.effects)

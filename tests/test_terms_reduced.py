@@ -488,9 +488,9 @@ def test_terms_side_by_side_are_as_at_one_place():
     together = replace(pipe, terms=[pp.PointMass(0.5, 0.3), pp.Spring(0.5, 40.0)])
     speeds = [pp.critical_speed(pp.Continuum(together)).speed]
     for distance, panels in ((2.1e-4, 3), (1.1e-4, 3), (0.9e-4, 2), (1e-7, 2)):
-        beside = replace(pipe, terms=[pp.PointMass(0.5, 0.3), pp.Spring(0.5 + distance, 40.0)])
-        assert pp.Galerkin(beside, 8, "legendre").panels == panels
-        speeds.append(pp.critical_speed(pp.Continuum(beside)).speed)
+        near = replace(pipe, terms=[pp.PointMass(0.5, 0.3), pp.Spring(0.5 + distance, 40.0)])
+        assert pp.Galerkin(near, 8, "legendre").panels == panels
+        speeds.append(pp.critical_speed(pp.Continuum(near)).speed)
     assert speeds[4] == pytest.approx(speeds[0], rel=1e-6)
     # Smooth in the distance, whether the panel is there or not.
     line = speeds[2] + 0.2 * (speeds[2] - speeds[1])
@@ -630,10 +630,10 @@ def test_power_is_the_energys_rate_with_everything_on(basis, pipe):
     for angle in (0.5, 3.0):
         y = state(model, rng, angle)
         slope = model.rhs(0.0, y, 6.0)
-        pace = np.linalg.norm(slope) / np.linalg.norm(y)
-        rate = derivative(lambda t, y=y, slope=slope: model.energy(y + t * slope), 3e-3 / pace)
+        speed = np.linalg.norm(slope) / np.linalg.norm(y)
+        rate = derivative(lambda t, y=y, slope=slope: model.energy(y + t * slope), 3e-3 / speed)
         power = model.power(y, 6.0)
-        assert rate == pytest.approx(power.total, abs=1e-11 * model.energy(y) * pace)
+        assert rate == pytest.approx(power.total, abs=1e-11 * model.energy(y) * speed)
 
 
 @pytest.mark.parametrize("drag", [0.0, 1.5])

@@ -73,7 +73,7 @@ def test_where_an_onset_cannot_be_followed_the_continuous_pipe_is_the_reference(
     assert reference.answer.values[0] == exact.speed
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-9])
 @pytest.mark.parametrize(
     "pipe",
     [pp.Pipe(0.9, gamma=-4.0), pp.Pipe(0.5, damping=0.03), pp.Pipe(0.1, 20.0, flow="aspirating")],

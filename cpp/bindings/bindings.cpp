@@ -93,7 +93,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       "sincos",
       [](const Numbers& x) {
         Numbers sine(x.size()), cosine(x.size());
-        pipedyn::sincos(x.data(), x.size(), sine.mutable_data(), cosine.mutable_data());
+        pipedyn::motion_kernel().sincos(x.data(), x.size(), sine.mutable_data(),
+                                        cosine.mutable_data());
         return py::make_tuple(sine, cosine);
       },
       "x"_a);

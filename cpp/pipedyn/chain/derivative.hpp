@@ -64,12 +64,12 @@ inline void row_outward(Count count, Plane e, Plane step, double* __restrict ax,
 
 /// What a column starts from: segment m itself changes, in angle or in rate.
 struct Source {
-  double jump_t, jump_n;    // of the acceleration from one end to the other
-  double force_t, force_n;  // on the segment
-  double moment;            // in its own row
-  double spring;            // in its neighbours' rows
-  double v_t, v_n;          // change of velocity of all beyond
-  double end;               // change of the follower force, across the last segment
+  double jump_t = 0.0, jump_n = 0.0;    // of the acceleration from one end to the other
+  double force_t = 0.0, force_n = 0.0;  // on the segment
+  double moment = 0.0;                  // in its own row
+  double spring = 0.0;                  // in its neighbours' rows
+  double v_t = 0.0, v_n = 0.0;          // change of velocity of all beyond
+  double end = 0.0;                     // change of the follower force, across the last segment
 };
 
 Source angle_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {
@@ -81,18 +81,15 @@ Source angle_source(const MotionModel& model, const Kept& here, Count m, double 
   const double slope = model.drag ? -2.0 * link.drag * speed * here.vt : 0.0;
   const double pull = model.drag ? link.drag * speed * here.v : 0.0;
   const double beyond = m + 1 < model.size ? model.links[m + 1].spring : 0.0;
-  Source source;
-  source.jump_t = -l * here.acceleration;
-  source.jump_n = -l * square;
-  source.force_t = -(2.0 * model.coriolis * u * l * w + pull);
-  source.force_n = slope;
-  source.moment = l * force + link.first_moment * here.at - link.drag_arm * slope;
-  source.moment -= link.spring + beyond;
-  source.spring = 1.0;
-  source.v_t = -l * w;
-  source.v_n = 0.0;
-  source.end = m + 1 < model.size ? 0.0 : thrust;
-  return source;
+  return {.jump_t = -l * here.acceleration,
+          .jump_n = -l * square,
+          .force_t = -(2.0 * model.coriolis * u * l * w + pull),
+          .force_n = slope,
+          .moment = l * force + link.first_moment * here.at - link.drag_arm * slope -
+                    (link.spring + beyond),
+          .spring = 1.0,
+          .v_t = -l * w,
+          .end = m + 1 < model.size ? 0.0 : thrust};
 }
 
 Source rate_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {
@@ -100,18 +97,12 @@ Source rate_source(const MotionModel& model, const Kept& here, Count m, double w
   const double l = link.length, coriolis = model.coriolis * u;
   const double slope = model.drag ? 2.0 * link.drag * std::fabs(here.v) * link.drag_arm : 0.0;
   const double beyond = m + 1 < model.size ? model.links[m + 1].spring : 0.0;
-  Source source;
-  source.jump_t = -2.0 * l * w;
-  source.jump_n = 0.0;
-  source.force_t = 0.0;
-  source.force_n = 2.0 * coriolis * l + slope;
-  source.moment = -coriolis * l * l - link.drag_arm * slope;
-  source.moment -= model.damping * (link.spring + beyond);
-  source.spring = model.damping;
-  source.v_t = 0.0;
-  source.v_n = l;
-  source.end = 0.0;
-  return source;
+  return {
+      .jump_t = -2.0 * l * w,
+      .force_n = 2.0 * coriolis * l + slope,
+      .moment = -coriolis * l * l - link.drag_arm * slope - model.damping * (link.spring + beyond),
+      .spring = model.damping,
+      .v_n = l};
 }
 
 /// Adds the change of the loads on a segment itself, with the rate w, by its angle or its rate.
@@ -299,8 +290,7 @@ void jacobian(const MotionModel& model, const double* y, double u, double* out, 
   const Count n = model.size;
   const Columns columns(scratch, n);
   const Batch one{y, &u, 1, 0};
-  accelerations_of<double, true>(model, Members<double>{one, 0, 1}, nullptr, columns.sweeps,
-                                 columns.kept);
+  accelerations_of<true>(model, Members<double>{one, 0, 1}, nullptr, columns.sweeps, columns.kept);
   double* const angles = columns.sweeps;
   for (Count j = 0; j < whole_packs(n); ++j) angles[j] = j < n ? y[j] : 0.0;
   sincos(angles, n, columns.sine, columns.cosine);

@@ -101,31 +101,17 @@ Count scratch_size(Count n, Count members) {
 }
 
 void rhs(const MotionModel& model, const Batch& batch, double* rates, double* scratch) {
-  if (batch.members == 1) {
-    accelerations_of<double, false>(model, Members<double>{batch, 0, 1}, rates, scratch, nullptr);
-    return;
-  }
-  for_each_block<Pack>(batch, [&](const Members<Pack>& members) {
-    accelerations_of<Pack, false>(model, members, rates, scratch, nullptr);
+  for_each_block(batch, [&](const auto& members) {
+    accelerations_of<false>(model, members, rates, scratch, nullptr);
   });
 }
 
 void energy(const MotionModel& model, const Batch& batch, double* out, double* scratch) {
-  if (batch.members == 1) {
-    energy_of(model, Members<double>{batch, 0, 1}, out, scratch);
-    return;
-  }
-  for_each_block<Pack>(
-      batch, [&](const Members<Pack>& members) { energy_of(model, members, out, scratch); });
+  for_each_block(batch, [&](const auto& members) { energy_of(model, members, out, scratch); });
 }
 
 void power(const MotionModel& model, const Batch& batch, const PowerParts& out, double* scratch) {
-  if (batch.members == 1) {
-    power_of(model, Members<double>{batch, 0, 1}, out, scratch);
-    return;
-  }
-  for_each_block<Pack>(
-      batch, [&](const Members<Pack>& members) { power_of(model, members, out, scratch); });
+  for_each_block(batch, [&](const auto& members) { power_of(model, members, out, scratch); });
 }
 
 bool all_finite(const double* x, Count count) {
@@ -139,13 +125,13 @@ bool all_finite(const double* x, Count count) {
   return rest == 0.0;
 }
 
-void sincos_of(const double* x, Count count, double* sine, double* cosine, double* scratch) {
-  double* const s = scratch + width;
-  double* const c = s + width;
+void sincos_of(const double* x, Count count, double* sine, double* cosine) {
   for (Count i = 0; i < count; i += width) {
-    for (Count lane = 0; lane < width; ++lane) scratch[lane] = i + lane < count ? x[i + lane] : 0.0;
-    sincos(scratch, width, s, c);
-    for (Count lane = 0; lane < width && i + lane < count; ++lane) {
+    const Count used = count - i < width ? count - i : width;
+    double at[width] = {}, s[width], c[width];
+    for (Count lane = 0; lane < used; ++lane) at[lane] = x[i + lane];
+    sincos(at, width, s, c);
+    for (Count lane = 0; lane < used; ++lane) {
       sine[i + lane] = s[lane];
       cosine[i + lane] = c[lane];
     }

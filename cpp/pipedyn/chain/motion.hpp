@@ -84,8 +84,7 @@ struct MotionKernel {
   void (*power)(const MotionModel&, const Batch&, const PowerParts& out, double* scratch);
 
   bool (*finite)(const double* x, std::ptrdiff_t count);
-  void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine,
-                 double* scratch);  // scratch: 3 width numbers
+  void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 
   const GalerkinKernel* galerkin;  // the reduced model's
 };

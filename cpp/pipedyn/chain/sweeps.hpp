@@ -64,17 +64,17 @@ struct Members {
   Real speed() const { return batch.u_step == 0 ? all<Real>(batch.u[0]) : read(batch.u + first); }
 };
 
-/// Calls body for every block of members; the last one overlaps its neighbour to be whole.
-template <class Real, class Body>
+/// Calls body for a member alone or for every block of members; the last one overlaps its neighbour
+/// to be whole.
+template <class Body>
 void for_each_block(const Batch& batch, const Body& body) {
-  for (Count first = 0; first < batch.members; first += lanes<Real>) {
-    const Count left = batch.members - first;
-    if (left >= lanes<Real>) {
-      body(Members<Real>{batch, first, lanes<Real>});
-    } else if (first > 0) {
-      body(Members<Real>{batch, batch.members - lanes<Real>, lanes<Real>});
+  const Count members = batch.members;
+  if (members == 1) body(Members<double>{batch, 0, 1});
+  for (Count first = 0; members > 1 && first < members; first += width) {
+    if (members < width) {
+      body(Members<Pack>{batch, 0, members});
     } else {
-      body(Members<Real>{batch, 0, left});
+      body(Members<Pack>{batch, first + width <= members ? first : members - width, width});
     }
   }
 }
@@ -279,7 +279,7 @@ void accelerations(const MotionModel& model, const Members<Real>& members, doubl
   }
 }
 
-template <class Real, bool keep>
+template <bool keep, class Real>
 void accelerations_of(const MotionModel& model, const Members<Real>& members, double* rates,
                       double* scratch, Kept* kept) {
   using Function = void (*)(const MotionModel&, const Members<Real>&, double*, double*, Kept*);

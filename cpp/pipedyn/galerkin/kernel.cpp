@@ -506,31 +506,30 @@ Count scratch_size(const GridTables& grid, Count members) {
   return members == 1 ? Block<double>::size(grid) : Block<Pack>::size(grid);
 }
 
+/// Calls body with the block of a batch, one member or as many as a pack holds.
+template <class Body>
+void with_block(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+                double* scratch, const Body& body) {
+  if (batch.members == 1) {
+    body(Block<double>(grid, effects, scratch));
+  } else {
+    body(Block<Pack>(grid, effects, scratch));
+  }
+}
+
 void accelerations(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
                    double* out, double* scratch) {
-  if (batch.members == 1) {
-    Block<double>(grid, effects, scratch).accelerations(batch, out);
-  } else {
-    Block<Pack>(grid, effects, scratch).accelerations(batch, out);
-  }
+  with_block(grid, effects, batch, scratch, [&](auto&& block) { block.accelerations(batch, out); });
 }
 
 void energy(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out,
             double* scratch) {
-  if (batch.members == 1) {
-    store(out, Block<double>(grid, effects, scratch).energy(batch));
-  } else {
-    store(out, Block<Pack>(grid, effects, scratch).energy(batch));
-  }
+  with_block(grid, effects, batch, scratch, [&](auto&& block) { store(out, block.energy(batch)); });
 }
 
 void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
            const PowerParts& out, double* scratch) {
-  if (batch.members == 1) {
-    Block<double>(grid, effects, scratch).power(batch, out);
-  } else {
-    Block<Pack>(grid, effects, scratch).power(batch, out);
-  }
+  with_block(grid, effects, batch, scratch, [&](auto&& block) { block.power(batch, out); });
 }
 
 void signed_weights(const GridTables& grid, const double* v, double* weights, double* scratch) {

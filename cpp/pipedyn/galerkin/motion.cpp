@@ -122,9 +122,7 @@ struct Frame {
     multiply(omega, grid.slope(), rate);
     sine.resize(angle.size());
     cosine.resize(angle.size());
-    const MotionKernel& level = motion_kernel();
-    level.sincos(angle.data(), angle.size(), sine.data(), cosine.data(),
-                 pipedyn::scratch(3 * level.width));
+    motion_kernel().sincos(angle.data(), angle.size(), sine.data(), cosine.data());
   }
 
   void set_velocity(const Grid& grid) {
@@ -138,10 +136,8 @@ struct Frame {
 
   void set_position(const Grid& grid) {
     integrand.resize(angle.size(), 2);
-    for (Index p = 0; p < angle.size(); ++p) {
-      integrand(p, 0) = sine[p];
-      integrand(p, 1) = cosine[p];
-    }
+    integrand.col(0) = sine;
+    integrand.col(1) = cosine;
     integrate(grid, integrand, position);
   }
 

@@ -13,36 +13,37 @@ Quadrature::Quadrature(Index count) {
   weight.resize(count);
   expansion.resize(count, count);
   const double degree = static_cast<double>(count);
+  Vector values(count + 1);  // P_k(x)
   for (Index i = 0; i < count; ++i) {
     // Newton's method on P_count from the classical guesses, in descending order.
     double x = std::cos(std::numbers::pi * (static_cast<double>(i) + 0.75) / (degree + 0.5));
     double slope = 1.0;
     for (int step = 0; step < 6; ++step) {
-      double value = x, before = 1.0;
-      for (Index k = 2; k <= count; ++k) {
-        const double order = static_cast<double>(k);
-        const double next = ((2.0 * order - 1.0) * x * value - (order - 1.0) * before) / order;
-        before = std::exchange(value, next);
-      }
-      slope = degree * (before - x * value) / ((1.0 - x) * (1.0 + x));
-      x -= value / slope;
+      legendre_values(x, count + 1, values.data());
+      slope = degree * (values[count - 1] - x * values[count]) / ((1.0 - x) * (1.0 + x));
+      x -= values[count] / slope;
     }
     const Index p = count - 1 - i;
     node[p] = 0.5 * (1.0 + x);
     weight[p] = 1.0 / ((1.0 - x) * (1.0 + x) * slope * slope);
-    double value = 1.0, before = 0.0;
+    legendre_values(x, count, values.data());
     for (Index k = 0; k < count; ++k) {
-      const double order = static_cast<double>(k);
-      expansion(k, p) = (2.0 * order + 1.0) * weight[p] * value;
-      const double next = ((2.0 * order + 1.0) * x * value - order * before) / (order + 1.0);
-      before = std::exchange(value, next);
+      expansion(k, p) = (2.0 * static_cast<double>(k) + 1.0) * weight[p] * values[k];
     }
   }
 }
 
 Matrix Quadrature::integral_to(const Vector& s) const {
+  Vector values(size() + 1);
   Matrix integrals(s.size(), size());
-  for (Index i = 0; i < s.size(); ++i) legendre_integrals(s[i], size(), integrals.row(i).data());
+  for (Index p = 0; p < s.size(); ++p) {
+    legendre_values(2.0 * s[p] - 1.0, size() + 1, values.data());
+    integrals(p, 0) = s[p];
+    for (Index k = 1; k < size(); ++k) {
+      integrals(p, k) =
+          (values[k + 1] - values[k - 1]) / (2.0 * (2.0 * static_cast<double>(k) + 1.0));
+    }
+  }
   return integrals * expansion;
 }
 
@@ -55,15 +56,13 @@ Matrix legendre_recurrence(Index count) {
   return recurrence;
 }
 
-void legendre_integrals(double s, Index count, double* out) {
-  const double x = 2.0 * s - 1.0;
-  double before = 1.0, value = x;  // P_{k-1}, P_k
-  out[0] = s;
-  for (Index k = 1; k < count; ++k) {
-    const double order = static_cast<double>(k), twice = 2.0 * order + 1.0;
-    const double next = (twice * x * value - order * before) / (order + 1.0);
-    out[k] = (next - before) / (2.0 * twice);
-    before = std::exchange(value, next);
+void legendre_values(double x, Index count, double* out) {
+  for (Index k = 0; k < count; ++k) {
+    const double before = static_cast<double>(k - 1);
+    out[k] = k == 0
+                 ? 1.0
+                 : ((2.0 * before + 1.0) * x * out[k - 1] - before * (k > 1 ? out[k - 2] : 0.0)) /
+                       (before + 1.0);
   }
 }
 

@@ -33,7 +33,7 @@ struct Quadrature {
 /// (count, 3).
 Matrix legendre_recurrence(Index count);
 
-/// I_k(s) for k < count, written to out.
-void legendre_integrals(double s, Index count, double* out);
+/// P_k(x) for k < count, written to out.
+void legendre_values(double x, Index count, double* out);
 
 }  // namespace pipedyn

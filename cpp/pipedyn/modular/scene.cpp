@@ -229,34 +229,17 @@ Matrix Scene::from_angles(const Matrix& theta, const Matrix& omega) const {
 namespace {
 
 /// Least x with rows x = wanted, where each column holds a row of length n and its wanted values
-/// below it. Gram and Schmidt's method, twice, the row that differs most from those before it
-/// first; rows that follow from others are left out.
+/// below it. Gram and Schmidt's method; rows that follow from those before them are left out.
 Matrix least(Eigen::MatrixXd& columns, Index n) {
   constexpr double rank = 1e-9;
-  double largest = 0.0;
+  const double largest = columns.topRows(n).colwise().norm().maxCoeff();
   for (Index k = 0; k < columns.cols(); ++k) {
-    Index best = k;
-    double most = 0.0;
-    for (Index i = k; i < columns.cols(); ++i) {
-      const double norm = columns.col(i).head(n).norm();
-      if (norm > most) {
-        most = norm;
-        best = i;
-      }
+    for (Index i = 0; i < 2 * k; ++i) {  // twice, as once leaves what rounding makes
+      const auto before = columns.col(i % k);
+      columns.col(k) -= before.head(n).dot(columns.col(k).head(n)) * before;
     }
-    if (k == 0) largest = most;
-    if (!(most > rank * largest)) {
-      columns.rightCols(columns.cols() - k).setZero();
-      break;
-    }
-    columns.col(best).swap(columns.col(k));
-    for (Index i = 0; i < k; ++i) {
-      columns.col(k) -= columns.col(i).head(n).dot(columns.col(k).head(n)) * columns.col(i);
-    }
-    columns.col(k) /= columns.col(k).head(n).norm();
-    for (Index i = k + 1; i < columns.cols(); ++i) {
-      columns.col(i) -= columns.col(k).head(n).dot(columns.col(i).head(n)) * columns.col(k);
-    }
+    const double norm = columns.col(k).head(n).norm();
+    columns.col(k) *= norm > rank * largest ? 1.0 / norm : 0.0;
   }
   const Index wanted = columns.rows() - n;
   Matrix x = Matrix::Zero(n, wanted);

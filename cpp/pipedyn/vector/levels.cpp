@@ -56,12 +56,6 @@ std::string vector_level() { return motion_kernel().name; }
 
 void set_vector_level(const std::string& name) { current() = named(name); }
 
-void sincos(const double* x, std::ptrdiff_t count, double* sine, double* cosine) {
-  const MotionKernel& kernel = motion_kernel();
-  std::vector<double> scratch(static_cast<std::size_t>(3 * kernel.width));
-  kernel.sincos(x, count, sine, cosine, scratch.data());
-}
-
 const MotionKernel& motion_kernel() { return *current().load(std::memory_order_relaxed); }
 
 }  // namespace pipedyn

@@ -20,9 +20,6 @@ std::string vector_level();
 /// For tests and measurements. Throws std::invalid_argument unless vector_levels() has the name.
 void set_vector_level(const std::string& name);
 
-/// Sine and cosine of count numbers at the level in use.
-void sincos(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
-
 /// What answers at the level in use.
 const MotionKernel& motion_kernel();
 

@@ -375,10 +375,6 @@ class _Follower:
                 return error.result
         return None
 
-    def _described(self, orbit: PeriodicOrbit) -> LimitCycle:
-        """The cycle of an orbit, with its multipliers."""
-        return on_branch(self.motion, orbit, FINE.defect, SAMPLES, self.how)
-
     def _keep(self, cycle: LimitCycle) -> None:
         """Takes a cycle whose multipliers are accurate enough."""
         if cycle.multiplier_error <= LARGEST_ERROR:
@@ -387,11 +383,9 @@ class _Follower:
     def _vanishes(self, step: OrbitStep) -> bool:
         """Whether the branch meets within a step an equilibrium, or cycles of more symmetry."""
         orbit = step.begin
-        kinds: list[EventKind] = ["hopf"]
-        if not orbit.symmetric:
-            kinds.append("period doubling")
-            if self.motion.is_odd(orbit.u):
-                kinds.append("pitchfork")
+        kinds: list[EventKind] = ["hopf"] if orbit.symmetric else ["hopf", "period doubling"]
+        if not orbit.symmetric and self.motion.is_odd(orbit.u):
+            kinds.append("pitchfork")
         for kind in kinds:
             here, there = (breaking_part(orbit, kind) for orbit in (step.begin, step.end))
             if float(np.sum(here * there)) >= 0.0:
@@ -425,17 +419,18 @@ class _Follower:
         `last` is the cycle at its beginning, if that is known and kept.
         """
         segment, length = step.segment, step.length
-        if last is None:
-            last = self._described(step.begin)
-            self._keep(last)
-        ends = {0.0: last, length: self._described(step.end)}
 
         @cache
         def cycle(s: float) -> LimitCycle:
-            return ends[s] if s in ends else self._described(step.at(s))
+            if s == 0.0 and last is not None:
+                return last
+            orbit = step.begin if s == 0.0 else step.end if s == length else step.at(s)
+            return on_branch(self.motion, orbit, FINE.defect, SAMPLES, self.how)
 
+        if last is None:
+            self._keep(cycle(0.0))
         found: list[Found] = [(length, cycle(length), None)]
-        if max(one.multiplier_error for one in ends.values()) > LARGEST_ERROR:
+        if max(cycle(s).multiplier_error for s in (0.0, length)) > LARGEST_ERROR:
             self._keep(cycle(length))
             return cycle(length)
         turns = folds(segment, 1e-5)  # the speed of a fold is known to the square of that
@@ -465,8 +460,7 @@ class _Follower:
         passed = sign_changes(lambda s: growth(cycle(s).multipliers), low, high, 1e-4 * step.length)
         for before, beyond in passed:
             orbit = step.at(beyond)
-            roots = multiplier_roots(self.motion, orbit)
-            kind, multiplier = crossing_event(roots, orbit.symmetric)
+            kind, multiplier = crossing_event(multiplier_roots(self.motion, orbit), orbit.symmetric)
             if kind == "fold":
                 continue
             a, b = cycle(before), cycle(beyond)

@@ -10,7 +10,7 @@ digits. The cost is linear in the number of intervals.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -92,31 +92,29 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
 # -------------------------------------------------------------------------------- all intervals
 
 
-@dataclass(frozen=True)
-class _EndRelations:
-    """L x(begin) + R x(end) = C over one interval each, or over several in a row."""
+def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[tuple[Array, Array]]]:
+    """[L | R | C] of L x(begin) + R x(end) = C over all intervals, in units of the state, (n, .).
 
-    first: Array  # L, shape (k, n, n)
-    last: Array  # R, shape (k, n, n)
-    right: Array  # C, shape (k, n, r)
-
-    def paired(self) -> tuple[_EndRelations, tuple[Array, _EndRelations]]:
-        """Over twice as many intervals each, and what gives the states between: T x = C - L - R."""
-        n, whole = self.first.shape[1], 2 * (len(self.first) // 2)
-        a, b = (
-            _EndRelations(self.first[i:whole:2], self.last[i:whole:2], self.right[i:whole:2])
-            for i in (0, 1)
-        )
-        factorised(whole // 2)
-        q, r = np.linalg.qr(np.concatenate([a.last, b.first], axis=1), mode="complete")
-        turned = q.transpose(0, 2, 1)
-        first = turned[:, :, :n] @ a.first
-        last = turned[:, :, n:] @ b.last
-        right = turned[:, :, :n] @ a.right + turned[:, :, n:] @ b.right
-        longer = (first[:, n:], last[:, n:], right[:, n:])
-        odd = (self.first[whole:], self.last[whole:], self.right[whole:])
-        joined = _EndRelations(*(np.concatenate(pair) for pair in zip(longer, odd, strict=True)))
-        return joined, (r[:, :n], _EndRelations(first[:, :n], last[:, :n], right[:, :n]))
+    For each doubling of the intervals also triangles T and [L | R | C] of the states x between, in
+    T x = C - L x(begin) - R x(end).
+    """
+    n, between = units.size, []
+    through = ends[:, :, :n] * units / units[:, None]
+    eye = np.zeros_like(through) + np.eye(n)
+    relations = np.concatenate([-through, eye, right / units[:, None]], axis=2)
+    while len(relations) > 1:
+        even = 2 * (len(relations) // 2)
+        a, b = relations[0:even:2], relations[1:even:2]
+        factorised(even // 2)
+        middle = np.concatenate([a[:, :, n : 2 * n], b[:, :, :n]], axis=1)
+        q, triangles = np.linalg.qr(middle, mode="complete")
+        of_a, of_b = (q[:, part].transpose(0, 2, 1) for part in (slice(n), slice(n, None)))
+        first, last = of_a @ a[:, :, :n], of_b @ b[:, :, n : 2 * n]
+        known = of_a @ a[:, :, 2 * n :] + of_b @ b[:, :, 2 * n :]
+        turned = np.concatenate([first, last, known], axis=2)
+        between.append((triangles[:, :n], turned[:, :n]))
+        relations = np.concatenate([turned[:, n:], relations[even:]])
+    return relations[0], between
 
 
 class Linearised:
@@ -136,11 +134,12 @@ class Linearised:
         right = ends[:, :, n:].copy()
         right[:, :, 0] += orbit.stages()[:, -1]
         right[:, :, 0] -= np.concatenate([orbit.starts[1:], mirror * orbit.starts[:1]])
-        self._whole, self._between = _collapsed(ends, right, self._units)
+        whole, self._between = _collapsed(ends, right, self._units)
+        self._first, self._last, self._right = np.split(whole, [n, 2 * n], axis=1)
         across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
         self._matrix = np.zeros((n + 2, n + 2))
-        self._matrix[:n, :n] = self._whole.first[0] + mirror * self._whole.last[0]
-        self._matrix[:n, n:] = -self._whole.right[0, :, 1:]
+        self._matrix[:n, :n] = self._first + mirror * self._last
+        self._matrix[:n, n:] = -self._right[:, 1:]
         self._matrix[n, :n] = across / np.linalg.norm(across)
 
     def __call__(self, row: Array, gap: float, share: float) -> Array:
@@ -156,7 +155,7 @@ class Linearised:
         matrix[n + 1] = np.append(row[:n] * self._units, row[-2:])
         length = float(np.linalg.norm(matrix[n + 1]))
         matrix[n + 1] /= length
-        right[:n, 0] = self._whole.right[0, :, 0] * share
+        right[:n, 0] = self._right[:, 0] * share
         right[n, 1], right[n + 1, 2] = 1.0, 1.0 / length
         factorised()
         known = np.linalg.solve(matrix, right)
@@ -172,7 +171,7 @@ class Linearised:
 
         Where an orbit loses its symmetry or doubles its period nothing is left.
         """
-        opposite = self._whole.first[0] - self.orbit.mirror * self._whole.last[0]
+        opposite = self._first - self.orbit.mirror * self._last
         y = np.linalg.svd(opposite)[2][-1]
         ends = np.stack([y, -self.orbit.mirror * y])
         change: Array = self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
@@ -183,10 +182,12 @@ class Linearised:
 
         What acts is the residual, a change of the frequency and one of the speed.
         """
-        for triangles, rest in reversed(self._between):
+        for triangles, relations in reversed(self._between):
             pairs = len(triangles)
-            known = rest.right @ factors
-            known -= rest.first @ ends[:pairs] + rest.last @ ends[1 : pairs + 1]
+            first, last, right = np.split(
+                relations, [len(self._first), 2 * len(self._first)], axis=2
+            )
+            known = right @ factors - (first @ ends[:pairs] + last @ ends[1 : pairs + 1])
             more = np.empty((len(ends) + pairs, *ends.shape[1:]))
             more[0 : 2 * pairs + 1 : 2] = ends[: pairs + 1]
             more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)
@@ -199,19 +200,6 @@ class Linearised:
         return np.concatenate(
             [starts.reshape(-1, columns), rates.reshape(-1, columns), factors[1:]]
         )
-
-
-def _collapsed(
-    ends: Array, right: Array, units: Array
-) -> tuple[_EndRelations, list[tuple[Array, _EndRelations]]]:
-    """One relation over all intervals, in units of the state, and what gives the states between."""
-    n, between = units.size, []
-    through = ends[:, :, :n] * units / units[:, None]
-    whole = _EndRelations(-through, np.zeros_like(through) + np.eye(n), right / units[:, None])
-    while len(whole.first) > 1:
-        whole, inner = whole.paired()
-        between.append(inner)
-    return whole, between
 
 
 def _units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
@@ -227,7 +215,7 @@ def through(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     units = _units(motion, orbit)
     _, ends = _condensed(motion, orbit)
     whole, _ = _collapsed(ends, ends[:, :, :0], units)
-    return whole.first[0] / units, whole.last[0] / units
+    return whole[:, : motion.size] / units, whole[:, motion.size :] / units
 
 
 # ----------------------------------------------------------------------------- Newton's method

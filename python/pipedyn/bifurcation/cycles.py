@@ -335,7 +335,7 @@ def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
 def _fine_enough(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
     """The same on a mesh that is fine enough for every mode that persists.
 
-    A mode that decays by more than exp(-25) in a period ends below 1e-11 of its size.
+    One that decays by more than exp(-25) over the span ends below 1e-11 of its size.
     """
     some = np.ascontiguousarray(orbit.starts[:: len(orbit.starts) // 4].T)
     factorised(some.shape[1])

@@ -157,8 +157,8 @@ class Statics:
     def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
         """Rates and accelerations of [x, 0], (moving,) each; rates are 0 but where guides are."""
         y = np.concatenate([x, np.zeros(self.size)])
-        rates, turning = np.split(self.motion(y[:, None], u)[:, 0], 2)
-        return rates, turning
+        rates = self.motion(y[:, None], u)[:, 0]
+        return rates[: self.size], rates[self.size :]
 
     def residual(self, x: Array, p: float) -> Array:
         """Forces, or for scenes accelerations and returns to the guides, shape (moving,)."""

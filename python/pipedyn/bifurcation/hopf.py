@@ -140,7 +140,7 @@ def vectors(
     Raises as `normal_form` does.
     """
     size = a.shape[0]
-    # Rates are about omega times coordinates: balanced, they are as large, and so is the shift.
+    # Rates are about omega times coordinates: balanced, both are of one size.
     balance, (scaling, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
     shift = 1j * frequency * (1.0 + 1e-12) + 1e-11 * frequency
     factorised()
@@ -553,9 +553,8 @@ class CriticalityCurve:
     @property
     def subcritical(self) -> NDArray[np.bool_]:
         """Where the cycle that emerges repels, so that flutter is large at once, shape (S,)."""
-        return np.array(
-            [one is not None and one.criticality == "subcritical" for one in self.onsets]
-        )
+        kinds = [getattr(one, "criticality", None) for one in self.onsets]
+        return np.array([kind == "subcritical" for kind in kinds])
 
     @property
     def folds(self) -> Array:
@@ -573,8 +572,7 @@ class CriticalityCurve:
         Either the leading coefficient passes 0 there (a Bautin point), which `laws` that grow
         without bound show, or the onset passes to another mode.
         """
-        known = np.array([one is not None for one in self.onsets])
-        side = self.subcritical
+        known, side = ~np.isnan(self.speeds), self.subcritical
         at = np.flatnonzero(known[:-1] & known[1:] & (side[:-1] != side[1:]))
         return np.stack([self.values[at], self.values[at + 1]], axis=1)
 

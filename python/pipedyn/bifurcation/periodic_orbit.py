@@ -16,7 +16,8 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 
 STAGES = 8
-"""Stages of the Radau IIA method, whose order is one less than twice as many: 15."""
+"""Stages of the Radau IIA method, whose order is one less than twice as many: 15. Cycles of four
+pipes take 1.4 times as long to 1e-6 with 6 stages, and about as long with 10 and 12."""
 
 COARSEST = 4
 """Intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd harmonics."""
@@ -226,14 +227,12 @@ def divided(edges: Array, parts: NDArray[np.int_]) -> Array:
 
 
 def _joined(edges: Array, turns: Array) -> Array:
-    """Edges with others that take the place of such as they coincide with."""
+    """Edges with others, which take the place of those that they all but coincide with."""
     least = 1e-4 * edges[-1]  # a shorter interval costs as much and resolves nothing
-    inner = edges[1:-1]
-    if turns.size:
-        turns = turns[np.concatenate([[True], np.diff(turns) > least])]
-        turns = turns[(turns > least) & (turns < edges[-1] - least)]
-        inner = inner[np.abs(inner[:, None] - turns).min(axis=1, initial=math.inf) > least]
-    return np.sort(np.concatenate([edges[:1], inner, turns, edges[-1:]]))
+    turns = turns[(turns > least) & (turns < edges[-1] - least)]
+    turns = turns[np.diff(turns, prepend=-math.inf) > least]
+    apart = np.abs(edges[1:-1, None] - turns).min(axis=1, initial=math.inf)
+    return np.sort(np.concatenate([edges[[0, -1]], edges[1:-1][apart > least], turns]))
 
 
 def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:

@@ -4,7 +4,8 @@
 Each step of a tracked sweep (see `tracking`) gives a cubic for the real part of a branch.
 A step shows all crossings where no extremum of the cubic lies closer to the axis than the cubic's
 own error, and is halved otherwise; so a branch that touches the axis between two samples, or passes
-it twice, is found. Each crossing is then polished by Newton's method with d lambda / du on the model.
+it twice, is found. Each crossing is then polished by Newton's method with d lambda / du on the
+model.
 
 A real part within rounding of zero has no sign: such a branch stays what it was, stable or not,
 until its real part leaves the noise. `special.undamped` is for pipes without any term in the

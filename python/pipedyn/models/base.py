@@ -338,11 +338,10 @@ class Model(ABC):
 
     def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         """[p, p'] to integrate from, shape (2 moving,), of what `simulate` is given."""
-        state = np.zeros(2 * self.dof)
-        state[: self.dof] = check.array("q0", q0, size=self.dof, low=-1e6, high=1e6)
-        if qdot0 is not None:
-            state[self.dof :] = check.array("qdot0", qdot0, size=self.dof, low=-1e6, high=1e6)
-        return state
+        rule: dict[str, Any] = {"size": self.dof, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
+        q = check.array("q0", q0, **rule)
+        rates = np.zeros(self.dof) if qdot0 is None else check.array("qdot0", qdot0, **rule)
+        return np.concatenate([q, rates])
 
     def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         """Coordinates and rates, (S, coordinates) each, of what is integrated, (S, moving)."""

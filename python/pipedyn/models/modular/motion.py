@@ -98,8 +98,9 @@ class SceneMotion:
         force = np.array(self.core.forces(y, u))
         by_q, by_rate = (matrix(of, size, size) for of in self.core.force_derivatives(y, u))
         for custom in self.customs.each:
-            q, rates, places = y[:size][custom.index], y[size:][custom.index], custom.module.places
-            force[custom.index] += custom.force(q, rates)
+            at = custom.index
+            q, rates, places = y[at], y[size + at], (at.repeat(at.size), np.tile(at, at.size))
+            force[at] += custom.force(q, rates)
             by_q = by_q + matrix((*places, custom.by_q(q, rates).ravel()), size, size)
             by_rate = by_rate + matrix((*places, custom.by_qdot(q, rates).ravel()), size, size)
         return force, by_q, by_rate

@@ -216,12 +216,6 @@ class Custom(Module):
         angles = [3 * joint - 1 for joint in self.joints]
         return np.array([*(i for pair in pairs for i in pair), *angles], dtype=np.intp)
 
-    @property
-    def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns of a (k, k) among the redundant coordinates, row by row."""
-        rows, columns = np.meshgrid(self.index, self.index, indexing="ij")
-        return rows.ravel(), columns.ravel()
-
 
 @dataclass(frozen=True)
 class Clamp(Constraint):
