@@ -5,19 +5,18 @@
 // are tables (dof, count), row by row.
 #pragma once
 
-#include <complex>
 #include <functional>
 #include <vector>
 
+#include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {
 
-using Complex = std::complex<double>;
 using ComplexTable = std::vector<Complex>;
 
 /// The routines of BLAS and LAPACK that are needed, by address, as SciPy has them: the core is
-/// linked with neither. Measured beside Eigen's EigenSolver, which has no left vectors, dgeev takes
+/// linked with neither. Compared with Eigen's EigenSolver, which has no left vectors, dgeev takes
 /// with them 0.6 of the time at 20 rows and a third at 200.
 struct Lapack {
   void (*dgemm)(char* trans_a, char* trans_b, int* m, int* n, int* k, double* alpha, double* a,
