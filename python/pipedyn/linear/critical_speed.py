@@ -16,8 +16,7 @@ from pipedyn.linear.special.deflation import sweeping_problem
 from pipedyn.linear.special.undamped import CirculatorySearch
 from pipedyn.linear.special.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.continuum import AnyModel, Continuum, checked_model
-from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.continuum import AnyModel, Continuum, answered, checked_model
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.result import result
@@ -134,7 +133,10 @@ def first_loss(
     # A low critical speed needs no large basis and few modes of a long chain, so where that is
     # cheaper the search first ends sooner: without weight pipes flutter below 12 if beta < 0.68,
     # below 30 at any beta, and gamma = 1000 takes the speed to 20 .. 80.
-    ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed and _is_cheaper_to(end, model)]
+    ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed]
+    if ends and isinstance(model, Model):
+        long = model.pencil().is_long
+        ends = [e for e in ends if long and _some_are_cheaper(_modes_within(e), e, model.dof)]
     for end in [*ends, max_speed]:
         found = _search(model, end, lambda crossing: crossing.change > 0)
         critical = found.critical(max_speed)
@@ -153,25 +155,25 @@ def all_losses(
 
 @dataclass(frozen=True)
 class _Search:
-    """Crossings, and how far the last growth of a Continuum moved them, relative."""
+    """Crossings of a model, and the degrees of freedom solved."""
 
     model: AnyModel
     crossings: tuple[Crossing, ...]
     size: int
-    moved: float | None = None
 
     def critical(self, max_speed: float) -> CriticalSpeed | None:
         """The first crossing that destabilises."""
         first = next((c for c in self.crossings if c.destabilising), None)
         if first is None:
             return None
+        model = self.model
         return CriticalSpeed(
             **vars(first),
             stable_at_rest=self.crossings[0].unstable_before == 0,
             size=self.size,
-            pipe=self.model.pipe,
-            _exact=_exact(self.model),
-            _continuous=None if self.moved is None else first.error,
+            pipe=model.pipe,
+            _exact=Continuum(model.pipe) if model.approximates_pipe else None,
+            _continuous=first.error if isinstance(model, Continuum) else None,
             _max_speed=max_speed,
         )
 
@@ -190,43 +192,34 @@ def _search(
     return replace(found[0], model=model, crossings=reached)
 
 
-def _exact(model: AnyModel) -> Continuum | None:
-    """The continuous pipe that a model stands for, terms included."""
-    if isinstance(model, Model) and not model.approximates_pipe:
-        return None
-    return Continuum(model.pipe)
-
-
 def _search_once(
     model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None
 ) -> _Search:
-    if not isinstance(model, Continuum):
-        if model.dof > LARGEST_FULL:
-            raise ValueError(
-                f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
-                f"got {model.dof}"
-            )
-        model.require_equilibrium(0.0, max_speed)
-        return _Search(model, crossings_of(model, _sweep(model, max_speed, until)), model.dof)
-    continuous = model.converge(
-        lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _resolved(rom))),
-        _difference,
+    continuous = isinstance(model, Continuum)
+    if isinstance(model, Model) and model.dof > LARGEST_FULL:
+        raise ValueError(
+            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
+            f"got {model.dof}"
+        )
+
+    def passed(one: Any) -> tuple[Crossing, ...]:
+        resolved = None
+        if continuous:
+            # Three fifths of a Legendre model's modes are the pipe's to many digits. Where damping
+            # is so strong that the last of these do not oscillate, those beyond are overdamped too,
+            # however they would grow without it, and nothing sets them apart: then all.
+            share = (3 * one.resolution) // 5
+            resolved = share if one.pipe.damping * (math.pi * share) ** 2 <= 2.0 else None
+        return crossings_of(one, _sweep(one, max_speed, until, resolved))
+
+    found = answered(
+        *(model, (0.0, max_speed), passed, _difference),
         smallest=max(16, math.ceil(0.8 * max_speed) + 8),
     )
-    moved = continuous.error
-    found = tuple(replace(c, error=2.0 * c.error + moved * c.speed) for c in continuous.value)
-    return _Search(model, found, continuous.size, moved)
-
-
-def _resolved(rom: Galerkin) -> int | None:
-    """How many modes of a Legendre model to look at: three fifths are the pipe's to many digits.
-
-    All, if damping is so strong that the last of these do not oscillate: then those beyond are
-    overdamped too, however they would grow without damping, and nothing sets them apart.
-    """
-    resolved = (3 * rom.resolution) // 5
-    overdamped = rom.pipe.damping * (math.pi * resolved) ** 2 > 2.0
-    return None if overdamped else resolved
+    reached = found.value
+    if continuous:
+        reached = tuple(replace(c, error=2.0 * c.error + found.error * c.speed) for c in reached)
+    return _Search(model, reached, found.size)
 
 
 def _modes_within(max_speed: float) -> int:
@@ -237,13 +230,6 @@ def _modes_within(max_speed: float) -> int:
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
     """Whether some modes of a long chain are computed faster than all."""
     return tracked <= dof // 4 and max_speed <= dof / 4
-
-
-def _is_cheaper_to(end: float, model: AnyModel) -> bool:
-    """Whether a search is the cheaper, the sooner it ends."""
-    if isinstance(model, Continuum):
-        return True
-    return model.pencil().is_long and _some_are_cheaper(_modes_within(end), end, model.dof)
 
 
 def _sweep(
