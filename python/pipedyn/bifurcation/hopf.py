@@ -52,7 +52,7 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import Failure, swept
+from pipedyn.linear.stability_curve import Failure, of_each, swept
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
@@ -202,31 +202,6 @@ def _extrapolated(values: list[complex]) -> tuple[complex, float]:
         if estimates[i] < error:
             best, error = complex(row[i]), float(estimates[i])
     return best, error
-
-
-def averaged(
-    force: Callable[[Array], Array], form: NormalForm, angle: float
-) -> tuple[complex, float]:
-    """Mean of a force over one turn of the mode, d of the module's head, and its error.
-
-    Args:
-        force: N of displacements from rest, shape (N, k) to (N, k).
-        form: the mode.
-        angle: the largest of the pipe displaced by q, by which the displacements are measured.
-    """
-    phase = np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False)  # drag's kinks ask for many
-    turn = np.exp(1j * phase)
-    line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
-    first = FIRST_STEP / angle
-
-    def mean(r: float, stride: int) -> complex:
-        values = force(r * line[:, ::stride]) / r**2
-        return complex(2.0 * np.mean((form.left.conj() @ values) * turn[::stride].conj()))
-
-    values = [mean(first / 2**level, 4) for level in range(1, 4)]
-    value, error = _extrapolated(values)
-    fine = mean(first / 8.0, 1)  # what the kinks leave of the mean shows in fewer phases
-    return value + fine - values[-1], error + abs(fine - values[-1]) + 1e-9 * abs(value)
 
 
 # ------------------------------------------------------------------------------- of the pipe
@@ -490,21 +465,30 @@ def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> comp
 def _mean_drag(
     model: Model, smooth: VectorField, rest: Array, u: float, form: NormalForm
 ) -> tuple[complex, float]:
-    """The quadratic coefficient and its error: 0 without drag, or where the mode moves without."""
+    """Mean of drag over one turn of the mode, d of the module's head, and its error.
+
+    It is 0 without drag, or where the mode moves without.
+    """
     # Less acts only at amplitudes that are 0 to any accuracy, and its law leaves finite numbers.
     if model.pipe.drag < 1e-100:
         return 0j, 0.0
     unit = with_drag(model, 1.0)  # a weak drag would be lost in rounding; its force is as large
+    turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False))  # kinks ask for many
+    line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
+    first = FIRST_STEP / model.largest_angle(form.right[: smooth.half])
 
-    def force(moved: Array) -> Array:
-        """Drag alone, free of cancellation."""
-        y = np.ascontiguousarray(rest[:, None] + moved)
-        return unit(y, u) - smooth(y, u)
+    def mean(r: float, stride: int) -> complex:
+        y = np.ascontiguousarray(rest[:, None] + r * line[:, ::stride])
+        values = (unit(y, u) - smooth(y, u)) / r**2  # drag alone
+        return complex(2.0 * np.mean((form.left.conj() @ values) * turn[::stride].conj()))
 
-    mean, error = averaged(force, form, model.largest_angle(form.right[: smooth.half]))
-    if abs(mean) <= 1e-12 * form.frequency:
-        mean = 0j
-    return model.pipe.drag * mean, model.pipe.drag * error
+    values = [mean(first / 2**level, 4) for level in range(1, 4)]
+    value, error = _extrapolated(values)
+    missed = mean(first / 8.0, 1) - values[-1]  # what kinks leave of a mean over fewer phases
+    value, error = value + missed, error + abs(missed) + 1e-9 * abs(value)
+    if abs(value) <= 1e-12 * form.frequency:
+        value = 0j
+    return model.pipe.drag * value, model.pipe.drag * error
 
 
 def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
@@ -535,20 +519,15 @@ class CriticalityCurve:
     onsets: tuple[Hopf | None, ...] = field(repr=False)
     failures: tuple[Failure, ...]
 
-    def _each(self, name: str) -> Array:
-        """An attribute of each onset, shape (S,), NaN for none."""
-        found = [getattr(one, name, None) for one in self.onsets]
-        return np.array([math.nan if value is None else value for value in found])
-
     @property
     def speeds(self) -> Array:
         """Flow speeds of the onsets, shape (S,), NaN where there is none."""
-        return self._each("speed")
+        return of_each(self.onsets, "speed")
 
     @property
     def laws(self) -> Array:
         """Amplitude laws, negative where the onset is subcritical, shape (S,), NaN for none."""
-        return self._each("amplitude_law")
+        return of_each(self.onsets, "amplitude_law")
 
     @property
     def subcritical(self) -> NDArray[np.bool_]:
@@ -563,7 +542,7 @@ class CriticalityCurve:
         With drag an onset may be supercritical, but its cycles turn back at this speed, beyond
         which flutter is large at once. Under weak drag that is hardly above the onset.
         """
-        return self._each("fold")
+        return of_each(self.onsets, "fold")
 
     @property
     def changes(self) -> Array:
