@@ -18,12 +18,15 @@ motion, cannot hold a stiff one. Two things can:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
+from scipy.sparse import dia_array
 
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
@@ -122,11 +125,8 @@ def is_spread(chain: Chain) -> bool:
 def node_shares(moments: Array, length: Array) -> tuple[Array, Array, Array]:
     """Sums of k (1 - x)^2, k (1 - x) x and k x^2 over each segment from those of k (x l)^p.
 
-    They multiply displacements of the segment's two ends, k at the share x of its length.
-
-    Args:
-        moments: for p = 0, 1, 2, shape (n, 3).
-        length: of each segment, shape (n,).
+    They multiply displacements of the segment's two ends, k at the share x of its length l.
+    `moments` are for p = 0, 1, 2, shape (n, 3).
     """
     zeroth, first, second = moments.T
     mixed = first / length - second / length**2
@@ -143,9 +143,10 @@ class StiffRoots:
 
     def __init__(self, chain: Chain) -> None:
         self.chain = chain
-        self.core = chain.core
         self.n = chain.dof
-        self.width = self.core.band_width
+        self.width = chain.core.band_width
+        self.band: Callable[[complex, float], Complex] = chain.core.band
+        """T at lambda and u, in LAPACK's storage."""
         self._reduce_to_mass()
         self.known: dict[complex, StiffPair] = {}
         self.known_at = -1.0
@@ -161,7 +162,7 @@ class StiffRoots:
         node, before = np.eye(n), np.eye(n, k=-1)
         step = node - before
         angle = step / length[:, None]
-        masses, chi, eta = self.core.bodies().T[:, :, None]
+        masses, chi, eta = chain.core.bodies().T[:, :, None]
         centre = (1.0 - chi) * before + chi * node
         motion = np.vstack([np.sqrt(masses) * centre, np.sqrt(masses) * eta * angle])
         motion = motion[np.argsort(-np.abs(motion).max(axis=1), kind="stable")]
@@ -221,14 +222,10 @@ class StiffRoots:
     def with_stiff_roots(
         self, u: float, values: Complex, right: Complex, left: Complex | None, free: bool
     ) -> tuple[Complex, Complex, Complex | None]:
-        """All roots of the inverse problem, with the stiff ones from the whole problem.
+        """All roots of the inverse problem, (r,), with the stiff ones from the whole problem.
 
-        Args:
-            u: flow speed.
-            values: roots of the inverse problem, shape (r,).
-            right: their vectors in elastic coordinates, (n, r).
-            left: their left vectors, or None.
-            free: whether no term in the velocity is there.
+        Vectors are in elastic coordinates, (n, r); `free` says that no term in the velocity is
+        there.
         """
         kept, rough = self.starts(u, values, free)
         values = np.concatenate([values[kept], rough])
@@ -236,9 +233,9 @@ class StiffRoots:
         right = np.hstack([right[:, kept], lost])
         left = None if left is None else np.hstack([left[:, kept], lost])
         for i, pair in self.polished(u, values, free).items():
-            twin = np.flatnonzero(values == values[i].conj())[:1]
+            conjugate = np.flatnonzero(values == values[i].conj())[:1]
             x, y = self.elastic(pair)
-            for j, found in ((twin, np.conj), ([i], np.asarray)):
+            for j, found in ((conjugate, np.conj), ([i], np.asarray)):
                 values[j], right[:, j] = found(np.array([pair.value])), found(x)
                 if left is not None:
                     left[:, j] = found(y)
@@ -269,15 +266,9 @@ class StiffRoots:
         cut = int(np.argmax(gaps)) if near.any() else rough.size
         return order[:cut], rough[cut:]
 
-    def band(self, value: complex, u: float) -> Complex:
-        """T in LAPACK's storage."""
-        result: Complex = self.core.band(complex(value), u)
-        return result
-
     def derivative(self, value: complex, u: float) -> Complex:
         """dT/dlambda; T is a quadratic, of which a central difference is exact."""
-        result: Complex = (self.band(2.0 * value, u) - self.band(0.0, u)) / (2.0 * value)
-        return result
+        return (self.band(2.0 * value, u) - self.band(0.0, u)) / (2.0 * value)
 
     def at(
         self, u: float, value: complex, vectors: tuple[Complex, Complex] | None = None
@@ -371,8 +362,7 @@ class StiffRoots:
         columns = sizes + 1e-30  # none is zero; |x| <= 1
         rows = 1.0 / times(np.abs(band), columns)
         scaled = band.copy(order="F")
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(rows, width), 2 * width + 1).T
-        scaled[width:] *= around * columns
+        scaled[width:] *= by_rows(rows, width) * columns
         solve = band_solver(scaled, width, width)
         right: Complex = solve((rows * load)[:, None], False)[:, 0]
         left: Complex = solve((columns * dual)[:, None], True)[:, 0]
@@ -406,17 +396,18 @@ def normed(x: Complex) -> Complex:
 def times(band: Vectors, x: Vectors) -> Vectors:
     """A band matrix in LAPACK's storage, times a vector."""
     width = (band.shape[0] - 1) // 3
-    padded = np.zeros(x.size + 2 * width, dtype=np.result_type(band, x))
-    for k, diagonal in enumerate(band[width:]):
-        padded[k : k + x.size] += diagonal * x
-    return padded[width : width + x.size]
+    diagonals = band[width:], np.arange(width, -width - 1, -1)
+    result: Vectors = dia_array(diagonals, shape=(x.size, x.size)) @ x
+    return result
 
 
 def adjoint_times(band: Vectors, y: Vectors) -> Vectors:
     """Its conjugate transpose, times a vector."""
     width = (band.shape[0] - 1) // 3
-    padded = np.pad(y, width)
-    result: Vectors = sum(
-        diagonal.conj() * padded[k : k + y.size] for k, diagonal in enumerate(band[width:])
-    )
+    result: Vectors = (band[width:].conj() * by_rows(y, width)).sum(axis=0)
     return result
+
+
+def by_rows(x: Vectors, width: int) -> Vectors:
+    """Entries x_i at the places of a band matrix's entries (i, j), of so many diagonals a side."""
+    return sliding_window_view(np.pad(x, width), 2 * width + 1).T

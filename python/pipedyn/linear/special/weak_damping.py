@@ -67,7 +67,10 @@ def extrapolated(
             found[0],
         )
     x = _size(pipe) ** 2
-    parabola, line = _weights(SQUARES, x), _weights(SQUARES[:2], x)
+    # Weights of the values in the parabola and in the line at x, from the powers of the squares.
+    parabola, line = (
+        np.linalg.solve(np.vander(SQUARES[:n]).T, np.vander([x], n)[0]) for n in (3, 2)
+    )
     result = []
     for same in zip(*found, strict=True):
         speeds, frequencies = [c.speed for c in same], [c.frequency for c in same]
@@ -84,13 +87,6 @@ def extrapolated(
             )
         )
     return tuple(result)
-
-
-def _weights(nodes: Sequence[float], x: float) -> list[float]:
-    """Lagrange's polynomials of some nodes at x."""
-    return [
-        math.prod((x - other) / (own - other) for other in nodes if other != own) for own in nodes
-    ]
 
 
 def _weakened(pipe: Pipe, solved: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:
