@@ -148,7 +148,7 @@ class Modes:
         same = [int(np.abs(there - value).argmin()) for value in values]
         # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
         found = replace(pairs.take(same), values=values, residuals=self.residuals[good])
-        errors[good] = problem.uncertainties(self.speed, found)
+        errors[good] = problem.assessed(self.speed, found).uncertain
         errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
         return errors
 
@@ -345,7 +345,7 @@ def _tracked_loci(
 
     def row(u: float, pairs: Eigenpairs) -> tuple[Any, ...]:
         """Eigenvalues, partners, convergence and errors of the branches, shape (count,) each."""
-        uncertain, converged = problem.uncertainties(u, pairs), pairs.converged
+        uncertain, converged = problem.assessed(u, pairs).uncertain, pairs.converged
         return (
             *(pairs.values[upper], pairs.values[lower], converged[upper] & converged[lower]),
             np.maximum(uncertain[upper], uncertain[lower]),
