@@ -94,14 +94,10 @@ def normal_form(
     scale: Callable[[Complex], complex],
     reach: Callable[[Complex], float],
 ) -> NormalForm:
-    """Cubic normal form at an equilibrium of any smooth system y' = f(y).
+    """Cubic normal form at an equilibrium, shape (N,), of any smooth system y' = f(y).
 
-    Args:
-        jacobian: df/dy of states, shape (N,) to (N, N).
-        rest: the equilibrium, shape (N,).
-        frequency: omega of the pair on the axis, to some 1e-6.
-        scale: a linear function of q, which is divided by its value.
-        reach: the size of q by which the steps of differences are measured.
+    `jacobian` gives df/dy of a state, shape (N, N); omega need be known to some 1e-6. q is divided
+    by `scale` of it, a linear function; its `reach` is what measures the steps of differences.
 
     Raises:
         ValueError: if there is no such eigenvalue.
@@ -218,11 +214,7 @@ class HopfPoint:
 
 
 def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
-    """The pair on the axis at an equilibrium, shape (2 moving,), without its normal form.
-
-    Raises:
-        ValueError, NoHopf: if there is no such pair, or two, or the free end does not move.
-    """
+    """The pair on the axis at an equilibrium, shape (2 moving,); raises as `vectors` does."""
     mode, _ = vectors(motion.jacobian(rest, u), frequency, lambda q: _tip_of(motion, rest, q))
     return HopfPoint(u, frequency, mode=mode, rest=rest)
 

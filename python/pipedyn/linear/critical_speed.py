@@ -125,11 +125,7 @@ def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
 def first_loss(
     model: AnyModel, max_speed: float = 100.0
 ) -> tuple[CriticalSpeed, tuple[Crossing, ...]]:
-    """The critical speed, and the crossings up to it, from a search that ends there.
-
-    Raises:
-        NoCrossing: if there is none up to max_speed.
-    """
+    """The critical speed, and the crossings up to it, or NoCrossing, from a search ending there."""
     # A low critical speed needs no large basis and few modes of a long chain, so where that is
     # cheaper the search first ends sooner: without weight pipes flutter below 12 if beta < 0.68,
     # below 30 at any beta, and gamma = 1000 takes the speed to 20 .. 80.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
+from itertools import accumulate, pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -84,24 +85,20 @@ class Crossing:
 
 def crossings_of(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
     """The crossings of a sweep, with counts and sensitivities."""
-    found = []
-    unstable = swept.unstable_at_rest
-    for crossing in swept.crossings:
-        after = unstable + crossing.change
-        found.append(
-            Crossing(
-                speed=crossing.speed,
-                frequency=abs(crossing.value.imag),
-                kind="flutter" if crossing.change % 2 == 0 else "divergence",
-                unstable_before=unstable,
-                unstable_after=after,
-                error=crossing.error,
-                mode=crossing.mode,
-                sensitivity=_sensitivity(model, crossing),
-            )
+    counts = accumulate((c.change for c in swept.crossings), initial=swept.unstable_at_rest)
+    return tuple(
+        Crossing(
+            speed=crossing.speed,
+            frequency=abs(crossing.value.imag),
+            kind="flutter" if crossing.change % 2 == 0 else "divergence",
+            unstable_before=before,
+            unstable_after=after,
+            error=crossing.error,
+            mode=crossing.mode,
+            sensitivity=_sensitivity(model, crossing),
         )
-        unstable = after
-    return tuple(found)
+        for crossing, (before, after) in zip(swept.crossings, pairwise(counts), strict=True)
+    )
 
 
 def _sensitivity(model: Model, crossing: AxisCrossing) -> Sensitivity | None:

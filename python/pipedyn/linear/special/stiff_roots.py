@@ -147,18 +147,12 @@ class StiffRoots:
         self.width = chain.core.band_width
         self.band: Callable[[complex, float], Complex] = chain.core.band
         """T at lambda and u, in LAPACK's storage."""
-        self._reduce_to_mass()
         self.known: dict[complex, StiffPair] = {}
         self.known_at = -1.0
-
-    def _reduce_to_mass(self) -> None:
-        """Rows F of the springs and P of gravity, matrices of flow and terms, for a mass of one.
-
-        The kinetic energy is |B w|^2 / 2, two rows a segment. The QR factor of B, largest rows
-        first and with pivoting, is as good in its small rows as in its large ones.
-        """
-        chain, n = self.chain, self.n
-        length = chain.lengths
+        # Rows F of the springs and P of gravity, matrices of flow and terms, for a mass of one. The
+        # kinetic energy is |B w|^2 / 2, two rows a segment. The QR factor of B, largest rows first
+        # and with pivoting, is as good in its small rows as in its large ones.
+        n, length = self.n, chain.lengths
         node, before = np.eye(n), np.eye(n, k=-1)
         step = node - before
         angle = step / length[:, None]
@@ -344,7 +338,8 @@ class StiffRoots:
             vectors = self._solved(here, np.ones(seed.size), seed, seed)
         x, y = map(normed, vectors)
         load = times(rate, x)
-        right, left = map(normed, self._solved(here, np.abs(x), load, adjoint_times(rate, y)))
+        dual = (rate[self.width :].conj() * by_rows(y, self.width)).sum(axis=0)
+        right, left = map(normed, self._solved(here, np.abs(x), load, dual))
         pulled = np.vdot(left, times(rate, right))
         with np.errstate(all="ignore"):
             change = -complex(np.vdot(left, times(here, right)) / pulled)
@@ -398,13 +393,6 @@ def times(band: Vectors, x: Vectors) -> Vectors:
     width = (band.shape[0] - 1) // 3
     diagonals = band[width:], np.arange(width, -width - 1, -1)
     result: Vectors = dia_array(diagonals, shape=(x.size, x.size)) @ x
-    return result
-
-
-def adjoint_times(band: Vectors, y: Vectors) -> Vectors:
-    """Its conjugate transpose, times a vector."""
-    width = (band.shape[0] - 1) // 3
-    result: Vectors = (band[width:].conj() * by_rows(y, width)).sum(axis=0)
     return result
 
 

@@ -54,11 +54,7 @@ def strengthened(pipe: Pipe) -> list[Pipe]:
 def extrapolated(
     pipe: Pipe, solved: Sequence[Pipe], found: Sequence[tuple[Crossing, ...]]
 ) -> tuple[Crossing, ...]:
-    """The crossings of the pipe from those of the pipes solved in its place.
-
-    Raises:
-        NotConverged: if these do not pass alike.
-    """
+    """The crossings of the pipe from those of the pipes solved in its place, if these agree."""
     kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
     if any(row != kinds[0] for row in kinds):
         raise NotConverged(
