@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,7 @@ from pipedyn.linear.special.deflation import sweeping_problem
 from pipedyn.linear.special.undamped import CirculatorySearch
 from pipedyn.linear.special.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.continuum import AnyModel, Continuum, answered, checked_model
+from pipedyn.models.continuum import AnyModel, Continuum, Converged, answered, checked_model
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.result import result
@@ -93,7 +93,8 @@ def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    return _search(model, checked_end(max_speed, model)).crossings
+    _, found = all_losses(model, checked_end(max_speed, model))
+    return found
 
 
 def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
@@ -134,63 +135,44 @@ def first_loss(
         long = model.pencil().is_long
         ends = [e for e in ends if long and _some_are_cheaper(_modes_within(e), e, model.dof)]
     for end in [*ends, max_speed]:
-        found = _search(model, end, lambda crossing: crossing.change > 0)
-        critical = found.critical(max_speed)
+        critical, found = all_losses(model, end, lambda crossing: crossing.change > 0)
         if critical is not None:
-            return critical, found.crossings
+            return replace(critical, _max_speed=max_speed), found
     raise NoCrossing(f"no loss of stability up to u = {max_speed:g}", max_speed)
 
 
 def all_losses(
-    model: AnyModel, max_speed: float
+    model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None = None
 ) -> tuple[CriticalSpeed | None, tuple[Crossing, ...]]:
-    """Every crossing up to max_speed, and the critical speed if there is one."""
-    found = _search(model, max_speed)
-    return found.critical(max_speed), found.crossings
-
-
-@dataclass(frozen=True)
-class _Search:
-    """Crossings of a model, and the degrees of freedom solved."""
-
-    model: AnyModel
-    crossings: tuple[Crossing, ...]
-    size: int
-
-    def critical(self, max_speed: float) -> CriticalSpeed | None:
-        """The first crossing that destabilises."""
-        first = next((c for c in self.crossings if c.destabilising), None)
-        if first is None:
-            return None
-        model = self.model
-        return CriticalSpeed(
-            **vars(first),
-            stable_at_rest=self.crossings[0].unstable_before == 0,
-            size=self.size,
-            pipe=model.pipe,
-            _exact=Continuum(model.pipe) if model.approximates_pipe else None,
-            _continuous=first.error if isinstance(model, Continuum) else None,
-            _max_speed=max_speed,
-        )
+    """The critical speed, if any, and crossings up to max_speed or the first `until` accepts."""
+    pipe = model.pipe
+    if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
+        return None, ()  # the flow acts on nothing
+    if is_weakly_damped(pipe) and not model.resisted:
+        solved = strengthened(pipe)
+        searches = [_search(model.with_pipe(one), max_speed, until) for one in solved]
+        found = extrapolated(pipe, solved, [search.value for search in searches])
+    else:
+        searches = [_search(model, max_speed, until)]
+        found = searches[0].value
+    first = next((c for c in found if c.destabilising), None)
+    if first is None:
+        return None, found
+    critical = CriticalSpeed(
+        **vars(first),
+        stable_at_rest=found[0].unstable_before == 0,
+        size=searches[0].size,
+        pipe=pipe,
+        _exact=Continuum(pipe) if model.approximates_pipe else None,
+        _continuous=first.error if isinstance(model, Continuum) else None,
+        _max_speed=max_speed,
+    )
+    return critical, found
 
 
 def _search(
-    model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None = None
-) -> _Search:
-    pipe = model.pipe
-    if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
-        return _Search(model, (), 0)  # the flow acts on nothing
-    if not is_weakly_damped(pipe) or model.resisted:
-        return _search_once(model, max_speed, until)
-    solved = strengthened(model.pipe)
-    found = [_search_once(model.with_pipe(pipe), max_speed, until) for pipe in solved]
-    reached = extrapolated(model.pipe, solved, [search.crossings for search in found])
-    return replace(found[0], model=model, crossings=reached)
-
-
-def _search_once(
     model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None
-) -> _Search:
+) -> Converged[tuple[Crossing, ...]]:
     continuous = isinstance(model, Continuum)
     if isinstance(model, Model) and model.dof > LARGEST_FULL:
         raise ValueError(
@@ -212,10 +194,10 @@ def _search_once(
         *(model, (0.0, max_speed), passed, _difference),
         smallest=max(16, math.ceil(0.8 * max_speed) + 8),
     )
-    reached = found.value
-    if continuous:
-        reached = tuple(replace(c, error=2.0 * c.error + found.error * c.speed) for c in reached)
-    return _Search(model, reached, found.size)
+    if not continuous:
+        return found
+    moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
+    return replace(found, value=tuple(moved))
 
 
 def _modes_within(max_speed: float) -> int:
