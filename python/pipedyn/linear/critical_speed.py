@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from pipedyn.linear.crossings import AxisCrossing, CrossingSearch, Sweep, Untracked
-from pipedyn.linear.modes import CONTINUUM_SPEED, LARGEST_FULL, LARGEST_SPEED
+from pipedyn.linear.modes import LARGEST_FULL, largest_speed
 from pipedyn.linear.sensitivity import Crossing, crossings_of
 from pipedyn.linear.special.deflation import sweeping_problem
 from pipedyn.linear.special.undamped import CirculatorySearch
@@ -119,7 +119,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
 
 def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
     """The argument max_speed, if it can end a search in the model."""
-    high = CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
+    high = largest_speed(model)
     return check.real("max_speed", max_speed, low=0.0, high=high, open_low=True)
 
 

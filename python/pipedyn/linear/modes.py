@@ -145,7 +145,7 @@ class Modes:
         good = np.flatnonzero(np.isfinite(self.eigenvalues))
         values = self.eigenvalues[good]
         there = np.nan_to_num(pairs.values)
-        same = [int(np.abs(there - value).argmin()) for value in values]
+        same = np.abs(there[:, None] - values).argmin(axis=0)
         # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
         found = replace(pairs.take(same), values=values, residuals=self.residuals[good])
         errors[good] = problem.assessed(self.speed, found).uncertain
@@ -186,6 +186,11 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     if isinstance(model, Continuum):
         return replace(found.value, size=found.size, discretisation=found.error)
     return found.value
+
+
+def largest_speed(model: AnyModel | None) -> float:
+    """The largest flow speed of a sweep, also where its model is not known yet."""
+    return CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
 
 
 def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
@@ -265,15 +270,11 @@ def root_loci(
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
+    at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
     if np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be strictly increasing")
     count = _checked_count(count, model, 1)
     shown = check.flag("progress", progress)
-    if isinstance(model, Continuum) and at[-1] > CONTINUUM_SPEED:
-        raise ValueError(
-            f"speeds must be at most {CONTINUUM_SPEED:g} for a Continuum, got {at[-1]:g}"
-        )
     smallest = max(16, 3 * count, math.ceil(at[-1]))
     answer: Converged[RootLoci] = answered(
         *(model, (float(at[0]), float(at[-1]))),

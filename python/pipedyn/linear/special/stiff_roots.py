@@ -270,12 +270,29 @@ class StiffRoots:
         """Residual, uncertainty and slope at a root, as it is given, with vectors near its own."""
         if u != self.known_at:
             self.known, self.known_at = {}, u
-        if value not in self.known:
-            if value.imag < 0.0:
-                return self.at(u, value.conjugate()).conjugate
-            _, right, left = self._iterated(u, value, vectors)
-            self.known[value] = self._described(u, value, right, left)
-        return self.known[value]
+        if value in self.known:
+            return self.known[value]
+        if value.imag < 0.0:
+            return self.at(u, value.conjugate()).conjugate
+        _, right, left = self._iterated(u, value, vectors)
+        here = self.band(value, u)
+        pulled = np.vdot(left, times(self.derivative(value, u), right))
+        by_speed = 0.5 * (self.band(value, u + 1.0) - self.band(value, u - 1.0))
+        weight = np.abs(left)
+        # |T| of an entry whose terms cancel, as 1 + delta lambda may, would hide their rounding.
+        terms = np.abs(self.band(abs(value), u)) + np.abs(self.band(1j * abs(value), u))
+        with np.errstate(all="ignore"):
+            rest = float(weight @ np.abs(times(here, right)))
+            size = float(weight @ times(terms, np.abs(right)))
+            uncertain = float((rest + ENTRY * size) / abs(pulled))
+            slope = -complex(np.vdot(left, times(by_speed, right)) / pulled)
+        if uncertain < abs(value):
+            pair = StiffPair(value, right, left, rest / size, uncertain, slope)
+        else:
+            none = np.ones_like(right)
+            pair = StiffPair(value, none, none, math.inf, math.inf, slope)
+        self.known[value] = pair
+        return pair
 
     def polished(self, u: float, values: Complex, free: bool) -> dict[int, StiffPair]:
         """The stiff ones among all roots, by their indices, of conjugates the upper only.
@@ -362,23 +379,6 @@ class StiffRoots:
         right: Complex = solve((rows * load)[:, None], False)[:, 0]
         left: Complex = solve((columns * dual)[:, None], True)[:, 0]
         return columns * right, rows * left
-
-    def _described(self, u: float, value: complex, right: Complex, left: Complex) -> StiffPair:
-        here = self.band(value, u)
-        pulled = np.vdot(left, times(self.derivative(value, u), right))
-        by_speed = 0.5 * (self.band(value, u + 1.0) - self.band(value, u - 1.0))
-        weight = np.abs(left)
-        # |T| of an entry whose terms cancel, as 1 + delta lambda may, would hide their rounding.
-        terms = np.abs(self.band(abs(value), u)) + np.abs(self.band(1j * abs(value), u))
-        with np.errstate(all="ignore"):
-            rest = float(weight @ np.abs(times(here, right)))
-            size = float(weight @ times(terms, np.abs(right)))
-            uncertain = float((rest + ENTRY * size) / abs(pulled))
-            slope = -complex(np.vdot(left, times(by_speed, right)) / pulled)
-        if not uncertain < abs(value):
-            none = np.ones_like(right)
-            return StiffPair(value, none, none, math.inf, math.inf, slope)
-        return StiffPair(value, right, left, rest / size, uncertain, slope)
 
 
 def normed(x: Complex) -> Complex:
