@@ -40,7 +40,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy.linalg
@@ -105,27 +105,33 @@ def normal_form(
         NotConverged: if the differences do not converge.
     """
     a = jacobian(rest)
-    right, left = vectors(a, frequency, scale)
-    first = FIRST_STEP / reach(right)
+    q, p = vectors(a, frequency, scale)
+    first = FIRST_STEP / reach(q)
     values = []
-    directions = (right.real, right.imag)
     for level in range(LEVELS):
         h = first / 2**level
         ahead, behind = (
-            [jacobian(rest + sign * h * direction) for direction in directions]
+            np.array([jacobian(rest + sign * h * direction) for direction in (q.real, q.imag)])
             for sign in (1.0, -1.0)
         )
-        # B(d, .) and C(d, d, .) along d = Re q and Im q.
-        second = [(x - y) / (2.0 * h) for x, y in zip(ahead, behind, strict=True)]
-        third = sum((x + y - 2.0 * a) / h**2 for x, y in zip(ahead, behind, strict=True))
-        values.append(_cubic(a, frequency, right, left, second, third))
+        slopes = (ahead - behind) / (2.0 * h)
+        second = slopes[0] + 1j * slopes[1]  # B(q, .)
+        third = ((ahead + behind - 2.0 * a) / h**2).sum(axis=0)  # C(q, q*, .)
+        total = third @ q
+        both, twice = (second @ q.conj()).real, second @ q  # B(q, q*) is real
+        if max(np.abs(both).max(), np.abs(twice).max()) > 1e-13 * np.abs(total).max():
+            factorised(2)
+            total = total - 2.0 * (second @ np.linalg.solve(a, both))
+            outer = np.linalg.solve(2j * frequency * np.eye(q.size) - a, twice)
+            total = total + second.conj() @ outer
+        values.append(complex(0.5 * (p.conj() @ total)))
     value, error = _extrapolated(values)
     if not error <= 1e-3 * abs(value):  # a force that is not smooth leaves some per cent
         raise NotConverged(
             "the third derivatives at the onset do not converge as the steps of their differences "
             f"shrink: {value:.6g} with an error of {error:.1e}",
         )
-    return NormalForm(frequency, right, left, value, error)
+    return NormalForm(frequency, q, p, value, error)
 
 
 def vectors(
@@ -166,26 +172,6 @@ def vectors(
         raise NoHopf("the free end does not move in the mode that flutters")
     right = right / share
     return right, left / np.conj(left.conj() @ right)
-
-
-def _cubic(
-    a: Array, frequency: float, q: Complex, p: Complex, second: list[Array], third: NDArray[Any]
-) -> complex:
-    """c_1 from B along Re q and Im q, shape (N, N) each, and C(q, q*, .)."""
-
-    def b(x: NDArray[Any]) -> Complex:
-        return np.asarray(second[0] @ x + 1j * (second[1] @ x))
-
-    both = b(q.conj()).real  # B(q, q*) is real
-    twice = b(q)
-    total = third @ q
-    size = np.abs(total).max()
-    if max(np.abs(both).max(), np.abs(twice).max()) > 1e-13 * size:
-        factorised(2)
-        total = total - 2.0 * b(np.linalg.solve(a, both))
-        outer = np.linalg.solve(2j * frequency * np.eye(q.size) - a, twice)
-        total = total + second[0] @ outer - 1j * (second[1] @ outer)
-    return complex(0.5 * (p.conj() @ total))
 
 
 def _extrapolated(values: list[complex]) -> tuple[complex, float]:

@@ -129,21 +129,18 @@ def swept(
     at = check.array("values", values, longest=100_000)
     check.executor("executor", executor)
     shown = check.flag("progress", progress)
-    failures: list[Failure] = []
     answers: list[Answer | None] = [None] * at.size
-    points: list[tuple[int, AnyModel]] = []
+    models, failed = dict[int, AnyModel](), dict[int, Exception]()
     for i, value in enumerate(at):
         try:
-            model = make_model(float(value))
-            checked_model(model)
-            points.append((i, model))
+            models[i] = checked_model(make_model(float(value)))
         except Exception as error:
-            failures.append(Failure(i, float(value), error))
-    jobs = [partial(solve, model) for _, model in points]
+            failed[i] = error
+    jobs = [partial(solve, model) for model in models.values()]
     outcomes = parallel(jobs, executor, label=label, progress=shown)
-    for (i, _), outcome in zip(points, outcomes, strict=True):
+    for i, outcome in zip(models, outcomes, strict=True):
         if isinstance(outcome, Exception):
-            failures.append(Failure(i, float(at[i]), outcome))
+            failed[i] = outcome
         else:
             answers[i] = outcome
-    return at, answers, tuple(sorted(failures, key=lambda failure: failure.index))
+    return at, answers, tuple(Failure(i, float(at[i]), failed[i]) for i in sorted(failed))
