@@ -190,10 +190,8 @@ def _search(
             resolved = share if one.pipe.damping * (math.pi * share) ** 2 <= 2.0 else None
         return crossings_of(one, _sweep(one, max_speed, until, resolved))
 
-    found = answered(
-        *(model, (0.0, max_speed), passed, _difference),
-        smallest=max(16, math.ceil(0.8 * max_speed) + 8),
-    )
+    smallest = max(16, math.ceil(0.8 * max_speed) + 8)
+    found = answered(model, (0.0, max_speed), passed, _difference, smallest=smallest)
     if not continuous:
         return found
     moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)

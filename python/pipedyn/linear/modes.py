@@ -179,7 +179,9 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
             f"count must be given beyond {LARGEST_FULL} degrees of freedom, got {model.dof}"
         )
     found = answered(
-        *(model, (u,), lambda one: _modes(one, u, count)),
+        model,
+        (u,),
+        lambda one: _modes(one, u, count),
         lambda a, b: relative(a.eigenvalues, b.eigenvalues),
         smallest=max(16, count or 0),
     )
@@ -277,7 +279,8 @@ def root_loci(
     shown = check.flag("progress", progress)
     smallest = max(16, 3 * count, math.ceil(at[-1]))
     answer: Converged[RootLoci] = answered(
-        *(model, (float(at[0]), float(at[-1]))),
+        model,
+        (float(at[0]), float(at[-1])),
         lambda one: _root_loci(one, at, count, shown),
         partial(_moved, delta=model.pipe.damping),
         tolerance=1e-8,
