@@ -40,7 +40,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy.linalg
@@ -52,7 +52,7 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import Failure, swept
+from pipedyn.linear.stability_curve import Failure, of_each, swept
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
@@ -94,14 +94,10 @@ def normal_form(
     scale: Callable[[Complex], complex],
     reach: Callable[[Complex], float],
 ) -> NormalForm:
-    """Cubic normal form at an equilibrium of any smooth system y' = f(y).
+    """Cubic normal form at an equilibrium, shape (N,), of any smooth system y' = f(y).
 
-    Args:
-        jacobian: df/dy of states, shape (N,) to (N, N).
-        rest: the equilibrium, shape (N,).
-        frequency: omega of the pair on the axis, to some 1e-6.
-        scale: a linear function of q, which is divided by its value.
-        reach: the size of q by which the steps of differences are measured.
+    `jacobian` gives df/dy of a state, shape (N, N); omega need be known to some 1e-6. q is divided
+    by `scale` of it, a linear function; its `reach` is what measures the steps of differences.
 
     Raises:
         ValueError: if there is no such eigenvalue.
@@ -109,27 +105,33 @@ def normal_form(
         NotConverged: if the differences do not converge.
     """
     a = jacobian(rest)
-    right, left = vectors(a, frequency, scale)
-    first = FIRST_STEP / reach(right)
+    q, p = vectors(a, frequency, scale)
+    first = FIRST_STEP / reach(q)
     values = []
-    directions = (right.real, right.imag)
     for level in range(LEVELS):
         h = first / 2**level
         ahead, behind = (
-            [jacobian(rest + sign * h * direction) for direction in directions]
+            np.array([jacobian(rest + sign * h * direction) for direction in (q.real, q.imag)])
             for sign in (1.0, -1.0)
         )
-        # B(d, .) and C(d, d, .) along d = Re q and Im q.
-        second = [(x - y) / (2.0 * h) for x, y in zip(ahead, behind, strict=True)]
-        third = sum((x + y - 2.0 * a) / h**2 for x, y in zip(ahead, behind, strict=True))
-        values.append(_cubic(a, frequency, right, left, second, third))
+        slopes = (ahead - behind) / (2.0 * h)
+        second = slopes[0] + 1j * slopes[1]  # B(q, .)
+        third = ((ahead + behind - 2.0 * a) / h**2).sum(axis=0)  # C(q, q*, .)
+        total = third @ q
+        both, twice = (second @ q.conj()).real, second @ q  # B(q, q*) is real
+        if max(np.abs(both).max(), np.abs(twice).max()) > 1e-13 * np.abs(total).max():
+            factorised(2)
+            total = total - 2.0 * (second @ np.linalg.solve(a, both))
+            outer = np.linalg.solve(2j * frequency * np.eye(q.size) - a, twice)
+            total = total + second.conj() @ outer
+        values.append(complex(0.5 * (p.conj() @ total)))
     value, error = _extrapolated(values)
     if not error <= 1e-3 * abs(value):  # a force that is not smooth leaves some per cent
         raise NotConverged(
             "the third derivatives at the onset do not converge as the steps of their differences "
             f"shrink: {value:.6g} with an error of {error:.1e}",
         )
-    return NormalForm(frequency, right, left, value, error)
+    return NormalForm(frequency, q, p, value, error)
 
 
 def vectors(
@@ -172,26 +174,6 @@ def vectors(
     return right, left / np.conj(left.conj() @ right)
 
 
-def _cubic(
-    a: Array, frequency: float, q: Complex, p: Complex, second: list[Array], third: NDArray[Any]
-) -> complex:
-    """c_1 from B along Re q and Im q, shape (N, N) each, and C(q, q*, .)."""
-
-    def b(x: NDArray[Any]) -> Complex:
-        return np.asarray(second[0] @ x + 1j * (second[1] @ x))
-
-    both = b(q.conj()).real  # B(q, q*) is real
-    twice = b(q)
-    total = third @ q
-    size = np.abs(total).max()
-    if max(np.abs(both).max(), np.abs(twice).max()) > 1e-13 * size:
-        factorised(2)
-        total = total - 2.0 * b(np.linalg.solve(a, both))
-        outer = np.linalg.solve(2j * frequency * np.eye(q.size) - a, twice)
-        total = total + second[0] @ outer - 1j * (second[1] @ outer)
-    return complex(0.5 * (p.conj() @ total))
-
-
 def _extrapolated(values: list[complex]) -> tuple[complex, float]:
     """Limit of values whose error is a series in h^2, h halved each time, by Neville's scheme."""
     best, error, row = values[-1], math.inf, np.array(values)
@@ -202,31 +184,6 @@ def _extrapolated(values: list[complex]) -> tuple[complex, float]:
         if estimates[i] < error:
             best, error = complex(row[i]), float(estimates[i])
     return best, error
-
-
-def averaged(
-    force: Callable[[Array], Array], form: NormalForm, angle: float
-) -> tuple[complex, float]:
-    """Mean of a force over one turn of the mode, d of the module's head, and its error.
-
-    Args:
-        force: N of displacements from rest, shape (N, k) to (N, k).
-        form: the mode.
-        angle: the largest of the pipe displaced by q, by which the displacements are measured.
-    """
-    phase = np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False)  # drag's kinks ask for many
-    turn = np.exp(1j * phase)
-    line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
-    first = FIRST_STEP / angle
-
-    def mean(r: float, stride: int) -> complex:
-        values = force(r * line[:, ::stride]) / r**2
-        return complex(2.0 * np.mean((form.left.conj() @ values) * turn[::stride].conj()))
-
-    values = [mean(first / 2**level, 4) for level in range(1, 4)]
-    value, error = _extrapolated(values)
-    fine = mean(first / 8.0, 1)  # what the kinks leave of the mean shows in fewer phases
-    return value + fine - values[-1], error + abs(fine - values[-1]) + 1e-9 * abs(value)
 
 
 # ------------------------------------------------------------------------------- of the pipe
@@ -243,11 +200,7 @@ class HopfPoint:
 
 
 def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
-    """The pair on the axis at an equilibrium, shape (2 moving,), without its normal form.
-
-    Raises:
-        ValueError, NoHopf: if there is no such pair, or two, or the free end does not move.
-    """
+    """The pair on the axis at an equilibrium, shape (2 moving,); raises as `vectors` does."""
     mode, _ = vectors(motion.jacobian(rest, u), frequency, lambda q: _tip_of(motion, rest, q))
     return HopfPoint(u, frequency, mode=mode, rest=rest)
 
@@ -302,7 +255,7 @@ class Hopf(HopfPoint):
 
     @property
     def unstable_beside(self) -> int:
-        """Number of eigenvalues with positive real part at the onset, beside the pair."""
+        """Number of eigenvalues with positive real part at the onset, other than the pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
         values = np.linalg.eigvals(VectorField(self.model).jacobian(self.rest, self.speed))
@@ -490,21 +443,30 @@ def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> comp
 def _mean_drag(
     model: Model, smooth: VectorField, rest: Array, u: float, form: NormalForm
 ) -> tuple[complex, float]:
-    """The quadratic coefficient and its error: 0 without drag, or where the mode moves without."""
+    """Mean of drag over one turn of the mode, d of the module's head, and its error.
+
+    It is 0 without drag, or where the mode moves without.
+    """
     # Less acts only at amplitudes that are 0 to any accuracy, and its law leaves finite numbers.
     if model.pipe.drag < 1e-100:
         return 0j, 0.0
     unit = with_drag(model, 1.0)  # a weak drag would be lost in rounding; its force is as large
+    turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False))  # kinks ask for many
+    line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
+    first = FIRST_STEP / model.largest_angle(form.right[: smooth.half])
 
-    def force(moved: Array) -> Array:
-        """Drag alone, free of cancellation."""
-        y = np.ascontiguousarray(rest[:, None] + moved)
-        return unit(y, u) - smooth(y, u)
+    def mean(r: float, stride: int) -> complex:
+        y = np.ascontiguousarray(rest[:, None] + r * line[:, ::stride])
+        values = (unit(y, u) - smooth(y, u)) / r**2  # drag alone
+        return complex(2.0 * np.mean((form.left.conj() @ values) * turn[::stride].conj()))
 
-    mean, error = averaged(force, form, model.largest_angle(form.right[: smooth.half]))
-    if abs(mean) <= 1e-12 * form.frequency:
-        mean = 0j
-    return model.pipe.drag * mean, model.pipe.drag * error
+    values = [mean(first / 2**level, 4) for level in range(1, 4)]
+    value, error = _extrapolated(values)
+    missed = mean(first / 8.0, 1) - values[-1]  # what kinks leave of a mean over fewer phases
+    value, error = value + missed, error + abs(missed) + 1e-9 * abs(value)
+    if abs(value) <= 1e-12 * form.frequency:
+        value = 0j
+    return model.pipe.drag * value, model.pipe.drag * error
 
 
 def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
@@ -535,20 +497,15 @@ class CriticalityCurve:
     onsets: tuple[Hopf | None, ...] = field(repr=False)
     failures: tuple[Failure, ...]
 
-    def _each(self, name: str) -> Array:
-        """An attribute of each onset, shape (S,), NaN for none."""
-        found = [getattr(one, name, None) for one in self.onsets]
-        return np.array([math.nan if value is None else value for value in found])
-
     @property
     def speeds(self) -> Array:
         """Flow speeds of the onsets, shape (S,), NaN where there is none."""
-        return self._each("speed")
+        return of_each(self.onsets, "speed")
 
     @property
     def laws(self) -> Array:
         """Amplitude laws, negative where the onset is subcritical, shape (S,), NaN for none."""
-        return self._each("amplitude_law")
+        return of_each(self.onsets, "amplitude_law")
 
     @property
     def subcritical(self) -> NDArray[np.bool_]:
@@ -563,7 +520,7 @@ class CriticalityCurve:
         With drag an onset may be supercritical, but its cycles turn back at this speed, beyond
         which flutter is large at once. Under weak drag that is hardly above the onset.
         """
-        return self._each("fold")
+        return of_each(self.onsets, "fold")
 
     @property
     def changes(self) -> Array:

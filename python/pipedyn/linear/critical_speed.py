@@ -5,19 +5,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
 
 from pipedyn.linear.crossings import AxisCrossing, CrossingSearch, Sweep, Untracked
-from pipedyn.linear.modes import CONTINUUM_SPEED, LARGEST_FULL, LARGEST_SPEED
+from pipedyn.linear.modes import LARGEST_FULL, largest_speed
 from pipedyn.linear.sensitivity import Crossing, crossings_of
 from pipedyn.linear.special.deflation import sweeping_problem
 from pipedyn.linear.special.undamped import CirculatorySearch
 from pipedyn.linear.special.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.continuum import AnyModel, Continuum, checked_model
-from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.continuum import AnyModel, Continuum, Converged, answered, checked_model
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.result import result
@@ -94,7 +93,8 @@ def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    return _search(model, checked_end(max_speed, model)).crossings
+    _, found = all_losses(model, checked_end(max_speed, model))
+    return found
 
 
 def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
@@ -119,114 +119,83 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
 
 def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
     """The argument max_speed, if it can end a search in the model."""
-    high = CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
+    high = largest_speed(model)
     return check.real("max_speed", max_speed, low=0.0, high=high, open_low=True)
 
 
 def first_loss(
     model: AnyModel, max_speed: float = 100.0
 ) -> tuple[CriticalSpeed, tuple[Crossing, ...]]:
-    """The critical speed, and the crossings up to it, from a search that ends there.
-
-    Raises:
-        NoCrossing: if there is none up to max_speed.
-    """
+    """The critical speed, and the crossings up to it, or NoCrossing, from a search ending there."""
     # A low critical speed needs no large basis and few modes of a long chain, so where that is
     # cheaper the search first ends sooner: without weight pipes flutter below 12 if beta < 0.68,
     # below 30 at any beta, and gamma = 1000 takes the speed to 20 .. 80.
-    ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed and _is_cheaper_to(end, model)]
+    ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed]
+    if ends and isinstance(model, Model):
+        long = model.pencil().is_long
+        ends = [e for e in ends if long and _some_are_cheaper(_modes_within(e), e, model.dof)]
     for end in [*ends, max_speed]:
-        found = _search(model, end, lambda crossing: crossing.change > 0)
-        critical = found.critical(max_speed)
+        critical, found = all_losses(model, end, lambda crossing: crossing.change > 0)
         if critical is not None:
-            return critical, found.crossings
+            return replace(critical, _max_speed=max_speed), found
     raise NoCrossing(f"no loss of stability up to u = {max_speed:g}", max_speed)
 
 
 def all_losses(
-    model: AnyModel, max_speed: float
+    model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None = None
 ) -> tuple[CriticalSpeed | None, tuple[Crossing, ...]]:
-    """Every crossing up to max_speed, and the critical speed if there is one."""
-    found = _search(model, max_speed)
-    return found.critical(max_speed), found.crossings
-
-
-@dataclass(frozen=True)
-class _Search:
-    """Crossings, and how far the last growth of a Continuum moved them, relative."""
-
-    model: AnyModel
-    crossings: tuple[Crossing, ...]
-    size: int
-    moved: float | None = None
-
-    def critical(self, max_speed: float) -> CriticalSpeed | None:
-        """The first crossing that destabilises."""
-        first = next((c for c in self.crossings if c.destabilising), None)
-        if first is None:
-            return None
-        return CriticalSpeed(
-            **vars(first),
-            stable_at_rest=self.crossings[0].unstable_before == 0,
-            size=self.size,
-            pipe=self.model.pipe,
-            _exact=_exact(self.model),
-            _continuous=None if self.moved is None else first.error,
-            _max_speed=max_speed,
-        )
+    """The critical speed, if any, and crossings up to max_speed or the first `until` accepts."""
+    pipe = model.pipe
+    if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
+        return None, ()  # the flow acts on nothing
+    if is_weakly_damped(pipe) and not model.resisted:
+        solved = strengthened(pipe)
+        searches = [_search(model.with_pipe(one), max_speed, until) for one in solved]
+        found = extrapolated(pipe, solved, [search.value for search in searches])
+    else:
+        searches = [_search(model, max_speed, until)]
+        found = searches[0].value
+    first = next((c for c in found if c.destabilising), None)
+    if first is None:
+        return None, found
+    critical = CriticalSpeed(
+        **vars(first),
+        stable_at_rest=found[0].unstable_before == 0,
+        size=searches[0].size,
+        pipe=pipe,
+        _exact=Continuum(pipe) if model.approximates_pipe else None,
+        _continuous=first.error if isinstance(model, Continuum) else None,
+        _max_speed=max_speed,
+    )
+    return critical, found
 
 
 def _search(
-    model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None = None
-) -> _Search:
-    pipe = model.pipe
-    if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
-        return _Search(model, (), 0)  # the flow acts on nothing
-    if not is_weakly_damped(pipe) or model.resisted:
-        return _search_once(model, max_speed, until)
-    solved = strengthened(model.pipe)
-    found = [_search_once(model.with_pipe(pipe), max_speed, until) for pipe in solved]
-    reached = extrapolated(model.pipe, solved, [search.crossings for search in found])
-    return replace(found[0], model=model, crossings=reached)
-
-
-def _exact(model: AnyModel) -> Continuum | None:
-    """The continuous pipe that a model stands for, terms included."""
-    if isinstance(model, Model) and not model.approximates_pipe:
-        return None
-    return Continuum(model.pipe)
-
-
-def _search_once(
     model: AnyModel, max_speed: float, until: Callable[[AxisCrossing], bool] | None
-) -> _Search:
-    if not isinstance(model, Continuum):
-        if model.dof > LARGEST_FULL:
-            raise ValueError(
-                f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
-                f"got {model.dof}"
-            )
-        model.require_equilibrium(0.0, max_speed)
-        return _Search(model, crossings_of(model, _sweep(model, max_speed, until)), model.dof)
-    continuous = model.converge(
-        lambda rom: crossings_of(rom, _sweep(rom, max_speed, until, _resolved(rom))),
-        _difference,
-        smallest=max(16, math.ceil(0.8 * max_speed) + 8),
-    )
-    moved = continuous.error
-    found = tuple(replace(c, error=2.0 * c.error + moved * c.speed) for c in continuous.value)
-    return _Search(model, found, continuous.size, moved)
+) -> Converged[tuple[Crossing, ...]]:
+    continuous = isinstance(model, Continuum)
+    if isinstance(model, Model) and model.dof > LARGEST_FULL:
+        raise ValueError(
+            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
+            f"got {model.dof}"
+        )
 
+    def passed(one: Any) -> tuple[Crossing, ...]:
+        resolved = None
+        if continuous:
+            # Three fifths of a Legendre model's modes are the pipe's to many digits. Where damping
+            # is so strong that the last of these do not oscillate, those beyond are overdamped too,
+            # however they would grow without it, and nothing sets them apart: then all.
+            share = (3 * one.resolution) // 5
+            resolved = share if one.pipe.damping * (math.pi * share) ** 2 <= 2.0 else None
+        return crossings_of(one, _sweep(one, max_speed, until, resolved))
 
-def _resolved(rom: Galerkin) -> int | None:
-    """How many modes of a Legendre model to look at: three fifths are the pipe's to many digits.
-
-    All, if damping is so strong that the last of these do not oscillate: then those beyond are
-    overdamped too, however they would grow without damping, and nothing sets them apart.
-    """
-    resolved = (3 * rom.resolution) // 5
-    overdamped = rom.pipe.damping * (math.pi * resolved) ** 2 > 2.0
-    return None if overdamped else resolved
+    smallest = max(16, math.ceil(0.8 * max_speed) + 8)
+    found = answered(model, (0.0, max_speed), passed, _difference, smallest=smallest)
+    if not continuous:
+        return found
+    moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
+    return replace(found, value=tuple(moved))
 
 
 def _modes_within(max_speed: float) -> int:
@@ -237,13 +206,6 @@ def _modes_within(max_speed: float) -> int:
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
     """Whether some modes of a long chain are computed faster than all."""
     return tracked <= dof // 4 and max_speed <= dof / 4
-
-
-def _is_cheaper_to(end: float, model: AnyModel) -> bool:
-    """Whether a search is the cheaper, the sooner it ends."""
-    if isinstance(model, Continuum):
-        return True
-    return model.pencil().is_long and _some_are_cheaper(_modes_within(end), end, model.dof)
 
 
 def _sweep(

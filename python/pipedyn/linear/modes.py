@@ -20,6 +20,7 @@ from pipedyn.models.continuum import (
     AnyModel,
     Continuum,
     Converged,
+    answered,
     checked_model,
     relative,
 )
@@ -144,7 +145,7 @@ class Modes:
         good = np.flatnonzero(np.isfinite(self.eigenvalues))
         values = self.eigenvalues[good]
         there = np.nan_to_num(pairs.values)
-        same = [int(np.abs(there - value).argmin()) for value in values]
+        same = np.abs(there[:, None] - values).argmin(axis=0)
         # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
         found = replace(pairs.take(same), values=values, residuals=self.residuals[good])
         errors[good] = problem.assessed(self.speed, found).uncertain
@@ -171,26 +172,27 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
     if count is not None:
         count = _checked_count(count, model, 2)
-    if isinstance(model, Continuum):
-        if count is None:
-            raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
-        asked = count
-        continuous = model.converge(
-            lambda rom: _modes(rom, u, asked),
-            lambda a, b: relative(a.eigenvalues, b.eigenvalues),
-            smallest=max(16, asked),
-        )
-        found = continuous.value
-        return Modes(
-            *(u, found.eigenvalues, found.shapes, found.residuals, found.converged),
-            *(continuous.size, continuous.error),
-        )
-    if count is None and model.dof > LARGEST_FULL:
+    elif isinstance(model, Continuum):
+        raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
+    elif model.dof > LARGEST_FULL:
         raise ValueError(
             f"count must be given beyond {LARGEST_FULL} degrees of freedom, got {model.dof}"
         )
-    model.require_equilibrium(u)
-    return _modes(model, u, count)
+    found = answered(
+        model,
+        (u,),
+        lambda one: _modes(one, u, count),
+        lambda a, b: relative(a.eigenvalues, b.eigenvalues),
+        smallest=max(16, count or 0),
+    )
+    if isinstance(model, Continuum):
+        return replace(found.value, size=found.size, discretisation=found.error)
+    return found.value
+
+
+def largest_speed(model: AnyModel | None) -> float:
+    """The largest flow speed of a sweep, also where its model is not known yet."""
+    return CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
 
 
 def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
@@ -270,30 +272,27 @@ def root_loci(
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
+    at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
     if np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be strictly increasing")
     count = _checked_count(count, model, 1)
     shown = check.flag("progress", progress)
-    if isinstance(model, Continuum):
-        if at[-1] > CONTINUUM_SPEED:
-            raise ValueError(
-                f"speeds must be at most {CONTINUUM_SPEED:g} for a Continuum, got {at[-1]:g}"
-            )
-        smallest = max(16, 3 * count, math.ceil(at[-1]))
-        continuous: Converged[RootLoci] = model.converge(
-            lambda rom: _root_loci(rom, at, count, shown),
-            partial(_moved, delta=model.pipe.damping),
-            tolerance=1e-8,
-            smallest=smallest,
-            largest=smallest + 32,
-        )
-        found = continuous.value
-        scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
-        moved = np.where(_overdamped(found, model.pipe.damping), np.inf, continuous.error * scale)
-        return replace(found, errors=found.errors + moved)
-    model.require_equilibrium(float(at[0]), float(at[-1]))
-    return _root_loci(model, at, count, shown)
+    smallest = max(16, 3 * count, math.ceil(at[-1]))
+    answer: Converged[RootLoci] = answered(
+        model,
+        (float(at[0]), float(at[-1])),
+        lambda one: _root_loci(one, at, count, shown),
+        partial(_moved, delta=model.pipe.damping),
+        tolerance=1e-8,
+        smallest=smallest,
+        largest=smallest + 32,
+    )
+    found = answer.value
+    if not isinstance(model, Continuum):
+        return found
+    scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
+    moved = np.where(_overdamped(found, model.pipe.damping), np.inf, answer.error * scale)
+    return replace(found, errors=found.errors + moved)
 
 
 def _moved(a: RootLoci, b: RootLoci, delta: float) -> float:
@@ -327,77 +326,61 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
             found = _tracked_loci(problem, speeds, count, None if every else taken, shown)
         if found is not None:
             return found
-        taken *= 2  # a branch climbed out of the eigenvalues computed
+        taken *= 2
 
 
 def _tracked_loci(
     problem: Eigenproblem, speeds: Array, count: int, taken: int | None, shown: bool
 ) -> RootLoci | None:
+    """Branches among the `taken` lowest roots (all without); None where one climbs out of these."""
     first = sample(problem, float(speeds[0]), taken)
-    upper, lower = _pairs(first.values, count, problem.pipe.damping)
-    if upper.size < count:
-        return None
-    # The cluster begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
     delta = problem.pipe.damping
+    ranks = modes_of_pairs(first.values, delta)
+    pairs = [np.flatnonzero(ranks == rank) for rank in range(1, count + 1)]
+    if any(pair.size < 2 for pair in pairs):
+        return None
+    at = first.values
+    lower, upper = np.array(
+        [sorted(pair, key=lambda i: (at[i].imag, at[i].real)) for pair in pairs], dtype=np.intp
+    ).T
+    # The cluster begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
     beyond = delta * (math.pi * (count + 0.5)) ** 2
     cluster = Cluster(delta, 0.5 / max(beyond, 1.0) ** 2, problem.zero_tolerance)
-    values = np.empty((speeds.size, count), dtype=np.complex128)
-    partners = np.empty_like(values)
-    converged = np.empty(values.shape, dtype=np.bool_)
-    errors = np.empty(values.shape)
-    steps = tracked_steps(
+
+    def row(u: float, pairs: Eigenpairs) -> tuple[Any, ...]:
+        """Eigenvalues, partners, convergence and errors of the branches, shape (count,) each."""
+        uncertain, converged = problem.assessed(u, pairs).uncertain, pairs.converged
+        return (
+            *(pairs.values[upper], pairs.values[lower], converged[upper] & converged[lower]),
+            np.maximum(uncertain[upper], uncertain[lower]),
+        )
+
+    rows = [row(first.u, first.pairs)]
+    ticks = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
+    for step in tracked_steps(
         lambda u: sample(problem, u, taken),
         first,
         map(float, speeds[1:]),
         np.concatenate([upper, lower]),
         cluster,
-    )
-
-    def store(row: int, pairs: Eigenpairs) -> None:
-        values[row], partners[row] = pairs.values[upper], pairs.values[lower]
-        converged[row] = pairs.converged[upper] & pairs.converged[lower]
-        uncertain = problem.assessed(float(speeds[row]), pairs).uncertain
-        errors[row] = np.maximum(uncertain[upper], uncertain[lower])
-
-    store(0, first.pairs)
-    row = 1
-    ticks = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
-    for step in steps:
+    ):
         was_real = (step.left.values[upper].imag == 0.0) & (step.left.values[lower].imag == 0.0)
         lost = bool(step.lost(upper).any())
         upper, lower = step.onto[upper], step.onto[lower]
         if (upper < 0).any() or (lower < 0).any() or (lost and taken is not None):
             return None
+        there = step.right.values
         # A complex root's partner is its conjugate, whichever root of the cluster that is.
-        for i in np.flatnonzero(step.right.values[upper].imag != 0.0):
-            twin = np.flatnonzero(step.right.values == step.right.values[upper[i]].conj())
-            lower[i] = twin[0] if twin.size else lower[i]
+        for i in np.flatnonzero(there[upper].imag != 0.0):
+            conjugate = np.flatnonzero(there == there[upper[i]].conj())
+            lower[i] = conjugate[0] if conjugate.size else lower[i]
         # A branch that left the upper half plane comes back there.
-        swap = (was_real | cluster.holds(step.right.values[upper])) & (
-            step.right.values[upper].imag < 0.0
-        )
+        swap = (was_real | cluster.holds(there[upper])) & (there[upper].imag < 0.0)
         upper, lower = np.where(swap, lower, upper), np.where(swap, upper, lower)
-        if step.right.u == speeds[row]:
-            store(row, step.right.pairs)
-            row += 1
+        if step.right.u == speeds[len(rows)]:
+            rows.append(row(step.right.u, step.right.pairs))
             next(ticks)
     for _ in ticks:
         pass
+    values, partners, converged, errors = map(np.array, zip(*rows, strict=True))
     return RootLoci(speeds, values, partners, converged, errors, problem.dof)
-
-
-def _pairs(
-    values: Complex, count: int, damping: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Upper (or greater) and lower root of the `count` lowest modes, or of as many as there are."""
-    ranks = modes_of_pairs(values, damping)
-    upper: list[int] = []
-    lower: list[int] = []
-    for rank in range(1, count + 1):
-        members = np.flatnonzero(ranks == rank)
-        if members.size < 2:
-            break
-        first, second = sorted(members, key=lambda i: (values[i].imag, values[i].real))
-        upper.append(int(second))
-        lower.append(int(first))
-    return np.array(upper, dtype=np.intp), np.array(lower, dtype=np.intp)

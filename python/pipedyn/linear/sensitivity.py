@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
+from itertools import accumulate, pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -84,24 +85,20 @@ class Crossing:
 
 def crossings_of(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
     """The crossings of a sweep, with counts and sensitivities."""
-    found = []
-    unstable = swept.unstable_at_rest
-    for crossing in swept.crossings:
-        after = unstable + crossing.change
-        found.append(
-            Crossing(
-                speed=crossing.speed,
-                frequency=abs(crossing.value.imag),
-                kind="flutter" if crossing.change % 2 == 0 else "divergence",
-                unstable_before=unstable,
-                unstable_after=after,
-                error=crossing.error,
-                mode=crossing.mode,
-                sensitivity=_sensitivity(model, crossing),
-            )
+    counts = accumulate((c.change for c in swept.crossings), initial=swept.unstable_at_rest)
+    return tuple(
+        Crossing(
+            speed=crossing.speed,
+            frequency=abs(crossing.value.imag),
+            kind="flutter" if crossing.change % 2 == 0 else "divergence",
+            unstable_before=before,
+            unstable_after=after,
+            error=crossing.error,
+            mode=crossing.mode,
+            sensitivity=_sensitivity(model, crossing),
         )
-        unstable = after
-    return tuple(found)
+        for crossing, (before, after) in zip(swept.crossings, pairwise(counts), strict=True)
+    )
 
 
 def _sensitivity(model: Model, crossing: AxisCrossing) -> Sensitivity | None:
@@ -129,31 +126,21 @@ def _sensitivity(model: Model, crossing: AxisCrossing) -> Sensitivity | None:
         """D lambda / dp from (dP/dp) x."""
         return -complex(np.sum(y.conj() * rows)) / down
 
-    def split(change: Any) -> tuple[Any, Any]:
-        speed = -np.real(change) / slope.real
-        frequency = np.imag(change + slope * speed) if crossing.value.imag else 0.0 * speed
-        return (speed, frequency) if np.ndim(speed) else (float(speed), float(frequency))
-
-    beta: tuple[float | None, float | None] = (None, None)
+    changes: dict[str, Any] = {
+        "gamma": moved(problem.pencil.gravity(x)),
+        "damping": moved(value * problem.pencil.by_damping(x)),
+    }
     if pipe.beta >= LEAST_BETA:
-        beta = split(moved(value * u * problem.velocity(x) / (2.0 * pipe.beta)))
-    gamma = split(moved(problem.pencil.gravity(x)))
-    damping = split(moved(value * problem.pencil.by_damping(x)))
-    alpha = (0.0, 0.0)
+        changes["beta"] = moved(value * u * problem.velocity(x) / (2.0 * pipe.beta))
     if pipe.flow == "aspirating":
-        alpha = split(moved(u**2 * problem.flux(x)))
-    springs: tuple[Array | None, Array | None] = (None, None)
+        changes["alpha"] = moved(u**2 * problem.flux(x))
     if model.stiffness_by_springs is not None:
         scale = model.stiffness_by_springs * (1.0 + pipe.damping * value)
-        springs = split(-(y[:, 0].conj() * scale * x[:, 0]) / down)
-    speed, frequency = (
-        Derivatives(
-            beta=beta[i],
-            gamma=gamma[i],
-            damping=damping[i],
-            alpha=alpha[i],
-            springs=springs[i],
-        )
-        for i in (0, 1)
-    )
-    return Sensitivity(speed, frequency)
+        changes["springs"] = -(y[:, 0].conj() * scale * x[:, 0]) / down
+    speed: dict[str, Any] = {"beta": None, "alpha": 0.0}
+    frequency = speed.copy()
+    for name, change in changes.items():
+        speed[name] = -np.real(change) / slope.real
+        along = np.imag(change + slope * speed[name])
+        frequency[name] = along if value.imag else 0.0 * speed[name]
+    return Sensitivity(Derivatives(**speed), Derivatives(**frequency))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import field
 from functools import partial
@@ -61,12 +61,18 @@ class StabilityCurve:
     @property
     def speeds(self) -> Array:
         """Critical speeds, shape (S,), NaN where there is none."""
-        return np.array([math.nan if c is None else c.speed for c in self.critical])
+        return of_each(self.critical, "speed")
 
     @property
     def frequencies(self) -> Array:
         """Critical frequencies, shape (S,), NaN where there is none."""
-        return np.array([math.nan if c is None else c.frequency for c in self.critical])
+        return of_each(self.critical, "frequency")
+
+
+def of_each(results: Iterable[Any], name: str) -> Array:
+    """An attribute of each result, NaN where the result or the attribute is None."""
+    found = [getattr(one, name, None) for one in results]
+    return np.array([math.nan if value is None else value for value in found])
 
 
 def stability_curve(
@@ -96,9 +102,8 @@ def stability_curve(
     """
     if max_speed is not None:
         max_speed = checked_end(max_speed)
-    at, answers, failures = swept(
-        make_model, values, partial(_point, max_speed=max_speed), executor, progress
-    )
+    solve = first_loss if max_speed is None else partial(all_losses, max_speed=max_speed)
+    at, answers, failures = swept(make_model, values, solve, executor, progress)
     none: Point = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
     return StabilityCurve(at, critical, found, failures)
@@ -112,21 +117,10 @@ def swept(
     progress: bool,
     label: str = "stability curve",
 ) -> tuple[Array, list[Answer | None], tuple[Failure, ...]]:
-    """A question asked of a model at each value of a parameter, what fails kept apart.
+    """What `solve` answers of the model at each value of a parameter, as for `stability_curve`.
 
-    Args:
-        make_model: as for `stability_curve`, and so are values, executor and progress.
-        values: the parameter, shape (S,).
-        solve: the question; it pickles if an executor of processes takes it.
-        executor: takes the points.
-        progress: show progress on stderr.
-        label: of the progress bar.
-
-    Returns:
-        The values, shape (S,); the answers, None where the point failed; the failures, in order.
-
-    Raises:
-        ValueError, TypeError: for bad arguments.
+    The values, shape (S,); the answers, None where the point failed; the failures, in order.
+    `solve` pickles if an executor of processes takes it.
     """
     if not callable(make_model):
         raise TypeError(
@@ -135,26 +129,18 @@ def swept(
     at = check.array("values", values, longest=100_000)
     check.executor("executor", executor)
     shown = check.flag("progress", progress)
-    failures: list[Failure] = []
     answers: list[Answer | None] = [None] * at.size
-    points: list[tuple[int, AnyModel]] = []
+    models, failed = dict[int, AnyModel](), dict[int, Exception]()
     for i, value in enumerate(at):
         try:
-            model = make_model(float(value))
-            checked_model(model)
-            points.append((i, model))
+            models[i] = checked_model(make_model(float(value)))
         except Exception as error:
-            failures.append(Failure(i, float(value), error))
-    jobs = [partial(solve, model) for _, model in points]
+            failed[i] = error
+    jobs = [partial(solve, model) for model in models.values()]
     outcomes = parallel(jobs, executor, label=label, progress=shown)
-    for (i, _), outcome in zip(points, outcomes, strict=True):
+    for i, outcome in zip(models, outcomes, strict=True):
         if isinstance(outcome, Exception):
-            failures.append(Failure(i, float(at[i]), outcome))
+            failed[i] = outcome
         else:
             answers[i] = outcome
-    return at, answers, tuple(sorted(failures, key=lambda failure: failure.index))
-
-
-def _point(model: AnyModel, max_speed: float | None) -> Point:
-    """What a stability curve keeps of one model."""
-    return first_loss(model) if max_speed is None else all_losses(model, max_speed)
+    return at, answers, tuple(Failure(i, float(at[i]), failed[i]) for i in sorted(failed))

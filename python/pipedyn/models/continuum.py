@@ -30,7 +30,8 @@ FUNCTIONS_A_JOINT = 4
 class Converged(Generic[Answer]):
     """An answer that converged: its value at the larger of the last two sizes.
 
-    Its error is the relative change from the size before, a bound where convergence is exponential.
+    Its error is the relative change from the size before, a bound where convergence is exponential;
+    0 of a model of one size.
     """
 
     value: Answer
@@ -68,6 +69,11 @@ class Continuum:
 
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"
+
+    @property
+    def approximates_pipe(self) -> bool:
+        """Whether its answers tend to the continuous pipe's."""
+        return True
 
     @property
     def resisted(self) -> bool:
@@ -139,6 +145,24 @@ def checked_model(model: Any) -> AnyModel:
     if not isinstance(model, Model | Continuum):
         raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}")
     return model
+
+
+def answered(
+    model: AnyModel,
+    speeds: tuple[float, ...],
+    question: Callable[[Any], Answer],
+    distance: Callable[[Answer, Answer], float],
+    **growth: Any,
+) -> Converged[Answer]:
+    """A question about flow speeds, asked of any model; the rest as for `Continuum.converge`.
+
+    Raises:
+        ValueError: if the model cannot rest at a speed, where it is linearised.
+    """
+    if isinstance(model, Continuum):
+        return model.converge(question, distance, **growth)
+    model.require_equilibrium(*speeds)
+    return Converged(question(model), model.dof, 0.0)
 
 
 def relative(a: NDArray[Any], b: NDArray[Any]) -> float:

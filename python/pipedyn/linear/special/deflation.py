@@ -52,41 +52,32 @@ def loose_joints(chain: Chain) -> NDArray[np.intp]:
 
 
 class Deflated(Eigenproblem):
-    """The problem of a chain with a free joint, without gravity, its root at zero taken away.
-
-    Args:
-        pencil: the chain's.
-        chain: the chain.
-    """
+    """The problem of a chain with a free joint, without gravity, its root at zero taken away."""
 
     def __init__(self, pencil: Pencil, chain: Chain) -> None:
         super().__init__(pencil)
         self.chain = chain
         self.squared = super().velocity_free(1.0)
         self.free = loose_joints(chain)
+        # Where no thrust ever acts each free joint has a null vector of its own.
+        self.turned = self.free if self.centrifugal == 0.0 else self.free[:1]
         damped = bool(chain.resistances[self.free[0] :, 3:6].any())
         # Without fluid mass nothing but inertia holds the free joint: zero is double.
         self.doubled = self.pipe.beta == 0.0 and not self.squared and not damped
         self.known: tuple[float, Array, Array, Array, Array] | None = None
 
-    def null_vectors(self, u: float) -> Array:
-        """X with K X = 0, shape (dof, r).
+    def deflating(self, u: float) -> tuple[Array, Array, Array, Array]:
+        """X, V, and what is added at speed u: A_C V^T to C and A_K V^T to K; each (dof, r).
 
         Beyond the free joint nearest to the clamp the chain turns as one straight line by phi = 1;
         below it springs, and terms if there are any, balance the thrust. A spring added to the
-        joint pulls with its stiffness, which is the load to solve for. Where no thrust ever acts
-        (a = 0), each free joint has a vector of its own.
+        joint pulls with its stiffness, which is the load to solve for.
         """
-        scale = self.chain.elastic_scale
-        free = self.free if self.centrifugal == 0.0 else self.free[:1]
-        loads = np.zeros((self.dof, free.size))
-        loads[free, np.arange(free.size)] = 1.0 / scale[free]
-        return self.braced.factor(0.0, u)(loads)
-
-    def deflating(self, u: float) -> tuple[Array, Array, Array, Array]:
-        """X, V, and what is added at speed u: A_C V^T to C and A_K V^T to K; each (dof, r)."""
         if self.known is None or self.known[0] != u:
-            x = self.null_vectors(u)
+            turned = self.turned
+            loads = np.zeros((self.dof, turned.size))
+            loads[turned, np.arange(turned.size)] = 1.0 / self.chain.elastic_scale[turned]
+            x = self.braced.factor(0.0, u)(loads)
             dual = x @ np.linalg.inv(x.T @ x)
             inertia = MOVED * self.mass(x)
             if self.squared:
@@ -119,17 +110,12 @@ class Deflated(Eigenproblem):
     def genuine(self, values: Complex, free: bool) -> NDArray[np.bool_]:
         """All but those that were moved, and the second zero where it is double."""
         away = np.abs(values**2 + MOVED) if free else np.abs(values + MOVED)
-        moved = np.argsort(away, kind="stable")[: self.moved_count * (2 if free else 1)]
+        moved = np.argsort(away, kind="stable")[: self.turned.size * (2 if free else 1)]
         mine = np.ones(values.size, dtype=np.bool_)
         mine[moved[away[moved] < 1e-3]] = False
         if self.doubled:
-            mine[np.argsort(np.abs(values), kind="stable")[: self.moved_count]] = False
+            mine[np.argsort(np.abs(values), kind="stable")[: self.turned.size]] = False
         return mine
-
-    @property
-    def moved_count(self) -> int:
-        """How many roots were moved."""
-        return int(self.deflating(0.0)[0].shape[1])
 
     def by_speed(self, u: float, values: Complex, x: Vectors) -> Complex:
         """By central differences, to 1e-9."""

@@ -18,12 +18,15 @@ motion, cannot hold a stiff one. Two things can:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
+from scipy.sparse import dia_array
 
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
@@ -122,11 +125,8 @@ def is_spread(chain: Chain) -> bool:
 def node_shares(moments: Array, length: Array) -> tuple[Array, Array, Array]:
     """Sums of k (1 - x)^2, k (1 - x) x and k x^2 over each segment from those of k (x l)^p.
 
-    They multiply displacements of the segment's two ends, k at the share x of its length.
-
-    Args:
-        moments: for p = 0, 1, 2, shape (n, 3).
-        length: of each segment, shape (n,).
+    They multiply displacements of the segment's two ends, k at the share x of its length l.
+    `moments` are for p = 0, 1, 2, shape (n, 3).
     """
     zeroth, first, second = moments.T
     mixed = first / length - second / length**2
@@ -143,25 +143,20 @@ class StiffRoots:
 
     def __init__(self, chain: Chain) -> None:
         self.chain = chain
-        self.core = chain.core
         self.n = chain.dof
-        self.width = self.core.band_width
-        self._reduce_to_mass()
+        self.width = chain.core.band_width
+        self.band: Callable[[complex, float], Complex] = chain.core.band
+        """T at lambda and u, in LAPACK's storage."""
         self.known: dict[complex, StiffPair] = {}
         self.known_at = -1.0
-
-    def _reduce_to_mass(self) -> None:
-        """Rows F of the springs and P of gravity, matrices of flow and terms, for a mass of one.
-
-        The kinetic energy is |B w|^2 / 2, two rows a segment. The QR factor of B, largest rows
-        first and with pivoting, is as good in its small rows as in its large ones.
-        """
-        chain, n = self.chain, self.n
-        length = chain.lengths
+        # Rows F of the springs and P of gravity, matrices of flow and terms, for a mass of one. The
+        # kinetic energy is |B w|^2 / 2, two rows a segment. The QR factor of B, largest rows first
+        # and with pivoting, is as good in its small rows as in its large ones.
+        n, length = self.n, chain.lengths
         node, before = np.eye(n), np.eye(n, k=-1)
         step = node - before
         angle = step / length[:, None]
-        masses, chi, eta = self.core.bodies().T[:, :, None]
+        masses, chi, eta = chain.core.bodies().T[:, :, None]
         centre = (1.0 - chi) * before + chi * node
         motion = np.vstack([np.sqrt(masses) * centre, np.sqrt(masses) * eta * angle])
         motion = motion[np.argsort(-np.abs(motion).max(axis=1), kind="stable")]
@@ -221,14 +216,10 @@ class StiffRoots:
     def with_stiff_roots(
         self, u: float, values: Complex, right: Complex, left: Complex | None, free: bool
     ) -> tuple[Complex, Complex, Complex | None]:
-        """All roots of the inverse problem, with the stiff ones from the whole problem.
+        """All roots of the inverse problem, (r,), with the stiff ones from the whole problem.
 
-        Args:
-            u: flow speed.
-            values: roots of the inverse problem, shape (r,).
-            right: their vectors in elastic coordinates, (n, r).
-            left: their left vectors, or None.
-            free: whether no term in the velocity is there.
+        Vectors are in elastic coordinates, (n, r); `free` says that no term in the velocity is
+        there.
         """
         kept, rough = self.starts(u, values, free)
         values = np.concatenate([values[kept], rough])
@@ -236,9 +227,9 @@ class StiffRoots:
         right = np.hstack([right[:, kept], lost])
         left = None if left is None else np.hstack([left[:, kept], lost])
         for i, pair in self.polished(u, values, free).items():
-            twin = np.flatnonzero(values == values[i].conj())[:1]
+            conjugate = np.flatnonzero(values == values[i].conj())[:1]
             x, y = self.elastic(pair)
-            for j, found in ((twin, np.conj), ([i], np.asarray)):
+            for j, found in ((conjugate, np.conj), ([i], np.asarray)):
                 values[j], right[:, j] = found(np.array([pair.value])), found(x)
                 if left is not None:
                     left[:, j] = found(y)
@@ -269,15 +260,9 @@ class StiffRoots:
         cut = int(np.argmax(gaps)) if near.any() else rough.size
         return order[:cut], rough[cut:]
 
-    def band(self, value: complex, u: float) -> Complex:
-        """T in LAPACK's storage."""
-        result: Complex = self.core.band(complex(value), u)
-        return result
-
     def derivative(self, value: complex, u: float) -> Complex:
         """dT/dlambda; T is a quadratic, of which a central difference is exact."""
-        result: Complex = (self.band(2.0 * value, u) - self.band(0.0, u)) / (2.0 * value)
-        return result
+        return (self.band(2.0 * value, u) - self.band(0.0, u)) / (2.0 * value)
 
     def at(
         self, u: float, value: complex, vectors: tuple[Complex, Complex] | None = None
@@ -285,12 +270,29 @@ class StiffRoots:
         """Residual, uncertainty and slope at a root, as it is given, with vectors near its own."""
         if u != self.known_at:
             self.known, self.known_at = {}, u
-        if value not in self.known:
-            if value.imag < 0.0:
-                return self.at(u, value.conjugate()).conjugate
-            _, right, left = self._iterated(u, value, vectors)
-            self.known[value] = self._described(u, value, right, left)
-        return self.known[value]
+        if value in self.known:
+            return self.known[value]
+        if value.imag < 0.0:
+            return self.at(u, value.conjugate()).conjugate
+        _, right, left = self._iterated(u, value, vectors)
+        here = self.band(value, u)
+        pulled = np.vdot(left, times(self.derivative(value, u), right))
+        by_speed = 0.5 * (self.band(value, u + 1.0) - self.band(value, u - 1.0))
+        weight = np.abs(left)
+        # |T| of an entry whose terms cancel, as 1 + delta lambda may, would hide their rounding.
+        terms = np.abs(self.band(abs(value), u)) + np.abs(self.band(1j * abs(value), u))
+        with np.errstate(all="ignore"):
+            rest = float(weight @ np.abs(times(here, right)))
+            size = float(weight @ times(terms, np.abs(right)))
+            uncertain = float((rest + ENTRY * size) / abs(pulled))
+            slope = -complex(np.vdot(left, times(by_speed, right)) / pulled)
+        if uncertain < abs(value):
+            pair = StiffPair(value, right, left, rest / size, uncertain, slope)
+        else:
+            none = np.ones_like(right)
+            pair = StiffPair(value, none, none, math.inf, math.inf, slope)
+        self.known[value] = pair
+        return pair
 
     def polished(self, u: float, values: Complex, free: bool) -> dict[int, StiffPair]:
         """The stiff ones among all roots, by their indices, of conjugates the upper only.
@@ -353,7 +355,8 @@ class StiffRoots:
             vectors = self._solved(here, np.ones(seed.size), seed, seed)
         x, y = map(normed, vectors)
         load = times(rate, x)
-        right, left = map(normed, self._solved(here, np.abs(x), load, adjoint_times(rate, y)))
+        dual = (rate[self.width :].conj() * by_rows(y, self.width)).sum(axis=0)
+        right, left = map(normed, self._solved(here, np.abs(x), load, dual))
         pulled = np.vdot(left, times(rate, right))
         with np.errstate(all="ignore"):
             change = -complex(np.vdot(left, times(here, right)) / pulled)
@@ -371,29 +374,11 @@ class StiffRoots:
         columns = sizes + 1e-30  # none is zero; |x| <= 1
         rows = 1.0 / times(np.abs(band), columns)
         scaled = band.copy(order="F")
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(rows, width), 2 * width + 1).T
-        scaled[width:] *= around * columns
+        scaled[width:] *= by_rows(rows, width) * columns
         solve = band_solver(scaled, width, width)
         right: Complex = solve((rows * load)[:, None], False)[:, 0]
         left: Complex = solve((columns * dual)[:, None], True)[:, 0]
         return columns * right, rows * left
-
-    def _described(self, u: float, value: complex, right: Complex, left: Complex) -> StiffPair:
-        here = self.band(value, u)
-        pulled = np.vdot(left, times(self.derivative(value, u), right))
-        by_speed = 0.5 * (self.band(value, u + 1.0) - self.band(value, u - 1.0))
-        weight = np.abs(left)
-        # |T| of an entry whose terms cancel, as 1 + delta lambda may, would hide their rounding.
-        terms = np.abs(self.band(abs(value), u)) + np.abs(self.band(1j * abs(value), u))
-        with np.errstate(all="ignore"):
-            rest = float(weight @ np.abs(times(here, right)))
-            size = float(weight @ times(terms, np.abs(right)))
-            uncertain = float((rest + ENTRY * size) / abs(pulled))
-            slope = -complex(np.vdot(left, times(by_speed, right)) / pulled)
-        if not uncertain < abs(value):
-            none = np.ones_like(right)
-            return StiffPair(value, none, none, math.inf, math.inf, slope)
-        return StiffPair(value, right, left, rest / size, uncertain, slope)
 
 
 def normed(x: Complex) -> Complex:
@@ -406,17 +391,11 @@ def normed(x: Complex) -> Complex:
 def times(band: Vectors, x: Vectors) -> Vectors:
     """A band matrix in LAPACK's storage, times a vector."""
     width = (band.shape[0] - 1) // 3
-    padded = np.zeros(x.size + 2 * width, dtype=np.result_type(band, x))
-    for k, diagonal in enumerate(band[width:]):
-        padded[k : k + x.size] += diagonal * x
-    return padded[width : width + x.size]
-
-
-def adjoint_times(band: Vectors, y: Vectors) -> Vectors:
-    """Its conjugate transpose, times a vector."""
-    width = (band.shape[0] - 1) // 3
-    padded = np.pad(y, width)
-    result: Vectors = sum(
-        diagonal.conj() * padded[k : k + y.size] for k, diagonal in enumerate(band[width:])
-    )
+    diagonals = band[width:], np.arange(width, -width - 1, -1)
+    result: Vectors = dia_array(diagonals, shape=(x.size, x.size)) @ x
     return result
+
+
+def by_rows(x: Vectors, width: int) -> Vectors:
+    """Entries x_i at the places of a band matrix's entries (i, j), of so many diagonals a side."""
+    return sliding_window_view(np.pad(x, width), 2 * width + 1).T

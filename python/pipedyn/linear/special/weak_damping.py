@@ -54,11 +54,7 @@ def strengthened(pipe: Pipe) -> list[Pipe]:
 def extrapolated(
     pipe: Pipe, solved: Sequence[Pipe], found: Sequence[tuple[Crossing, ...]]
 ) -> tuple[Crossing, ...]:
-    """The crossings of the pipe from those of the pipes solved in its place.
-
-    Raises:
-        NotConverged: if these do not pass alike.
-    """
+    """The crossings of the pipe from those of the pipes solved in its place, if these agree."""
     kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
     if any(row != kinds[0] for row in kinds):
         raise NotConverged(
@@ -67,7 +63,10 @@ def extrapolated(
             found[0],
         )
     x = _size(pipe) ** 2
-    parabola, line = _weights(SQUARES, x), _weights(SQUARES[:2], x)
+    # Weights of the values in the parabola and in the line at x, from the powers of the squares.
+    parabola, line = (
+        np.linalg.solve(np.vander(SQUARES[:n]).T, np.vander([x], n)[0]) for n in (3, 2)
+    )
     result = []
     for same in zip(*found, strict=True):
         speeds, frequencies = [c.speed for c in same], [c.frequency for c in same]
@@ -84,13 +83,6 @@ def extrapolated(
             )
         )
     return tuple(result)
-
-
-def _weights(nodes: Sequence[float], x: float) -> list[float]:
-    """Lagrange's polynomials of some nodes at x."""
-    return [
-        math.prod((x - other) / (own - other) for other in nodes if other != own) for own in nodes
-    ]
 
 
 def _weakened(pipe: Pipe, solved: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:
