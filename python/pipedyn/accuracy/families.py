@@ -67,7 +67,7 @@ class Family:
 
 
 DOUBLED = (2, 4, 8, 16, 32, 64)
-"""Sizes of chains: of a pair the doubled size is measured as well, up to 64."""
+"""Sizes of chains: doubled, each pair but the last has its larger chain among them."""
 
 FAMILIES: dict[str, Family] = {
     family.name: family

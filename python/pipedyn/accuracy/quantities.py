@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """What is asked of a pipe, so that any model's answer can be held against the continuous pipe's.
 
-A quantity asks a model, says how far an answer is from another, relative, and finds a reference: an
-answer of the continuous pipe whose own error is known.
+A quantity gets an answer from a model, gives the relative distance of two answers, and finds a
+reference: an answer of the continuous pipe whose own error is known.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ from pipedyn.util.counters import TookTooLong, clock, limited
 LEGENDRE = FAMILIES["legendre"]
 
 BEFORE_CLUSTER = 0.9
-"""Share of 1 / delta up to which roots are compared, see `Frequencies`."""
+"""Share of 1 / delta up to which roots are compared: towards it they converge ever more slowly."""
 
 FIRST, MOST = 6, 20
-"""Legendre functions of the first nonlinear reference at the least, and of the last: a cycle of 20
-takes seconds."""
+"""Least Legendre functions of the first nonlinear reference, and those of the last: measured, 6 give
+the critical speed of three pipes in four to 1 %; a cycle of 20 takes seconds."""
 
 LONGEST_REFERENCE = 30.0
 """Seconds of processor time after which a nonlinear reference grows no more: half of what a search

@@ -178,7 +178,7 @@ class Search:
         return self.rows.get((family.name, good))
 
     def _guess(self, family: Family, a: int, b: int, target: float, otherwise: int) -> int:
-        """The size at which errors come down to a target as they do from one size to a larger."""
+        """The size at which the error meets a target, extrapolated from those at two sizes."""
         rows = [self.rows.get((family.name, size)) for size in (a, b)]
         errors = [max(self.bound(row), 1e-16) if row else math.inf for row in rows]
         if not errors[1] < errors[0] < 1.0 or target == math.inf:
@@ -194,7 +194,7 @@ class Search:
         """Whether no larger size of a family is worth asking after one that does not serve."""
         seconds, error = self._seconds[family.name, row.size], self.bound(row)
         ratio = error / target if error < math.inf else 1.0
-        growth = ratio ** (1.0 / (family.order or 2.0))  # the paper's, until its limit is near
+        growth = ratio ** (1.0 / (family.order or 2.0))  # the paper's: 2 up to its limit
         # An answer's time grows at the least with the size, at the most with its cube.
         if error > target and seconds * growth > limit:
             return True

@@ -56,11 +56,11 @@ class Attractor:
         ending: "rest", "periodic" (maxima repeat to the accuracy with which they are known, or
             converge geometrically to such), "settling" (it still approaches rest or a cycle),
             "irregular" (a torus, chaos, or a transient that still lasts) or "failed".
-        period: maxima of the tip's transverse position in a period, 0 but for "periodic".
+        period: maxima of the tip's transverse position in a period, 0 unless "periodic".
         turnings: transverse position of the tip where its velocity changes sign, in order, shape
             (K,); at rest the position itself.
         end: [p, p'] at the end, shape (2 moving,), empty where it failed.
-        exponent: the largest Lyapunov exponent, where it was wanted and the motion is irregular.
+        exponent: the largest Lyapunov exponent, if asked for and the motion is irregular.
     """
 
     speed: float

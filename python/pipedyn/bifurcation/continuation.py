@@ -32,7 +32,6 @@ FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
 
-
 Solver = Callable[[Array, float, float], Array]
 """G_z at a point, factorised. To row, gap and share it gives the dz with G_z dz = -share G and
 row @ dz = gap: with share 1 Newton's step, with share 0 a tangent."""

@@ -17,8 +17,8 @@ N(r y) = r^2 N(y), adds to first order in r, at y = rest + r Re(q exp(i phi)),
 
     d = mean over phi of 2 <p, N(Re(q e^(i phi)))> e^(-i phi).
 
-This serves any system. Of a pipe without drag it decides: with q scaled to unit displacement of the
-free end, its amplitude is 2 |z|, so that amplitude^2 / (u - u_c) -> -4 growth / (omega_c l_1).
+This serves any system. Without drag l_1 decides: with q scaled to unit displacement of the free
+end, its amplitude is 2 |z|, so that amplitude^2 / (u - u_c) -> -4 growth / (omega_c l_1).
 
 Quadratic drag has no third derivative at rest, but acts at second degree. The free end moves like
 Re Z with the amplitude equation
@@ -162,7 +162,7 @@ def vectors(
     unit = np.ones(size)
     unit[size // 2 :] = frequency
     lengths = np.linalg.norm(right / unit) * np.linalg.norm(left * unit)
-    # Where two pairs meet, p and q are at right angles, but for the root of rounding.
+    # Where two pairs meet, p and q are orthogonal up to the square root of rounding.
     if abs(complex(left.conj() @ right)) < 3e-5 * lengths:
         raise NoHopf("two pairs meet on the axis at the onset")
     share = scale(right)
@@ -207,7 +207,7 @@ def _extrapolated(values: list[complex]) -> tuple[complex, float]:
 def averaged(
     force: Callable[[Array], Array], form: NormalForm, angle: float
 ) -> tuple[complex, float]:
-    """Mean of a force over one turn of the mode, d of the module's head, and its error.
+    """Mean of a force over one turn of the mode, d in the module's docstring, and its error.
 
     Args:
         force: N of displacements from rest, shape (N, k) to (N, k).
@@ -276,7 +276,7 @@ class Hopf(HopfPoint):
         amplitude_error: of amplitude_law, absolute, from that of the differences.
         frequency_law: limit of (omega - omega_c) / (u - u_c) along the cycles.
         exponent: the cycle grows like |u - u_c| to this power, 1/2, with drag 1.
-        criticality: "supercritical" if the cycle attracts all that the critical mode does, and so
+        criticality: "supercritical" if the cycle attracts motions in the critical mode, and so
             exists where that mode grows; "subcritical" if it repels. With drag this holds at
             amplitudes far below `balance`; for those beyond see `fold`. Where other modes grow at
             the onset, `unstable_beside`, no cycle that emerges there is stable.
@@ -433,7 +433,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
                 lambda q: model.largest_angle(q[: motion.half]),
             )
         except ValueError as error:
-            if own:  # two that meet move by the root of rounding
+            if own:  # two that meet scatter by sqrt(eps)
                 raise NoHopf(f"no simple pair lies on the axis at u = {u:g}") from error
             raise
         slope = _slope(motion, rest, u, form)
@@ -478,7 +478,7 @@ def with_drag(model: Model, drag: float) -> VectorField:
 
 
 def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> complex:
-    """Derivative of lambda by u of the pair, the rest moving with the speed where it does."""
+    """D lambda / du of the pair, the equilibrium moving with the speed where it does."""
     force = motion.by_speed(rest[:, None], u)[:, 0]
     moved = np.zeros_like(rest)
     if np.abs(force).max() > 1e-10 * (1.0 + u):
@@ -490,11 +490,11 @@ def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> comp
 def _mean_drag(
     model: Model, smooth: VectorField, rest: Array, u: float, form: NormalForm
 ) -> tuple[complex, float]:
-    """The quadratic coefficient and its error: 0 without drag, or where the mode moves without."""
-    # Less acts only at amplitudes that are 0 to any accuracy, and its law leaves finite numbers.
+    """The quadratic coefficient and its error: 0 without drag or if the mode has none."""
+    # Weaker drag acts at amplitudes below any accuracy only, and its law overflows.
     if model.pipe.drag < 1e-100:
         return 0j, 0.0
-    unit = with_drag(model, 1.0)  # a weak drag would be lost in rounding; its force is as large
+    unit = with_drag(model, 1.0)  # weak drag is lost in rounding; the mean is linear in it
 
     def force(moved: Array) -> Array:
         """Drag alone, free of cancellation."""
@@ -508,7 +508,7 @@ def _mean_drag(
 
 
 def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
-    """Transverse displacement of the free end, to first order: what its velocity is of rates."""
+    """Transverse displacement of the free end to first order: its velocity if p' is the mode."""
     half, model = motion.half, motion.model
     parts = []
     for part in (mode.real, mode.imag):

@@ -150,7 +150,7 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     for crossing in sorted(onsets, key=lambda c: abs(c.speed - u))[:4]:
         try:
             onset = hopf(model, crossing)
-        except (PipedynError, ValueError):  # pairs that meet lie off the axis by rounding's root
+        except (PipedynError, ValueError):  # pairs that meet lie off the axis by sqrt(eps)
             continue
         reached = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
         if reached or onset.criticality == "subcritical":
@@ -170,8 +170,8 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
         )
     if pipe.beta == pipe.damping == pipe.drag == 0.0 and not model.resisted:
         raise NoCycle(
-            f"at u = {u:g} no force depends on velocities, so that volumes in state space stay as "
-            "they are: no cycle attracts, and none comes from an onset",
+            f"at u = {u:g} no force depends on velocities, so that volumes in state space are "
+            "conserved: no cycle attracts, and none comes from an onset",
             u,
         )
     bent = state_of(model, "start", slight_bend, KINDS)
@@ -281,7 +281,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
         try:
             found = solved(motion, guess, FIRST_STEP)
             reason = "the motion does not converge"
-            # One far from the motion may be any, and one that repels a motion only passes by.
+            # An orbit far from the motion may be any; by one that repels a motion only passes.
             away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
             known = passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6
             if away < 0.01 * found.size and not known:
@@ -310,7 +310,7 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit 
     if p.shape[1] != motion.size:
         start = going.model.start
         p = np.array([start(*pair) for pair in zip(going.q, going.qdot, strict=True)])
-    # With constraints f's own rate of p is not p'.
+    # With constraints f gives another rate of p than p'.
     rates = np.concatenate([p[:, half:], motion(np.ascontiguousarray(p.T), u)[half:].T], axis=1)
     spline = CubicHermiteSpline(t, p, rates)
     times = t[up] - across[up] * (t[up + 1] - t[up]) / (across[up + 1] - across[up])

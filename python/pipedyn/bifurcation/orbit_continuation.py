@@ -99,7 +99,7 @@ def small_orbit(
 
 
 def from_hopf(motion: VectorField, point: HopfPoint) -> BranchStart:
-    """At a small amplitude, smaller where the speed is else more than 1e-3 off the Hopf point's."""
+    """At an amplitude small enough for a speed within 1e-3 of the Hopf point's, relative."""
     amplitude = SMALL
     while True:
         ring = small_orbit(motion, point, amplitude, point.speed, point.frequency)
@@ -159,7 +159,7 @@ def _at_distance(
 
 
 def unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
-    """Root mean square of what moves, for each L of the free end's amplitude."""
+    """Root mean square of the positions p for each L of the free end's amplitude."""
     states = orbit.states(PROBES)
     positions, across = states[: motion.half], motion.tip(states)
     centred = positions - positions.mean(axis=1, keepdims=True)

@@ -125,7 +125,7 @@ class PeriodicOrbit:
         return y
 
     def defects(self) -> Array:
-        """Share of the largest velocity that each interval's last polynomials add, shape (M,)."""
+        """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""
         last = np.abs(TO_LEGENDRE[-2:] @ self.rates[:, :, -self.half :])
         velocity = np.abs(self.starts[:, self.half :]).max()
         shares: Array = self.durations * last.sum(axis=1).max(axis=1) / velocity
@@ -242,4 +242,4 @@ def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     velocities = motion.model.drag_velocities(*np.split(orbit.states(phase), 2))
     roots = CubicSpline(phase, velocities.T).roots(extrapolate=False) if velocities.size else []
     turns: Array = np.sort(np.concatenate([np.empty(0), *roots]))
-    return turns[np.isfinite(turns)]  # no numbers mark a point that stands still
+    return turns[np.isfinite(turns)]  # NaN marks a point that does not move

@@ -42,7 +42,7 @@ LARGEST_TABLE = 10_000_000
 
 CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
 """Largest u and count for a `Continuum`, whose basis grows with both: at u = 1000 answers
-of 640 and 816 functions differ by 3e-9, as rounding has it, and more help no further; 400
+of 640 and 816 functions differ by 3e-9, which is rounding, so that more do not help; 400
 eigenvalues take dense problems of 816 rows, a second each."""
 
 
@@ -145,7 +145,7 @@ class Modes:
         values = self.eigenvalues[good]
         there = np.nan_to_num(pairs.values)
         same = [int(np.abs(there - value).argmin()) for value in values]
-        # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
+        # The left vectors are those of refined pairs, whose residuals are not those found before.
         found = replace(pairs.take(same), values=values, residuals=self.residuals[good])
         errors[good] = problem.uncertainties(self.speed, found)
         errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
@@ -237,7 +237,7 @@ class RootLoci:
         errors: how far each eigenvalue or its partner may be from the exact one, absolute, shape
             (S, count). To first order: residual and rounding times the condition, so that it is
             large where two roots meet; for `Continuum` with the largest change from the basis
-            before the last, and infinite for overdamped roots, which are not waited for.
+            before the last, and infinite for overdamped roots, which need not converge.
         size: degrees of freedom of the model solved.
     """
 
@@ -370,8 +370,8 @@ def _tracked_loci(
             return None
         # A complex root's partner is its conjugate, whichever root of the cluster that is.
         for i in np.flatnonzero(step.right.values[upper].imag != 0.0):
-            twin = np.flatnonzero(step.right.values == step.right.values[upper[i]].conj())
-            lower[i] = twin[0] if twin.size else lower[i]
+            conjugate = np.flatnonzero(step.right.values == step.right.values[upper[i]].conj())
+            lower[i] = conjugate[0] if conjugate.size else lower[i]
         # A branch that left the upper half plane comes back there.
         swap = (was_real | cluster.holds(step.right.values[upper])) & (
             step.right.values[upper].imag < 0.0

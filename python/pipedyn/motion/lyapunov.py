@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The largest Lyapunov exponent: how fast neighbours of a motion part, or join it.
+"""The largest Lyapunov exponent: how fast neighbouring motions diverge, or converge.
 
 Along the motion y' = f(y) a small difference obeys v' = J(y) v with the analytic Jacobian. v is
 brought back to unit length at short intervals; the logarithms of its growth, divided by the time,

@@ -41,13 +41,12 @@ SLOW = 30.0
 """|lambda| up to which joint angles serve: they lose eps |lambda|^2, which is 2e-13 here."""
 
 SPREAD, UNEQUAL = 1e4, 10.0
-"""A chain whose highest frequency is beyond both the one (where joint angles lose eight digits) and
-the other times n^2 (equal segments have 3 n^2 by the estimate made, 7 n^2 in fact) is treated
-here."""
+"""A chain is treated here if its highest frequency exceeds the first, where joint angles lose eight
+digits, and the second times n^2: equal segments have 3 n^2 by the estimate made, 7 n^2 in fact."""
 
 STIFFER = 1e6
-"""So is one whose springs differ by such a factor: measured on random chains of 3 to 8 segments,
-joint angles lose roots by 5e-12 at 1e5, 5e-11 at 1e6, 3e-9 at 1e10."""
+"""Factor between springs from which a chain is treated here, too: measured on random chains of 3 to
+8 segments, joint angles lose roots by 5e-12 at 1e5, 5e-11 at 1e6, 3e-9 at 1e10."""
 
 REACH = (1e-3, 0.1)
 """Newton's method may leave its start by the first share of it, which rough roots are off at most,
@@ -236,9 +235,9 @@ class StiffRoots:
         right = np.hstack([right[:, kept], lost])
         left = None if left is None else np.hstack([left[:, kept], lost])
         for i, pair in self.polished(u, values, free).items():
-            twin = np.flatnonzero(values == values[i].conj())[:1]
+            conjugate = np.flatnonzero(values == values[i].conj())[:1]
             x, y = self.elastic(pair)
-            for j, found in ((twin, np.conj), ([i], np.asarray)):
+            for j, found in ((conjugate, np.conj), ([i], np.asarray)):
                 values[j], right[:, j] = found(np.array([pair.value])), found(x)
                 if left is not None:
                     left[:, j] = found(y)
