@@ -49,8 +49,8 @@ BEFORE_CLUSTER = 0.9
 """Share of 1 / delta up to which roots are compared: towards it they converge ever more slowly."""
 
 FIRST, MOST = 6, 20
-"""Least Legendre functions of the first nonlinear reference, and those of the last: measured, 6 give
-the critical speed of three pipes in four to 1 %; a cycle of 20 takes seconds."""
+"""Fewest Legendre functions of the first nonlinear reference, and those of the last: 6 give the
+critical speed of three pipes in four to 1 %, as measured; a cycle of 20 takes seconds."""
 
 LONGEST_REFERENCE = 30.0
 """Seconds of processor time after which a nonlinear reference grows no more: half of what a search
