@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
@@ -185,6 +186,31 @@ def critical_speeds() -> None:
     check(abs(found.speed / exact - 1.0), 1e-9, "critical speed of the continuous pipe")
 
 
+def beside_threads() -> None:
+    """Serial and with two threads in turn, so that other work on the machine meets both."""
+    print("\nstability curve over beta, gamma = 10: best of three, s")
+    print("| segments | values | serial | two threads | gain |")
+    print("|---|---|---|---|---|")
+    for n, points in ((10, 50), (40, 12)):
+        betas = np.linspace(0.05, 0.9, points)
+        with ThreadPoolExecutor(2) as pool:
+            answers: dict[bool, np.ndarray] = {}
+            times: dict[bool, list[float]] = {False: [], True: []}
+            for threaded in 3 * (False, True):
+                start = time.perf_counter()
+                curve = pp.stability_curve(
+                    lambda beta, n=n: pp.Chain(pp.Pipe(beta, 10.0), n),
+                    betas,
+                    executor=pool if threaded else None,
+                )
+                times[threaded].append(time.perf_counter() - start)
+                answers[threaded] = curve.speeds
+        serial, beside = min(times[False]), min(times[True])
+        print(f"| {n} | {points} | {serial:.2f} | {beside:.2f} | {serial / beside:.2f} |")
+        same = np.array_equal(answers[False], answers[True], equal_nan=True)
+        check(0.0 if same else 1.0, 0.0, "critical speeds by threads")
+
+
 def machine() -> str:
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
     try:
@@ -202,6 +228,7 @@ def main() -> int:
     against_dense()
     against_continuum()
     critical_speeds()
+    beside_threads()
     for failure in failures:
         print(f"FAILED {failure}")
     return 1 if failures else 0

@@ -17,6 +17,7 @@
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/motion.hpp"
+#include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/modular/scene.hpp"
 #include "pipedyn/vector/levels.hpp"
 #include "pipedyn/work.hpp"
@@ -998,6 +999,76 @@ void check_extremes() {
   for (int i = 0; i < 60; ++i) check_wild_scene(wild);
 }
 
+// ------------------------------------------------------------------------------- eigenvalues
+
+/// A sample of pairs whose real parts are cubics of the speed, and whose frequencies are apart.
+struct Branches {
+  std::vector<Complex> values, slopes;
+  std::vector<double> noise, slope_noise;
+  std::vector<std::int8_t> signatures;
+  double u;
+
+  Branches(const Matrix& cubics, const std::vector<Index>& order, double speed) : u(speed) {
+    for (const Index branch : order) {
+      const auto c = cubics.row(branch / 2);
+      const double frequency = 5.0 + 2.0 * static_cast<double>(branch / 2);
+      values.emplace_back(c(0) + u * (c(1) + u * (c(2) + u * c(3))),
+                          branch % 2 == 0 ? frequency : -frequency);
+      slopes.emplace_back(c(1) + u * (2.0 * c(2) + 3.0 * u * c(3)), 0.0);
+    }
+    noise.assign(order.size(), 1e-14);
+    slope_noise.assign(order.size(), 0.0);
+    signatures.assign(order.size(), 0);
+  }
+
+  pipedyn::Sample view() const {
+    return {u,
+            static_cast<pipedyn::Root>(values.size()),
+            values.data(),
+            slopes.data(),
+            noise.data(),
+            slope_noise.data(),
+            signatures.data()};
+  }
+};
+
+void check_tracking() {
+  Dice dice;
+  for (int trial = 0; trial < 50; ++trial) {
+    scene = "branches " + std::to_string(trial);
+    const Index pairs = 1 + trial % 7;
+    Matrix cubics = 0.3 * dice.matrix(pairs, 4);
+    std::vector<Index> order(2 * pairs), mixed;
+    for (Index i = 0; i < 2 * pairs; ++i) order[i] = i;
+    mixed = order;
+    std::shuffle(mixed.begin(), mixed.end(), std::mt19937_64(trial));
+    const Branches left(cubics, order, 1.0), right(cubics, mixed, 1.5);
+    const pipedyn::Roots tracked(order.begin(), order.end());
+    const auto found = pipedyn::match(left.view(), right.view(), tracked, {0.0, 0.5, 0.0});
+    check(found.unambiguous, "branches far apart are unambiguous");
+    pipedyn::Roots modes;
+    pipedyn::Flags unstable;
+    for (Index i = 0; i < 2 * pairs; ++i) {
+      check(mixed[found.onto[i]] == i, "a branch is matched to itself");
+      modes.push_back(1 + i / 2);
+      unstable.push_back(left.values[i].real() > 0.0);
+    }
+    const pipedyn::Step step{left.view(),        right.view(), found.onto, found.meets,
+                             found.error.data(), modes,        unstable};
+    const auto scan = pipedyn::scan(step, {pairs, pairs, 1e-6, false});
+    check(static_cast<Index>(scan.roots.size()) == pairs, "of each pair one root is looked at");
+    for (const auto& [root, at, rising] : scan.crossings) {
+      const auto c = cubics.row(root / 2);
+      const double u = 1.0 + 0.5 * at, slope = c(1) + u * (2.0 * c(2) + 3.0 * u * c(3));
+      check((slope > 0.0) == rising, "a rising crossing has a positive slope");
+      check(std::abs(c(0) + u * (c(1) + u * (c(2) + u * c(3)))) < 1e-13, "the cubic is zero there");
+    }
+    for (Index i = 0; i < 2 * pairs; ++i) {
+      check(scan.after[i] == (right.values[found.onto[i]].real() > 0.0), "stable or not after it");
+    }
+  }
+}
+
 }  // namespace
 
 int main() {
@@ -1011,6 +1082,7 @@ int main() {
   check_reduced_motion();
   check_scenes();
   check_extremes();
+  check_tracking();
   std::printf("%d checks, %d failed\n", checks, failures);
   return failures == 0 ? 0 : 1;
 }

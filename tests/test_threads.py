@@ -4,6 +4,7 @@ The numbers asked of BLAS are what is asserted, and no time.
 """
 
 import itertools
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -13,8 +14,8 @@ import scipy.linalg
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import pipedyn as pp
+from pipedyn import _core
 from pipedyn.util import threads
-from pipedyn.util.eigenvectors import eigenvectors
 
 
 def blas_threads() -> set[int]:
@@ -120,7 +121,48 @@ def test_a_limit_of_each_thread_is_set_in_each(pools, monkeypatch):
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 40])
-def test_eigenvectors_without_the_lock_are_scipy_s(size):
-    matrix = np.random.default_rng(size).standard_normal((size, size))
-    for ours, theirs in zip(eigenvectors(matrix), scipy.linalg.eig(matrix, left=True), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
+@pytest.mark.parametrize("velocity_free", [False, True])
+def test_the_inverse_problem_of_the_core_is_scipy_s(size, velocity_free):
+    mass, velocity, stiffness = np.random.default_rng(size).standard_normal((3, size, size))
+    if velocity_free:
+        velocity = np.zeros_like(mass)
+    shift = 0.7
+    shifted = shift**2 * mass + shift * velocity + stiffness
+    operator = _core.DenseOperator(mass, velocity, stiffness, 1.0)
+    mu, right, left = operator.inverse(shift, velocity_free, True)
+    step = -np.linalg.solve(shifted, np.hstack([velocity + 2.0 * shift * mass, mass]))
+    step = np.vstack([step, np.eye(2 * size)[:size]])
+    if velocity_free:
+        step = step[:size, size:]
+    expected = np.sort_complex(scipy.linalg.eigvals(step))
+    np.testing.assert_allclose(np.sort_complex(mu), expected, rtol=1e-9, atol=1e-12)
+    values = np.sqrt(shift**2 + 1.0 / mu) if velocity_free else shift + 1.0 / mu
+    for value, x, y in zip(values, right.T, left.T, strict=True):
+        terms = value**2 * mass, value * velocity, stiffness
+        scale = sum(map(np.abs, terms))
+        assert (abs(sum(terms) @ x) <= 1e-9 * (scale @ abs(x)).max()).all()
+        assert (abs(y.conj() @ sum(terms)) <= 1e-9 * (abs(y) @ scale).max()).all()
+
+
+def test_another_thread_runs_while_the_core_solves():
+    """Python would change threads on its own only after a minute."""
+    matrices = np.random.default_rng(0).standard_normal((3, 150, 150))
+    operator = _core.DenseOperator(*matrices, 1.0)
+    begun, done = threading.Event(), threading.Event()
+
+    def solve():
+        begun.set()
+        operator.inverse(0.7, False, True)
+        done.set()
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(60.0)
+    try:
+        worker = threading.Thread(target=solve)
+        worker.start()
+        begun.wait()
+        beside = not done.is_set()
+        worker.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert beside

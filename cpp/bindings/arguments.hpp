@@ -212,6 +212,9 @@ Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py:
                         number_or_array(drag, states.one), number_or_array(others, states.one));
 }
 
+/// Eigenpairs and their tracking, in linear.cpp.
+void define_linear(py::module_& m);
+
 /// The class Scene, in scene.cpp.
 void define_scene(py::module_& m);
 

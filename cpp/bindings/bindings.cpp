@@ -186,5 +186,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("operators", &GalerkinMotion::operators, "q"_a, Unlocked());
   define_motion(galerkin_motion);
 
+  pipedyn::define_linear(m);
   pipedyn::define_scene(m);
 }

@@ -11,14 +11,21 @@ import typing
 
 __all__: list[str] = [
     "Chain",
+    "DenseOperator",
     "Galerkin",
     "GalerkinMotion",
+    "LongOperator",
+    "Operator",
     "Operators",
     "Pipe",
+    "Scan",
     "Scene",
+    "match",
     "most_on_a_panel",
+    "scan",
     "set_vector_level",
     "sincos",
+    "unstable",
     "vector_level",
     "vector_levels",
 ]
@@ -178,6 +185,78 @@ class GalerkinMotion:
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
 
+class Operator:
+    def assess(
+        self,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None = None,
+        residual: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
+        by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None = None,
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+    ]: ...
+    def growth(
+        self,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+    ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+    def refine(
+        self,
+        value: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        steps: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple[
+        complex,
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+        float,
+        int,
+    ]: ...
+
+class DenseOperator(Operator):
+    def __init__(
+        self,
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        velocity: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        stiffness: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        size: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def inverse(
+        self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+        numpy.typing.NDArray[numpy.complex128],
+    ]: ...
+
+class LongOperator(Operator):
+    def __init__(
+        self,
+        multiply: typing.Any,
+        solve: typing.Any,
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        size: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
+class Scan:
+    @property
+    def after(self) -> numpy.typing.NDArray[numpy.bool]: ...
+    @property
+    def clear(self) -> bool: ...
+    @property
+    def crossings(self) -> list[tuple[int, float, bool]]: ...
+    @property
+    def leaving(self) -> numpy.typing.NDArray[numpy.bool]: ...
+    @property
+    def roots(self) -> numpy.typing.NDArray[numpy.int64]: ...
+
 class Scene:
     met: typing.ClassVar[float] = 1e-13
     return_rate: typing.ClassVar[float] = 10.0
@@ -280,14 +359,43 @@ class Scene:
     @property
     def coordinates(self) -> int: ...
 
+def match(
+    left: typing.Any,
+    right: typing.Any,
+    tracked: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
+    damping: typing.SupportsFloat | typing.SupportsIndex,
+    radius: typing.SupportsFloat | typing.SupportsIndex,
+    zero: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[
+    numpy.typing.NDArray[numpy.int64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.int64],
+    numpy.typing.NDArray[numpy.complex128],
+    bool,
+]: ...
 def most_on_a_panel(
     size: typing.SupportsInt | typing.SupportsIndex,
     joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     more: typing.SupportsInt | typing.SupportsIndex,
 ) -> int: ...
+def scan(
+    step: typing.Any,
+    modes: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
+    unstable: typing.Annotated[numpy.typing.ArrayLike, numpy.bool],
+    resolved: typing.SupportsInt | typing.SupportsIndex,
+    certain: typing.SupportsInt | typing.SupportsIndex,
+    zero: typing.SupportsFloat | typing.SupportsIndex,
+    conservative: bool,
+) -> Scan: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+def unstable(
+    at: typing.Any,
+    onto: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
+    before: typing.Annotated[numpy.typing.ArrayLike, numpy.bool],
+    zero: typing.SupportsFloat | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.bool]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...

@@ -111,7 +111,7 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
     def correction(u: float) -> tuple[float, float]:
         nonlocal value, slope, pair
         pair = problem.refine(u, value, None if pair is None else pair.right[:, 0])
-        slope, value = complex(problem.slopes(u, pair)[0]), complex(pair.values[0])
+        slope, value = complex(problem.assessed(u, pair).slopes[0]), complex(pair.values[0])
         if not (slope.real > 0.0 and value.imag > 0.0 and pair.converged[0]):
             raise NewtonFailed("no oscillation that the flow destabilises is near")
         change = -value.real / slope.real
@@ -135,5 +135,5 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
     except NewtonFailed:
         return None
     assert pair is not None
-    error = float(problem.uncertainties(found.state, pair)[0]) / slope.real + found.step
+    error = float(problem.assessed(found.state, pair).uncertain[0]) / slope.real + found.step
     return Onset(found.state, value.imag, error)

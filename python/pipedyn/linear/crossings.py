@@ -2,9 +2,10 @@
 """Where eigenvalues pass through the imaginary axis as the flow speed grows.
 
 Each step of a tracked sweep (see `tracking`) gives a cubic for the real part of a branch.
-The step is believed where no extremum of the cubic lies closer to the axis than the cubic's own
-error, and halved otherwise; so a branch that touches the axis between two samples, or passes it
-twice, is found. Each crossing is then polished by Newton's method with d lambda / du on the model.
+A step shows all crossings where no extremum of the cubic lies closer to the axis than the cubic's
+own error, and is halved otherwise; so a branch that touches the axis between two samples, or passes
+it twice, is found. Each crossing is then polished by Newton's method with d lambda / du on the
+model.
 
 A real part within rounding of zero has no sign: such a branch stays what it was, stable or not,
 until its real part leaves the noise. `special.undamped` is for pipes without any term in the
@@ -22,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
+from pipedyn import _core
+from pipedyn.linear.eigenproblem import EPS, Complex, Eigenpairs, Eigenproblem
 from pipedyn.linear.tracking import (
     LONGEST_STEP,
     Cluster,
@@ -41,13 +43,10 @@ Iterate = tuple[float, complex, Complex]
 """u, lambda and its right vector."""
 
 LARGEST_ERROR = 1e-3
-"""Relative error of a crossing's speed beyond which it is no result."""
+"""Relative error of a crossing's speed beyond which it is no result: three digits are wanted."""
 
 LARGE_GRAVITY = 100.0
 """gamma beyond which weight rather than stiffness sets the speeds at which the flow is felt."""
-
-HIGH_DAMPING = 0.3
-"""Roots that need not be tracked are not worth refining with Re < -0.3 |lambda| at both ends."""
 
 
 @dataclass(frozen=True)
@@ -88,12 +87,8 @@ class Untracked(Exception):
 class CrossingSearch:
     """One sweep from rest, for pipes with flow or damping.
 
-    Args:
-        problem: the model's.
-        max_speed: end of the search.
-        tracked: how many modes are computed and tracked; all without.
-        trusted: how many modes, counted from rest, are looked at; all without.
-        count: roots computed where not all; without, two for each mode tracked and 16.
+    `tracked` modes are computed and tracked, of which the lowest `resolved` at rest are looked at;
+    without, all. Where not all are tracked, `count` roots are computed: two a mode and 16 without.
     """
 
     def __init__(
@@ -101,14 +96,14 @@ class CrossingSearch:
         problem: Eigenproblem,
         max_speed: float,
         tracked: int | None = None,
-        trusted: int | None = None,
+        resolved: int | None = None,
         count: int | None = None,
     ) -> None:
         self.problem = problem
         self.max_speed = max_speed
         self.count = None if tracked is None else (count or 2 * tracked + 16)
         self.tracked = problem.dof if tracked is None else tracked
-        self.trusted = self.tracked if trusted is None else trusted
+        self.resolved = self.tracked if resolved is None else resolved
         # Legendre's highest third is not the pipe's and heavily damped: matched, but not tracked.
         self.certain = min(self.tracked, problem.model.resolved_modes)
         self.modes: Indices = np.zeros(0, dtype=np.intp)
@@ -117,9 +112,7 @@ class CrossingSearch:
     def run(self, until: Callable[[AxisCrossing], bool] | None = None) -> Sweep:
         """All crossings up to max_speed, or up to the first that `until` accepts.
 
-        Raises:
-            NotConverged: if the crossings found do not account for the unstable roots.
-            Untracked: if a root beyond those tracked turns unstable.
+        Raises NotConverged if they do not account for the unstable roots, and Untracked.
         """
         longest = longest_step(self.problem.pipe.gamma)
         steps = max(1, math.ceil(self.max_speed / longest))
@@ -175,8 +168,10 @@ class CrossingSearch:
         return at
 
     def count_unstable(self) -> int:
-        """Number of unstable roots among the trusted."""
-        return int(np.sum(self.unstable & (self.modes >= 1) & (self.modes <= self.trusted)))
+        """Number of unstable roots among the resolved."""
+        return int(
+            np.count_nonzero(self.unstable & (self.modes >= 1) & (self.modes <= self.resolved))
+        )
 
     def move(self, step: Step) -> None:
         """Take modes and states to the step's right sample; mode 0 for roots from outside."""
@@ -197,33 +192,19 @@ class CrossingSearch:
 
     def states(self, at: Sample, onto: Indices, before: Flags) -> Flags:
         """Which roots are unstable: by the sign of Re lambda, or as before where it has none."""
-        values = at.values[onto]
-        known = (np.abs(values.real) > at.noise[onto]) & (
-            np.abs(values) >= self.problem.zero_tolerance
-        )
-        known |= at.signatures[onto] != 0  # on the axis of a conservative system, where they stay
-        states: Flags = np.where(known, values.real > 0.0, before)
-        for i in np.flatnonzero(~known & (values.imag > 0.0)):  # a pair has one state
-            pair = (values == values[i]) | (values == values[i].conj())
-            states[pair] = before[pair].any()
-        return states
+        return _core.unstable(at, onto, before, self.problem.zero_tolerance)
 
-    def rows(self, step: Step) -> Indices:
-        """Roots to look at: one of each conjugate pair, trusted, not heavily damped throughout."""
-        a, b = step.left.values, step.right.values[step.onto]
-        upper = np.where(a == 0.0, b, a).imag >= 0.0
-        mine = (self.modes >= 1) & (self.modes <= self.trusted) & (step.onto >= 0) & upper
-        damped = (a.real < -HIGH_DAMPING * np.abs(a)) & (b.real < -HIGH_DAMPING * np.abs(b))
-        mine &= ~(damped & (self.modes > self.certain))
-        return np.flatnonzero(mine)
+    def scan(self, step: Step) -> _core.Scan:
+        """What the step shows of the roots resolved."""
+        conservative, zero = self.problem.is_conservative, self.problem.zero_tolerance
+        known = (step, self.modes, self.unstable)
+        return _core.scan(*known, self.resolved, self.certain, zero, conservative)
 
     def sure(self, step: Step) -> bool:
         """Whether the step shows all crossings in it."""
-        roots = self.rows(step)
-        met = step.meets[roots] >= 0
-        if self._scan(step, roots[~met]) is None:
-            return False
-        return all(self._is_clear_meeting(step, int(i)) for i in roots[met])
+        scan = self.scan(step)
+        met = scan.roots[step.meets[scan.roots] >= 0]
+        return scan.clear and all(self._is_clear_meeting(step, int(i)) for i in met)
 
     def _is_clear_meeting(self, step: Step, i: int) -> bool:
         """Whether the signs before and after a meeting on the real axis show what passed zero."""
@@ -240,11 +221,10 @@ class CrossingSearch:
 
     def crossings(self, step: Step) -> list[AxisCrossing]:
         """Crossings within a step."""
-        roots = self.rows(step)
-        met = step.meets[roots] >= 0
-        single = roots[~met]
+        scan = self.scan(step)
+        roots, after = scan.roots, scan.after
         found = []
-        for root in single[self._leaving(step, single)]:
+        for root in map(int, np.flatnonzero(scan.leaving)):
             value = complex(0.0, step.left.values[root].imag)
             change = 2 if value.imag or step.right.values[step.onto[root]].imag else 1
             error = 0.0
@@ -252,11 +232,14 @@ class CrossingSearch:
                 hidden = abs(step.left.values[root].real) + step.left.noise[root]
                 error = float(hidden / step.left.slopes[root].real)
             found.append(AxisCrossing(0.0, value, change, int(self.modes[root]), error))
-        scanned = self._scan(step, single)
-        for root, t, rising in self._ends(step, single) if scanned is None else scanned:
+        met = step.meets[roots] >= 0
+        scanned = scan.crossings
+        if not scan.clear:  # a shortest step: the states at its ends
+            turned = (self.unstable | scan.leaving)[roots] != after[roots]
+            scanned = [(int(i), 0.5, bool(after[i])) for i in roots[turned & ~met]]
+        for root, t, rising in scanned:
             meeting = self._meeting_on_axis(step, root, rising)
             found.append(meeting or self._polish(step, root, t, rising))
-        after = self.states(step.right, step.onto, self.unstable)
         for i in roots[met]:
             k = int(step.meets[i])
             change = int(after[i]) + int(after[k]) - int(self.unstable[i]) - int(self.unstable[k])
@@ -269,7 +252,7 @@ class CrossingSearch:
                 middle = 0.5 * (step.left.u + step.right.u)
                 met_there = AxisCrossing(middle, value, change, int(self.modes[i]), step.length)
                 found.append(divergence or met_there)
-        _refuse_twins(found)
+        _refuse_equal(found)
         return found
 
     def _collapse(self, step: Step, expected: int) -> list[AxisCrossing]:
@@ -299,74 +282,12 @@ class CrossingSearch:
         moved = problem.stiffened(u + h, pair.right) - problem.stiffened(u - h, pair.right)
         rate = moved / (2.0 * h)
         change_of_zero = abs(complex(np.sum(pair.left.conj() * rate)))
-        uncertain = float(pair.residuals[0] + np.finfo(float).eps) * problem.size(u)
+        uncertain = float(pair.residuals[0] + EPS) * problem.size(u)
         error = uncertain / change_of_zero if change_of_zero else math.inf
         error += 4e-16 * (1.0 + u)
         own = problem.original(u, pair)
-        slope = None if own is None else complex(problem.slopes(u, own)[0])
+        slope = None if own is None else complex(problem.assessed(u, own).slopes[0])
         return AxisCrossing(u, 0j, change, mode, error, own, slope)
-
-    def _leaving(self, step: Step, roots: Indices) -> Flags:
-        """Which roots lie on the axis at rest and turn unstable at once."""
-        if step.left.u > 0.0 or roots.size == 0:
-            return np.zeros(roots.size, dtype=np.bool_)
-        a = step.left.values[roots]
-        resting = a == 0.0  # joints without a spring
-        hidden = step.right.noise[step.onto[roots]]
-        hidden = np.maximum(hidden, step.left.slope_noise[roots] * step.length)
-        rises = step.left.slopes[roots].real * step.length > hidden
-        ends = self.states(step.right, step.onto[roots], np.zeros(roots.size, dtype=np.bool_))
-        on_axis = (np.abs(a.real) <= step.left.noise[roots]) & (not self.problem.is_conservative)
-        return np.where(resting, ends, on_axis & rises)
-
-    def _ends(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]]:
-        """What a shortest step shows: the state at either end."""
-        before = self.unstable[roots] | self._leaving(step, roots)
-        after = self.states(step.right, step.onto, self.unstable)[roots]
-        return [(int(roots[r]), 0.5, bool(after[r])) for r in np.flatnonzero(before != after)]
-
-    def _scan(self, step: Step, roots: Indices) -> list[tuple[int, float, bool]] | None:
-        """(root, t, rising) of every crossing that the cubics show; None where unsure."""
-        if roots.size == 0:
-            return []
-        onto = step.onto[roots]
-        a, b = step.left.values[roots].real, step.right.values[onto].real
-        c1 = step.left.slopes[roots].real * step.length
-        end_slope = step.right.slopes[onto].real * step.length
-        # Slopes within their rounding say nothing, at any length: the line through both ends does.
-        hidden = (np.abs(step.left.slopes[roots].real) < step.left.slope_noise[roots]) | (
-            np.abs(step.right.slopes[onto].real) < step.right.slope_noise[onto]
-        )
-        c1, end_slope = np.where(hidden, b - a, c1), np.where(hidden, b - a, end_slope)
-        c2, c3 = 3.0 * (b - a) - 2.0 * c1 - end_slope, 2.0 * (a - b) + c1 + end_slope
-        noise = np.maximum(step.left.noise[roots], step.right.noise[onto])
-        noise[step.left.values[roots] == 0.0] = np.inf
-        # The real part's own error; a little of the imaginary part's, lest it vanish by chance.
-        misfit = np.abs(b - a - 0.5 * (c1 + end_slope))
-        band = np.where(hidden, 0.0, 2.0 * misfit + 1e-4 * step.error[roots])
-        if self.problem.is_conservative:  # tracking sees two roots meet and leave the axis
-            ends = np.stack([a, b, c1, end_slope])
-            band[(np.abs(ends) <= noise).all(axis=0)] = 0.0
-
-        turns = c2**2 - 3.0 * c1 * c3
-        far = c2 + np.where(c2 >= 0.0, 1.0, -1.0) * np.sqrt(np.maximum(turns, 0.0))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            extrema = np.stack([-c1 / far, -far / (3.0 * c3)])
-        extrema = np.where((extrema > 0.0) & (extrema < 1.0) & (turns > 0.0), extrema, np.nan)
-        values = a + extrema * (c1 + extrema * (c2 + extrema * c3))
-        if bool(((np.abs(values) <= band + noise) & (band > noise)).any()):
-            return None
-        states = self.unstable[roots] | self._leaving(step, roots)
-        after = self.states(step.right, step.onto, self.unstable)[roots]
-        clear = np.abs(values) > noise
-        turned = (states != after) | (clear & ((values > 0.0) != states)).any(axis=0)
-        found = []
-        for r in np.flatnonzero(turned):
-            inner = [(extrema[e, r], values[e, r] > 0.0) for e in (0, 1) if clear[e, r]]
-            points = [*sorted(inner), (1.0, bool(after[r]))]
-            cubic = (a[r], c1[r], c2[r], c3[r])
-            found += _sign_changes(int(roots[r]), bool(states[r]), cubic, points)
-        return found
 
     def _polish(self, step: Step, root: int, t: float, rising: bool) -> AxisCrossing:
         """A crossing to rounding, by Newton's method on the model itself."""
@@ -379,13 +300,9 @@ class CrossingSearch:
         u = step.left.u + t * step.length
         slack = 1e-9 * (1.0 + u) + 0.1 * step.length
 
-        def refined(near: Iterate) -> tuple[Eigenpairs, complex, complex]:
-            pair = problem.refine(*near)
-            slope = complex(problem.slopes(near[0], pair)[0])
-            return pair, slope, self._sharp(near[0], pair)[0]
-
         def correction(near: Iterate) -> tuple[Iterate, float]:
-            pair, slope, value = refined(near)
+            pair = problem.refine(*near)
+            value, _, slope = self._sharp(near[0], pair)
             change = -value.real / slope.real if slope.real else math.inf
             if not step.left.u - slack <= near[0] + change <= step.right.u + slack:
                 raise NewtonFailed("Newton's method left the step", near)
@@ -404,40 +321,31 @@ class CrossingSearch:
             ).state
         except NewtonFailed as failed:  # what is there is judged by where the step has the root
             last = failed.state
-        u = last[0]
-        pair, slope, value = refined(last)
+        u, pair = last[0], problem.refine(*last)
+        value, rounding, slope = self._sharp(u, pair)
         tolerance = 1e-6 * (1.0 + abs(value))
         another = abs(value - step.expected(root, u)) > 4.0 * step.error[root] + tolerance
         if (slope.real > 0.0) != rising or another or abs(value.real) > tolerance:
             u = self._bisect(step, root)
-            near = self._nearest(u, step, root)
-            pair, slope = near.pairs, complex(near.slopes[0])
-            value = complex(pair.values[0])
+            pair = self._nearest(u, step, root)
+            value, rounding, slope = self._sharp(u, pair)
         if not pair.converged[0]:
             raise NotConverged(
                 f"the eigenvalue near {value:.6g} that passes the axis at u = {u:g} failed its "
                 f"residual check with {pair.residuals[0]:.1e}"
             )
-        assert pair.left is not None
-        value, rounding = self._sharp(u, pair)
         uncertain = rounding + abs(value.real)
         error = uncertain / abs(slope.real) if slope.real else math.inf
-        change_of_count = (1 if real else 2) * (1 if rising else -1)
-        frequency = 0.0 if real else abs(value.imag)
-        return AxisCrossing(
-            float(u),
-            complex(0.0, frequency),
-            change_of_count,
-            int(self.modes[root]),
-            error,
-            problem.original(u, pair),
-            slope,
-        )
+        change = (1 if real else 2) * (1 if rising else -1)
+        at = complex(0.0, 0.0 if real else abs(value.imag))
+        own, mode = problem.original(u, pair), int(self.modes[root])
+        return AxisCrossing(float(u), at, change, mode, error, own, slope)
 
-    def _sharp(self, u: float, pair: Eigenpairs) -> tuple[complex, float]:
-        """The eigenvalue of one pair and how far it may be off."""
-        values, uncertain = self.problem.sharpened(u, pair, self.problem.uncertainties(u, pair))
-        return complex(values[0]), float(uncertain[0])
+    def _sharp(self, u: float, pair: Eigenpairs) -> tuple[complex, float, complex]:
+        """The eigenvalue of one pair, how far it may be off, and d lambda / du."""
+        found = self.problem.assessed(u, pair)
+        values, uncertain = self.problem.sharpened(u, pair, found, found.uncertain)
+        return complex(values[0]), float(uncertain[0]), complex(found.slopes[0])
 
     def _meeting_on_axis(self, step: Step, root: int, rising: bool) -> AxisCrossing | None:
         """Where two pairs of a conservative system meet and leave the axis, or come back to it.
@@ -468,13 +376,10 @@ class CrossingSearch:
         mode = int(self.modes[root])
         return AxisCrossing(u, complex(0.0, frequency), change, mode, error + tolerance)
 
-    def _nearest(self, u: float, step: Step, root: int) -> Sample:
+    def _nearest(self, u: float, step: Step, root: int) -> Eigenpairs:
         """The root's own eigenvalue at a speed within the step."""
         at = self.take(u)
-        where = int(np.argmin(np.abs(at.values - step.expected(root, u))))
-        pairs, own = at.pairs.take([where]), [where]
-        slopes, noise = at.slopes[own], at.noise[own]
-        return Sample(u, pairs, slopes, noise, at.slope_noise[own], at.signatures[own])
+        return at.pairs.take([int(np.argmin(np.abs(at.values - step.expected(root, u))))])
 
     def _bisect(self, step: Step, root: int) -> float:
         def real_part(u: float) -> float:
@@ -495,7 +400,7 @@ def longest_step(gamma: float) -> float:
     return LONGEST_STEP * float(np.cbrt(1.0 + max(gamma, 0.0) / LARGE_GRAVITY))
 
 
-def _refuse_twins(found: list[AxisCrossing]) -> None:
+def _refuse_equal(found: list[AxisCrossing]) -> None:
     """Raises where two real roots pass zero at one speed: they are one root, found twice."""
     static = sorted(crossing.speed for crossing in found if crossing.value == 0.0 < crossing.speed)
     for low, high in itertools.pairwise(static):
@@ -535,27 +440,6 @@ def _singular_speed(
     return (u, pair) if pair.converged[0] else None
 
 
-def _sign_changes(
-    root: int, state: bool, c: tuple[float, float, float, float], points: list[tuple[float, bool]]
-) -> list[tuple[int, float, bool]]:
-    """Where a cubic changes sign between the points at which its sign is known."""
-
-    def cubic(t: float) -> float:
-        return c[0] + t * (c[1] + t * (c[2] + t * c[3]))
-
-    found, left = [], 0.0
-    for t, now in points:
-        if now != state:
-            low, high = cubic(left), cubic(t)
-            if low * high < 0.0:
-                where = float(brentq(cubic, left, t, xtol=1e-15))
-            else:  # one end lies in the noise
-                where = left if abs(low) < abs(high) else t
-            found.append((root, where, now))
-        state, left = now, t
-    return found
-
-
 def _meets_off_axis(step: Step, i: int) -> bool:
     """Whether a pair that meets on the real axis within the step stays on one side of zero."""
     k = int(step.meets[i])
@@ -582,8 +466,8 @@ def modes_of_pairs(values: Complex, damping: float) -> Indices:
     groups: list[tuple[float, list[int]]] = []
     real = [i for i in range(values.size) if values[i].imag == 0.0]
     for i in map(int, np.flatnonzero(values.imag > 0.0)):
-        twin = np.flatnonzero(values == values[i].conj())
-        groups.append((float(np.abs(values[i]) ** 2), [i, *map(int, twin[:1])]))
+        other = np.flatnonzero(values == values[i].conj())
+        groups.append((float(np.abs(values[i]) ** 2), [i, *map(int, other[:1])]))
     while real:
         i = real.pop(0)
         if not real:

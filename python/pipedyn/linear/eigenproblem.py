@@ -9,18 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.linear.special.stiff_roots import StiffPair, StiffRoots, is_stiff, stiff_roots
 from pipedyn.models.base import Model
 from pipedyn.models.pencil import DensePencil, Pencil, Vectors
 from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
 
 Complex = NDArray[np.complex128]
+
+EPS = float(np.finfo(np.float64).eps)
 
 TOLERANCE = 1e-10
 """Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
@@ -34,12 +38,6 @@ of 300 segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functi
 
 SLOW_GROWTH = 1e-8
 """Rounding of Re lambda up to which it is left as it is: what grows slower doubles in 1e8 T."""
-
-VECTOR_ERROR = 3.0
-"""Error of a growth rate, in differences of those that its two vectors give. Measured on 228 high
-modes of 120 Legendre functions, 200 beam functions and 200 segments, beside roots to 19 digits:
-with this factor the error holds for 212. The others, where both vectors err alike by chance, are
-off by up to 18 times as much, far less than lambda itself by `uncertainties`."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +64,30 @@ class Eigenpairs:
     @property
     def passable(self) -> NDArray[np.bool_]:
         """The same with all that rounding excuses: enough of high modes where low ones count."""
-        return self.residuals <= TOLERANCE + np.finfo(float).eps * np.abs(self.values) ** 2
+        return self.residuals <= TOLERANCE + EPS * np.abs(self.values) ** 2
 
     def take(self, which: Any) -> Eigenpairs:
         """Some of the pairs."""
         left = None if self.left is None else self.left[:, which]
         return Eigenpairs(self.values[which], self.right[:, which], left, self.residuals[which])
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """How good pairs are, and how they move; each of shape (r,).
+
+    Attributes:
+        residuals: relative.
+        uncertain: how far residual and rounding may have moved each eigenvalue.
+        slopes: d lambda / du.
+        by_left, by_right: y^H (dP/dlambda) x and x^H (dP/dlambda) x.
+    """
+
+    residuals: Array
+    uncertain: Array
+    slopes: Complex
+    by_left: Complex
+    by_right: Complex
 
 
 class Eigenproblem:
@@ -91,6 +107,7 @@ class Eigenproblem:
         self.stiffness, self.flux = pencil.stiffness, pencil.flux
         self.is_damped, self.is_long = pencil.is_damped, pencil.is_long
         self.centrifugal = pencil.centrifugal
+        self.latest: tuple[float, _core.Operator] | None = None
         self.stiff: StiffRoots | None = None if self.is_long else stiff_roots(self.model)
 
     @property
@@ -137,7 +154,7 @@ class Eigenproblem:
             differ(self.velocity, -1.0) or differ(self.stiffness, 1.0) or (differ(self.flux, 1.0))
         )
 
-    @property
+    @cached_property
     def zero_tolerance(self) -> float:
         """|lambda| below which a root counts as zero.
 
@@ -163,82 +180,66 @@ class Eigenproblem:
         """The problem whose stiffness is singular where a real root passes zero, and only there."""
         return self
 
-    def genuine(self, values: Complex, free: bool) -> NDArray[np.bool_]:
+    def genuine(self, values: Complex, free: bool) -> Any:
         """Which eigenvalues of the inverse problem are the model's: all, unless it is deflated."""
-        return np.ones(values.size, dtype=np.bool_)
+        return slice(None)
 
     def size(self, u: float) -> float:
         """Size of the stiffness matrix, elastic stiffness being 1."""
         return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.term_stiffness
 
+    def by_speed(self, u: float, values: Complex, x: Vectors) -> Complex:
+        """(dP/du) x of each pair, shape (dof, r)."""
+        result: Complex = values * self.velocity(x) + 2.0 * self.centrifugal * u * self.flux(x)
+        return result
+
+    def at(self, u: float) -> _core.Operator:
+        """P at a speed as the core takes it; kept until another is asked for."""
+        if self.latest is None or self.latest[0] != u:
+            if self.is_long:
+                made: _core.Operator = _core.LongOperator(
+                    lambda x: (self.mass(x), self.damped(u, x), self.stiffened(u, x)),
+                    partial(self._solved, u),
+                    self.dof,
+                    self.size(u),
+                )
+            else:
+                made = _core.DenseOperator(*self.matrices(u), self.size(u))
+            self.latest = u, made
+        return self.latest[1]
+
+    def _solved(self, u: float, value: complex, x: Vectors, y: Vectors) -> tuple[Vectors, Vectors]:
+        """P^-1 x and P^-H y."""
+        solve = self.factor(value, u)
+        return solve(x), solve(y, adjoint=True)
+
+    def assessed(self, u: float, pairs: Eigenpairs) -> Assessment:
+        """What the core and, of stiff roots, the whole problem say of pairs with left vectors."""
+        by_speed = self.by_speed(u, pairs.values, pairs.right)
+        found = Assessment(
+            *self.at(u).assess(pairs.values, pairs.right, pairs.left, pairs.residuals, by_speed)
+        )
+        for i, stiff in self._stiff_pairs(u, pairs.values):
+            found.uncertain[i], found.slopes[i] = stiff.uncertain, stiff.slope
+        return found
+
     def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
         """Relative residual of each pair, shape (r,)."""
-        inertia, velocity = values**2 * self.mass(x), values * self.damped(u, x)
-        rest = np.linalg.norm(inertia + velocity + self.stiffened(u, x), axis=0)
-        size = np.linalg.norm(inertia, axis=0) + np.linalg.norm(velocity, axis=0)
-        result: Array = rest / (size + self.size(u) * np.linalg.norm(x, axis=0))
-        self._replaced(u, values, result, lambda pair: pair.residual)
+        result = self.at(u).assess(values, x)[0]
+        for i, stiff in self._stiff_pairs(u, values):
+            result[i] = stiff.residual
         return result
 
-    def _replaced(
-        self, u: float, values: Complex, result: Any, of: Callable[[StiffPair], Any]
-    ) -> None:
-        """Puts what is known of stiff roots in the place of a result for all, shape (r,)."""
-        if self.stiff is not None:
-            for i in np.flatnonzero(is_stiff(values)):
-                result[i] = of(self.stiff.at(u, complex(values[i])))
+    def _stiff_pairs(self, u: float, values: Complex) -> list[tuple[int, StiffPair]]:
+        """What is known of the roots that elastic coordinates do not hold, by their indices."""
+        if self.stiff is None:
+            return []
+        mine = map(int, np.flatnonzero(is_stiff(values)))
+        return [(i, self.stiff.at(u, complex(values[i]))) for i in mine]
 
-    def derivative(self, u: float, values: Complex, x: Vectors, y: Vectors) -> Complex:
-        """y^H (dP/dlambda) x of each pair, shape (r,)."""
-        result: Complex = np.sum(
-            y.conj() * (2.0 * values * self.mass(x) + self.damped(u, x)), axis=0
-        )
-        return result
-
-    def uncertainties(self, u: float, pairs: Eigenpairs) -> Array:
-        """How far residual and rounding may have moved each eigenvalue, shape (r,)."""
-        assert pairs.left is not None
-        size = np.abs(pairs.values) ** 2 * np.linalg.norm(self.mass(pairs.right), axis=0)
-        size += np.abs(pairs.values) * np.linalg.norm(self.damped(u, pairs.right), axis=0)
-        size += self.size(u)
-        derivative = np.abs(self.derivative(u, pairs.values, pairs.right, pairs.left))
-        lost = np.finfo(float).eps * (size + self.formed(u, pairs))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Array = (pairs.residuals * size + lost) / derivative
-        result[~np.isfinite(result)] = np.inf
-        self._replaced(u, pairs.values, result, lambda pair: pair.uncertain)
-        return result
-
-    def growth(self, u: float, pairs: Eigenpairs) -> tuple[Array, Array]:
-        """Re lambda of each pair by its energy balance, and how far rounding may move it, (r,).
-
-        With lambda = sigma + i omega the imaginary part of x^H P x = 0 is
-
-            sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
-
-        On the right only damping and what the ends do is left, so that rounding is small beside it,
-        while that of lambda is eps |lambda|^2. It says nothing of a real root (NaN). The left
-        vector obeys the same balance; where the two disagree, vectors are not exact.
-        """
-        assert pairs.left is not None
-        by_right, rounding = self._balance(u, pairs.values.imag, pairs.right)
-        by_left, _ = self._balance(u, pairs.values.imag, pairs.left)
-        return by_right, rounding + VECTOR_ERROR * np.abs(by_right - by_left)
-
-    def _balance(self, u: float, omega: Array, x: Vectors) -> tuple[Array, Array]:
-        """Growth by vectors x, (dof, r), and what rounding of two sums of dof terms does to it."""
-        damped, stiffened = self.damped(u, x), self.stiffened(u, x)
-        by_velocity, by_place = x.conj() * damped, x.conj() * stiffened
-        kinetic = np.sum(x.conj() * self.mass(x), axis=0).real
-        rate = 2.0 * omega * kinetic + np.sum(by_velocity, axis=0).imag
-        work = omega * np.sum(by_velocity, axis=0).real + np.sum(by_place, axis=0).imag
-        size = np.abs(omega) * np.sum(np.abs(by_velocity), axis=0)
-        size += np.sum(np.abs(by_place), axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            lost = 2.0 * (self.dof + 2) * np.finfo(float).eps * size
-            return -work / rate, lost / np.abs(rate)
-
-    def sharpened(self, u: float, pairs: Eigenpairs, uncertain: Array) -> tuple[Complex, Array]:
+    def sharpened(
+        self, u: float, pairs: Eigenpairs, found: Assessment, uncertain: Array
+    ) -> tuple[Complex, Array]:
         """Eigenvalues and how far each may be off, with Re lambda by its energy balance if better.
 
         That is so where rounding hides a slow growth, as in high modes without damping, and at rest
@@ -253,35 +254,15 @@ class Eigenproblem:
         if pairs.left is None or not hidden.any():
             return values, uncertain
         # Near a double root vectors are worse than values: y^H P' x is small beside x^H P' x there.
-        across = np.abs(self.derivative(u, values, pairs.right, pairs.left))
-        hidden &= across > 0.1 * np.abs(self.derivative(u, values, pairs.right, pairs.right))
-        growth, error = self.growth(u, pairs)
-        better = hidden & (error < uncertain)
-        return (
-            np.where(better, growth + 1j * values.imag, values),
-            np.where(better, error, uncertain),
-        )
-
-    def formed(self, u: float, pairs: Eigenpairs) -> Any:
-        """What rounding of the matrices themselves may hide, in eps: no residual shows it."""
-        if self.is_long:
-            return 0.0
-        assert pairs.left is not None
-        right, size = np.abs(pairs.right), np.abs(pairs.values)
-        mass, velocity, stiffness = (np.abs(matrix) @ right for matrix in self.matrices(u))
-        rows = size**2 * mass + size * velocity + stiffness
-        return np.sum(np.abs(pairs.left) * rows, axis=0)
-
-    def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
-        """D lambda / du of each pair, shape (r,)."""
-        assert pairs.left is not None
-        by_speed = pairs.values * self.velocity(pairs.right)
-        by_speed = by_speed + 2.0 * self.centrifugal * u * self.flux(pairs.right)
-        change = np.sum(pairs.left.conj() * by_speed, axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Complex = -change / self.derivative(u, pairs.values, pairs.right, pairs.left)
-        self._replaced(u, pairs.values, result, lambda pair: pair.slope)
-        return result
+        hidden &= np.abs(found.by_left) > 0.1 * np.abs(found.by_right)
+        which = np.flatnonzero(hidden)
+        own = values[which], pairs.right[:, which], pairs.left[:, which]
+        growth, error = self.at(u).growth(*own)
+        better = error < uncertain[which]
+        values, uncertain = values.copy(), uncertain.copy()
+        values.real[which[better]] = growth[better] + 0.0  # -0 is 0
+        uncertain[which[better]] = error[better]
+        return values, uncertain
 
     def refine(
         self, u: float, value: complex, x: Vectors | None = None, steps: int = 6
@@ -291,34 +272,12 @@ class Eigenproblem:
             near = self.stiff.near(u, value, 1.0)
             rest = np.array([near.residual])
             return Eigenpairs(np.array([near.value]), *self.stiff.elastic(near), rest)
-        seed = np.linspace(1.0, 0.5, self.dof, dtype=np.complex128)
-        right = (seed if x is None else x.astype(np.complex128)).reshape(-1, 1)
-        left = seed.reshape(-1, 1)
-        best: Eigenpairs | None = None
-        for _ in range(steps):
-            solve = self.factor(value, u)
-            right, left = unit(solve(right)), unit(solve(left, adjoint=True))
-            if not (np.isfinite(right).all() and np.isfinite(left).all()):
-                break
-            values = np.array([value])
-            rest = values**2 * self.mass(right) + values * self.damped(u, right)
-            rest = rest + self.stiffened(u, right)
-            derivative = self.derivative(u, values, right, left)[0]
-            if derivative == 0.0:
-                break
-            correction = np.sum(left.conj() * rest) / derivative
-            value = complex(value - correction)
-            values = np.array([value])
-            pair = Eigenpairs(values, right, left, self.residuals(u, values, right))
-            if best is not None and pair.residuals[0] >= best.residuals[0]:
-                break
-            best = pair
-            if abs(correction) <= 4e-16 * abs(value):
-                break
-        if best is None:
-            values = np.array([value], dtype=np.complex128)
-            return Eigenpairs(values, right, left, np.array([np.inf]))
-        return best
+        seed = np.linspace(1.0, 0.5, self.dof)[:, None]
+        start = seed if x is None else x
+        value, right, left, residual, taken = self.at(u).refine(value, start, seed, steps)
+        if not self.is_long:
+            factorised(taken)
+        return Eigenpairs(np.array([value]), right, left, np.array([residual]))
 
     def null_pair(self, u: float, right: Vectors, left: Vectors) -> Eigenpairs:
         """Singular vectors of K(u) to its least singular value: its null vectors, if any."""

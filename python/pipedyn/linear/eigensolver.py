@@ -16,26 +16,22 @@ where M and C act through running sums and K_s is a band matrix: O(n) a step.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
+from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem, unit
 from pipedyn.models.base import DENSE_LIMIT
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-from pipedyn.util.eigenvectors import eigenvectors
 
 SHIFTS = (0.97, 2.31, 0.41)
 """Tried in turn until every residual passes; an eigenvalue may lie on one of them by chance."""
 
 
-DENSE_RESCUE, PATIENCE = 1000, 30
+DENSE_RESCUE, RESTARTS = 1000, 30
 """Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or a
 cluster at -1 / delta), chains up to this size are solved dense; after a few it ends where it does.
 """
-
-Inverse = tuple[Complex, Complex, Complex | None]
-"""mu, x and y (or None) of the inverse problem."""
 
 
 class Clustered(Exception):
@@ -85,12 +81,16 @@ def _about(
     asked = min(count + 6, 2 * problem.dof)
     while True:
         if problem.is_long:
-            found = arnoldi(problem, u, shift, free, -(-asked // 2) if free else asked)
+            mu, right = arnoldi(problem, u, shift, free, -(-asked // 2) if free else asked)
+            dual = None
         else:
-            found = dense_inverse(problem, u, shift, free, left)
-        if found is None:
+            factorised(2)
+            p = problem.at(u)
+            assert isinstance(p, _core.DenseOperator)
+            mu, right, dual = p.inverse(shift, free, left)
+            dual = dual if left else None
+        if mu.size == 0:
             return None
-        mu, right, dual = found
         with np.errstate(divide="ignore", invalid="ignore"):
             if free:
                 # lambda^2 is real or one of a conjugate pair; each vector serves both signs.
@@ -122,18 +122,18 @@ def _about(
             break
         asked = min(2 * asked, problem.dof)
     order = order[:count]
-    values, right = values[order], unit(right[:, order])
+    values, right = values[order], right[:, order]
     none = ~np.isfinite(values)
     if none.any():
         values[none], right[:, none] = complex(np.nan, np.nan), 0.0
     pairs = Eigenpairs(values, right, None, problem.residuals(u, values, right))
     pairs.residuals[none] = np.inf
     if dual is not None:
-        pairs = Eigenpairs(values, right, unit(dual[:, order]), pairs.residuals)
-    return _mended(problem, u, pairs, left, high)
+        pairs = Eigenpairs(values, right, dual[:, order], pairs.residuals)
+    return _refined(problem, u, pairs, left, high)
 
 
-def _mended(
+def _refined(
     problem: Eigenproblem, u: float, pairs: Eigenpairs, left: bool, high: bool
 ) -> Eigenpairs:
     """Pairs that failed, or want left vectors, refined one by one (conjugates together)."""
@@ -145,7 +145,7 @@ def _mended(
     for i in np.flatnonzero(todo & (values.imag >= 0.0)):
         if not np.isfinite(values[i]):
             continue
-        twin = np.flatnonzero(pairs.values == np.conj(pairs.values[i]))
+        other = np.flatnonzero(pairs.values == np.conj(pairs.values[i]))
         better = problem.refine(u, complex(values[i]), right[:, i])
         near = abs(better.values[0] - values[i]) <= 1e-3 * abs(values[i]) + 1e-6
         if not near or better.left is None:
@@ -155,49 +155,17 @@ def _mended(
             values[i] = better.values[0].real if same else better.values[0]
             right[:, i], residuals[i] = better.right[:, 0], better.residuals[0]
         lefts[:, i] = better.left[:, 0]
-        if not same and twin.size:
-            j = twin[0]
+        if not same and other.size:
+            j = other[0]
             values[j], residuals[j] = np.conj(values[i]), residuals[i]
             right[:, j], lefts[:, j] = right[:, i].conj(), lefts[:, i].conj()
     return Eigenpairs(values, right, lefts if left else None, residuals)
 
 
-def dense_inverse(
-    problem: Eigenproblem, u: float, shift: float, free: bool, left: bool
-) -> Inverse | None:
-    """All of the inverse problem, from matrices; None where P(shift) is singular or overflows.
-
-    `free` says that no term in the velocity is there; then mu = 1 / (lambda^2 - shift^2).
-    """
-    n = problem.dof
-    mass, damped, stiffness = problem.matrices(u)
-    shifted = shift**2 * mass + shift * damped + stiffness
-    lu, pivots, singular = lapack.dgetrf(shifted)
-    factorised()
-    if singular:
-        return None
-    if free:
-        step = -lapack.dgetrs(lu, pivots, mass)[0]
-    else:
-        both = np.hstack([damped + 2.0 * shift * mass, mass])
-        step = np.zeros((2 * n, 2 * n))
-        step[:n] = -lapack.dgetrs(lu, pivots, both)[0]
-        step[n:, :n] = np.eye(n)
-    if not np.isfinite(step).all():
-        return None
-    if not left:
-        factorised()
-        mu, vectors = np.linalg.eig(step)
-        return mu.astype(np.complex128), vectors[:n].astype(np.complex128), None
-    mu, lefts, vectors = eigenvectors(step)
-    dual = lapack.dgetrs(lu, pivots, np.hstack([lefts[:n].real, lefts[:n].imag]), trans=1)[0]
-    return mu, vectors[:n].astype(np.complex128), dual[:, : mu.size] + 1j * dual[:, mu.size :]
-
-
 def arnoldi(
     problem: Eigenproblem, u: float, shift: float, free: bool, count: int
-) -> Inverse | None:
-    """The `count` largest |mu| of the inverse problem, O(dof) a step, without left vectors.
+) -> tuple[Complex, Complex]:
+    """The `count` largest |mu| of the inverse problem with x, O(dof) a step; none if that fails.
 
     Raises:
         Clustered: if the iteration does not end and the problem can be solved dense.
@@ -219,16 +187,14 @@ def arnoldi(
     ncv = min(size, max(2 * count + 1, 20))
     options = {"v0": start, "tol": 0.0, "ncv": ncv}
     if n <= DENSE_RESCUE:
-        options["maxiter"] = PATIENCE
+        options["maxiter"] = RESTARTS
     try:
         mu, vectors = eigs(operator, k=count, which="LM", **options)
     except ArpackError as error:
         if n <= DENSE_RESCUE:
             raise Clustered from error
-        mu = getattr(error, "eigenvalues", np.zeros(0))
-        if mu.size == 0:
-            return None
-        vectors = error.eigenvectors
-    if not np.isfinite(mu).all():
-        return None
-    return mu, vectors[:n], None
+        if not getattr(error, "eigenvalues", np.zeros(0)).size:
+            return np.zeros(0, np.complex128), np.zeros((n, 0), np.complex128)
+        mu, vectors = error.eigenvalues, error.eigenvectors
+    found = mu if np.isfinite(mu).all() else mu[:0]
+    return found, unit(vectors[:n])

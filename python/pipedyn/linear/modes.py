@@ -147,7 +147,7 @@ class Modes:
         same = [int(np.abs(there - value).argmin()) for value in values]
         # The left vectors are those of refined pairs, whose residuals are not those found before.
         found = replace(pairs.take(same), values=values, residuals=self.residuals[good])
-        errors[good] = problem.uncertainties(self.speed, found)
+        errors[good] = problem.assessed(self.speed, found).uncertain
         errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
         return errors
 
@@ -356,7 +356,7 @@ def _tracked_loci(
     def store(row: int, pairs: Eigenpairs) -> None:
         values[row], partners[row] = pairs.values[upper], pairs.values[lower]
         converged[row] = pairs.converged[upper] & pairs.converged[lower]
-        uncertain = problem.uncertainties(float(speeds[row]), pairs)
+        uncertain = problem.assessed(float(speeds[row]), pairs).uncertain
         errors[row] = np.maximum(uncertain[upper], uncertain[lower])
 
     store(0, first.pairs)

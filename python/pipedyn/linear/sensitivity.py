@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -118,7 +118,7 @@ def _sensitivity(model: Model, crossing: AxisCrossing) -> Sensitivity | None:
     pipe, u, value = model.pipe, crossing.speed, crossing.value
     x, y = pair.right, pair.left
     if value:
-        down = complex(problem.derivative(u, np.array([value]), x, y)[0])
+        down = complex(problem.assessed(u, replace(pair, values=np.array([value]))).by_left[0])
     else:
         down = 1.0 + 0j
         slope = -complex(np.sum(y.conj() * problem.flux(x))) * 2.0 * problem.centrifugal * u

@@ -131,17 +131,12 @@ class Deflated(Eigenproblem):
         """How many roots were moved."""
         return int(self.deflating(0.0)[0].shape[1])
 
-    def slopes(self, u: float, pairs: Eigenpairs) -> Complex:
-        """D lambda / du of each pair; that of the pencil by central differences, to 1e-9."""
-        assert pairs.left is not None
+    def by_speed(self, u: float, values: Complex, x: Vectors) -> Complex:
+        """By central differences, to 1e-9."""
         h = 1e-5 * (1.0 + u)
-        change = pairs.values * (self.damped(u + h, pairs.right) - self.damped(u - h, pairs.right))
-        change = change + self.stiffened(u + h, pairs.right) - self.stiffened(u - h, pairs.right)
-        rate = np.sum(pairs.left.conj() * change, axis=0) / (2.0 * h)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Complex = -rate / self.derivative(u, pairs.values, pairs.right, pairs.left)
-        self._replaced(u, pairs.values, result, lambda pair: pair.slope)
-        return result
+        change = values * (self.damped(u + h, x) - self.damped(u - h, x))
+        result: Complex = change + self.stiffened(u + h, x) - self.stiffened(u - h, x)
+        return result / (2.0 * h)
 
     def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:
         if (pairs.values == 0.0).any():

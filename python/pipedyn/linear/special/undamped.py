@@ -31,7 +31,7 @@ class CirculatorySearch(CrossingSearch):
         pairs = pairs_at(self.problem, u, self.count)
         values = pairs.values
         pairs = pairs.take((values.real > 0.0) | ((values.real == 0.0) & (values.imag > 0.0)))
-        slopes = 2.0 * pairs.values * self.problem.slopes(u, pairs)
+        slopes = 2.0 * pairs.values * self.problem.assessed(u, pairs).slopes
         squares = replace(pairs, values=pairs.values**2)
         squares.values.imag[(pairs.values.real == 0.0) | (pairs.values.imag == 0.0)] = 0.0
         if u == 0.0:
@@ -59,8 +59,8 @@ class CirculatorySearch(CrossingSearch):
         return states
 
     def rows(self, step: Step) -> Indices:
-        """The trusted roots; both of those that meet."""
-        mine = (self.modes >= 1) & (self.modes <= self.trusted) & (step.onto >= 0)
+        """The resolved roots; both of those that meet."""
+        mine = (self.modes >= 1) & (self.modes <= self.resolved) & (step.onto >= 0)
         return np.flatnonzero(mine)
 
     def sure(self, step: Step) -> bool:
