@@ -38,7 +38,7 @@ def known():
 
 
 def test_the_continuous_pipes_cycle_is_the_known_one(known):
-    # physics.md: 0.276611 and 13.79155, which are this model's; more functions end at 0.276614 and
+    # 0.276611 and 13.79155 are this model's, of 8 functions; more functions end at 0.276614 and
     # 13.79150, as another program's 0.27661 and 13.7913 also allow.
     assert known.amplitude == pytest.approx(0.276611, abs=5e-7)
     assert known.frequency == pytest.approx(13.79155, abs=5e-6)
@@ -334,7 +334,7 @@ def test_a_search_may_start_from_an_onset():
     model = pp.Galerkin(pp.Pipe(0.295), 8, "legendre")
     first, second, third = (pp.hopf(model, c) for c in pp.crossings(model, 9.0))
     u = second.speed - 0.1
-    one, other = (pp.limit_cycle(model, u, onset) for onset in (first, second))  # born and dies
+    one, other = (pp.limit_cycle(model, u, onset) for onset in (first, second))  # its two ends
     assert "from the onset at u = 7.8" in other.method
     assert other.amplitude == pytest.approx(one.amplitude, rel=1e-5)
     assert pp.limit_cycle(model, 8.3, third).amplitude == pytest.approx(
@@ -529,7 +529,7 @@ def test_a_bad_argument_is_refused_by_name(call, name):
 
 
 @pytest.mark.parametrize("pivot", [0.0, np.nan])
-def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
+def test_multipliers_that_overflow_are_refused(monkeypatch, pivot):
     """R of L + mu R is singular where a motion leaves the cycle faster than numbers can hold."""
 
     def singular(motion, solution):

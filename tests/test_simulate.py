@@ -88,7 +88,7 @@ def test_the_samples_asked_for_do_not_change_the_motion():
     assert at_once.q.tolist() == [CHAIN.bent(bow).tolist()]
 
 
-def test_a_motion_tells_tip_energy_and_states():
+def test_a_motion_gives_tip_energy_and_states():
     motion = pp.simulate(CHAIN, 6.0, 1.0, bow, np.linspace(0.0, 1.0, 6), samples=5)
     assert motion.q.shape == motion.qdot.shape == (5, 6)
     assert motion.y.shape == (12, 5)
@@ -248,7 +248,7 @@ def test_a_motion_of_one_right_hand_side_stops_and_no_step_overflows(method):
     assert [failure.index for failure in together.failures] == [0, 1]
 
 
-def test_a_motion_that_leaves_finite_numbers_later_keeps_its_beginning(monkeypatch):
+def test_a_motion_that_overflows_later_keeps_its_beginning(monkeypatch):
     core = CHAIN.core
 
     class Bursting(StandIn):

@@ -265,7 +265,7 @@ Scan scan(const Step& step, const Search& search) {
     if (hidden) slope = end_slope = b - a;
     const Cubic cubic{a, slope, 3.0 * (b - a) - 2.0 * slope - end_slope,
                       2.0 * (a - b) + slope + end_slope};
-    // The real part's own error; a little of the imaginary part's, lest it vanish by chance.
+    // The real part's own error; a little of the imaginary part's keeps it from being 0.
     double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + 1e-4 * step.error[i];
     // Of a conservative system tracking sees two roots meet and leave the axis.
     const double largest =

@@ -53,7 +53,7 @@ class Choice:
         steady: whether the next larger size meets the tolerance as well; if not, the model meets it
             by a change of sign of its error, which holds for this pipe and this question only. None
             where no tolerance was asked for.
-        tried: a line for each family, with the reason why it lost.
+        tried: a line for each family, with the reason why it was not chosen.
         seconds: that the search took, with the reference.
         quantity: what was asked.
     """

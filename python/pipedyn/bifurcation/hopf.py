@@ -302,7 +302,7 @@ class Hopf(HopfPoint):
 
     @property
     def unstable_beside(self) -> int:
-        """Number of eigenvalues with positive real part at the onset, beside the pair."""
+        """Number of eigenvalues with positive real part at the onset, besides the pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
         values = np.linalg.eigvals(VectorField(self.model).jacobian(self.rest, self.speed))

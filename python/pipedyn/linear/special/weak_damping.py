@@ -57,7 +57,7 @@ def extrapolated(
     """The crossings of the pipe from those of the pipes solved in its place.
 
     Raises:
-        NotConverged: if these do not pass alike.
+        NotConverged: if these differ in kind or mode.
     """
     kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
     if any(row != kinds[0] for row in kinds):
