@@ -14,8 +14,6 @@ using Slab = Eigen::Ref<const Matrix, 0, Eigen::OuterStride<>>;
 using WritableSlab = Eigen::Ref<Matrix, 0, Eigen::OuterStride<>>;
 
 /// out = a b; out overlaps neither.
-void multiply(WritableSlab out, const Slab& a, const Slab& b);
-
 void multiply(Vector& out, const Matrix& a, const Eigen::Ref<const Vector>& b);
 
 /// out = a b, row-major, of a only the upper triangle; out overlaps neither.

@@ -5,20 +5,19 @@
 // are tables (dof, count), row by row.
 #pragma once
 
-#include <complex>
 #include <functional>
 #include <vector>
 
+#include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {
 
-using Complex = std::complex<double>;
 using ComplexTable = std::vector<Complex>;
 
 /// The routines of BLAS and LAPACK that are needed, by address, as SciPy has them: the core is
-/// linked with neither. Measured against Eigen's EigenSolver, which has no left vectors, dgeev
-/// takes with them 0.6 of the time at 20 rows and a third at 200.
+/// linked with neither. Compared with Eigen's EigenSolver, which has no left vectors, dgeev takes
+/// with them 0.6 of the time at 20 rows and a third at 200.
 struct Lapack {
   void (*dgemm)(char* trans_a, char* trans_b, int* m, int* n, int* k, double* alpha, double* a,
                 int* lda, double* b, int* ldb, double* beta, double* c, int* ldc);
@@ -119,7 +118,7 @@ struct Growth {
 ///
 ///     sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
 ///
-/// On the right only damping and what the ends do is left, so that rounding is small against it,
+/// On the right only damping and what the ends do is left, so that rounding is small beside it,
 /// while that of lambda is eps |lambda|^2. The left vector obeys the same balance; where the two
 /// disagree, vectors are not exact.
 Growth growth(const Operator& p, const Pairs& pairs);

@@ -3,13 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace pipedyn {
 
 namespace {
-
-constexpr double infinite = std::numeric_limits<double>::infinity();
 
 /// Roots of modes that need not be tracked are not worth refining with Re < -0.3 |lambda|.
 constexpr double heavy_damping = 0.3;

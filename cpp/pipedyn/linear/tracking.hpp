@@ -7,6 +7,7 @@
 
 #include <complex>
 #include <cstdint>
+#include <limits>
 #include <tuple>
 #include <vector>
 
@@ -16,6 +17,8 @@ using Complex = std::complex<double>;
 using Root = std::int64_t;  // place of an eigenvalue in its sample, or -1
 using Roots = std::vector<Root>;
 using Flags = std::vector<std::uint8_t>;
+
+inline constexpr double infinite = std::numeric_limits<double>::infinity();
 
 /// The lowest eigenvalues at one speed, (size) of each.
 struct Sample {
