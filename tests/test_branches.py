@@ -302,7 +302,7 @@ def test_where_no_onset_leads_to_cycles_a_motion_finds_one():
 
 
 def test_where_motions_wind_up_without_end_no_cycle_is_said_to_be_found(monkeypatch):
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.PATIENT", 1)
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCH_FACTOR", 1)
     model = pp.Chain(pp.Pipe(0.3, flow="aspirating"), 2)
     found = pp.bifurcation_diagram(model, [1.0, 2.0])
     assert found.cycles == ()

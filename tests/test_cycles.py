@@ -496,7 +496,7 @@ def test_where_there_is_no_cycle_an_exception_says_why(known, monkeypatch):
         pp.limit_cycle(ROM, 6.0, pp.simulate(ROM, 6.0, 0.2, bow))
     with pytest.raises(pp.NoCycle, match="no cycle attracts"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.0), 3), 6.0)
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.PATIENT", 1)
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCH_FACTOR", 1)
     with pytest.raises(pp.NoCycle, match="from there"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2, flow="aspirating"), 3), 0.3)
 

@@ -109,11 +109,11 @@ class Quantity(ABC):
         return ""
 
     def solved_for(self, tolerance: float) -> Self:
-        """The same, solved so accurately that its own error is no part of a tolerance."""
+        """The same question, with the solver's own error negligible in a tolerance."""
         return self
 
     def prepared(self, pipe: Pipe) -> Self:
-        """The same with what it takes from the pipe itself."""
+        """The same question, with defaults that depend on the pipe."""
         return self
 
     def extrapolated(self, coarse: Answer, fine: Answer, order: float) -> Answer:

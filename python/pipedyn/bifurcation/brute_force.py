@@ -35,8 +35,8 @@ AT_REST = 1e-5
 """Range of the tip, in L, below which it is at rest: ten times what rtol = 1e-6 lets it err."""
 
 RECURRENCE = 1e-3
-"""By how much maxima may differ from those a period before, relative to the range, where they still
-come nearer to each other; beyond, too few of them are known to say how they converge."""
+"""By how much maxima that still converge may differ from those a period before, relative to the
+range: beyond, a record is too short to show that they do."""
 
 LONGEST_PERIOD = 16
 """Maxima in a period beyond which a motion counts as irregular: records hold some 50 to 100 maxima,

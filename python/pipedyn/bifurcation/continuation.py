@@ -332,7 +332,7 @@ class Equations(Protocol):
 
 
 class DenseProblem:
-    """Equations whose bordered matrix is dense; `scale` of the parameter weighs like 1 of all x."""
+    """Dense equations; a parameter's change by `scale` is as long as one of every x by 1."""
 
     def __init__(self, equations: Equations, size: int, scale: float) -> None:
         self.equations = equations

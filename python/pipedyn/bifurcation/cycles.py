@@ -228,7 +228,7 @@ def on_branch(
     result = described(motion, orbit, error, samples, how)
     if result.multiplier_error <= 1e-4:  # a tenth of what ends a branch
         return result
-    with suppress(NewtonFailed):  # an orbit whose neighbours part fast has to be known better
+    with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), turning=True)
         better = described(motion, solved(motion, finer, 1e-9), result.error, samples, how)
         return min(result, better, key=lambda cycle: cycle.multiplier_error)

@@ -374,9 +374,9 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
-        crossing: that of a pair, of `crossings(model, ...)`, or a point of kind "hopf" on a
-            branch of bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where
-            not given.
+        crossing: a flutter of `crossings(model, ...)`, or a point of kind "hopf" on a branch of
+            bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where not
+            given.
 
     Returns:
         Hopf.

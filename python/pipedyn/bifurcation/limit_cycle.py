@@ -43,13 +43,13 @@ from pipedyn.util.threads import one_thread
 
 LARGEST_CYCLE = 100
 """Degrees of freedom. An undamped chain of 20 takes 0.8 s, of 40 ten, of 60 a minute, nearly all
-for the multipliers, whose mesh the fastest mode that persists decides."""
+for the multipliers, whose mesh resolves the fastest mode that persists."""
 
 FIRST_DEFECT, FIRST_STEP = 1e-3, 1e-5
 """Largest defect of the orbit and last step of Newton's method where a cycle is looked for: near
 enough for Newton's method on the finer mesh."""
 
-SEARCH, PATIENT = 300_000, 6
+SEARCH, SEARCH_FACTOR = 300_000, 6
 """Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments,
 and how many times as many up to 6 degrees of freedom, of which they are cheap: near a fold of
 cycles a motion takes long to converge."""
@@ -256,7 +256,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
     states = np.stack([start, motion.resting()])
     (q0, q_rest), (qdot0, _) = model.recorded(states[:, : motion.half], states[:, motion.half :])
     evaluations, time, passed = 0, 0.0, None
-    limit *= PATIENT if model.dof <= 6 else 1
+    limit *= SEARCH_FACTOR if model.dof <= 6 else 1
     stretch = 4.0  # of time, after which the motion is looked at
     while evaluations < limit:
         try:

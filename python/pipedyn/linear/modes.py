@@ -194,7 +194,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
 
 
 def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
-    """The argument count, of which a model has so many for each degree of freedom."""
+    """The argument count, of at most so many roots for each degree of freedom."""
     if isinstance(model, Continuum):
         return check.count("count", count, high=CONTINUUM_COUNT)
     asked = check.count("count", count, high=roots * model.dof)

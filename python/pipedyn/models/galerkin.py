@@ -279,7 +279,7 @@ class Galerkin(Model):
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:
-    """As many functions, with so many more of them on panels whose share of the length is small.
+    """The same number of functions, with so many more of them on short panels.
 
     Two models of growing size and growing `more` differ on every panel of the basis but those
     shorter than 0.003, so that the distance of their answers bounds what short panels miss, too.

@@ -49,8 +49,8 @@ STIFFER = 1e6
 8 segments, joint angles lose roots by 5e-12 at 1e5, 5e-11 at 1e6, 3e-9 at 1e10."""
 
 REACH = (1e-3, 0.1)
-"""Newton's method may leave its start by the first share of it, which rough roots are off at most,
-or by a third of the distance to the next one, up to the second share."""
+"""How far Newton's method may leave its start, relative: by the first, as rough roots are off by
+less, or by a third of the distance to the next root, up to the second."""
 
 ENTRY = 8.0 * float(np.finfo(float).eps)
 """Relative rounding of an entry of T, with room for what the products with it add."""

@@ -530,7 +530,7 @@ class Assembly(Model):
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         rows = self._rows("q", q, (self.moving, self.coordinates))
         at, base = arc_lengths(s), self._layout.base
-        # Of redundant coordinates the nodes are joined as they stand.
+        # Redundant coordinates may miss constraints: their nodes are joined as given.
         places = self._configuration(rows) if rows.size == self.moving else rows
         nodes = np.stack([places[0::3], places[1::3]], axis=1)
         steps = np.diff(nodes, axis=0, prepend=[[0.0, base]])
