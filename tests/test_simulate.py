@@ -218,7 +218,7 @@ def test_no_motion_is_refused_that_keeps_to_its_bound(n, damping):
 
     needed = small().evaluations
     assert small(most=needed).evaluations == needed
-    with pytest.raises(pp.MotionStopped, match=r"at most|its most"):
+    with pytest.raises(pp.MotionStopped, match=r"at most|more than"):
         small(most=0.9 * needed)
 
 

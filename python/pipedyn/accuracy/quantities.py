@@ -154,7 +154,7 @@ class CriticalSpeedOf(Quantity):
             near = onset_near(model, onset.speed, onset.frequency)
             # One that has moved further is another, or the functions were too few.
             if near is None or abs(near.speed - onset.speed) > 1e-5 * near.speed:
-                raise NotConverged(f"the onset at u = {onset.speed:g} is not there in {model}")
+                raise NotConverged(f"no onset near u = {onset.speed:g} in {model}")
             onset = near
             return Answer(np.array([near.speed]), "flutter", near.error / near.speed)
 
@@ -429,7 +429,7 @@ class MotionOf(_Integrated):
             straight = LEGENDRE.make(pipe, FIRST + more)
             bends = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
             if np.abs(bends).max() < 1e-12:  # rounding
-                raise ValueError("start must bend the pipe, which does not move from where it is")
+                raise ValueError("start must bend the pipe: a straight one at rest does not move")
             return asked
         # 24 functions have the mode and its neighbours exactly.
         model = Galerkin(pipe, max(24, math.ceil(self.u)) + more, "legendre")

@@ -284,7 +284,7 @@ def measured(
             models = family.models(pipe, size)
             dof = sum(model.dof for model in models)
             if models[0].dof < quantity.least:
-                raise ValueError(f"size must be at least {quantity.least} for it, got {size}")
+                raise ValueError(f"size must be at least {quantity.least} here, got {size}")
             with counted() as counters, limited(patience):
                 start = clock()
                 answers = [quantity.answer(model) for model in models]

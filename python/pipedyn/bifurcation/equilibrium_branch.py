@@ -156,8 +156,8 @@ def equilibrium_branch(
         away = statics.rms(x - start)
         if away > NEAR:
             raise NotConverged(
-                f"no equilibrium was found near q0 at u = {u0:g}: that to which Newton's method "
-                f"leads lies {away:.3g} rad away, more than {NEAR:g}"
+                f"no equilibrium was found near q0 at u = {u0:g}: Newton's method leads to one "
+                f"that lies {away:.3g} rad away, more than {NEAR:g}"
             )
         equations: Equations = statics
         if statics.rms(x - statics.resting) < 1e-9 and statics.rests(0.0) and statics.rests(1.0):

@@ -400,7 +400,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
         if critical.kind != "flutter":
             raise NoHopf(
                 f"stability is lost by divergence at u = {critical.speed:g}; a flutter beyond it "
-                "is asked for with crossing="
+                "may be given as crossing="
             )
         crossing = next(one for one in found if one.destabilising)
     elif not isinstance(crossing, Crossing | BranchPoint):

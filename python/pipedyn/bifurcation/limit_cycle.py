@@ -130,7 +130,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             return solved(motion, guess, FIRST_STEP), "from a cycle"
         last_period = _last_period(motion, u, start)
         if last_period is None:
-            raise NoCycle("the motion to start from comes back to no state it had before", u)
+            raise NoCycle("the motion to start from does not come back to an earlier state", u)
         return solved(motion, last_period, FIRST_STEP), "from a motion"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
@@ -252,7 +252,7 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
 
 def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH) -> PeriodicOrbit:
     """The cycle on which the motion from a state [p, p'] ends."""
-    model, reason = motion.model, "the motion comes back to no state it had before"
+    model, reason = motion.model, "the motion does not come back to an earlier state"
     states = np.stack([start, motion.resting()])
     (q0, q_rest), (qdot0, _) = model.recorded(states[:, : motion.half], states[:, motion.half :])
     evaluations, time, passed = 0, 0.0, None
@@ -264,7 +264,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             going = simulate(model, u, stretch, q0, qdot0, rtol=1e-6, samples=samples, most=limit)
         except MotionStopped as stopped:
             raise NoCycle(
-                f"no limit cycle at u = {u:g} from there: after a time of {time:g}, {stopped}", u
+                f"no limit cycle at u = {u:g} by simulation: after a time of {time:g}, {stopped}", u
             ) from None
         time += stretch
         evaluations += going.evaluations
@@ -273,7 +273,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
         before, moves = (float(np.ptp(q, axis=0).max()) for q in np.array_split(going.q, 2))
         if moves < 1e-4 and moves <= 1.01 * before:
             where = "rest" if np.abs(q0 - q_rest).max() < 1e-2 else "a bent pipe at rest"
-            raise NoCycle(f"no limit cycle at u = {u:g} from there: the motion ends in {where}", u)
+            raise NoCycle(f"no limit cycle at u = {u:g} by simulation: it ends in {where}", u)
         guess = _last_period(motion, u, going)
         if guess is None:
             stretch = min(2.0 * stretch, 32.0)  # two of the longest periods
@@ -293,7 +293,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             reason = str(failure)
     if passed is not None:
         return passed
-    raise NoCycle(f"no limit cycle at u = {u:g} from there: {reason}", u)
+    raise NoCycle(f"no limit cycle at u = {u:g} by simulation: {reason}", u)
 
 
 def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit | None:

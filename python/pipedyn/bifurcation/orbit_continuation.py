@@ -283,7 +283,7 @@ def continued(motion: VectorField, point: HopfPoint, u: float) -> PeriodicOrbit:
                 break
     except NewtonFailed as reason:
         stopped = f"it could not be followed beyond u = {here.u:.6g}: {reason}"
-    report = f"does not come to u = {u:g}: {stopped}"
+    report = f"does not reach u = {u:g}: {stopped}"
     turns = list[float]()
     for step in turning:
         with suppress(NewtonFailed):

@@ -173,7 +173,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         count = _checked_count(count, model, 2)
     if isinstance(model, Continuum):
         if count is None:
-            raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
+            raise ValueError("count must be given for a Continuum: it has infinitely many")
         asked = count
         continuous = model.converge(
             lambda rom: _modes(rom, u, asked),

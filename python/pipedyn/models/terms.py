@@ -190,7 +190,7 @@ def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) ->
             unit = math.prod(map(pow, bases, item.metadata["powers"]))
             numbers[item.name] = by(getattr(term, item.name), unit)
     except OverflowError:
-        raise ValueError(f"{term!r} has no finite numbers in units of {scales}") from None
+        raise ValueError(f"{term!r} overflows in units of {scales}") from None
     return replace(term, **numbers)
 
 

@@ -117,7 +117,7 @@ class Guarded:
                 if self.calls >= self.next_check:
                     self.check(t)
                 if self.calls >= self.most:
-                    raise Stopped(f"it needs more right-hand sides than {self.most:g}, its most")
+                    raise Stopped(f"it needs more than {self.most:g} right-hand sides")
                 self.calls += 1
                 return self._rates(t, y, *self.arguments)
         except BaseException as error:

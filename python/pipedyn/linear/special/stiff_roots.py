@@ -325,7 +325,7 @@ class StiffRoots:
                 change = 1j * change.imag
             value = near[0] + change
             if not abs(value - start) <= reach * abs(start):
-                raise NewtonFailed("Newton's method left the root", (start, None))
+                raise NewtonFailed("Newton's method left the root's neighbourhood", (start, None))
             return (value, (right, left)), abs(change)
 
         last: Iterate = start, None

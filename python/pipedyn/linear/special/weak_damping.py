@@ -62,8 +62,8 @@ def extrapolated(
     kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
     if any(row != kinds[0] for row in kinds):
         raise NotConverged(
-            f"crossings at beta = {pipe.beta:g}, damping = {pipe.damping:g} tend to no limit that "
-            "larger values would show",
+            f"crossings at beta = {pipe.beta:g}, damping = {pipe.damping:g} cannot be extrapolated "
+            "from larger values, where they differ in kind or mode",
             found[0],
         )
     x = _size(pipe) ** 2
