@@ -342,7 +342,7 @@ def test_a_search_may_start_from_an_onset():
     )
     with pytest.raises(pp.NoCycle, match=r"of the Hopf point at u = 7\.26.* does not reach u = 7"):
         pp.limit_cycle(model, 7.0, first)
-    with pytest.raises(pp.NoCycle, match="does not come to"):
+    with pytest.raises(pp.NoCycle, match="does not reach"):
         pp.limit_cycle(model, third.speed, third)  # where it has no size
     with pytest.raises(ValueError, match="start must be an onset of the model, got one of Gal"):
         pp.limit_cycle(pp.Galerkin(pp.Pipe(0.3), 8, "legendre"), 8.3, third)
@@ -536,7 +536,7 @@ def test_multipliers_that_overflow_are_refused(monkeypatch, pivot):
         return np.eye(motion.size), right
 
     monkeypatch.setattr("pipedyn.bifurcation.cycles.through", singular)
-    with pytest.raises(pp.NotConverged, match="fails its check: its Floquet multipliers left"):
+    with pytest.raises(pp.NotConverged, match="fails its check: its Floquet multipliers overflow"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.5)
 
 

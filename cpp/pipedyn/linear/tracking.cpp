@@ -8,7 +8,8 @@ namespace pipedyn {
 
 namespace {
 
-/// Roots of modes that need not be tracked are not worth refining with Re < -0.3 |lambda|.
+/// Roots of modes that need not be tracked are not worth refining with Re < -0.3 |lambda|: with 16
+/// Legendre functions they have 0.56 or more at damping 1e-3, without damping 0.03 at most.
 constexpr double heavy_damping = 0.3;
 
 /// Column of each row so that the sum of their costs, (size, size), is least: rows are added one by
