@@ -102,9 +102,9 @@ def bifurcation_diagram(
 
     Equilibria are followed by arc length, past folds, and so are the cycles from each onset of
     flutter of straight and bent pipes, up to 1.5 times the highest speed given. Cycles are followed
-    up to a quarter beyond both the speeds and the onset, since they may come back, and so are
-    cycles that leave them at pitchforks and period doublings within the speeds, two generations;
-    what leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
+    up to a quarter beyond both the speeds and the onset, since they may come back. So are, for two
+    generations, cycles that leave them at pitchforks and period doublings within the speeds; what
+    leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
     on a cycle that no onset leads to, that is followed both ways. Without `brute_force` motions
     look for one at the first, the middle and the last speed, if no cycle and no stable equilibrium
     is known there.

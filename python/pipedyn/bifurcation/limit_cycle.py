@@ -50,8 +50,8 @@ FIRST_DEFECT, FIRST_STEP = 1e-3, 1e-5
 enough for Newton's method on the finer mesh."""
 
 SEARCH, SEARCH_FACTOR = 300_000, 6
-"""Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments,
-and how many times as many up to 6 degrees of freedom, of which they are cheap: near a fold of
+"""Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments. Up
+to 6 degrees of freedom, where they are cheap, it may take more by this factor: near a fold of
 cycles a motion takes long to converge."""
 
 CycleStart: TypeAlias = "LimitCycle | Hopf | Motion | Start | None"

@@ -27,9 +27,10 @@ Complex = NDArray[np.complex128]
 EPS = float(np.finfo(np.float64).eps)
 
 TOLERANCE = 1e-10
-"""Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
-k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what terms add; to it
-comes the rounding of M x, eps |lambda|^2, which is what limits high modes."""
+"""Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair: measured,
+the twelve lowest of 25 models at four speeds have 8e-12 at most. k = 1 + |gamma| + a u^2, and what
+terms add, is the size of the elastic stiffness matrix. To it comes the rounding of M x,
+eps |lambda|^2, which limits high modes."""
 
 LARGEST_RESIDUAL = 1e-4
 """Relative residual beyond which a pair is wrong, however high the mode: refined, those of 300

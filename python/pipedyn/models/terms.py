@@ -2,7 +2,7 @@
 """Terms: laws of force on a pipe, besides its own elasticity, gravity, drag and flow.
 
 A term is a frozen dataclass: the place where it acts, if it acts at one, and the numbers of its
-law. The law itself, load, slopes, mass, energy and power at a station of the pipe, stands in the
+law. The law itself (load, slopes, mass, energy and power at a station of the pipe) stands in the
 core under the term's name, cpp/pipedyn/terms/. Terms belong to the pipe, so that every model has
 them.
 """

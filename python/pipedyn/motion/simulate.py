@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Motion in time: what scipy's integrators make of a model's right-hand side, and its audit.
 
-Integrated is y = [q, q', W] with W' the power of flow, joints and drag, so that the audit
+Integrated is y = [q, q', W] with W' the power of flow, joints and drag. So the audit
 |E(t) - E(0) - W(t)| has the integrator's own order and does not depend on the samples.
 
 Many motions of one model advance together in batches. A batch costs one call a right-hand side for
