@@ -28,7 +28,7 @@ LIMIT_BETA = 1e-9
 """beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
 
 ROUNDING = 1e-10
-"""Share of the largest |lambda| below which real parts count as 0: as much are residuals."""
+"""Share of the largest |lambda| below which real parts count as 0: what residuals may be."""
 
 NUMBERS = {
     "gravity": ("gamma", "gamma"),

@@ -60,7 +60,7 @@ LEAST_TOLERANCE = 1e-10
 """Least change to which a basis grows, as for `Continuum`: rounding leaves less."""
 
 RTOL = 1e-8
-"""Relative tolerance of a motion or a cycle where no other is asked for."""
+"""Relative tolerance of a motion or a cycle where none is given: it leaves errors of 2e-7."""
 
 
 class Quantity(ABC):

