@@ -114,19 +114,9 @@ def swept(
 ) -> tuple[Array, list[Answer | None], tuple[Failure, ...]]:
     """A question asked of a model at each value of a parameter, what fails kept apart.
 
-    Args:
-        make_model: as for `stability_curve`, and so are values, executor and progress.
-        values: the parameter, shape (S,).
-        solve: the question; it pickles if an executor of processes takes it.
-        executor: takes the points.
-        progress: show progress on stderr.
-        label: of the progress bar.
-
-    Returns:
-        The values, shape (S,); the answers, None where the point failed; the failures, in order.
-
-    Raises:
-        ValueError, TypeError: for bad arguments.
+    Arguments and errors as for `stability_curve`; `solve` asks the question and pickles if an
+    executor of processes takes it. Returned are the values, shape (S,), the answers, None where the
+    point failed, and the failures, in order.
     """
     if not callable(make_model):
         raise TypeError(
