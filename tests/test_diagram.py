@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The bifurcation diagram: equilibria, late motions, bad arguments."""
+"""The bifurcation diagram: equilibria, motions after the transient, bad arguments."""
 
 import math
 import pickle

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Brute force over the flow speed: where motions from many starts end.
 
-Of each late motion the section x' = 0 of the free end is kept: its turning points. At rest there
+After the transient the section x' = 0 of the free end is kept: its turning points. At rest there
 is none, a cycle leaves a few values, a torus or chaos many.
 """
 
