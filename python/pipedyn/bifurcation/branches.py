@@ -68,7 +68,8 @@ SAMPLES = 65
 
 BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
 """Factor by which a branch may leave both the speeds and its beginning, since it may come back;
-steps out there in a row; and mesh intervals beyond which an orbit is too costly there."""
+steps out there in a row; and mesh intervals beyond which an orbit is too costly there. Measured
+on two branches, they come back five times, after 9 steps and with 21 intervals at most."""
 
 GENERATIONS = 2
 """Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
