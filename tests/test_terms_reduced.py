@@ -110,7 +110,9 @@ def exponentials_determinant(value, u, beta, terms, damping=0.0):
                 beyond = column + 4
                 rows[first, beyond], rows[first + 1, beyond] = -(a[k] ** 2), -(a[k] ** 3)
                 rows[first + 2, beyond], rows[first + 3, beyond] = -1, -a[k]
-    return mpmath.det(rows)
+    # Divided by what changes sign with the (arbitrary) order of the exponentials as this does.
+    pairs = [a[j] - a[i] for i in range(4) for j in range(i + 1, 4)]
+    return mpmath.det(rows) / mpmath.fprod(pairs) ** (len(ends) - 1)
 
 
 def shooting_determinant(value, u, pipe):
