@@ -72,7 +72,8 @@ steps out there in a row; and mesh intervals beyond which an orbit is too costly
 on two branches, they come back five times, after 9 steps and with 21 intervals at most."""
 
 GENERATIONS = 2
-"""Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
+"""Generations followed of cycles that leave cycles: all of the first, then those that leave stable
+ones, since their number may grow without end (a cascade of period doublings)."""
 
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
