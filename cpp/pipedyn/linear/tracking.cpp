@@ -265,7 +265,7 @@ Scan scan(const Step& step, const Search& search) {
                       2.0 * (a - b) + slope + end_slope};
     // The real part's own error; a little of the imaginary part's keeps it from being 0.
     double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + 1e-4 * step.error[i];
-    // Of a conservative system tracking sees two roots meet and leave the axis.
+    // Of a conservative system tracking shows where two roots meet and leave the axis.
     const double largest =
         std::max({std::abs(a), std::abs(b), std::abs(slope), std::abs(end_slope)});
     if (hidden || (search.conservative && largest <= noise)) band = 0.0;

@@ -190,7 +190,7 @@ class Enforcement::Front {
     }
   }
 
-  /// Minimises the energy over all variables that the staying coordinates do not see. Returns one
+  /// Minimises the energy over all variables that no staying coordinate depends on. Returns one
   /// that has no inertia, or `complete`.
   int condense(const Stage& stage, const double* scale) {
     int seen = 0;
@@ -268,7 +268,7 @@ class Enforcement::Front {
     return best;
   }
 
-  /// Orthogonal change of the variables from `first` on after which the row sees only `pivot`.
+  /// Orthogonal change of the variables from `first` on after which the row has only `pivot`.
   void reflect(int row, int first, int pivot, double norm) {
     const int end = end_row();
     const double at_pivot = column(pivot)[row];
@@ -290,7 +290,7 @@ class Enforcement::Front {
     }
   }
 
-  /// Reflection of the energy's rows from `first` on after which, of these, only the first sees the
+  /// Reflection of the energy's rows from `first` on after which, of these, only the first has the
   /// variable. The row of the largest entry comes first: so rows of different size keep their own
   /// digits.
   void reflect_energy(int variable, int first) {
@@ -325,7 +325,7 @@ class Enforcement::Front {
     x[first] = image;
   }
 
-  /// The last variable w, which only the energy's first row sees: w = (h / T - B y - r) / T.
+  /// The last variable w, which only the energy's first row has: w = (h / T - B y - r) / T.
   void minimise_over_last(const Stage& stage) {
     const int top = energy_first_;
     const double* const last = column(variables_);
@@ -342,8 +342,8 @@ class Enforcement::Front {
     --variables_;
   }
 
-  /// As many of the energy's rows as variables say all: R becomes triangular, columns permuted. A
-  /// variable done before sees none of the rows that follow.
+  /// Leaves as many of the energy's rows as variables: R becomes triangular, columns permuted. The
+  /// rows that follow have no variable that was done before.
   void compress() {
     if (energy_rows_ <= variables_) return;
     for (int first = 0; first < variables_; ++first) {

@@ -43,7 +43,7 @@ LONGEST_PERIOD = 16
 and three periods are needed to see one."""
 
 SAMPLES_A_TIME = 100
-"""Samples in a unit of time: cubics through them know a maximum of flutter to 1e-6."""
+"""Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
 
 
 @result

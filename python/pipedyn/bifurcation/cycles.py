@@ -154,7 +154,7 @@ def finished(
                 f"which should be 1, are known to {result.multiplier_error:.1e} only",
                 result,
             )
-        largest *= 0.01  # the multipliers ask for more
+        largest *= 0.01  # the multipliers need a finer mesh
     return result
 
 

@@ -214,7 +214,7 @@ def averaged(
         form: the mode.
         angle: the largest of the pipe displaced by q, by which the displacements are measured.
     """
-    phase = np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False)  # drag's kinks ask for many
+    phase = np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False)  # drag's kinks need many
     turn = np.exp(1j * phase)
     line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
     first = FIRST_STEP / angle

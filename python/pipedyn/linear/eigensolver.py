@@ -135,7 +135,7 @@ def _about(
 def _refined(
     problem: Eigenproblem, u: float, pairs: Eigenpairs, left: bool, high: bool
 ) -> Eigenpairs:
-    """Pairs that failed, or want left vectors, refined one by one (conjugates together)."""
+    """Pairs that failed, or lack left vectors, refined one by one (conjugates together)."""
     todo = ~(pairs.converged if high else pairs.passable) | (left and pairs.left is None)
     if not todo.any():
         return pairs
