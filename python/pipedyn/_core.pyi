@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """
-C++ core of pipedyn: operators and motion of chains, reduced models and scenes; eigenpairs.
+C++ core of pipedyn: operators, motion, eigenpairs of chains, reduced models, scenes.
 """
 
 from __future__ import annotations
