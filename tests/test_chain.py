@@ -69,7 +69,7 @@ def papers_operators(alpha):
 
 @pytest.mark.parametrize(
     ("flow", "alpha"),
-    [("ejecting", 1.0), ("ejecting", 0.3), ("aspirating", 0.7)],
+    [("ejecting", 1.0), ("ejecting", 0.3), ("aspirating", 0.7), ("aspirating", 0)],
 )
 def test_chain_linearises_the_papers_lagrangian(flow, alpha):
     """Three unequal segments against eqs. (1)-(6), derived with sympy."""
