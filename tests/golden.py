@@ -8,7 +8,7 @@
 
 pytest does not collect it. An entry has a name in a group, numbers, and where the result states its
 own error that ("tolerance", absolute, else null; of motions rtol). Of a large array it keeps some
-numbers and a projection on a fixed random vector. A difference is told relative to the largest
+numbers and a projection on a fixed random vector. A difference is given relative to the largest
 number of its entry; one beyond LARGEST has moved, unless it is within the tolerance.
 
 Right-hand sides, Jacobians, energies and powers are kept at every vector level, those that the
@@ -17,7 +17,7 @@ one thread of linear algebra. Bits are those of one processor, numpy and scipy (
 `choose` measures times. Its clock here advances by a microsecond, about, when it is read, as for
 each right-hand side and factorisation: its choice is always the same, if not that by a watch.
 Where two sizes tie rounding decides; the questions here avoid that.
-What the rebuild renames stands in `fitted`, `parts`, `made` and `setting`.
+What the rebuild renames stands in `with_fittings`, `parts`, `made` and `setting`.
 """
 
 import argparse
@@ -81,7 +81,7 @@ MOVING, LINEAR, ONSETS = (x.replace("\n", "; ").split("; ") for x in (MOVING, LI
 LINEAR = MOVING[:-1] + LINEAR  # the last rests bent
 
 
-def laden(pipe, fittings):
+def with_fittings(pipe, fittings):
     """The pipe with point masses and springs, (at, mass, stiffness) each."""
     masses = [pp.PointMass(at, mass) for at, mass, _ in fittings if mass]
     springs = [pp.Spring(at, stiffness) for at, _, stiffness in fittings if stiffness]
@@ -102,7 +102,7 @@ def made(name):
     """A model by its name: kind, pipe, size, and what it has besides."""
     kind, pipe, *more = name.split()
     given = [FITTINGS[x] for x in more if x in FITTINGS]
-    pipe = laden(PIPES[pipe], given)
+    pipe = with_fittings(PIPES[pipe], given)
     if kind == "continuum":
         return pp.Continuum(pipe)
     size, rest = int(more[0]), "".join(x for x in more[1:] if x not in FITTINGS)
@@ -299,8 +299,8 @@ def computed(group):
         except Exception as error:
             print(f"{name} raised {error!r}")
             parts = {"": []}
-        for part, told in parts.items():
-            values, error = told if isinstance(told, tuple) else (told, None)
+        for part, given in parts.items():
+            values, error = given if isinstance(given, tuple) else (given, None)
             row = [float(x).hex() for x in values], None if error is None else float(error).hex()
             entry = dict(zip(("values", "tolerance"), row, strict=True))
             found[f"{part} of {name}" if part else name] = entry
@@ -339,10 +339,10 @@ def compare(groups, bits):
         rows = {k: difference(found.get(k, {"values": []}), v) for k, v in kept.items()}
         off = [k for k, (n, same, far, _) in rows.items() if same < n and (bits or far > LARGEST)]
         off = [k for k in off if bits or rows[k][3] > 1.0] + [k for k in found if k not in kept]
-        told = [row[3] for k, row in rows.items() if kept[k]["tolerance"]]
+        shares = [row[3] for k, row in rows.items() if kept[k]["tolerance"]]
         numbers, same, far, _ = np.array(list(rows.values())).T
         sums = f"{numbers.sum():8.0f}{same.sum():12.0f}{far.max():12.1e}"
-        print(f"{group:16}{sums}{max(told, default=math.nan):9.1e}{len(off):7}", flush=True)
+        print(f"{group:16}{sums}{max(shares, default=math.nan):9.1e}{len(off):7}", flush=True)
         moved += [f"{group}: {k}: {found.get(k, 'gone')} {rows.get(k, 'new')}" for k in off]
     print(*moved, sep="\n", end="\n" if moved else "")
     return len(moved)

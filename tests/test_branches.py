@@ -115,7 +115,7 @@ def test_a_fold_of_cycles_is_where_the_two_meet(subcritical):
     assert halves**2 / distances == pytest.approx(halves[0] ** 2 / distances[0], rel=0.1)
 
 
-def test_a_cycle_that_is_born_and_dies_is_one_branch():
+def test_a_cycle_that_appears_and_vanishes_is_one_branch():
     model = pp.Galerkin(pp.Pipe(0.295), 8, "legendre")
     found = pp.bifurcation_diagram(model, [7.2, 7.6, 8.0])
     onsets = [c.speed for c in pp.crossings(model, 8.0)]
@@ -302,7 +302,7 @@ def test_where_no_onset_leads_to_cycles_a_motion_finds_one():
 
 
 def test_where_motions_wind_up_without_end_no_cycle_is_said_to_be_found(monkeypatch):
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.PATIENT", 1)
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCH_FACTOR", 1)
     model = pp.Chain(pp.Pipe(0.3, flow="aspirating"), 2)
     found = pp.bifurcation_diagram(model, [1.0, 2.0])
     assert found.cycles == ()

@@ -15,7 +15,7 @@ from scipy.linalg import eigvalsh
 import pipedyn as pp
 
 FIRST_BEAM_FREQUENCY = 1.8751040687119612**2
-"""First root of cos(k) cosh(k) = -1, squared (physics.md, section 2: 1.8751040687)."""
+"""First root of cos(k) cosh(k) = -1, squared (textbooks: k = 1.8751040687)."""
 
 UNEQUAL = {
     "lengths": [0.5, 0.3, 0.2],
@@ -145,7 +145,7 @@ def test_flow_feeds_power_only_through_the_free_end(chain, data):
 
 
 def test_a_horizontal_chain_never_diverges():
-    """gamma = 0: det K is the product of the springs at any speed (physics.md, section 2)."""
+    """gamma = 0: det K is the product of the springs at any speed."""
     chain = pp.Chain(pp.Pipe(0.2), **UNEQUAL)
     for u in (0.0, 1.0, 4.0, 9.0):
         assert np.linalg.det(chain.operators().at(u)[2]) == pytest.approx(3 * 2 * 5, rel=1e-11)
@@ -165,7 +165,7 @@ def test_aspirating_reverses_the_speed_and_alpha_multiplies_the_centrifugal_term
 
 
 @given(chains())
-def test_joint_angles_tell_the_same_pipe_as_angles(chain):
+def test_joint_angles_describe_the_same_pipe_as_angles(chain):
     transform = chain.from_elastic(np.eye(chain.dof))
     angles, elastic = chain.operators(), chain.elastic_operators()
     for name in ("mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"):
@@ -300,7 +300,7 @@ def test_rayleigh_rule_equates_two_energies_of_the_tip_load_shape(n):
 
 
 def test_the_papers_rule_tends_to_a_beam_too_soft():
-    """k / n tends to 0.971328, printed with six digits (physics.md, section 2).
+    """k / n tends to 0.971328.
 
     It is the first eigenvalue over the Rayleigh quotient of x^2 (3 - x), 140 / 11: potential energy
     int (6 - 6 x)^2 = 12, kinetic energy int x^4 (3 - x)^2 = 33 / 35.
@@ -352,7 +352,7 @@ def test_deflection_is_the_shape_at_small_angles():
     )
 
 
-def test_a_chain_tells_what_it_was_made_of_and_pickles():
+def test_a_chain_shows_what_it_was_made_of_and_pickles():
     chain = pp.Chain(pp.Pipe(0.3, gamma=2.0), **UNEQUAL, drag_points=[0.1, 0.2, 0.3])
     chain.operators()
     same = pickle.loads(pickle.dumps(chain))

@@ -12,7 +12,7 @@ import pipedyn as pp
 
 PIPE = pp.Pipe(0.2)
 EXACT = 5.591404378
-"""Critical speed at beta = 0.2 (physics.md, section 6: determinant of 30 digits)."""
+"""Critical speed at beta = 0.2: determinant of the four exponentials in 30 digits."""
 
 
 @cache
@@ -54,7 +54,7 @@ def test_chains_converge_in_a_window(rule, order, sizes, largest):
 
 
 def test_the_papers_rule_ends_1_44_percent_low():
-    """5.5107 in place of 5.5914 (physics.md, section 2), from three sizes extrapolated."""
+    """5.5107 in place of 5.5914, from three sizes extrapolated."""
     a, b, c = (chain_speed("rayleigh", n) for n in (20, 40, 80))
     limit = (8.0 * c - 6.0 * b + a) / 3.0
     assert limit == pytest.approx(5.5107, rel=0, abs=3e-4)
@@ -73,7 +73,7 @@ def test_the_papers_rule_ends_1_44_percent_low():
     ],
 )
 def test_chains_meet_the_printed_table(n, uniform, consistent, rayleigh, midpoint):
-    """physics.md, section 2: four decimals."""
+    """Four decimals of an earlier program."""
     printed = {
         "uniform": uniform,
         "consistent": consistent,
@@ -92,7 +92,7 @@ def test_the_midpoint_cut_is_exact_by_chance_at_two_segments():
 
 @pytest.mark.parametrize(("beta", "ratio"), [(0.2, 0.5), (0.5, 1.0)])
 def test_the_midpoint_cut_has_no_more_error_than_consistent_springs(beta, ratio):
-    """Half of it at beta = 0.2 (physics.md, section 2); hardly less of it at 0.5."""
+    """Half of it at beta = 0.2; hardly less of it at 0.5."""
     exact = pp.critical_speed(pp.Continuum(pp.Pipe(beta))).speed
     midpoint, consistent = (
         abs(chain_speed(rule, 40, beta) / exact - 1.0) for rule in ("midpoint", "consistent")
@@ -123,7 +123,7 @@ def test_unequal_segments_converge_at_second_order_too():
 
 
 def test_beam_modes_converge_at_fourth_order():
-    """physics.md, section 7: 3 beam modes give 1e-3, 10 beam modes 6e-5."""
+    """3 beam modes give 1e-3, 10 beam modes 6e-5."""
     sizes = np.array([8, 11, 16, 22, 32])
     error = errors([pp.Galerkin(PIPE, int(m), "beam") for m in sizes])
     assert fitted_order(sizes, error) == pytest.approx(4.0, abs=0.3)
@@ -134,7 +134,7 @@ def test_beam_modes_converge_at_fourth_order():
 
 
 def test_legendre_functions_converge_exponentially():
-    """10 functions: 2e-10 (physics.md, section 7); each further one gains most of a digit."""
+    """10 functions: 2e-10; each further one gains most of a digit."""
     exact = pp.critical_speed(pp.Continuum(PIPE)).speed
     sizes = np.arange(4, 12)
     error = errors([pp.Galerkin(PIPE, int(m), "legendre") for m in sizes], exact)
@@ -145,14 +145,14 @@ def test_legendre_functions_converge_exponentially():
 
 @pytest.mark.parametrize(("beta", "m", "digits"), [(0.5, 16, 1e-12), (0.99, 24, 1e-12)])
 def test_a_few_legendre_functions_give_twelve_digits(beta, m, digits):
-    """physics.md, section 6."""
+    """With ten functions more nothing moves."""
     frozen = pp.critical_speed(pp.Galerkin(pp.Pipe(beta), m, "legendre")).speed
     exact = pp.critical_speed(pp.Galerkin(pp.Pipe(beta), m + 10, "legendre")).speed
     assert frozen == pytest.approx(exact, rel=digits)
 
 
 def test_ten_beam_modes_are_worse_at_heavy_fluid():
-    """beta = 0.9: 1.7e-3 (physics.md, section 7)."""
+    """beta = 0.9: 1.7e-3."""
     exact = pp.critical_speed(pp.Continuum(pp.Pipe(0.9))).speed
     (error,) = errors([pp.Galerkin(pp.Pipe(0.9), 10, "beam")], exact)
     assert error == pytest.approx(1.7e-3, abs=5e-5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Crossings of the imaginary axis: none missed, each with an honest error."""
+"""Crossings of the imaginary axis: none missed, each with an error that bounds the true one."""
 
 import dataclasses
 import itertools
@@ -145,7 +145,7 @@ def test_the_pipe_at_beta_0_2_crosses_four_times_up_to_15():
     [(0.28, 0.295, 0.31, 9.0), (0.64, 0.67, 0.71, 14.0), (0.84, 0.9, 0.93, 17.6)],
 )
 def test_the_stability_curve_folds(low, fold, high, max_speed):
-    """Folds near beta = 0.293-0.297, 0.649-0.695 and 0.845-0.925 (physics.md, section 6)."""
+    """Folds near beta = 0.293-0.297, 0.649-0.695 and 0.845-0.925."""
 
     def times(beta):
         found = pp.crossings(pp.Continuum(pp.Pipe(beta)), max_speed)
@@ -325,7 +325,7 @@ def test_one_segment_never_flutters():
 
 
 @pytest.mark.parametrize("beta", [0.1, 0.295, 0.9, 0.99])
-def test_the_continuums_error_is_honest(beta):
+def test_the_continuums_error_bounds_the_true_one(beta):
     for crossing in pp.crossings(pp.Continuum(pp.Pipe(beta)), 18.5)[:4]:
         speed, _ = determinant_crossing(beta, crossing.speed, crossing.frequency, digits=35)
         assert abs(crossing.speed - speed) <= crossing.error + 4e-16 * speed
@@ -333,7 +333,7 @@ def test_the_continuums_error_is_honest(beta):
 
 
 @pytest.mark.parametrize("n", [5, 20, 70])
-def test_a_chains_error_is_honest(n):
+def test_a_chains_error_bounds_the_true_one(n):
     """Against shooting along the chain with 30 digits."""
     chain = pp.Chain(pp.Pipe(0.2), n)
     found = pp.critical_speed(chain)

@@ -38,7 +38,7 @@ def known():
 
 
 def test_the_continuous_pipes_cycle_is_the_known_one(known):
-    # physics.md: 0.276611 and 13.79155, which are this model's; more functions end at 0.276614 and
+    # 0.276611 and 13.79155 are this model's, of 8 functions; more functions end at 0.276614 and
     # 13.79150, as another program's 0.27661 and 13.7913 also allow.
     assert known.amplitude == pytest.approx(0.276611, abs=5e-7)
     assert known.frequency == pytest.approx(13.79155, abs=5e-6)
@@ -334,17 +334,15 @@ def test_a_search_may_start_from_an_onset():
     model = pp.Galerkin(pp.Pipe(0.295), 8, "legendre")
     first, second, third = (pp.hopf(model, c) for c in pp.crossings(model, 9.0))
     u = second.speed - 0.1
-    one, other = (pp.limit_cycle(model, u, onset) for onset in (first, second))  # born and dies
+    one, other = (pp.limit_cycle(model, u, onset) for onset in (first, second))  # its two ends
     assert "from the onset at u = 7.8" in other.method
     assert other.amplitude == pytest.approx(one.amplitude, rel=1e-5)
     assert pp.limit_cycle(model, 8.3, third).amplitude == pytest.approx(
         pp.limit_cycle(model, 8.3).amplitude, rel=1e-5
     )
-    with pytest.raises(
-        pp.NoCycle, match=r"of the Hopf point at u = 7\.26.* does not come to u = 7"
-    ):
+    with pytest.raises(pp.NoCycle, match=r"of the Hopf point at u = 7\.26.* does not reach u = 7"):
         pp.limit_cycle(model, 7.0, first)
-    with pytest.raises(pp.NoCycle, match="does not come to"):
+    with pytest.raises(pp.NoCycle, match="does not reach"):
         pp.limit_cycle(model, third.speed, third)  # where it has no size
     with pytest.raises(ValueError, match="start must be an onset of the model, got one of Gal"):
         pp.limit_cycle(pp.Galerkin(pp.Pipe(0.3), 8, "legendre"), 8.3, third)
@@ -488,16 +486,16 @@ def test_where_there_is_no_cycle_an_exception_says_why(known, monkeypatch):
     chain = pp.Chain(PIPE, 3)
     with pytest.raises(pp.NoCycle, match="Newton's method takes the amplitude below 3 % of its st"):
         pp.limit_cycle(chain, 4.3, pp.limit_cycle(chain, 5.0))
-    with pytest.raises(pp.NoCycle, match="the motion ends in rest"):
+    with pytest.raises(pp.NoCycle, match="by simulation: it ends in rest"):
         pp.limit_cycle(ROM, 5.0, np.concatenate([ROM.bent(bow), np.zeros(8)]))
     with pytest.raises(pp.NoCycle, match="ends in a bent pipe at rest"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2, gamma=-20.0, damping=0.01), 3), 1.0)
-    with pytest.raises(pp.NoCycle, match="comes back to no state"):
+    with pytest.raises(pp.NoCycle, match="does not come back to an earlier state"):
         pp.limit_cycle(ROM, 6.0, pp.simulate(ROM, 6.0, 0.2, bow))
     with pytest.raises(pp.NoCycle, match="no cycle attracts"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.0), 3), 6.0)
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.PATIENT", 1)
-    with pytest.raises(pp.NoCycle, match="from there"):
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCH_FACTOR", 1)
+    with pytest.raises(pp.NoCycle, match="by simulation"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2, flow="aspirating"), 3), 0.3)
 
 
@@ -529,7 +527,7 @@ def test_a_bad_argument_is_refused_by_name(call, name):
 
 
 @pytest.mark.parametrize("pivot", [0.0, np.nan])
-def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
+def test_multipliers_that_overflow_are_refused(monkeypatch, pivot):
     """R of L + mu R is singular where a motion leaves the cycle faster than numbers can hold."""
 
     def singular(motion, solution):
@@ -538,7 +536,7 @@ def test_multipliers_beyond_all_numbers_are_refused(monkeypatch, pivot):
         return np.eye(motion.size), right
 
     monkeypatch.setattr("pipedyn.bifurcation.cycles.through", singular)
-    with pytest.raises(pp.NotConverged, match="fails its check: its Floquet multipliers left"):
+    with pytest.raises(pp.NotConverged, match="fails its check: its Floquet multipliers overflow"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.5)
 
 

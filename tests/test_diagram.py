@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The bifurcation diagram: equilibria, late motions, bad arguments."""
+"""The bifurcation diagram: equilibria, motions after the transient, bad arguments."""
 
 import math
 import pickle
@@ -159,7 +159,7 @@ def test_turning_points_of_a_sine():
         (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.exp(-0.05 * t)), ("settling", 0)),
     ],
 )
-def test_kinds_of_late_motion_are_distinguished(signal, expected):
+def test_kinds_of_motion_after_the_transient_are_distinguished(signal, expected):
     t = np.linspace(0.0, 20.0, 8001)
     x = signal(t)
     turnings, error = turning_points(t, x, signal(t + 1e-20j).imag / 1e-20)

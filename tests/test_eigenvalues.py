@@ -243,7 +243,7 @@ def test_a_column_at_its_own_buckling_weight_has_a_double_zero(n):
 
 
 @pytest.mark.parametrize("n", [10, 100])
-def test_a_wrong_pair_has_a_residual_that_tells(n):
+def test_a_wrong_pair_has_a_residual_that_shows_it(n):
     """An eigenvalue wrong in the seventh digit, or a vector wrong in the seventh, does not pass."""
     problem = eigenproblem(pp.Chain(pp.Pipe(0.2), n))
     assert problem.is_long == (n == 100)
@@ -280,7 +280,7 @@ def test_what_a_broken_solver_returns_is_refused(n, monkeypatch):
     assert not pp.modes(chain, 6.0, 4).converged.any()
 
 
-def test_a_broken_solver_is_mended_where_that_is_possible(monkeypatch):
+def test_what_a_broken_solver_returns_is_refined_where_that_is_possible(monkeypatch):
     """The same error in the solver's values, with refinement in place: right again."""
     chain = pp.Chain(pp.Pipe(0.2), 100)
     expected = pp.eigenvalues(chain, 6.0, 4)
@@ -413,7 +413,7 @@ def test_a_spinning_first_segment_has_the_frequency_of_the_scaled_matrices(short
     np.testing.assert_allclose(found[2].imag, np.sqrt(squares[1]), rtol=4e-15)
 
 
-def test_fast_roots_of_unequal_segments_are_followed_with_the_slow_ones():
+def test_stiff_roots_of_unequal_segments_are_tracked_with_the_slow_ones():
     chain = pp.Chain(pp.Pipe(0.2), lengths=[0.6, 1e-6, 0.4 - 1e-6])
     loci = pp.root_loci(chain, [0.0, 3.0, 6.0], 3)
     assert loci.converged.all()
@@ -425,7 +425,7 @@ def test_fast_roots_of_unequal_segments_are_followed_with_the_slow_ones():
     assert abs(critical.speed - float(speed)) <= critical.error <= 1e-10
 
 
-def test_a_slope_of_a_fast_root_is_the_change_of_the_root():
+def test_a_slope_of_a_stiff_root_is_the_change_of_the_root():
     chain = pp.Chain(pp.Pipe(0.4, damping=1e-9), lengths=[0.3, 1e-4, 0.7 - 1e-4])
     problem = eigenproblem(chain)
     u, h = 5.0, 0.01

@@ -131,7 +131,7 @@ def test_flow_straightens_the_buckled_pipe_before_it_flutters():
     assert straight.straight
     assert [point.kind for point in straight.points] == ["pitchfork", "hopf"]
     fork, flutter = straight.points
-    # physics.md: straightened at 1.797, flutter from 4.866.
+    # Straightened at 1.797, flutter from 4.866; published: about 1.8 and 4.85.
     found = pp.crossings(model, 6.0)
     assert fork.speed == pytest.approx(found[0].speed, abs=1e-9)
     assert flutter.speed == pytest.approx(found[1].speed, abs=1e-7)

@@ -68,7 +68,7 @@ def test_a_refusal_is_listed_by_its_name():
     ],
     ids=["plain", "u = 100", "strongly damped"],
 )
-def test_said_errors_bound_the_true_ones_without_being_idle(model, u):
+def test_stated_errors_bound_the_true_ones_closely(model, u):
     found = pp.modes(model, u, 6)
     assert found.errors.shape == (6,)
     true = [abs(chain_newton_step(model, z, u, 200)) for z in found.eigenvalues]

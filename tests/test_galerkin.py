@@ -236,7 +236,7 @@ def test_aspirating_reverses_the_speed_and_alpha_multiplies_the_centrifugal_term
 
 
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
-def test_elastic_coordinates_tell_the_same_pipe(basis):
+def test_elastic_coordinates_describe_the_same_pipe(basis):
     model = pp.Galerkin(pp.Pipe(0.3, gamma=1.0, damping=0.01), 8, basis)
     transform = model.from_elastic(np.eye(8))
     plain, elastic = model.operators(), model.elastic_operators()

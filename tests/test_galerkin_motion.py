@@ -176,7 +176,7 @@ def test_power_is_the_energys_rate_with_every_effect_on_and_off(effects, basis, 
         power = model.power(y, u)
         speed = np.linalg.norm(slope) / np.linalg.norm(y)
         rate = derivative(lambda t, y=y, slope=slope: model.energy(y + t * slope), 3e-3 / speed)
-        # The modes exchange energy far faster than the pipe gains it: differences feel that.
+        # The modes exchange energy far faster than the pipe gains it, which differences show.
         assert rate == pytest.approx(power.total, abs=1e-11 * model.energy(y) * speed)
         assert power.total == power.flow + power.joints + power.drag
         assert power.others == 0.0

@@ -76,7 +76,7 @@ def test_the_projection_formula_meets_the_planar_one(omega, a, b):
     assert form.error < 1e-8 * abs(form.cubic)
 
 
-def test_quadratic_terms_act_through_modes_that_are_slaves():
+def test_quadratic_terms_act_through_slaved_modes():
     # z' = i omega z - w z, w' = -k w + |z|^2: w = |z|^2 / k at rest, so c_1 = -1 / k.
     omega, k = 2.0, 5.0
     shift = np.array([0.3, -0.2, 0.7])  # the rest need not be 0
@@ -118,7 +118,7 @@ def test_a_free_end_that_does_not_move_measures_nothing():
 
 
 def test_the_continuous_pipe_has_the_known_coefficient():
-    # physics.md: -3.20501 and 0.20520 (l_1 to some 3e-5, as differences and chains show).
+    # -3.20501 and 0.20520 by other routes too (l_1 to some 3e-5: differences and chains).
     found = onset_of(0.2, "legendre", 12)
     assert found.speed == pytest.approx(5.591404378, abs=1e-8)
     assert found.frequency == pytest.approx(13.71469980, abs=1e-7)
@@ -358,7 +358,7 @@ def test_every_flutter_of_a_pipe_that_turns_stable_again_has_its_law():
     found = [pp.hopf(model, c) for c in pp.crossings(model, 9.0)]
     assert [round(h.speed, 3) for h in found] == [7.261, 7.852, 8.189]
     assert [h.growth > 0 for h in found] == [True, False, True]
-    # Between the first and the second the cycle is born and dies: it lives where rest is unstable.
+    # From the first to the second a cycle appears and vanishes, where rest is unstable.
     assert [h.amplitude_law > 0 for h in found] == [True, False, True]
     for onset, d in zip(found[:2], (1e-3, -1e-3), strict=True):
         cycle = pp.limit_cycle(model, onset.speed + d)

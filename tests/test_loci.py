@@ -149,7 +149,7 @@ def test_the_flutter_branch_is_the_one_that_crosses_at_the_critical_speed():
 
 
 def test_loci_meet_the_printed_benchmark():
-    """physics.md, section 6, as omega = -i lambda at u = 4 and 6, three decimals."""
+    """As omega = -i lambda at u = 4 and 6, three decimals of an earlier program."""
     loci = pp.root_loci(pp.Continuum(PIPE), [0.0, 4.0, 6.0], count=4)
     omega = -1j * loci.eigenvalues[1:]
     printed = np.array(

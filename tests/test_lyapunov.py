@@ -176,7 +176,7 @@ def test_motion_of_another_model_is_refused():
         pp.lyapunov_exponent(CHAIN, 1.0, motion)
 
 
-def test_motion_that_leaves_numbers_says_so():
+def test_motion_that_overflows_says_so():
     with pytest.raises(pp.NotConverged, match="the motion stopped"):
         largest_exponent(
             *(lambda y: y**2, lambda y: np.diag(2.0 * y), np.array([1.0])),

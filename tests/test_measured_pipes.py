@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Measured pipes (Paidoussis 1970, hanging elastomer cantilevers conveying air) against theory.
 
-Numbers: physics.md, section 6. And the kind of error that few segments make.
+And the kind of error that few segments make.
 """
 
 import numpy as np

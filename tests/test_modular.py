@@ -18,7 +18,7 @@ from pipedyn.motion.integrator import integrate
 from pipedyn.motion.simulate import checked_task
 
 CLAMPED_PINNED = 4.493409457909064
-"""First root of tan u = u: the clamped-pinned column (physics.md, section 4: 4.4934)."""
+"""First root of tan u = u: the clamped-pinned column."""
 
 EJECTING = pp.Pipe(0.3, 12.0, drag=0.7, damping=0.01)
 ASPIRATING = pp.Pipe(0.4, -3.0, "aspirating", 0.7, drag=1.5)

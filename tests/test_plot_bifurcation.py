@@ -114,7 +114,7 @@ def test_cycles_are_drawn_on_both_sides_with_their_events():
     np.testing.assert_allclose(sorted(y for _, y in doubling), [-0.25, 0.25])
 
 
-def test_cycles_that_lean_are_drawn_with_their_mirror_images():
+def test_asymmetric_cycles_are_drawn_with_their_mirror_images():
     leaning = replace(BRANCH, highest=0.15 * SPEEDS, mirrored=True)
     ax = rendered(plot.bifurcation_diagram(replace(diagram(), cycles=(leaning,)), ax=axes()))
     lines = [line for line in ax.lines if line.get_color() == plot.BLUE]

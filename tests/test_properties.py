@@ -318,7 +318,7 @@ def test_a_scene_of_a_chain_moves_as_the_chain(chain, u, seed):
 
 @settings(max_examples=40)
 @given(models(calm_pipes(), wild=False), mixed([0.0], 0.0, 10.0), SEEDS)
-def test_a_short_motion_keeps_its_books(model, u, seed):
+def test_a_short_motion_keeps_its_balance_of_energy(model, u, seed):
     dice = np.random.default_rng(seed)
     start = model.bent(bend(dice, 0.5))
     try:
@@ -389,7 +389,7 @@ def test_a_cycle_comes_round(model, beyond):
 
 @settings(max_examples=8)
 @given(calm_pipes(), st.sampled_from(["beta", "gamma", "damping"]), st.integers(1, 5), SEEDS)
-def test_a_curve_tells_what_failed_as_the_packages_own(pipe, name, n, seed):
+def test_a_curve_reports_what_failed_as_the_packages_own(pipe, name, n, seed):
     values = np.random.default_rng(seed).uniform(0.0, 0.9, 3)
 
     def made(value):

@@ -12,7 +12,7 @@ import pipedyn as pp
 
 BETAS = [0.1, 0.2, 0.5, 0.65]
 PRINTED = [4.749897, 5.591404, 9.322418, 10.405319]
-"""physics.md, section 6."""
+"""Critical speeds there: determinant of the four exponentials in 30 digits."""
 
 
 def test_a_curve_over_the_mass_ratio_meets_the_printed_table():
@@ -27,7 +27,7 @@ def test_a_curve_over_the_mass_ratio_meets_the_printed_table():
     )
 
 
-def test_a_curve_through_the_fold_holds_every_passage():
+def test_a_curve_through_the_fold_holds_every_crossing():
     curve = pp.stability_curve(
         lambda beta: pp.Continuum(pp.Pipe(beta)), [0.28, 0.295, 0.31], max_speed=9.0
     )

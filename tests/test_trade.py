@@ -66,7 +66,7 @@ def test_the_reference_of_a_critical_speed_is_a_root_of_the_determinant():
     [pp.Pipe(0.0), pp.Pipe(0.3, flow="aspirating")],
     ids=["Beck's column", "unstable from u = 0 on"],
 )
-def test_where_an_onset_cannot_be_followed_the_continuous_pipe_is_the_reference(pipe):
+def test_where_an_onset_cannot_be_tracked_the_continuous_pipe_is_the_reference(pipe):
     reference = CriticalSpeedOf().reference(pipe, 1e-8)
     exact = pp.critical_speed(pp.Continuum(pipe))
     assert reference.source == "Continuum"
@@ -158,7 +158,7 @@ def test_an_error_is_the_distance_from_the_determinant(critical):
     assert row.resolved
 
 
-def test_what_the_reference_cannot_tell_is_a_bound(critical):
+def test_what_the_reference_cannot_resolve_is_a_bound(critical):
     row = critical.of("legendre")[-1]
     assert not row.resolved
     assert row.error >= critical.reference.error
@@ -283,7 +283,7 @@ def test_an_eigenvalue_problem_is_a_factorisation_and_itself():
 # ---------------------------------------------------------------------------------- predictions
 
 
-def test_a_followed_onset_is_what_a_search_finds():
+def test_a_tracked_onset_is_what_a_search_finds():
     for family in ("consistent", "midpoint", "beam", "legendre"):
         for model in (FAMILIES[family].make(PIPE, size) for size in (8, 20)):
             onset = onset_near(model, EXACT, 13.7)
@@ -292,7 +292,7 @@ def test_a_followed_onset_is_what_a_search_finds():
             assert onset.frequency == pytest.approx(found.frequency, rel=1e-9)
 
 
-def test_a_followed_onset_that_is_lost_is_none():
+def test_a_tracked_onset_that_is_lost_is_none():
     assert onset_near(pp.Chain(PIPE, 2), 40.0, 300.0) is None
 
 

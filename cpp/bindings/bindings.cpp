@@ -84,7 +84,7 @@ void define_motion(py::class_<Model>& model) {
 }  // namespace
 
 PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
-  m.doc() = "C++ core of pipedyn: operators and motion of the chain and of the reduced model.";
+  m.doc() = "C++ core of pipedyn: operators, motion, eigenpairs of chains, reduced models, scenes.";
 
   m.def("vector_levels", pipedyn::vector_levels);
   m.def("vector_level", pipedyn::vector_level);

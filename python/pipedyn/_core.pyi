@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """
-C++ core of pipedyn: operators and motion of the chain and of the reduced model.
+C++ core of pipedyn: operators, motion, eigenpairs of chains, reduced models, scenes.
 """
 
 from __future__ import annotations

@@ -4,7 +4,6 @@
 // from its joint; a law that acts per length has two Gauss points on each segment, exact for loads
 // linear in position and velocity. With r_j the joint of segment j and v_j its velocity,
 //   r = r_j + a t_j,   v = v_j + a theta_j' n_j.
-// What acts at a place of the fixed base moves nothing and is left out.
 //
 // Local to each translation unit, like pack.hpp.
 #pragma once

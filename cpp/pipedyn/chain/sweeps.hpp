@@ -160,7 +160,7 @@ void add_loads(const MotionModel& model, const Sweep<Real>& sweep) {
   }
 }
 
-/// What acts on the segments beside inertia, flow and joints.
+/// What acts on the segments besides inertia, flow and joints.
 enum class Outer { nothing, drag, loads };  // loads: of terms, with drag if there is any
 
 template <class Real, Outer outer, bool damped, bool flowing, bool keep>

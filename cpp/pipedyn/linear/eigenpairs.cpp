@@ -9,9 +9,9 @@ namespace {
 
 constexpr double eps = std::numeric_limits<double>::epsilon();
 /// Error of a growth rate, in differences of those that its two vectors give. Measured on 228 high
-/// modes of 120 Legendre functions, 200 beam functions and 200 segments, beside roots to 19 digits:
-/// with this factor the error holds for 212. The others, where both vectors err by the same,
-/// are off by up to 18 times as much, far less than lambda itself.
+/// modes of 120 Legendre functions, 200 beam functions and 200 segments, against roots to 19
+/// digits: with this factor the error holds for 212. The others, where both vectors err by the
+/// same, are off by up to 18 times as much, far less than lambda itself.
 constexpr double vector_error = 3.0;
 
 /// LAPACK's vectors, the first rows of each, made unit: of a conjugate pair real and imaginary

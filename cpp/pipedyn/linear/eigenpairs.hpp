@@ -118,7 +118,7 @@ struct Growth {
 ///
 ///     sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
 ///
-/// On the right only damping and what the ends do is left, so that rounding is small beside it,
+/// On the right only damping and what the ends do is left, so that rounding is small against it,
 /// while that of lambda is eps |lambda|^2. The left vector obeys the same balance; where the two
 /// disagree, vectors are not exact.
 Growth growth(const Operator& p, const Pairs& pairs);

@@ -12,7 +12,7 @@ namespace {
 /// A row of constraints this small against its coefficients follows from others: rounding leaves
 /// some 1e-16 a stage of such a row.
 constexpr double redundant = 1e-10;
-/// A living coordinate that depends on a variable to this does so by rounding.
+/// An active coordinate that depends on a variable to this does so by rounding.
 constexpr double unseen = 1e-15;
 /// An inertia this small against the front's is none, both as square roots: a gyration radius of
 /// 1e-13 L.
@@ -60,11 +60,11 @@ Enforcement::Enforcement(std::vector<double> scale, std::vector<InertiaRow> iner
   for (std::size_t i = 0; i < elements.size(); ++i) {
     for (const int c : elements[i].slot) last[c] = i;
   }
-  std::vector<int> living;  // coordinates that survive the last stage
+  std::vector<int> active;  // coordinates that stay after the last stage
   for (std::size_t i = 0; i < elements.size();) {
     Stage stage;
-    stage.coordinate = living;
-    const auto before = static_cast<int>(living.size());
+    stage.coordinate = active;
+    const auto before = static_cast<int>(active.size());
     for (bool deaths = false; i < elements.size() && !deaths; ++i) {
       Element& element = elements[i];
       for (int& slot : element.slot) {
@@ -82,12 +82,12 @@ Enforcement::Enforcement(std::vector<double> scale, std::vector<InertiaRow> iner
       }
       stage.elements.push_back(std::move(element));
     }
-    living.clear();
+    active.clear();
     const auto variables = static_cast<int>(stage.coordinate.size());
     for (int s = 0; s < variables; ++s) {
       const int c = stage.coordinate[s];
-      (last[c] < i ? stage.dying : stage.surviving).push_back(s);
-      if (last[c] >= i) living.push_back(c);
+      (last[c] < i ? stage.leaving : stage.staying).push_back(s);
+      if (last[c] >= i) active.push_back(c);
     }
     most_variables_ = std::max(most_variables_, variables);
     most_rows_ = std::max(most_rows_,
@@ -119,12 +119,12 @@ class Enforcement::Front {
   static int slot_row(int slot) { return 1 + slot; }
   const double* column(int variable) const { return data_.data() + variable * stride_; }
 
-  /// What survives of the previous stage, and the coordinates that enter.
-  void begin(const Stage& stage, const Front& previous, const std::vector<int>& survivors,
+  /// What stays of the previous stage, and the coordinates that enter.
+  void begin(const Stage& stage, const Front& previous, const std::vector<int>& staying,
              const double* scale, const double* force) {
     slots_ = static_cast<int>(stage.coordinate.size());
     began_ = previous.variables_;
-    const auto kept = static_cast<int>(survivors.size());
+    const auto kept = static_cast<int>(staying.size());
     variables_ = began_ + slots_ - kept;
     energy_first_ = 1 + slots_ + began_ + stage.group_rows;
     energy_rows_ = previous.energy_rows_;
@@ -138,7 +138,7 @@ class Enforcement::Front {
         continue;
       }
       const double* const from = previous.column(v);
-      for (int s = 0; s < kept; ++s) to[slot_row(s)] = from[slot_row(survivors[s])];
+      for (int s = 0; s < kept; ++s) to[slot_row(s)] = from[slot_row(staying[s])];
       std::copy_n(from + previous.energy_first_, energy_rows_, to + energy_first_);
       if (v == 0) continue;
       to[0] = from[0];
@@ -190,14 +190,14 @@ class Enforcement::Front {
     }
   }
 
-  /// Minimises the energy over all variables that the surviving coordinates do not see. Returns one
+  /// Minimises the energy over all variables that no staying coordinate depends on. Returns one
   /// that has no inertia, or `complete`.
   int condense(const Stage& stage, const double* scale) {
     int seen = 0;
     for (; seen < variables_; ++seen) {
       int best = 0;
       double most = 0.0;
-      for (const int slot : stage.surviving) {
+      for (const int slot : stage.staying) {
         const double norm = row_norm(slot_row(slot), seen + 1) / scale[stage.coordinate[slot]];
         if (norm > most) {
           most = norm;
@@ -268,7 +268,7 @@ class Enforcement::Front {
     return best;
   }
 
-  /// Orthogonal change of the variables from `first` on after which the row sees only `pivot`.
+  /// Orthogonal change of the variables from `first` on after which the row has only `pivot`.
   void reflect(int row, int first, int pivot, double norm) {
     const int end = end_row();
     const double at_pivot = column(pivot)[row];
@@ -290,7 +290,7 @@ class Enforcement::Front {
     }
   }
 
-  /// Reflection of the energy's rows from `first` on after which, of these, only the first sees the
+  /// Reflection of the energy's rows from `first` on after which, of these, only the first has the
   /// variable. The row of the largest entry comes first: so rows of different size keep their own
   /// digits.
   void reflect_energy(int variable, int first) {
@@ -325,7 +325,7 @@ class Enforcement::Front {
     x[first] = image;
   }
 
-  /// The last variable w, which only the energy's first row sees: w = (h / T - B y - r) / T.
+  /// The last variable w, which only the energy's first row has: w = (h / T - B y - r) / T.
   void minimise_over_last(const Stage& stage) {
     const int top = energy_first_;
     const double* const last = column(variables_);
@@ -334,7 +334,7 @@ class Enforcement::Front {
       double* const c = writable(v);
       const double share = v > 0 ? -c[top] / t : (push - c[top]) / t;
       for (int i = began_row(); i < began_row() + began_; ++i) c[i] += last[i] * share;
-      for (const int slot : stage.dying) c[slot_row(slot)] += last[slot_row(slot)] * share;
+      for (const int slot : stage.leaving) c[slot_row(slot)] += last[slot_row(slot)] * share;
       if (v > 0) c[0] -= c[top] * push;
     }
     ++energy_first_;
@@ -342,8 +342,8 @@ class Enforcement::Front {
     --variables_;
   }
 
-  /// As many of the energy's rows as variables say all: R becomes triangular, columns permuted. A
-  /// variable done before sees none of the rows that follow.
+  /// Leaves as many of the energy's rows as variables: R becomes triangular, columns permuted. The
+  /// rows that follow have no variable that was done before.
   void compress() {
     if (energy_rows_ <= variables_) return;
     for (int first = 0; first < variables_; ++first) {
@@ -355,8 +355,8 @@ class Enforcement::Front {
   }
 };
 
-/// The variables with which a stage began and the coordinates that died in it, as what the
-/// variables at its end make of them: column-major (began + dying, 1 + variables), the constants
+/// The variables with which a stage began and the coordinates that left in it, as what the
+/// variables at its end make of them: column-major (began + leaving, 1 + variables), the constants
 /// first.
 struct Enforcement::Record {
   std::size_t values;  // where they begin
@@ -374,7 +374,7 @@ void Enforcement::substitute(Workspace& work, const Found& found) const {
   for (std::size_t s = work.records.size(); s-- > 0;) {
     const auto [start, began, variables] = work.records[s];
     const double* const values = work.values.data() + start;
-    const int rows = began + static_cast<int>(stages_[s].dying.size());
+    const int rows = began + static_cast<int>(stages_[s].leaving.size());
     work.next[0] = work.z[0];
     for (int i = 0; i < rows; ++i) {
       double sum = 0.0;
@@ -382,7 +382,7 @@ void Enforcement::substitute(Workspace& work, const Found& found) const {
       if (i < began) {
         work.next[1 + i] = sum;
       } else {
-        found(stages_[s].coordinate[stages_[s].dying[i - began]], sum);
+        found(stages_[s].coordinate[stages_[s].leaving[i - began]], sum);
       }
     }
     work.z.swap(work.next);
@@ -401,7 +401,7 @@ int Enforcement::solve(const double* matrix, const double* b, const double* forc
   for (std::size_t s = 0; s < stages_.size(); ++s) {
     const Stage& stage = stages_[s];
     Front& front = work.fronts[s % 2];
-    front.begin(stage, work.fronts[(s + 1) % 2], s > 0 ? stages_[s - 1].surviving : none,
+    front.begin(stage, work.fronts[(s + 1) % 2], s > 0 ? stages_[s - 1].staying : none,
                 scale_.data(), force);
     for (const Element& element : stage.elements) {
       const auto index = static_cast<std::size_t>(element.index);
@@ -424,7 +424,7 @@ int Enforcement::solve(const double* matrix, const double* b, const double* forc
           coordinate = c;
         }
       };
-      for (const int slot : stage.dying) {
+      for (const int slot : stage.leaving) {
         found(stage.coordinate[slot], way[Front::slot_row(slot)]);
       }
       work.z[0] = 0.0;  // a change along the variable alone
@@ -437,7 +437,7 @@ int Enforcement::solve(const double* matrix, const double* b, const double* forc
       const double* const c = front.column(v);
       const double* const first = c + front.began_row();
       work.values.insert(work.values.end(), first, first + front.began());
-      for (const int slot : stage.dying) work.values.push_back(c[Front::slot_row(slot)]);
+      for (const int slot : stage.leaving) work.values.push_back(c[Front::slot_row(slot)]);
     }
   }
   work.z[0] = 1.0;

@@ -11,9 +11,9 @@
 //
 // Modules and groups come by their largest node, from the tip to the clamp, inertia before groups;
 // any order gives the same a, this one keeps the work local. Only a front is held: the variables z,
-// the living coordinates (those that a later module or group touches) as L z + p, and the energy
+// the active coordinates (those that a later module or group touches) as L z + p, and the energy
 // 1/2 |R z + r|^2 - g^T z. A coordinate enters with the first that touches it, as scale times a new
-// variable, and dies after the last. When some die, an orthogonal change of z leaves the living
+// variable, and leaves after the last. When some leave, an orthogonal change of z makes the active
 // ones a function of its first part y, and the energy's minimum over the rest w is taken:
 //
 //   R = (B, T) in (y, w) by reflections from the left,   w = T^-1 (T^-T h - B y - r),
@@ -71,13 +71,13 @@ class Enforcement {
   struct Element {
     bool constraint;
     int index, node;        // among all of its kind; the largest that it touches
-    std::vector<int> slot;  // of its coordinates, among the stage's living
+    std::vector<int> slot;  // of its coordinates, among the stage's active
   };
-  /// Modules and groups up to one after which coordinates die.
+  /// Modules and groups up to one after which coordinates leave.
   struct Stage {
     std::vector<Element> elements;
-    std::vector<int> coordinate;        // of each slot: those that lived on, then the entering
-    std::vector<int> dying, surviving;  // slots
+    std::vector<int> coordinate;        // of each slot: those that stayed, then the entering
+    std::vector<int> leaving, staying;  // slots
     int group_rows = 0;                 // largest of a group
     int inertia_rows = 0;               // all
   };

@@ -2,7 +2,7 @@
 //
 // Modules of the modular route (Orsino and Di Giulio, eqs. (2)-(6) and (9)): each writes its
 // inertia and forces in the redundant coordinates and knows of no other and of no constraint. A
-// module is whatever hides those of Module's functions in which it has a share; t, n and U as in
+// module redefines those of Module's functions in which it has a share; t, n and U as in
 // chain.hpp.
 #pragma once
 
@@ -13,7 +13,7 @@
 
 namespace pipedyn {
 
-/// No share in anything.
+/// A module without effect.
 struct Module {
   void add_force(const Motion&, const Loads&) const {}
   void add_derivatives(const Motion&, Derivatives&) const {}

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
 // A spring to the axis at one place of the pipe: force -k x along x alone, energy k x^2 / 2. It is
-// linear at any amplitude and does not feel what its place moves along the axis.
+// linear at any amplitude and independent of the place's motion along the axis.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

@@ -36,7 +36,7 @@ struct Slopes {
   double by_angle[2] = {};        // by theta, position and velocity held
 };
 
-/// No share in anything; a law hides those of these in which it has one.
+/// A law without effect; each law redefines those of these functions in which it has one.
 struct NoLaw {
   static constexpr bool along = false;  // acts per length, all along the pipe
   static constexpr bool loads = false;  // has a load

@@ -53,7 +53,7 @@ class Choice:
         steady: whether the next larger size meets the tolerance as well; if not, the model meets it
             by a change of sign of its error, which holds for this pipe and this question only. None
             where no tolerance was asked for.
-        tried: a line for each family, with the reason why it lost.
+        tried: a line for each family, with the reason why it was not chosen.
         seconds: that the search took, with the reference.
         quantity: what was asked.
     """
@@ -225,8 +225,8 @@ def _tried(search: Search, chosen: TradeRow | None) -> tuple[Tried, ...]:
         last[chosen.family] = chosen
     found = []
     for family in search.families:
-        row, left = last.get(family.name), search.left.get(family.name, "")
-        why = ", and ".join(part for part in (described(row) if row else "", left) if part)
+        row, reason = last.get(family.name), search.reasons.get(family.name, "")
+        why = ", and ".join(part for part in (described(row) if row else "", reason) if part)
         found.append(Tried(family.name, row, "" if row is not None and row is chosen else why))
     return tuple(found)
 
@@ -237,11 +237,11 @@ def _refusal(search: Search, nearest: TradeRow | None, demand: str) -> NoModel:
     if nearest is None or math.isinf(search.bound(nearest)):
         why = "; ".join(f"{one.family}: {one.why}" for one in tried)
         return NoModel(f"no model meets {demand}: {why}", tried, None)
-    left = search.left.get(nearest.family, "")
+    reason = search.reasons.get(nearest.family, "")
     return NoModel(
         f"no model meets {demand}: the nearest, {nearest.family} of size {nearest.size}, has "
         f"an error of {search.bound(nearest):.1e} (the reference's {search.reference.error:.1e} "
-        f"in it) and takes {1e3 * nearest.seconds:.3g} ms" + (f"; {left}" if left else ""),
+        f"in it) and takes {1e3 * nearest.seconds:.3g} ms" + (f"; {reason}" if reason else ""),
         tried,
         nearest,
     )

@@ -28,7 +28,7 @@ LIMIT_BETA = 1e-9
 """beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
 
 ROUNDING = 1e-10
-"""Real parts below this share of the largest |lambda| count as 0: the solver's residuals."""
+"""Share of the largest |lambda| below which real parts count as 0: what residuals may be."""
 
 NUMBERS = {
     "gravity": ("gamma", "gamma"),
@@ -188,7 +188,7 @@ def relevant(
     Raises:
         NotConverged, MotionStopped: if the pipe with all its effects cannot be solved. Where that
             is so of one of them switched off, the effect says so and counts as relevant.
-        NoCycle: if the pipe does not rest, but no limit cycle was found.
+        NoCycle: if the pipe does not come to rest, but no limit cycle was found.
         ValueError, TypeError: for bad arguments.
 
     Example:
@@ -308,7 +308,7 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> _Outcome:
         if pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0:
             state = "buckled at rest, "
         if pipe.centrifugal == 0.0 and pipe.flow == "ejecting":
-            # Its stiffness is not the flow's, to which the free end only loses energy.
+            # The flow then changes no stiffness, and the free end only loses energy to it.
             return _Outcome(f"{state}no loss of stability at any speed", f"{state}none")
     try:
         # With a tenth of the tolerance each, a change of one tolerance is known to a fifth.
@@ -351,8 +351,8 @@ def _speed(u: float, pipe: Pipe) -> str:
 def _growth(pipe: Pipe, u: float) -> float:
     """Largest real part of an eigenvalue at a speed; NaN where none converges.
 
-    Of the roots no larger than those of a wave number that neither flow nor weight can buckle:
-    not of the lowest few, which may all cluster at -1 / delta, nor of all that a reduced model has.
+    Roots count up to the size of a wave that neither flow nor weight can buckle: the lowest few may
+    all cluster at -1 / delta, and the highest of a reduced model are not the pipe's.
     """
     numbers = [term.numbers for term in pipe.terms]
     weight = pipe.gamma * (1.0 + sum(one.get("mass", 0.0) for one in numbers))

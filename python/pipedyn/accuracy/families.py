@@ -25,7 +25,7 @@ class Family:
 
     Attributes:
         order: of the error, n^-order; infinite where it falls exponentially, 0 where it stays.
-        sizes: that a measurement of the whole family takes.
+        sizes: at which `trade` measures the family where none are given.
         largest: size, without terms, up to which a search goes; None where only the question sets
             a limit. 60 Legendre functions resolve waves of 120 / L; the quadrature of beam modes
             takes a second from 400 on.
@@ -67,7 +67,7 @@ class Family:
 
 
 DOUBLED = (2, 4, 8, 16, 32, 64)
-"""Sizes of chains: of a pair the doubled size is measured as well, up to 64."""
+"""Sizes of chains: doubled, each pair but the last has its larger chain among them."""
 
 FAMILIES: dict[str, Family] = {
     family.name: family

@@ -4,7 +4,7 @@
 The families of fastest convergence come first. A ladder goes up, to twice the size at the most, to
 the first one that serves. A size that fails does not end it, as errors need not fall
 monotonically. Between the last size that fails and the first that serves, bisection finds two
-neighbours. Two errors, as they fall with the size, say where the next one is measured.
+neighbours. The size measured next is extrapolated from the errors at two others.
 
 The ladder of the first family starts at a small size. That of each further one starts at as many
 degrees of freedom as the best model so far, and ends where its order of convergence shows that it
@@ -43,8 +43,8 @@ which it is spent: times of one answer scatter by as much."""
 class Search:
     """Models of one pipe asked so far, each once: `rows`, by family and size.
 
-    `left` says, by a family's name, why no more of its sizes were asked, where its errors and times
-    alone do not say it.
+    `reasons` says, by a family's name, why no more of its sizes were asked, where its errors and
+    times alone do not say it.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Search:
         self.families = sorted(families, key=lambda family: -family.order)
         self.repeats = repeats
         self.rows: dict[tuple[str, int], TradeRow] = {}
-        self.left: dict[str, str] = {}
+        self.reasons: dict[str, str] = {}
         self._seconds: dict[tuple[str, int], float] = {}
 
     def cheapest(self, tolerance: float) -> TradeRow | None:
@@ -90,7 +90,7 @@ class Search:
         for family in self.families:
             best = self._within(budget)
             if best is not None and not best.resolved:
-                self.left[family.name] = "the reference does not resolve a smaller error"
+                self.reasons[family.name] = "the reference does not resolve a smaller error"
                 continue
             dof = family.dof(SMALLEST) if best is None else best.dof
             error = math.inf if best is None else self.bound(best)
@@ -147,12 +147,12 @@ class Search:
         least, most = max(1, self.quantity.least), self.quantity.most
         more = family.for_terms(self.pipe)
         largest = min((family.largest or most) + more, most // 2 if family.paired else most)
-        self.left[family.name] = self.quantity.excluded(self.pipe, family.name)
+        self.reasons[family.name] = self.quantity.excluded(self.pipe, family.name)
         if largest < least:
-            self.left[family.name] = (
+            self.reasons[family.name] = (
                 f"the question takes {least} degrees of freedom, models have up to {most}"
             )
-        if self.left[family.name]:
+        if self.reasons[family.name]:
             return None
         bad, good, cuts = least - 1, largest + 1, 0
         size = min(max(dof // family.dof(1), least) + more, largest)
@@ -178,7 +178,7 @@ class Search:
         return self.rows.get((family.name, good))
 
     def _guess(self, family: Family, a: int, b: int, target: float, otherwise: int) -> int:
-        """The size at which errors come down to a target as they do from one size to a larger."""
+        """The size at which the error meets a target, extrapolated from those at two sizes."""
         rows = [self.rows.get((family.name, size)) for size in (a, b)]
         errors = [max(self.bound(row), 1e-16) if row else math.inf for row in rows]
         if not errors[1] < errors[0] < 1.0 or target == math.inf:
@@ -194,12 +194,12 @@ class Search:
         """Whether no larger size of a family is worth asking after one that does not serve."""
         seconds, error = self._seconds[family.name, row.size], self.bound(row)
         ratio = error / target if error < math.inf else 1.0
-        growth = ratio ** (1.0 / (family.order or 2.0))  # the paper's, until its limit is near
+        growth = ratio ** (1.0 / (family.order or 2.0))  # the paper's: 2 up to its limit
         # An answer's time grows at the least with the size, at the most with its cube.
         if error > target and seconds * growth > limit:
             return True
         if 8.0 * seconds > PATIENCE:
-            self.left[family.name] = "one of twice the size would take more than a minute"
+            self.reasons[family.name] = "one of twice the size would take more than a minute"
             return True
         rows = [row for row in self.rows.values() if row.family == family.name]
         rows = [row for row in rows if self.bound(row) < math.inf]
@@ -208,12 +208,12 @@ class Search:
         sizes, errors = [float(row.size) for row in rows], [self.bound(row) for row in rows]
         law = fitted_law(np.array(sizes), np.array(errors))
         if law.law == "flat" and abs(law.limit) - law.spread > target:
-            self.left[family.name] = (
+            self.reasons[family.name] = (
                 f"larger ones tend to an error of {abs(law.limit):.3g}: it has another limit"
             )
         elif growth * row.size > most:
-            self.left[family.name] = f"none up to {most} would serve, as its errors fall"
-        return bool(self.left[family.name])
+            self.reasons[family.name] = f"none up to {most} would serve, as its errors fall"
+        return bool(self.reasons[family.name])
 
 
 def described(row: TradeRow) -> str:

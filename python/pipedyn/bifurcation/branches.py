@@ -56,20 +56,24 @@ from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 NEAR_FOLD = 0.02
-"""Share of a step around a fold in which its multiplier is too near to the trivial one."""
+"""Share of a step around a fold in which its multiplier is too near to the trivial one: measured at
+five folds, both are 1e-5 from 1 at the fold, here the one 9e-4 to 0.1, the other 3e-5 at most."""
 
 LARGEST_ERROR = 1e-3
-"""Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends."""
+"""Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends: near
+five folds it was measured 6e-5 at most."""
 
 SAMPLES = 65
-"""States kept of each cycle."""
+"""States kept of each cycle: measured, cubics through them miss five cycles by 1.5e-6 at most."""
 
 BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
-"""Factor by which a branch may leave both the speeds and its beginning, since it may come back,
-steps out there in a row, and mesh intervals beyond which an orbit is too costly there."""
+"""Factor by which a branch may leave both the speeds and its beginning, since it may come back;
+steps out there in a row; and mesh intervals beyond which an orbit is too costly there. Measured
+on two branches, they come back five times, after 9 steps and with 21 intervals at most."""
 
 GENERATIONS = 2
-"""Of cycles that leave cycles, all those that leave first, then those that leave stable ones."""
+"""Generations followed of cycles that leave cycles: all of the first, then those that leave stable
+ones, since their number may grow without end (a cascade of period doublings)."""
 
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
@@ -162,7 +166,7 @@ def hopf_points(
 ) -> list[HopfPoint]:
     """Hopf points of equilibria up to a speed, of mirror images one.
 
-    Of pipes that rest as they are built all onsets count, on branches that were followed or not.
+    Where the straight pipe is an equilibrium all its onsets count, on branches followed or not.
     """
     motion, statics = VectorField(model), Statics(model)
     points: list[tuple[float, float, Array]] = []
@@ -193,7 +197,7 @@ def traced(
 ) -> tuple[list[Traced], list[Failed]]:
     """The branch of cycles from an onset, or both ways through a cycle, and those that leave it.
 
-    The second answer are speeds that failed. Models have up to 100 degrees of freedom.
+    The second list holds the speeds that failed. Models have up to 100 degrees of freedom.
     """
     motion = VectorField(model)
     found: list[Traced] = []
@@ -400,7 +404,7 @@ class _Follower:
                 error = 1e-6 if known else abs(orbit.u - u)
                 orbit = replace(orbit, u=onset if known else u)
             else:
-                # The speed is as the square of what vanishes.
+                # The speed changes with the square of what vanishes.
                 near, orbit = (step.at(k * share * step.length) for k in (0.6, 0.85))
                 left, size = (float(np.sum(breaking_part(one, kind) ** 2)) for one in (near, orbit))
                 rough, u = (
@@ -489,7 +493,7 @@ class _Follower:
                 self.closed = self.closed or self._is_first(cycle)
 
     def _is_first(self, cycle: LimitCycle) -> bool:
-        """Whether a cycle is that from which the branch set out: it is closed."""
+        """Whether a cycle is that from which the branch set out: the branch is then closed."""
         first = self.start.orbit
         if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
             return False

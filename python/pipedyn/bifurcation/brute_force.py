@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Brute force over the flow speed: where motions from many starts end.
 
-Of each late motion the section x' = 0 of the free end is kept: its turning points. At rest there
+After the transient the section x' = 0 of the free end is kept: its turning points. At rest there
 is none, a cycle leaves a few values, a torus or chaos many.
 """
 
@@ -35,15 +35,15 @@ AT_REST = 1e-5
 """Range of the tip, in L, below which it is at rest: ten times what rtol = 1e-6 lets it err."""
 
 RECURRENCE = 1e-3
-"""By how much maxima may differ from those a period before, relative to the range, where they still
-come nearer to each other; beyond, too few of them are known to say how they converge."""
+"""By how much maxima that still converge may differ from those a period before, relative to the
+range: beyond, a record is too short to show that they do."""
 
 LONGEST_PERIOD = 16
 """Maxima in a period beyond which a motion counts as irregular: records hold some 50 to 100 maxima,
 and three periods are needed to see one."""
 
 SAMPLES_A_TIME = 100
-"""Samples in a unit of time: cubics through them know a maximum of flutter to 1e-6."""
+"""Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
 
 
 @result
@@ -56,11 +56,11 @@ class Attractor:
         ending: "rest", "periodic" (maxima repeat to the accuracy with which they are known, or
             converge geometrically to such), "settling" (it still approaches rest or a cycle),
             "irregular" (a torus, chaos, or a transient that still lasts) or "failed".
-        period: maxima of the tip's transverse position in a period, 0 but for "periodic".
+        period: maxima of the tip's transverse position in a period, 0 unless "periodic".
         turnings: transverse position of the tip where its velocity changes sign, in order, shape
             (K,); at rest the position itself.
         end: [p, p'] at the end, shape (2 moving,), empty where it failed.
-        exponent: the largest Lyapunov exponent, where it was wanted and the motion is irregular.
+        exponent: the largest Lyapunov exponent, if asked for and the motion is irregular.
     """
 
     speed: float

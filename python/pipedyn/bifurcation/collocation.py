@@ -167,9 +167,9 @@ class Linearised:
         return combined
 
     def neutral(self) -> Array:
-        """Change at one speed after which the span, reflected, leaves least of its opposite.
+        """The change at one speed that comes nearest to dy(span) = -mirror * dy(0).
 
-        Where an orbit loses its symmetry or doubles its period nothing is left.
+        It meets this exactly where an orbit loses its symmetry or doubles its period.
         """
         opposite = self._first - self.orbit.mirror * self._last
         y = np.linalg.svd(opposite)[2][-1]
@@ -203,7 +203,7 @@ class Linearised:
 
 
 def _units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """Units of the state in which its fastest mode turns at the rate of its coordinates."""
+    """Units of the state in which positions and rates of its fastest mode are equally large."""
     stiffest = motion.jacobian(orbit.starts[0], orbit.u)[motion.half :, : motion.half]
     units = np.ones(motion.size)
     units[motion.half :] = math.sqrt(max(float(np.abs(stiffest).max()), 1.0))
@@ -225,7 +225,7 @@ class OrbitProblem:
     """The collocation equations on one mesh, for pseudo-arclength continuation from an orbit.
 
     Lengths are measured in L of the free end, and relative in frequency and speed; `unit` is the
-    root mean square of what moves for each L of the free end's amplitude.
+    root mean square of the positions p for each L of the free end's amplitude.
     """
 
     def __init__(self, motion: VectorField, start: PeriodicOrbit, unit: float = 1.0) -> None:

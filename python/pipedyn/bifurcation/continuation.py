@@ -32,7 +32,6 @@ FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
 
-
 Solver = Callable[[Array, float, float], Array]
 """G_z at a point, factorised. To row, gap and share it gives the dz with G_z dz = -share G and
 row @ dz = gap: with share 1 Newton's step, with share 0 a tangent."""
@@ -333,7 +332,7 @@ class Equations(Protocol):
 
 
 class DenseProblem:
-    """Equations whose bordered matrix is dense; `scale` of the parameter weighs like 1 of all x."""
+    """Dense equations; a parameter's change by `scale` is as long as one of every x by 1."""
 
     def __init__(self, equations: Equations, size: int, scale: float) -> None:
         self.equations = equations

@@ -2,8 +2,8 @@
 """What a periodic orbit is: amplitude, frequency and Floquet multipliers, and how well it is known.
 
 An orbit is refined until amplitude and frequency converge and the trivial multiplier is 1. Mesh
-intervals are short where the motion asks for it, and Radau's method takes modes that decay far
-faster than the cycle turns in its steps.
+intervals are short where the motion asks for it; modes that decay far faster than the cycle turns
+need no shorter ones, as Radau's method is L-stable.
 
 The multipliers are those of the variational equation along the cycle. It is solved by the same
 collocation (`collocation.through`), on another mesh: fine enough for the modes that are fast and do
@@ -47,13 +47,12 @@ TRIVIAL, SHARE_OF_NEXT = 1e-6, 0.01
 that is more, this share of the distance from 1 of the next multiplier. What moves the one moves the
 other about as far, and up to a hundredth the next one's side of 1 is certain."""
 
-
 TOLERANCE, MOST_HALVINGS, MOST = 1e-7, 4, 4000
-"""Error of a multiplier, relative if above 1: a tenth of what the trivial one may be off; halvings
-of mesh intervals to come there, of which one mostly does, and intervals: 2 GB for 100 segments."""
+"""Error of a multiplier, relative if above 1: a tenth of what the trivial one may be off. Halvings
+of mesh intervals to get there: one mostly does. Mesh intervals: 2 GB for 100 segments."""
 
 TURN = 4.0
-"""|lambda| h of an interval at most, for modes that persist: its error is 3e-8, of a half 5e-13."""
+"""Largest |lambda| h of an interval, for modes that persist: the error is 3e-8, at half 5e-13."""
 
 
 @result
@@ -155,7 +154,7 @@ def finished(
                 f"which should be 1, are known to {result.multiplier_error:.1e} only",
                 result,
             )
-        largest *= 0.01  # the multipliers ask for more
+        largest *= 0.01  # the multipliers need a finer mesh
     return result
 
 
@@ -229,7 +228,7 @@ def on_branch(
     result = described(motion, orbit, error, samples, how)
     if result.multiplier_error <= 1e-4:  # a tenth of what ends a branch
         return result
-    with suppress(NewtonFailed):  # an orbit whose neighbours part fast has to be known better
+    with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), turning=True)
         better = described(motion, solved(motion, finer, 1e-9), result.error, samples, how)
         return min(result, better, key=lambda cycle: cycle.multiplier_error)
@@ -276,7 +275,7 @@ def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, float]:
     """Floquet multipliers, the largest modulus first, shape (2 dof,), and the error of the worst.
 
     Raises:
-        NewtonFailed: if they leave finite numbers.
+        NewtonFailed: if they overflow.
     """
     # Halving leaves 2^-15 of the error where f is smooth, and 2^-3 across kinks of drag at phases
     # that are not known; of both some more is allowed for.
@@ -327,7 +326,7 @@ def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
             if not (np.abs(values) < 1e150).all():  # its square is finite
                 raise FloatingPointError
         except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
-            raise NewtonFailed("its Floquet multipliers left finite numbers") from error
+            raise NewtonFailed("its Floquet multipliers overflow") from error
     found: Complex = orbit.mirror * np.asarray(values, dtype=np.complex128)
     return found
 

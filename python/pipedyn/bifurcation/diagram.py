@@ -102,9 +102,9 @@ def bifurcation_diagram(
 
     Equilibria are followed by arc length, past folds, and so are the cycles from each onset of
     flutter of straight and bent pipes, up to 1.5 times the highest speed given. Cycles are followed
-    up to a quarter beyond both the speeds and the onset, since they may come back, and so are
-    cycles that leave them at pitchforks and period doublings within the speeds, two generations;
-    what leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
+    up to a quarter beyond both the speeds and the onset, since they may come back. So are, for two
+    generations, cycles that leave them at pitchforks and period doublings within the speeds; what
+    leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
     on a cycle that no onset leads to, that is followed both ways. Without `brute_force` motions
     look for one at the first, the middle and the last speed, if no cycle and no stable equilibrium
     is known there.
@@ -115,7 +115,7 @@ def bifurcation_diagram(
         cycles: number of steps along each branch of cycles at most; 0 for no cycles. Models of more
             than 100 degrees of freedom have to be given 0.
         brute_force: number of initial states for each speed; 0 for none.
-        transient: time in T after which motions count as arrived.
+        transient: time in T that is left out before motions are recorded.
         duration: time over which they are then recorded.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed.
         rtol: relative tolerance of the motions, and of cycles at the speeds given.
@@ -195,7 +195,7 @@ def equilibrium_branches(
 ) -> tuple[tuple[EquilibriumBranch, ...], set[float]]:
     """Branches through the equilibria at three of the speeds, each once.
 
-    And those of the three at which an equilibrium is stable.
+    The second answer is at which of the three an equilibrium is stable.
     """
     statics, ends = Statics(model), (float(speeds[0]), float(speeds[-1]))
     branches: list[EquilibriumBranch] = []

@@ -321,7 +321,7 @@ def _on_branch(
     target: float,
     ends: tuple[float, float],
 ) -> Iterator[Array]:
-    """Solutions at a parameter on the branch that leaves a branch point, one half of it."""
+    """Solutions at a parameter on a branch that leaves a branch point, followed one way."""
     branch = Continuation(problem, Control(longest=0.4))
     begin = branch.starting(np.append(x, p), np.append(direction, 0.0))
     step = 0.05

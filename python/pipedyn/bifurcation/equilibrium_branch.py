@@ -57,7 +57,7 @@ class BranchPoint:
             it diverges), "branch point" (another real eigenvalue passes 0) or "hopf" (flutter: a
             pair passes the axis).
         speed: u.
-        frequency: angular, in 1 / T; 0 but for "hopf".
+        frequency: angular, in 1 / T; 0 unless "hopf".
         q: the configuration, shape (coordinates,).
         tip: position (x, y) of the free end.
     """
@@ -156,8 +156,8 @@ def equilibrium_branch(
         away = statics.rms(x - start)
         if away > NEAR:
             raise NotConverged(
-                f"no equilibrium was found near q0 at u = {u0:g}: that to which Newton's method "
-                f"leads lies {away:.3g} rad away, more than {NEAR:g}"
+                f"no equilibrium was found near q0 at u = {u0:g}: Newton's method leads to one "
+                f"that lies {away:.3g} rad away, more than {NEAR:g}"
             )
         equations: Equations = statics
         if statics.rms(x - statics.resting) < 1e-9 and statics.rests(0.0) and statics.rests(1.0):
@@ -251,8 +251,8 @@ class _Way:
     def _record(self, segment: Segment) -> bool:
         """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
 
-        Undamped, a real eigenvalue is a square root near a fold, so that its count changes at a
-        distance from the fold, by rounding: both are one change, listed once.
+        Undamped, an eigenvalue is the square root of the distance to a fold, so that by rounding
+        the count of the unstable changes next to the fold: both are one change, listed once.
         """
         statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
         sizes = statics.rms(a.x), statics.rms(b.x)

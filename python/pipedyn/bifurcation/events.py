@@ -15,10 +15,11 @@ from pipedyn.util.check import Array
 from pipedyn.util.result import result
 
 UNIT = 1e-6
-"""By how much the modulus of a multiplier may exceed 1 on a stable cycle: rounding and more."""
+"""By how much multipliers may exceed 1 on a stable cycle: as far as the trivial one may be off."""
 
 SAME = 1e-4
-"""Relative difference below which two cycles, or the speeds of two events, are the same."""
+"""Relative difference below which two cycles, or the speeds of two events, are the same: measured,
+orbits on a coarse mesh (`limit_cycle.FIRST_DEFECT`) are off by 4e-6 at most."""
 
 EventKind = Literal[
     "fold", "pitchfork", "period doubling", "torus", "hopf", "infinite period", "end"
@@ -80,7 +81,7 @@ def crossing_event(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex
     others = nontrivial(roots)
     nearest = complex(others[int(np.argmin(np.abs(np.abs(others) - 1.0)))])
     kind: EventKind = "torus"
-    if abs(nearest.imag) < 1e-3 * abs(nearest):  # two that meet split by the root of an error
+    if abs(nearest.imag) < 1e-3 * abs(nearest):  # two that meet split by sqrt(error)
         flipped: EventKind = "pitchfork" if mirrored else "period doubling"
         kind = "fold" if nearest.real > 0.0 else flipped
         nearest = complex(math.copysign(1.0, nearest.real))

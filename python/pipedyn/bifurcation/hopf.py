@@ -17,8 +17,8 @@ N(r y) = r^2 N(y), adds to first order in r, at y = rest + r Re(q exp(i phi)),
 
     d = mean over phi of 2 <p, N(Re(q e^(i phi)))> e^(-i phi).
 
-This serves any system. Of a pipe without drag it decides: with q scaled to unit displacement of the
-free end, its amplitude is 2 |z|, so that amplitude^2 / (u - u_c) -> -4 growth / (omega_c l_1).
+This serves any system. Without drag l_1 decides: with q scaled to unit displacement of the free
+end, its amplitude is 2 |z|, so that amplitude^2 / (u - u_c) -> -4 growth / (omega_c l_1).
 
 Quadratic drag has no third derivative at rest, but acts at second degree. The free end moves like
 Re Z with the amplitude equation
@@ -164,7 +164,7 @@ def vectors(
     unit = np.ones(size)
     unit[size // 2 :] = frequency
     lengths = np.linalg.norm(right / unit) * np.linalg.norm(left * unit)
-    # Where two pairs meet, p and q are at right angles, but for the root of rounding.
+    # Where two pairs meet, p and q are orthogonal up to the square root of rounding.
     if abs(complex(left.conj() @ right)) < 3e-5 * lengths:
         raise NoHopf("two pairs meet on the axis at the onset")
     share = scale(right)
@@ -229,7 +229,7 @@ class Hopf(HopfPoint):
         amplitude_error: of amplitude_law, absolute, from that of the differences.
         frequency_law: limit of (omega - omega_c) / (u - u_c) along the cycles.
         exponent: the cycle grows like |u - u_c| to this power, 1/2, with drag 1.
-        criticality: "supercritical" if the cycle attracts all that the critical mode does, and so
+        criticality: "supercritical" if the cycle attracts motions in the critical mode, and so
             exists where that mode grows; "subcritical" if it repels. With drag this holds at
             amplitudes far below `balance`; for those beyond see `fold`. Where other modes grow at
             the onset, `unstable_beside`, no cycle that emerges there is stable.
@@ -327,9 +327,9 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
-        crossing: that of a pair, of `crossings(model, ...)`, or a point of kind "hopf" on a
-            branch of bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where
-            not given.
+        crossing: a flutter of `crossings(model, ...)`, or a point of kind "hopf" on a branch of
+            bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where not
+            given.
 
     Returns:
         Hopf.
@@ -353,7 +353,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
         if critical.kind != "flutter":
             raise NoHopf(
                 f"stability is lost by divergence at u = {critical.speed:g}; a flutter beyond it "
-                "is asked for with crossing="
+                "may be given as crossing="
             )
         crossing = next(one for one in found if one.destabilising)
     elif not isinstance(crossing, Crossing | BranchPoint):
@@ -386,7 +386,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
                 lambda q: model.largest_angle(q[: motion.half]),
             )
         except ValueError as error:
-            if own:  # two that meet move by the root of rounding
+            if own:  # two that meet scatter by sqrt(eps)
                 raise NoHopf(f"no simple pair lies on the axis at u = {u:g}") from error
             raise
         slope = _slope(motion, rest, u, form)
@@ -431,7 +431,7 @@ def with_drag(model: Model, drag: float) -> VectorField:
 
 
 def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> complex:
-    """Derivative of lambda by u of the pair, the rest moving with the speed where it does."""
+    """D lambda / du of the pair, the equilibrium moving with the speed where it does."""
     force = motion.by_speed(rest[:, None], u)[:, 0]
     moved = np.zeros_like(rest)
     if np.abs(force).max() > 1e-10 * (1.0 + u):
@@ -470,7 +470,7 @@ def _mean_drag(
 
 
 def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
-    """Transverse displacement of the free end, to first order: what its velocity is of rates."""
+    """Transverse displacement of the free end to first order: its velocity if p' is the mode."""
     half, model = motion.half, motion.model
     parts = []
     for part in (mode.real, mode.imag):

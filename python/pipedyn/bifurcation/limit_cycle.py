@@ -43,15 +43,15 @@ from pipedyn.util.threads import one_thread
 
 LARGEST_CYCLE = 100
 """Degrees of freedom. An undamped chain of 20 takes 0.8 s, of 40 ten, of 60 a minute, nearly all
-for the multipliers, whose mesh the fastest mode that persists decides."""
+for the multipliers, whose mesh resolves the fastest mode that persists."""
 
 FIRST_DEFECT, FIRST_STEP = 1e-3, 1e-5
 """Largest defect of the orbit and last step of Newton's method where a cycle is looked for: near
 enough for Newton's method on the finer mesh."""
 
-SEARCH, PATIENT = 300_000, 6
-"""Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments,
-and how many times as many up to 6 degrees of freedom, of which they are cheap: near a fold of
+SEARCH, SEARCH_FACTOR = 300_000, 6
+"""Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments. Up
+to 6 degrees of freedom, where they are cheap, it may take more by this factor: near a fold of
 cycles a motion takes long to converge."""
 
 CycleStart: TypeAlias = "LimitCycle | Hopf | Motion | Start | None"
@@ -130,7 +130,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             return solved(motion, guess, FIRST_STEP), "from a cycle"
         last_period = _last_period(motion, u, start)
         if last_period is None:
-            raise NoCycle("the motion to start from comes back to no state it had before", u)
+            raise NoCycle("the motion to start from does not come back to an earlier state", u)
         return solved(motion, last_period, FIRST_STEP), "from a motion"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
@@ -150,7 +150,7 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     for crossing in sorted(onsets, key=lambda c: abs(c.speed - u))[:4]:
         try:
             onset = hopf(model, crossing)
-        except (PipedynError, ValueError):  # pairs that meet lie off the axis by rounding's root
+        except (PipedynError, ValueError):  # pairs that meet lie off the axis by sqrt(eps)
             continue
         reached = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
         if reached or onset.criticality == "subcritical":
@@ -170,8 +170,8 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
         )
     if pipe.beta == pipe.damping == pipe.drag == 0.0 and not model.resisted:
         raise NoCycle(
-            f"at u = {u:g} no force depends on velocities, so that volumes in state space stay as "
-            "they are: no cycle attracts, and none comes from an onset",
+            f"at u = {u:g} no force depends on velocities, so that volumes in state space are "
+            "conserved: no cycle attracts, and none comes from an onset",
             u,
         )
     bent = state_of(model, "start", slight_bend, KINDS)
@@ -252,11 +252,11 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
 
 def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH) -> PeriodicOrbit:
     """The cycle on which the motion from a state [p, p'] ends."""
-    model, reason = motion.model, "the motion comes back to no state it had before"
+    model, reason = motion.model, "the motion does not come back to an earlier state"
     states = np.stack([start, motion.resting()])
     (q0, q_rest), (qdot0, _) = model.recorded(states[:, : motion.half], states[:, motion.half :])
     evaluations, time, passed = 0, 0.0, None
-    limit *= PATIENT if model.dof <= 6 else 1
+    limit *= SEARCH_FACTOR if model.dof <= 6 else 1
     stretch = 4.0  # of time, after which the motion is looked at
     while evaluations < limit:
         try:
@@ -264,7 +264,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             going = simulate(model, u, stretch, q0, qdot0, rtol=1e-6, samples=samples, most=limit)
         except MotionStopped as stopped:
             raise NoCycle(
-                f"no limit cycle at u = {u:g} from there: after a time of {time:g}, {stopped}", u
+                f"no limit cycle at u = {u:g} by simulation: after a time of {time:g}, {stopped}", u
             ) from None
         time += stretch
         evaluations += going.evaluations
@@ -273,7 +273,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
         before, moves = (float(np.ptp(q, axis=0).max()) for q in np.array_split(going.q, 2))
         if moves < 1e-4 and moves <= 1.01 * before:
             where = "rest" if np.abs(q0 - q_rest).max() < 1e-2 else "a bent pipe at rest"
-            raise NoCycle(f"no limit cycle at u = {u:g} from there: the motion ends in {where}", u)
+            raise NoCycle(f"no limit cycle at u = {u:g} by simulation: it ends in {where}", u)
         guess = _last_period(motion, u, going)
         if guess is None:
             stretch = min(2.0 * stretch, 32.0)  # two of the longest periods
@@ -281,7 +281,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
         try:
             found = solved(motion, guess, FIRST_STEP)
             reason = "the motion does not converge"
-            # One far from the motion may be any, and one that repels a motion only passes by.
+            # An orbit far from the motion may be any; by one that repels a motion only passes.
             away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
             known = passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6
             if away < 0.01 * found.size and not known:
@@ -293,7 +293,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             reason = str(failure)
     if passed is not None:
         return passed
-    raise NoCycle(f"no limit cycle at u = {u:g} from there: {reason}", u)
+    raise NoCycle(f"no limit cycle at u = {u:g} by simulation: {reason}", u)
 
 
 def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit | None:
@@ -310,7 +310,7 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit 
     if p.shape[1] != motion.size:
         start = going.model.start
         p = np.array([start(*pair) for pair in zip(going.q, going.qdot, strict=True)])
-    # With constraints f's own rate of p is not p'.
+    # With constraints f gives another rate of p than p'.
     rates = np.concatenate([p[:, half:], motion(np.ascontiguousarray(p.T), u)[half:].T], axis=1)
     spline = CubicHermiteSpline(t, p, rates)
     times = t[up] - across[up] * (t[up + 1] - t[up]) / (across[up + 1] - across[up])

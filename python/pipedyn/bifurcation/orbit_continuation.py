@@ -99,7 +99,7 @@ def small_orbit(
 
 
 def from_hopf(motion: VectorField, point: HopfPoint) -> BranchStart:
-    """At a small amplitude, smaller where the speed is else more than 1e-3 off the Hopf point's."""
+    """At an amplitude small enough for a speed within 1e-3 of the Hopf point's, relative."""
     amplitude = SMALL
     while True:
         ring = small_orbit(motion, point, amplitude, point.speed, point.frequency)
@@ -159,7 +159,7 @@ def _at_distance(
 
 
 def unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
-    """Root mean square of what moves, for each L of the free end's amplitude."""
+    """Root mean square of the positions p for each L of the free end's amplitude."""
     states = orbit.states(PROBES)
     positions, across = states[: motion.half], motion.tip(states)
     centred = positions - positions.mean(axis=1, keepdims=True)
@@ -283,7 +283,7 @@ def continued(motion: VectorField, point: HopfPoint, u: float) -> PeriodicOrbit:
                 break
     except NewtonFailed as reason:
         stopped = f"it could not be followed beyond u = {here.u:.6g}: {reason}"
-    report = f"does not come to u = {u:g}: {stopped}"
+    report = f"does not reach u = {u:g}: {stopped}"
     turns = list[float]()
     for step in turning:
         with suppress(NewtonFailed):

@@ -16,8 +16,8 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 
 STAGES = 8
-"""Stages of the Radau IIA method, whose order is one less than twice as many: 15. Cycles of four
-pipes take 1.4 times as long to 1e-6 with 6 stages, and about as long with 10 and 12."""
+"""Stages of the Radau IIA method, which has order 2 STAGES - 1 = 15. Cycles of four pipes take 1.4
+times as long to 1e-6 with 6 stages, and about as long with 10 and 12."""
 
 COARSEST = 4
 """Intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd harmonics."""
@@ -49,7 +49,7 @@ TWICE: Array = ONCE @ ONCE
 
 @dataclass(frozen=True)
 class PeriodicOrbit:
-    """A periodic orbit, or the half of it of which the other half is the mirror image."""
+    """A periodic orbit, or one half of it if the other half is its mirror image."""
 
     edges: Array = field(repr=False)  # phases at which intervals end, from 0 on, shape (M + 1,)
     starts: Array = field(repr=False)  # states where they begin, shape (M, 2 moving)
@@ -125,7 +125,7 @@ class PeriodicOrbit:
         return y
 
     def defects(self) -> Array:
-        """Share of the largest velocity that each interval's last polynomials add, shape (M,)."""
+        """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""
         last = np.abs(TO_LEGENDRE[-2:] @ self.rates[:, :, -self.half :])
         velocity = np.abs(self.starts[:, self.half :]).max()
         shares: Array = self.durations * last.sum(axis=1).max(axis=1) / velocity
@@ -242,4 +242,4 @@ def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     velocities = motion.model.drag_velocities(*np.split(orbit.states(phase), 2))
     roots = CubicSpline(phase, velocities.T).roots(extrapolate=False) if velocities.size else []
     turns: Array = np.sort(np.concatenate([np.empty(0), *roots]))
-    return turns[np.isfinite(turns)]  # no numbers mark a point that stands still
+    return turns[np.isfinite(turns)]  # NaN marks a point that does not move

@@ -26,7 +26,7 @@ class VectorField:
         self.constrained = model.moving != model.dof
         """Whether constraints are met by a projection, and p' alone is not the rate of p."""
         self.width = self.size if self.constrained else self.half
-        """Rates that are no positions': accelerations, the last ones; with constraints all."""
+        """Number of rates solved for: accelerations, the last ones; with constraints all."""
         self.scene = model.motion if isinstance(model.motion, SceneMotion) else None
         self.evaluations = 0
 
@@ -96,7 +96,7 @@ class VectorField:
         return total
 
     def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of every motion is one, as three states show."""
+        """Whether the mirror image of every motion is a motion too, as three states show."""
         if self.resting().any():
             return False
         k = np.arange(1.0, self.size + 1.0)

@@ -27,14 +27,14 @@ Complex = NDArray[np.complex128]
 EPS = float(np.finfo(np.float64).eps)
 
 TOLERANCE = 1e-10
-"""Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, with
-k = 1 + |gamma| + a u^2 the size of the elastic stiffness matrix, with what terms add; to it
-comes the rounding of M x, eps |lambda|^2, which is what limits high modes."""
+"""Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, k = 1 +
+|gamma| + a u^2 with what terms add being the size of the elastic stiffness matrix: measured, the
+twelve lowest pairs of 25 models at four speeds have 8e-12 at most. To it comes the rounding of M x,
+eps |lambda|^2, which limits high modes."""
 
-WORTHLESS = 1e-4
-"""Relative residual of a pair that rounding does not excuse, however high the mode: refined, those
-of 300 segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functions (4e-5) pass."""
-
+LARGEST_RESIDUAL = 1e-4
+"""Relative residual beyond which a pair is wrong, however high the mode: refined, those of 300
+segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functions (4e-5) pass."""
 
 SLOW_GROWTH = 1e-8
 """Rounding of Re lambda up to which it is left as it is: what grows slower doubles in 1e8 T."""
@@ -59,11 +59,11 @@ class Eigenpairs:
     @property
     def converged(self) -> NDArray[np.bool_]:
         """Which pairs passed the check of their residual, shape (r,)."""
-        return self.passable & (self.residuals <= WORTHLESS)
+        return self.passable & (self.residuals <= LARGEST_RESIDUAL)
 
     @property
     def passable(self) -> NDArray[np.bool_]:
-        """The same with all that rounding excuses: enough of high modes where low ones count."""
+        """The same with all that rounding explains: enough of high modes where low ones count."""
         return self.residuals <= TOLERANCE + EPS * np.abs(self.values) ** 2
 
     def take(self, which: Any) -> Eigenpairs:
@@ -158,8 +158,8 @@ class Eigenproblem:
     def zero_tolerance(self) -> float:
         """|lambda| below which a root counts as zero.
 
-        A double zero scatters by the root of rounding, the triple one of a free joint by its cube
-        root; damping slows all that is near zero.
+        A double zero scatters by the square root of rounding, the triple one of a free joint by its
+        cube root; damping slows all that is near zero.
         """
         least = 1e-4 if (self.model.elastic_share == 0.0).any() else 1e-6
         return least / max(1.0, self.pipe.damping)
@@ -237,7 +237,7 @@ class Eigenproblem:
         mine = map(int, np.flatnonzero(is_stiff(values)))
         return [(i, self.stiff.at(u, complex(values[i]))) for i in mine]
 
-    def sharpened(
+    def improved(
         self, u: float, pairs: Eigenpairs, found: Assessment, uncertain: Array
     ) -> tuple[Complex, Array]:
         """Eigenvalues and how far each may be off, with Re lambda by its energy balance if better.
@@ -253,7 +253,7 @@ class Eigenproblem:
             hidden &= ~is_stiff(values)
         if pairs.left is None or not hidden.any():
             return values, uncertain
-        # Near a double root vectors are worse than values: y^H P' x is small beside x^H P' x there.
+        # Near a double root vectors are worse than values: there y^H P' x is far below x^H P' x.
         hidden &= np.abs(found.by_left) > 0.1 * np.abs(found.by_right)
         which = np.flatnonzero(hidden)
         own = values[which], pairs.right[:, which], pairs.left[:, which]

@@ -25,8 +25,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
 SHIFTS = (0.97, 2.31, 0.41)
-"""Tried in turn until every residual passes; an eigenvalue may lie on one of them by chance."""
-
+"""Positive, where stable pipes have no eigenvalue; tried in turn until every residual passes."""
 
 DENSE_RESCUE, RESTARTS = 1000, 30
 """Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or a
@@ -44,7 +43,7 @@ def lowest(
     """The `count` eigenvalues of least magnitude (all without count), with their residuals.
 
     Pairs that fail the check are refined once; those that fail still are in the result, and its
-    `converged` says which. Without `high`, modes so high that rounding excuses any residual are
+    `converged` says which. Without `high`, modes so high that rounding explains any residual are
     left as they are.
     """
     total = 2 * problem.dof
@@ -136,7 +135,7 @@ def _about(
 def _refined(
     problem: Eigenproblem, u: float, pairs: Eigenpairs, left: bool, high: bool
 ) -> Eigenpairs:
-    """Pairs that failed, or want left vectors, refined one by one (conjugates together)."""
+    """Pairs that failed, or lack left vectors, refined one by one (conjugates together)."""
     todo = ~(pairs.converged if high else pairs.passable) | (left and pairs.left is None)
     if not todo.any():
         return pairs

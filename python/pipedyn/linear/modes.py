@@ -43,7 +43,7 @@ LARGEST_TABLE = 10_000_000
 
 CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
 """Largest u and count for a `Continuum`, whose basis grows with both: at u = 1000 answers
-of 640 and 816 functions differ by 3e-9, as rounding has it, and more help no further; 400
+of 640 and 816 functions differ by 3e-9, which is rounding, so that more do not help; 400
 eigenvalues take dense problems of 816 rows, a second each."""
 
 
@@ -196,7 +196,7 @@ def largest_speed(model: AnyModel | None) -> float:
 
 
 def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
-    """The argument count, of which a model has so many for each degree of freedom."""
+    """The argument count, of at most so many roots for each degree of freedom."""
     if isinstance(model, Continuum):
         return check.count("count", count, high=CONTINUUM_COUNT)
     asked = check.count("count", count, high=roots * model.dof)
@@ -239,7 +239,7 @@ class RootLoci:
         errors: how far each eigenvalue or its partner may be from the exact one, absolute, shape
             (S, count). To first order: residual and rounding times the condition, so that it is
             large where two roots meet; for `Continuum` with the largest change from the basis
-            before the last, and infinite for overdamped roots, which are not waited for.
+            before the last, and infinite for overdamped roots, which need not converge.
         size: degrees of freedom of the model solved.
     """
 

@@ -18,7 +18,7 @@ from pipedyn.util.result import result
 Kind = Literal["flutter", "divergence"]
 
 LEAST_BETA = 1e-300
-"""Derivatives by a smaller beta, which grow like 1 / sqrt(beta), leave finite numbers."""
+"""Derivatives by a smaller beta overflow: under weak damping they grow like 1 / beta."""
 
 
 @result

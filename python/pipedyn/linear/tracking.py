@@ -133,7 +133,7 @@ class Step:
         return jump
 
     def expected(self, root: int, u: float) -> complex:
-        """Where the cubic of one root has it at a speed within the step."""
+        """What the cubic of one root predicts at a speed within the step."""
         t, other = (u - self.left.u) / self.length, self.onto[root]
         ends = self.left.values[root] * (1.0 + 2.0 * t) * (1.0 - t) ** 2
         ends += self.right.values[other] * (3.0 - 2.0 * t) * t**2
@@ -150,20 +150,20 @@ def pairs_at(problem: Eigenproblem, u: float, count: int | None) -> Eigenpairs:
 
 
 def sample(problem: Eigenproblem, u: float, count: int | None) -> Sample:
-    """The `count` lowest eigenvalues (all without) at speed u, with slopes; no slope reads 0."""
+    """The `count` lowest eigenvalues (all without) at speed u, with slopes (0 if none)."""
     pairs = pairs_at(problem, u, count)
     found = problem.assessed(u, pairs)
     slopes = np.where(np.isfinite(found.slopes), found.slopes, 0.0)
-    # Residuals and rounding of mu, taken to lambda; where roots meet they scatter by its root.
+    # Residuals and rounding of mu, taken to lambda; roots that meet scatter by its square root.
     size = np.abs(pairs.values)
     nearest = max(float(np.abs(pairs.values - SHIFTS[0]).min(initial=np.inf)), 1e-3)
     of_mu = 1e-14 * size + 40.0 * EPS * size**2 / nearest
     noise = np.maximum(of_mu, np.minimum(found.uncertain, 1e-7 * (1.0 + size)))
     slope_noise = np.zeros(noise.size)
     if not problem.is_conservative:
-        values, sharp = problem.sharpened(u, pairs, found, noise)
-        slope_noise = np.where((sharp < noise) | (u == 0.0), SLOPE_NOISE * noise, 0.0)
-        noise, pairs = sharp, replace(pairs, values=values)
+        values, less = problem.improved(u, pairs, found, noise)
+        slope_noise = np.where((less < noise) | (u == 0.0), SLOPE_NOISE * noise, 0.0)
+        noise, pairs = less, replace(pairs, values=values)
     signatures = np.zeros(pairs.values.size, dtype=np.int8)
     if problem.is_conservative:
         # Eigenvalues come in fours: what is on the axis is there exactly, and moves along it.

@@ -32,7 +32,7 @@ LARGEST_ANGLE = 1e6
 class PipedynError(Exception):
     """What the package could not compute; every other error it raises is about an argument.
 
-    The first argument is the message, those after it what comes along.
+    The first argument is the message, the others are data for the caller.
     """
 
     def __str__(self) -> str:
@@ -40,7 +40,7 @@ class PipedynError(Exception):
 
 
 class NotConverged(PipedynError):
-    """A result that did not meet its tolerance; what there is of it comes along.
+    """A result that did not meet its tolerance, with what was reached.
 
     Attributes:
         result: the result as far as it got, or None.
@@ -180,7 +180,7 @@ class Model(ABC):
 
     @property
     def linear_cost(self) -> bool:
-        """Whether a right-hand side costs O(dof), and a Jacobian so many times more."""
+        """Whether a right-hand side costs O(dof), and a Jacobian dof times as much."""
         return False
 
     @property

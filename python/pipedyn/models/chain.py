@@ -224,7 +224,7 @@ class Chain(Model):
 
     @cached_property
     def elastic_scale(self) -> Array:
-        """Joint angle of one elastic coordinate, shape (n,): 1 / sqrt(k_j)."""
+        """Joint angle of one elastic coordinate, shape (n,)."""
         return _frozen(elastic_scale(self._springs))
 
     @property

@@ -23,7 +23,7 @@ SMALLEST, LARGEST = 16, 240
 at u = 5 and to 3e-10 at u = 9 with gamma = 10; 240, dense problems of 480 rows, limit the time."""
 
 FUNCTIONS_A_JOINT = 4
-"""By which both are larger for each joint between panels."""
+"""By which both are larger for each joint between panels: a panel needs as many, see basis.hpp."""
 
 
 @dataclass(frozen=True)

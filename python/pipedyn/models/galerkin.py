@@ -71,7 +71,7 @@ class Galerkin(Model):
 
     `rhs` takes integrals along the pipe with as many nodes as the configuration needs: what they
     miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for angles up to
-    pi in any of the functions. Configurations wilder than that are given the largest number of
+    pi in any of the functions. Configurations beyond that are given the largest number of
     nodes, some 16 m + 96, beyond 250 functions fewer. With terms all this holds for each panel
     between their places. Rates are NaN where the mass matrix is singular to rounding, or where q
     coils the pipe more often (some 100 turns of 8 functions) than the quadrature resolves.
@@ -279,7 +279,7 @@ class Galerkin(Model):
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:
-    """As many functions, with so many more of them on panels whose share of the length is small.
+    """The same number of functions, with so many more of them on short panels.
 
     Two models of growing size and growing `more` differ on every panel of the basis but those
     shorter than 0.003, so that the distance of their answers bounds what short panels miss, too.

@@ -117,7 +117,7 @@ class Guarded:
                 if self.calls >= self.next_check:
                     self.check(t)
                 if self.calls >= self.most:
-                    raise Stopped(f"it needs more right-hand sides than {self.most:g}, its most")
+                    raise Stopped(f"it needs more than {self.most:g} right-hand sides")
                 self.calls += 1
                 return self._rates(t, y, *self.arguments)
         except BaseException as error:
@@ -143,7 +143,7 @@ class Guarded:
             return str(cause)
         if cause is not None:
             raise cause from None
-        return "the state left finite numbers" if self.overflowed else str(stopped)
+        return "the state overflowed" if self.overflowed else str(stopped)
 
 
 class Watched(Guarded):
@@ -253,11 +253,11 @@ def _python_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
             except ValueError as error:  # a factorisation refuses what is not finite
                 raise Stopped(str(error)) from error
             if solver.status == "failed" or not np.isfinite(solver.y).all():
-                raise Stopped(message or "the state left finite numbers")
+                raise Stopped(message or "the state overflowed")
             between = solver.dense_output()  # of DOP853 from three right-hand sides, or NaN
         row = task.start if between is None else between(t)
         if not np.isfinite(row).all():
-            raise Stopped("the state left finite numbers")
+            raise Stopped("the state overflowed")
         yield row
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The largest Lyapunov exponent: how fast neighbours of a motion part, or join it.
+"""The largest Lyapunov exponent: how fast neighbouring motions diverge, or converge.
 
 Along the motion y' = f(y) a small difference obeys v' = J(y) v with the analytic Jacobian. v is
 brought back to unit length at short intervals; the logarithms of its growth, divided by the time,
@@ -51,9 +51,9 @@ class LyapunovExponent:
     Attributes:
         value: in 1 / T; 0 on a limit cycle, the largest real part of an eigenvalue where the motion
             comes to rest, above 0 where it is chaotic.
-        spread: standard error of the value, from the means over blocks, from what lies between the
-            means of the two halves and from how far the difference's length oscillates. A value
-            within a few of these around 0 is 0.
+        spread: standard error of the value, the largest of three estimates: by the means over
+            blocks, by the means of the two halves, by how far the difference's length oscillates. A
+            value within a few of these around 0 is 0.
         blocks: mean over each block, shape (blocks,).
         t: ends of the intervals from the end of the transient on, shape (S,).
         history: the value from the time up to then, shape (S,).

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Motion in time: what scipy's integrators make of a model's right-hand side, and its audit.
 
-Integrated is y = [q, q', W] with W' the power of flow, joints and drag, so that the audit
+Integrated is y = [q, q', W] with W' the power of flow, joints and drag. So the audit
 |E(t) - E(0) - W(t)| has the integrator's own order and does not depend on the samples.
 
 Many motions of one model advance together in batches. A batch costs one call a right-hand side for
@@ -35,7 +35,6 @@ Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 
 LARGEST_SAMPLES = 100_000_000
 """Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
-
 
 LARGEST_ENSEMBLE = 1_000_000
 """Members, each of which takes a kilobyte before anything is computed."""
@@ -154,7 +153,7 @@ def simulate(
     most: float = MOST_CALLS,
     progress: bool = False,
 ) -> Motion:
-    """The motion from an initial state at a constant flow speed, exact in the amplitude.
+    """The motion from an initial state at a constant flow speed, geometrically exact.
 
     Args:
         model: chain, reduced model or assembly.
@@ -175,14 +174,14 @@ def simulate(
             "DOP853", "Radau", "BDF", "LSODA". Implicit ones use the analytic Jacobian.
         most: right-hand sides that it may take, >= 1, at 1 to 3 us each up to 60 segments. Explicit
             methods take 1.5 or more in the time 1 / |lambda| of the fastest mode; a motion that
-            would exceed `most` at that pace is refused after 400.
+            would exceed `most` at that rate is refused after 400.
         progress: show progress on stderr.
 
     Returns:
         Motion.
 
     Raises:
-        MotionStopped: if the step tends to 0, the state leaves finite numbers or it takes
+        MotionStopped: if the step tends to 0, the state overflows or the motion takes
             more than `most` right-hand sides; it carries the motion up to there.
         ValueError, TypeError: for bad arguments.
 

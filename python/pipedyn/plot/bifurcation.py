@@ -70,7 +70,7 @@ def bifurcation_diagram(
         look: dict[str, Any] = {"marker": ".", "color": "0.55", "markersize": 2.6, "gid": "motions"}
         look |= {"linestyle": "none", "markeredgewidth": 0.0, "zorder": 1.0}
         look["rasterized"] = x.size > 20_000  # keeps vector files small
-        ax.plot(x, y, label="turning points of late motion", **look)
+        ax.plot(x, y, label="turning points after the transient", **look)
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
         at = [float(p.tip[0] if index is None else p.q[index]) for p in branch.points]

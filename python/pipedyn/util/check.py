@@ -20,10 +20,8 @@ Array = NDArray[np.float64]
 NOT_NUMBERS = (bool, np.bool_, np.timedelta64)
 """What Python or numpy registers as a number, but counts nothing."""
 
-
 LONGEST = 1_000_000_000
 """Numbers in one argument: 8 GB."""
-
 
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlist = _BRIEF.maxtuple = _BRIEF.maxset = _BRIEF.maxfrozenset = _BRIEF.maxdict = 20

@@ -50,7 +50,7 @@ def newton(
     `correction` gives Newton's step from an iterate, in full, and its size; `plus` adds a share of
     it, less than all where the size is beyond `longest`. Steps up to `tolerance` times the `scale`
     of the solution end the iteration. A step is slow if it is longer than `slower` times the one
-    before: then `stagnation` times the scale is enough, as that is rounding, and `patience` slow
+    before: then `stagnation` times the scale is enough, as steps are rounding. `patience` slow
     steps in a row, or `iterations` in all, end it without a solution.
 
     Raises:
@@ -68,7 +68,7 @@ def newton(
             except LinAlgError as error:
                 raise NewtonFailed("Newton's method met a singular matrix", state) from error
             except (FloatingPointError, ValueError) as error:
-                raise NewtonFailed("Newton's method left finite numbers", state) from error
+                raise NewtonFailed("Newton's method overflowed", state) from error
         check(moved)
         size = scale(moved)
         slowly = step >= slower * last

@@ -31,7 +31,7 @@ from pipedyn.models.pencil import ChainPencil, Pencil, Vectors, lu_solver
 from pipedyn.util.check import Array
 
 MOVED = 4.321
-"""c; any number serves that is not small."""
+"""c: any number serves that is not small and, negated, no root of the pipe."""
 
 
 def sweeping_problem(model: Model, dense: bool | None = None) -> Eigenproblem:

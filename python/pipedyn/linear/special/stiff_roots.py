@@ -44,17 +44,16 @@ SLOW = 30.0
 """|lambda| up to which joint angles serve: they lose eps |lambda|^2, which is 2e-13 here."""
 
 SPREAD, UNEQUAL = 1e4, 10.0
-"""A chain whose highest frequency is beyond both the one (where joint angles lose eight digits) and
-the other times n^2 (equal segments have 3 n^2 by the estimate made, 7 n^2 in fact) is treated
-here."""
+"""A chain is treated here if its highest frequency exceeds the first, where joint angles lose eight
+digits, and the second times n^2: equal segments have 3 n^2 by the estimate made, 7 n^2 in fact."""
 
 STIFFER = 1e6
-"""So is one whose springs differ by such a factor: measured on random chains of 3 to 8 segments,
-joint angles lose roots by 5e-12 at 1e5, 5e-11 at 1e6, 3e-9 at 1e10."""
+"""Factor between springs from which a chain is treated here, too: measured on random chains of 3 to
+8 segments, joint angles lose roots by 5e-12 at 1e5, 5e-11 at 1e6, 3e-9 at 1e10."""
 
 REACH = (1e-3, 0.1)
-"""Newton's method may leave its start by the first share of it, which rough roots are off at most,
-or by a third of the distance to the next one, up to the second share."""
+"""How far Newton's method may leave its start, relative: by the first, as rough roots are off by
+less, or by a third of the distance to the next root, up to the second."""
 
 ENTRY = 8.0 * float(np.finfo(float).eps)
 """Relative rounding of an entry of T, with room for what the products with it add."""
@@ -328,7 +327,7 @@ class StiffRoots:
                 change = 1j * change.imag
             value = near[0] + change
             if not abs(value - start) <= reach * abs(start):
-                raise NewtonFailed("Newton's method left the root", (start, None))
+                raise NewtonFailed("Newton's method left the root's neighbourhood", (start, None))
             return (value, (right, left)), abs(change)
 
         last: Iterate = start, None

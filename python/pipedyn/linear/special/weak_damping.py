@@ -26,8 +26,8 @@ STRONG = 1e-4
 """sqrt(beta) or delta of the least size solved: rounding then moves speeds by 1e-10 to 1e-8."""
 
 WEAK = 0.2
-"""Sizes below this share of it are extrapolated to: measured, the pipe itself is known to 4e-11
-there either way, better without extrapolation above, and below worse (7e-10 at a tenth)."""
+"""Share of `STRONG` below which crossings are extrapolated: measured, speeds are known to 4e-11
+there with and without; above it better without, below worse (7e-10 at a tenth)."""
 
 SQUARES = (1.0, 2.0, 4.0)
 """Squares of the sizes solved: three fit a parabola in the square, whose distance to the line
@@ -58,8 +58,8 @@ def extrapolated(
     kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
     if any(row != kinds[0] for row in kinds):
         raise NotConverged(
-            f"crossings at beta = {pipe.beta:g}, damping = {pipe.damping:g} tend to no limit that "
-            "larger values would show",
+            f"crossings at beta = {pipe.beta:g}, damping = {pipe.damping:g} cannot be extrapolated "
+            "from larger values, where they differ in kind or mode",
             found[0],
         )
     x = _size(pipe) ** 2

@@ -325,7 +325,7 @@ class Assembly(Model):
             Shape (n,).
 
         Raises:
-            NotConverged: if none are found from there.
+            NotConverged: if none are found near these.
             ValueError, TypeError: for another shape, or not of finite numbers.
         """
         given = check.array(
@@ -350,7 +350,7 @@ class Assembly(Model):
             Redundant coordinates, shape (3 n,).
 
         Raises:
-            NotConverged: if none is found from there.
+            NotConverged: if none is found near start.
             ValueError, TypeError: for bad arguments.
         """
         u = check.real("u", u, low=0.0, high=1e4)
@@ -375,7 +375,7 @@ class Assembly(Model):
                 iterations=100,
             )
         except NewtonFailed as reason:
-            raise NotConverged(f"no equilibrium was found at u = {u:g} from there") from reason
+            raise NotConverged(f"no equilibrium was found at u = {u:g} near start") from reason
         return self._configuration(found.state)
 
     # ------------------------------------------------------------------------------ linear motion
@@ -530,7 +530,7 @@ class Assembly(Model):
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         rows = self._rows("q", q, (self.moving, self.coordinates))
         at, base = arc_lengths(s), self._layout.base
-        # Of redundant coordinates the nodes are joined as they stand.
+        # Redundant coordinates may miss constraints: their nodes are joined as given.
         places = self._configuration(rows) if rows.size == self.moving else rows
         nodes = np.stack([places[0::3], places[1::3]], axis=1)
         steps = np.diff(nodes, axis=0, prepend=[[0.0, base]])

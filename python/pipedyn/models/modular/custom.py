@@ -74,7 +74,7 @@ class CustomForce:
         return force
 
     def work(self, q: Array, qdot: Array) -> float:
-        """Rate at which the force does more than its energy loses."""
+        """Power of the force beyond what its energy loses."""
         if self.module.force is None:
             return 0.0
         return float((self.force(q, qdot) + self._gradient(q)) @ qdot)

@@ -8,9 +8,9 @@ modules' matrices in redundant coordinates give
     T^T (lambda^2 M + lambda C + K) T + geometric stiffness,
 
 the last diagonal in dtheta: l_j t_j . S_j, S_j the force at rest on all nodes from j on, that of
-the closing constraints (guides and pins) included. These, B dphi = 0, are met by a basis of
-reflections, so that in elastic coordinates, phi = scale * Z zeta with Z^T Z = 1, the elastic
-stiffness stays the identity. Products are O(n (c + 1)) with c coordinates held. Solved is the
+the closing constraints (guides and pins) included. These, B dphi = 0, are met by a basis Z of
+reflections. In elastic coordinates, phi = scale * Z zeta with Z^T Z = 1, the elastic stiffness
+stays the identity. Products are O(n (c + 1)) with c coordinates held. Solved is the
 sparse system of (phi, theta, x, y, forces f_x, f_y beyond a node, multipliers), segment after
 segment: a band of a few diagonals unless a custom module ties far nodes together.
 """

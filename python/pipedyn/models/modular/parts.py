@@ -35,7 +35,7 @@ RANGES: dict[str, dict[str, Any]] = {
     "x": {"low": -1e3, "high": 1e3},
     "y": {"low": -1e3, "high": 1e3},
 }
-"""Ranges of the parts' numbers: stiffness as of `Chain`, damping as of a pipe's terms."""
+"""Ranges of the parts' numbers: those of `Chain` and of a pipe's terms, others far beyond use."""
 
 FIRST = {"joint": 1, "segment": 2, "node": 1}
 """Least number of a place; no scene has more segments than a chain."""
@@ -128,7 +128,7 @@ Function: TypeAlias = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Custom(Module):
-    """A module of the user's own, written in Python: slower than the others, as free as you like.
+    """A module of the user's own, written in Python: slower than the others, with any forces.
 
     Its functions take the coordinates it touches, q = (x, y of each node, then phi of each joint),
     shape (k,), and their rates. Derivatives that are not given are taken by complex step, so the
