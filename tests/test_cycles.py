@@ -362,6 +362,13 @@ def test_a_search_may_start_from_a_bent_pipe():
     assert pp.limit_cycle(scene, 5.0, q).amplitude == pytest.approx(expected.amplitude, rel=1e-5)
 
 
+def test_a_cycle_is_its_own_mirror_image_though_the_motion_to_it_was_not_yet():
+    found = pp.limit_cycle(pp.Chain(pp.Pipe(0.2, -40.0), 3), 5.0, lambda s: 0.05 * s**2)
+    assert found.symmetric
+    half = found.t.size // 2
+    np.testing.assert_allclose(found.q[: half + 1], -found.q[half:], atol=1e-12)
+
+
 def test_below_the_fold_of_cycles_the_search_says_where_it_lies():
     model = SUBCRITICAL
     onset = pp.hopf(model)

@@ -19,7 +19,7 @@ from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, finished, floquet
 from pipedyn.bifurcation.hopf import Hopf, hopf, with_drag
-from pipedyn.bifurcation.orbit_continuation import continued, small_orbit
+from pipedyn.bifurcation.orbit_continuation import breaking_part, continued, small_orbit
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
@@ -131,7 +131,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
         last_period = _last_period(motion, u, start)
         if last_period is None:
             raise NoCycle("the motion to start from does not come back to an earlier state", u)
-        return solved(motion, last_period, FIRST_STEP), "from a motion"
+        return _as_symmetric(motion, solved(motion, last_period, FIRST_STEP)), "from a motion"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
@@ -287,13 +287,26 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             if away < 0.01 * found.size and not known:
                 multipliers, _ = floquet(motion, found)
                 if (np.abs(multipliers) <= 1.0 + 1e-3).all():
-                    return found
+                    return _as_symmetric(motion, found)
                 passed = found
         except NewtonFailed as failure:
             reason = str(failure)
     if passed is not None:
-        return passed
+        return _as_symmetric(motion, passed)
     raise NoCycle(f"no limit cycle at u = {u:g} by simulation: {reason}", u)
+
+
+def _as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
+    """Solved with its mirror, if the orbit has one that the motion it was found from did not show.
+
+    Else rounding of its asymmetry would pass for a pitchfork where the branch is followed.
+    """
+    if orbit.symmetric or not motion.is_odd(orbit.u):
+        return orbit
+    if np.abs(breaking_part(orbit, "pitchfork")).max() > 1e-6 * orbit.size:
+        return orbit
+    half = resolved(motion, orbit.states, orbit.frequency, orbit.u, True, FIRST_DEFECT)
+    return solved(motion, half, FIRST_STEP)
 
 
 def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit | None:
