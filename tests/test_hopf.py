@@ -421,6 +421,19 @@ def test_a_coefficient_that_is_lost_in_its_error_is_not_given(monkeypatch):
         pp.hopf(model)
 
 
+def test_the_coefficients_error_holds_what_rounding_does_to_it():
+    """One mass and spring in two parts: the same pipe, other rounding."""
+    whole = [pp.PointMass(0.4, 0.3), pp.Spring(0.4, 40.0)]
+    parts = [pp.PointMass(0.4, 0.1), pp.PointMass(0.4, 0.2)]
+    parts += [pp.Spring(0.4, 15.0), pp.Spring(0.4, 25.0)]
+    one, other = (
+        pp.hopf(pp.Galerkin(pp.Pipe(0.5, gamma=2.0, terms=terms), 5, "legendre"))
+        for terms in (whole, parts)
+    )
+    assert abs(one.lyapunov - other.lyapunov) < min(one.lyapunov_error, other.lyapunov_error)
+    assert one.lyapunov_error < 1e-8
+
+
 def test_a_crossing_that_is_not_the_models_own_is_refused():
     model = pp.Chain(PIPE, 4)
     divergence = pp.crossings(pp.Chain(pp.Pipe(0.2, gamma=-10.0), 4), 4.0)[0]

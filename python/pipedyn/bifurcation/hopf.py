@@ -106,10 +106,9 @@ def normal_form(
     """
     a = jacobian(rest)
     q, p = vectors(a, frequency, scale)
-    first = FIRST_STEP / reach(q)
+    steps = FIRST_STEP / reach(q) / 2.0 ** np.arange(LEVELS)
     values = []
-    for level in range(LEVELS):
-        h = first / 2**level
+    for h in steps:
         ahead, behind = (
             np.array([jacobian(rest + sign * h * direction) for direction in (q.real, q.imag)])
             for sign in (1.0, -1.0)
@@ -125,8 +124,11 @@ def normal_form(
             outer = np.linalg.solve(2j * frequency * np.eye(q.size) - a, twice)
             total = total + second.conj() @ outer
         values.append(complex(0.5 * (p.conj() @ total)))
-    value, error = _extrapolated(values)
-    if not error <= 1e-3 * abs(value):  # a force that is not smooth leaves some per cent
+    terms = float(np.abs(p) @ np.abs(a) @ np.abs(q))
+    rounding = np.finfo(float).eps * terms / steps**2
+    value, error = _extrapolated(values, rounding)
+    # A force that is not smooth leaves some per cent.
+    if not error <= 1e-3 * abs(value) + rounding[-1]:
         raise NotConverged(
             "the third derivatives at the onset do not converge as the steps of their differences "
             f"shrink: {value:.6g} with an error of {error:.1e}",
@@ -174,12 +176,17 @@ def vectors(
     return right, left / np.conj(left.conj() @ right)
 
 
-def _extrapolated(values: list[complex]) -> tuple[complex, float]:
-    """Limit of values whose error is a series in h^2, h halved each time, by Neville's scheme."""
+def _extrapolated(values: list[complex], rounding: Array | float = 0.0) -> tuple[complex, float]:
+    """Limit of values whose error is a series in h^2, h halved each time, by Neville's scheme.
+
+    The least estimate of the scheme may be small by chance: the values' own rounding is added.
+    """
     best, error, row = values[-1], math.inf, np.array(values)
+    rounding = np.broadcast_to(rounding, row.shape)
     for order in range(1, len(values)):
         above, row = row, (4.0**order * row[1:] - row[:-1]) / (4.0**order - 1.0)
         estimates = np.maximum(np.abs(row - above[:-1]), np.abs(row - above[1:]))
+        estimates += rounding[order:]
         i = int(np.argmin(estimates))
         if estimates[i] < error:
             best, error = complex(row[i]), float(estimates[i])
