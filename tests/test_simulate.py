@@ -259,7 +259,7 @@ def test_a_motion_that_overflows_later_keeps_its_beginning(monkeypatch):
 
     monkeypatch.setattr(pp.Chain, "motion", property(lambda chain: Bursting()))
     for method in ("dop853", "lsoda", "Radau"):
-        with pytest.raises(pp.MotionStopped, match="overflowed") as caught:
+        with pytest.raises(pp.MotionStopped, match="no longer finite") as caught:
             pp.simulate(CHAIN, 6.0, 1.0, bow, samples=11, method=method)
         assert 0.3 <= caught.value.motion.t[-1] <= 0.5
         assert pickle.loads(pickle.dumps(caught.value)).motion.t.size

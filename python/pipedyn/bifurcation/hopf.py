@@ -454,7 +454,7 @@ def _mean_drag(
 
     It is 0 without drag, or where the mode moves without.
     """
-    # Less acts only at amplitudes that are 0 to any accuracy, and its law leaves finite numbers.
+    # Less acts only at amplitudes that are 0 to any accuracy, and its law overflows.
     if model.pipe.drag < 1e-100:
         return 0j, 0.0
     unit = with_drag(model, 1.0)  # a weak drag would be lost in rounding; its force is as large

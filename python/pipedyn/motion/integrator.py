@@ -19,6 +19,9 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
 from pipedyn.util.progress import track
 
+NOT_FINITE = "the state or its rate is no longer finite"
+"""Why a motion stops: its numbers overflowed, or a bend is beyond what a quadrature resolves."""
+
 COMPILED = ("dop853", "lsoda")
 """scipy.integrate.ode's integrators that serve."""
 
@@ -143,7 +146,7 @@ class Guarded:
             return str(cause)
         if cause is not None:
             raise cause from None
-        return "the state overflowed" if self.overflowed else str(stopped)
+        return NOT_FINITE if self.overflowed else str(stopped)
 
 
 class Watched(Guarded):
@@ -253,11 +256,11 @@ def _python_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
             except ValueError as error:  # a factorisation refuses what is not finite
                 raise Stopped(str(error)) from error
             if solver.status == "failed" or not np.isfinite(solver.y).all():
-                raise Stopped(message or "the state overflowed")
+                raise Stopped(message or NOT_FINITE)
             between = solver.dense_output()  # of DOP853 from three right-hand sides, or NaN
         row = task.start if between is None else between(t)
         if not np.isfinite(row).all():
-            raise Stopped("the state overflowed")
+            raise Stopped(NOT_FINITE)
         yield row
 
 
