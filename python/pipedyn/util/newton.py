@@ -68,7 +68,9 @@ def newton(
             except LinAlgError as error:
                 raise NewtonFailed("Newton's method met a singular matrix", state) from error
             except (FloatingPointError, ValueError) as error:
-                raise NewtonFailed("Newton's method met numbers that are not finite", state) from error
+                raise NewtonFailed(
+                    "Newton's method met numbers that are not finite", state
+                ) from error
         check(moved)
         size = scale(moved)
         slowly = step >= slower * last
