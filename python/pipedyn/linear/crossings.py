@@ -109,6 +109,7 @@ class CrossingSearch:
         self.certain = min(self.tracked, problem.model.resolved_modes)
         self.modes: Indices = np.zeros(0, dtype=np.intp)
         self.unstable: Flags = np.zeros(0, dtype=np.bool_)
+        self.scanned: tuple[Step, _core.Scan] | None = None
 
     def run(self, until: Callable[[AxisCrossing], bool] | None = None) -> Sweep:
         """All crossings up to max_speed, or up to the first that `until` accepts.
@@ -196,10 +197,12 @@ class CrossingSearch:
         return _core.unstable(at, onto, before, self.problem.zero_tolerance)
 
     def scan(self, step: Step) -> _core.Scan:
-        """What the step shows of the roots resolved."""
-        conservative, zero = self.problem.is_conservative, self.problem.zero_tolerance
-        known = (step, self.modes, self.unstable)
-        return _core.scan(*known, self.resolved, self.certain, zero, conservative)
+        """What the step shows of the roots resolved; kept, as an accepted step is asked twice."""
+        if self.scanned is None or self.scanned[0] is not step:
+            conservative, zero = self.problem.is_conservative, self.problem.zero_tolerance
+            known = (step, self.modes, self.unstable, self.resolved, self.certain)
+            self.scanned = step, _core.scan(*known, zero, conservative)
+        return self.scanned[1]
 
     def sure(self, step: Step) -> bool:
         """Whether the step shows all crossings in it."""

@@ -186,7 +186,7 @@ class Chain(Model):
         """The compiled chain."""
         return self._with_springs(self._springs)
 
-    @property
+    @cached_property
     def motion(self) -> _core.Chain:
         return self.core
 

@@ -181,8 +181,8 @@ def simulate(
         Motion.
 
     Raises:
-        MotionStopped: if the step tends to 0, the state overflows or the motion takes
-            more than `most` right-hand sides; it carries the motion up to there.
+        MotionStopped: if the step tends to 0, the state or its rate is no longer finite, or the
+            motion takes more than `most` right-hand sides; it carries the motion up to there.
         ValueError, TypeError: for bad arguments.
 
     Source: `rhs` of the models for the equations; scipy for their integration.
