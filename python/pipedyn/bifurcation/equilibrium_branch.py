@@ -82,7 +82,7 @@ class EquilibriumBranch:
         points: where it turns or stability changes, in order along the branch.
         ends: why it ends, at its first and its last point: "range" of speeds, "pitchfork" (it joins
             its mirror image on the straight pipe), "closed", "far" (a coordinate beyond 60 rad),
-            "points" (their number ran out) or "lost" (it could not be followed).
+            "points" (their number ran out) or "not converged" (no next point was found).
         model: the model.
     """
 
@@ -234,7 +234,7 @@ class _Way:
                     segment = replace(segment, end=segment.where(edge))
                 joined = self._record(segment)
             except NewtonFailed:
-                return "lost"
+                return "not converged"
             if joined:
                 return "pitchfork"
             found, ds = segment.end, segment.length

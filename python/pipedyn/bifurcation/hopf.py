@@ -239,7 +239,7 @@ class Hopf(HopfPoint):
         criticality: "supercritical" if the cycle attracts motions in the critical mode, and so
             exists where that mode grows; "subcritical" if it repels. With drag this holds at
             amplitudes far below `balance`; for those beyond see `fold`. Where other modes grow at
-            the onset, `unstable_beside`, no cycle that emerges there is stable.
+            the onset, `other_unstable`, no cycle that emerges there is stable.
         crossing: that of the pair.
         model: the model.
         mode: q, complex, of the integrated state [p, p'], shape (2 moving,).
@@ -261,7 +261,7 @@ class Hopf(HopfPoint):
     model: Model = field(repr=False)
 
     @property
-    def unstable_beside(self) -> int:
+    def other_unstable(self) -> int:
         """Number of eigenvalues with positive real part at the onset, other than the pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
@@ -318,7 +318,7 @@ class Hopf(HopfPoint):
             where = f"{'below' if above else 'above'} the fold at {self.fold:.9g}"
         raise ValueError(f"u must be {where}, got {u:.9g}")
 
-    def pace(self, u: float) -> float:
+    def cycle_frequency(self, u: float) -> float:
         """Angular frequency of the cycle of `amplitude` at a speed, in 1 / T.
 
         Raises:

@@ -213,7 +213,7 @@ def _from_onset(motion: VectorField, u: float, onset: Hopf) -> tuple[PeriodicOrb
 def _from_normal_form(motion: VectorField, u: float, onset: Hopf) -> PeriodicOrbit:
     """From the amplitude equation at the Hopf point to the speed at once."""
     try:
-        amplitude, omega = onset.amplitude(u), onset.pace(u)
+        amplitude, omega = onset.amplitude(u), onset.cycle_frequency(u)
     except ValueError:
         raise NewtonFailed("the amplitude equation has no cycle there") from None
     if not 0.0 < amplitude <= 0.6:
