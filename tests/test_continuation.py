@@ -54,8 +54,8 @@ def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
     segment, _ = circle.next(begin, 0.2)
     assert segment.at(0.1).p == pytest.approx(0.1, abs=1e-13)  # along the tangent at p = 0
     found = segment.where(0.15)
-    assert found.x == pytest.approx(np.full(2, np.sqrt(1.0 - 0.15**2)), abs=1e-12)
-    assert found.tangent[-1] > 0.0
+    assert found[:-1] == pytest.approx(np.full(2, np.sqrt(1.0 - 0.15**2)), abs=1e-12)
+    assert found[-1] == 0.15
     past = sign_changes(lambda s: np.array([segment.at(s).p - 0.123]), 0.0, 0.2, 1e-10)
     ((before, beyond),) = past
     assert (before, beyond) == pytest.approx((0.123, 0.123), abs=1e-9)
@@ -101,7 +101,7 @@ def test_meshes_of_orbits_are_refined_on_the_way_and_beyond_1000_unknowns():
             -orbit.states(np.array([np.pi])), abs=1e-9 * np.abs(orbit.starts).max()
         )
         if step.begin.u < 9.0 <= orbit.u:
-            last = step.problem.orbit(step.segment.where(9.0).z)
+            last = step.problem.orbit(step.segment.where(9.0))
             break
     assert sizes[0] == 4 * 8 * 20
     assert sizes[-1] > 1000

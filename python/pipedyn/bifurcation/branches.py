@@ -483,13 +483,13 @@ class _Follower:
             passed &= ~np.isclose(speeds, self.start.orbit.u, rtol=1e-7, atol=0.0)
         for u in map(float, speeds[passed]):
             try:
-                point = part.where(u)
+                z = part.where(u)
             except NewtonFailed as reason:
                 self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
                 continue
-            cycle = self._finished(u, step.problem.orbit(point.z))
+            cycle = self._finished(u, step.problem.orbit(z))
             if cycle is not None:
-                yield step.segment.reach(point.z), cycle, None
+                yield step.segment.reach(z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)
 
     def _is_first(self, cycle: LimitCycle) -> bool:

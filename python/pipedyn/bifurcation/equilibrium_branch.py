@@ -231,7 +231,8 @@ class _Way:
                 segment, step = self.branch.next(a, step)
                 end = segment.end.p
                 if not low <= end <= high and a.p != (edge := min(max(end, low), high)):
-                    segment = replace(segment, end=segment.where(edge))
+                    point = self.branch.point(segment.where(edge), a.tangent)
+                    segment = replace(segment, end=point)
                 joined = self._record(segment)
             except NewtonFailed:
                 return "not converged"

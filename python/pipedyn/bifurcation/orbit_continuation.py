@@ -268,7 +268,7 @@ def continued(motion: VectorField, point: HopfPoint, u: float) -> PeriodicOrbit:
         # Sixty of the longest steps change the amplitude by up to 18 L.
         for step in islice(followed(motion, start, COARSE), 60):
             if (step.begin.u - u) * (step.end.u - u) <= 0.0:
-                return step.problem.orbit(step.segment.where(u).z)
+                return step.problem.orbit(step.segment.where(u))
             here, slopes = step.end, step.segment.slopes
             if slopes[0] * slopes[1] < 0.0 and slopes[0] * (u - step.begin.u) > 0.0:
                 turning.append(step)  # turned back on its way there
