@@ -7,7 +7,6 @@ A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle,
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeAlias
@@ -19,7 +18,7 @@ from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, finished, floquet
 from pipedyn.bifurcation.hopf import Hopf, hopf, with_drag
-from pipedyn.bifurcation.orbit_continuation import breaking_part, continued, small_orbit
+from pipedyn.bifurcation.orbit_continuation import breaking_part, continued
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
@@ -121,7 +120,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
     try:
         if isinstance(start, Hopf):
             _check_own(motion, start)
-            return _from_onset(motion, u, start)
+            return continued(motion, start, u), _followed(start)
         check_coordinates(motion.model, "start", start)
         if isinstance(start, LimitCycle):
             orbit = start.orbit
@@ -155,7 +154,7 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
         reached = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
         if reached or onset.criticality == "subcritical":
             try:
-                return _from_onset(motion, u, onset)
+                return continued(motion, onset, u), _followed(onset)
             except NewtonFailed as reason:
                 reasons.append(str(reason))
     pipe = model.pipe
@@ -191,6 +190,11 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     raise NoCycle("; ".join(dict.fromkeys([*failed, *reasons])), u)
 
 
+def _followed(onset: Hopf) -> str:
+    """How a cycle was found that comes from an onset."""
+    return f"followed from the onset at u = {onset.speed:.6g}"
+
+
 def _check_own(motion: VectorField, onset: Hopf) -> None:
     """Refuses an onset of another model."""
     own = onset.model.coordinate_kind == motion.model.coordinate_kind
@@ -200,31 +204,6 @@ def _check_own(motion: VectorField, onset: Hopf) -> None:
         own = np.abs(missed).max() < 1e-5 * onset.frequency * np.abs(onset.mode).max()
     if not own:
         raise ValueError(f"start must be an onset of the model, got one of {onset.model!r}")
-
-
-def _from_onset(motion: VectorField, u: float, onset: Hopf) -> tuple[PeriodicOrbit, str]:
-    """From the amplitude equation or, where that fails, along the branch."""
-    how = f"from the onset at u = {onset.speed:.6g}"
-    with suppress(NewtonFailed):
-        return _from_normal_form(motion, u, onset), how
-    return continued(motion, onset, u), f"followed {how}"
-
-
-def _from_normal_form(motion: VectorField, u: float, onset: Hopf) -> PeriodicOrbit:
-    """From the amplitude equation at the Hopf point to the speed at once."""
-    try:
-        amplitude, omega = onset.amplitude(u), onset.cycle_frequency(u)
-    except ValueError:
-        raise NewtonFailed("the amplitude equation has no cycle there") from None
-    if not 0.0 < amplitude <= 0.6:
-        raise NewtonFailed("the amplitude equation has no cycle that is small enough for it")
-    omega = omega if omega > 0.3 * onset.frequency else onset.frequency
-    coarse = solved(motion, small_orbit(motion, onset, amplitude, u, omega), FIRST_STEP)
-    guess = resolved(*(motion, coarse.states, coarse.frequency, u, coarse.symmetric), FIRST_DEFECT)
-    fine = solved(motion, guess, FIRST_STEP)
-    if abs(fine.size / coarse.size - 1.0) > 0.1:
-        raise NewtonFailed("the first orbit solves the equations on its coarse mesh only")
-    return fine
 
 
 def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
@@ -285,7 +264,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
             known = passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6
             if away < 0.01 * found.size and not known:
-                multipliers, _ = floquet(motion, found)
+                multipliers, _, _ = floquet(motion, found)
                 if (np.abs(multipliers) <= 1.0 + 1e-3).all():
                     return _as_symmetric(motion, found)
                 passed = found

@@ -18,7 +18,7 @@ import numpy as np
 
 from pipedyn.bifurcation.collocation import OrbitProblem, control, solved
 from pipedyn.bifurcation.continuation import Continuation, Control, Point, Segment, folds
-from pipedyn.bifurcation.hopf import HopfPoint
+from pipedyn.bifurcation.hopf import Hopf, HopfPoint
 from pipedyn.bifurcation.periodic_orbit import (
     COARSEST,
     PeriodicOrbit,
@@ -32,10 +32,10 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 
-SMALL, SMALLEST = 0.01, 1e-4
-"""Distance in L of the free end at which a branch's first orbit lies from what it leaves, and the
-least that is tried: the normal form holds at the first to a per cent or better, and at the last
-rounding is far below."""
+SMALL, SMALLEST, LARGEST = 0.01, 1e-4, 0.3
+"""Distance in L of the free end at which a branch's first orbit lies from what it leaves, the least
+that is tried, and the largest on the way to a speed: the normal form holds at the first to a per
+cent or better, at the last to a tenth, and rounding is far below the least."""
 
 MOST_INTERVALS = 250
 """Mesh intervals of an orbit on a branch: 2,000 stages, with which orbits take seconds each."""
@@ -53,15 +53,14 @@ class OrbitControl:
     """How branches of orbits are followed."""
 
     control: Control  # of steps, in L of the free end and relative in speed and frequency
-    first: float  # length of the first step
     defect: float  # the largest of an orbit
 
 
-FINE = OrbitControl(control(0.15, 1e-8), 0.03, 1e-4)
+FINE = OrbitControl(control(0.15, 1e-8), 1e-4)
 """For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
 and 5e-5."""
 
-COARSE = OrbitControl(control(0.3, 1e-5), 0.05, 1e-3)
+COARSE = OrbitControl(control(0.3, 1e-5), 1e-3)
 """On the way to a speed: the orbit there is solved for again on finer meshes."""
 
 
@@ -70,13 +69,10 @@ COARSE = OrbitControl(control(0.3, 1e-5), 0.05, 1e-3)
 
 @dataclass(frozen=True)
 class BranchStart:
-    """Where a branch begins.
-
-    The length of `towards` is that of the first step, if it is less than `OrbitControl.first`.
-    """
+    """Where a branch begins."""
 
     orbit: PeriodicOrbit  # the first
-    towards: Array = field(repr=False)  # direction in the unknowns
+    towards: Array = field(repr=False)  # a direction; from the base, if any, up to the first
     base: PeriodicOrbit | None = None  # what it leaves, at rest or periodic, on the same mesh
 
 
@@ -98,16 +94,27 @@ def small_orbit(
     return PeriodicOrbit(edges, starts, rates, frequency, u)
 
 
-def from_hopf(motion: VectorField, point: HopfPoint) -> BranchStart:
-    """At an amplitude small enough for a speed within 1e-3 of the Hopf point's, relative."""
-    amplitude = SMALL
+def from_hopf(
+    motion: VectorField, point: HopfPoint, amplitude: float = SMALL, reach: float = math.inf
+) -> BranchStart:
+    """At an amplitude of the free end, or a smaller one where that has no orbit or is too far away.
+
+    The orbit's speed may differ from the Hopf point's by 1e-3, relative, or by up to `reach` where
+    that is finite, to the same side; and the coarsest mesh must resolve the orbit.
+    """
     while True:
         ring = small_orbit(motion, point, amplitude, point.speed, point.frequency)
         rest = np.broadcast_to(point.rest, ring.starts.shape)
         still = replace(ring, starts=rest, rates=np.zeros_like(ring.rates))
-        start = _at_distance(motion, ring, still, ring.packed() - still.packed())
-        if abs(start.orbit.u - point.speed) <= 1e-3 * point.speed or amplitude <= SMALLEST:
-            return start
+        try:
+            start = _at_distance(motion, ring, still, ring.packed() - still.packed())
+            away = start.orbit.u - point.speed
+            near = abs(away) <= 1e-3 * point.speed or 0.0 < away / reach <= 1.0
+            if (near and start.orbit.defects().max() <= COARSE.defect) or amplitude <= SMALLEST:
+                return start
+        except NewtonFailed:
+            if amplitude <= SMALLEST:
+                raise
         amplitude *= 0.3
 
 
@@ -211,15 +218,24 @@ class OrbitStep:
 
 
 def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[OrbitStep]:
-    """Steps along a branch of orbits, past folds, without end."""
+    """Steps along a branch of orbits, past folds, without end.
+
+    From what it leaves to its first orbit the branch is a step like any other.
+    """
     here, towards = start.orbit, start.towards
     unit, largest = unit_of(motion, here), how.defect
-    length: float | None = None
+    length = 0.2 * how.control.longest
+    if start.base is not None:
+        begin, end = start.base.packed(), here.packed()
+        # So small a start lets the orbits on the way be anything from 0.15 % to 150 % of the first.
+        problem = OrbitProblem(motion, here.unpacked(begin + 0.05 * towards), unit)
+        branch = Continuation(problem, how.control)
+        points = branch.starting(begin, towards), branch.point(end, towards)
+        yield OrbitStep(Segment(branch, *points), problem)
+        length = min(length, branch.length(towards))
     while True:
         problem = OrbitProblem(motion, here, unit)
         branch = Continuation(problem, how.control)
-        if length is None:
-            length = min(how.first, branch.length(towards))
         segment, following = branch.next(branch.starting(here.packed(), towards), length)
         step = OrbitStep(segment, problem)
         coarse = step.end.defects() > largest
@@ -259,10 +275,13 @@ def _on_mesh(
     return problem.orbit(found.z), found.tangent
 
 
-def continued(motion: VectorField, point: HopfPoint, u: float) -> PeriodicOrbit:
+def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
     """The orbit at a speed to which those of a Hopf point lead; NewtonFailed says why if none."""
     begun, stopped = motion.evaluations, "it takes too many steps"
-    start = from_hopf(motion, point)
+    amplitude = SMALL
+    with suppress(ValueError):  # one step may do, up to what the amplitude equation holds for
+        amplitude = min(1.05 * point.amplitude(u) or SMALL, LARGEST)
+    start = from_hopf(motion, point, amplitude, 1.5 * (u - point.speed) or math.inf)
     here, turning = start.orbit, list[OrbitStep]()
     try:
         # Sixty of the longest steps change the amplitude by up to 18 L.
@@ -271,7 +290,7 @@ def continued(motion: VectorField, point: HopfPoint, u: float) -> PeriodicOrbit:
                 return step.problem.orbit(step.segment.where(u))
             here, slopes = step.end, step.segment.slopes
             if slopes[0] * slopes[1] < 0.0 and slopes[0] * (u - step.begin.u) > 0.0:
-                turning.append(step)  # turned back on its way there
+                turning.append(step)  # turned back on its way there, or just beyond
             across = np.sum(breaking_part(step.begin, "hopf") * breaking_part(here, "hopf"))
             if here.size < 0.25 * start.orbit.size or across < 0.0:
                 stopped = f"its amplitude falls to 0 near u = {here.u:.6g}"
@@ -287,7 +306,11 @@ def continued(motion: VectorField, point: HopfPoint, u: float) -> PeriodicOrbit:
     turns = list[float]()
     for step in turning:
         with suppress(NewtonFailed):
-            turns += [step.at(s).u for s in folds(step.segment, 1e-3)]
+            for s in folds(step.segment, 1e-3):
+                part = replace(step.segment, end=step.segment.at(s))
+                if (step.begin.u - u) * (part.end.p - u) <= 0.0:
+                    return step.problem.orbit(part.where(u))
+                turns.append(part.end.p)
     turn = min(turns, key=lambda turn: abs(turn - u), default=None)
     if turn is not None and (turn < point.speed) == (u < point.speed):
         report = f"reaches {'down' if u < turn else 'up'} to u = {turn:.6g} only"
