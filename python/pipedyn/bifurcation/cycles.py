@@ -73,7 +73,7 @@ class LimitCycle(Trajectory):
         error: of amplitude and frequency, relative, estimated by refinement: what the last
             halving of mesh intervals changed.
         multiplier_error: distance of the trivial multiplier from 1, or what halving the mesh
-            intervals changes in the worst, relative if above 1, where that is more.
+            intervals changes in the worst, relative if above 1, or rounding, whichever is most.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         symmetric: whether the second half of the period was taken as the mirror image of the first.
@@ -245,6 +245,8 @@ def described(
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
     multipliers, _, change = floquet(motion, orbit)
+    # Rounding of eigenvalues of matrices of so many rows leaves about as much.
+    change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))
     return LimitCycle(
         amplitude=amplitude,

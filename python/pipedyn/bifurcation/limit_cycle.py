@@ -7,6 +7,7 @@ A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle,
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeAlias
@@ -173,11 +174,15 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
             "conserved: no cycle attracts, and none comes from an onset",
             u,
         )
-    bent = state_of(model, "start", slight_bend, KINDS)
     # All modes of a pipe under drag alone grow, about as fast: motions come late to a cycle that
     # attracts. A chain's are cheap, others' cost more than to follow a damped pipe's cycle.
     alone = not onsets and pipe.drag > 0.0 and pipe.damping == 0.0
-    ways = {"simulation": partial(_simulated, motion, u, bent, 2 * SEARCH if alone else SEARCH)}
+
+    def simulated() -> PeriodicOrbit:
+        bent = state_of(model, "start", slight_bend, KINDS)
+        return _simulated(motion, u, bent, 2 * SEARCH if alone else SEARCH)
+
+    ways: dict[str, Callable[[], PeriodicOrbit]] = {"simulation": simulated}
     if alone:
         damped = {"followed from a damped pipe's": partial(_from_damped_pipe, motion, u)}
         ways = ways | damped if model.linear_cost else damped | ways
@@ -185,7 +190,7 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     for how, search in ways.items():
         try:
             return search(), how
-        except (NewtonFailed, NoCycle) as reason:
+        except (NewtonFailed, PipedynError) as reason:
             failed.append(str(reason))
     raise NoCycle("; ".join(dict.fromkeys([*failed, *reasons])), u)
 
