@@ -399,7 +399,7 @@ def priced(monkeypatch, seconds):
             measured(pipe, quantity, family, size, *others), seconds=seconds(family, size)
         )
 
-    monkeypatch.setattr("pipedyn.accuracy.search.measured", fake)
+    monkeypatch.setattr("pipedyn.accuracy.choose.measured", fake)
     return sizes
 
 
