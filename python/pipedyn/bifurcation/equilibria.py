@@ -37,7 +37,8 @@ BALANCED = 1e-8
 models Newton's method left 6e-16 at most."""
 
 LARGEST = 500
-"""Degrees of freedom up to which equilibria are searched: factorisations here are dense."""
+"""Degrees of freedom up to which equilibria are searched: a search in a chain of 100 takes 0.4 s,
+of 250 four, of 500 half a minute, as factorisations are dense."""
 
 DISTINCT = 1e-6
 """Change of coordinates, relative to 1 plus the largest, from which two equilibria differ. In 11

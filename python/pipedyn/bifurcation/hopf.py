@@ -305,7 +305,7 @@ class Hopf(HopfPoint):
         fed = self.growth * (u - self.speed)
         if fed == 0.0:
             return 0.0
-        inside = quadratic**2 - 4.0 * cubic * fed
+        inside = 0.0 if u == self.fold else quadratic**2 - 4.0 * cubic * fed
         if inside >= 0.0:  # roots of fed + quadratic A + cubic A^2, without cancellation
             both = -0.5 * (quadratic + math.copysign(math.sqrt(inside), quadratic))
             sizes = [fed / both, both / cubic if cubic else 0.0]
@@ -457,20 +457,17 @@ def _mean_drag(
     # Less acts only at amplitudes that are 0 to any accuracy, and its law overflows.
     if model.pipe.drag < 1e-100:
         return 0j, 0.0
-    unit = with_drag(model, 1.0)  # a weak drag would be lost in rounding; its force is as large
+    # At a small amplitude r terms of higher degree are r^2 of the mean, and with a coefficient of
+    # 1 / r drag is as large as the linear forces, whose rounding it would be lost in.
+    r = 1e-6 / model.largest_angle(form.right[: smooth.half])
+    strong = with_drag(model, 1.0 / r)
     turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False))  # kinks ask for many
     line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
-    first = FIRST_STEP / model.largest_angle(form.right[: smooth.half])
-
-    def mean(r: float, stride: int) -> complex:
-        y = np.ascontiguousarray(rest[:, None] + r * line[:, ::stride])
-        values = (unit(y, u) - smooth(y, u)) / r**2  # drag alone
-        return complex(2.0 * np.mean((form.left.conj() @ values) * turn[::stride].conj()))
-
-    values = [mean(first / 2**level, 4) for level in range(1, 4)]
-    value, error = _extrapolated(values)
-    missed = mean(first / 8.0, 1) - values[-1]  # what kinks leave of a mean over fewer phases
-    value, error = value + missed, error + abs(missed) + 1e-9 * abs(value)
+    y = np.ascontiguousarray(rest[:, None] + r * line)
+    means = 2.0 * (form.left.conj() @ (strong(y, u) - smooth(y, u))) * turn.conj() / r
+    value = complex(np.mean(means))
+    # What kinks leave of a mean over a quarter of the phases, and rounding.
+    error = abs(complex(np.mean(means[::4])) - value) + 1e-9 * abs(value)
     if abs(value) <= 1e-12 * form.frequency:
         value = 0j
     return model.pipe.drag * value, model.pipe.drag * error
