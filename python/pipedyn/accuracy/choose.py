@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from pipedyn.accuracy.convergence import fitted_law
 from pipedyn.accuracy.families import FAMILIES, Family, checked_families
-from pipedyn.accuracy.quantities import Quantity, checked_quantity
+from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
 from pipedyn.accuracy.reference import MARGIN, Reference
 from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.base import Model, PipedynError, checked_pipe
@@ -41,15 +41,16 @@ from pipedyn.util.result import result
 DEFAULT = ("legendre", "beam", "consistent", "midpoint")
 """Families to choose among where none are named: of chains those whose error falls fastest."""
 
-FINEST = 1e-8
-"""Error down to which models are distinguished where the budget alone counts: few need more."""
+FINEST = RTOL
+"""Error down to which models are distinguished where the budget alone counts: that to which motions
+and cycles are then solved."""
 
 SMALLEST = 4
 """Size at which the first ladder starts: the linear answers of fewer cost no less."""
 
-PATIENCE = 60.0
-"""Seconds: a model that would take longer for an answer is not tried, or given up. A user waits
-that long once."""
+PATIENCE = 2.0 * LONGEST_REFERENCE
+"""Seconds: a model that would take longer for an answer is not tried, or given up. What the largest
+chain of `families.DOUBLED` takes for a limit cycle is a tenth of it."""
 
 GAIN = 0.7
 """Share of the best time that another family must promise to be asked further, and of a budget to
