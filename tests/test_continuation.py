@@ -17,22 +17,14 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.newton import NewtonFailed
 
 
-class Circle:
+def circle_equations(x, p):
     """x^2 + p^2 = 1, twice."""
-
-    def residual(self, x, p):
-        return x**2 + p**2 - 1.0
-
-    def jacobian(self, x, p):
-        return np.diag(2.0 * x)
-
-    def by_parameter(self, x, p):
-        return np.full(2, 2.0 * p)
+    return x**2 + p**2 - 1.0, np.column_stack([np.diag(2.0 * x), np.full(2, 2.0 * p)])
 
 
 @pytest.fixture
 def circle():
-    return Continuation(DenseProblem(Circle(), 2, 1.0), Control(longest=0.2))
+    return Continuation(DenseProblem(circle_equations, 2, 1.0), Control(longest=0.2))
 
 
 def test_a_closed_curve_is_followed_around_both_folds(circle):
@@ -66,17 +58,11 @@ def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
 
 
 def test_where_a_curve_ends_continuation_fails():
-    class Ending(Circle):
-        def residual(self, x, p):
-            return x - np.sqrt(0.1 - p)
+    def ending(x, p):
+        slope = np.full(2, 0.5 / np.sqrt(0.1 - p))
+        return x - np.sqrt(0.1 - p), np.column_stack([np.eye(2), slope])
 
-        def jacobian(self, x, p):
-            return np.eye(2)
-
-        def by_parameter(self, x, p):
-            return np.full(2, 0.5 / np.sqrt(0.1 - p))
-
-    branch = Continuation(DenseProblem(Ending(), 2, 1.0), Control(longest=0.2, shortest=1e-3))
+    branch = Continuation(DenseProblem(ending, 2, 1.0), Control(longest=0.2, shortest=1e-3))
     point, step = branch.point(np.append(np.full(2, np.sqrt(0.1)), 0.0), np.array([0, 0, 1.0])), 0.1
 
     def follow(point, step):

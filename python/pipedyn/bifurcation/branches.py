@@ -29,8 +29,7 @@ from pipedyn.bifurcation.cycles import (
     floquet,
     on_branch,
 )
-from pipedyn.bifurcation.equilibria import Statics
-from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
+from pipedyn.bifurcation.equilibria import EquilibriumBranch, Statics
 from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, growth
 from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
@@ -67,8 +66,9 @@ SAMPLES = 65
 
 BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
 """Factor by which a branch may leave both the speeds and its beginning, since it may come back;
-steps out there in a row; and mesh intervals beyond which an orbit is too costly there. Measured
-on two branches, they come back five times, after 9 steps and with 21 intervals at most."""
+steps out there in a row; and mesh intervals beyond which an orbit is too costly there. Measured on
+branches of seven pipes, they came back six times from up to 1.22 times as far, after 10 steps and
+with 21 intervals at most, and once from 2.3 times as far, after 32 steps."""
 
 GENERATIONS = 2
 """Generations followed of cycles that leave cycles: all of the first, then those that leave stable

@@ -315,31 +315,24 @@ def sign_changes(
 # ----------------------------------------------------------------------------- dense equations
 
 
-class Equations(Protocol):
-    """n equations in n unknowns and a parameter, with dense derivatives."""
-
-    def residual(self, x: Array, p: float) -> Array:
-        """G, shape (n,)."""
-
-    def jacobian(self, x: Array, p: float) -> Array:
-        """G_x, shape (n, n)."""
-
-    def by_parameter(self, x: Array, p: float) -> Array:
-        """G_p, shape (n,)."""
-
-
 class DenseProblem:
-    """Dense equations; a parameter's change by `scale` is as long as one of every x by 1."""
+    """n equations in n unknowns and a parameter, with dense derivatives.
 
-    def __init__(self, equations: Equations, size: int, scale: float) -> None:
+    Args:
+        equations: of x and p gives the residual G, shape (n,), and [G_x, G_p], shape (n, n + 1).
+        size: n.
+        scale: change of the parameter that is as long as one of every x by 1.
+    """
+
+    def __init__(
+        self, equations: Callable[[Array, float], tuple[Array, Array]], size: int, scale: float
+    ) -> None:
         self.equations = equations
         self.weights = np.append(np.full(size, 1.0 / size), scale**-2)
 
     def linearised(self, z: Array) -> Solver:
         """The equations about a point."""
-        x, p, equations = z[:-1], float(z[-1]), self.equations
-        derivative = np.column_stack([equations.jacobian(x, p), equations.by_parameter(x, p)])
-        residual = equations.residual(x, p)
+        residual, derivative = self.equations(z[:-1], float(z[-1]))
 
         def change(row: Array, gap: float, share: float) -> Array:
             right = np.append(-share * residual, gap)
@@ -354,15 +347,6 @@ class DenseProblem:
 
     def check(self, z: Array) -> None:
         """Every point may be followed."""
-
-
-def solve(equations: Equations, x: Array, p: float) -> Array:
-    """A solution at a given parameter by Newton's method."""
-    # Steps are shortened to a tenth of 1 rad plus the size of x, so that they lead to a solution
-    # near the start: at 0.2 a bent pipe in a guide became straight. 100 lead to thousands of rad.
-    control = Control(longest=math.inf, longest_change=0.1, iterations=100)
-    problem = DenseProblem(equations, x.size, 1.0)
-    return Continuation(problem, control).fixed(np.append(x, p), p)[:-1]
 
 
 def _dense_solution(matrix: Array, right: Array) -> Array:

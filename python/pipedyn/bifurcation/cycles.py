@@ -136,7 +136,7 @@ def finished(
     # Defects with which the first answer mostly meets rtol: the mesh follows the kinks of drag.
     largest = rtol * (1e-1 if motion.model.pipe.drag else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
-    for attempt in range(CHECKS):
+    for _ in range(CHECKS):
         orbit, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
         try:
             result = described(motion, orbit, error, samples, how)
@@ -147,15 +147,13 @@ def finished(
                 f"the cycle at u = {orbit.u:g} is known to {error:.1e} only: {reason}", result
             )
         if result.multiplier_error <= max(rtol, _allowed(result.others)):
-            break
-        if attempt + 1 == CHECKS:
-            raise NotConverged(
-                f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of "
-                f"which should be 1, are known to {result.multiplier_error:.1e} only",
-                result,
-            )
+            return result
         largest *= 0.01  # the multipliers need a finer mesh
-    return result
+    raise NotConverged(
+        f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of which "
+        f"should be 1, are known to {result.multiplier_error:.1e} only",
+        result,
+    )
 
 
 def _allowed(others: Complex) -> float:

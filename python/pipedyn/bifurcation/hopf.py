@@ -46,8 +46,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.bifurcation.equilibria import Statics
-from pipedyn.bifurcation.equilibrium_branch import BranchPoint
+from pipedyn.bifurcation.equilibria import BranchPoint, Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
