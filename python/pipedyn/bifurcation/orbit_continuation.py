@@ -9,7 +9,7 @@ orbit. The mesh is refined and coarsened on the way. Whatever solves for an orbi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -76,24 +76,6 @@ class BranchStart:
     base: PeriodicOrbit | None = None  # what it leaves, at rest or periodic, on the same mesh
 
 
-def small_orbit(
-    motion: VectorField, point: HopfPoint, amplitude: float, u: float, frequency: float
-) -> PeriodicOrbit:
-    """The mode of a Hopf point with an amplitude of the free end, on the coarsest mesh.
-
-    Rates are those of the mode and not of the forces, which at large amplitudes of a stiff pipe are
-    far from them.
-    """
-    edges = coarsest_mesh(not point.rest.any() and motion.is_odd(u))
-    mode = amplitude * point.mode
-    if not motion.constrained:
-        mode[motion.half :] = 1j * frequency * mode[: motion.half]
-    turn = np.exp(1j * stage_phases(edges))[..., None]
-    rates = (1j * frequency * mode[-motion.width :] * turn).real
-    starts = point.rest + (mode * np.exp(1j * edges[:-1])[:, None]).real
-    return PeriodicOrbit(edges, starts, rates, frequency, u)
-
-
 def from_hopf(
     motion: VectorField, point: HopfPoint, amplitude: float = SMALL, reach: float = math.inf
 ) -> BranchStart:
@@ -102,20 +84,21 @@ def from_hopf(
     The orbit's speed may differ from the Hopf point's by 1e-3, relative, or by up to `reach` where
     that is finite, to the same side; and the coarsest mesh must resolve the orbit.
     """
-    while True:
-        ring = small_orbit(motion, point, amplitude, point.speed, point.frequency)
-        rest = np.broadcast_to(point.rest, ring.starts.shape)
-        still = replace(ring, starts=rest, rates=np.zeros_like(ring.rates))
-        try:
-            start = _at_distance(motion, ring, still, ring.packed() - still.packed())
-            away = start.orbit.u - point.speed
-            near = abs(away) <= 1e-3 * point.speed or 0.0 < away / reach <= 1.0
-            if (near and start.orbit.defects().max() <= COARSE.defect) or amplitude <= SMALLEST:
-                return start
-        except NewtonFailed:
-            if amplitude <= SMALLEST:
-                raise
-        amplitude *= 0.3
+    edges = coarsest_mesh(not point.rest.any() and motion.is_odd(point.speed))
+    turn = np.exp(1j * stage_phases(edges))[..., None]
+    starts = (point.mode * np.exp(1j * edges[:-1])[:, None]).real
+    # Those of the mode and not of the forces, which at large amplitudes are far from them.
+    rates = (1j * point.frequency * point.mode[-motion.width :] * turn).real
+    still = point.rest + np.zeros_like(starts), np.zeros_like(rates)
+    base = PeriodicOrbit(edges, *still, point.frequency, point.speed)
+
+    def is_near(orbit: PeriodicOrbit) -> bool:
+        away = orbit.u - point.speed
+        near = abs(away) <= 1e-3 * point.speed or 0.0 < away / reach <= 1.0
+        return near and bool((orbit.defects() <= COARSE.defect).all())
+
+    mode = np.concatenate([starts.ravel(), rates.ravel(), [0.0, 0.0]])
+    return _leaving(motion, base, amplitude * mode, is_near)
 
 
 def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
@@ -133,14 +116,7 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
     )
     direction = np.concatenate([*halves, [0.0, 0.0]])
     branch = Continuation(OrbitProblem(motion, base, unit_of(motion, base)), FINE.control)
-    direction *= SMALL / branch.length(direction)
-    while True:
-        try:
-            return _at_distance(motion, base, base, direction)
-        except NewtonFailed:
-            direction = 0.4 * direction
-            if branch.length(direction) < SMALLEST:
-                raise
+    return _leaving(motion, base, SMALL / branch.length(direction) * direction)
 
 
 def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> BranchStart:
@@ -154,15 +130,30 @@ def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> Branch
     return BranchStart(orbit, branch.point(orbit.packed(), towards).tangent)
 
 
-def _at_distance(
-    motion: VectorField, like: PeriodicOrbit, base: PeriodicOrbit, direction: Array
+def _leaving(
+    motion: VectorField,
+    base: PeriodicOrbit,
+    direction: Array,
+    accepted: Callable[[PeriodicOrbit], bool] = lambda orbit: True,
 ) -> BranchStart:
-    """The orbit at a distance from what it leaves, in a direction of that length."""
-    problem = OrbitProblem(motion, like, unit_of(motion, like))
-    branch = Continuation(problem, FINE.control)
+    """The orbit at a distance from what it leaves, in a direction of that length.
+
+    It is nearer where there is none or it is not accepted; raises NewtonFailed if there is none.
+    """
     begin = base.packed()
-    found = branch.at(branch.starting(begin, direction), branch.length(direction))
-    return BranchStart(problem.orbit(found.z), found.z - begin, base)
+    while True:
+        like = base.unpacked(begin + direction)
+        problem = OrbitProblem(motion, like, unit_of(motion, like))
+        branch = Continuation(problem, FINE.control)
+        length = branch.length(direction)
+        try:
+            z = branch.at(branch.starting(begin, direction), length).z
+            if accepted(problem.orbit(z)) or length <= SMALLEST:
+                return BranchStart(problem.orbit(z), z - begin, base)
+        except NewtonFailed:
+            if length <= SMALLEST:
+                raise
+        direction = 0.3 * direction
 
 
 def unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
