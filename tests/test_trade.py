@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.accuracy.families import FAMILIES
+from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.quantities import (
     CriticalSpeedOf,
     Frequencies,

@@ -27,8 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.accuracy.convergence import fitted_law
-from pipedyn.accuracy.families import FAMILIES, Family, checked_families
+from pipedyn.accuracy.convergence import FAMILIES, Family, checked_families, fitted_law
 from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
 from pipedyn.accuracy.reference import MARGIN, Reference
 from pipedyn.accuracy.trade import TradeRow, measured
@@ -50,7 +49,7 @@ SMALLEST = 4
 
 PATIENCE = 2.0 * LONGEST_REFERENCE
 """Seconds: a model that would take longer for an answer is not tried, or given up. What the largest
-chain of `families.DOUBLED` takes for a limit cycle is a tenth of it."""
+chain of `convergence.DOUBLED` takes for a limit cycle is a tenth of it."""
 
 GAIN = 0.7
 """Share of the best time that another family must promise to be asked further, and of a budget to

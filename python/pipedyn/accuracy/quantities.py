@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from pipedyn.accuracy.families import FAMILIES
+from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.reference import (
     LEAST_ERROR,
     Answer,
