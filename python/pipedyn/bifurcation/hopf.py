@@ -175,13 +175,12 @@ def vectors(
     return right, left / np.conj(left.conj() @ right)
 
 
-def _extrapolated(values: list[complex], rounding: Array | float = 0.0) -> tuple[complex, float]:
+def _extrapolated(values: list[complex], rounding: Array) -> tuple[complex, float]:
     """Limit of values whose error is a series in h^2, h halved each time, by Neville's scheme.
 
     The least estimate of the scheme may be small by chance: the values' own rounding is added.
     """
     best, error, row = values[-1], math.inf, np.array(values)
-    rounding = np.broadcast_to(rounding, row.shape)
     for order in range(1, len(values)):
         above, row = row, (4.0**order * row[1:] - row[:-1]) / (4.0**order - 1.0)
         estimates = np.maximum(np.abs(row - above[:-1]), np.abs(row - above[1:]))

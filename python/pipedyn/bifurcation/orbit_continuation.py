@@ -273,6 +273,7 @@ def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
     with suppress(ValueError):  # one step may do, up to what the amplitude equation holds for
         amplitude = min(1.05 * point.amplitude(u) or SMALL, LARGEST)
     start = from_hopf(motion, point, amplitude, 1.5 * (u - point.speed) or math.inf)
+    small = start.orbit.size * min(SMALL / amplitude, 1.0)
     here, turning = start.orbit, list[OrbitStep]()
     try:
         # Sixty of the longest steps change the amplitude by up to 18 L.
@@ -283,7 +284,7 @@ def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
             if slopes[0] * slopes[1] < 0.0 and slopes[0] * (u - step.begin.u) > 0.0:
                 turning.append(step)  # turned back on its way there, or just beyond
             across = np.sum(breaking_part(step.begin, "hopf") * breaking_part(here, "hopf"))
-            if here.size < 0.25 * start.orbit.size or across < 0.0:
+            if here.size < 0.25 * small or across < 0.0:
                 stopped = f"its amplitude falls to 0 near u = {here.u:.6g}"
                 break
             if not 0.5 * min(u, point.speed) < here.u < 1.5 * max(u, point.speed):
