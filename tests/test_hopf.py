@@ -237,6 +237,13 @@ def test_drag_and_cubic_terms_together_give_the_amplitude(n, beta, drag, distanc
     )
 
 
+def test_the_mean_of_drag_is_proportional_to_it_and_known_to_eight_digits():
+    weak, strong = (pp.hopf(pp.Chain(pp.Pipe(0.3, 12.0, drag=d), 3)) for d in (0.01, 1.0))
+    assert strong.quadratic == pytest.approx(100.0 * weak.quadratic, rel=1e-12)
+    for onset in (weak, strong):
+        assert onset.amplitude_error < 1e-8 * abs(onset.amplitude_law)
+
+
 def test_weak_drag_decides_at_small_amplitudes_only():
     plain = pp.hopf(pp.Chain(PIPE, 3))
     assert plain.balance == 0.0
