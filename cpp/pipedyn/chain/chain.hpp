@@ -52,6 +52,8 @@ struct Segments {
   Vector spring;           // k_j, joint at the segment's clamped side
   Vector drag_point;       // xi_j, as a fraction of the length
   double base = 0.0;       // length of the fixed part at the clamp
+  Vector damping{};        // c_j of the joints; where empty delta k_j
+  Vector rest_moment{};    // k_j p_j, a joint's moment at angle 0, negated; where empty 0
 };
 
 /// A sum over places of one segment or of all beyond a joint, with powers 0, 1, 2 of the distance
@@ -105,6 +107,9 @@ class Chain {
     return moments_times(x, &LinearSegment::damping);
   }
 
+  /// The same masses without any force: its rates under further moments f are theta'' = M^-1 f.
+  Chain without_forces() const;
+
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
   /// What the loads of each segment's terms resist about the straight pipe with, summed with powers
@@ -124,14 +129,22 @@ class Chain {
   static constexpr Index band_width = 4;
   ComplexMatrix band(std::complex<double> lambda, double u) const;
 
+  /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
+  Matrix places() const;
+  /// The laws' answers there, without the weights, at stations (k, 7) with the columns of Station:
+  /// load and its derivatives by position, velocity (both by rows) and angle (k, 12). Throws
+  /// std::invalid_argument unless there is a station for each place.
+  Matrix loads(const Matrix& stations) const;
+
   // Motion, with the vectors that the processor has (levels.hpp). A state y = [theta, theta'] has
   // 2 n entries; a batch holds one a column. The arrays are the caller's and of the sizes given;
   // scratch belongs to the thread and is allocated by its first call for a size.
 
   /// dy/dtau (2 n, members), O(n) a member.
   void rhs(const Batch& batch, double* rates) const;
-  /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0.
-  void jacobian(const double* y, double u, double* out) const;
+  /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0; further
+  /// moments (n) are held.
+  void jacobian(const double* y, double u, double* out, const double* moments = nullptr) const;
   /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
   /// What flow, joints and drag add to the energy in unit time; their sum is dE/dtau.
@@ -141,6 +154,7 @@ class Chain {
   Pipe pipe_;
   Segments segments_;    // centre and radius with the masses of terms
   Vector first_moment_;  // p_k
+  bool damped_, bent_;   // any joint, the second at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
   std::vector<LinearSegment> linear_;

@@ -24,8 +24,8 @@ from pipedyn.models.base import (
 from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.enforcement import ENFORCEMENTS, projection
-from pipedyn.models.modular.layout import KINDS, MODULES, SAME, Layout
-from pipedyn.models.modular.linearisation import ScenePencil, matrix
+from pipedyn.models.modular.layout import CONSTRAINTS, MODULES, SAME, Layout
+from pipedyn.models.modular.linearisation import ScenePencil
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.models.modular.parts import (
     Constraint,
@@ -35,6 +35,7 @@ from pipedyn.models.modular.parts import (
     TorsionalSpring,
     described,
 )
+from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.models.pencil import LONGEST_DENSE, DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
@@ -106,20 +107,19 @@ class Assembly(Model):
             [part for part in given if isinstance(part, Module)],
             _parts("constraints", constraints, (Constraint,)),
         )
-        self._customs = CustomForces(self._layout.customs, self.core.straight())
+        straight = np.zeros(self.moving)
+        self._customs = CustomForces(self._layout.customs, self._configuration(straight))
         for custom in self._customs.each:
             custom.validate(self._configuration(self._layout.rest)[custom.index])
         self._refuse_massless()
-        straight = np.zeros(self.moving)
         self._reference = straight if self._misses(straight) <= MET else None
 
     def _refuse_massless(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
-        massless = self.core.lacking(self._configuration(self._layout.rest))
-        if massless >= 0:
+        if self.core.lacks_inertia(self._layout.rest):
             raise ValueError(
-                f"{self._layout.coordinate(massless)} moves without inertia: give its segment a "
-                "gyration radius, or the pipe a point mass there"
+                f"phi_{self._layout.size} moves without inertia: give its segment a gyration "
+                "radius, or the pipe a point mass there"
             )
 
     @cached_property
@@ -131,7 +131,9 @@ class Assembly(Model):
     def motion(self) -> SceneMotion:
         """The equations of motion in the angles of the segments, as integrators take them."""
         dense = None if self._enforcement == "orthonormal" else ENFORCEMENTS[self._enforcement]
-        return SceneMotion(self.core, self._layout, self._customs, dense)
+        pipe = self._layout.acting(self._pipe)
+        form = RedundantForm(pipe, self._layout, self.core, self._customs)
+        return SceneMotion(self.core, self._layout, self._customs, form, dense)
 
     def __repr__(self) -> str:
         layout = self._layout
@@ -192,8 +194,7 @@ class Assembly(Model):
     @cached_property
     def resisted(self) -> bool:
         other = self.with_pipe(replace(self._pipe, damping=0.0))
-        still = self.core.from_angles(self.resting(), np.zeros(self.moving))
-        _, _, by_rate = other.motion.forces(still, 0.0)
+        _, by_rate = other.motion.form.resistances(self._configuration(self.resting()))
         return bool(by_rate.count_nonzero())
 
     @property
@@ -294,8 +295,8 @@ class Assembly(Model):
 
     def _misses(self, theta: Array) -> float:
         """How far a configuration is from meeting the constraints."""
-        residual, _, _, _ = self.core.constraints(self.core.from_angles(theta, 0.0 * theta))
-        return float(np.abs(residual).max())
+        missed = self._configuration(theta)[self._layout.held] - self._layout.held_values
+        return float(np.abs(missed).max(initial=0.0))
 
     def angles(self, y: ArrayLike) -> Array:
         """Angles of the segments from redundant coordinates or states.
@@ -504,9 +505,12 @@ class Assembly(Model):
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
         self.core.power(state, u)  # checks both
-        whole = np.zeros((2 * size, 2 * size))
-        whole[:size, size:] = np.eye(size)
-        whole[size:] = self.motion.acceleration_jacobian(state, float(u))
+        angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
+        _, by_angles = self.motion.accelerations_by_state(angles, float(u))
+        # An angle is the sum of its joint's and those before, which no other coordinate changes.
+        by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
+        whole = np.eye(2 * size, k=size)
+        whole[size:, 2::3] = by_joints.reshape(size, -1)
         return whole
 
     # ------------------------------------------------------------------------- what is integrated
@@ -584,8 +588,8 @@ class Assembly(Model):
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates))
         theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
         q = rows if rows.size == self.coordinates else self._configuration(theta)
-        residual, _, _, group = self.core.constraints(np.concatenate([q, np.zeros_like(q)]))
-        self._require_met(f"{name} must meet", residual, group, MET)
+        residual, _, _ = self.motion.form.constraints(q, np.zeros_like(q))
+        self._require_met(f"{name} must meet", residual, MET)
         return np.array(theta)
 
     def _rates_of(
@@ -596,22 +600,18 @@ class Assembly(Model):
             return np.zeros(self.moving)
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates), 1e6)
         omega = rows if rows.size == self.moving else np.cumsum(rows[2::3])
-        y = self.core.from_angles(theta, omega)
-        if rows.size == self.coordinates:
-            y[self.coordinates :] = rows
-        residual, triplets, _, group = self.core.constraints(y)
-        drift = matrix(triplets, residual.size, self.coordinates) @ y[self.coordinates :]
-        self._require_met(
-            f"{name} must keep", drift, group, MET * (1.0 + float(np.abs(omega).max()))
-        )
+        q, qdot = np.split(self.core.from_angles(theta, omega), 2)
+        given_rates = rows if rows.size == self.coordinates else qdot
+        _, drift, _ = self.motion.form.constraints(q, given_rates)
+        self._require_met(f"{name} must keep", drift, MET * (1.0 + float(np.abs(omega).max())))
         return np.array(omega)
 
-    def _require_met(self, rule: str, residual: Array, group: NDArray[Any], most: float) -> None:
+    def _require_met(self, rule: str, residual: Array, most: float) -> None:
         """Raises ValueError, with the constraint that a residual is of, if one is too large."""
         worst = int(np.argmax(np.abs(residual)))
         if not abs(residual[worst]) <= most:
             raise ValueError(
-                f"{rule} {described(self.constraints[int(group[worst])])}, got a deviation of "
+                f"{rule} {self._layout.described_row(worst)}, got a deviation of "
                 f"{abs(residual[worst]):.1e}; closed(angles) gives angles that meet all"
             )
 
@@ -629,7 +629,7 @@ def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ..
         if not isinstance(part, kinds):
             listed = " and ".join(f"{kind.__name__.lower()}s" for kind in kinds)
             raise TypeError(f"{name} must hold {listed} only, got {check.shown(part)}")
-        if not isinstance(part, Term) and type(part) not in KINDS and type(part) not in MODULES:
+        if not isinstance(part, Term) and type(part) not in CONSTRAINTS + MODULES:
             raise TypeError(
                 f"{name} must hold this package's parts, got {check.shown(part)}; write a module "
                 "of your own as a Custom"

@@ -157,18 +157,18 @@ class ScenePencil(Pencil):
         self.springs = layout.springs
         self.scale = elastic_scale(self.springs)[:, None]
         still = core.from_angles(theta, np.zeros_like(theta))
-        force, by_q, by_rate = motion.forces(still, 0.0)
-        in_joints = np.zeros(size)
-        in_joints[2::3] = self.springs
+        form = motion.form
+        force, (stiffness, damping) = form.forces(still, 0.0), form.resistances(still[:size])
         # In redundant coordinates; the stiffness without the torsional springs.
-        self.parts = {name: matrix(of, size, size) for name, of in core.operators().items()}
-        flow = self.parts["velocity"]
-        self.parts["gyroscopic"], self.parts["end_flux"] = (
-            0.5 * (flow - flow.T),
-            0.5 * (flow + flow.T),
-        )
-        self.parts["damping"] = -by_rate
-        self.parts["stiffness"] = -by_q - sparse.diags_array(in_joints)
+        self.parts = {
+            "mass": form.mass,
+            "velocity": form.velocity,
+            "gyroscopic": 0.5 * (form.velocity - form.velocity.T),
+            "end_flux": 0.5 * (form.velocity + form.velocity.T),
+            "damping": damping,
+            "stiffness": stiffness,
+            "flux": form.flux,
+        }
         thrust = np.zeros(size)  # derivative of the force by a u^2
         if layout.has_flow:
             thrust[-3:-1] = -np.sin(theta[-1]), -np.cos(theta[-1])
