@@ -136,7 +136,7 @@ void define_scene(py::module_& m) {
              }
              return made;
            })
-      .def("bodies", [](const Scene& scene) { return scene.chain().bodies(); })
+      .def("bodies", &Scene::bodies)
       .def("places", [](const Scene& scene) { return scene.chain().places(); })
       .def(
           "loads",

@@ -127,6 +127,12 @@ Scene::Scene(const Pipe& pipe, const Segments& segments, std::vector<Row> rows,
   }
 }
 
+Matrix Scene::bodies() const {
+  Matrix made = chain_.bodies();
+  if (lent()) made(dof() - 1, 2) = 0.0;
+  return made;
+}
+
 // --------------------------------------------------------------------------------- coordinates
 
 Matrix Scene::redundant(const Matrix& theta, const Matrix& omega) const {
@@ -219,7 +225,7 @@ void Scene::rhs(const Batch& batch, double* rates, double* multipliers) const {
   const Index block = std::max<Index>(1, most / count);
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
   Eigen::Map<Matrix> out(rates, 2 * n, members);
-  const Index positive = count - (rows_.back().compliance < 0.0 ? 1 : 0);
+  const Index positive = count - (lent() ? 1 : 0);
   for (Index first = 0; first < members; first += block) {
     const Index here = std::min(block, members - first), columns = here * count;
     Matrix still = Matrix::Zero(2 * n, columns), by_angles = Matrix::Zero(n, columns);
@@ -341,7 +347,7 @@ Matrix Scene::solve(const Vector& theta, const Matrix& moments) const {
 
 bool Scene::lacks_inertia(const Vector& theta) const {
   require("theta", theta.size(), dof());
-  if (rows_.empty() || rows_.back().compliance >= 0.0) return false;
+  if (!lent()) return false;
   Vector state = Vector::Zero(2 * dof()), rates(2 * dof());
   state.head(dof()) = theta;
   const double no_flow = 0.0;

@@ -45,8 +45,10 @@ class Scene {
   const Chain& chain() const { return chain_; }
   Index dof() const { return length_.size(); }
   Index coordinates() const { return 3 * dof(); }
-  /// Inertia first, then what is held.
+  /// Inertia first, then what is held, then what is lent.
   const std::vector<Row>& rows() const { return rows_; }
+  /// As Chain::bodies, without the inertia that is lent.
+  Matrix bodies() const;
 
   /// Redundant states (6 n, k) of segments at angles theta (n, k) that turn at omega (n, k).
   Matrix redundant(const Matrix& theta, const Matrix& omega) const;
@@ -94,9 +96,10 @@ class Scene {
   double base_;
   Chain chain_, inertia_;  // the second without forces
   std::vector<Row> rows_;
-  Index held_from_;  // the first row that is held; one lent inertia comes last
+  Index held_from_;  // the first row that is held
   Vector value_;     // of what is held
 
+  bool lent() const { return !rows_.empty() && rows_.back().compliance < 0.0; }
   struct Reached;
   Reached reach(const Row& row, const double* sine, const double* cosine, const double* omega,
                 double* by_angles, Index stride) const;
