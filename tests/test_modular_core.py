@@ -208,6 +208,16 @@ def test_batches_and_threads_give_what_single_states_give(guided):
         list(pool.map(one, list(range(6)) * 20))
 
 
+def test_accelerations_follow_from_the_joints_alone():
+    scene = rich(3).plus(md.Guide(3))
+    y = state(scene)
+    moved = y + np.tile([0.1, -0.2, 0.0], 6)
+    np.testing.assert_array_equal(scene.rhs(0.0, moved, 2.0)[9:], scene.rhs(0.0, y, 2.0)[9:])
+    assert scene.energy(moved) == scene.energy(y)
+    jacobian = scene.jacobian(0.0, y, 2.0)[9:].reshape(9, 6, 3)
+    assert not jacobian[:, :, :2].any()
+
+
 def test_a_thousand_straight_segments_at_rest_stay():
     scene = unequal(1000)
     rates = scene.rhs(0.0, scene.state(np.zeros(1000)), 5.0)

@@ -4,13 +4,13 @@
 //
 // Where the paper's equations stand:
 //   (1)       Hamilton's principle     this file, below: what it gives for each segment
-//   (2), (5)  Lagrangian               chain/sweeps.hpp, recursion in O(n); modular/modules.hpp
-//   (3), (6)  momentum through the end chain/sweeps.hpp; modular/modules.hpp, InternalFlow
-//   (4)       centres, tangents        chain/sweeps.hpp; modular/modules.hpp, Segment
+//   (2), (5)  Lagrangian               chain/sweeps.hpp, recursion in O(n)
+//   (3), (6)  momentum through the end chain/sweeps.hpp
+//   (4)       centres, tangents        chain/sweeps.hpp
 //   (7), (8)  inlet coefficient        python/pipedyn/models/inlet.py
-//   (9)       drag                     chain/sweeps.hpp; modular/modules.hpp, Drag
-//   (10)      clamp                    modular/constraint.hpp
-//   (11)      joints                   modular/constraint.hpp
+//   (9)       drag                     chain/sweeps.hpp
+//   (10), (11) clamp and joints        met by the angles; modular/scene.hpp
+// (2)-(6) and (9)-(11) in redundant coordinates: python/pipedyn/models/modular/redundant.py.
 // Their limit for short segments: galerkin/motion.hpp; linear: galerkin/galerkin.hpp.
 //
 // Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
@@ -20,7 +20,7 @@
 //     + a U^2 l_k (theta_n - theta_k) + gamma p_k theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = 0,     phi_j = theta_j - theta_{j-1},
 //
-// U = s u. Two coordinates are used: the angles theta, and the joint angles phi, in which the
+// U = s u. Joints may have a damping c_k of their own for delta k_k, and a rest angle. Two coordinates are used: the angles theta, and the joint angles phi, in which the
 // elastic stiffness is diagonal and small eigenvalues survive rounding at any n.
 //
 // At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i), c_kk = M_kk, t the tangents,

@@ -56,14 +56,16 @@ States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
 class Assembly(Model):
     """A scene from parts: a pipe of rigid segments with whatever else stands in it.
 
-    Every part writes its inertia and forces in redundant coordinates; constraints are enforced
-    afterwards, group by group. What acts at a place of the pipe, or per length, is a term of the
-    pipe; its place may lie anywhere along a segment.
+    Every part has its inertia, forces or constraints in redundant coordinates and knows of no other.
+    What acts at a place of the pipe, or per length, is a term of the pipe; its place may lie
+    anywhere along a segment.
 
     States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j
     transverse and y_j downward is where node j, the end of segment j, stands from the clamp, phi_j
-    the angle of joint j. They need not meet the constraints exactly; their accelerations do, in
-    O(n), and are NaN where a direction has lost its inertia.
+    the angle of joint j. `rhs`, `energy` and `power` read the angles of the joints and their rates,
+    from which all else follows where clamp and joints are met; guides and pins need not be met
+    exactly. Accelerations keep all constraints, take O(n), and are NaN where a direction has lost
+    its inertia.
 
     Operators live in the degrees of freedom that the constraints leave: the angles of the segments,
     theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
@@ -78,8 +80,8 @@ class Assembly(Model):
             among them are added to those of the pipe.
         constraints: one group each, in any order: `Clamp` and for each further segment its `Joint`,
             and what else holds the pipe. Redundant ones are accepted.
-        enforcement: "orthonormal" (a basis built group by group, O(n)) or "udwadia-kalaba" (dense,
-            to compare); both give the same motion.
+        enforcement: "orthonormal" (accelerations as by a basis built group by group, found in O(n)
+            along the chain) or "udwadia-kalaba" (dense, to compare); both give the same motion.
 
     Raises:
         ValueError: for parts that do not fit one another: nodes or segments that are not there,
@@ -498,7 +500,10 @@ class Assembly(Model):
         return self.motion.enforced(ENFORCEMENTS[name], state, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        """As for `Model.jacobian`, shape (6 n, 6 n), of at most 1300 segments, in O(n^2)."""
+        """As for `Model.jacobian`, shape (6 n, 6 n), of at most 1300 segments, in O(n^2).
+
+        Accelerations change with the angles of the joints and their rates alone, see the class.
+        """
         self._check_size(LARGEST_JACOBIAN)
         size = self.coordinates
         state = check.doubles("y", y, "an array of real numbers")
