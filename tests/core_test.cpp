@@ -747,7 +747,7 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
   chain.rhs({y.data(), &u, 1, 0}, expected.data());
   check_close(scene_rates(plain, y, u), expected, 0.0, "a scene of a chain moves as the chain");
   const Matrix mass = chain.operators(theta).mass, moments = dice.matrix(n, 3);
-  check_close(mass * plain.solve(theta, moments), moments, 1e-11, "M times M^-1");
+  check_close(mass * plain.solve(theta.replicate(1, 3), moments), moments, 1e-11, "M times M^-1");
 
   const std::vector<Row> inertia{{{0}, {0.4}, 1.0}, {{3 * n - 3, 3 * n - 1}, {0.3, 0.1}, 1.0}};
   const Scene held(with_terms, segments, inertia, {3 * n - 3}, Vector::Zero(1));

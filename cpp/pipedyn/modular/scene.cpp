@@ -32,30 +32,26 @@ void require(const char* name, Index size, Index expected) {
   }
 }
 
-/// Chains refuse a last segment whose centre and radius of gyration add up to less, in L: its
-/// inertia is lost in the rounding of the others'.
-constexpr double least_arm = 1e-8;
-
-bool has_inertia(const Chain& chain, double length) {
-  const Vector last = chain.bodies().row(chain.dof() - 1);
-  return last[1] * length + last[2] >= least_arm;
+/// Whether the last segment turns without inertia: chains refuse one whose centre of mass and
+/// radius of gyration are so near to its joint, in L, that its inertia is lost in the others'
+/// rounding.
+bool lacks_own_inertia(const Chain& chain, const Vector& length) {
+  constexpr double least = 1e-8;
+  const Index last = chain.dof() - 1;
+  const Vector body = chain.bodies().row(last);
+  return body[1] * length[last] + body[2] < least;
 }
 
-/// The segments; the last has a radius of gyration of its length where it has no inertia.
-Segments with_inertia(const Pipe& pipe, Segments segments) {
+/// With a radius of gyration of its length for the last one.
+Segments lend_inertia(Segments segments) {
   const Index last = segments.length.size() - 1;
-  if (!(segments.length.size() > 0 && segments.length.minCoeff() > 0.0)) {
-    throw std::invalid_argument("length must be positive");
-  }
-  if (!has_inertia(Chain(pipe, segments), segments.length[last])) {
-    segments.gyration_radius[last] = segments.length[last];
-  }
+  segments.gyration_radius[last] = segments.length[last];
   return segments;
 }
 
 /// Solves s mu = right by symmetric elimination, mu in place of right. Rows without pivot among the
 /// first `positive` follow from others, and mu is 0 there; false where a later one has none.
-bool solve_rows(Matrix& s, Vector& right, Index positive) {
+bool solve_rows(Matrix& s, Matrix& right, Index positive) {
   constexpr double redundant = 1e-12;  // of a pivot: rounding leaves 1e-16 of such a row's diagonal
   constexpr double smallest = 1e-20;   // and this against the largest diagonal
   constexpr double massless = 1e-10;   // of the inertia lent, which the diagonal is a share of
@@ -83,15 +79,15 @@ bool solve_rows(Matrix& s, Vector& right, Index positive) {
     for (const Index other : left) {
       const double factor = s(other, row) / s(row, row);
       for (const Index column : left) s(other, column) -= factor * s(row, column);
-      right[other] -= factor * right[row];
+      right.row(other) -= factor * right.row(row);
     }
   }
-  for (const Index row : left) right[row] = 0.0;
+  for (const Index row : left) right.row(row).setZero();
   for (auto row = order.rbegin(); row != order.rend(); ++row) {
     for (auto later = order.rbegin(); later != row; ++later) {
-      right[*row] -= s(*row, *later) * right[*later];
+      right.row(*row) -= s(*row, *later) * right.row(*later);
     }
-    right[*row] /= s(*row, *row);
+    right.row(*row) /= s(*row, *row);
   }
   return true;
 }
@@ -102,7 +98,8 @@ Scene::Scene(const Pipe& pipe, const Segments& segments, std::vector<Row> rows,
              const std::vector<Index>& held, const Vector& value)
     : length_(segments.length),
       base_(segments.base),
-      chain_(pipe, with_inertia(pipe, segments)),
+      lends_(lacks_own_inertia(Chain(pipe, segments), segments.length)),
+      chain_(pipe, lends_ ? lend_inertia(segments) : segments),
       inertia_(chain_.without_forces()),
       rows_(std::move(rows)),
       held_from_(static_cast<Index>(rows_.size())),
@@ -112,8 +109,9 @@ Scene::Scene(const Pipe& pipe, const Segments& segments, std::vector<Row> rows,
     if (coordinate % 3 == 2) throw std::invalid_argument("what is held must be nodes'");
     rows_.push_back({{coordinate}, {1.0}, 0.0});
   }
-  const double last = length_[dof() - 1];
-  if (!has_inertia(Chain(pipe, segments), last)) {  // w . q is its angle, the sum of the joints'
+  if (!(length_.minCoeff() > 0.0)) throw std::invalid_argument("length must be positive");
+  if (lends_) {  // w . q is the angle, the sum of the joints'
+    const double last = length_[dof() - 1];
     Row& lent = rows_.emplace_back();
     for (Index j = 0; j < dof(); ++j) lent.coordinate.push_back(3 * j + 2);
     lent.weight.assign(lent.coordinate.size(), std::sqrt(last * last * last));
@@ -129,7 +127,7 @@ Scene::Scene(const Pipe& pipe, const Segments& segments, std::vector<Row> rows,
 
 Matrix Scene::bodies() const {
   Matrix made = chain_.bodies();
-  if (lent()) made(dof() - 1, 2) = 0.0;
+  if (lends_) made(dof() - 1, 2) = 0.0;
   return made;
 }
 
@@ -225,41 +223,38 @@ void Scene::rhs(const Batch& batch, double* rates, double* multipliers) const {
   const Index block = std::max<Index>(1, most / count);
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
   Eigen::Map<Matrix> out(rates, 2 * n, members);
-  const Index positive = count - (lent() ? 1 : 0);
+  const Index positive = count - (lends_ ? 1 : 0);
   for (Index first = 0; first < members; first += block) {
     const Index here = std::min(block, members - first), columns = here * count;
-    Matrix still = Matrix::Zero(2 * n, columns), by_angles = Matrix::Zero(n, columns);
-    Matrix found(2 * n, columns), drift(count, here);
+    Matrix theta(n, columns), by_angles = Matrix::Zero(n, columns), drift(count, here);
     for (Index k = 0; k < here; ++k) {
       const Matrix state = y.col(first + k);
       const auto [sine, cosine] = Turned(state.topRows(n));
       for (Index i = 0; i < count; ++i) {
         const Index column = k * count + i;
-        still.col(column).head(n) = state.col(0).head(n);
+        theta.col(column) = state.col(0).head(n);
         drift(i, k) = reach(rows_[static_cast<std::size_t>(i)], sine.data(), cosine.data(),
                             state.data() + n, by_angles.data() + column, columns)
                           .drift;
       }
     }
-    const double no_flow = 0.0;
-    inertia_.rhs({still.data(), &no_flow, columns, 0, by_angles.data()}, found.data());
+    const Matrix response = solve(theta, by_angles);
     for (Index k = 0; k < here; ++k) {
       const auto own = by_angles.middleCols(k * count, count);
-      const auto x = found.block(n, k * count, n, count);
+      const auto x = response.middleCols(k * count, count);
       auto acceleration = out.col(first + k).tail(n);
-      Matrix system(count, count);
-      Vector mu(count);
+      Matrix system(count, count), mu(count, 1);
       for (Index i = 0; i < count; ++i) {
-        mu[i] = -drift(i, k) - own.col(i).dot(acceleration);
+        mu(i) = -drift(i, k) - own.col(i).dot(acceleration);
         for (Index m = 0; m <= i; ++m) system(i, m) = system(m, i) = own.col(i).dot(x.col(m));
         system(i, i) += rows_[static_cast<std::size_t>(i)].compliance;
       }
       if (!solve_rows(system, mu, positive)) {
         mu.setConstant(std::numeric_limits<double>::quiet_NaN());
       }
-      for (Index i = 0; i < count; ++i) acceleration += mu[i] * x.col(i);
+      for (Index i = 0; i < count; ++i) acceleration += mu(i) * x.col(i);
       if (multipliers == nullptr) continue;
-      Eigen::Map<Matrix>(multipliers, count, members).col(first + k) = mu;
+      Eigen::Map<Matrix>(multipliers, count, members).col(first + k) = mu.col(0);
     }
   }
 }
@@ -334,12 +329,13 @@ void Scene::energy(const Batch& batch, double* out) const {
   }
 }
 
-Matrix Scene::solve(const Vector& theta, const Matrix& moments) const {
-  const Index n = dof(), columns = moments.cols();
-  require("theta", theta.size(), n);
+Matrix Scene::solve(const Matrix& theta, const Matrix& moments) const {
+  const Index n = dof(), columns = theta.cols();
+  require("theta", theta.rows(), n);
   require("moments", moments.rows(), n);
+  require("a row of moments", moments.cols(), columns);
   Matrix still = Matrix::Zero(2 * n, columns), found(2 * n, columns);
-  still.topRows(n) = theta.replicate(1, columns);
+  still.topRows(n) = theta;
   const double no_flow = 0.0;
   inertia_.rhs({still.data(), &no_flow, columns, 0, moments.data()}, found.data());
   return found.bottomRows(n);
@@ -347,7 +343,7 @@ Matrix Scene::solve(const Vector& theta, const Matrix& moments) const {
 
 bool Scene::lacks_inertia(const Vector& theta) const {
   require("theta", theta.size(), dof());
-  if (!lent()) return false;
+  if (!lends_) return false;
   Vector state = Vector::Zero(2 * dof()), rates(2 * dof());
   state.head(dof()) = theta;
   const double no_flow = 0.0;
@@ -357,59 +353,31 @@ bool Scene::lacks_inertia(const Vector& theta) const {
 
 // ------------------------------------------------------------------------------- guides and pins
 
-namespace {
-
-/// Least x with rows x = wanted, where each column holds a row of length n and its wanted values
-/// below it. Gram and Schmidt's method; rows that follow from those before them are left out.
-Matrix least(Eigen::MatrixXd& columns, Index n) {
-  constexpr double rank = 1e-9;
-  const double largest = columns.topRows(n).colwise().norm().maxCoeff();
-  for (Index k = 0; k < columns.cols(); ++k) {
-    for (Index i = 0; i < 2 * k; ++i) {  // twice, as once leaves what rounding makes
-      const auto before = columns.col(i % k);
-      columns.col(k) -= before.head(n).dot(columns.col(k).head(n)) * before;
-    }
-    const double norm = columns.col(k).head(n).norm();
-    if (norm > rank * largest) {
-      columns.col(k) /= norm;
-    } else {
-      columns.col(k).setZero();
-    }
-  }
-  const Index wanted = columns.rows() - n;
-  Matrix x = Matrix::Zero(n, wanted);
-  for (Index k = 0; k < columns.cols(); ++k) {
-    for (Index i = 0; i < wanted; ++i) x.col(i) += columns(n + i, k) * columns.col(k).head(n);
-  }
-  return x;
-}
-
-}  // namespace
-
 double Scene::project_one(Vector& theta, Vector& omega) const {
   constexpr double longest = 0.5;  // rad a step, so that segments do not turn over
   constexpr int most_steps = 100;
   const Index n = dof(), held = value_.size();
-  // Of each coordinate held: its derivative by the angles, how far it is missed, and its rate.
-  Eigen::MatrixXd columns(n + 2, held);
   Vector closest = theta;
   double least_missed = std::numeric_limits<double>::infinity();
   for (int step = 0; step < most_steps; ++step) {
     const auto [sine, cosine] = Turned(theta);
-    columns.setZero();
+    Matrix by_angles = Matrix::Zero(held, n), system(held, held);
+    Matrix lacking(held, 2);  // how far each coordinate is off its place, and its rate
     for (Index i = 0; i < held; ++i) {
       const Row& row = rows_[static_cast<std::size_t>(held_from_ + i)];
-      auto column = columns.col(i);
-      const Reached at = reach(row, sine.data(), cosine.data(), omega.data(), column.data(), 1);
-      column[n] = at.place - value_[i];
-      column[n + 1] = column.head(n).dot(omega);
+      auto own = by_angles.row(i);
+      const Reached at = reach(row, sine.data(), cosine.data(), omega.data(), own.data(), 1);
+      lacking(i, 0) = at.place - value_[i];
+      lacking(i, 1) = own.dot(omega);
+      for (Index k = 0; k <= i; ++k) system(i, k) = system(k, i) = own.dot(by_angles.row(k));
     }
-    const double missed = columns.row(n).cwiseAbs().maxCoeff();
-    const Matrix change = least(columns, n);
+    const double missed = lacking.col(0).cwiseAbs().maxCoeff();
     if (missed < least_missed) {
       least_missed = missed;
       closest = theta;
     }
+    solve_rows(system, lacking, held);
+    const Matrix change = by_angles.transpose().lazyProduct(lacking);  // the least that does it
     if (missed <= met) {
       omega -= change.col(1);
       break;

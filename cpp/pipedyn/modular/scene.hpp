@@ -76,8 +76,8 @@ class Scene {
   /// What flow, joints, drag and the pipe's terms add to it in unit time.
   void power(const Batch& batch, const PowerParts& out) const { chain_.power(batch, out); }
 
-  /// M^-1 times moments (n, k) where the angles are theta (n).
-  Matrix solve(const Vector& theta, const Matrix& moments) const;
+  /// M^-1 times moments (n, k) where the angles are theta (n, k).
+  Matrix solve(const Matrix& theta, const Matrix& moments) const;
 
   /// Angles and rates (n, k) close to those given that meet guides and pins, by Newton's method in
   /// least steps. Returns how far the angles miss them (k), which is above `met` where no such
@@ -94,12 +94,12 @@ class Scene {
  private:
   Vector length_;
   double base_;
+  bool lends_;
   Chain chain_, inertia_;  // the second without forces
   std::vector<Row> rows_;
   Index held_from_;  // the first row that is held
   Vector value_;     // of what is held
 
-  bool lent() const { return !rows_.empty() && rows_.back().compliance < 0.0; }
   struct Reached;
   Reached reach(const Row& row, const double* sine, const double* cosine, const double* omega,
                 double* by_angles, Index stride) const;

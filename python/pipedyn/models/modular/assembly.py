@@ -56,8 +56,8 @@ States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
 class Assembly(Model):
     """A scene from parts: a pipe of rigid segments with whatever else stands in it.
 
-    Every part has its inertia, forces or constraints in redundant coordinates and knows of no other.
-    What acts at a place of the pipe, or per length, is a term of the pipe; its place may lie
+    Every part writes its inertia, forces or constraints in redundant coordinates and knows of no
+    other. What acts at a place of the pipe, or per length, is a term of the pipe; its place may lie
     anywhere along a segment.
 
     States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j

@@ -161,14 +161,17 @@ class SceneMotion:
         force = force + rows.T @ multipliers
         moments = core.moments(theta[:, None], force[:, None])[:, 0]
         by_state = core.jacobian(y, u, moments)[n:]
-        change = np.zeros((n, 2 * n))
+        change, every = (
+            np.zeros((n, 2 * n)),
+            np.repeat(theta[:, None], max(2 * n, len(rows)), axis=1),
+        )
         change[:, :n] = -np.diag(tree.stiffening(force[:, None])[:, 0])
         if customs:
             by_q, by_rate = customs.derivatives(q, rates)
             more = np.hstack([by_q @ q_by_angle + by_rate @ rate_by_angle, by_rate @ q_by_angle])
-            change += core.moments(np.repeat(theta[:, None], 2 * n, axis=1), more)
+            change += core.moments(every, more)
         if customs or rows.size:
-            by_state = by_state + core.solve(theta, change)
+            by_state = by_state + core.solve(every, change)
         drift = np.hstack(
             [
                 turned(lengths * accelerations, 0.5 * math.pi)
@@ -178,7 +181,7 @@ class SceneMotion:
         )
         if rows.size:
             by_angle = rows @ q_by_angle
-            response = core.solve(theta, by_angle.T)
+            response = core.solve(every[:, : len(rows)], by_angle.T)
             system = by_angle @ response + np.diag(core.compliance)
             missing = by_angle @ by_state + rows @ drift
             size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(system)), 1e-300))

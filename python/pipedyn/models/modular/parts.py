@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The parts of a scene: modules, which bring inertia and forces, and the constraints between them.
 
-Each is a description in numbers; what it does to a state is compiled (cpp/pipedyn/chain/ and
-modular/). Only `Custom` modules, a user's own, compute in Python. What acts at a place of the pipe, such as a point
+Each is a description in numbers; what it does to a state is compiled (cpp/pipedyn/modular/). Only
+`Custom` modules, a user's own, compute in Python. What acts at a place of the pipe, such as a point
 mass or a spring to the axis, is a term of the pipe: see `pipedyn.models.terms`.
 """
 
