@@ -20,8 +20,10 @@
 //     + a U^2 l_k (theta_n - theta_k) + gamma p_k theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = 0,     phi_j = theta_j - theta_{j-1},
 //
-// U = s u. Joints may have a damping c_k of their own for delta k_k, and a rest angle. Two coordinates are used: the angles theta, and the joint angles phi, in which the
-// elastic stiffness is diagonal and small eigenvalues survive rounding at any n.
+// U = s u. Joints may have a damping c_k of their own in place of delta k_k, and an angle
+// psi_k at which they rest, in k_k (phi_k - psi_k). Two coordinates are used: the angles theta, and
+// the joint angles phi, in which the elastic stiffness is diagonal and small eigenvalues survive
+// rounding at any n.
 //
 // At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i), c_kk = M_kk, t the tangents,
 //   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
@@ -53,7 +55,7 @@ struct Segments {
   Vector drag_point;       // xi_j, as a fraction of the length
   double base = 0.0;       // length of the fixed part at the clamp
   Vector damping{};        // c_j of the joints; where empty delta k_j
-  Vector rest_moment{};    // k_j p_j, a joint's moment at angle 0, negated; where empty 0
+  Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
 };
 
 /// A sum over places of one segment or of all beyond a joint, with powers 0, 1, 2 of the distance

@@ -3,10 +3,10 @@
 // The functions of one vector level. This source is compiled once for each, with PIPEDYN_LEVEL and
 // PIPEDYN_WIDTH set.
 //
-// Energy: kinetic + sum k_j phi_j (phi_j / 2 - p_j) + gamma sum p_j (1 - cos theta_j). Power, with
-// the velocity v of the free end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2 t_n .
-// v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To both come the terms', as their laws
-// say.
+// Energy: kinetic + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j). Power,
+// with the velocity v of the free end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2
+// t_n . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To both come the terms', as their
+// laws say.
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"

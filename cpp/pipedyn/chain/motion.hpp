@@ -11,7 +11,7 @@
 
 namespace pipedyn {
 
-/// One segment as the recursion reads it; l, xi, k, c, k p as in Segments, and with the masses of
+/// One segment as the recursion reads it; l, xi, k, c, k psi as in Segments, and with the masses of
 /// the pipe's terms that are on it: m (l without any), the centre of mass chi and the radius eta.
 struct Link {
   double length;         // l
@@ -24,7 +24,7 @@ struct Link {
   double exchange;       // inertia - m chi l^2
   double spring;         // k
   double damping;        // c
-  double rest_moment;    // k p
+  double rest_moment;    // k psi
   double drag_arm;       // xi l
   double drag;           // kappa l
   double weight;         // gamma p
@@ -47,7 +47,7 @@ struct MotionModel {
   double coriolis;           // sqrt(beta) s
   double centrifugal;        // a
   bool damped;               // some joint is
-  bool bent;                 // some joint is, at rest
+  bool bent;                 // some joint is bent at rest
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // from the clamp on
   std::ptrdiff_t load_count;

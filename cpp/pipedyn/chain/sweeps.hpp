@@ -12,7 +12,7 @@
 //   H_j = l_j^2 n_j . A_j n_j + m_j (chi_j^2 l_j^2 + eta_j^2),
 //   g_j = (tau_j - l_j n_j . (b_j - l_j w_j^2 A_j t_j)) / H_j,
 //   tau_j = K_{j+1} - K_j - sqrt(beta) U l_j^2 w_j - xi_j l_j d_j,
-// with the joint's moment K_j = k_j (phi_j - p_j) + c_j phi_j' and the drag d_j = kappa l_j |v_j|
+// with the joint's moment K_j = k_j (phi_j - psi_j) + c_j phi_j' and the drag d_j = kappa l_j |v_j|
 // v_j, and one segment nearer to the clamp
 //   A_{j-1} = A_j + m_j - c_j e_j^T,
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j

@@ -70,6 +70,7 @@ bool solve_rows(Matrix& s, Matrix& right, Index positive) {
         best = i;
       }
     }
+    // What is left of these follows from others.
     if (best == left.end()) best = std::lower_bound(left.begin(), left.end(), positive);
     if (best == left.end()) break;
     const Index row = *best;

@@ -95,8 +95,9 @@ class RedundantForm:
     def forces(self, y: Array, u: float) -> Array:
         """Forces of all modules at a state [q, q'], shape (3 n,).
 
-        Besides the flow's: weights; -k (phi - p) - c phi' of joints; -kappa l |v| v n at a
-        segment's drag point, v = n . r', n = (t_y, -t_x); those of terms and custom modules.
+        Besides the flow's: weights; -k (phi - psi) - c phi' of joints, psi the rest angle;
+        -kappa l |v| v n at a segment's drag point, v = n . r', n = (t_y, -t_x); those of terms and
+        custom modules.
         """
         layout, pipe, lengths = self.layout, self._pipe, self.layout.lengths
         q, rates = np.split(y, 2)
