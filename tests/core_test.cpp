@@ -722,7 +722,7 @@ Vector row_accelerations(const Scene& made, const Vector& y, double u) {
   const Index n = made.dof();
   const Vector redundant = made.redundant(y.head(n), y.tail(n));
   Vector rates(6 * n), sums = Vector::Zero(static_cast<Index>(made.rows().size()));
-  made.redundant_rhs({redundant.data(), &u, 1, 0}, nullptr, rates.data());
+  made.redundant_rhs({redundant.data(), &u, 1, 0}, rates.data());
   for (Index i = 0; i < sums.size(); ++i) {
     const Row& row = made.rows()[static_cast<std::size_t>(i)];
     for (std::size_t k = 0; k < row.weight.size(); ++k) {
@@ -754,14 +754,12 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
   const Vector acceleration = scene_rates(held, y, u).tail(n);
   const Vector sums = row_accelerations(held, y, u);
   check(std::abs(sums[2]) < 1e-11 * (1.0 + acceleration.norm()), "the guide holds its node");
-  // By rows: their derivatives by the angles.
-  Matrix forces = Matrix::Zero(3 * n, 3);
-  for (Index i = 0; i < 3; ++i) {
-    const Row& row = held.rows()[static_cast<std::size_t>(i)];
-    for (std::size_t k = 0; k < row.weight.size(); ++k)
-      forces(row.coordinate[k], i) = row.weight[k];
-  }
-  const Matrix by_angles = held.moments(theta.replicate(1, 3), forces);
+  Matrix by_angles = Matrix::Zero(n, 3);  // of 0.4 x_1, of 0.3 x_n + 0.1 phi_n and of x_n
+  by_angles(0, 0) = 0.4 * segments.length[0] * std::cos(theta[0]);
+  by_angles.col(2) = segments.length.array() * theta.array().cos();
+  by_angles.col(1) = 0.3 * by_angles.col(2);
+  by_angles(n - 1, 1) += 0.1;
+  if (n > 1) by_angles(n - 2, 1) -= 0.1;
   const Vector missing =
       mass * (expected.tail(n) - acceleration) - by_angles.leftCols(2) * sums.head(2);
   const Vector guide = by_angles.col(2);
@@ -776,7 +774,7 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
   check(std::abs(met[6 * n - 3]) < 1e-11, "projected rates keep to it");
   Vector angles(2 * n + 1), turned(2 * n + 1);
   angles << met_theta, met_omega, 0.0;
-  held.rhs_and_power({angles.data(), &u, 1, 0}, nullptr, turned.data());
+  held.rhs_and_power({angles.data(), &u, 1, 0}, turned.data());
   const Vector moving = scene_rates(held, angles.head(2 * n), u);
   check((turned.head(2 * n) - moving).norm() < 1e-9 * (1.0 + expected.norm()),
         "a state that meets the guide stays on it");
@@ -985,7 +983,7 @@ void check_wild_scene(Wild& wild) {
   check(rates[2 * n * members] == untouched, "rates stay within their array");
   const Matrix y = made.redundant(turned.topRows(n), turned.bottomRows(n));
   Vector redundant = Vector::Constant(6 * n * members + 1, untouched);
-  made.redundant_rhs({y.data(), &u, members, 0}, nullptr, redundant.data());
+  made.redundant_rhs({y.data(), &u, members, 0}, redundant.data());
   check(redundant[6 * n * members] == untouched, "redundant rates stay within their array");
   Vector parts = Vector::Constant(4 * members + 1, untouched);
   double* const out = parts.data();
@@ -994,7 +992,7 @@ void check_wild_scene(Wild& wild) {
   made.energy({turned.data(), &u, members, 0}, out);
   check(parts[4 * members] == untouched, "energy and power stay within their arrays");
   Vector angles = Vector::Zero((2 * n + 1) * members), turning = angles;
-  made.rhs_and_power({angles.data(), &u, members, 0}, nullptr, turning.data());
+  made.rhs_and_power({angles.data(), &u, members, 0}, turning.data());
   Matrix theta = turned.topRows(n), omega = turned.bottomRows(n);
   made.project(theta, omega);
   made.lacks_inertia(Vector::Zero(n));

@@ -349,11 +349,9 @@ def test_wrong_sizes_are_refused():
     with pytest.raises(ValueError, match=r"y must have shape \(12,\)"):
         core.rhs(0.0, np.zeros(11), 1.0)
     with pytest.raises(ValueError, match="as many columns as y"):
-        core.rhs(0.0, np.zeros((12, 2)), 1.0, force=np.zeros(6))
+        core.rhs(0.0, np.zeros((12, 2)), 1.0, moments=np.zeros(2))
     with pytest.raises(ValueError, match="theta must have 2 entries, got 3"):
         core.solve(np.zeros((3, 1)), np.zeros((2, 1)))
-    with pytest.raises(ValueError, match="forces must have 6 entries, got 2"):
-        core.moments(np.zeros((2, 1)), np.zeros((2, 1)))
     with pytest.raises(ValueError, match="omega must have the shape of theta"):
         core.from_angles(np.zeros(2), np.zeros((2, 1)))
     with pytest.raises(ValueError, match="one row of 7 numbers a place"):

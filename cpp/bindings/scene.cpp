@@ -37,22 +37,23 @@ py::ssize_t work_of(const Scene& scene) {
   return scene.dof() * static_cast<py::ssize_t>(2 + 3 * scene.rows().size());
 }
 
-/// Further forces (3 n,) or (3 n, k) for states of as many members, or none.
-struct Forces {
-  std::optional<States> given;
-
-  Forces(const Scene& scene, const py::object& force) {
-    if (!force.is_none()) given.emplace("force", force, scene.coordinates());
-  }
-  const double* of(const Batch& batch) const {
-    if (!given) return nullptr;
-    if (batch.members != given->members) {
-      throw std::invalid_argument("force must have as many columns as y, got " +
-                                  std::to_string(given->members));
+/// Work on a batch of the states y, (rows,) or (rows, k), and of as many further moments, or none.
+template <class Work>
+Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, const py::object& u,
+                    const py::object& moments, const Work& work) {
+  std::optional<States> further;
+  if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
+  return rates_of(rows, work_of(scene), y, u, [&](Batch batch, double* out) {
+    if (further) {
+      if (batch.members != further->members) {
+        throw std::invalid_argument("moments must have as many columns as y, got " +
+                                    std::to_string(further->members));
+      }
+      batch.moments = further->values.data();
     }
-    return given->values.data();
-  }
-};
+    work(batch, out);
+  });
+}
 
 /// What of its states [theta, theta'] the scene answers, of redundant ones.
 struct Redundant {
@@ -152,7 +153,6 @@ void define_scene(py::module_& m) {
           "theta"_a, "omega"_a, Unlocked())
       .def_readonly_static("met", &Scene::met)
       .def_readonly_static("return_rate", &Scene::return_rate)
-      .def("moments", &Scene::moments, "theta"_a, "forces"_a, Unlocked())
       .def("solve", &Scene::solve, "theta"_a, "moments"_a, Unlocked())
       .def("reactions", reactions, "y"_a, "u"_a, "moments"_a, Unlocked())
       .def("jacobian", jacobian, "y"_a, "u"_a, "moments"_a = Vector(), Unlocked())
@@ -160,25 +160,23 @@ void define_scene(py::module_& m) {
       .def(
           "rhs",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,
-             const py::object& force) {
-            const Forces more(scene, force);
-            return rates_of(2 * scene.coordinates(), work_of(scene), y, u,
-                            [&](const Batch& batch, double* out) {
-                              scene.redundant_rhs(batch, more.of(batch), out);
-                            });
+             const py::object& moments) {
+            const auto work = [&](const Batch& states, double* out) {
+              scene.redundant_rhs(states, out);
+            };
+            return scene_rates(scene, 2 * scene.coordinates(), y, u, moments, work);
           },
-          "t"_a, "y"_a, "u"_a, "force"_a = py::none())
+          "t"_a, "y"_a, "u"_a, "moments"_a = py::none())
       .def(
           "rhs_and_power",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,
-             const py::object& force) {
-            const Forces more(scene, force);
-            return rates_of(2 * scene.dof() + 1, work_of(scene), y, u,
-                            [&](const Batch& batch, double* out) {
-                              scene.rhs_and_power(batch, more.of(batch), out);
-                            });
+             const py::object& moments) {
+            const auto work = [&](const Batch& batch, double* out) {
+              scene.rhs_and_power(batch, out);
+            };
+            return scene_rates(scene, 2 * scene.dof() + 1, y, u, moments, work);
           },
-          "t"_a, "y"_a, "u"_a, "force"_a = py::none())
+          "t"_a, "y"_a, "u"_a, "moments"_a = py::none())
       .def(
           "energy",
           [](const Scene& scene, const py::object& y) {

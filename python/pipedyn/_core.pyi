@@ -292,11 +292,6 @@ class Scene:
     def loads(
         self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def moments(
-        self,
-        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        forces: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
         self, y: typing.Any, u: typing.Any
@@ -325,15 +320,15 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, force: typing.Any = None
+        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, force: typing.Any = None
+        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rows(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def solve(
         self,
-        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property

@@ -167,24 +167,6 @@ Matrix Scene::angles(const Batch& states) const {
   return made;
 }
 
-Matrix Scene::moments(const Matrix& theta, const Matrix& forces) const {
-  const Index n = dof();
-  require("forces", forces.rows(), coordinates());
-  require("a row of forces", forces.cols(), theta.cols());
-  const auto [sine, cosine] = Turned(theta);
-  Matrix made(n, theta.cols());
-  for (Index k = 0; k < theta.cols(); ++k) {
-    double x = 0.0, y = 0.0, beyond = 0.0;
-    for (Index j = n - 1; j >= 0; --j) {
-      x += forces(3 * j, k);
-      y += forces(3 * j + 1, k);
-      made(j, k) = length_[j] * (cosine(j, k) * x - sine(j, k) * y) + forces(3 * j + 2, k) - beyond;
-      beyond = forces(3 * j + 2, k);
-    }
-  }
-  return made;
-}
-
 /// Of one row: w . q, where w weighs nodes, and D.
 struct Scene::Reached {
   double place = 0.0, drift = 0.0;
@@ -260,18 +242,12 @@ void Scene::rhs(const Batch& batch, double* rates, double* multipliers) const {
   }
 }
 
-void Scene::redundant_rhs(const Batch& states, const double* forces, double* rates) const {
+void Scene::redundant_rhs(const Batch& states, double* rates) const {
   const Index n = dof(), size = coordinates(), members = states.members;
-  const Matrix y = angles(states), theta = y.topRows(n);
-  Batch batch{y.data(), states.u, members, states.u_step};
-  Matrix further;
-  if (forces != nullptr) {
-    further = moments(theta, Eigen::Map<const Matrix>(forces, size, members));
-    batch.moments = further.data();
-  }
+  const Matrix y = angles(states);
   Matrix turning(2 * n, members);
-  rhs(batch, turning.data());
-  const auto [sine, cosine] = Turned(theta);
+  rhs({y.data(), states.u, members, states.u_step, states.moments}, turning.data());
+  const auto [sine, cosine] = Turned(y.topRows(n));
   Eigen::Map<Matrix> out(rates, 2 * size, members);
   out.topRows(size) = Eigen::Map<const Matrix>(states.y, 2 * size, members).bottomRows(size);
   for (Index k = 0; k < members; ++k) {
@@ -287,11 +263,11 @@ void Scene::redundant_rhs(const Batch& states, const double* forces, double* rat
   }
 }
 
-void Scene::rhs_and_power(const Batch& batch, const double* forces, double* rates) const {
+void Scene::rhs_and_power(const Batch& batch, double* rates) const {
   const Index n = dof(), members = batch.members;
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
   Batch moved = batch;
-  Matrix met, further;
+  Matrix met;
   if (value_.size() > 0) {
     Matrix theta = y.topRows(n), omega = y.bottomRows(n);
     const Vector missed = project(theta, omega);
@@ -301,11 +277,6 @@ void Scene::rhs_and_power(const Batch& batch, const double* forces, double* rate
       if (!(missed[k] <= Scene::met)) met.col(k).setConstant(std::nan(""));
     }
     moved.y = met.data();
-  }
-  if (forces != nullptr) {
-    further = moments(Eigen::Map<const Matrix>(moved.y, n, members),
-                      Eigen::Map<const Matrix>(forces, coordinates(), members));
-    moved.moments = further.data();
   }
   pipedyn::rhs_and_power(*this, moved, rates);
   if (value_.size() > 0) {

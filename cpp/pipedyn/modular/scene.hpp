@@ -54,22 +54,18 @@ class Scene {
   Matrix redundant(const Matrix& theta, const Matrix& omega) const;
   /// The angles and their rates (2 n, members) in redundant states (6 n, members).
   Matrix angles(const Batch& states) const;
-  /// Moments on the segments (n, members) that forces on the redundant coordinates (3 n, members)
-  /// are, where the angles are theta (n, members).
-  Matrix moments(const Matrix& theta, const Matrix& forces) const;
 
   /// Rates of [theta, theta'] (2 n, members), O(n) a member and row. They keep guides and pins that
   /// are met; what these say twice is enforced once. NaN where a direction has no inertia.
   /// multipliers: mu (rows, members), or null.
   void rhs(const Batch& batch, double* rates, double* multipliers = nullptr) const;
   /// The same of redundant states (6 n, members), of which the angles of the joints and their rates
-  /// are read, under further forces (3 n, members) or null.
-  void redundant_rhs(const Batch& states, const double* forces, double* rates) const;
+  /// are read.
+  void redundant_rhs(const Batch& states, double* rates) const;
   /// Rates of [theta, theta', work done] (2 n + 1, members). With P the projection below, the state
   /// moves as P(y) does, and y - P(y) decays at return_rate: an integrator's errors off guides and
-  /// pins do not grow. forces: further ones on the redundant coordinates of P(y) (3 n, members), or
-  /// null. NaN where P fails.
-  void rhs_and_power(const Batch& batch, const double* forces, double* rates) const;
+  /// pins do not grow. Further moments are those at P(y). NaN where P fails.
+  void rhs_and_power(const Batch& batch, double* rates) const;
 
   /// Energy of states [theta, theta']; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;

@@ -65,7 +65,7 @@ class SceneMotion:
         y = check.doubles("y", y, "an array of real numbers")
         self.core.power(y, u)  # checks both
         if self.enforce is None:
-            return self.core.rhs(t, y, u, self.customs.force(*self._places(y)))
+            return self.core.rhs(t, y, u, self._moments(*self._places(y)))
         rates = np.concatenate([y[size:], np.empty_like(y[:size])])
         speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
         for j in np.ndindex(y.shape[1:]):
@@ -91,6 +91,12 @@ class SceneMotion:
         place, moving = np.split(self.core.from_angles(*angles), 2)
         return place, moving
 
+    def _moments(self, q: Array, rates: Array) -> Array:
+        """Moments of custom modules on the segments, shape (n,) or (n, k)."""
+        tree = Tree(self.layout.lengths, np.cumsum(q[2::3], axis=0))
+        forces = self.customs.force(q, rates)
+        return tree.moments(forces.reshape(len(forces), -1)).reshape(-1, *q.shape[1:])
+
     def energy(self, y: Any) -> float | Array:
         """Energy of redundant states [q, q'], a number or shape (k,)."""
         energy = self.core.energy(y)
@@ -112,7 +118,7 @@ class SceneMotion:
         n, size = self.layout.size, self.core.coordinates
         met = np.concatenate(self.projected(y[:n], y[n : 2 * n]))
         state = self.core.from_angles(met[:n], met[n:])
-        rates = self.core.rhs_and_power(t, y, u, self.customs.force(state[:size], state[size:]))
+        rates = self.core.rhs_and_power(t, y, u, self._moments(state[:size], state[size:]))
         if self.enforce is not None:
             turning = np.cumsum(self.rhs(t, state, u)[size + 2 :: 3], axis=0)
             rates[n : 2 * n] = turning - self.core.return_rate * (y[n : 2 * n] - met[n:])
@@ -155,12 +161,10 @@ class SceneMotion:
 
         rate_by_angle = turned(lengths * omega, 0.5 * math.pi)
         force = customs.force(q, rates)
-        moments = core.moments(theta[:, None], force[:, None])[:, 0]
-        accelerations, multipliers = core.reactions(y, u, moments)
+        accelerations, multipliers = core.reactions(y, u, tree.moments(force[:, None])[:, 0])
         rows = core.rows()
         force = force + rows.T @ multipliers
-        moments = core.moments(theta[:, None], force[:, None])[:, 0]
-        by_state = core.jacobian(y, u, moments)[n:]
+        by_state = core.jacobian(y, u, tree.moments(force[:, None])[:, 0])[n:]
         change, every = (
             np.zeros((n, 2 * n)),
             np.repeat(theta[:, None], max(2 * n, len(rows)), axis=1),
@@ -169,7 +173,7 @@ class SceneMotion:
         if customs:
             by_q, by_rate = customs.derivatives(q, rates)
             more = np.hstack([by_q @ q_by_angle + by_rate @ rate_by_angle, by_rate @ q_by_angle])
-            change += core.moments(every, more)
+            change += tree.moments(more)
         if customs or rows.size:
             by_state = by_state + core.solve(every, change)
         drift = np.hstack(
