@@ -23,6 +23,7 @@ from scipy import sparse
 from pipedyn import _core
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.layout import Layout
+from pipedyn.models.modular.linearisation import matrix
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
 
@@ -42,19 +43,6 @@ class RedundantForm:
     ) -> None:
         self.layout, self.customs = layout, customs
         self._core, self._pipe = core, pipe
-        self._here = sparse.eye_array(layout.size, format="csr")
-        self._before = sparse.eye_array(layout.size, k=-1, format="csr")
-        """Nodes at the ends of each segment, (n, n): of values at nodes those at its own and those
-        at the one before; node 0 is left out."""
-
-    def _between(self, share: Array, segment: NDArray[np.intp] | slice = slice(None)) -> Any:
-        """Values on segments, a share of their length from the clamped side, by those at nodes."""
-        before = sparse.diags_array(1.0 - share) @ self._before[segment]
-        return before + sparse.diags_array(share) @ self._here[segment]
-
-    @property
-    def _last(self) -> Any:
-        return self._here[-1:]
 
     # ------------------------------------------------------------------------------------- modules
 
@@ -66,15 +54,17 @@ class RedundantForm:
         masses on it, r* = (1 - chi) r_{j-1} + chi r_j.
         """
         mass, chi, eta = self._core.bodies().T
-        center, step = self._between(chi), self._here - self._before
-        turning = sparse.diags_array(mass * (eta / self.layout.lengths) ** 2)
-        nodes = center.T @ sparse.diags_array(mass) @ center + step.T @ turning @ step
+        turning = (eta / self.layout.lengths) ** 2
+        own = mass * (chi**2 + turning)
+        own[:-1] += (mass * ((1.0 - chi) ** 2 + turning))[1:]
+        between = (mass * (chi * (1.0 - chi) - turning))[1:]
+        nodes = in_nodes(own, between, between)
+        if not self.customs:
+            return nodes
         row, coordinate, weight = self.layout.inertia.T
-        rows = sparse.coo_array(
-            (weight, (row.astype(int), coordinate.astype(int))),
-            shape=(row.size, 3 * self.layout.size),
-        )
-        return in_nodes(nodes) + rows.T @ rows
+        places = row.astype(np.intp), coordinate.astype(np.intp)
+        rows = sparse.coo_array((weight, places), shape=(row.size, nodes.shape[0]))
+        return nodes + rows.T @ rows
 
     @cached_property
     def velocity(self) -> Any:
@@ -83,14 +73,16 @@ class RedundantForm:
         They are -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment,
         and -sqrt(beta) U r_n' on the end.
         """
-        nodes = self._before.T @ self._here - self._here.T @ self._before
-        return math.sqrt(self._pipe.beta) * in_nodes(nodes + self._last.T @ self._last)
+        coriolis = np.full(self.layout.size, math.sqrt(self._pipe.beta))
+        end = np.append(np.zeros(self.layout.size - 1), coriolis[-1])
+        return in_nodes(end, coriolis[1:], -coriolis[1:])
 
     @cached_property
     def flux(self) -> Any:
         """The same by the coordinates, for a U^2 = 1, of -a U^2 (r_n - r_{n-1}) / l_n."""
-        tangent = (self._last - self._before[-1:]) / self.layout.lengths[-1]
-        return in_nodes(self._last.T @ tangent) * self.layout.has_flow
+        end = np.zeros(self.layout.size)
+        end[-1] = self.layout.has_flow / self.layout.lengths[-1]
+        return in_nodes(end, 0.0 * end[1:], -end[1:])
 
     def forces(self, y: Array, u: float) -> Array:
         """Forces of all modules at a state [q, q'], shape (3 n,).
@@ -101,58 +93,72 @@ class RedundantForm:
         """
         layout, pipe, lengths = self.layout, self._pipe, self.layout.lengths
         q, rates = np.split(y, 2)
-        along, velocities = np.diff(layout.nodes(q), axis=0), rates.reshape(-1, 3)[:, :2]
+        along, velocities = np.diff(layout.nodes(q), axis=0), layout.nodes(rates, order=1)
+        on_nodes = np.zeros_like(velocities)
 
+        def add(share: Array, loads: Array, segment: NDArray[np.intp]) -> None:
+            np.add.at(on_nodes, segment, (1.0 - share)[:, None] * loads)
+            np.add.at(on_nodes, segment + 1, share[:, None] * loads)
+
+        every = np.arange(layout.size)
         mass, chi, _ = self._core.bodies().T
-        on_nodes = self._between(chi).T @ np.outer(mass, [0.0, pipe.gamma])
-        point = self._between(layout.drag_points)
-        normal = _across(along) / lengths[:, None]
-        v = np.sum(normal * (point @ velocities), axis=1)
-        on_nodes -= point.T @ (normal * (pipe.drag * lengths * np.abs(v) * v)[:, None])
-        place, _, answers = self._terms(q, rates)
-        on_nodes += place.T @ answers[:, :2]
+        add(chi, np.outer(mass, [0.0, pipe.gamma]), every)
+        point, normal = layout.drag_points, _across(along) / lengths[:, None]
+        v = np.sum(normal * _between(velocities, point, every), axis=1)
+        add(point, normal * (-pipe.drag * lengths * np.abs(v) * v)[:, None], every)
+        segment, share, _, answers = self._terms(q, rates)
+        add(share, answers[:, :2], segment)
         on_nodes[-1] -= pipe.centrifugal * u**2 * along[-1] / lengths[-1]
 
         total: Array = self.customs.force(q, rates) - pipe.direction * u * (self.velocity @ rates)
-        total[0::3] += on_nodes[:, 0]
-        total[1::3] += on_nodes[:, 1]
+        total[0::3] += on_nodes[1:, 0]
+        total[1::3] += on_nodes[1:, 1]
         total[2::3] += layout.rest_moments - layout.springs * q[2::3]
         total[2::3] -= layout.joint_damping(pipe) * rates[2::3]
         return total
 
     def resistances(self, q: Array) -> tuple[Any, Any]:
         """Derivatives of minus the forces at rest by q and q', without springs and flow, sparse."""
-        by_q, by_rate = self.customs.derivatives(q, np.zeros_like(q))
+        still = np.zeros_like(q)
+        by_q, by_rate = self.customs.derivatives(q, still)
+        segment, share, turning, answers = self._terms(q, still)
+        if segment.size:
+            # By x and y of the nodes at both ends of the segment, of which node 0 stays.
+            coordinates = 3 * segment[:, None] + np.array([-3, -2, 0, 1], dtype=np.intp)
+            shares = np.stack([1.0 - share, share], axis=1)
+            at = np.einsum("kn,ij->kinj", shares, np.eye(2)).reshape(-1, 2, 4)
+            position, velocity = (answers[:, i : i + 4].reshape(-1, 2, 2) for i in (2, 6))
+            turns = np.stack([-turning, turning], axis=1).reshape(-1, 1, 4)
+            by_place = position @ at + answers[:, 10:, None] * turns
+            by_q = by_q + self._placed(coordinates, at.transpose(0, 2, 1) @ by_place)
+            by_rate = by_rate + self._placed(coordinates, at.transpose(0, 2, 1) @ velocity @ at)
         joints = np.kron(self.layout.joint_damping(self._pipe), [0.0, 0.0, 1.0])
-        by_rate = by_rate - sparse.diags_array(joints)
-        place, turning, answers = self._terms(q, np.zeros_like(q))
-        if answers.size:
-            at = sparse.kron(place, np.eye(2, 3), format="csr")
-            by_position, by_velocity, by_angle = (
-                _blocks(answers[:, i:k]) for i, k in ((2, 6), (6, 10), (10, 12))
-            )
-            by_q = by_q + at.T @ (by_position @ at + by_angle @ turning)
-            by_rate = by_rate + at.T @ by_velocity @ at
-        return -by_q, -by_rate
+        return -by_q, sparse.diags_array(joints) - by_rate
 
-    def _terms(self, q: Array, rates: Array) -> tuple[Any, Any, Array]:
-        """Where the terms act: values there by those at nodes, and theta of the segment by q.
+    def _terms(self, q: Array, rates: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
+        """Of the places where terms act: segment, share of its length, and turning.
 
-        Third, the answers of the laws as of the core's `loads`, times the weights.
+        Turning is the derivative of the segment's angle by the difference of its ends, shape (k,
+        2). Fourth, the answers of the laws as of the core's `loads`, times the weights.
         """
-        segment, arm, weight = self._core.places().T
-        j = segment.astype(np.intp)
-        share, nodes = arm / self.layout.lengths[j], self.layout.nodes(q)
-        place, step = self._between(share, j), (self._here - self._before)[j]
+        place, arm, weight = self._core.places().T
+        j = place.astype(np.intp)
+        share = arm / self.layout.lengths[j]
+        nodes, velocities = self.layout.nodes(q), self.layout.nodes(rates, order=1)
         along = nodes[j + 1] - nodes[j]
-        length = np.hypot(*along.T)
-        by_x, by_y = _across(along).T / length**2
-        turning = sparse.diags_array(by_x) @ sparse.kron(step, [[1.0, 0.0, 0.0]])
-        turning = turning + sparse.diags_array(by_y) @ sparse.kron(step, [[0.0, 1.0, 0.0]])
-        velocities = place @ rates.reshape(-1, 3)[:, :2]
-        stations = [nodes[j] + share[:, None] * along, along / length[:, None], velocities]
-        answers = self._core.loads(np.column_stack([*stations, turning @ rates]))
-        return place, turning, weight[:, None] * answers
+        length = np.hypot(*along.T)[:, None]
+        turning = _across(along) / length**2
+        rate = np.sum(turning * (velocities[j + 1] - velocities[j]), axis=1)
+        where, moving = _between(nodes, share, j), _between(velocities, share, j)
+        answers = self._core.loads(np.column_stack([where, along / length, moving, rate]))
+        return j, share, turning, weight[:, None] * answers
+
+    def _placed(self, coordinates: NDArray[np.intp], blocks: Array) -> Any:
+        """A sparse matrix (3 n, 3 n) of blocks (k, m, m) at coordinates (k, m), none below 0."""
+        rows, columns = np.broadcast_arrays(coordinates[:, :, None], coordinates[:, None, :])
+        kept = (rows >= 0) & (columns >= 0)
+        size = self._core.coordinates
+        return matrix((rows[kept], columns[kept], blocks[kept]), size, size)
 
     # --------------------------------------------------------------------------------- constraints
 
@@ -194,16 +200,20 @@ class RedundantForm:
         return a, d
 
 
-def in_nodes(matrix: Any) -> Any:
-    """A sparse matrix (n, n) for x and y of the nodes alike, (3 n, 3 n)."""
-    return sparse.kron(matrix, np.diag([1.0, 1.0, 0.0]), format="csr")
+def in_nodes(own: Array, after: Array, before: Array) -> Any:
+    """A sparse matrix (3 n, 3 n) for x and y of nodes alike, by a node itself and its neighbours.
+
+    Of shape (n,), and (n - 1,) by the node after and the one before.
+    """
+    diagonals = [np.kron(of, [1.0, 1.0, 0.0]) for of in (own, after, before)]
+    return sparse.diags_array(diagonals, offsets=[0, 3, -3]).tocsr()
 
 
-def _blocks(rows: Array) -> Any:
-    """A sparse matrix with the matrices (2, k) of each row on its diagonal."""
-    count = rows.shape[0]
-    blocks = rows.reshape(count, 2, -1)
-    return sparse.bsr_array((blocks, np.arange(count), np.arange(count + 1)))
+def _between(values: Array, share: Array, segment: NDArray[np.intp]) -> Array:
+    """Values on segments, a share of their length from the clamped side, of those at nodes."""
+    before = values[segment]
+    between: Array = before + share[:, None] * (values[segment + 1] - before)
+    return between
 
 
 def _across(along: Array) -> Array:
