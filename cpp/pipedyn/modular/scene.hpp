@@ -5,8 +5,7 @@
 // q = (x_j, y_j, phi_j) at 3 (j - 1): where the end of segment j stands, x across and y down from
 // the clamp, and the angle of joint j. All follow from the angles theta of the segments,
 //
-//   r_j = r_{j-1} + l_j (sin theta_j, cos theta_j),  r_0 = (0, base),  phi_j = theta_j -
-//   theta_{j-1}
+//   r_j = r_{j-1} + l_j (sin theta_j, cos theta_j), r_0 = (0, base), phi_j = theta_j - theta_{j-1},
 //
 // so that clamp and joints, eqs. (10) and (11) of Orsino and Di Giulio, are met at any angles.
 //
