@@ -27,9 +27,12 @@ from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
-REDUNDANT = 1e-12
-"""Singular values of the small system of rows, scaled, below which guides and pins say one thing
-twice: as in the core."""
+REDUNDANT, SMALLEST = 1e-12, 1e-20
+"""Of the small system of rows: singular values below which guides and pins say one thing twice, and
+a diagonal that is none against the largest, where rounding is all that is left of a row.
+
+As in the core; rounding leaves some 1e-16, and 1e-32 of what is squared.
+"""
 
 
 class SceneMotion:
@@ -186,9 +189,11 @@ class SceneMotion:
         if rows.size:
             by_angle = rows @ q_by_angle
             response = core.solve(every[:, : len(rows)], by_angle.T)
-            system = by_angle @ response + np.diag(core.compliance)
+            system = by_angle @ response
             missing = by_angle @ by_state + rows @ drift
-            size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(system)), 1e-300))
+            size = np.diag(system) + np.abs(core.compliance)
+            size = 1.0 / np.sqrt(np.maximum(size, SMALLEST * size.max()))
+            system += np.diag(core.compliance)
             inverse = np.linalg.pinv(size[:, None] * system * size, REDUNDANT)
             by_state = by_state - (response * size) @ (inverse @ (size[:, None] * missing))
         return by_state, drift + q_by_angle @ by_state
