@@ -1,137 +1,152 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/eigenpairs.hpp"
 
-#include <algorithm>
-
 namespace pipedyn {
 
 namespace {
 
-constexpr double eps = std::numeric_limits<double>::epsilon();
 /// Error of a growth rate, in differences of those that its two vectors give. Measured on 228 high
 /// modes of 120 Legendre functions, 200 beam functions and 200 segments, against roots to 19
 /// digits: with this factor the error holds for 212. The others, where both vectors err by the
 /// same, are off by up to 18 times as much, far less than lambda itself.
 constexpr double vector_error = 3.0;
 
+/// Most steps of a refinement: from a good guess two or three are taken.
+constexpr int most_refinements = 6;
+
 /// LAPACK's vectors, the first rows of each, made unit: of a conjugate pair real and imaginary
 /// part.
-ComplexTable complex_vectors(const std::vector<double>& vectors, const std::vector<double>& imag,
-                             Index rows) {
-  const Index size = static_cast<Index>(imag.size());
-  ComplexTable result(rows * size);
-  for (Index j = 0; j < size; ++j) {
-    const double* const real = &vectors[(imag[j] < 0.0 ? j - 1 : j) * size];
-    const double sign = imag[j] < 0.0 ? -1.0 : 1.0;
-    double length = 0.0;
-    for (Index i = 0; i < rows; ++i) {
-      const Complex entry(real[i], imag[j] == 0.0 ? 0.0 : sign * real[size + i]);
-      length += std::norm(entry);
-      result[i * size + j] = entry;
-    }
-    for (Index i = 0; i < rows; ++i) result[i * size + j] /= std::sqrt(length);
+ComplexTable complex_vectors(const Eigen::MatrixXd& vectors, const Reals& imag, Index rows) {
+  ComplexTable result = ComplexTable::Zero(rows, imag.size());
+  for (Index j = 0; j < imag.size(); ++j) {
+    const Index first = imag[j] < 0.0 ? j - 1 : j;
+    auto column = result.col(j);
+    column.real() = vectors.col(first).head(rows);
+    if (imag[j] > 0.0) column.imag() = vectors.col(j + 1).head(rows);
+    if (imag[j] < 0.0) column.imag() = -vectors.col(j).head(rows);
+    column /= column.norm();
   }
   return result;
+}
+
+bool make_unit(ComplexVector& x) {
+  const double length = x.norm();
+  x /= length;
+  return std::isfinite(length) && length > 0.0;
 }
 
 }  // namespace
 
+Pairs Pairs::take(const std::vector<Index>& which) const {
+  const Index count = static_cast<Index>(which.size());
+  const bool lefts = left.cols() > 0, residuals = residual.size() > 0;
+  Pairs result{Values(count), ComplexTable(right.rows(), count),
+               ComplexTable(right.rows(), lefts ? count : 0), Reals(residuals ? count : 0)};
+  for (Index i = 0; i < count; ++i) {
+    result.values[i] = values[which[i]];
+    result.right.col(i) = right.col(which[i]);
+    if (lefts) result.left.col(i) = left.col(which[i]);
+    if (residuals) result.residual[i] = residual[which[i]];
+  }
+  return result;
+}
+
 DenseOperator::DenseOperator(const Lapack& lapack, Matrix mass, Matrix velocity, Matrix stiffness,
-                             double size)
+                             Matrix velocity_rate, Matrix stiffness_rate, double size)
     : Operator(mass.rows(), size),
       lapack_(lapack),
       mass_(std::move(mass)),
       velocity_(std::move(velocity)),
-      stiffness_(std::move(stiffness)) {}
+      stiffness_(std::move(stiffness)),
+      velocity_rate_(std::move(velocity_rate)),
+      stiffness_rate_(std::move(stiffness_rate)) {}
 
-void DenseOperator::times(const Matrix& factor, const double* x, Index columns, double* out) const {
-  // Row by row, as these are, they are their transposes column by column: out^T = x^T factor^T.
-  int m = static_cast<int>(columns), n = static_cast<int>(dof);
+Eigen::MatrixXd DenseOperator::times(const Matrix& factor, const Eigen::MatrixXd& x) const {
+  // The factor, row by row, is its transpose column by column.
+  int n = static_cast<int>(dof), columns = static_cast<int>(x.cols());
   double one = 1.0, zero = 0.0;
-  char plain = 'N';
-  lapack_.dgemm(&plain, &plain, &m, &n, &n, &one, const_cast<double*>(x), &m,
-                const_cast<double*>(factor.data()), &n, &zero, out, &m);
-}
-
-ComplexTable DenseOperator::multiply(const Complex* x, Index count) const {
-  ComplexTable result(3 * dof * count);
-  const Index columns = 2 * count;  // real and imaginary parts are columns of their own
-  double* out = reinterpret_cast<double*>(result.data());
-  for (const Matrix* const factor : {&mass_, &velocity_, &stiffness_}) {
-    times(*factor, reinterpret_cast<const double*>(x), columns, out);
-    out += dof * columns;
-  }
+  char plain = 'N', transposed = 'T';
+  Eigen::MatrixXd result(dof, x.cols());
+  lapack_.dgemm(&transposed, &plain, &n, &columns, &n, &one, const_cast<double*>(factor.data()), &n,
+                const_cast<double*>(x.data()), &n, &zero, result.data(), &n);
   return result;
 }
 
-void DenseOperator::solve(Complex value, ComplexTable& x, ComplexTable& y) const {
-  int n = static_cast<int>(dof), one = 1, info = 0;
-  char plain = 'N', adjoint = 'C';
-  ComplexTable lu(n * n);
+ComplexTable DenseOperator::times(const Matrix& factor, const ComplexTable& x) const {
+  const Index count = x.cols();
+  Eigen::MatrixXd parts(dof, 2 * count);
+  parts.leftCols(count) = x.real();
+  parts.rightCols(count) = x.imag();
+  parts = times(factor, parts);
+  ComplexTable result(dof, count);
+  result.real() = parts.leftCols(count);
+  result.imag() = parts.rightCols(count);
+  return result;
+}
+
+Products DenseOperator::multiply(const ComplexTable& x) const {
+  return {times(mass_, x), times(velocity_, x), times(stiffness_, x)};
+}
+
+ComplexTable DenseOperator::by_speed(const Values& values, const ComplexTable& x) const {
+  ComplexTable result = times(velocity_rate_, x);
+  for (Index i = 0; i < x.cols(); ++i) result.col(i) *= values[i];
+  return result + times(stiffness_rate_, x);
+}
+
+Operator::Solver DenseOperator::factor(Complex value) const {
+  int n = static_cast<int>(dof), info = 0;
+  ComplexTable lu = (value * value) * mass_ + value * velocity_ + stiffness_.cast<Complex>();
   std::vector<int> pivots(n);
-  for (Index j = 0; j < n; ++j) {
-    for (Index i = 0; i < n; ++i) {
-      lu[j * n + i] = value * (value * mass_(i, j) + velocity_(i, j)) + stiffness_(i, j);
-    }
-  }
   lapack_.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
   for (Index i = 0; i < n; ++i) {  // of a singular matrix, with one that differs in rounding
-    if (lu[i * n + i] == 0.0) lu[i * n + i] = eps;
+    if (lu(i, i) == 0.0) lu(i, i) = eps;
   }
-  lapack_.zgetrs(&plain, &n, &one, lu.data(), &n, pivots.data(), x.data(), &n, &info);
-  lapack_.zgetrs(&adjoint, &n, &one, lu.data(), &n, pivots.data(), y.data(), &n, &info);
+  return [zgetrs = lapack_.zgetrs, lu = std::move(lu), pivots = std::move(pivots)](
+             ComplexVector& x, bool adjoint) mutable {
+    int rows = static_cast<int>(x.size()), one = 1, status = 0;
+    char kind = adjoint ? 'C' : 'N';
+    zgetrs(&kind, &rows, &one, lu.data(), &rows, pivots.data(), x.data(), &rows, &status);
+  };
 }
 
-std::vector<double> DenseOperator::hidden(const Pairs& pairs) const {
-  const Index count = pairs.count;
-  std::vector<double> result(count, 0.0);
-  Matrix sizes(dof, count), rows(dof, count);
-  for (Index k = 0; k < dof * count; ++k) sizes.data()[k] = std::abs(pairs.right[k]);
-  int power = 2;
-  for (const Matrix* const factor : {&mass_, &velocity_, &stiffness_}) {
-    times(factor->cwiseAbs(), sizes.data(), count, rows.data());
-    for (Index i = 0; i < count; ++i) {
-      double sum = 0.0;
-      for (Index k = 0; k < dof; ++k) sum += std::abs(pairs.left[k * count + i]) * rows(k, i);
-      result[i] += std::pow(std::abs(pairs.values[i]), power) * sum;
-    }
-    --power;
-  }
-  return result;
+Reals DenseOperator::hidden(const Pairs& pairs) const {
+  const Reals size = pairs.values.abs();
+  const Eigen::MatrixXd x = pairs.right.cwiseAbs(), y = pairs.left.cwiseAbs();
+  const auto both = [&](const Matrix& factor) -> Reals {
+    return y.cwiseProduct(times(factor.cwiseAbs(), x)).colwise().sum().transpose().array();
+  };
+  return size * (size * both(mass_) + both(velocity_)) + both(stiffness_);
 }
 
-Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left) const {
+Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left, Index) const {
   int n = static_cast<int>(dof), size = velocity_free ? n : 2 * n, info = 0;
-  // As LAPACK has matrices, column by column.
-  std::vector<double> shifted(n * n), step(size * size, 0.0);
-  for (Index j = 0; j < n; ++j) {
-    for (Index i = 0; i < n; ++i) {
-      const double mass = mass_(i, j), velocity = velocity_(i, j);
-      shifted[j * n + i] = shift * shift * mass + shift * velocity + stiffness_(i, j);
-      step[j * size + i] = velocity_free ? -mass : -velocity - 2.0 * shift * mass;
-      if (!velocity_free) step[(n + j) * size + i] = -mass;
-    }
+  Eigen::MatrixXd shifted = shift * shift * mass_ + shift * velocity_ + stiffness_;
+  Eigen::MatrixXd step = Eigen::MatrixXd::Zero(size, size);
+  if (velocity_free) {
+    step = -mass_;
+  } else {
+    step.topLeftCorner(n, n) = -velocity_ - 2.0 * shift * mass_;
+    step.topRightCorner(n, n) = -mass_;
   }
   std::vector<int> pivots(n);
   lapack_.dgetrf(&n, &n, shifted.data(), &n, pivots.data(), &info);
   if (info != 0) return {};
   char plain = 'N', transposed = 'T', wanted = left ? 'V' : 'N', always = 'V';
   lapack_.dgetrs(&plain, &n, &size, shifted.data(), &n, pivots.data(), step.data(), &size, &info);
-  if (!velocity_free) {
-    for (Index j = 0; j < n; ++j) step[j * size + n + j] = 1.0;
-  }
-  for (const double entry : step) {
-    if (!std::isfinite(entry)) return {};
-  }
-  std::vector<double> real(size), imag(size), vl(left ? size * size : 1), vr(size * size), work(1);
+  if (!velocity_free) step.bottomLeftCorner(n, n).setIdentity();
+  if (!step.allFinite()) return {};
+  Reals real(size), imag(size), work(1);
+  Eigen::MatrixXd vl(size, left ? size : 0), vr(size, size);
   for (int length = -1;; length = static_cast<int>(work[0]), work.resize(length)) {
     lapack_.dgeev(&wanted, &always, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
                   &size, vr.data(), &size, work.data(), &length, &info);
     if (length >= 0) break;  // the first call asks for the best size of its workspace
   }
   if (info != 0) return {};
-  Inverse result{std::vector<Complex>(size), complex_vectors(vr, imag, n), {}};
-  for (Index j = 0; j < size; ++j) result.mu[j] = {real[j], imag[j]};
+  Inverse result{Values(size), complex_vectors(vr, imag, n), ComplexTable(n, 0)};
+  result.mu.real() = real;
+  result.mu.imag() = imag;
   if (left) {
     lapack_.dgetrs(&transposed, &n, &size, shifted.data(), &n, pivots.data(), vl.data(), &size,
                    &info);
@@ -140,98 +155,84 @@ Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left) cons
   return result;
 }
 
-Assessment assess(const Operator& p, const Pairs& pairs) {
-  const Index count = pairs.count, table = p.dof * count, lefts = pairs.left == nullptr ? 0 : count;
-  const ComplexTable products = p.multiply(pairs.right, count);
-  const std::vector<double> hidden = lefts > 0 ? p.hidden(pairs) : std::vector<double>();
-  const std::vector<double> reals(lefts);
-  const std::vector<Complex> complexes(lefts);
-  Assessment result{std::vector<double>(count), reals, complexes, complexes, complexes, complexes};
+Assessment assess(const Operator& p, const Pairs& pairs, bool slopes) {
+  const Index count = pairs.values.size(), lefts = pairs.left.cols();
+  const Products products = p.multiply(pairs.right);
+  const Reals hidden = lefts > 0 ? p.hidden(pairs) : Reals();
+  ComplexTable by_speed;
+  if (slopes) by_speed = p.by_speed(pairs.values, pairs.right);
+  Assessment result{Reals(count),  Reals(lefts),  Values::Zero(lefts),
+                    Values(lefts), Values(lefts), Values(lefts)};
   for (Index i = 0; i < count; ++i) {
     const Complex value = pairs.values[i];
-    double rest = 0.0, inertia = 0.0, resistance = 0.0, length = 0.0;
-    Complex by_left = 0.0, by_right = 0.0, change = 0.0, error = 0.0;
-    for (Index k = i; k < table; k += count) {
-      const Complex x = pairs.right[k], mass = products[k], velocity = products[table + k];
-      const Complex row = value * (value * mass + velocity) + products[2 * table + k];
-      rest += std::norm(row);
-      inertia += std::norm(mass);
-      resistance += std::norm(velocity);
-      length += std::norm(x);
-      if (lefts == 0) continue;
-      const Complex dual = std::conj(pairs.left[k]), rate = 2.0 * value * mass + velocity;
-      by_left += dual * rate;
-      by_right += std::conj(x) * rate;
-      error += dual * row;
-      if (pairs.by_speed != nullptr) change += dual * pairs.by_speed[k];
-    }
-    const double moving =
-        std::norm(value) * std::sqrt(inertia) + std::abs(value) * std::sqrt(resistance);
-    result.residual[i] = pairs.residual != nullptr
-                             ? pairs.residual[i]
-                             : std::sqrt(rest) / (moving + p.size * std::sqrt(length));
+    const auto x = pairs.right.col(i), mass = products.mass.col(i);
+    const auto velocity = products.velocity.col(i);
+    const ComplexVector row = value * (value * mass + velocity) + products.stiffness.col(i);
+    const double moving = std::norm(value) * mass.norm() + std::abs(value) * velocity.norm();
+    result.residual[i] =
+        pairs.residual.size() > 0 ? pairs.residual[i] : row.norm() / (moving + p.size * x.norm());
     if (lefts == 0) continue;
+    const auto y = pairs.left.col(i);
+    const ComplexVector rate = 2.0 * value * mass + velocity;
+    const Complex by_left = y.dot(rate);
     const double size = moving + p.size;
-    const double lost = eps * (size + hidden[i]);
-    const double uncertain =
-        (result.residual[i] * size + lost) / std::abs(by_left) + eps * std::abs(value);
+    const double lost = result.residual[i] * size + eps * (size + hidden[i]);
+    const double uncertain = lost / std::abs(by_left) + eps * std::abs(value);
     result.uncertain[i] = std::isfinite(uncertain) ? uncertain : infinite;
-    result.slope[i] = -change / by_left;
-    result.correction[i] = -error / by_left;
+    if (slopes) result.slope[i] = -y.dot(by_speed.col(i)) / by_left;
+    result.correction[i] = -y.dot(row) / by_left;
     result.by_left[i] = by_left;
-    result.by_right[i] = by_right;
+    result.by_right[i] = x.dot(rate);
   }
   return result;
 }
 
-Refined refine(const Operator& p, Refined guess, int most_steps) {
-  Refined last = std::move(guess), best = last;
-  last.residual = best.residual = infinite;
-  const auto made_unit = [](ComplexTable& x) {
-    double length = 0.0;
-    for (const Complex entry : x) length += std::norm(entry);
-    length = std::sqrt(length);
-    for (Complex& entry : x) entry /= length;
-    return std::isfinite(length) && length > 0.0;
-  };
-  for (last.steps = 1; last.steps <= most_steps; ++last.steps) {
-    p.solve(last.value, last.right, last.left);
-    if (!made_unit(last.right) || !made_unit(last.left)) break;
-    const Pairs pair{1, &last.value, last.right.data(), last.left.data()};
-    const Complex correction = assess(p, pair).correction[0];
+Pair refine(const Operator& p, const Pair& guess, int& steps) {
+  const ComplexVector seed = Eigen::VectorXd::LinSpaced(p.dof, 1.0, 0.5).cast<Complex>();
+  Pair last = guess;
+  last.left = seed;
+  if (last.right.size() == 0) last.right = seed;
+  last.residual = infinite;
+  Pair best = last;
+  for (int step = 0; step < most_refinements; ++step) {
+    const Operator::Solver solve = p.factor(last.value);
+    ++steps;
+    solve(last.right, false);
+    solve(last.left, true);
+    if (!make_unit(last.right) || !make_unit(last.left)) break;
+    Pairs pair{Values::Constant(1, last.value), last.right, last.left, {}};
+    const Complex correction = assess(p, pair, false).correction[0];
     if (!std::isfinite(std::norm(correction))) break;
-    last.value += correction;
-    const double residual = assess(p, {1, &last.value, last.right.data()}).residual[0];
-    if (!(residual < best.residual)) break;
-    last.residual = residual;
+    last.value = pair.values[0] += correction;
+    pair.left.resize(p.dof, 0);
+    last.residual = assess(p, pair, false).residual[0];
+    if (!(last.residual < best.residual)) break;
     best = last;
     if (std::abs(correction) <= 4e-16 * std::abs(last.value)) break;
   }
-  return std::isfinite(best.residual) ? best : last;
+  if (std::isfinite(best.residual)) return best;
+  last.residual = infinite;
+  return last;
 }
 
 Growth growth(const Operator& p, const Pairs& pairs) {
-  const Index count = pairs.count, table = p.dof * count;
-  Growth result{std::vector<double>(count), std::vector<double>(count)};
-  for (const Complex* const vectors : {pairs.right, pairs.left}) {
-    const ComplexTable products = p.multiply(vectors, count);
+  const Index count = pairs.values.size();
+  Growth result{Reals(count), Reals(count)};
+  for (const ComplexTable* const vectors : {&pairs.right, &pairs.left}) {
+    const Products products = p.multiply(*vectors);
     for (Index i = 0; i < count; ++i) {
       const double omega = pairs.values[i].imag();
-      double kinetic = 0.0, size = 0.0;
-      Complex velocity = 0.0, place = 0.0;
-      for (Index k = i; k < table; k += count) {
-        const Complex x = std::conj(vectors[k]);
-        const Complex by_velocity = x * products[table + k], by_place = x * products[2 * table + k];
-        kinetic += (x * products[k]).real();
-        velocity += by_velocity;
-        place += by_place;
-        size += std::abs(omega) * std::abs(by_velocity) + std::abs(by_place);
-      }
+      const auto x = vectors->col(i).conjugate();
+      const ComplexVector by_velocity = x.cwiseProduct(products.velocity.col(i));
+      const ComplexVector by_place = x.cwiseProduct(products.stiffness.col(i));
+      const double kinetic = x.cwiseProduct(products.mass.col(i)).sum().real();
+      const Complex velocity = by_velocity.sum(), place = by_place.sum();
       const double balance = 2.0 * omega * kinetic + velocity.imag();
       const double rate = -(omega * velocity.real() + place.imag()) / balance;
-      if (vectors == pairs.left) {
+      if (vectors == &pairs.left) {
         result.error[i] += vector_error * std::abs(result.rate[i] - rate);
       } else {  // rounding of two sums of dof terms
+        const double size = std::abs(omega) * by_velocity.lpNorm<1>() + by_place.lpNorm<1>();
         result.rate[i] = rate;
         result.error[i] = 2.0 * static_cast<double>(p.dof + 2) * eps * size / std::abs(balance);
       }

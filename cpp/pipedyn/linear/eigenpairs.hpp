@@ -1,19 +1,15 @@
 // SPDX-License-Identifier: MIT
 //
 // Eigenpairs of P(lambda) = lambda^2 M + lambda C + K at one flow speed, P x = 0 and y^H P = 0: all
-// of them at once from matrices, O(dof^3), and how good given ones are. Vectors of several pairs
-// are tables (dof, count), row by row.
+// of them at once from matrices, O(dof^3), and how good given ones are.
 #pragma once
 
 #include <functional>
-#include <vector>
 
-#include "pipedyn/linear/tracking.hpp"
+#include "pipedyn/linear/spectrum.hpp"
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {
-
-using ComplexTable = std::vector<Complex>;
 
 /// The routines of BLAS and LAPACK that are needed, by address, as SciPy has them: the core is
 /// linked with neither. Compared with Eigen's EigenSolver, which has no left vectors, dgeev takes
@@ -31,87 +27,94 @@ struct Lapack {
                 double* vl, int* ldvl, double* vr, int* ldvr, double* work, int* size, int* info);
 };
 
-/// Pairs with unit vectors, each table (dof, count), and what else is known of them.
+/// Several pairs with unit vectors; `left` (dof, 0) and `residual` (0) where they are not known.
 struct Pairs {
-  Index count;
-  const Complex *values, *right;
-  const Complex* left = nullptr;
-  const double* residual = nullptr;   // better known than from these vectors
-  const Complex* by_speed = nullptr;  // (dP/du) x
+  Values values;
+  ComplexTable right, left;
+  Reals residual;
+
+  Pairs take(const std::vector<Index>& which) const;
+};
+
+/// Products with one table of vectors.
+struct Products {
+  ComplexTable mass, velocity, stiffness;  // M x, C x, K x
+};
+
+/// mu of the inverse problem about a shift with x and, if known, y (else (dof, 0)). With
+/// lambda = shift + 1/mu and P(shift) = K_s,
+///
+///     mu [x; z] = [-K_s^-1 ((C + 2 shift M) x + M z); x],
+///
+/// so the lowest roots are the largest mu and survive rounding, and a singular K does no harm.
+/// Where there is no term in the velocity, mu = 1 / (lambda^2 - shift^2), and x alone is the
+/// vector.
+struct Inverse {
+  Values mu;
+  ComplexTable right, left;
 };
 
 /// P at one speed.
 class Operator {
  public:
+  /// x = P^-1 x, or P^-H x.
+  using Solver = std::function<void(ComplexVector& x, bool adjoint)>;
+
   Operator(Index rows, double stiffness_size) : dof(rows), size(stiffness_size) {}
   virtual ~Operator() = default;
 
-  /// M x, C x and K x, one after the other, each (dof, count).
-  virtual ComplexTable multiply(const Complex* x, Index count) const = 0;
-  /// x = P(value)^-1 x and y = P(value)^-H y, each (dof).
-  virtual void solve(Complex value, ComplexTable& x, ComplexTable& y) const = 0;
+  virtual Products multiply(const ComplexTable& x) const = 0;
+  /// (dP/du) x.
+  virtual ComplexTable by_speed(const Values& values, const ComplexTable& x) const = 0;
+  virtual Solver factor(Complex value) const = 0;
+  /// At least those of the largest |mu| that `count` roots have; none where P(shift) is singular or
+  /// overflows, or the iteration does not end.
+  virtual Inverse inverse(double shift, bool velocity_free, bool left, Index count) const = 0;
   /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
-  virtual std::vector<double> hidden(const Pairs& pairs) const {
-    return std::vector<double>(pairs.count, 0.0);
-  }
+  virtual Reals hidden(const Pairs& pairs) const { return Reals::Zero(pairs.values.size()); }
 
   const Index dof;
   const double size;  // of K, the elastic stiffness being 1
 };
 
-/// mu with x, and y if asked for, of the inverse problem about a shift.
-struct Inverse {
-  std::vector<Complex> mu;
-  ComplexTable right, left;
-};
-
 class DenseOperator : public Operator {
  public:
-  /// Matrices (dof, dof).
-  DenseOperator(const Lapack& lapack, Matrix mass, Matrix velocity, Matrix stiffness, double size);
+  /// M, C and K, and the derivatives of C and K by u; each (dof, dof).
+  DenseOperator(const Lapack& lapack, Matrix mass, Matrix velocity, Matrix stiffness,
+                Matrix velocity_rate, Matrix stiffness_rate, double size);
 
-  ComplexTable multiply(const Complex* x, Index count) const override;
-  void solve(Complex value, ComplexTable& x, ComplexTable& y) const override;
-  std::vector<double> hidden(const Pairs& pairs) const override;
-
-  /// All of the inverse problem (see `pipedyn.linear.eigensolver`), 2 dof pairs; dof where there is
-  /// no term in the velocity, with mu = 1 / (lambda^2 - shift^2). None where P(shift) is singular
-  /// or overflows, or the iteration does not end.
-  Inverse inverse(double shift, bool velocity_free, bool left) const;
+  Products multiply(const ComplexTable& x) const override;
+  ComplexTable by_speed(const Values& values, const ComplexTable& x) const override;
+  Solver factor(Complex value) const override;
+  /// All of them.
+  Inverse inverse(double shift, bool velocity_free, bool left, Index count) const override;
+  Reals hidden(const Pairs& pairs) const override;
 
  private:
-  /// out = factor x, x and out (dof, columns).
-  void times(const Matrix& factor, const double* x, Index columns, double* out) const;
+  Eigen::MatrixXd times(const Matrix& factor, const Eigen::MatrixXd& x) const;
+  ComplexTable times(const Matrix& factor, const ComplexTable& x) const;
 
   const Lapack lapack_;
-  const Matrix mass_, velocity_, stiffness_;
+  const Matrix mass_, velocity_, stiffness_, velocity_rate_, stiffness_rate_;
 };
 
 /// Of each pair, those after the residual only with left vectors.
 struct Assessment {
-  std::vector<double> residual;     // |P x| / (|lambda^2 M x| + |lambda C x| + size |x|)
-  std::vector<double> uncertain;    // how far residual and rounding may have moved lambda
-  std::vector<Complex> slope;       // d lambda / du; 0 without by_speed
-  std::vector<Complex> correction;  // Newton's, of lambda
-  std::vector<Complex> by_left;     // y^H (dP/dlambda) x
-  std::vector<Complex> by_right;    // x^H (dP/dlambda) x
+  Reals residual, uncertain;  // as of a `Pair`
+  Values slope, correction;   // d lambda / du, if asked for; Newton's of lambda
+  Values by_left, by_right;   // y^H (dP/dlambda) x and x^H (dP/dlambda) x
 };
 
-Assessment assess(const Operator& p, const Pairs& pairs);
+/// A residual that is better known than from these vectors is kept.
+Assessment assess(const Operator& p, const Pairs& pairs, bool slopes);
 
-/// The pair nearest to a good guess, (dof) each, by two-sided Rayleigh quotient iteration.
-struct Refined {
-  Complex value;
-  ComplexTable right, left;
-  double residual;  // infinite where the iteration ends with nothing
-  int steps;
-};
-
-Refined refine(const Operator& p, Refined guess, int most_steps);
+/// The pair nearest to a good guess by two-sided Rayleigh quotient iteration, with its residual,
+/// which is infinite where the iteration ends with nothing. `steps` grows by those taken.
+Pair refine(const Operator& p, const Pair& guess, int& steps);
 
 /// Growth Re lambda of oscillating pairs by their energy balance, and how far rounding may move it.
 struct Growth {
-  std::vector<double> rate, error;
+  Reals rate, error;
 };
 
 /// With lambda = sigma + i omega the imaginary part of x^H P x = 0 is

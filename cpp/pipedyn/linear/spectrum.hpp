@@ -29,6 +29,9 @@ struct NotConverged : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Whether a root is good by its relative residual.
+bool has_converged(Complex value, double residual);
+
 /// A root with P x = 0 and y^H P = 0, and how good it is.
 struct Pair {
   Complex value;                        // lambda
@@ -37,19 +40,21 @@ struct Pair {
   double uncertain = infinite;          // how far residual and rounding may have moved lambda
   Complex slope = 0.0;                  // d lambda / du
 
-  bool converged() const;
+  bool converged() const { return has_converged(value, residual); }
 };
 
 /// The lowest roots at one speed, sorted by |lambda|, of conjugates the upper first; (r) of each.
 struct Sample {
   double u;
-  Values values, slopes;      // lambda, finite; d lambda / du, 0 where there is none
-  Reals residual, uncertain;  // as of a `Pair`
-  Reals noise;                // how far rounding may have moved lambda, for the search
-  Reals slope_noise;          // the same of Re d lambda / du; beyond rest 0 where it does not
-                              // matter, since lambda itself is no better known
-  Eigen::ArrayXi signatures;  // Krein's, -1 or 1, on the imaginary axis of a conservative system,
-                              // 0 elsewhere: roots of one signature pass through each other there
+  Values values = {}, slopes = {};      // lambda, finite; d lambda / du, 0 where there is none
+  Reals residual = {}, uncertain = {};  // as of a `Pair`
+  Reals noise = {};                     // how far rounding may have moved lambda, to search by
+  /// The same of Re d lambda / du; beyond rest 0 where it does not matter, since lambda itself is
+  /// no better known.
+  Reals slope_noise = {};
+  /// Krein's, -1 or 1, on the imaginary axis of a conservative system, 0 elsewhere: two roots of
+  /// one signature pass through each other and stay on the axis.
+  Eigen::ArrayXi signatures = {};
   ComplexTable right = {}, left = {};  // (dof, r), or empty
 
   Index size() const { return values.size(); }
