@@ -300,7 +300,13 @@ void define_linear(py::module_& m) {
              return DenseOperators{
                  dense_operators(lapack, {of[0], of[1], of[2], of[3], of[4]}, centrifugal, size)};
            }),
-           "matrices"_a, "centrifugal"_a, "size"_a);
+           "matrices"_a, "centrifugal"_a, "size"_a)
+      .def(
+          "__call__",
+          [](const DenseOperators& operators, double u) {
+            return std::const_pointer_cast<Operator>(operators.at(u));
+          },
+          "u"_a);
   py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
       .def(py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
                        bool squared, const py::object& at, bool complete, bool free_at_rest,

@@ -46,7 +46,11 @@ bool is_finite(Complex value) { return std::isfinite(value.real()) && std::isfin
 
 /// The largest residual, infinite where one is not a number.
 double worst(const Pairs& pairs) {
-  return pairs.residual.isFinite().all() ? pairs.residual.maxCoeff() : infinite;
+  double most = 0.0;
+  for (const double residual : pairs.residual) {
+    most = std::isnan(residual) ? infinite : std::max(most, residual);
+  }
+  return most;
 }
 
 }  // namespace
@@ -74,33 +78,33 @@ const Operator& Eigenproblem::at(double u) {
 
 Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
   count = std::min(count, 2 * traits.dof);
-  Pairs best{};
+  std::optional<Pairs> best;
   for (const double shift : shifts) {
-    Pairs pairs = about(u, shift, count, left);
-    if (pairs.values.size() == 0) continue;
-    mend(u, pairs, left, high);
+    std::optional<Pairs> pairs = about(u, shift, count, left);
+    if (!pairs) continue;
+    mend(u, *pairs, left, high);
     bool good = true;
-    for (Index i = 0; i < pairs.values.size(); ++i) good = good && is_good(pairs, i, high);
-    if (best.values.size() == 0 || worst(pairs) < worst(best)) best = std::move(pairs);
+    for (Index i = 0; i < pairs->values.size(); ++i) good = good && is_good(*pairs, i, high);
+    if (!best || worst(*pairs) < worst(*best)) best = std::move(pairs);
     if (good) break;
   }
-  if (best.values.size() == 0) {
+  if (!best) {
     const double none = std::numeric_limits<double>::quiet_NaN();
-    best = {Values::Constant(count, {none, 0.0}), ComplexTable::Zero(traits.dof, count),
+    best = Pairs{Values::Constant(count, {none, 0.0}), ComplexTable::Zero(traits.dof, count),
             ComplexTable::Zero(traits.dof, left ? count : 0), Reals::Constant(count, infinite)};
   }
-  return best;
+  return *best;
 }
 
 /// By the inverse problem about a shift; none if that fails.
-Pairs Eigenproblem::about(double u, double shift, Index count, bool left) {
+std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bool left) {
   const bool free = traits.squared || (free_at_rest_ && u == 0.0);
   const Index every = 2 * traits.dof;
   for (Index asked = std::min(count + 6, every);; asked = std::min(2 * asked, traits.dof)) {
     Inverse found = at(u).inverse(shift, free, left, asked);
     if (complete_) factorised_ += 2;
     const Index size = found.mu.size();
-    if (size == 0) return {};
+    if (size == 0) return std::nullopt;
     Pairs pairs{Complex(shift) + found.mu.inverse(), std::move(found.right), std::move(found.left), {}};
     if (free) {
       // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
@@ -214,7 +218,10 @@ Sample Eigenproblem::sample(double u, Index count) {
   const Assessment found = assessed(u, pairs, true);
   const Reals size = pairs.values.abs();
   // Residuals and rounding of mu, taken to lambda; roots that meet scatter by its square root.
-  const double nearest = std::max((pairs.values - shifts[0]).abs().minCoeff(), 1e-3);
+  double nearest = infinite;
+  for (const Complex value : pairs.values) {
+    nearest = std::min(nearest, std::max(std::abs(value - shifts[0]), 1e-3));
+  }
   Reals noise = (1e-14 * size + 40.0 * eps / nearest * size.square())
                     .max(found.uncertain.min(1e-7 * (1.0 + size)));
   Reals slope_noise = Reals::Zero(size.size());

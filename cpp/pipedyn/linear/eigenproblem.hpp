@@ -5,6 +5,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 
 #include "pipedyn/linear/eigenpairs.hpp"
 
@@ -45,7 +46,7 @@ class Eigenproblem : public Spectrum {
 
  private:
   const Operator& at(double u);
-  Pairs about(double u, double shift, Index count, bool left);
+  std::optional<Pairs> about(double u, double shift, Index count, bool left);
   void mend(double u, Pairs& pairs, bool left, bool high);
   Pair near(double u, const Pair& guess);
   void improve(double u, Pairs& pairs, const Assessment& found, Reals& uncertain);
