@@ -18,7 +18,7 @@
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/motion.hpp"
 #include "pipedyn/linear/crossings.hpp"
-#include "pipedyn/linear/loci.hpp"
+#include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/modular/scene.hpp"
 #include "pipedyn/vector/levels.hpp"
 #include "pipedyn/work.hpp"
@@ -1077,10 +1077,10 @@ void check_crossings() {
         unstable += crossing.speed < u ? crossing.change : 0;
       check(unstable == branches.unstable(u), "the crossings account for the unstable roots");
     }
-    const auto rows = pipedyn::root_loci(branches, {0.0, 1.5, end}, pairs, 2 * pairs, [](Index) {});
+    const auto loci = pipedyn::root_loci(branches, {0.0, 1.5, end}, pairs, 2 * pairs, [](Index) {});
     for (Index k = 0; k < pairs; ++k) {
-      check(rows && rows->back().values[k].real() == branches.real(k, end) &&
-                rows->back().partners[k] == std::conj(rows->back().values[k]),
+      check(loci && loci->values(2, k).real() == branches.real(k, end) &&
+                loci->partners(2, k) == std::conj(loci->values(2, k)),
             "a branch stays itself");
     }
   }

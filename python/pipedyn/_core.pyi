@@ -11,13 +11,13 @@ import typing
 
 __all__: list[str] = [
     "AxisCrossing",
+    "CalledOperator",
     "Chain",
     "DenseOperator",
     "DenseOperators",
     "Eigenproblem",
     "Galerkin",
     "GalerkinMotion",
-    "LongOperator",
     "Operator",
     "Operators",
     "Pair",
@@ -203,6 +203,13 @@ class Pair:
     def value(self) -> complex: ...
 
 class Pairs:
+    def __init__(
+        self,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"] = ...,
+        residuals: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+    ) -> None: ...
     @property
     def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, 1]"]: ...
     @property
@@ -211,6 +218,10 @@ class Pairs:
     def residuals(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
     def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def slopes(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+    @property
+    def uncertain(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
     def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
 
@@ -269,10 +280,39 @@ class Spectrum:
 class Operator:
     pass
 
-class LongOperator(Operator):
+class CalledOperator(Operator):
     def __init__(
         self,
-        functions: typing.Any,
+        multiply: collections.abc.Callable[
+            [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]],
+            tuple[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ],
+        by_speed: collections.abc.Callable[
+            [
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+            ],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+        ],
+        factor: collections.abc.Callable[
+            [complex],
+            collections.abc.Callable[
+                [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"], bool],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ],
+        inverse: collections.abc.Callable[
+            [float, bool, bool, int],
+            tuple[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ],
         dof: typing.SupportsInt | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
@@ -297,6 +337,7 @@ class DenseOperator(Operator):
     ]: ...
 
 class DenseOperators:
+    def __call__(self, u: typing.SupportsFloat | typing.SupportsIndex) -> Operator: ...
     def __init__(
         self,
         matrices: typing.Annotated[
@@ -318,27 +359,45 @@ class Eigenproblem(Spectrum):
         damped: bool,
         conservative: bool,
         squared: bool,
-        operators: typing.Any,
+        operators: DenseOperators | collections.abc.Callable[[float], Operator],
         complete: bool,
         free_at_rest: bool,
-        amend: typing.Any = None,
-        known: typing.Any = None,
-        refined: typing.Any = None,
-        statics: Eigenproblem = None,
+        amend: collections.abc.Callable[
+            [
+                float,
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+                bool,
+            ],
+            tuple[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ] = None,
+        known: collections.abc.Callable[
+            [float, complex],
+            tuple[
+                typing.SupportsFloat | typing.SupportsIndex,
+                typing.SupportsFloat | typing.SupportsIndex,
+                complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+            ]
+            | None,
+        ] = None,
+        refined: collections.abc.Callable[
+            [float, complex],
+            tuple[
+                complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.SupportsFloat | typing.SupportsIndex,
+            ]
+            | None,
+        ] = None,
+        statics: Eigenproblem | None = None,
     ) -> None: ...
-    def assessed(
-        self,
-        u: typing.SupportsFloat | typing.SupportsIndex,
-        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
-        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"] | None = None,
-        residual: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] | None = None,
-    ) -> tuple[
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-    ]: ...
+    def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
     def lowest(
         self,
         u: typing.SupportsFloat | typing.SupportsIndex,

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <numbers>
 #include <tuple>
 
 namespace pipedyn {
@@ -84,6 +85,11 @@ bool meet(const Step& step, Index i, Index k) {
     if (j != i && j != k) room = std::min(room, std::abs(step.start(j) - centre));
   }
   return std::abs(sum) < 0.02 * room && std::abs(product) < 0.02 * room * room;
+}
+
+/// Whether one of two roots is the upper, of real ones the greater.
+bool is_above(Complex a, Complex b) {
+  return std::tuple(a.imag(), a.real()) > std::tuple(b.imag(), b.real());
 }
 
 /// Which is which after a meeting is a convention: upper to upper, upper to the greater real.
@@ -175,10 +181,6 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
 
 }  // namespace
 
-bool is_above(Complex a, Complex b) {
-  return std::tuple(a.imag(), a.real()) > std::tuple(b.imag(), b.real());
-}
-
 bool Step::shortest() const { return length() <= 2.0 * shortest_step * (1.0 + right->u); }
 
 bool Step::lost(Index root) const {
@@ -265,6 +267,83 @@ Roots modes_of_pairs(const Values& values, double delta) {
     for (const Index i : groups[mode].members) modes[i] = static_cast<Index>(mode) + 1;
   }
   return modes;
+}
+
+std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>& speeds,
+                                  Index count, Index taken,
+                                  const std::function<void(Index done)>& report) {
+  const Index size = static_cast<Index>(speeds.size());
+  RootLoci loci{{size, count}, {size, count}, {size, count}, {size, count}};
+  Index done = 0;
+  const auto take = [&](double u) {
+    auto at = std::make_shared<const Sample>(spectrum.sample(u, taken));
+    report(done);
+    return at;
+  };
+  const SharedSample first = take(speeds[0]);
+  const double delta = spectrum.traits.delta;
+  const Roots modes = modes_of_pairs(first->values, delta);
+  Roots upper(count, -1), lower(count, -1);
+  for (Index i = 0; i < first->size(); ++i) {
+    const Index branch = modes[i] - 1;
+    if (branch < 0 || branch >= count) continue;
+    const Index other = std::exchange(upper[branch], i);
+    if (other < 0) continue;
+    lower[branch] = other;
+    if (is_above(first->values[other], first->values[i])) std::swap(upper[branch], lower[branch]);
+  }
+  for (const Index i : lower) {
+    if (i < 0) return {};
+  }
+  const auto add_row = [&](const Sample& at) {
+    for (Index k = 0; k < count; ++k) {
+      const Index i = upper[k], j = lower[k];
+      loci.values(done, k) = at.values[i];
+      loci.partners(done, k) = at.values[j];
+      loci.converged(done, k) = has_converged(at.values[i], at.residual[i]) &&
+                                has_converged(at.values[j], at.residual[j]);
+      loci.errors(done, k) = std::max(at.uncertain[i], at.uncertain[j]);
+    }
+    ++done;
+  };
+  add_row(*first);
+  // The cluster begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
+  const double number = std::numbers::pi * (static_cast<double>(count) + 0.5);
+  const double beyond = std::max(delta * number * number, 1.0);
+  const Cluster cluster{delta, 0.5 / (beyond * beyond), spectrum.traits.zero};
+  Roots tracked = upper;
+  tracked.insert(tracked.end(), lower.begin(), lower.end());
+  bool complete = true;
+
+  const auto visit = [&](const Step& step) {
+    const Values& there = step.right->values;
+    for (Index k = 0; k < count; ++k) {
+      Index &up = upper[k], &low = lower[k];
+      const bool was_real = step.start(up).imag() == 0.0 && step.start(low).imag() == 0.0;
+      const Index onto = step.onto[up], other = step.onto[low];
+      complete = complete && onto >= 0 && other >= 0 &&
+                 !(taken < 2 * spectrum.traits.dof && step.lost(up));
+      if (!complete) return false;
+      up = onto;
+      low = other;
+      // A complex root's partner is its conjugate, whichever root of the cluster that is.
+      for (Index i = 0; there[up].imag() != 0.0 && i < there.size(); ++i) {
+        if (there[i] != std::conj(there[up])) continue;
+        low = i;
+        break;
+      }
+      // A branch that left the upper half plane comes back there.
+      if ((was_real || cluster.holds(there[up])) && there[up].imag() < 0.0) std::swap(up, low);
+    }
+    if (step.right->u == speeds[done]) add_row(*step.right);
+    return true;
+  };
+  const auto sure = [](const Step&) { return true; };
+  track({take, sure, visit, cluster, longest_step}, first, {speeds.begin() + 1, speeds.end()},
+        tracked);
+  report(done);
+  if (!complete) return {};
+  return loci;
 }
 
 }  // namespace pipedyn

@@ -15,6 +15,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "pipedyn/linear/spectrum.hpp"
@@ -76,12 +77,25 @@ struct Tracking {
 void track(const Tracking& tracking, SharedSample first, const std::vector<double>& speeds,
            Roots tracked);
 
-/// Whether one of two roots is the upper, of real ones the greater.
-bool is_above(Complex a, Complex b);
-
 /// Mode of each root at rest, from 1, by the square of its undamped frequency. Conjugates share a
 /// mode; so do two real roots with 1/a + 1/b = -delta, which is exact for opposite roots of an
 /// undamped buckled pipe and for overdamped modes without gravity.
 Roots modes_of_pairs(const Values& values, double delta);
+
+/// Branches of eigenvalues at each of increasing speeds, (speeds, count) of each: a root, the other
+/// of its pair, and of both whether they passed the check of their residual and how far they may be
+/// off.
+struct RootLoci {
+  Eigen::ArrayXXcd values, partners;
+  Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> converged;
+  Eigen::ArrayXXd errors;
+};
+
+/// The `count` lowest branches at the first speed, tracked among the `taken` lowest roots; none
+/// where one climbs out of these. `report` is called after each sample with the number of speeds
+/// done, and may throw.
+std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>& speeds,
+                                  Index count, Index taken,
+                                  const std::function<void(Index done)>& report);
 
 }  // namespace pipedyn

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
+from pipedyn import _core
 from pipedyn.models.base import DENSE_LIMIT
 from pipedyn.models.pencil import Vectors
 from pipedyn.util.check import Array
@@ -40,6 +41,11 @@ class AtSpeed:
 
     problem: Eigenproblem
     u: float
+
+    def operator(self) -> _core.CalledOperator:
+        """What the core calls."""
+        calls = self.multiply, self.by_speed, self.factor, self.inverse
+        return _core.CalledOperator(*calls, self.problem.dof, self.problem.size(self.u))
 
     def multiply(self, x: Vectors) -> tuple[Vectors, Vectors, Vectors]:
         """M x, C x and K x, each of shape (dof, r)."""
@@ -73,7 +79,9 @@ class AtSpeed:
                     mu = np.concatenate([mu[real], mu[upper], mu[upper].conj()])
                     x = np.hstack([x[:, real], x[:, upper], x[:, upper].conj()])
                 return mu, x, np.zeros((dof, 0), dtype=np.complex128)
-        return self.problem.dense().operators(self.u).inverse(shift, free, left)
+        dense = self.problem.dense().operators(self.u)
+        assert isinstance(dense, _core.DenseOperator)
+        return dense.inverse(shift, free, left)
 
     def arnoldi(self, shift: float, free: bool, count: int) -> tuple[Complex, Complex]:
         """The `count` largest |mu| with x, O(dof) a step; none if that fails.

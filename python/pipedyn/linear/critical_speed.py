@@ -80,9 +80,9 @@ class CriticalSpeed(Crossing):
 def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
     """Every crossing of the imaginary axis by an eigenvalue up to a flow speed.
 
-    None is missed between samples: see `cpp/pipedyn/linear/crossings.hpp`. A pipe that is unstable from the
-    smallest flow on has crossings at speed 0, one for each mode that leaves the axis there (for
-    `Continuum`, those of its basis).
+    None is missed between samples: see `cpp/pipedyn/linear/crossings.hpp`. A pipe that is unstable
+    from the smallest flow on has crossings at speed 0, one for each mode that leaves the axis there
+    (for `Continuum`, those of its basis).
 
     Args:
         model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.

@@ -115,10 +115,10 @@ class Eigenproblem:
         return result
 
     @property
-    def operators(self) -> Callable[[float], Any]:
+    def operators(self) -> _core.DenseOperators | Callable[[float], _core.Operator]:
         """P at each speed as the core takes it."""
         if self.is_long:
-            return lambda u: _core.LongOperator(AtSpeed(self, u), self.dof, self.size(u))
+            return lambda u: AtSpeed(self, u).operator()
         assert isinstance(self.pencil, DensePencil)
         ops = self.pencil.operators
         matrices = ops.mass, self.pencil.V, ops.damping, ops.stiffness, ops.flux

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, eigenproblem
 from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
 from pipedyn.models.continuum import (
@@ -147,7 +148,9 @@ class Modes:
         same = np.abs(there[:, None] - values).argmin(axis=0)
         # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
         right, left = pairs.right[:, same], pairs.left[:, same]
-        errors[good] = spectrum.assessed(self.speed, values, right, left, self.residuals[good])[1]
+        found = _core.Pairs(values, right, left, self.residuals[good])
+        spectrum.assess(self.speed, found)
+        errors[good] = found.uncertain
         errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
         return errors
 

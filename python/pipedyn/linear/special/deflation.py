@@ -147,7 +147,7 @@ class Deflated(Eigenproblem):
         return Deflated(self.chain.pencil(dense=True), self.chain)
 
     @property
-    def operators(self) -> Callable[[float], Any]:
+    def operators(self) -> _core.DenseOperators | Callable[[float], _core.Operator]:
         if self.is_long:
             return super().operators
 
