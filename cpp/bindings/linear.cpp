@@ -80,8 +80,6 @@ void define_linear(py::module_& m) {
   py::class_<Pair>(m, "Pair")
       .def_readonly("value", &Pair::value)
       .def_readonly("slope", &Pair::slope)
-      .def_readonly("uncertain", &Pair::uncertain)
-      .def_property_readonly("converged", &Pair::converged)
       .def_property_readonly("right", [](const Pair& pair) { return ComplexTable(pair.right); })
       .def_property_readonly("left", [](const Pair& pair) { return ComplexTable(pair.left); });
   py::class_<Pairs>(m, "Pairs")
@@ -106,6 +104,8 @@ void define_linear(py::module_& m) {
   py::class_<AxisCrossing>(m, "AxisCrossing")
       .def_readonly("speed", &AxisCrossing::speed)
       .def_readonly("value", &AxisCrossing::value)
+      .def_property_readonly(
+          "frequency", [](const AxisCrossing& crossing) { return std::abs(crossing.value.imag()); })
       .def_readonly("change", &AxisCrossing::change)
       .def_readonly("mode", &AxisCrossing::mode)
       .def_readonly("error", &AxisCrossing::error)
@@ -118,6 +118,12 @@ void define_linear(py::module_& m) {
       .def_readonly("crossings", &Sweep::crossings)
       .def_readonly("failure", &Sweep::failure)
       .def_readonly("untracked", &Sweep::untracked);
+
+  py::class_<RootLoci>(m, "RootLoci")
+      .def_readonly("values", &RootLoci::values)
+      .def_readonly("partners", &RootLoci::partners)
+      .def_readonly("converged", &RootLoci::converged)
+      .def_readonly("errors", &RootLoci::errors);
 
   py::class_<Spectrum, std::shared_ptr<Spectrum>>(m, "Spectrum")
       .def(
@@ -140,7 +146,7 @@ void define_linear(py::module_& m) {
       .def(
           "root_loci",
           [](Spectrum& spectrum, const std::vector<double>& speeds, Index count, Index taken,
-             const py::object& factorised, const py::object& row_done) -> py::object {
+             const py::object& factorised, const py::object& row_done) {
             Report report(spectrum, factorised);
             Index told = 0;
             const auto sampled = [&](Index rows) {
@@ -155,19 +161,11 @@ void define_linear(py::module_& m) {
               found = root_loci(spectrum, speeds, count, taken, sampled);
             }
             report.tell();
-            if (!found) return py::none();
-            return py::make_tuple(found->values, found->partners, found->converged, found->errors);
+            return found;
           },
           "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
-      .def(
-          "refined",
-          [](Spectrum& spectrum, double u, Complex value, const std::optional<Pair>& near) {
-            Pair guess = near.value_or(Pair{});
-            guess.value = value;
-            const py::gil_scoped_release unlocked;
-            return spectrum.refined(u, guess);
-          },
-          "u"_a, "value"_a, "near"_a = py::none())
+      .def("onset_near", &onset_near, "speed"_a, "frequency"_a,
+           py::call_guard<py::gil_scoped_release>())
       .def("factorisations", &Spectrum::factorisations);
 
   py::class_<Operator, std::shared_ptr<Operator>>(m, "Operator");
@@ -206,15 +204,18 @@ void define_linear(py::module_& m) {
       .def(
           py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
                       bool squared, const std::variant<DenseOperators, Eigenproblem::At>& operators,
-                      bool complete, bool free_at_rest, const decltype(Corrections::amend)& amend,
-                      const decltype(Corrections::known)& known,
-                      const decltype(Corrections::refined)& refined,
+                      bool complete, bool free_at_rest,
+                      const std::optional<decltype(Corrections::amend)>& amend,
+                      const std::optional<decltype(Corrections::known)>& known,
+                      const std::optional<decltype(Corrections::refined)>& refined,
                       const std::optional<std::shared_ptr<Eigenproblem>>& statics) {
             const auto* const dense = std::get_if<DenseOperators>(&operators);
             return std::make_shared<Eigenproblem>(
                 Traits{dof, delta, zero, damped, conservative, squared},
                 dense != nullptr ? dense->at : std::get<1>(operators), complete, free_at_rest,
-                Corrections{amend, known, refined}, statics.value_or(nullptr));
+                Corrections{amend.value_or(nullptr), known.value_or(nullptr),
+                            refined.value_or(nullptr)},
+                statics.value_or(nullptr));
           }),
           "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
           "complete"_a, "free_at_rest"_a, "amend"_a = py::none(), "known"_a = py::none(),

@@ -23,6 +23,7 @@ __all__: list[str] = [
     "Pair",
     "Pairs",
     "Pipe",
+    "RootLoci",
     "Scene",
     "Spectrum",
     "Sweep",
@@ -190,15 +191,11 @@ class GalerkinMotion:
 
 class Pair:
     @property
-    def converged(self) -> bool: ...
-    @property
     def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     @property
     def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     @property
     def slope(self) -> complex: ...
-    @property
-    def uncertain(self) -> float: ...
     @property
     def value(self) -> complex: ...
 
@@ -231,6 +228,8 @@ class AxisCrossing:
     @property
     def error(self) -> float: ...
     @property
+    def frequency(self) -> float: ...
+    @property
     def mode(self) -> int: ...
     @property
     def pair(self) -> Pair | None: ...
@@ -249,6 +248,16 @@ class Sweep:
     @property
     def untracked(self) -> bool: ...
 
+class RootLoci:
+    @property
+    def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, n]"]: ...
+    @property
+    def errors(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def partners(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+
 class Spectrum:
     def crossings(
         self,
@@ -262,12 +271,11 @@ class Spectrum:
         factorised: typing.Any,
     ) -> Sweep: ...
     def factorisations(self) -> int: ...
-    def refined(
+    def onset_near(
         self,
-        u: typing.SupportsFloat | typing.SupportsIndex,
-        value: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-        near: Pair | None = None,
-    ) -> Pair: ...
+        speed: typing.SupportsFloat | typing.SupportsIndex,
+        frequency: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> AxisCrossing | None: ...
     def root_loci(
         self,
         speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
@@ -275,7 +283,7 @@ class Spectrum:
         taken: typing.SupportsInt | typing.SupportsIndex,
         factorised: typing.Any,
         row_done: typing.Any = None,
-    ) -> typing.Any: ...
+    ) -> RootLoci | None: ...
 
 class Operator:
     pass
@@ -375,7 +383,8 @@ class Eigenproblem(Spectrum):
                 typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
                 typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
             ],
-        ] = None,
+        ]
+        | None = None,
         known: collections.abc.Callable[
             [float, complex],
             tuple[
@@ -384,7 +393,8 @@ class Eigenproblem(Spectrum):
                 complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
             ]
             | None,
-        ] = None,
+        ]
+        | None = None,
         refined: collections.abc.Callable[
             [float, complex],
             tuple[
@@ -394,7 +404,8 @@ class Eigenproblem(Spectrum):
                 typing.SupportsFloat | typing.SupportsIndex,
             ]
             | None,
-        ] = None,
+        ]
+        | None = None,
         statics: Eigenproblem | None = None,
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <optional>
 
 namespace pipedyn {
 
@@ -16,6 +15,9 @@ constexpr double largest_error = 1e-3;
 /// Roots of modes that need not be tracked are not worth refining with Re < -0.3 |lambda|: with 16
 /// Legendre functions they have 0.56 or more at damping 1e-3, without damping 0.03 at most.
 constexpr double heavy_damping = 0.3;
+
+/// Of Newton's method, which takes three or four from a step's cubic.
+constexpr int most_iterations = 12;
 
 using Function = std::function<double(double)>;
 
@@ -49,6 +51,29 @@ NotConverged refusal(const char* format, Numbers... numbers) {
   char text[200];
   std::snprintf(text, sizeof text, format, numbers...);
   return NotConverged(text);
+}
+
+/// A root on the imaginary axis by Newton's method from a guess at speed u, or the iterate at which
+/// it ends without, as where it leaves the speeds from low to high.
+std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double low, double high) {
+  double last = infinite;
+  for (int iteration = 0;; ++iteration) {
+    Pair pair = spectrum.refined(u, guess);
+    const double change = -pair.value.real() / pair.slope.real(), size = std::abs(change);
+    const bool inside = u + change >= low && u + change <= high;
+    if (iteration == most_iterations || !inside || last == 0.0) return {u, std::move(pair)};
+    u = std::max(u + change, 0.0);
+    guess = std::move(pair);
+    guess.value += guess.slope * change;
+    // Converged, or steps that do not shrink any more: what is left is rounding.
+    last = size <= 4e-16 * u || size >= last ? 0.0 : size;
+  }
+}
+
+/// Of the speed at which a root lies on the axis.
+double error_of(const Pair& pair) {
+  const double rate = std::abs(pair.slope.real());
+  return rate > 0.0 ? (pair.uncertain + std::abs(pair.value.real())) / rate : infinite;
 }
 
 /// What a step shows: one root of each conjugate pair; those that meet another on the real axis are
@@ -480,23 +505,13 @@ AxisCrossing Search::polished(const Step& step, const Scan::Passage& passage) {
     return {u, 0.0, change, mode,
             u == step.left->u || u == step.right->u ? step.length() : 4e-16 * (1.0 + u)};
   }
-  double u = step.left->u + passage.at * step.length();
-  const double slack = 1e-9 * (1.0 + u) + 0.1 * step.length();
-  Pair guess{step.expected(root, u)}, pair;
+  const double at = step.left->u + passage.at * step.length();
+  const double slack = 1e-9 * (1.0 + at) + 0.1 * step.length();
+  Pair guess{step.expected(root, at)};
   if (step.left->right.size() > 0) guess.right = step.left->right.col(root);
-  double last = infinite;
-  for (int iteration = 0;; ++iteration) {
-    pair = spectrum_.refined(u, guess);
-    const double newton = -pair.value.real() / pair.slope.real(), size = std::abs(newton);
-    const bool inside = u + newton >= step.left->u - slack && u + newton <= step.right->u + slack;
-    // Where it ends without a crossing is checked below against where the step predicts the root.
-    if (iteration == 12 || !inside || last == 0.0) break;
-    u = std::max(u + newton, 0.0);
-    guess = pair;
-    guess.value += pair.slope * newton;
-    // Converged, or steps that do not shrink any more: what is left is rounding.
-    last = size <= 4e-16 * u || size >= last ? 0.0 : size;
-  }
+  auto [u, pair] =
+      newton(spectrum_, at, std::move(guess), step.left->u - slack, step.right->u + slack);
+  // Where it ends without a crossing shows in where the step predicts the root.
   const auto astray = [&] {
     const double tolerance = 1e-6 * (1.0 + std::abs(pair.value));
     const double off = std::abs(pair.value - step.expected(root, u));
@@ -514,10 +529,8 @@ AxisCrossing Search::polished(const Step& step, const Scan::Passage& passage) {
         "with %.1e",
         pair.value.real(), pair.value.imag(), u, pair.residual);
   }
-  const double uncertain = pair.uncertain + std::abs(pair.value.real());
-  const double rate = std::abs(pair.slope.real());
   const Complex value(0.0, real ? 0.0 : std::abs(pair.value.imag()));
-  return {u, value, change, mode, rate > 0.0 ? uncertain / rate : infinite, std::move(pair)};
+  return {u, value, change, mode, error_of(pair), std::move(pair)};
 }
 
 /// Where two roots meet on the axis and leave it, or come back to it: two pairs of a conservative
@@ -577,6 +590,13 @@ double Search::bisected(const Step& step, Index root) {
 
 Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report) {
   return Search(spectrum, range, report).run();
+}
+
+std::optional<AxisCrossing> onset_near(Spectrum& spectrum, double speed, double frequency) {
+  auto [u, pair] = newton(spectrum, speed, {{0.0, frequency}}, speed / 3.0, 3.0 * speed);
+  const bool is_onset = pair.slope.real() > 0.0 && pair.value.imag() > 0.0 && pair.converged();
+  if (!is_onset || std::abs(pair.value.real()) > 1e-9 * std::abs(pair.value)) return {};
+  return AxisCrossing{u, {0.0, pair.value.imag()}, 2, 0, error_of(pair), std::move(pair)};
 }
 
 }  // namespace pipedyn
