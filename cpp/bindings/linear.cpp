@@ -32,6 +32,8 @@ Lapack scipy_lapack() {
   set("scipy.linalg.cython_blas", "dgemm", lapack.dgemm);
   set("scipy.linalg.cython_lapack", "dgetrf", lapack.dgetrf);
   set("scipy.linalg.cython_lapack", "dgetrs", lapack.dgetrs);
+  set("scipy.linalg.cython_lapack", "zgetrf", lapack.zgetrf);
+  set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   return lapack;
 }

@@ -158,13 +158,10 @@ class Search {
   /// Mode of each root at rest, by frequency.
   Roots ranked(const Sample& first) const {
     if (!traits_.squared) return modes_of_pairs(first.values, traits_.delta);
-    Roots modes(first.size(), 1);
-    for (Index i = 0; i < first.size(); ++i) {
-      for (Index k = 0; k < first.size(); ++k) {
-        const double ahead = first.values[k].real() - first.values[i].real();
-        modes[i] += ahead > 0.0 || (ahead == 0.0 && k < i);
-      }
-    }
+    Values roots(2 * first.size());
+    roots << first.values.sqrt(), -first.values.sqrt();
+    Roots modes = modes_of_pairs(roots, 0.0);
+    modes.resize(first.size());
     return modes;
   }
 
