@@ -150,7 +150,7 @@ void define_linear(py::module_& m) {
           [](Spectrum& spectrum, const std::vector<double>& speeds, Index count, Index taken,
              const py::object& factorised, const py::object& row_done) {
             Report report(spectrum, factorised);
-            Index told = 0;
+            Index told = 1;  // the first speed is where tracking starts
             const auto sampled = [&](Index rows) {
               report();
               if (row_done.is_none() || rows == told) return;

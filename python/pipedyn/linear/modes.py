@@ -328,7 +328,7 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model, dense=True if overdamped else None)
     spectrum, every, taken = problem.spectrum(), 2 * problem.dof, 2 * count + 16
-    done = track(range(speeds.size), speeds.size, "root loci", shown)
+    done = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
     row_done = (lambda: next(done, None)) if shown else None
     while True:
         taken = taken if problem.is_long and taken < problem.dof else every
