@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Settings of the whole suite: property tests draw the same examples every time."""
 
+import gc
 import os
 
 # Before numpy is imported: its matrices here are small, and threads only get in each other's way.
@@ -10,3 +11,9 @@ import hypothesis
 
 hypothesis.settings.register_profile("same", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("same")
+
+
+def pytest_collection_finish():
+    """What is there now stays to the end, so that no garbage is looked for in it again."""
+    gc.collect()
+    gc.freeze()

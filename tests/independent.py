@@ -151,6 +151,35 @@ def places(chain, at):
     return []
 
 
+@lru_cache(maxsize=8)
+def _inertia(chain):
+    """Of a chain: inertia but for angles, first moments, and forces across the axis.
+
+    The latter as (law, coefficient, lever): the places of a load move by lever @ sin(angle).
+    """
+    n, length = chain.dof, chain.lengths
+    beyond = length[::-1].cumsum()[::-1] - length
+    arm = chain.centers * length
+    moment = length * (beyond + arm)
+    near, far = np.minimum.outer(range(n), range(n)), np.maximum.outer(range(n), range(n))
+    coupling = length[near] * moment[far]
+    own = length**2 * beyond + length * (arm**2 + chain.gyration_radii**2)
+    np.fill_diagonal(coupling, own)
+    forces = []
+    for term in chain.pipe.terms:
+        (number,) = term.numbers.values()
+        for j, at, weight in places(chain, term.place):
+            lever = np.where(np.arange(n) < j, length, 0.0)
+            lever[j] = at
+            if term.law == "point_mass":
+                coupling += number * np.outer(lever, lever)
+                moment = moment + number * lever
+            else:
+                share = 1.0 if term.law == "damper" else weight
+                forces.append((term.law, share * number, lever))
+    return coupling, moment, forces
+
+
 def dense_rates(chain, y, u):
     """dy/dt of a chain by the equations of motion in the angles, with a dense mass matrix.
 
@@ -163,26 +192,13 @@ def dense_rates(chain, y, u):
     if pipe.flow == "aspirating":
         signed, thrust = -u, pipe.alpha * u**2
     angle, rate = y[:n], y[n:]
-    beyond = length[::-1].cumsum()[::-1] - length
-    arm = chain.centers * length
-    moment = length * (beyond + arm)
-    near, far = np.minimum.outer(range(n), range(n)), np.maximum.outer(range(n), range(n))
-    coupling = length[near] * moment[far]
-    own = length**2 * beyond + length * (arm**2 + chain.gyration_radii**2)
-    np.fill_diagonal(coupling, own)
+    coupling, moment, levers = _inertia(chain)
     across_axis = np.zeros(n, dtype=y.dtype)
-    for term in pipe.terms:
-        (number,) = term.numbers.values()
-        for j, arm, weight in places(chain, term.place):
-            lever = np.where(np.arange(n) < j, length, 0.0)
-            lever[j] = arm
-            if term.law == "point_mass":
-                coupling += number * np.outer(lever, lever)
-                moment = moment + number * lever
-            elif term.law == "damper":
-                across_axis += number * (lever @ (rate * np.cos(angle))) * lever
-            else:
-                across_axis += weight * number * (lever @ np.sin(angle)) * lever
+    for law, number, lever in levers:
+        if law == "damper":
+            across_axis += number * (lever @ (rate * np.cos(angle))) * lever
+        else:
+            across_axis += number * (lever @ np.sin(angle)) * lever
     between = angle[:, None] - angle
     elastic = springs * (np.diff(angle, prepend=0.0) + pipe.damping * np.diff(rate, prepend=0.0))
     momentum = np.triu(np.outer(length, length) * np.cos(between), 1) @ rate
