@@ -8,9 +8,20 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
+import pytest
 
 hypothesis.settings.register_profile("same", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("same")
+
+
+@pytest.fixture
+def at_level():
+    """Sets the vector level, and the one in use before when the test ends."""
+    from pipedyn import _core  # the process that hands out tests needs no package
+
+    before = _core.vector_level()
+    yield _core.set_vector_level
+    _core.set_vector_level(before)
 
 
 def pytest_collection_finish():

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Routes to the answers that share nothing with the package's own."""
+"""Routes to the answers that share nothing with the package's own, and what several tests need."""
 
 from functools import lru_cache
 
 import mpmath
 import numpy as np
 from numpy.polynomial import chebyshev
+
+import pipedyn as pp
 
 
 def lagrangian_equations(
@@ -133,6 +135,43 @@ def lagrangian_accelerations(states, *numbers, **more):
         mass = np.array([residual(*state, *unit) for unit in np.eye(n)]).T - still[:, None]
         result[:, j] = np.linalg.solve(mass, -still)
     return result
+
+
+def any_chain(n, *seed, **pipe):
+    """A chain with nothing equal or homogeneous, one joint without its spring, and a base."""
+    rng = np.random.default_rng([n, *seed])
+    lengths = rng.uniform(0.4, 1.6, n)
+    springs = rng.uniform(0.5, 2.0, n) * n
+    springs[n // 2] = 0.0
+    return pp.Chain(
+        pp.Pipe(0.3, **pipe),
+        lengths=0.9 * lengths / lengths.sum(),
+        springs=springs,
+        centers=rng.uniform(0.2, 0.8, n),
+        gyration_radii=rng.uniform(0.1, 0.5, n) / n,
+        drag_points=rng.uniform(0.0, 1.0, n),
+        base=0.1,
+    )
+
+
+def gauss(count):
+    """Gauss's nodes and weights on 0 to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def derivative(function, h):
+    """Eighth-order central difference at 0."""
+    weights = [1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]
+    return sum(c * function(k * h) for k, c in zip(range(-4, 5), weights, strict=True)) / h
+
+
+def second_derivative(function, h):
+    """Eighth-order central difference at 0."""
+    weights = (-1 / 560, 8 / 315, -1 / 5, 8 / 5)
+    sides = zip((4, 3, 2, 1), weights, strict=True)
+    pairs = sum(c * (function(k * h) + function(-k * h)) for k, c in sides)
+    return (pairs - 205 / 72 * function(0.0)) / h**2
 
 
 def places(chain, at):
