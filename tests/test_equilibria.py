@@ -242,7 +242,7 @@ def test_crooked_joint_breaks_the_pitchfork_into_a_fold():
     assert len(found) == 3
     assert np.abs(found.tips[:, 0]).min() > 1e-3
     left = int(np.argmin(found.tips[:, 0]))
-    branch = pp.equilibrium_branch(scene, scene.angles(found.q[left]), 1.0, (1.0, 4.0), 0.2)
+    branch = pp.equilibrium_branch(scene, scene.angles(found.q[left]), 1.0, (1.0, 4.0), 0.4)
     assert "fold" in [point.kind for point in branch.points]
     assert "pitchfork" not in [point.kind for point in branch.points]
 
