@@ -513,7 +513,7 @@ def test_implicit_steps_take_the_scenes_own_jacobian() -> None:
     for scene in (md.chain(EJECTING, 4).plus(md.Guide(4)), SCENES["fitted"]()):
         start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
         runs = [
-            pp.simulate(scene, 2.0, 2.0, start, rtol=1e-8, method=method, samples=51)
+            pp.simulate(scene, 2.0, 1.0, start, rtol=1e-8, method=method, samples=51)
             for method in ("dop853", "lsoda")
         ]
         np.testing.assert_allclose(runs[0].tip, runs[1].tip, atol=1e-5)
@@ -552,7 +552,7 @@ def test_both_enforcements_give_one_motion() -> None:
     motions = [
         pp.simulate(
             md.Assembly(EJECTING, parts.modules, parts.constraints, enforcement),
-            *(2.0, 0.5, start),
+            *(2.0, 0.25, start),
             samples=6,
             rtol=1e-9,
         )
