@@ -271,11 +271,6 @@ class Spectrum:
         factorised: typing.Any,
     ) -> Sweep: ...
     def factorisations(self) -> int: ...
-    def onset_near(
-        self,
-        speed: typing.SupportsFloat | typing.SupportsIndex,
-        frequency: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> AxisCrossing | None: ...
     def root_loci(
         self,
         speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
