@@ -270,12 +270,6 @@ class Spectrum:
         until_unstable: bool,
         factorised: typing.Any,
     ) -> Sweep: ...
-    def factorisations(self) -> int: ...
-    def onset_near(
-        self,
-        speed: typing.SupportsFloat | typing.SupportsIndex,
-        frequency: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> AxisCrossing | None: ...
     def root_loci(
         self,
         speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
