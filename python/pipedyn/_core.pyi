@@ -270,6 +270,7 @@ class Spectrum:
         until_unstable: bool,
         factorised: typing.Any,
     ) -> Sweep: ...
+    def factorisations(self) -> int: ...
     def root_loci(
         self,
         speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
