@@ -13,7 +13,6 @@ __all__: list[str] = [
     "Chain",
     "DenseOperator",
     "Galerkin",
-    "GalerkinMotion",
     "LongOperator",
     "Operator",
     "Operators",
@@ -21,7 +20,6 @@ __all__: list[str] = [
     "Scan",
     "Scene",
     "match",
-    "most_on_a_panel",
     "scan",
     "set_vector_level",
     "sincos",
@@ -134,10 +132,9 @@ class Galerkin:
         pipe: Pipe,
         legendre: bool,
         size: typing.SupportsInt | typing.SupportsIndex,
-        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        more: typing.SupportsInt | typing.SupportsIndex,
-        nodes: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        weights: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        more: typing.SupportsInt | typing.SupportsIndex = 0,
+        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None: ...
     def basis(
         self,
@@ -147,28 +144,16 @@ class Galerkin:
     def elastic_stiffness(
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
-    def operators(self) -> Operators: ...
-    def term_stiffness(self) -> float: ...
-
-class GalerkinMotion:
-    def __init__(
-        self,
-        pipe: Pipe,
-        legendre: bool,
-        size: typing.SupportsInt | typing.SupportsIndex,
-        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
-        more: typing.SupportsInt | typing.SupportsIndex = 0,
-        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
-    ) -> None: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def most_on_a_panel(self) -> int: ...
     def nodes(
         self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> int: ...
     def operators(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
     def power(
         self, y: typing.Any, u: typing.Any
@@ -184,6 +169,7 @@ class GalerkinMotion:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def term_stiffness(self) -> float: ...
 
 class Operator:
     def assess(
@@ -373,11 +359,6 @@ def match(
     numpy.typing.NDArray[numpy.complex128],
     bool,
 ]: ...
-def most_on_a_panel(
-    size: typing.SupportsInt | typing.SupportsIndex,
-    joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-    more: typing.SupportsInt | typing.SupportsIndex,
-) -> int: ...
 def scan(
     step: typing.Any,
     modes: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],

@@ -11,7 +11,7 @@
 //   (9)       drag                     chain/sweeps.hpp; modular/modules.hpp, Drag
 //   (10)      clamp                    modular/constraint.hpp
 //   (11)      joints                   modular/constraint.hpp
-// Their limit for short segments: galerkin/motion.hpp; linear: galerkin/galerkin.hpp.
+// Their limit for short segments, with its linear equation: galerkin/galerkin.hpp.
 //
 // Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
 // + chi_k l_k^2, row k reads

@@ -110,6 +110,33 @@ void integrate_folded(const GridTables& grid, Count row, double* sums, double* m
   }
 }
 
+/// The first columns of the integrals at each point, from their halves; out has rows of its own
+/// length.
+void unfold(const GridTables& grid, Count row, const double* moments, Count columns, double* out,
+            Count out_row) {
+  const Count nodes = grid.nodes, block = nodes + 1, half = block / 2, middle = half - 1;
+  for (Count first = 0; first < grid.points; first += block) {
+    for (Count p = 0; p < half; ++p) {
+      const double* __restrict const even = moments + (first + p) * row;
+      const double* __restrict const odd = even + half * row;
+      double* __restrict const here = out + (first + p) * out_row;
+      double* __restrict const mirrored = out + (first + nodes - 1 - p) * out_row;
+      double* __restrict const end = out + (first + nodes) * out_row;
+      if (p < middle) {
+        for (Count i = 0; i < columns; ++i) {
+          here[i] = even[i] + odd[i];
+          mirrored[i] = even[i] - odd[i];
+        }
+      } else {
+        for (Count i = 0; i < columns; ++i) {
+          here[i] = even[i];
+          end[i] = 2.0 * odd[i];
+        }
+      }
+    }
+  }
+}
+
 Count integrals_scratch_size(const GridTables& grid, Count columns) {
   return 2 * grid.points * whole_packs(columns);
 }
@@ -136,26 +163,7 @@ void integrate(const GridTables& grid, const double* f, Count columns, double* o
     }
   }
   integrate_folded(grid, row, scratch, moments);
-  for (Count first = 0; first < grid.points; first += block) {
-    for (Count p = 0; p < half; ++p) {
-      const double* __restrict const even = moments + (first + p) * row;
-      const double* __restrict const odd = even + half * row;
-      double* __restrict const here = out + (first + p) * columns;
-      double* __restrict const mirrored = out + (first + nodes - 1 - p) * columns;
-      double* __restrict const end = out + (first + nodes) * columns;
-      if (p < middle) {
-        for (Count i = 0; i < columns; ++i) {
-          here[i] = even[i] + odd[i];
-          mirrored[i] = even[i] - odd[i];
-        }
-      } else {
-        for (Count i = 0; i < columns; ++i) {
-          here[i] = even[i];
-          end[i] = 2.0 * odd[i];
-        }
-      }
-    }
-  }
+  unfold(grid, row, moments, columns, out, columns);
 }
 
 }  // namespace

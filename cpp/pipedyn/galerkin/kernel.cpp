@@ -12,7 +12,8 @@
 
 namespace {
 
-using pipedyn::Batch, pipedyn::MotionEffects, pipedyn::PanelTerm, pipedyn::PowerParts;
+using pipedyn::Batch, pipedyn::Kinematics, pipedyn::MotionEffects, pipedyn::PanelTerm,
+    pipedyn::PowerParts;
 
 // ---------------------------------------------------------------------------------------- block
 
@@ -422,13 +423,19 @@ struct Block {
     }
   }
 
-  void accelerations(const Batch& batch, double* out) {
+  /// Integrals' halves; returns the length of their rows.
+  Count kinematics(const Batch& batch) {
     const Count row = row_length(bias + (loads ? 6 : drags ? 4 : 2));
     angles(batch.y);
     fold_slopes(row);
     fold_acceleration(row, bias);
     if (drags || loads) fold_velocity(row, bias + 2);
     integrate_folded(grid, row, sums, moments);
+    return row;
+  }
+
+  /// After `kinematics`, whose result row is.
+  void accelerations(const Batch& batch, Count row, double* out) {
     forces(batch.y, load<Real>(batch.u), row);
     gram(row);
     solve(out);
@@ -519,7 +526,17 @@ void with_block(const GridTables& grid, const MotionEffects& effects, const Batc
 
 void accelerations(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
                    double* out, double* scratch) {
-  with_block(grid, effects, batch, scratch, [&](auto&& block) { block.accelerations(batch, out); });
+  with_block(grid, effects, batch, scratch,
+             [&](auto&& block) { block.accelerations(batch, block.kinematics(batch), out); });
+}
+
+Kinematics kinematics(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+                      double* accelerations, double* scratch) {
+  Block<double> one(grid, effects, scratch);
+  const Count row = one.kinematics(batch);
+  if (accelerations != nullptr) one.accelerations(batch, row, accelerations);
+  unfold(grid, row, one.moments, row, one.sums, row);
+  return {one.sine, one.cosine, one.omega, one.velocity, one.weighted, one.sums, row};
 }
 
 void energy(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out,
@@ -543,6 +560,7 @@ namespace pipedyn {
 const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
     .scratch_size = ::scratch_size,
     .accelerations = ::accelerations,
+    .kinematics = ::kinematics,
     .energy = ::energy,
     .power = ::power,
     .integrals_scratch_size = ::integrals_scratch_size,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Motion of the reduced model (equations in galerkin/motion.hpp): the tables of one quadrature, and
-// the functions that each vector level compiles. Includes no other library.
+// Motion of the reduced model (equations in galerkin/galerkin.hpp): the tables of one quadrature,
+// and the functions that each vector level compiles. Includes no other library.
 #pragma once
 
 #include <cstddef>
@@ -56,11 +56,22 @@ struct PanelTerm {
 
 /// What acts on the pipe, each 0 where the pipe does not have it.
 struct MotionEffects {
-  double coriolis;     // 2 s sqrt(beta)
-  double centrifugal;  // a
-  double gamma, drag, damping;
-  const PanelTerm* loads;
-  std::ptrdiff_t load_count;
+  double coriolis = 0.0;     // 2 s sqrt(beta)
+  double centrifugal = 0.0;  // a
+  double gamma = 0.0, drag = 0.0, damping = 0.0;
+  const PanelTerm* loads = nullptr;
+  std::ptrdiff_t load_count = 0;
+};
+
+/// The centreline of one member at the points, in the scratch of the call that computed it.
+struct Kinematics {
+  const double *sine, *cosine, *omega;  // (N,)
+  const double *normal, *weight;  // v_n and drag's weights, where there are drag and q'', (N,)
+  const double* columns;  // (N, row): derivatives of the position by the orthonormal coordinates,
+                          // all x then all y (2 padded); x, y of the acceleration at q'' = 0, of
+                          // the velocity where drag or a term reads it, of the position where a
+                          // term does
+  std::ptrdiff_t row;
 };
 
 /// The functions of one vector level. A batch here is a block: one member or the level's width,
@@ -73,6 +84,9 @@ struct GalerkinKernel {
   /// positive definite to rounding.
   void (*accelerations)(const GridTables&, const MotionEffects&, const Batch&, double* out,
                         double* scratch);
+  /// Of one member; also its q'' (m,), unless that is null.
+  Kinematics (*kinematics)(const GridTables&, const MotionEffects&, const Batch&,
+                           double* accelerations, double* scratch);
   /// Energy of each member, O(N Q + N m).
   void (*energy)(const GridTables&, const MotionEffects&, const Batch&, double* out,
                  double* scratch);

@@ -14,21 +14,25 @@ Quadrature::Quadrature(Index count) {
   expansion.resize(count, count);
   const double degree = static_cast<double>(count);
   Vector values(count + 1);  // P_k(x)
-  for (Index i = 0; i < count; ++i) {
+  for (Index i = 0; 2 * i < count; ++i) {
     // Newton's method on P_count from the classical guesses, in descending order.
     double x = std::cos(std::numbers::pi * (static_cast<double>(i) + 0.75) / (degree + 0.5));
-    double slope = 1.0;
-    for (int step = 0; step < 6; ++step) {
+    double slope = 1.0, change = 1.0;
+    for (int step = 0; step < 6 && std::abs(change) > 1e-15; ++step) {
       legendre_values(x, count + 1, values.data());
       slope = degree * (values[count - 1] - x * values[count]) / ((1.0 - x) * (1.0 + x));
-      x -= values[count] / slope;
+      change = values[count] / slope;
+      x -= change;
     }
-    const Index p = count - 1 - i;
+    const Index p = count - 1 - i;  // i is its mirror image
+    node[i] = 0.5 * (1.0 - x);
     node[p] = 0.5 * (1.0 + x);
-    weight[p] = 1.0 / ((1.0 - x) * (1.0 + x) * slope * slope);
+    weight[i] = weight[p] = 1.0 / ((1.0 - x) * (1.0 + x) * slope * slope);
     legendre_values(x, count, values.data());
     for (Index k = 0; k < count; ++k) {
-      expansion(k, p) = (2.0 * static_cast<double>(k) + 1.0) * weight[p] * values[k];
+      const double value = (2.0 * static_cast<double>(k) + 1.0) * weight[p] * values[k];
+      expansion(k, i) = k % 2 == 0 ? value : -value;
+      expansion(k, p) = value;
     }
   }
 }
