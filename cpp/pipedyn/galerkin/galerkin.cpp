@@ -117,6 +117,13 @@ class Linearisation {
     line_ = kernel().kinematics(tables, effects, {y, &u, 1, 0}, acceleration, work);
   }
 
+  /// The straight pipe's displacements (N, m), to more digits than as integrals of the slopes.
+  void set_displacements(const Matrix& w) {
+    for (Index p = 0; p < w.rows(); ++p) {
+      std::copy_n(w.data() + p * w.cols(), w.cols(), line_.columns + p * line_.row);
+    }
+  }
+
   /// The derivatives at the state and its q'' (m,). functions: those of the rows.
   void derive(const MotionEffects& effects, double u, const Vector& acceleration,
               const Orthonormal& functions);
@@ -308,8 +315,8 @@ void Linearisation::derive(const MotionEffects& effects, double u, const Vector&
 }
 
 /// Operators about a configuration q at rest.
-Operators operators_at(const Grid& grid, const MotionEffects& effects, double sqrt_beta,
-                       const Vector& q) {
+Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects& effects,
+                       double sqrt_beta, const Vector& q) {
   const Index m = q.size(), last = grid.tables().points - 1;
   const Orthonormal functions(m);
   const Vector still = Vector::Zero(m);
@@ -320,6 +327,7 @@ Operators operators_at(const Grid& grid, const MotionEffects& effects, double sq
   const MotionEffects flow{.coriolis = 2.0 * sqrt_beta, .centrifugal = 1.0};
   Linearisation about;
   about.move(grid, grid.tables_in_basis(), rest, y.data(), 1.0, nullptr);
+  if (q.isZero(0.0)) about.set_displacements(basis.evaluate(grid.places(), 0));
   Operators ops(m);
   about.derive(rest, 1.0, still, functions);
   ops.mass = about.mass();
@@ -361,7 +369,7 @@ Operators Galerkin::operators(const Vector& q) const {
   if (q.size() > 0) {
     require_amplitudes(q.size(), dof());
     const Grid& grid = grids()[grids().choose(q.data(), 1)];
-    return operators_at(grid, effects_of(pipe_, grids().panels()), pipe_.sqrt_beta(), q);
+    return operators_at(grid, basis_, effects_of(pipe_, grids().panels()), pipe_.sqrt_beta(), q);
   }
   // Legendre products are polynomials of twice a panel's functions and 2; beam mode m has about
   // m / 2 waves and a layer of width 1 / (m pi) at either end.
@@ -369,7 +377,8 @@ Operators Galerkin::operators(const Vector& q) const {
   const Index nodes = beam ? 2 * dof() + 30 : basis_.most_on_a_panel() + 3;
   const Panels panels(basis_, pipe_.terms);
   const Grid grid(basis_, Orthonormal(dof()), panels, whole(nodes + 1, GridTables::multiple) - 1);
-  return operators_at(grid, effects_of(pipe_, panels), pipe_.sqrt_beta(), Vector::Zero(dof()));
+  return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_.sqrt_beta(),
+                      Vector::Zero(dof()));
 }
 
 double Galerkin::term_stiffness() const {

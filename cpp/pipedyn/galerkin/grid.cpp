@@ -142,18 +142,18 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   const Index m = basis.size(), block = nodes + 1, half = block / 2, middle = half - 1;
   const Index points = panels.count() * block;
   const Index stride = whole(points, GridTables::widest);
-  Vector s(points);
+  places_.resize(points);
   weight_ = measure_ = mass_ = folded_mass_ = beyond_ = Vector::Zero(points);
   for (Index panel = 0; panel < panels.count(); ++panel) {
     const Index first = panel * block, end = first + nodes;
     length_[panel] = panels.ends[panel + 1] - panels.ends[panel];
     for (Index k = 0; k < nodes; ++k) {
       const Index p = first + k;
-      s[p] = panels.ends[panel] + length_[panel] * rule.node[k];
+      places_[p] = panels.ends[panel] + length_[panel] * rule.node[k];
       weight_[p] = measure_[p] = length_[panel] * rule.weight[k];
       mass_[p] = (1.0 + panels.mass_per_length) * weight_[p];
     }
-    s[end] = panels.ends[panel + 1];
+    places_[end] = panels.ends[panel + 1];
     measure_[end] = 1.0;
     mass_[end] = panels.mass[panel];
     for (Index k = 0; k < middle; ++k) {
@@ -162,9 +162,9 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
     folded_mass_[first + middle] = mass_[first + middle];
     folded_mass_[end] = 4.0 * mass_[end];  // a panel's end has half a row
   }
-  for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(s[p]);
+  for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(places_[p]);
   slope_ = Matrix::Zero(points, whole(m, GridTables::multiple));
-  slope_.leftCols(m) = basis.evaluate(s, 1);
+  slope_.leftCols(m) = basis.evaluate(places_, 1);
   slope_by_function_ = Matrix::Zero(m, stride);
   slope_by_function_.leftCols(points) = slope_.leftCols(m).transpose();
   orthonormal_ = slope_;

@@ -71,6 +71,7 @@ class Grid {
 
   Index nodes() const { return tables_.nodes; }       // of each panel
   Index heavy() const { return tables_.heavy; }       // points that may have mass
+  const Vector& places() const { return places_; }    // arc lengths of the points, (N,)
   const Vector& weight() const { return weight_; }    // 0 at panels' ends, (N,)
   const Vector& measure() const { return measure_; }  // weight, and 1 at panels' ends
   const Vector& mass() const { return mass_; }        // at each point, (N,)
@@ -81,7 +82,7 @@ class Grid {
  private:
   Matrix slope_, slope_by_function_, orthonormal_;
   Matrix from_sums_, from_differences_, expansion_, recurrence_;
-  Vector length_, arc_, weight_, measure_, mass_, folded_mass_, beyond_, stiffness_;
+  Vector places_, length_, arc_, weight_, measure_, mass_, folded_mass_, beyond_, stiffness_;
   GridTables tables_;
 };
 

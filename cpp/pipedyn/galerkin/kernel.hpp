@@ -67,10 +67,10 @@ struct MotionEffects {
 struct Kinematics {
   const double *sine, *cosine, *omega;  // (N,)
   const double *normal, *weight;  // v_n and drag's weights, where there are drag and q'', (N,)
-  const double* columns;  // (N, row): derivatives of the position by the orthonormal coordinates,
-                          // all x then all y (2 padded); x, y of the acceleration at q'' = 0, of
-                          // the velocity where drag or a term reads it, of the position where a
-                          // term does
+  double* columns;  // (N, row): derivatives of the position by the orthonormal coordinates,
+                    // all x then all y (2 padded); x, y of the acceleration at q'' = 0, of
+                    // the velocity where drag or a term reads it, of the position where a
+                    // term does
   std::ptrdiff_t row;
 };
 
