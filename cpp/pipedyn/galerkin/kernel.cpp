@@ -17,9 +17,24 @@ using pipedyn::Batch, pipedyn::Kinematics, pipedyn::MotionEffects, pipedyn::Pane
 
 // ---------------------------------------------------------------------------------------- block
 
+/// What a vector of a sum holds: of one member numbers along the pipe or the functions, of several
+/// members one number of each.
+template <bool alone>
+struct Along {
+  using Numbers = double;
+};
+template <>
+struct Along<true> {
+  using Numbers = Pack;
+};
+
 /// Members side by side, as many as a Real holds, with what is computed of them.
 template <class Real>
 struct Block {
+  static constexpr bool alone = lanes<Real> == 1;
+  using Numbers = typename Along<alone>::Numbers;
+  static constexpr Count step = lanes<Numbers>;  // points or functions in a vector
+  static constexpr Count tile = alone ? 1 : 4;   // vectors at a time
   const GridTables& grid;
   const MotionEffects& effects;
   const Count m = grid.functions, padded = grid.padded, nodes = grid.nodes, points = grid.points;
@@ -37,7 +52,7 @@ struct Block {
 
   static Count row_length(Count columns) { return whole_packs(columns * lanes<Real>); }
   /// Of a row of the mass matrix: single rows are written by whole packs.
-  Count mass_stride() const { return lanes<Real> == 1 ? whole_packs(padded) : padded; }
+  Count mass_stride() const { return alone ? whole_packs(padded) : padded; }
 
   Block(const GridTables& tables, const MotionEffects& present, double* scratch)
       : grid(tables), effects(present) {
@@ -76,36 +91,23 @@ struct Block {
 
   void angles(const double* q) {
     const double* const rate = q + m * lanes<Real>;
-    if constexpr (lanes<Real> == 1) {
-      for (Count p = 0; p < grid.stride; p += width) {
-        Pack angle{}, speed{};
-        for (Count i = 0; i < m; ++i) {
-          const Pack slope = load<Pack>(grid.slope_by_function + i * grid.stride + p);
-          angle += q[i] * slope;
-          speed += rate[i] * slope;
-        }
-        store(theta + p, angle);
-        store(omega + p, speed);
-      }
-      sincos(theta, grid.stride, sine, cosine);
-    } else {
-      for (Count p = 0; p < points; p += 4) {
-        Real angle[4] = {}, speed[4] = {};
-        for (Count i = 0; i < m; ++i) {
-          const Real amplitude = at<Real>(q, i), pace = at<Real>(rate, i);
-          const double* const slope = grid.slope_by_function + i * grid.stride + p;
-          for (Count k = 0; k < 4; ++k) {
-            angle[k] += slope[k] * amplitude;
-            speed[k] += slope[k] * pace;
-          }
-        }
-        for (Count k = 0; k < 4; ++k) {
-          set(theta, p + k, angle[k]);
-          set(omega, p + k, speed[k]);
+    const Count count = alone ? grid.stride : points;
+    for (Count p = 0; p < count; p += tile * step) {
+      Pack angle[tile] = {}, speed[tile] = {};
+      for (Count i = 0; i < m; ++i) {
+        const Real amplitude = at<Real>(q, i), pace = at<Real>(rate, i);
+        for (Count k = 0; k < tile; ++k) {
+          const auto slope = load<Numbers>(grid.slope_by_function + i * grid.stride + p + k * step);
+          angle[k] += slope * amplitude;
+          speed[k] += slope * pace;
         }
       }
-      sincos(theta, points * lanes<Real>, sine, cosine);
+      for (Count k = 0; k < tile; ++k) {
+        store(theta + p * lanes<Real> + k * width, angle[k]);
+        store(omega + p * lanes<Real> + k * width, speed[k]);
+      }
     }
+    sincos(theta, count * lanes<Real>, sine, cosine);
   }
 
   /// Calls visit(panel's first point, its length).
@@ -290,32 +292,20 @@ struct Block {
     });
     fold_in_place(load_x);
     fold_in_place(load_y);
-    if constexpr (lanes<Real> == 1) {
-      for (Count i = 0; i < padded; ++i) force[i] = 0.0;
+    for (Count i = 0; i < padded; i += tile * step) {
+      Pack sum[tile] = {};
       for_each_panel([&](Count first, double) {
         for (Count p = 0; p < block; ++p) {
-          const double* __restrict const x = moments + (first + p) * row;
-          const double* __restrict const y_row = x + padded;
+          const double* const x = moments + (first + p) * row + i * lanes<Real>;
+          const double* const y_row = x + padded * lanes<Real>;
           const Count from = first + load_of(p);
-          const double fx = load_x[from], fy = load_y[from];
-          double* __restrict const to = force;
-          for (Count i = 0; i < padded; ++i) to[i] += fx * x[i] + fy * y_row[i];
+          const Real fx = at<Real>(load_x, from), fy = at<Real>(load_y, from);
+          for (Count k = 0; k < tile; ++k) {
+            sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width);
+          }
         }
       });
-    } else {
-      for (Count i = 0; i < padded; i += 4) {
-        Real sum[4] = {};
-        for_each_panel([&](Count first, double) {
-          for (Count p = 0; p < block; ++p) {
-            const double* const x = moments + (first + p) * row + i * lanes<Real>;
-            const double* const y_row = x + padded * lanes<Real>;
-            const Count from = first + load_of(p);
-            const Real fx = at<Real>(load_x, from), fy = at<Real>(load_y, from);
-            for (Count k = 0; k < 4; ++k) sum[k] += fx * at<Real>(x, k) + fy * at<Real>(y_row, k);
-          }
-        });
-        for (Count k = 0; k < 4; ++k) set(force, i + k, sum[k]);
-      }
+      for (Count k = 0; k < tile; ++k) store(force + i * lanes<Real> + k * width, sum[k]);
     }
     elastic(y);
   }
@@ -341,45 +331,26 @@ struct Block {
 
   /// Lower triangle of the mass matrix in tiles: sum over rows and components of w J_i J_j.
   void gram(Count row) {
-    if constexpr (lanes<Real> == 1) {
-      const Count stride = mass_stride();
-      for (Count i = 0; i < padded; i += 4) {
-        for (Count k = 0; k < i + 4; k += width) {
-          Pack by_x[4] = {}, by_y[4] = {};
-          for (Count p = 0; p < grid.heavy; ++p) {
-            const double* const x = moments + p * row;
-            const double* const y = x + padded;
-            const Pack first = grid.folded_mass[p] * load<Pack>(x + k);
-            const Pack second = grid.folded_mass[p] * load<Pack>(y + k);
-            for (Count r = 0; r < 4; ++r) {
-              by_x[r] += x[i + r] * first;
-              by_y[r] += y[i + r] * second;
+    constexpr Count rows = 4, columns = alone ? 1 : width == 8 ? 4 : 2;  // a tile is in registers
+    for (Count i = 0; i < padded; i += rows) {
+      for (Count k = 0; k < i + rows; k += columns * step) {
+        Pack sum[rows][columns] = {};
+        for (Count p = 0; p < grid.heavy; ++p) {
+          for (Count component = 0; component < 2; ++component) {
+            const double* const from = moments + p * row + component * padded * lanes<Real>;
+            Pack others[columns];
+            for (Count c = 0; c < columns; ++c) {
+              others[c] = grid.folded_mass[p] * load<Pack>(from + k * lanes<Real> + c * width);
+            }
+            for (Count r = 0; r < rows; ++r) {
+              const Real value = at<Real>(from, i + r);
+              for (Count c = 0; c < columns; ++c) sum[r][c] += value * others[c];
             }
           }
-          for (Count r = 0; r < 4; ++r) store(mass + (i + r) * stride + k, by_x[r] + by_y[r]);
         }
-      }
-    } else {
-      constexpr Count rows = 4, columns = width == 8 ? 4 : 2;  // a tile stays in registers
-      for (Count i = 0; i < padded; i += rows) {
-        for (Count k = 0; k < i + rows; k += columns) {
-          Real sum[rows][columns] = {};
-          for (Count p = 0; p < grid.heavy; ++p) {
-            for (Count component = 0; component < 2; ++component) {
-              const double* const from = moments + p * row + component * padded * lanes<Real>;
-              Real others[columns];
-              for (Count c = 0; c < columns; ++c) {
-                others[c] = grid.folded_mass[p] * at<Real>(from, k + c);
-              }
-              for (Count r = 0; r < rows; ++r) {
-                const Real value = at<Real>(from, i + r);
-                for (Count c = 0; c < columns; ++c) sum[r][c] += value * others[c];
-              }
-            }
-          }
-          for (Count r = 0; r < rows; ++r) {
-            for (Count c = 0; c < columns; ++c) set(mass, (i + r) * padded + k + c, sum[r][c]);
-          }
+        for (Count r = 0; r < rows; ++r) {
+          double* const to = mass + ((i + r) * mass_stride() + k) * lanes<Real>;
+          for (Count c = 0; c < columns; ++c) store(to + c * width, sum[r][c]);
         }
       }
     }
