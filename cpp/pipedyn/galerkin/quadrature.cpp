@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/quadrature.hpp"
 
+#include <algorithm>
 #include <numbers>
 #include <stdexcept>
-#include <utility>
 
 namespace pipedyn {
 
@@ -38,17 +38,7 @@ Quadrature::Quadrature(Index count) {
 }
 
 Matrix Quadrature::integral_to(const Vector& s) const {
-  Vector values(size() + 1);
-  Matrix integrals(s.size(), size());
-  for (Index p = 0; p < s.size(); ++p) {
-    legendre_values(2.0 * s[p] - 1.0, size() + 1, values.data());
-    integrals(p, 0) = s[p];
-    for (Index k = 1; k < size(); ++k) {
-      integrals(p, k) =
-          (values[k + 1] - values[k - 1]) / (2.0 * (2.0 * static_cast<double>(k) + 1.0));
-    }
-  }
-  return integrals * expansion;
+  return legendre_integrals(legendre_values(s, size() + 1), s) * expansion;
 }
 
 Matrix legendre_recurrence(Index count) {
@@ -61,13 +51,29 @@ Matrix legendre_recurrence(Index count) {
 }
 
 void legendre_values(double x, Index count, double* out) {
-  for (Index k = 0; k < count; ++k) {
+  for (Index k = 0; k < std::min<Index>(count, 2); ++k) out[k] = k == 0 ? 1.0 : x;
+  for (Index k = 2; k < count; ++k) {
     const double before = static_cast<double>(k - 1);
-    out[k] = k == 0
-                 ? 1.0
-                 : ((2.0 * before + 1.0) * x * out[k - 1] - before * (k > 1 ? out[k - 2] : 0.0)) /
-                       (before + 1.0);
+    out[k] = ((2.0 * before + 1.0) * (x * out[k - 1]) - before * out[k - 2]) / (before + 1.0);
   }
+}
+
+Matrix legendre_values(const Vector& s, Index count) {
+  Matrix out(s.size(), count);
+  for (Index p = 0; p < s.size(); ++p) {
+    legendre_values(2.0 * s[p] - 1.0, count, out.data() + p * count);
+  }
+  return out;
+}
+
+Matrix legendre_integrals(const Matrix& values, const Vector& first) {
+  Matrix out(values.rows(), values.cols() - 1);
+  out.col(0) = first;
+  for (Index k = 1; k < out.cols(); ++k) {
+    out.col(k) =
+        (values.col(k + 1) - values.col(k - 1)) / (2.0 * (2.0 * static_cast<double>(k) + 1.0));
+  }
+  return out;
 }
 
 }  // namespace pipedyn
