@@ -143,7 +143,7 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   const Index points = panels.count() * block;
   const Index stride = whole(points, GridTables::widest);
   places_.resize(points);
-  weight_ = measure_ = mass_ = folded_mass_ = beyond_ = Vector::Zero(points);
+  weight_ = measure_ = mass_ = beyond_ = Vector::Zero(points);
   for (Index panel = 0; panel < panels.count(); ++panel) {
     const Index first = panel * block, end = first + nodes;
     length_[panel] = panels.ends[panel + 1] - panels.ends[panel];
@@ -156,11 +156,6 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
     places_[end] = panels.ends[panel + 1];
     measure_[end] = 1.0;
     mass_[end] = panels.mass[panel];
-    for (Index k = 0; k < middle; ++k) {
-      folded_mass_[first + k] = folded_mass_[first + half + k] = 2.0 * mass_[first + k];
-    }
-    folded_mass_[first + middle] = mass_[first + middle];
-    folded_mass_[end] = 4.0 * mass_[end];  // a panel's end has half a row
   }
   for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(places_[p]);
   slope_ = Matrix::Zero(points, whole(m, GridTables::multiple));
@@ -179,8 +174,9 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   for (Index p = 0; p < half; ++p) {
     for (Index k = 0; k < half; ++k) {
       const double here = integral(p, k), mirrored = integral(p, nodes - 1 - k);
-      from_sums_(p, k) = 0.5 * (p < middle ? here + mirrored - rule.weight[k] : rule.weight[k]);
-      from_differences_(p, k) = k < middle ? 0.5 * (here - mirrored) : 1.0;
+      const double odd = p < middle ? here + mirrored - rule.weight[k] : rule.weight[k];
+      from_sums_(p, k) = (k < middle ? 0.5 : 0.25) * odd;  // the middle is its own mirror image
+      from_differences_(p, k) = 0.5 * (here - mirrored);
     }
   }
   expansion_ = Matrix::Zero(nodes, block);
@@ -205,7 +201,6 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
              .length = length_.data(),
              .weight = weight_.data(),
              .mass = mass_.data(),
-             .folded_mass = folded_mass_.data(),
              .beyond = beyond_.data(),
              .arc = arc_.data(),
              .expansion = expansion_.data(),

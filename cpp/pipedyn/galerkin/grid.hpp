@@ -82,7 +82,7 @@ class Grid {
  private:
   Matrix slope_, slope_by_function_, orthonormal_;
   Matrix from_sums_, from_differences_, expansion_, recurrence_;
-  Vector places_, length_, arc_, weight_, measure_, mass_, folded_mass_, beyond_, stiffness_;
+  Vector places_, length_, arc_, weight_, measure_, mass_, beyond_, stiffness_;
   GridTables tables_;
 };
 

@@ -15,12 +15,11 @@ namespace pipedyn {
 /// panel's points are its nodes s_p, an odd number Q = 2 h - 1 of them that lie symmetric about the
 /// middle one, and its end; p' = Q - 1 - p mirrors p. The last point of all is the free end.
 ///
-/// Integrals from a panel's start to its nodes, S f, cost half of a product with S (Q, Q): of the
-/// sums f(p) + f(p') (and f in the middle) and the differences f(p) - f(p'), p < h - 1,
-///   (S f)(p) - (S f)(p') = 2 (from_sums sums)(p),
-///   (S f)(p) + (S f)(p') = 2 (from_differences (differences, half the integral over all))(p),
-/// where the last row of from_sums gives half the integral over all. From the clamp the second has
-/// what lies before the panel besides.
+/// Integrals from a panel's start to its nodes, S f, cost half of a product with S (Q, Q):
+///   (S f)(p) - (S f)(p') = 2 (from_sums sums)(p),   sums(p) = f(p) + f(p'),
+///   (S f)(p) + (S f)(p') = 2 (from_differences differences)(p) + the integral over all,
+/// p < h; but the last row of from_sums, the middle's, gives half the integral over all. From the
+/// clamp the second has twice what lies before the panel besides.
 struct GridTables {
   static constexpr std::ptrdiff_t multiple = 4;  // of points, and of padded functions
   static constexpr std::ptrdiff_t widest = 8;    // of a stride
@@ -40,7 +39,6 @@ struct GridTables {
   const double* length;             // of each panel, (P,)
   const double* weight;             // of the quadrature, 0 at the panels' ends, (N,)
   const double* mass;               // of the pipe and its terms at each point, (N,)
-  const double* folded_mass;        // of products of rows as the integrals leave them, (N,)
   const double* beyond;             // mass beyond each point, (N,)
   const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)
   const double* expansion;          // of Quadrature, (Q, Q + 1)
