@@ -22,12 +22,12 @@ constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 
 const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 
-/// Calls evaluate(grid, block, out, scratch) for blocks of members that take the same grid, one
-/// alone or as many as the vectors hold, and writes row i of out, (results, members of the block),
-/// to row(i); NaN for those that bend more than the largest grid resolves.
-template <class Evaluate, class Row>
-void for_each_block(const Grids& grids, const Batch& batch, Index results, const Evaluate& evaluate,
-                    const Row& row) {
+/// Calls the kernel's function for blocks of members that take the same grid, one alone or as many
+/// as the vectors hold, and writes row i of its results, (rows, members of the block), to row(i);
+/// NaN for those that bend more than the largest grid resolves.
+template <class Row>
+void evaluate(const GalerkinKernel::Function function, const Grids& grids,
+              const MotionEffects& effects, const Batch& batch, Index results, const Row& row) {
   static thread_local std::vector<Index> grid_of, chosen;
   const GalerkinKernel& kernel = pipedyn::kernel();
   const Index state = 2 * grids.basis().size(), members = batch.members;
@@ -62,7 +62,7 @@ void for_each_block(const Grids& grids, const Batch& batch, Index results, const
         u[b] = batch.u[k * batch.u_step];
         for (Index i = 0; i < state; ++i) y[i * width + b] = batch.y[i * members + k];
       }
-      evaluate(grid, block, out, work);
+      function(grid.tables(), effects, block, out, work);
       for (Index i = 0; i < results; ++i) {
         double* const to = row(i);
         for (Index b = 0; b < used; ++b) to[member[b]] = out[i * width + b];
@@ -407,31 +407,20 @@ Index Galerkin::nodes(const Vector& q) const {
 
 void Galerkin::rhs(const Batch& batch, double* rates) const {
   const Index m = dof(), members = batch.members;
-  const MotionEffects effects = effects_of(pipe_, grids().panels());
   std::copy(batch.y + m * members, batch.y + 2 * m * members, rates);
-  const auto evaluate = [&](const Grid& grid, const Batch& block, double* out, double* work) {
-    kernel().accelerations(grid.tables(), effects, block, out, work);
-  };
-  for_each_block(grids(), batch, m, evaluate, [&](Index i) { return rates + (m + i) * members; });
+  evaluate(kernel().accelerations, grids(), effects_of(pipe_, grids().panels()), batch, m,
+           [&](Index i) { return rates + (m + i) * members; });
 }
 
 void Galerkin::energy(const Batch& batch, double* out) const {
-  const MotionEffects effects = effects_of(pipe_, grids().panels());
-  const auto evaluate = [&](const Grid& grid, const Batch& block, double* energies, double* work) {
-    kernel().energy(grid.tables(), effects, block, energies, work);
-  };
-  for_each_block(grids(), batch, 1, evaluate, [&](Index) { return out; });
+  evaluate(kernel().energy, grids(), effects_of(pipe_, grids().panels()), batch, 1,
+           [&](Index) { return out; });
 }
 
 void Galerkin::power(const Batch& batch, const PowerParts& out) const {
-  const MotionEffects effects = effects_of(pipe_, grids().panels());
-  const auto evaluate = [&](const Grid& grid, const Batch& block, double* parts, double* work) {
-    const Index width = block.members;
-    kernel().power(grid.tables(), effects, block,
-                   {parts, parts + width, parts + 2 * width, parts + 3 * width}, work);
-  };
   double* const parts[] = {out.flow, out.joints, out.drag, out.others};
-  for_each_block(grids(), batch, 4, evaluate, [&](Index i) { return parts[i]; });
+  evaluate(kernel().power, grids(), effects_of(pipe_, grids().panels()), batch, 4,
+           [&](Index i) { return parts[i]; });
 }
 
 void Galerkin::jacobian(const double* y, double u, double* out) const {

@@ -12,8 +12,7 @@
 
 namespace {
 
-using pipedyn::Batch, pipedyn::Kinematics, pipedyn::MotionEffects, pipedyn::PanelTerm,
-    pipedyn::PowerParts;
+using pipedyn::Batch, pipedyn::Kinematics, pipedyn::MotionEffects, pipedyn::PanelTerm;
 
 // ---------------------------------------------------------------------------------------- block
 
@@ -363,7 +362,7 @@ struct Block {
     return 0.5 * twice;
   }
 
-  void power(const Batch& batch, const PowerParts& out) {
+  void power(const Batch& batch, double* out) {
     const Count row = velocities(batch), end = points - 1;
     const Real u = load<Real>(batch.u);
     const Real x = at<Real>(moments + end * row, 0), y = at<Real>(moments + end * row, 1);
@@ -386,10 +385,10 @@ struct Block {
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       others += w * law.power(station);
     });
-    store(out.flow, Real(-flux * (x * x + y * y) - thrust * along));
-    store(out.joints, joints);
-    store(out.drag, dragged);
-    store(out.others, others);
+    set(out, 0, Real(-flux * (x * x + y * y) - thrust * along));
+    set(out, 1, joints);
+    set(out, 2, dragged);
+    set(out, 3, others);
   }
 };
 
@@ -429,8 +428,8 @@ void energy(const GridTables& grid, const MotionEffects& effects, const Batch& b
   with_block(grid, effects, batch, scratch, [&](auto&& block) { store(out, block.energy(batch)); });
 }
 
-void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-           const PowerParts& out, double* scratch) {
+void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out,
+           double* scratch) {
   with_block(grid, effects, batch, scratch, [&](auto&& block) { block.power(batch, out); });
 }
 
@@ -445,9 +444,9 @@ namespace pipedyn {
 const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
     .scratch_size = ::scratch_size,
     .accelerations = ::accelerations,
-    .kinematics = ::kinematics,
     .energy = ::energy,
     .power = ::power,
+    .kinematics = ::kinematics,
     .integrals_scratch_size = ::integrals_scratch_size,
     .integrate = ::integrate_columns,
     .signed_weights = ::signed_weights,

@@ -78,18 +78,19 @@ struct Kinematics {
 struct GalerkinKernel {
   std::ptrdiff_t (*scratch_size)(const GridTables&, std::ptrdiff_t members);
 
+  using Function = void (*)(const GridTables&, const MotionEffects&, const Batch&, double* out,
+                            double* scratch);
+
   /// q'' (m, members), O(N Q m + N m^2 + m^3) a member. NaN where a member's mass matrix is not
   /// positive definite to rounding.
-  void (*accelerations)(const GridTables&, const MotionEffects&, const Batch&, double* out,
-                        double* scratch);
+  Function accelerations;
+  /// Energy of each member, O(N Q + N m).
+  Function energy;
+  /// Power of flow, damping, drag and terms, (4, members).
+  Function power;
   /// Of one member; also its q'' (m,), unless that is null.
   Kinematics (*kinematics)(const GridTables&, const MotionEffects&, const Batch&,
                            double* accelerations, double* scratch);
-  /// Energy of each member, O(N Q + N m).
-  void (*energy)(const GridTables&, const MotionEffects&, const Batch&, double* out,
-                 double* scratch);
-  void (*power)(const GridTables&, const MotionEffects&, const Batch&, const PowerParts& out,
-                double* scratch);
 
   /// Integrals from 0 to each point (N, columns) of what f (N, columns) is at the nodes.
   std::ptrdiff_t (*integrals_scratch_size)(const GridTables&, std::ptrdiff_t columns);

@@ -118,10 +118,6 @@ class Galerkin(Model):
             more=self._more,
         )
 
-    @property
-    def motion(self) -> _core.Galerkin:
-        return self.core
-
     def __repr__(self) -> str:
         return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
 
