@@ -21,7 +21,7 @@ import html
 import math
 import time
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -220,7 +220,8 @@ def choose(
         known = f"answer ({reference.source}) is known to {reference.error:.1e}"
         reason = f"no model can be shown to meet an error of {tolerance:g}: the continuous pipe's"
         raise NoModel(f"{reason} {known}", (), None)
-    search = Search(pipe, asked, reference, families, repeats)
+    fastest_first = sorted(families, key=lambda family: -family.order)
+    search = Search(pipe, asked, reference, fastest_first, repeats)
     if tolerance is not None:
         row = search.cheapest(tolerance)
         demand = f"an error of {tolerance:g}" + (f" in {budget:g} s" if budget is not None else "")
@@ -275,6 +276,7 @@ def _refusal(search: Search, nearest: TradeRow | None, demand: str) -> NoModel:
 # ---------------------------------------------------------------------------------- the search
 
 
+@dataclass
 class Search:
     """Models of one pipe asked so far, each once: `rows`, by family and size.
 
@@ -282,20 +284,14 @@ class Search:
     times alone do not say it.
     """
 
-    def __init__(
-        self,
-        pipe: Pipe,
-        quantity: Quantity,
-        reference: Reference,
-        families: tuple[Family, ...],
-        repeats: int,
-    ) -> None:
-        self.pipe, self.quantity, self.reference = pipe, quantity, reference
-        self.families = sorted(families, key=lambda family: -family.order)
-        self.repeats = repeats
-        self.rows: dict[tuple[str, int], TradeRow] = {}
-        self.reasons: dict[str, str] = {}
-        self._seconds: dict[tuple[str, int], float] = {}
+    pipe: Pipe
+    quantity: Quantity
+    reference: Reference
+    families: list[Family]  # of fastest convergence first
+    repeats: int
+    rows: dict[tuple[str, int], TradeRow] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    _seconds: dict[tuple[str, int], float] = field(default_factory=dict)
 
     def cheapest(self, tolerance: float) -> TradeRow | None:
         """The row of least time among the smallest of each family that meet a tolerance."""
