@@ -24,7 +24,6 @@ from pipedyn.accuracy.quantities import (
     MotionOf,
     RootLociOver,
 )
-from pipedyn.accuracy.reference import resolving_size
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import TookTooLong, counted, limited
 
@@ -277,20 +276,6 @@ def test_an_eigenvalue_problem_is_a_factorisation_and_itself():
             pp.eigenvalues(pp.Galerkin(PIPE, 6), 3.0)
         pp.eigenvalues(pp.Galerkin(PIPE, 6), 3.0)
     assert inner.factorisations == outer.factorisations == 2
-
-
-# ---------------------------------------------------------------------------------- predictions
-
-
-def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
-    sizes = range(2, 40)
-    errors = []
-    for n in sizes:
-        found = pp.critical_speed(pp.Galerkin(PIPE, n, "legendre"))
-        errors.append(abs(found.speed / EXACT - 1.0))
-    for tolerance in (1e-2, 2e-3):
-        least = 1 + max(n for n, error in zip(sizes, errors, strict=True) if error > tolerance)
-        assert 1.0 / 1.6 <= resolving_size(PIPE, EXACT, 13.7j, tolerance) / least <= 1.6
 
 
 # ------------------------------------------------------------------------------ how it is shown

@@ -6,15 +6,12 @@ Reduced models grow until two answers agree; by how much they differ bounds the 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import spherical_jn
 
-from pipedyn.models.pipe import Pipe
 from pipedyn.util.result import result
 
 MARGIN = 10.0
@@ -66,19 +63,3 @@ class Reference:
     error: float
     source: str
     family: str = ""
-
-
-def resolving_size(pipe: Pipe, u: float, value: complex, tolerance: float) -> float:
-    """About the number of Legendre functions that resolve motions ~ exp(value tau) to a tolerance.
-
-    By what they leave of the shortest wave in it, of wave number k: its share j_(m-1)(k / 2)^2.
-    Infinite where 127 functions do not resolve it.
-    """
-    thrust = pipe.centrifugal * u**2 - 0.5 * pipe.gamma
-    coriolis = 2.0 * math.sqrt(pipe.beta) * pipe.direction * u * value
-    roots = np.roots([1.0 + pipe.damping * value, 0.0, thrust, coriolis, value**2])
-    half = 0.5 * float(np.abs(roots).max(initial=0.0))
-    sizes = np.arange(1, 128)
-    # Beyond k / 2 functions the share falls; before, it oscillates.
-    fits = sizes[(spherical_jn(sizes - 1, half) ** 2 <= tolerance) & (sizes > half)]
-    return float(fits[0]) if fits.size else math.inf
