@@ -11,7 +11,6 @@ import inspect
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Self, TypeAlias
@@ -23,7 +22,7 @@ from scipy.optimize import linear_sum_assignment
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.reference import LEAST_ERROR, Answer, Reference
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
-from pipedyn.linear.critical_speed import checked_end, critical_speed
+from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum
@@ -95,17 +94,6 @@ class Quantity(ABC):
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's answer, its error below a tolerance where that can be had."""
 
-    def _converged(self, pipe: Pipe, tolerance: float, **sizes: int) -> Reference:
-        """From a Legendre basis that grows until the answer converges, as `Continuum` grows it."""
-
-        def change(before: Answer, answer: Answer) -> float:
-            # Near a cluster convergence is slow: what is left may be as much as the last change.
-            return 2.0 * self.distance(before, answer) + before.error + answer.error
-
-        found = Continuum(pipe).converge(self.answer, change, tolerance, **sizes)
-        source = f"Continuum, {found.size} Legendre functions"
-        return Reference(found.value, max(found.error, LEAST_ERROR), source)
-
     def excluded(self, pipe: Pipe, family: str) -> str:
         """Why a family's answers do not come near a pipe's as it grows; empty if they do."""
         return ""
@@ -143,20 +131,17 @@ class CriticalSpeedOf(Quantity):
 
     def answer(self, model: AnyModel) -> Answer:
         """The speed, shape (1,), with the kind of instability."""
-        found = critical_speed(model, self.max_speed)
+        return self._answer(critical_speed(model, self.max_speed))
+
+    def _answer(self, found: CriticalSpeed) -> Answer:
         error = found.error / found.speed if found.speed else 0.0
         return Answer(np.array([found.speed]), found.kind, error)
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        """The continuous pipe's, from a basis as small as the onset needs where that converges.
-
-        `Continuum`'s own answer, which resolves all crossings up to the end of the search, takes
-        three to ten times as long.
-        """
-        with suppress(PipedynError):
-            return self._converged(pipe, max(tolerance, LEAST_TOLERANCE), largest=40)
-        answer = self.answer(Continuum(pipe))
-        return Reference(answer, max(answer.error, LEAST_ERROR), "Continuum")
+        """`Continuum`'s own answer, as exact as it is whatever the tolerance."""
+        found = critical_speed(Continuum(pipe), min(self.max_speed, CONTINUUM_SPEED))
+        answer, source = self._answer(found), f"Continuum, {found.size} Legendre functions"
+        return Reference(answer, max(answer.error, LEAST_ERROR), source)
 
 
 class _Roots(Quantity):
@@ -188,9 +173,16 @@ class _Roots(Quantity):
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's: its basis grows until these roots converge, whatever others do."""
+
+        def change(before: Answer, answer: Answer) -> float:
+            # Near a cluster convergence is slow: what is left may be as much as the last change.
+            return 2.0 * self.distance(before, answer) + before.error + answer.error
+
         # 1e-6 costs no more than what is looser.
-        least = min(max(tolerance, LEAST_TOLERANCE), 1e-6)
-        return self._converged(pipe, least, smallest=max(16, 2 * self.count + 2))
+        least, first = min(max(tolerance, LEAST_TOLERANCE), 1e-6), max(16, 2 * self.count + 2)
+        found = Continuum(pipe).converge(self.answer, change, least, first)
+        source = f"Continuum, {found.size} Legendre functions"
+        return Reference(found.value, max(found.error, LEAST_ERROR), source)
 
 
 @dataclass(frozen=True)
