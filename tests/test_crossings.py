@@ -19,7 +19,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 import pipedyn as pp
 from pipedyn import modular
-from pipedyn.linear import crossings as sweeps
+from pipedyn.util.counters import counted
 
 
 def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, share=0.9):
@@ -171,7 +171,7 @@ def touch(make_model, beta, window, sign):
     def growth(u):
         return sign * companion_eigenvalues(*ops.at(u)).real.max()
 
-    return minimize_scalar(growth, bounds=window, method="bounded", options={"xatol": 1e-9}).fun
+    return minimize_scalar(growth, bounds=window, method="bounded", options={"xatol": 1e-7}).fun
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,8 @@ def test_two_crossings_that_all_but_touch_are_both_found_or_neither(
 
     Where the end is, and which side passes, come from eigvals and a minimisation over the speed.
     """
-    nose = brentq(lambda beta: touch(make_model, beta, window, sign), *betas, xtol=1e-12)
+    digits = {"xtol": 1e-3 * min(distances)}
+    nose = brentq(lambda beta: touch(make_model, beta, window, sign), *betas, **digits)
     for distance in distances:
         for beta in (nose - distance, nose + distance):
             gap = touch(make_model, beta, window, sign)
@@ -291,18 +292,13 @@ def test_a_heavy_standing_pipe_is_buckled_at_rest():
     assert pp.critical_speed(pp.Chain(pp.Pipe(0.2, gamma=-5.0), 20)).stable_at_rest
 
 
-def test_a_sweep_of_a_heavy_hanging_pipe_needs_no_more_samples_than_that_of_a_light_one(
-    monkeypatch,
-):
+def test_a_sweep_of_a_heavy_hanging_pipe_needs_no_more_samples_than_that_of_a_light_one():
     """Their critical speeds go with the speeds of their free ends, and so do the steps."""
-    taken = []
-    original = sweeps.sample
-    monkeypatch.setattr(sweeps, "sample", lambda *args: taken.append(args) or original(*args))
     counts, speeds = [], []
     for gamma in (0.0, 1e4):
-        taken.clear()
-        speeds.append(pp.critical_speed(pp.Galerkin(pp.Pipe(0.2, gamma), 40, "legendre")).speed)
-        counts.append(len(taken))
+        with counted() as counters:
+            speeds.append(pp.critical_speed(pp.Galerkin(pp.Pipe(0.2, gamma), 40, "legendre")).speed)
+        counts.append(counters.factorisations)
     assert speeds[1] > 8.0 * speeds[0]
     assert counts[1] < 3 * counts[0]
 

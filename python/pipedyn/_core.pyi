@@ -10,20 +10,24 @@ import numpy.typing
 import typing
 
 __all__: list[str] = [
+    "AxisCrossing",
+    "CalledOperator",
     "Chain",
     "DenseOperator",
+    "DenseOperators",
+    "Eigenproblem",
     "Galerkin",
-    "LongOperator",
     "Operator",
     "Operators",
+    "Pair",
+    "Pairs",
     "Pipe",
-    "Scan",
+    "RootLoci",
     "Scene",
-    "match",
-    "scan",
+    "Spectrum",
+    "Sweep",
     "set_vector_level",
     "sincos",
-    "unstable",
     "vector_level",
     "vector_levels",
 ]
@@ -171,77 +175,228 @@ class Galerkin:
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def term_stiffness(self) -> float: ...
 
+class Pair:
+    @property
+    def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def slope(self) -> complex: ...
+    @property
+    def value(self) -> complex: ...
+
+class Pairs:
+    def __init__(
+        self,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"] = ...,
+        residuals: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+    ) -> None: ...
+    @property
+    def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, 1]"]: ...
+    @property
+    def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def residuals(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def slopes(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+    @property
+    def uncertain(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+
+class AxisCrossing:
+    @property
+    def change(self) -> int: ...
+    @property
+    def error(self) -> float: ...
+    @property
+    def frequency(self) -> float: ...
+    @property
+    def mode(self) -> int: ...
+    @property
+    def pair(self) -> Pair | None: ...
+    @property
+    def speed(self) -> float: ...
+    @property
+    def value(self) -> complex: ...
+
+class Sweep:
+    @property
+    def crossings(self) -> list[AxisCrossing]: ...
+    @property
+    def failure(self) -> str: ...
+    @property
+    def unstable_at_rest(self) -> int: ...
+    @property
+    def untracked(self) -> bool: ...
+
+class RootLoci:
+    @property
+    def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, n]"]: ...
+    @property
+    def errors(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def partners(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+
+class Spectrum:
+    def crossings(
+        self,
+        max_speed: typing.SupportsFloat | typing.SupportsIndex,
+        scale: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        tracked: typing.SupportsInt | typing.SupportsIndex,
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+        certain: typing.SupportsInt | typing.SupportsIndex,
+        until_unstable: bool,
+        factorised: typing.Any,
+    ) -> Sweep: ...
+    def factorisations(self) -> int: ...
+    def root_loci(
+        self,
+        speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        count: typing.SupportsInt | typing.SupportsIndex,
+        taken: typing.SupportsInt | typing.SupportsIndex,
+        factorised: typing.Any,
+        row_done: typing.Any = None,
+    ) -> RootLoci | None: ...
+
 class Operator:
-    def assess(
+    pass
+
+class CalledOperator(Operator):
+    def __init__(
         self,
-        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None = None,
-        residual: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
-        by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None = None,
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
-    ]: ...
-    def growth(
-        self,
-        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-    ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
-    def refine(
-        self,
-        value: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        steps: typing.SupportsInt | typing.SupportsIndex,
-    ) -> tuple[
-        complex,
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
-        float,
-        int,
-    ]: ...
+        multiply: collections.abc.Callable[
+            [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]],
+            tuple[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ],
+        by_speed: collections.abc.Callable[
+            [
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+            ],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+        ],
+        factor: collections.abc.Callable[
+            [complex],
+            collections.abc.Callable[
+                [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"], bool],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ],
+        inverse: collections.abc.Callable[
+            [float, bool, bool, int],
+            tuple[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ],
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        size: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
 
 class DenseOperator(Operator):
     def __init__(
         self,
-        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        velocity: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        stiffness: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        matrices: typing.Annotated[
+            collections.abc.Sequence[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+            ],
+            "FixedSize(5)",
+        ],
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
     def inverse(
         self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
     ) -> tuple[
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
+        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
     ]: ...
 
-class LongOperator(Operator):
+class DenseOperators:
+    def __call__(self, u: typing.SupportsFloat | typing.SupportsIndex) -> Operator: ...
     def __init__(
         self,
-        multiply: typing.Any,
-        solve: typing.Any,
-        dof: typing.SupportsInt | typing.SupportsIndex,
+        matrices: typing.Annotated[
+            collections.abc.Sequence[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+            ],
+            "FixedSize(5)",
+        ],
+        centrifugal: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
 
-class Scan:
-    @property
-    def after(self) -> numpy.typing.NDArray[numpy.bool]: ...
-    @property
-    def clear(self) -> bool: ...
-    @property
-    def crossings(self) -> list[tuple[int, float, bool]]: ...
-    @property
-    def leaving(self) -> numpy.typing.NDArray[numpy.bool]: ...
-    @property
-    def roots(self) -> numpy.typing.NDArray[numpy.int64]: ...
+class Eigenproblem(Spectrum):
+    def __init__(
+        self,
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        delta: typing.SupportsFloat | typing.SupportsIndex,
+        zero: typing.SupportsFloat | typing.SupportsIndex,
+        damped: bool,
+        conservative: bool,
+        squared: bool,
+        operators: DenseOperators | collections.abc.Callable[[float], Operator],
+        complete: bool,
+        free_at_rest: bool,
+        amend: collections.abc.Callable[
+            [
+                float,
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+                bool,
+            ],
+            tuple[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ]
+        | None = None,
+        known: collections.abc.Callable[
+            [float, complex],
+            tuple[
+                typing.SupportsFloat | typing.SupportsIndex,
+                typing.SupportsFloat | typing.SupportsIndex,
+                complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+            ]
+            | None,
+        ]
+        | None = None,
+        refined: collections.abc.Callable[
+            [float, complex],
+            tuple[
+                complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.SupportsFloat | typing.SupportsIndex,
+            ]
+            | None,
+        ]
+        | None = None,
+        statics: Eigenproblem | None = None,
+    ) -> None: ...
+    def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
+    def lowest(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        left: bool,
+        high: bool,
+    ) -> Pairs: ...
 
 class Scene:
     met: typing.ClassVar[float] = 1e-13
@@ -252,75 +407,33 @@ class Scene:
         length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        rest_moment: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
-        springs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        constraints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        flow: bool,
-        drag: bool,
+        held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     ) -> None: ...
-    def angle_rates(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def constraints(
-        self, y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.float64],
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.int64],
-    ]: ...
+    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def force_derivatives(
-        self,
-        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        u: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> tuple[
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-    ]: ...
-    def forces(
-        self,
-        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        u: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def from_angles(
         self, theta: typing.Any, omega: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def hessians(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.float64],
-    ]: ...
-    def lacking(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> int: ...
-    def operators(
+    def jacobian(
         self,
-    ) -> dict[
-        str,
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-    ]: ...
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def lacks_inertia(
+        self, theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> bool: ...
+    def loads(
+        self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
@@ -338,45 +451,35 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
+    def reactions(
+        self,
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    ) -> tuple[
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+    ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, force: typing.Any = None
+        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def straight(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rows(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def solve(
+        self,
+        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def compliance(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
     def coordinates(self) -> int: ...
 
-def match(
-    left: typing.Any,
-    right: typing.Any,
-    tracked: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
-    damping: typing.SupportsFloat | typing.SupportsIndex,
-    radius: typing.SupportsFloat | typing.SupportsIndex,
-    zero: typing.SupportsFloat | typing.SupportsIndex,
-) -> tuple[
-    numpy.typing.NDArray[numpy.int64],
-    numpy.typing.NDArray[numpy.float64],
-    numpy.typing.NDArray[numpy.int64],
-    numpy.typing.NDArray[numpy.complex128],
-    bool,
-]: ...
-def scan(
-    step: typing.Any,
-    modes: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
-    unstable: typing.Annotated[numpy.typing.ArrayLike, numpy.bool],
-    resolved: typing.SupportsInt | typing.SupportsIndex,
-    certain: typing.SupportsInt | typing.SupportsIndex,
-    zero: typing.SupportsFloat | typing.SupportsIndex,
-    conservative: bool,
-) -> Scan: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
-def unstable(
-    at: typing.Any,
-    onto: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
-    before: typing.Annotated[numpy.typing.ArrayLike, numpy.bool],
-    zero: typing.SupportsFloat | typing.SupportsIndex,
-) -> numpy.typing.NDArray[numpy.bool]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...

@@ -2,8 +2,6 @@
 """References: answers of the continuous pipe whose own error is known.
 
 Reduced models grow until two answers agree; by how much they differ bounds the error of the last.
-A critical speed by flutter takes a third of the time where only the first model is searched, and
-the onset found is tracked into the next ones.
 """
 
 from __future__ import annotations
@@ -16,13 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import spherical_jn
 
-from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.models.base import Model
 from pipedyn.models.pipe import Pipe
-from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import result
-
-EPS = float(np.finfo(float).eps)
 
 MARGIN = 10.0
 """By how much the error of a reference must be smaller than an error measured against it, which is
@@ -30,15 +23,6 @@ then known to a tenth."""
 
 LEAST_ERROR = 1e-14
 """Least error that a reference is given: rounding of an eigenvalue or of a quadrature."""
-
-
-@dataclass(frozen=True)
-class Onset:
-    """An eigenvalue on the imaginary axis; the error is the speed's, by residual and rounding."""
-
-    speed: float
-    frequency: float
-    error: float
 
 
 @result
@@ -98,42 +82,3 @@ def resolving_size(pipe: Pipe, u: float, value: complex, tolerance: float) -> fl
     # Beyond k / 2 functions the share falls; before, it oscillates.
     fits = sizes[(spherical_jn(sizes - 1, half) ** 2 <= tolerance) & (sizes > half)]
     return float(fits[0]) if fits.size else math.inf
-
-
-def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
-    """The crossing into flutter next to a speed and a frequency; None where Newton's method fails.
-
-    The speed may leave its guess by a factor of three.
-    """
-    problem = eigenproblem(model)
-    value, slope, pair = complex(0.0, frequency), 0j, None
-
-    def correction(u: float) -> tuple[float, float]:
-        nonlocal value, slope, pair
-        pair = problem.refine(u, value, None if pair is None else pair.right[:, 0])
-        slope, value = complex(problem.assessed(u, pair).slopes[0]), complex(pair.values[0])
-        if not (slope.real > 0.0 and value.imag > 0.0 and pair.converged[0]):
-            raise NewtonFailed("no oscillation that the flow destabilises is near")
-        change = -value.real / slope.real
-        value += slope * change
-        return change, abs(change)
-
-    def check(u: float) -> None:
-        if not speed / 3.0 < u < 3.0 * speed:
-            raise NewtonFailed("it has left the neighbourhood")
-
-    try:
-        found = newton(
-            *(speed, correction),
-            tolerance=1e-14,
-            stagnation=1e-9,
-            slower=1.0,
-            iterations=12,
-            scale=abs,
-            check=check,
-        )
-    except NewtonFailed:
-        return None
-    assert pair is not None
-    error = float(problem.assessed(found.state, pair).uncertain[0]) / slope.real + found.step
-    return Onset(found.state, value.imag, error)

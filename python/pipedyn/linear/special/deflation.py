@@ -20,14 +20,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem
+from pipedyn import _core
+from pipedyn.linear.eigenproblem import Complex, Eigenproblem
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
-from pipedyn.models.pencil import ChainPencil, Pencil, Vectors, lu_solver
+from pipedyn.models.pencil import ChainPencil, DensePencil, Pencil, Vectors, lu_solver
 from pipedyn.util.check import Array
 
 MOVED = 4.321
@@ -107,15 +109,24 @@ class Deflated(Eigenproblem):
         """The same at every speed, lest the deflation change at rest."""
         return self.squared
 
-    def genuine(self, values: Complex, free: bool) -> NDArray[np.bool_]:
-        """All but those that were moved, and the second zero where it is double."""
-        away = np.abs(values**2 + MOVED) if free else np.abs(values + MOVED)
-        moved = np.argsort(away, kind="stable")[: self.turned.size * (2 if free else 1)]
-        mine = np.ones(values.size, dtype=np.bool_)
-        mine[moved[away[moved] < 1e-3]] = False
-        if self.doubled:
-            mine[np.argsort(np.abs(values), kind="stable")[: self.turned.size]] = False
-        return mine
+    @property
+    def corrections(self) -> dict[str, Any]:
+        before = super().corrections.get("amend")
+
+        def amend(u: float, values: Complex, *given: Any) -> tuple[Vectors, ...]:
+            """All but the roots that were moved, and the second zero where it is double."""
+            *vectors, free = given
+            if before is not None:
+                values, *vectors = before(u, values, *given)
+            away = np.abs(values**2 + MOVED) if free else np.abs(values + MOVED)
+            moved = np.argsort(away, kind="stable")[: self.turned.size * (2 if free else 1)]
+            mine = np.ones(values.size, dtype=np.bool_)
+            mine[moved[away[moved] < 1e-3]] = False
+            if self.doubled:
+                mine[np.argsort(np.abs(values), kind="stable")[: self.turned.size]] = False
+            return values[mine], *(x[:, mine] if x.size else x for x in vectors)
+
+        return {**super().corrections, "amend": amend}
 
     def by_speed(self, u: float, values: Complex, x: Vectors) -> Complex:
         """By central differences, to 1e-9."""
@@ -124,20 +135,35 @@ class Deflated(Eigenproblem):
         result: Complex = change + self.stiffened(u + h, x) - self.stiffened(u - h, x)
         return result / (2.0 * h)
 
-    def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:
-        if (pairs.values == 0.0).any():
+    def original(self, u: float, value: complex, x: Vectors) -> Vectors | None:
+        if value == 0.0:
             return None  # zero is double there: no derivative by gravity or the free spring
-        x, dual, _, _ = self.deflating(u)
-        factor = pairs.values**2 if self.squared else pairs.values
-        right = pairs.right * factor + MOVED * (x @ (dual.T @ pairs.right))
-        return replace(pairs, right=right / np.linalg.norm(right, axis=0))
+        turned, dual, _, _ = self.deflating(u)
+        right = x * (value**2 if self.squared else value) + MOVED * (turned @ (dual.T @ x))
+        result: Vectors = right / np.linalg.norm(right, axis=0)
+        return result
 
     def dense(self) -> Eigenproblem:
         return Deflated(self.chain.pencil(dense=True), self.chain)
 
+    @property
+    def operators(self) -> _core.DenseOperators | Callable[[float], _core.Operator]:
+        if self.is_long:
+            return super().operators
+
+        def at(u: float) -> _core.DenseOperator:
+            h = 1e-5 * (1.0 + u)
+            after, before = self.matrices(u + h)[1:], self.matrices(u - h)[1:]
+            rates = [(a - b) / (2.0 * h) for a, b in zip(after, before, strict=True)]
+            return _core.DenseOperator((*self.matrices(u), *rates), self.size(u))
+
+        return at
+
     def matrices(self, u: float) -> tuple[Array, Array, Array]:
+        """(M, C, K) at speed u of a chain in matrices, each of shape (dof, dof)."""
+        assert isinstance(self.pencil, DensePencil)
         _, dual, to_velocity, to_stiffness = self.deflating(u)
-        mass, velocity, stiffness = super().matrices(u)
+        mass, velocity, stiffness = self.pencil.matrices(u)
         return mass, velocity + to_velocity @ dual.T, stiffness + to_stiffness @ dual.T
 
     @cached_property

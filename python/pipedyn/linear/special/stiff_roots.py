@@ -213,24 +213,25 @@ class StiffRoots:
         return result
 
     def with_stiff_roots(
-        self, u: float, values: Complex, right: Complex, left: Complex | None, free: bool
-    ) -> tuple[Complex, Complex, Complex | None]:
+        self, u: float, values: Complex, right: Complex, left: Complex, free: bool
+    ) -> tuple[Complex, Complex, Complex]:
         """All roots of the inverse problem, (r,), with the stiff ones from the whole problem.
 
         Vectors are in elastic coordinates, (n, r); `free` says that no term in the velocity is
-        there.
+        there, `left` has no columns where left vectors are not asked for.
         """
         kept, rough = self.starts(u, values, free)
+        lefts = left.size > 0
         values = np.concatenate([values[kept], rough])
         lost = np.zeros((self.n, rough.size))
         right = np.hstack([right[:, kept], lost])
-        left = None if left is None else np.hstack([left[:, kept], lost])
+        left = np.hstack([left[:, kept], lost]) if lefts else left
         for i, pair in self.polished(u, values, free).items():
             conjugate = np.flatnonzero(values == values[i].conj())[:1]
             x, y = self.elastic(pair)
             for j, found in ((conjugate, np.conj), ([i], np.asarray)):
                 values[j], right[:, j] = found(np.array([pair.value])), found(x)
-                if left is not None:
+                if lefts:
                     left[:, j] = found(y)
         return values, right, left
 
