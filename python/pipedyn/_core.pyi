@@ -17,7 +17,6 @@ __all__: list[str] = [
     "DenseOperators",
     "Eigenproblem",
     "Galerkin",
-    "GalerkinMotion",
     "Operator",
     "Operators",
     "Pair",
@@ -27,7 +26,6 @@ __all__: list[str] = [
     "Scene",
     "Spectrum",
     "Sweep",
-    "most_on_a_panel",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -138,10 +136,9 @@ class Galerkin:
         pipe: Pipe,
         legendre: bool,
         size: typing.SupportsInt | typing.SupportsIndex,
-        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        more: typing.SupportsInt | typing.SupportsIndex,
-        nodes: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        weights: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        more: typing.SupportsInt | typing.SupportsIndex = 0,
+        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None: ...
     def basis(
         self,
@@ -151,28 +148,16 @@ class Galerkin:
     def elastic_stiffness(
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
-    def operators(self) -> Operators: ...
-    def term_stiffness(self) -> float: ...
-
-class GalerkinMotion:
-    def __init__(
-        self,
-        pipe: Pipe,
-        legendre: bool,
-        size: typing.SupportsInt | typing.SupportsIndex,
-        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
-        more: typing.SupportsInt | typing.SupportsIndex = 0,
-        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
-    ) -> None: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def most_on_a_panel(self) -> int: ...
     def nodes(
         self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> int: ...
     def operators(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
     def power(
         self, y: typing.Any, u: typing.Any
@@ -188,6 +173,7 @@ class GalerkinMotion:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def term_stiffness(self) -> float: ...
 
 class Pair:
     @property
@@ -271,11 +257,6 @@ class Spectrum:
         factorised: typing.Any,
     ) -> Sweep: ...
     def factorisations(self) -> int: ...
-    def onset_near(
-        self,
-        speed: typing.SupportsFloat | typing.SupportsIndex,
-        frequency: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> AxisCrossing | None: ...
     def root_loci(
         self,
         speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
@@ -426,75 +407,33 @@ class Scene:
         length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        rest_moment: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
-        springs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        constraints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        flow: bool,
-        drag: bool,
+        held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     ) -> None: ...
-    def angle_rates(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def constraints(
-        self, y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.float64],
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.int64],
-    ]: ...
+    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def force_derivatives(
-        self,
-        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        u: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> tuple[
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-    ]: ...
-    def forces(
-        self,
-        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        u: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def from_angles(
         self, theta: typing.Any, omega: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def hessians(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.float64],
-    ]: ...
-    def lacking(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> int: ...
-    def operators(
+    def jacobian(
         self,
-    ) -> dict[
-        str,
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-    ]: ...
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def lacks_inertia(
+        self, theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> bool: ...
+    def loads(
+        self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
@@ -512,18 +451,32 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
+    def reactions(
+        self,
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    ) -> tuple[
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+    ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, force: typing.Any = None
+        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def straight(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rows(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def solve(
+        self,
+        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def compliance(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
     def coordinates(self) -> int: ...
 
-def most_on_a_panel(
-    size: typing.SupportsInt | typing.SupportsIndex,
-    joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-    more: typing.SupportsInt | typing.SupportsIndex,
-) -> int: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

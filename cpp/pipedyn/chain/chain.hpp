@@ -4,14 +4,14 @@
 //
 // Where the paper's equations stand:
 //   (1)       Hamilton's principle     this file, below: what it gives for each segment
-//   (2), (5)  Lagrangian               chain/sweeps.hpp, recursion in O(n); modular/modules.hpp
-//   (3), (6)  momentum through the end chain/sweeps.hpp; modular/modules.hpp, InternalFlow
-//   (4)       centres, tangents        chain/sweeps.hpp; modular/modules.hpp, Segment
+//   (2), (5)  Lagrangian               chain/sweeps.hpp, recursion in O(n)
+//   (3), (6)  momentum through the end chain/sweeps.hpp
+//   (4)       centres, tangents        chain/sweeps.hpp
 //   (7), (8)  inlet coefficient        python/pipedyn/models/inlet.py
-//   (9)       drag                     chain/sweeps.hpp; modular/modules.hpp, Drag
-//   (10)      clamp                    modular/constraint.hpp
-//   (11)      joints                   modular/constraint.hpp
-// Their limit for short segments: galerkin/motion.hpp; linear: galerkin/galerkin.hpp.
+//   (9)       drag                     chain/sweeps.hpp
+//   (10), (11) clamp and joints        met by the angles; modular/scene.hpp
+// (2)-(6) and (9)-(11) in redundant coordinates: python/pipedyn/models/modular/redundant.py.
+// Their limit for short segments, with its linear equation: galerkin/galerkin.hpp.
 //
 // Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
 // + chi_k l_k^2, row k reads
@@ -20,8 +20,10 @@
 //     + a U^2 l_k (theta_n - theta_k) + gamma p_k theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = 0,     phi_j = theta_j - theta_{j-1},
 //
-// U = s u. Two coordinates are used: the angles theta, and the joint angles phi, in which the
-// elastic stiffness is diagonal and small eigenvalues survive rounding at any n.
+// U = s u. Joints may have a damping c_k of their own in place of delta k_k, and an angle
+// psi_k at which they rest, in k_k (phi_k - psi_k). Two coordinates are used: the angles theta, and
+// the joint angles phi, in which the elastic stiffness is diagonal and small eigenvalues survive
+// rounding at any n.
 //
 // At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i), c_kk = M_kk, t the tangents,
 //   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
@@ -52,6 +54,8 @@ struct Segments {
   Vector spring;           // k_j, joint at the segment's clamped side
   Vector drag_point;       // xi_j, as a fraction of the length
   double base = 0.0;       // length of the fixed part at the clamp
+  Vector damping{};        // c_j of the joints; where empty delta k_j
+  Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
 };
 
 /// A sum over places of one segment or of all beyond a joint, with powers 0, 1, 2 of the distance
@@ -105,6 +109,9 @@ class Chain {
     return moments_times(x, &LinearSegment::damping);
   }
 
+  /// The same masses without any force: its rates under further moments f are theta'' = M^-1 f.
+  Chain without_forces() const;
+
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
   /// What the loads of each segment's terms resist about the straight pipe with, summed with powers
@@ -124,14 +131,22 @@ class Chain {
   static constexpr Index band_width = 4;
   ComplexMatrix band(std::complex<double> lambda, double u) const;
 
+  /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
+  Matrix places() const;
+  /// The laws' answers there, without the weights, at stations (k, 7) with the columns of Station:
+  /// load and its derivatives by position, velocity (both by rows) and angle (k, 12). Throws
+  /// std::invalid_argument unless there is a station for each place.
+  Matrix loads(const Matrix& stations) const;
+
   // Motion, with the vectors that the processor has (levels.hpp). A state y = [theta, theta'] has
   // 2 n entries; a batch holds one a column. The arrays are the caller's and of the sizes given;
   // scratch belongs to the thread and is allocated by its first call for a size.
 
   /// dy/dtau (2 n, members), O(n) a member.
   void rhs(const Batch& batch, double* rates) const;
-  /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0.
-  void jacobian(const double* y, double u, double* out) const;
+  /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0; further
+  /// moments (n) are held.
+  void jacobian(const double* y, double u, double* out, const double* moments = nullptr) const;
   /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
   /// What flow, joints and drag add to the energy in unit time; their sum is dE/dtau.
@@ -141,6 +156,7 @@ class Chain {
   Pipe pipe_;
   Segments segments_;    // centre and radius with the masses of terms
   Vector first_moment_;  // p_k
+  bool damped_, bent_;   // any joint, the second at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
   std::vector<LinearSegment> linear_;
