@@ -222,11 +222,10 @@ std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bo
     std::iota(order.begin(), order.end(), 0);
     const auto place = [&](Index i) {  // those that doubles do not hold are the last
       const Complex value = pairs.values[i];
-      return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag())
-                              : std::tuple(infinite, 0.0, 0.0);
+      return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
+                              : std::tuple(infinite, 0.0, 0.0, i);
     };
-    std::stable_sort(order.begin(), order.end(),
-                     [&](Index i, Index k) { return place(i) < place(k); });
+    std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
     const Index there = static_cast<Index>(order.size());
     if (!complete_ && there < every && asked < traits.dof) {
       // All roots within `radius` of the shift are here, so all below radius - shift are.
