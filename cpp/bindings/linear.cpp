@@ -7,6 +7,7 @@
 #include <pybind11/typing.h>
 
 #include "arguments.hpp"
+#include "pipedyn/linear/chain_spectrum.hpp"
 #include "pipedyn/linear/eigenpairs.hpp"
 #include "pipedyn/linear/tracking.hpp"
 
@@ -120,6 +121,17 @@ class LongOperator : public Operator {
   const py::object multiply_, solve_;
 };
 
+py::tuple roots_of(const ChainRoots& found) {
+  const py::ssize_t count = found.values.size();
+  const auto table = [&](const ComplexTable& x) {
+    return py::array_t<Complex>({static_cast<py::ssize_t>(x.size()) / count, count}, x.data());
+  };
+  return py::make_tuple(numbers_of(found.values), table(found.right), table(found.left),
+                        numbers_of(found.residual), numbers_of(found.uncertain),
+                        numbers_of(found.slope), numbers_of(found.by_left),
+                        numbers_of(found.by_right));
+}
+
 }  // namespace
 
 void define_linear(py::module_& m) {
@@ -183,6 +195,28 @@ void define_linear(py::module_& m) {
   py::class_<LongOperator, Operator>(m, "LongOperator")
       .def(py::init<py::object, py::object, Index, double>(), "multiply"_a, "solve"_a, "dof"_a,
            "size"_a);
+  py::class_<ChainSpectrum>(m, "ChainSpectrum")
+      .def(py::init([lapack = scipy_lapack()](const Chain& chain, Vector scale) {
+             return ChainSpectrum(chain, lapack, std::move(scale));
+           }),
+           "chain"_a, "scale"_a, py::keep_alive<1, 2>())
+      .def(
+          "lowest",
+          [](const ChainSpectrum& spectrum, double u, Index count, bool vectors) -> py::object {
+            std::optional<ChainRoots> found;
+            {
+              const py::gil_scoped_release unlocked;
+              found = spectrum.lowest(u, count, vectors);
+            }
+            return found ? py::object(roots_of(*found)) : py::none();
+          },
+          "u"_a, "count"_a, "vectors"_a)
+      .def(
+          "near",
+          [](const ChainSpectrum& spectrum, double u, Complex guess, int steps) {
+            return roots_of(spectrum.near(u, guess, steps));
+          },
+          "u"_a, "guess"_a, "steps"_a);
   m.def(
       "match",
       [](const py::object& left, const py::object& right, const Column<Root>& tracked,

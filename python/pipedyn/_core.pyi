@@ -11,6 +11,7 @@ import typing
 
 __all__: list[str] = [
     "Chain",
+    "ChainSpectrum",
     "DenseOperator",
     "Galerkin",
     "GalerkinMotion",
@@ -244,6 +245,23 @@ class LongOperator(Operator):
         dof: typing.SupportsInt | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
+
+class ChainSpectrum:
+    def __init__(
+        self, chain: Chain, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> None: ...
+    def lowest(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        vectors: bool,
+    ) -> typing.Any: ...
+    def near(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        guess: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        steps: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple: ...
 
 class Scan:
     @property

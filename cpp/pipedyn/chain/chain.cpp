@@ -86,6 +86,8 @@ void Chain::linearise() {
   const std::vector<LoadMoments> sums = loads_at(motion(), straight, one);
   double tension = 0.0;
   linear_.resize(sums.size());
+  impedances_.resize(sums.size());
+  impedance_sizes_.resize(sums.size());
   for (Index j = n - 1; j >= 0; --j) {
     const Link& link = this->link(j);
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
@@ -99,7 +101,74 @@ void Chain::linearise() {
         .turned = {-slopes[0].by_angle[0], -slopes[1].by_angle[0]},
         .held = link.length * tension + load[1][1]};
     tension += load[0][1];
+    const auto& [mass, stiffness, damping, turned, held] = linear_[static_cast<std::size_t>(j)];
+    const double weight = pipe_.gamma * first_moment_[j];
+    const auto impedance = [&](const auto& term) {
+      const auto parts = [&](double Moments::* power, double own = 0.0, double more = 0.0) {
+        return ImpedanceParts{term(stiffness.*power) + term(own) + term(more), term(damping.*power),
+                          term(mass.*power)};
+      };
+      return ImpedanceSegment{.length = link.length,
+                              .spring = link.spring,
+                              .force = parts(&Moments::zeroth),
+                              .across = parts(&Moments::first),
+                              .turned = parts(&Moments::first, turned[0]),
+                              .moment = parts(&Moments::second, turned[1] + held, weight)};
+    };
+    impedances_[static_cast<std::size_t>(j)] = impedance([](double x) { return x; });
+    impedance_sizes_[static_cast<std::size_t>(j)] = impedance([](double x) { return std::abs(x); });
   }
+}
+
+ImpedanceModel Chain::impedance() const {
+  return {.segments = impedances_.data(),
+          .sizes = impedance_sizes_.data(),
+          .size = dof(),
+          .damping = pipe_.damping,
+          .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
+          .centrifugal = pipe_.centrifugal};
+}
+
+Chain Chain::coarser(Index segments) const {
+  // Cut where length and compliance together have grown by equal parts.
+  const auto& [l, chi, eta, spring, xi, base] = segments_;
+  const Index n = dof();
+  const Vector soft = spring.cwiseMax(1e-6 * spring.mean() + 1e-300).cwiseInverse();
+  const Vector measure = l / l.sum() + soft / soft.sum();
+  std::vector<Index> ends;  // one past the last of each group
+  double grown = 0.0;
+  for (Index j = 0; j < n; ++j) {
+    grown += measure[j];
+    const double next = j + 1 < n ? 0.5 * measure[j + 1] : 0.0;
+    const double due = 2.0 * static_cast<double>(ends.size() + 1) / static_cast<double>(segments);
+    if (j + 1 == n || grown + next >= due) ends.push_back(j + 1);
+  }
+  const Index groups = static_cast<Index>(ends.size());
+  Segments joined{Vector::Zero(groups), Vector::Zero(groups), Vector::Zero(groups),
+                  Vector::Zero(groups), Vector::Constant(groups, 0.5), base};
+  Vector compliance = Vector::Zero(groups);
+  for (Index group = 0, j = 0; group < groups; ++group) {
+    const Index start = j, end = ends[static_cast<std::size_t>(group)];
+    Moments mass;  // about the group's joint
+    double at = 0.0;
+    const double length = l.segment(start, end - start).sum();
+    for (; j < end; at += l[j], ++j) {
+      const double middle = at + chi[j] * l[j], own = l[j];
+      mass.zeroth += own;
+      mass.first += own * middle;
+      mass.second += own * (middle * middle + eta[j] * eta[j]);
+      // A joint beyond the middle moves what follows; beyond the last group's nothing does.
+      const Index nearest = at <= 0.5 * length ? group : group + 1;
+      if (nearest < groups) compliance[nearest] += soft[j];
+    }
+    const double centre = mass.first / mass.zeroth;
+    joined.length[group] = length;
+    joined.center[group] = centre / length;
+    joined.gyration_radius[group] =
+        std::sqrt(std::max(mass.second / mass.zeroth - centre * centre, 0.0));
+  }
+  joined.spring = compliance.cwiseInverse();
+  return Chain(pipe_, std::move(joined));
 }
 
 void Moments::before(double l, const Moments& own) {

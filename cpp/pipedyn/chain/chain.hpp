@@ -39,6 +39,7 @@
 #include <complex>
 #include <vector>
 
+#include "pipedyn/chain/impedance.hpp"
 #include "pipedyn/chain/motion.hpp"
 #include "pipedyn/pipe.hpp"
 
@@ -124,6 +125,12 @@ class Chain {
   static constexpr Index band_width = 4;
   ComplexMatrix band(std::complex<double> lambda, double u) const;
 
+  /// The same problem for the recursion in impedance.hpp; valid as long as the chain is.
+  ImpedanceModel impedance() const;
+  const Vector& springs() const { return segments_.spring; }
+  /// A chain of about so many segments that moves like this one: neighbours joined.
+  Chain coarser(Index segments) const;
+
   // Motion, with the vectors that the processor has (levels.hpp). A state y = [theta, theta'] has
   // 2 n entries; a batch holds one a column. The arrays are the caller's and of the sizes given;
   // scratch belongs to the thread and is allocated by its first call for a size.
@@ -144,6 +151,7 @@ class Chain {
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
   std::vector<LinearSegment> linear_;
+  std::vector<ImpedanceSegment> impedances_, impedance_sizes_;
 
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();

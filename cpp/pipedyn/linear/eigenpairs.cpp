@@ -100,7 +100,7 @@ std::vector<double> DenseOperator::hidden(const Pairs& pairs) const {
   return result;
 }
 
-Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left) const {
+Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left, bool right) const {
   int n = static_cast<int>(dof), size = velocity_free ? n : 2 * n, info = 0;
   // As LAPACK has matrices, column by column.
   std::vector<double> shifted(n * n), step(size * size, 0.0);
@@ -115,7 +115,7 @@ Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left) cons
   std::vector<int> pivots(n);
   lapack_.dgetrf(&n, &n, shifted.data(), &n, pivots.data(), &info);
   if (info != 0) return {};
-  char plain = 'N', transposed = 'T', wanted = left ? 'V' : 'N', always = 'V';
+  char plain = 'N', transposed = 'T', lefts = left ? 'V' : 'N', rights = right ? 'V' : 'N';
   lapack_.dgetrs(&plain, &n, &size, shifted.data(), &n, pivots.data(), step.data(), &size, &info);
   if (!velocity_free) {
     for (Index j = 0; j < n; ++j) step[j * size + n + j] = 1.0;
@@ -123,14 +123,16 @@ Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left) cons
   for (const double entry : step) {
     if (!std::isfinite(entry)) return {};
   }
-  std::vector<double> real(size), imag(size), vl(left ? size * size : 1), vr(size * size), work(1);
+  std::vector<double> real(size), imag(size), vl(left ? size * size : 1),
+      vr(right ? size * size : 1), work(1);
   for (int length = -1;; length = static_cast<int>(work[0]), work.resize(length)) {
-    lapack_.dgeev(&wanted, &always, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
+    lapack_.dgeev(&lefts, &rights, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
                   &size, vr.data(), &size, work.data(), &length, &info);
     if (length >= 0) break;  // the first call asks for the best size of its workspace
   }
   if (info != 0) return {};
-  Inverse result{std::vector<Complex>(size), complex_vectors(vr, imag, n), {}};
+  Inverse result{std::vector<Complex>(size), {}, {}};
+  if (right) result.right = complex_vectors(vr, imag, n);
   for (Index j = 0; j < size; ++j) result.mu[j] = {real[j], imag[j]};
   if (left) {
     lapack_.dgetrs(&transposed, &n, &size, shifted.data(), &n, pivots.data(), vl.data(), &size,

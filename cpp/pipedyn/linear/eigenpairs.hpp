@@ -59,7 +59,7 @@ class Operator {
   const double size;  // of K, the elastic stiffness being 1
 };
 
-/// mu with x, and y if asked for, of the inverse problem about a shift.
+/// mu with x and y, if asked for, of the inverse problem about a shift.
 struct Inverse {
   std::vector<Complex> mu;
   ComplexTable right, left;
@@ -77,7 +77,7 @@ class DenseOperator : public Operator {
   /// All of the inverse problem (see `pipedyn.linear.eigensolver`), 2 dof pairs; dof where there is
   /// no term in the velocity, with mu = 1 / (lambda^2 - shift^2). None where P(shift) is singular
   /// or overflows, or the iteration does not end.
-  Inverse inverse(double shift, bool velocity_free, bool left) const;
+  Inverse inverse(double shift, bool velocity_free, bool left, bool right = true) const;
 
  private:
   /// out = factor x, x and out (dof, columns).

@@ -8,7 +8,7 @@ stiffness is the identity.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from typing import Any
 
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.linear.special.stiff_roots import StiffPair, StiffRoots, is_stiff, stiff_roots
 from pipedyn.models.base import Model
+from pipedyn.models.chain import Chain
 from pipedyn.models.pencil import DensePencil, Pencil, Vectors
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -36,40 +36,12 @@ LARGEST_RESIDUAL = 1e-4
 """Relative residual beyond which a pair is wrong, however high the mode: refined, those of 300
 segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functions (4e-5) pass."""
 
+SLOW = 30.0
+"""|lambda| of a chain's root up to which joint angles hold its vectors: they lose eps |lambda|^2,
+which is 2e-13 here."""
+
 SLOW_GROWTH = 1e-8
 """Rounding of Re lambda up to which it is left as it is: what grows slower doubles in 1e8 T."""
-
-
-@dataclass(frozen=True)
-class Eigenpairs:
-    """Eigenvalues with vectors, sorted by |lambda|, of conjugates the upper first.
-
-    Attributes:
-        values: lambda, complex, shape (r,).
-        right: x in elastic coordinates, shape (dof, r).
-        left: y with y^H P = 0, shape (dof, r), or None where not asked for.
-        residuals: relative residuals, shape (r,); `converged` says which are good.
-    """
-
-    values: Complex
-    right: Complex
-    left: Complex | None
-    residuals: Array
-
-    @property
-    def converged(self) -> NDArray[np.bool_]:
-        """Which pairs passed the check of their residual, shape (r,)."""
-        return self.passable & (self.residuals <= LARGEST_RESIDUAL)
-
-    @property
-    def passable(self) -> NDArray[np.bool_]:
-        """The same with all that rounding explains: enough of high modes where low ones count."""
-        return self.residuals <= TOLERANCE + EPS * np.abs(self.values) ** 2
-
-    def take(self, which: Any) -> Eigenpairs:
-        """Some of the pairs."""
-        left = None if self.left is None else self.left[:, which]
-        return Eigenpairs(self.values[which], self.right[:, which], left, self.residuals[which])
 
 
 @dataclass(frozen=True)
@@ -89,15 +61,58 @@ class Assessment:
     by_left: Complex
     by_right: Complex
 
+    def take(self, which: Any) -> Assessment:
+        """Of some of the pairs."""
+        return Assessment(*(getattr(self, one.name)[which] for one in fields(self)))
+
+
+@dataclass(frozen=True)
+class Eigenpairs:
+    """Eigenvalues with vectors, sorted by |lambda|, of conjugates the upper first.
+
+    Attributes:
+        values: lambda, complex, shape (r,).
+        right: x in elastic coordinates, shape (dof, r).
+        left: y with y^H P = 0, shape (dof, r), or None where not asked for.
+        residuals: relative residuals, shape (r,); `converged` says which are good.
+        assessment: what else is known of a chain's pairs, or None.
+    """
+
+    values: Complex
+    right: Complex
+    left: Complex | None
+    residuals: Array
+    assessment: Assessment | None = None
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Which pairs passed the check of their residual, shape (r,)."""
+        return self.passable & (self.residuals <= LARGEST_RESIDUAL)
+
+    @property
+    def passable(self) -> NDArray[np.bool_]:
+        """The same with all that rounding explains: enough of high modes where low ones count."""
+        return self.residuals <= TOLERANCE + EPS * np.abs(self.values) ** 2
+
+    def take(self, which: Any) -> Eigenpairs:
+        """Some of the pairs."""
+        left = None if self.left is None else self.left[:, which]
+        found = None if self.assessment is None else self.assessment.take(which)
+        return Eigenpairs(
+            self.values[which], self.right[:, which], left, self.residuals[which], found
+        )
+
+    @classmethod
+    def of_chain(cls, values: Complex, right: Complex, left: Complex, *found: Any) -> Eigenpairs:
+        """From what the core's `ChainSpectrum` gives."""
+        return cls(values, right, left, found[0], Assessment(*found))
+
 
 class Eigenproblem:
     """P(lambda, u) x = 0 of one model.
 
     Args:
         pencil: the model's.
-
-    Attributes:
-        stiff: the roots that elastic coordinates cannot hold, or None where they hold all.
     """
 
     def __init__(self, pencil: Pencil) -> None:
@@ -108,7 +123,13 @@ class Eigenproblem:
         self.is_damped, self.is_long = pencil.is_damped, pencil.is_long
         self.centrifugal = pencil.centrifugal
         self.latest: tuple[float, _core.Operator] | None = None
-        self.stiff: StiffRoots | None = None if self.is_long else stiff_roots(self.model)
+
+    @cached_property
+    def spectrum(self) -> _core.ChainSpectrum | None:
+        """The roots of a chain by recursion along it; None of any other model."""
+        if not isinstance(self.model, Chain):
+            return None
+        return _core.ChainSpectrum(self.model.core, self.model.elastic_scale)
 
     @property
     def rows(self) -> int:
@@ -214,28 +235,18 @@ class Eigenproblem:
         return solve(x), solve(y, adjoint=True)
 
     def assessed(self, u: float, pairs: Eigenpairs) -> Assessment:
-        """What the core and, of stiff roots, the whole problem say of pairs with left vectors."""
+        """What is known of pairs with left vectors."""
+        if pairs.assessment is not None:
+            return pairs.assessment
         by_speed = self.by_speed(u, pairs.values, pairs.right)
-        found = Assessment(
+        return Assessment(
             *self.at(u).assess(pairs.values, pairs.right, pairs.left, pairs.residuals, by_speed)
         )
-        for i, stiff in self._stiff_pairs(u, pairs.values):
-            found.uncertain[i], found.slopes[i] = stiff.uncertain, stiff.slope
-        return found
 
     def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
         """Relative residual of each pair, shape (r,)."""
-        result = self.at(u).assess(values, x)[0]
-        for i, stiff in self._stiff_pairs(u, values):
-            result[i] = stiff.residual
+        result: Array = self.at(u).assess(values, x)[0]
         return result
-
-    def _stiff_pairs(self, u: float, values: Complex) -> list[tuple[int, StiffPair]]:
-        """What is known of the roots that elastic coordinates do not hold, by their indices."""
-        if self.stiff is None:
-            return []
-        mine = map(int, np.flatnonzero(is_stiff(values)))
-        return [(i, self.stiff.at(u, complex(values[i]))) for i in mine]
 
     def improved(
         self, u: float, pairs: Eigenpairs, found: Assessment, uncertain: Array
@@ -249,8 +260,8 @@ class Eigenproblem:
         hidden = (values.imag != 0.0) & (np.abs(values.real) < 1e3 * uncertain) & pairs.converged
         if u > 0.0:
             hidden &= uncertain > SLOW_GROWTH
-        if self.stiff is not None:  # elastic coordinates do not hold their vectors
-            hidden &= ~is_stiff(values)
+        if self.spectrum is not None:
+            hidden &= np.abs(values) <= SLOW
         if pairs.left is None or not hidden.any():
             return values, uncertain
         # Near a double root vectors are worse than values: there y^H P' x is far below x^H P' x.
@@ -267,11 +278,9 @@ class Eigenproblem:
     def refine(
         self, u: float, value: complex, x: Vectors | None = None, steps: int = 6
     ) -> Eigenpairs:
-        """The pair nearest to a good guess, by two-sided Rayleigh quotient iteration."""
-        if self.stiff is not None and is_stiff(value):
-            near = self.stiff.near(u, value, 1.0)
-            rest = np.array([near.residual])
-            return Eigenpairs(np.array([near.value]), *self.stiff.elastic(near), rest)
+        """The pair next to a good guess, by Newton's method or two-sided Rayleigh quotients."""
+        if self.spectrum is not None:
+            return Eigenpairs.of_chain(*self.spectrum.near(u, value, steps))
         seed = np.linspace(1.0, 0.5, self.dof)[:, None]
         start = seed if x is None else x
         value, right, left, residual, taken = self.at(u).refine(value, start, seed, steps)

@@ -8,9 +8,10 @@ K_s = P(sigma),
     mu [x; y] = [-K_s^-1 (C_s x + M y); x],
 
 so the lowest eigenvalues are the largest mu and survive rounding, and a singular K does no harm.
-Small problems are solved dense; where segments differ by orders of magnitude, joint angles cannot
-hold the stiff roots, which `special.stiff_roots` has. A long chain is solved by Arnoldi iteration,
-where M and C act through running sums and K_s is a band matrix: O(n) a step.
+Small problems are solved dense, long ones by Arnoldi iteration, where M and C act through running
+sums and K_s is a band matrix: O(n) a step. Of a chain that gives only starts: its roots are
+corrected, and its vectors found, by recursion along it (cpp/pipedyn/linear/chain_spectrum.hpp),
+which holds those of any segments to rounding.
 """
 
 from __future__ import annotations
@@ -42,6 +43,8 @@ def lowest(
 ) -> Eigenpairs:
     """The `count` eigenvalues of least magnitude (all without count), with their residuals.
 
+    By recursion along a chain, where that finds all of them.
+
     Pairs that fail the check are refined once; those that fail still are in the result, and its
     `converged` says which. Without `high`, modes so high that rounding explains any residual are
     left as they are.
@@ -54,23 +57,43 @@ def lowest(
                 f"count must be at most dof / 2 = {problem.dof // 2} for a long chain, got {count}"
             )
         problem = problem.dense()
+    if problem.spectrum is not None:
+        found = problem.spectrum.lowest(u, count, True)
+        pairs = None if found is None else Eigenpairs.of_chain(*found)
+        if pairs is not None and bool(pairs.converged.all()):
+            return pairs
+        if problem.dof > DENSE_LIMIT:
+            return pairs or _nothing(problem.dof, count, left)
+        inverse = _by_inverse(problem.dense(), u, count, left, high)
+        recursion = -1 if pairs is None else np.count_nonzero(pairs.converged)
+        if pairs is None or recursion < np.count_nonzero(inverse.converged):
+            return inverse
+        return pairs
+    return _by_inverse(problem, u, count, left, high)
+
+
+def _by_inverse(
+    problem: Eigenproblem, u: float, count: int, left: bool, high: bool
+) -> Eigenpairs:
     best: Eigenpairs | None = None
     for shift in SHIFTS:
         try:
             pairs = _about(problem, u, count, left, high, shift)
         except Clustered:
-            return lowest(problem.dense(), u, count, left, high)
+            return _by_inverse(problem.dense(), u, count, left, high)
         if pairs is None:
             continue
         if best is None or pairs.residuals.max(initial=0.0) < best.residuals.max():
             best = pairs
         if bool((pairs.converged if high else pairs.passable).all()):
             break
-    if best is None:
-        empty = np.full(count, np.nan + 0j)
-        vectors = np.zeros((problem.dof, count), dtype=np.complex128)
-        return Eigenpairs(empty, vectors, vectors if left else None, np.full(count, np.inf))
-    return best
+    return best or _nothing(problem.dof, count, left)
+
+
+def _nothing(dof: int, count: int, left: bool) -> Eigenpairs:
+    """Pairs of which none was found."""
+    values, vectors = np.full(count, np.nan + 0j), np.zeros((dof, count), dtype=np.complex128)
+    return Eigenpairs(values, vectors, vectors if left else None, np.full(count, np.inf))
 
 
 def _about(
@@ -103,8 +126,6 @@ def _about(
             real, upper = values.imag == 0.0, values.imag > 0.0
             values = np.concatenate([values[real], values[upper], values[upper].conj()])
             right = np.hstack([right[:, real], right[:, upper], right[:, upper].conj()])
-        if problem.stiff is not None:
-            values, right, dual = problem.stiff.with_stiff_roots(u, values, right, dual, free)
         mine = problem.genuine(values, free)
         values, right = values[mine], right[:, mine]
         dual = None if dual is None else dual[:, mine]

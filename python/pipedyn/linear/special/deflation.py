@@ -54,6 +54,8 @@ def loose_joints(chain: Chain) -> NDArray[np.intp]:
 class Deflated(Eigenproblem):
     """The problem of a chain with a free joint, without gravity, its root at zero taken away."""
 
+    spectrum = None  # the chain's own has that root
+
     def __init__(self, pencil: Pencil, chain: Chain) -> None:
         super().__init__(pencil)
         self.chain = chain
