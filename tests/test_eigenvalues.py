@@ -256,10 +256,20 @@ def test_a_wrong_pair_has_a_residual_that_shows_it(n):
     assert (problem.residuals(6.0, pairs.values, bent) > 1e-9).all()
 
 
-@pytest.mark.parametrize("n", [10, 100])
-def test_what_a_broken_solver_returns_is_refused(n, monkeypatch):
+def long_scene():
+    return modular.chain(pp.Pipe(0.2), 100)
+
+
+@pytest.mark.parametrize(
+    ("make", "solver"),
+    [
+        (lambda: pp.Galerkin(pp.Pipe(0.2), 10), (_core.DenseOperator, "inverse")),
+        (long_scene, (eigensolver, "arnoldi")),
+    ],
+    ids=["dense", "long"],
+)
+def test_what_a_broken_solver_returns_is_refused(make, solver, monkeypatch):
     """A solver off by a part in a million and no way to mend it: NotConverged, with the modes."""
-    solver = (_core.DenseOperator, "inverse") if n == 10 else (eigensolver, "arnoldi")
     exact = getattr(*solver)
 
     def failing(*given):
@@ -272,18 +282,18 @@ def test_what_a_broken_solver_returns_is_refused(n, monkeypatch):
 
     monkeypatch.setattr(*solver, failing)
     monkeypatch.setattr(Eigenproblem, "refine", unmended)
-    chain = pp.Chain(pp.Pipe(0.2), n)
+    model = make()
     with pytest.raises(pp.NotConverged, match="residual") as caught:
-        pp.eigenvalues(chain, 6.0, 4)
+        pp.eigenvalues(model, 6.0, 4)
     assert isinstance(caught.value, pp.PipedynError)
     assert not caught.value.result.converged.any()
-    assert not pp.modes(chain, 6.0, 4).converged.any()
+    assert not pp.modes(model, 6.0, 4).converged.any()
 
 
 def test_what_a_broken_solver_returns_is_refined_where_that_is_possible(monkeypatch):
     """The same error in the solver's values, with refinement in place: right again."""
-    chain = pp.Chain(pp.Pipe(0.2), 100)
-    expected = pp.eigenvalues(chain, 6.0, 4)
+    scene = long_scene()
+    expected = pp.eigenvalues(scene, 6.0, 4)
     exact = eigensolver.arnoldi
 
     def failing(*given):
@@ -291,7 +301,7 @@ def test_what_a_broken_solver_returns_is_refined_where_that_is_possible(monkeypa
         return mu * (1.0 + 1e-6), *vectors
 
     monkeypatch.setattr(eigensolver, "arnoldi", failing)
-    np.testing.assert_allclose(pp.eigenvalues(chain, 6.0, 4), expected, rtol=1e-11)
+    np.testing.assert_allclose(pp.eigenvalues(scene, 6.0, 4), expected, rtol=1e-11)
 
 
 # --------------------------------------------------------------------------------- modes
@@ -460,8 +470,8 @@ def test_a_root_at_infinity_is_given_as_none(monkeypatch, beta):
         return mu, *vectors
 
     monkeypatch.setattr(_core.DenseOperator, "inverse", lost)
-    chain = pp.Chain(pp.Pipe(beta), 3)
-    found = pp.modes(chain, 2.0)
+    model = pp.Galerkin(pp.Pipe(beta), 3)
+    found = pp.modes(model, 2.0)
     assert found.converged.tolist() == np.isfinite(found.eigenvalues).tolist() == [1, 1, 1, 1, 0, 0]
     assert np.isinf(found.errors[4:]).all()
     assert np.isfinite(found.errors[:4]).all()
@@ -469,6 +479,6 @@ def test_a_root_at_infinity_is_given_as_none(monkeypatch, beta):
     with pytest.raises(pp.NotConverged, match="not found"):
         found.shapes[-1]([1.0])
     with pytest.raises(pp.NotConverged, match="beyond double precision"):
-        pp.critical_speed(chain)
+        pp.critical_speed(model)
     with pytest.raises(pp.NotConverged, match="beyond double precision"):
-        pp.root_loci(chain, [0.0, 1.0], 2)
+        pp.root_loci(model, [0.0, 1.0], 2)

@@ -156,12 +156,21 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
 struct Motion {
   Lanes turn, angle, joint, end;
 
-  void move(double l, const Lanes& turn_by) {
-    turn = turn_by;
-    angle += turn;
+  /// From the segment before and what loads turn this one by, none by a difference of the others.
+  /// by_joint: W of the step, or H for the left vector; by_end: p - l by_joint.
+  void move(double l, const Lanes& share, const Lanes& elastic, const Lanes& r,
+            const Lanes& by_joint, const Lanes& by_end, const Lanes& loaded) {
     joint = end;
-    end += l * angle;
+    turn = loaded - (r * angle + by_joint * joint) * share;
+    end = l * loaded + (by_end * joint + l * (elastic * angle)) * share;
+    angle = loaded + (elastic * angle - by_joint * joint) * share;
   }
+};
+
+/// Of loads on all beyond a segment: the force and the moment that they add to its impedance, and
+/// by what angle they turn it.
+struct Load {
+  Lanes force, moment, turned;
 };
 
 /// What a motion's forces do in a virtual one on one segment.
@@ -171,22 +180,43 @@ inline Lanes work(const Coefficients<Lanes>& at, const Motion& virtual_, const M
          virtual_.joint * (at.force * motion.joint + at.turned * motion.angle);
 }
 
+/// What the way back needs of a segment: the impedance of all beyond, 1 / p, and what the loads of
+/// right and left vector turn it by.
+struct Segment {
+  Impedance beyond;
+  Lanes share, load, dual;
+};
+
 void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const ImpedancePairs& out,
            double* scratch) {
   const Count n = model.size;
-  Impedance* const beyond = reinterpret_cast<Impedance*>(scratch);
+  Segment* const segments = reinterpret_cast<Segment*>(scratch);
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
-    beyond[n - 1] = {};
-    beyond[n - 1].b.re = problem.whole.thrust;
-    for (Count j = n - 1; j > 0; --j) {
+    Impedance at;
+    at.b.re = problem.whole.thrust;
+    Load load, dual;
+    double part = 0.5;
+    for (Count j = n - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
+      const double l = segment.length;
       const auto own = coefficients(segment, problem.whole);
-      const Step step(segment.length, beyond[j], own);
+      const Step step(l, at, own);
       const Lanes share = inverse(step.p), e = own.elastic * share;
-      beyond[j - 1] = {beyond[j].a + own.force - step.h * (step.w * share), step.h * e,
-                       step.w * e, step.r * e};
+      if (out.loaded) {
+        const Lanes moment{part * (size_of(own.elastic) + size_of(own.moment)), {}};
+        load.turned = (moment - load.moment - l * load.force) * share;
+        dual.turned = (moment - dual.moment - l * dual.force) * share;
+        load.force += step.h * load.turned;
+        dual.force += step.w * dual.turned;
+        load.moment = Lanes{} - own.elastic * load.turned;
+        dual.moment = Lanes{} - own.elastic * dual.turned;
+        part += part < 1.0 ? 0.382 : -0.618;  // in no order
+      }
+      segments[j] = {at, share, load.turned, dual.turned};
+      at = {at.a + own.force - step.h * (step.w * share), step.h * e, step.w * e, step.r * e};
     }
+    const Lanes free{all<Pack>(out.loaded ? 0.0 : 1.0), {}};  // 1 / p may be infinite
     Motion x, y;
     Lanes value, by_lambda, by_u, by_right, missing, force_before;
     Pack rest{}, entries{}, sums{};
@@ -196,48 +226,55 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       const auto own = coefficients(segment, problem.whole);
       const auto change = coefficients(segment, problem.by_lambda);
       const auto terms = coefficients(model.sizes[j], problem.sizes);
-      const Step step(l, beyond[j], own);
-      const Lanes share = inverse(step.p);
-      Lanes right{all<Pack>(1.0), {}}, left = right;
-      if (j > 0) {
-        right = Lanes{} - (step.r * x.angle + step.w * x.end) * share;
-        left = Lanes{} - (step.r * y.angle + step.h * y.end) * share;
+      const auto& [at, share, load_of, dual_of] = segments[j];
+      const Motion x_before = x, y_before = y;
+      const Step step(l, at, own);
+      const Lanes rest_of_p = own.elastic + own.moment + at.d;
+      if (j == 0) {
+        x.turn = x.angle = out.loaded ? load_of : free;
+        y.turn = y.angle = out.loaded ? dual_of : free;
+        x.end = l * x.turn;
+        y.end = l * y.turn;
+      } else {
+        x.move(l, share, own.elastic, step.r, step.w, rest_of_p + l * (at.b - own.across), load_of);
+        y.move(l, share, own.elastic, step.r, step.h, rest_of_p + l * (at.c - own.turned), dual_of);
       }
-      const Pack dual_before = size_of(y.angle);
-      x.move(l, right);
-      y.move(l, left);
-      const Lanes force = beyond[j].a * x.end + beyond[j].b * x.angle;
-      const Lanes dual = beyond[j].a * y.end + beyond[j].c * y.angle;
-      value += work(own, y, x);
+      const Lanes force = at.a * x.end + at.b * x.angle, dual_force = at.a * y.end + at.c * y.angle;
       by_lambda += work(change, y, x);
       by_u += work(coefficients(segment, problem.by_u), y, x);
       const Motion mirrored{conjugate(x.turn), conjugate(x.angle), conjugate(x.joint), {}};
       by_right += work(change, mirrored, x);
-      // Rows of T: of the joint's moment, which the next segment completes, and of the force.
-      const Pack turns = size_of(x.turn), angle = size_of(x.angle), dual_angle = size_of(y.angle),
-                 before = size_of(x.joint), pull = size_of(force),
-                 dual_joint = size_of(y.joint);
+      // |Y|^T |T X|; the joint's moment of the segment before is complete now.
       const Lanes elastic = own.elastic * x.turn;
-      rest += dual_before * size_of(missing - elastic);
-      missing = elastic + own.moment * x.angle + own.across * x.joint + l * force;
+      const Pack held = size_of(own.elastic * y.turn), pulled = size_of(dual_force),
+                 joint = size_of(y.joint), angle = size_of(y.angle);
+      const auto add = [&](const Lanes& dual_row, const Lanes& row) {
+        value += dual_row * row;
+        rest += size_of(dual_row) * size_of(row);
+      };
+      add(y_before.angle, missing - elastic);
+      add(own.elastic * y.turn, x.angle - x_before.angle - x.turn);
+      add(Lanes{} - dual_force, x.end - x.joint - l * x.angle);
       if (j > 0) {
-        rest += dual_joint *
-                size_of(force_before - force - own.force * x.joint - own.turned * x.angle);
+        add(y.joint, own.force * x.joint + own.turned * x.angle + force - force_before);
       }
-      // Of the entries in the virtual work of Y, and of the sums that angles and places are.
+      missing = elastic + own.moment * x.angle + own.across * x.joint + l * force;
+      // What Y^T T X sums, and what theta, w and their duals are sums of.
+      const Pack turns = size_of(x.turn), angles = size_of(x.angle), joints = size_of(x.joint);
       entries += terms.elastic * size_of(y.turn) * turns +
-                 dual_angle * (terms.moment * angle + terms.across * before) +
-                 dual_joint * (terms.force * before + terms.turned * angle);
-      sums += terms.elastic * (size_of(y.turn) * angle + turns * dual_angle) +
-              size_of(dual) * size_of(x.end) + pull * size_of(y.end);
+                 angle * (terms.moment * angles + terms.across * joints) +
+                 joint * (terms.force * joints + terms.turned * angles);
+      sums += held * (turns + angles + size_of(x_before.angle)) +
+              pulled * (size_of(x.end) + joints + l * angles) +
+              size_of(elastic) * (angle + size_of(y_before.angle)) +
+              size_of(force) * (joint + size_of(y.end));
       force_before = force;
-      if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, right);
-      if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, left);
+      if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
+      if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, y.turn);
     }
+    value += y.angle * missing;
     rest += size_of(y.angle) * size_of(missing);
-    const Lanes end = y.end * x.angle;
-    value += Lanes{problem.whole.thrust, {}} * end;
-    by_u += Lanes{problem.by_u.thrust, {}} * end;
+    by_u += Lanes{problem.by_u.thrust, {}} * (y.end * x.angle);
     put(out.value, points, first, value);
     put(out.by_lambda, points, first, by_lambda);
     put(out.by_u, points, first, by_u);

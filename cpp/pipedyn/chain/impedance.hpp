@@ -53,7 +53,7 @@ struct ImpedancePoints {
 
 /// What is known of roots; real and imaginary parts of count values, one after the other.
 struct ImpedancePairs {
-  double* by_lambda;  // Y^T (dT/dlambda) X, for phi_1 = psi_1 = 1
+  double* by_lambda;  // Y^T (dT/dlambda) X
   double* value;      // Y^T T X
   double* by_u;       // Y^T (dT/du) X
   double* by_right;   // X^H (dT/dlambda) X
@@ -61,12 +61,16 @@ struct ImpedancePairs {
   double* entries;    // the sum of the absolute values of what Y^T T X sums in phi, theta and w
   double* sums;       // what rounding of theta and w, one each, may add to it; count numbers each
   double *right, *left;  // phi and psi, (n, 2, count), or none
+  /// Whether a moment of the size of its terms loads each joint, as in inverse iteration. Without,
+  /// vectors start at the clamp, where the last pivot is 0: that fails for modes with far larger
+  /// amplitudes elsewhere, which the loads may drown if segments differ by orders of magnitude.
+  bool loaded;
 };
 
 struct ImpedanceKernel {
   /// d log det P / dlambda, real and imaginary parts of count values.
   void (*log_derivative)(const ImpedanceModel&, const ImpedancePoints&, double* out);
-  /// Vectors of roots, or of values near them; scratch: 8 n width numbers on a vector's boundary.
+  /// Vectors of roots, or of values near them; scratch: 14 n width numbers on a vector's boundary.
   void (*pairs)(const ImpedanceModel&, const ImpedancePoints&, const ImpedancePairs&,
                 double* scratch);
 };

@@ -24,8 +24,13 @@ constexpr double ray = 0.3;
 /// |lambda (d log det P / dlambda - sum)| above which a root is missing: rounding leaves 1e-9 of
 /// 2000 segments, and one root in place of another 1e-6 where they differ by 1e-6.
 constexpr double nothing_missing = 1e-6;
+/// Residual of T beyond which vectors are tried another way: most have 1e-16.
+constexpr double small_residual = 1e-14;
 /// Points on the upper half of the circle: a root outside by a quarter adds 1.25^-32 = 1e-3.
 constexpr int circle_points = 16;
+/// Six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where it lies, took
+/// up to 150.
+constexpr int most_corrections = 300;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments.
 constexpr Index refinement = 20;
 /// Most segments of a problem solved dense: 4,000 rows take LAPACK a minute.
@@ -180,25 +185,8 @@ std::optional<ChainRoots> with_conjugates(const ChainRoots& found, const Approxi
     return key(one) < key(other);
   });
   if (static_cast<Index>(places.size()) < count) return std::nullopt;
-  places.resize(count);
-  ChainRoots result;
-  const std::size_t stride = found.count(), rows = found.right.size() / stride;
-  result.right.resize(rows * count);
-  result.left.resize(rows * count);
-  for (std::size_t k = 0; k < places.size(); ++k) {
-    const auto [value, from, mirrored] = places[k];
-    const auto as_there = [&](Complex x) { return mirrored ? std::conj(x) : x; };
-    result.values.push_back(value);
-    result.residual.push_back(found.residual[from]);
-    result.uncertain.push_back(found.uncertain[from]);
-    result.slope.push_back(as_there(found.slope[from]));
-    result.by_left.push_back(as_there(found.by_left[from]));
-    result.by_right.push_back(as_there(found.by_right[from]));
-    for (std::size_t j = 0; j < rows; ++j) {
-      result.right[j * count + k] = as_there(found.right[j * stride + from]);
-      result.left[j * count + k] = as_there(found.left[j * stride + from]);
-    }
-  }
+  ChainRoots result(Values(count), found.rows);
+  for (Index k = 0; k < count; ++k) result.take(k, found, places[k].from, places[k].mirrored);
   return result;
 }
 
@@ -208,7 +196,7 @@ bool correct(const LogDerivatives& log_derivatives, Approximations& roots) {
   std::vector<std::size_t> active(roots.size());
   std::iota(active.begin(), active.end(), 0);
   std::vector<double> last(roots.size(), infinite);
-  for (int step = 0; step < 60 && !active.empty(); ++step) {
+  for (int step = 0; step < most_corrections && !active.empty(); ++step) {
     Values at;
     for (const std::size_t k : active) at.push_back(roots[k].value);
     const Values found = log_derivatives(at);
@@ -238,7 +226,36 @@ bool correct(const LogDerivatives& log_derivatives, Approximations& roots) {
 
 }  // namespace
 
-ChainRoots ChainSpectrum::at(double u, Values values, bool vectors, Values& corrections) const {
+ChainRoots::ChainRoots(Values at, std::size_t vector_rows)
+    : values(std::move(at)),
+      residual(count()),
+      uncertain(count()),
+      slope(count()),
+      by_left(count()),
+      by_right(count()),
+      correction(count()),
+      right(vector_rows * count()),
+      left(vector_rows * count()),
+      rows(vector_rows) {}
+
+void ChainRoots::take(std::size_t k, const ChainRoots& others, std::size_t i, bool conjugate) {
+  residual[k] = others.residual[i];
+  uncertain[k] = others.uncertain[i];
+  const auto put = [&](Values ChainRoots::* what, std::size_t to, std::size_t from) {
+    (this->*what)[to] = conjugate ? std::conj((others.*what)[from]) : (others.*what)[from];
+  };
+  for (auto what : {&ChainRoots::values, &ChainRoots::slope, &ChainRoots::by_left,
+                    &ChainRoots::by_right, &ChainRoots::correction}) {
+    put(what, k, i);
+  }
+  for (std::size_t j = 0; j < rows; ++j) {
+    put(&ChainRoots::right, j * count() + k, j * others.count() + i);
+    put(&ChainRoots::left, j * count() + k, j * others.count() + i);
+  }
+}
+
+ChainRoots ChainSpectrum::vectors_at(double u, const Values& values, bool vectors,
+                                     bool loaded) const {
   const Index n = chain_.dof(), count = static_cast<Index>(values.size());
   const MotionKernel& kernel = motion_kernel();
   std::vector<double> parts(2 * count), out(11 * count), tables(vectors ? 4 * n * count : 0);
@@ -247,27 +264,27 @@ ChainRoots ChainSpectrum::at(double u, Values values, bool vectors, Values& corr
     parts[count + i] = values[i].imag();
   }
   const auto part = [&](Index k) { return out.data() + k * count; };
+  const auto complex = [&](Index k, Index i) { return Complex(part(k)[i], part(k + 1)[i]); };
   double* const right = vectors ? tables.data() : nullptr;
   double* const left = vectors ? right + 2 * n * count : nullptr;
-  kernel.impedance->pairs(chain_.impedance(), {u, count, parts.data(), parts.data() + count},
-                          {part(0), part(2), part(4), part(6), part(8), part(9), part(10), right, left},
-                          scratch(8 * n * kernel.width));
-  const auto complex = [&](Index k, Index i) { return Complex(part(k)[i], part(k + 1)[i]); };
-  ChainRoots found;
-  found.values = std::move(values);
-  corrections.clear();
-  if (vectors) found.right.resize(n * count), found.left.resize(n * count);
+  kernel.impedance->pairs(
+      chain_.impedance(), {u, count, parts.data(), parts.data() + count},
+      {part(0), part(2), part(4), part(6), part(8), part(9), part(10), right, left, loaded},
+      scratch(14 * n * kernel.width));
+  ChainRoots found(values, vectors ? n : 0);
   for (Index i = 0; i < count; ++i) {
-    const Complex by_lambda = complex(0, i);
-    const double rest = part(8)[i], size = part(9)[i] + part(10)[i];
-    const double uncertain =
-        (rest + entry_rounding * part(9)[i] + epsilon * part(10)[i]) / std::abs(by_lambda);
-    corrections.push_back(-complex(2, i) / by_lambda);
-    found.residual.push_back(std::isfinite(rest / size) ? rest / size : infinite);
-    found.uncertain.push_back(std::isfinite(uncertain) ? uncertain : infinite);
-    found.slope.push_back(-complex(4, i) / by_lambda);
-    found.by_left.push_back(by_lambda);
-    found.by_right.push_back(complex(6, i));
+    const Complex by_lambda = complex(0, i), change = -complex(2, i) / by_lambda;
+    const double rest = part(8)[i], entries = part(9)[i], sums = part(10)[i];
+    const double residual = rest / (entries + sums);
+    const double rounding =
+        (entry_rounding * entries + epsilon * sums) / std::abs(by_lambda);
+    const double uncertain = rest / std::abs(by_lambda) + rounding;
+    found.residual[i] = std::isfinite(residual) ? residual : infinite;
+    found.uncertain[i] = std::isfinite(uncertain) ? uncertain : infinite;
+    found.correction[i] = std::abs(change) > 0.1 * rounding ? change : 0.0;
+    found.slope[i] = -complex(4, i) / by_lambda;
+    found.by_left[i] = by_lambda;
+    found.by_right[i] = complex(6, i);
     if (!vectors) continue;
     double lengths[] = {0.0, 0.0};
     for (int side = 0; side < 2; ++side) {
@@ -288,6 +305,23 @@ ChainRoots ChainSpectrum::at(double u, Values values, bool vectors, Values& corr
   return found;
 }
 
+ChainRoots ChainSpectrum::at(double u, const Values& values, bool vectors) const {
+  ChainRoots found = vectors_at(u, values, vectors, false);
+  std::vector<std::size_t> poor;
+  Values again;
+  for (std::size_t i = 0; i < found.count(); ++i) {
+    if (found.residual[i] <= small_residual) continue;
+    poor.push_back(i);
+    again.push_back(values[i]);
+  }
+  if (poor.empty()) return found;
+  const ChainRoots other = vectors_at(u, again, vectors, true);
+  for (std::size_t k = 0; k < poor.size(); ++k) {
+    if (other.residual[k] < found.residual[poor[k]]) found.take(poor[k], other, k, false);
+  }
+  return found;
+}
+
 ChainRoots ChainSpectrum::near(double u, Complex guess, int most_steps) const {
   Complex value = guess;
   for (int step = 0; step < most_steps; ++step) {
@@ -296,30 +330,32 @@ ChainRoots ChainSpectrum::near(double u, Complex guess, int most_steps) const {
     value -= change;
     if (std::abs(change) <= 1e-12 * std::abs(value)) break;
   }
-  Values corrections;
-  const ChainRoots first = at(u, {value}, false, corrections);
-  const double moved = std::abs(corrections[0]);
-  if (moved < 1e-10 * std::abs(value)) value += corrections[0];
-  return at(u, {value}, true, corrections);
+  return at(u, {value}, true);
 }
 
 ChainRoots ChainSpectrum::polished(double u, const Approximations& roots, bool squared,
                                    bool vectors) const {
-  Values values, corrections;
+  Values values;
   for (const Approximation& root : roots) values.push_back(root.value);
-  ChainRoots found = at(u, std::move(values), vectors, corrections);
-  bool moved = false;
+  ChainRoots found = at(u, values, vectors);
+  for (int times = 0; times < 3; ++times) {
+    bool moved = false;
+    for (std::size_t i = 0; i < found.count(); ++i) {
+      const Complex change = found.correction[i];
+      if (change == 0.0 || !(std::abs(change) < 1e-9 * std::abs(values[i]))) continue;
+      values[i] += change;
+      moved = true;
+    }
+    if (!moved) break;
+    found = at(u, values, vectors);
+  }
+  // By symmetry roots without partner are real, or on the imaginary axis.
   for (std::size_t i = 0; i < found.count(); ++i) {
     Complex& value = found.values[i];
-    const Complex before = value;
-    // Newton's correction of the last pivot, which may have poles not far away.
-    if (std::abs(corrections[i]) < 1e-10 * std::abs(value)) value += corrections[i];
-    // By symmetry roots without partner are real, or on the imaginary axis.
     if (squared && std::abs(value.real()) <= found.uncertain[i]) value.real(0.0);
     if (roots[i].alone && std::abs(value.imag()) <= found.uncertain[i]) value.imag(0.0);
-    moved |= std::abs(value - before) > found.uncertain[i];
   }
-  return moved ? at(u, std::move(found.values), vectors, corrections) : found;
+  return found;
 }
 
 bool ChainSpectrum::is_complete(double u, const Approximations& roots) const {

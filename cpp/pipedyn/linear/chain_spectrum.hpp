@@ -22,13 +22,18 @@ namespace pipedyn {
 /// Roots sorted by |lambda|, of conjugates the upper first; (count) of each.
 struct ChainRoots {
   std::vector<Complex> values;
-  std::vector<double> residual;             // |Y|^T |T X| / (|Y|^T |T| |X|)
-  std::vector<double> uncertain;            // how far residual and rounding may have moved lambda
-  std::vector<Complex> slope;               // d lambda / du
-  std::vector<Complex> by_left, by_right;   // y^H (dP/dlambda) x and x^H (dP/dlambda) x
-  ComplexTable right, left;                 // x and y in elastic coordinates, unit; (n, count)
+  std::vector<double> residual;            // |Y|^T |T X| / (|Y|^T |T| |X|)
+  std::vector<double> uncertain;           // how far residual and rounding may have moved lambda
+  std::vector<Complex> slope;              // d lambda / du
+  std::vector<Complex> by_left, by_right;  // y^H (dP/dlambda) x and x^H (dP/dlambda) x
+  std::vector<Complex> correction;         // of lambda by its vectors, 0 where it is rounding
+  ComplexTable right, left;                // x and y in elastic coordinates, unit; (rows, count)
+  std::size_t rows;                        // n, or 0 where vectors were not asked for
 
+  ChainRoots(std::vector<Complex> at, std::size_t rows);
   std::size_t count() const { return values.size(); }
+  /// Takes a root of others, or its conjugate, to place k.
+  void take(std::size_t k, const ChainRoots& others, std::size_t i, bool conjugate);
 };
 
 /// A root with its conjugate, or (`alone`) one of which no conjugate is implied.
@@ -57,8 +62,9 @@ class ChainSpectrum {
   const Vector scale_;
 
   bool has_rate(double u) const;
-  ChainRoots at(double u, std::vector<Complex> values, bool vectors,
-                std::vector<Complex>& corrections) const;
+  ChainRoots at(double u, const std::vector<Complex>& values, bool vectors) const;
+  ChainRoots vectors_at(double u, const std::vector<Complex>& values, bool vectors,
+                        bool loaded) const;
   ChainRoots polished(double u, const Approximations& roots, bool squared, bool vectors) const;
   bool is_complete(double u, const Approximations& roots) const;
   bool has_all_within(double u, double radius, const Approximations& roots) const;
