@@ -17,6 +17,7 @@
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/motion.hpp"
+#include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/modular/scene.hpp"
 #include "pipedyn/vector/levels.hpp"
@@ -1001,72 +1002,91 @@ void check_extremes() {
 
 // ------------------------------------------------------------------------------- eigenvalues
 
-/// A sample of pairs whose real parts are cubics of the speed, and whose frequencies are apart.
-struct Branches {
-  std::vector<Complex> values, slopes;
-  std::vector<double> noise, slope_noise;
-  std::vector<std::int8_t> signatures;
-  double u;
+/// Roots whose real parts are cubics in u, each pair with a frequency of its own, in random order.
+class Branches : public pipedyn::Spectrum {
+ public:
+  explicit Branches(const Matrix& of)
+      : Spectrum({2 * of.rows(), 0.0, 1e-6, true, false, false}), cubics_(of) {}
 
-  Branches(const Matrix& cubics, const std::vector<Index>& order, double speed) : u(speed) {
-    for (const Index branch : order) {
-      const auto c = cubics.row(branch / 2);
-      const double frequency = 5.0 + 2.0 * static_cast<double>(branch / 2);
-      values.emplace_back(c(0) + u * (c(1) + u * (c(2) + u * c(3))),
-                          branch % 2 == 0 ? frequency : -frequency);
-      slopes.emplace_back(c(1) + u * (2.0 * c(2) + 3.0 * u * c(3)), 0.0);
+  double real(Index branch, double u) const {
+    const auto c = cubics_.row(branch);
+    return c(0) + u * (c(1) + u * (c(2) + u * c(3)));
+  }
+  double slope(Index branch, double u) const {
+    const auto c = cubics_.row(branch);
+    return c(1) + u * (2.0 * c(2) + 3.0 * u * c(3));
+  }
+  Index unstable(double u) const {
+    Index count = 0;
+    for (Index k = 0; k < cubics_.rows(); ++k) count += real(k, u) > 0.0 ? 2 : 0;
+    return count;
+  }
+
+  pipedyn::Sample sample(double u, Index) override {
+    const Index size = 2 * cubics_.rows();
+    std::vector<Index> order(size);
+    for (Index i = 0; i < size; ++i) order[i] = i;
+    std::shuffle(order.begin(), order.end(), shuffler_);
+    pipedyn::Sample at{u, pipedyn::Values(size), pipedyn::Values(size)};
+    for (Index i = 0; i < size; ++i) {
+      const Index branch = order[i] / 2;
+      const double frequency = frequency_of(branch);
+      at.values[i] = {real(branch, u), order[i] % 2 == 0 ? frequency : -frequency};
+      at.slopes[i] = slope(branch, u);
     }
-    noise.assign(order.size(), 1e-14);
-    slope_noise.assign(order.size(), 0.0);
-    signatures.assign(order.size(), 0);
+    at.residual = at.uncertain = at.slope_noise = pipedyn::Reals::Zero(size);
+    at.noise = pipedyn::Reals::Constant(size, 1e-14);
+    at.signatures = Eigen::ArrayXi::Zero(size);
+    return at;
   }
+  pipedyn::Pair refined(double u, const pipedyn::Pair& guess) override {
+    const Index branch = static_cast<Index>(std::lround((guess.value.imag() - 5.0) / 2.0));
+    return {{real(branch, u), frequency_of(branch)}, {}, {}, 0.0, 1e-15, slope(branch, u)};
+  }
+  pipedyn::Pair null_pair(double, const pipedyn::Pair& near) override { return near; }
+  double determinant(double, const pipedyn::Pair&) override { return 1.0; }
 
-  pipedyn::Sample view() const {
-    return {u,
-            static_cast<pipedyn::Root>(values.size()),
-            values.data(),
-            slopes.data(),
-            noise.data(),
-            slope_noise.data(),
-            signatures.data()};
-  }
+ private:
+  static double frequency_of(Index branch) { return 5.0 + 2.0 * static_cast<double>(branch); }
+
+  const Matrix cubics_;
+  std::mt19937_64 shuffler_{1};
 };
 
-void check_tracking() {
+void check_crossings() {
   Dice dice;
   for (int trial = 0; trial < 50; ++trial) {
     scene = "branches " + std::to_string(trial);
     const Index pairs = 1 + trial % 7;
-    Matrix cubics = 0.3 * dice.matrix(pairs, 4);
-    std::vector<Index> order(2 * pairs), mixed;
-    for (Index i = 0; i < 2 * pairs; ++i) order[i] = i;
-    mixed = order;
-    std::shuffle(mixed.begin(), mixed.end(), std::mt19937_64(trial));
-    const Branches left(cubics, order, 1.0), right(cubics, mixed, 1.5);
-    const pipedyn::Roots tracked(order.begin(), order.end());
-    const auto found = pipedyn::match(left.view(), right.view(), tracked, {0.0, 0.5, 0.0});
-    check(found.unambiguous, "branches far apart are unambiguous");
-    pipedyn::Roots modes;
-    pipedyn::Flags unstable;
-    for (Index i = 0; i < 2 * pairs; ++i) {
-      check(mixed[found.onto[i]] == i, "a branch is matched to itself");
-      modes.push_back(1 + i / 2);
-      unstable.push_back(left.values[i].real() > 0.0);
+    Branches branches(0.3 * dice.matrix(pairs, 4));
+    const double end = 3.0;
+    const auto found =
+        pipedyn::crossings(branches, {end, 1.0, 2 * pairs, pairs, pairs, pairs, false}, [] {});
+    check(found.failure.empty() && !found.untracked, "every crossing is found");
+    check(found.unstable_at_rest == branches.unstable(0.0), "unstable roots at rest");
+    for (const auto& crossing : found.crossings) {
+      const Index branch = crossing.mode - 1;
+      check(std::abs(branches.real(branch, crossing.speed)) < 1e-13, "the cubic is zero there");
+      check((branches.slope(branch, crossing.speed) > 0.0) == (crossing.change > 0),
+            "a rising crossing has a positive slope");
     }
-    const pipedyn::Step step{left.view(),        right.view(), found.onto, found.meets,
-                             found.error.data(), modes,        unstable};
-    const auto scan = pipedyn::scan(step, {pairs, pairs, 1e-6, false});
-    check(static_cast<Index>(scan.roots.size()) == pairs, "of each pair one root is looked at");
-    for (const auto& [root, at, rising] : scan.crossings) {
-      const auto c = cubics.row(root / 2);
-      const double u = 1.0 + 0.5 * at, slope = c(1) + u * (2.0 * c(2) + 3.0 * u * c(3));
-      check((slope > 0.0) == rising, "a rising crossing has a positive slope");
-      check(std::abs(c(0) + u * (c(1) + u * (c(2) + u * c(3)))) < 1e-13, "the cubic is zero there");
+    for (int i = 1; i <= 300; ++i) {
+      const double u = end * i / 300.0;
+      Index unstable = found.unstable_at_rest;
+      for (const auto& crossing : found.crossings)
+        unstable += crossing.speed < u ? crossing.change : 0;
+      check(unstable == branches.unstable(u), "the crossings account for the unstable roots");
     }
-    for (Index i = 0; i < 2 * pairs; ++i) {
-      check(scan.after[i] == (right.values[found.onto[i]].real() > 0.0), "stable or not after it");
+    const auto loci = pipedyn::root_loci(branches, {0.0, 1.5, end}, pairs, 2 * pairs, [](Index) {});
+    for (Index k = 0; k < pairs; ++k) {
+      check(loci && loci->values(2, k).real() == branches.real(k, end) &&
+                loci->partners(2, k) == std::conj(loci->values(2, k)),
+            "a branch stays itself");
     }
   }
+  scene = "residuals";  // eps |lambda|^2 is 200 there
+  check(pipedyn::has_converged({0.0, 1e9}, 1e-5) && !pipedyn::has_converged({0.0, 1e9}, 1e-2),
+        "a large residual is no eigenvalue whatever rounding explains");
 }
 
 }  // namespace
@@ -1082,7 +1102,7 @@ int main() {
   check_reduced_motion();
   check_scenes();
   check_extremes();
-  check_tracking();
+  check_crossings();
   std::printf("%d checks, %d failed\n", checks, failures);
   return failures == 0 ? 0 : 1;
 }

@@ -128,7 +128,7 @@ def test_the_inverse_problem_of_the_core_is_scipy_s(size, velocity_free):
         velocity = np.zeros_like(mass)
     shift = 0.7
     shifted = shift**2 * mass + shift * velocity + stiffness
-    operator = _core.DenseOperator(mass, velocity, stiffness, 1.0)
+    operator = _core.DenseOperator((mass, velocity, stiffness, mass, mass), 1.0)
     mu, right, left = operator.inverse(shift, velocity_free, True)
     step = -np.linalg.solve(shifted, np.hstack([velocity + 2.0 * shift * mass, mass]))
     step = np.vstack([step, np.eye(2 * size)[:size]])
@@ -146,8 +146,8 @@ def test_the_inverse_problem_of_the_core_is_scipy_s(size, velocity_free):
 
 def test_another_thread_runs_while_the_core_solves():
     """Python would change threads on its own only after a minute."""
-    matrices = np.random.default_rng(0).standard_normal((3, 150, 150))
-    operator = _core.DenseOperator(*matrices, 1.0)
+    matrices = np.random.default_rng(0).standard_normal((5, 150, 150))
+    operator = _core.DenseOperator(matrices, 1.0)
     begun, done = threading.Event(), threading.Event()
 
     def solve():

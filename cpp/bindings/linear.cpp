@@ -1,24 +1,26 @@
 // SPDX-License-Identifier: MIT
-// Eigenpairs and their tracking along the flow speed.
+// Spectra of linear models, and the searches over them.
 #include <pybind11/complex.h>
+#include <pybind11/eigen.h>
+#include <pybind11/functional.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
+#include <chrono>
+#include <variant>
+
 #include "arguments.hpp"
 #include "pipedyn/linear/chain_spectrum.hpp"
-#include "pipedyn/linear/eigenpairs.hpp"
-#include "pipedyn/linear/tracking.hpp"
+#include "pipedyn/linear/crossings.hpp"
+#include "pipedyn/linear/eigenproblem.hpp"
 
 namespace pipedyn {
 
 using namespace py::literals;
 
 namespace {
-
-template <class T>
-using Column = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
 /// SciPy's BLAS and LAPACK, by the addresses that it publishes for Cython.
 Lapack scipy_lapack() {
@@ -31,231 +33,208 @@ Lapack scipy_lapack() {
   set("scipy.linalg.cython_blas", "dgemm", lapack.dgemm);
   set("scipy.linalg.cython_lapack", "dgetrf", lapack.dgetrf);
   set("scipy.linalg.cython_lapack", "dgetrs", lapack.dgetrs);
-  set("scipy.linalg.cython_lapack", "zgetrf", lapack.zgetrf);
-  set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   return lapack;
 }
 
-template <class T>
-py::array_t<T> table_of(const std::vector<T>& values, py::ssize_t rows) {
-  const py::ssize_t size = static_cast<py::ssize_t>(values.size());
-  return py::array_t<T>({rows, size / rows}, values.data());
-}
-
-template <class T>
-py::array_t<T> numbers_of(const std::vector<T>& values) {
-  return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());
-}
-
-template <class T>
-std::vector<T> vector_of(const Column<T>& values) {
-  return std::vector<T>(values.data(), values.data() + values.size());
-}
-
-Column<bool> flags_of(const Flags& flags) {
-  Column<bool> result(static_cast<py::ssize_t>(flags.size()));
-  std::copy(flags.begin(), flags.end(), result.mutable_data());
-  return result;
-}
-
-/// The arrays of a `pipedyn.linear.tracking.Sample`.
-struct SampleArrays {
-  double u;
-  Column<Complex> values, slopes;
-  Column<double> noise, slope_noise;
-  Column<std::int8_t> signatures;
-
-  explicit SampleArrays(const py::object& at)
-      : u(at.attr("u").cast<double>()),
-        values(at.attr("values")),
-        slopes(at.attr("slopes")),
-        noise(at.attr("noise")),
-        slope_noise(at.attr("slope_noise")),
-        signatures(at.attr("signatures")) {}
-
-  Sample view() const {
-    return {u,
-            values.size(),
-            values.data(),
-            slopes.data(),
-            noise.data(),
-            slope_noise.data(),
-            signatures.data()};
-  }
+/// The operators of a model in matrices, made without Python.
+struct DenseOperators {
+  Eigenproblem::At at;
 };
 
-Matrix matrix_of(const Numbers& values) {
-  return Eigen::Map<const Matrix>(values.data(), values.shape(0), values.shape(1));
+Eigenproblem::At matrices_of(const std::variant<DenseOperators, Eigenproblem::At>& operators) {
+  const auto* const dense = std::get_if<DenseOperators>(&operators);
+  return dense != nullptr ? dense->at : std::get<1>(operators);
 }
 
-/// Of a long chain, by functions: x, (dof, count), to M x, C x and K x; value, x and y to P^-1 x
-/// and P^-H y.
-class LongOperator : public Operator {
+/// Tells Python every so often what was done, so that it counts and can stop it: by a signal, or by
+/// an exception of what is told.
+class Report {
  public:
-  LongOperator(py::object multiply, py::object solve, Index dof, double size)
-      : Operator(dof, size), multiply_(std::move(multiply)), solve_(std::move(solve)) {}
+  Report(Spectrum& spectrum, const py::object& factorised)
+      : spectrum_(spectrum), factorised_(factorised) {}
 
-  ComplexTable multiply(const Complex* x, Index count) const override {
+  void operator()() {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - last_ < std::chrono::milliseconds(20)) return;
+    last_ = now;
     const py::gil_scoped_acquire locked;
-    ComplexTable result;
-    for (const auto& part : multiply_(table(x, count)).cast<std::array<Column<Complex>, 3>>()) {
-      result.insert(result.end(), part.data(), part.data() + part.size());
-    }
-    return result;
+    tell();
   }
 
-  void solve(Complex value, ComplexTable& x, ComplexTable& y) const override {
-    const py::gil_scoped_acquire locked;
-    const auto solved = solve_(value, table(x.data(), 1), table(y.data(), 1))
-                            .cast<std::array<Column<Complex>, 2>>();
-    x = vector_of(solved[0]);
-    y = vector_of(solved[1]);
+  void tell() {
+    factorised_(spectrum_.factorisations());
+    if (PyErr_CheckSignals() != 0) throw py::error_already_set();
   }
 
  private:
-  Column<Complex> table(const Complex* x, Index count) const {
-    return Column<Complex>({dof, count}, x);
-  }
-
-  const py::object multiply_, solve_;
+  Spectrum& spectrum_;
+  const py::object& factorised_;
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
-
-py::tuple roots_of(const ChainRoots& found) {
-  const py::ssize_t count = found.values.size();
-  const auto table = [&](const ComplexTable& x) {
-    return py::array_t<Complex>({static_cast<py::ssize_t>(x.size()) / count, count}, x.data());
-  };
-  return py::make_tuple(numbers_of(found.values), table(found.right), table(found.left),
-                        numbers_of(found.residual), numbers_of(found.uncertain),
-                        numbers_of(found.slope), numbers_of(found.by_left),
-                        numbers_of(found.by_right));
-}
 
 }  // namespace
 
 void define_linear(py::module_& m) {
-  py::class_<Operator>(m, "Operator")
-      .def(
-          "assess",
-          [](const Operator& p, const Column<Complex>& values, const Column<Complex>& right,
-             const std::optional<Column<Complex>>& left,
-             const std::optional<Column<double>>& residual,
-             const std::optional<Column<Complex>>& by_speed) {
-            const auto data = [](const auto& array) { return array ? array->data() : nullptr; };
-            const Pairs pairs{values.size(), values.data(),  right.data(),
-                              data(left),    data(residual), data(by_speed)};
-            Assessment found;
-            run(right.size() / 8, [&] { found = assess(p, pairs); });
-            return py::make_tuple(numbers_of(found.residual), numbers_of(found.uncertain),
-                                  numbers_of(found.slope), numbers_of(found.by_left),
-                                  numbers_of(found.by_right));
-          },
-          "values"_a, "right"_a, "left"_a = py::none(), "residual"_a = py::none(),
-          "by_speed"_a = py::none())
-      .def(
-          "growth",
-          [](const Operator& p, const Column<Complex>& values, const Column<Complex>& right,
-             const Column<Complex>& left) {
-            const Pairs pairs{values.size(), values.data(), right.data(), left.data()};
-            Growth found;
-            run(right.size() / 8, [&] { found = growth(p, pairs); });
-            return py::make_tuple(numbers_of(found.rate), numbers_of(found.error));
-          },
-          "values"_a, "right"_a, "left"_a)
-      .def(
-          "refine",
-          [](const Operator& p, Complex value, const Column<Complex>& right,
-             const Column<Complex>& left, int steps) {
-            Refined found{value, vector_of(right), vector_of(left), 0.0, 0};
-            run(p.dof * p.dof, [&] { found = refine(p, std::move(found), steps); });
-            return py::make_tuple(found.value, table_of(found.right, p.dof),
-                                  table_of(found.left, p.dof), found.residual, found.steps);
-          },
-          "value"_a, "right"_a, "left"_a, "steps"_a);
-  py::class_<DenseOperator, Operator>(m, "DenseOperator")
-      .def(py::init([lapack = scipy_lapack()](const Numbers& mass, const Numbers& velocity,
-                                              const Numbers& stiffness, double size) {
-             return DenseOperator(lapack, matrix_of(mass), matrix_of(velocity),
-                                  matrix_of(stiffness), size);
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const NotConverged& error) {
+      py::set_error(py::module_::import("pipedyn.models.base").attr("NotConverged"), error.what());
+    }
+  });
+  py::class_<Pair>(m, "Pair")
+      .def_readonly("value", &Pair::value)
+      .def_readonly("slope", &Pair::slope)
+      .def_readonly("uncertain", &Pair::uncertain)
+      .def_property_readonly("converged", &Pair::converged)
+      .def_property_readonly("right", [](const Pair& pair) { return ComplexTable(pair.right); })
+      .def_property_readonly("left", [](const Pair& pair) { return ComplexTable(pair.left); });
+  py::class_<Pairs>(m, "Pairs")
+      .def(py::init([](Values values, ComplexTable right, ComplexTable left, Reals residuals) {
+             return Pairs{std::move(values), std::move(right), std::move(left),
+                          std::move(residuals)};
            }),
-           "mass"_a, "velocity"_a, "stiffness"_a, "size"_a)
+           "values"_a, "right"_a, "left"_a = ComplexTable(), "residuals"_a = Reals())
+      .def_readonly("values", &Pairs::values)
+      .def_readonly("right", &Pairs::right)
+      .def_readonly("left", &Pairs::left)
+      .def_readonly("residuals", &Pairs::residual)
+      .def_readonly("uncertain", &Pairs::uncertain)
+      .def_readonly("slopes", &Pairs::slope)
+      .def_property_readonly("converged", [](const Pairs& pairs) {
+        Eigen::Array<bool, Eigen::Dynamic, 1> good(pairs.values.size());
+        for (Index i = 0; i < good.size(); ++i) {
+          good[i] = has_converged(pairs.values[i], pairs.residual[i]);
+        }
+        return good;
+      });
+  py::class_<AxisCrossing>(m, "AxisCrossing")
+      .def_readonly("speed", &AxisCrossing::speed)
+      .def_readonly("value", &AxisCrossing::value)
+      .def_readonly("change", &AxisCrossing::change)
+      .def_readonly("mode", &AxisCrossing::mode)
+      .def_readonly("error", &AxisCrossing::error)
+      .def_property_readonly("pair", [](const AxisCrossing& crossing) -> std::optional<Pair> {
+        if (crossing.pair.right.size() == 0) return {};
+        return crossing.pair;
+      });
+  py::class_<Sweep>(m, "Sweep")
+      .def_readonly("unstable_at_rest", &Sweep::unstable_at_rest)
+      .def_readonly("crossings", &Sweep::crossings)
+      .def_readonly("failure", &Sweep::failure)
+      .def_readonly("untracked", &Sweep::untracked);
+
+  py::class_<Spectrum, std::shared_ptr<Spectrum>>(m, "Spectrum")
+      .def(
+          "crossings",
+          [](Spectrum& spectrum, double max_speed, double scale, Index count, Index tracked,
+             Index resolved, Index certain, bool until_unstable, const py::object& factorised) {
+            Report report(spectrum, factorised);
+            Sweep found;
+            {
+              const py::gil_scoped_release unlocked;
+              found = crossings(
+                  spectrum, {max_speed, scale, count, tracked, resolved, certain, until_unstable},
+                  std::ref(report));
+            }
+            report.tell();
+            return found;
+          },
+          "max_speed"_a, "scale"_a, "count"_a, "tracked"_a, "resolved"_a, "certain"_a,
+          "until_unstable"_a, "factorised"_a)
+      .def(
+          "root_loci",
+          [](Spectrum& spectrum, const std::vector<double>& speeds, Index count, Index taken,
+             const py::object& factorised, const py::object& row_done) -> py::object {
+            Report report(spectrum, factorised);
+            Index told = 0;
+            const auto sampled = [&](Index rows) {
+              report();
+              if (row_done.is_none() || rows == told) return;
+              const py::gil_scoped_acquire locked;
+              for (; told < rows; ++told) row_done();
+            };
+            std::optional<RootLoci> found;
+            {
+              const py::gil_scoped_release unlocked;
+              found = root_loci(spectrum, speeds, count, taken, sampled);
+            }
+            report.tell();
+            if (!found) return py::none();
+            return py::make_tuple(found->values, found->partners, found->converged, found->errors);
+          },
+          "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
+      .def(
+          "refined",
+          [](Spectrum& spectrum, double u, Complex value, const std::optional<Pair>& near) {
+            Pair guess = near.value_or(Pair{});
+            guess.value = value;
+            const py::gil_scoped_release unlocked;
+            return spectrum.refined(u, guess);
+          },
+          "u"_a, "value"_a, "near"_a = py::none())
+      .def("factorisations", &Spectrum::factorisations);
+
+  py::class_<Operator, std::shared_ptr<Operator>>(m, "Operator");
+  py::class_<CalledOperator, Operator, std::shared_ptr<CalledOperator>>(m, "CalledOperator")
+      .def(py::init([](const decltype(CalledOperator::Functions::multiply)& multiply,
+                       const decltype(CalledOperator::Functions::by_speed)& by_speed,
+                       const decltype(CalledOperator::Functions::factor)& factor,
+                       const decltype(CalledOperator::Functions::inverse)& inverse, Index dof,
+                       double size) {
+             return std::make_shared<CalledOperator>(
+                 CalledOperator::Functions{multiply, by_speed, factor, inverse}, dof, size);
+           }),
+           "multiply"_a, "by_speed"_a, "factor"_a, "inverse"_a, "dof"_a, "size"_a);
+  const Lapack lapack = scipy_lapack();
+  py::class_<DenseOperator, Operator, std::shared_ptr<DenseOperator>>(m, "DenseOperator")
+      .def(py::init([lapack](DenseOperator::Matrices of, double size) {
+             return std::make_shared<DenseOperator>(lapack, std::move(of), size);
+           }),
+           "matrices"_a, "size"_a)
       .def(
           "inverse",
           [](const DenseOperator& p, double shift, bool velocity_free, bool left) {
-            Inverse found;
-            {
-              const py::gil_scoped_release unlocked;
-              found = p.inverse(shift, velocity_free, left);
-            }
-            return py::make_tuple(numbers_of(found.mu), table_of(found.right, p.dof),
-                                  table_of(found.left, p.dof));
+            return p.inverse(shift, velocity_free, left, 2 * p.dof);
           },
-          "shift"_a, "velocity_free"_a, "left"_a);
-  py::class_<LongOperator, Operator>(m, "LongOperator")
-      .def(py::init<py::object, py::object, Index, double>(), "multiply"_a, "solve"_a, "dof"_a,
-           "size"_a);
-  py::class_<ChainSpectrum>(m, "ChainSpectrum")
-      .def(py::init([lapack = scipy_lapack()](const Chain& chain, Vector scale) {
-             return ChainSpectrum(chain, lapack, std::move(scale));
+          py::call_guard<py::gil_scoped_release>(), "shift"_a, "velocity_free"_a, "left"_a);
+  py::class_<DenseOperators>(m, "DenseOperators")
+      .def(py::init([lapack](const std::array<Matrix, 5>& of, double centrifugal, double size) {
+             return DenseOperators{
+                 dense_operators(lapack, {of[0], of[1], of[2], of[3], of[4]}, centrifugal, size)};
            }),
-           "chain"_a, "scale"_a, py::keep_alive<1, 2>())
+           "matrices"_a, "centrifugal"_a, "size"_a)
       .def(
-          "lowest",
-          [](const ChainSpectrum& spectrum, double u, Index count, bool vectors) -> py::object {
-            std::optional<ChainRoots> found;
-            {
-              const py::gil_scoped_release unlocked;
-              found = spectrum.lowest(u, count, vectors);
-            }
-            return found ? py::object(roots_of(*found)) : py::none();
-          },
-          "u"_a, "count"_a, "vectors"_a)
+          "__call__", [](const DenseOperators& operators, double u) { return operators.at(u); },
+          "u"_a);
+  py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
       .def(
-          "near",
-          [](const ChainSpectrum& spectrum, double u, Complex guess, int steps) {
-            return roots_of(spectrum.near(u, guess, steps));
-          },
-          "u"_a, "guess"_a, "steps"_a);
-  m.def(
-      "match",
-      [](const py::object& left, const py::object& right, const Column<Root>& tracked,
-         double damping, double radius, double zero) {
-        const SampleArrays from(left), to(right);
-        Match found;
-        run(from.values.size() * to.values.size() / 16, [&] {
-          found = match(from.view(), to.view(), vector_of(tracked), {damping, radius, zero});
-        });
-        return py::make_tuple(numbers_of(found.onto), numbers_of(found.error),
-                              numbers_of(found.meets), numbers_of(found.slopes), found.unambiguous);
-      },
-      "left"_a, "right"_a, "tracked"_a, "damping"_a, "radius"_a, "zero"_a);
-  m.def(
-      "unstable",
-      [](const py::object& at, const Column<Root>& onto, const Column<bool>& before, double zero) {
-        const Flags flags(before.data(), before.data() + before.size());
-        return flags_of(unstable(SampleArrays(at).view(), vector_of(onto), flags, zero));
-      },
-      "at"_a, "onto"_a, "before"_a, "zero"_a);
-  py::class_<Scan>(m, "Scan")
-      .def_property_readonly("roots", [](const Scan& found) { return numbers_of(found.roots); })
-      .def_property_readonly("leaving", [](const Scan& found) { return flags_of(found.leaving); })
-      .def_property_readonly("after", [](const Scan& found) { return flags_of(found.after); })
-      .def_readonly("clear", &Scan::clear)
-      .def_readonly("crossings", &Scan::crossings);
-  m.def(
-      "scan",
-      [](const py::object& step, const Column<Root>& modes, const Column<bool>& before,
-         Root resolved, Root certain, double zero, bool conservative) {
-        const SampleArrays left(step.attr("left")), right(step.attr("right"));
-        const Roots onto = vector_of(Column<Root>(step.attr("onto")));
-        const Roots meets = vector_of(Column<Root>(step.attr("meets")));
-        const Column<double> error(step.attr("error"));
-        return scan({left.view(), right.view(), onto, meets, error.data(), vector_of(modes),
-                     Flags(before.data(), before.data() + before.size())},
-                    {resolved, certain, zero, conservative});
-      },
-      "step"_a, "modes"_a, "unstable"_a, "resolved"_a, "certain"_a, "zero"_a, "conservative"_a);
+          py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
+                      bool squared, const std::variant<DenseOperators, Eigenproblem::At>& operators,
+                      bool free_at_rest, bool complete, const Amend& amend,
+                      const std::optional<std::shared_ptr<Eigenproblem>>& statics) {
+            return std::make_shared<Eigenproblem>(
+                Traits{dof, delta, zero, damped, conservative, squared}, matrices_of(operators),
+                complete, free_at_rest, amend, statics.value_or(nullptr));
+          }),
+          "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
+          "free_at_rest"_a, "complete"_a, "amend"_a = Amend(), "statics"_a = py::none())
+      .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a,
+           py::call_guard<py::gil_scoped_release>())
+      .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a,
+           py::call_guard<py::gil_scoped_release>());
+  py::class_<ChainSpectrum, Eigenproblem, std::shared_ptr<ChainSpectrum>>(m, "ChainSpectrum")
+      .def(py::init([lapack](Index dof, double delta, double zero, bool damped, bool conservative,
+                             bool squared,
+                             const std::variant<DenseOperators, Eigenproblem::At>& operators,
+                             bool free_at_rest, const Chain& chain, const Vector& scale) {
+             return std::make_shared<ChainSpectrum>(
+                 Traits{dof, delta, zero, damped, conservative, squared}, matrices_of(operators),
+                 free_at_rest, chain, lapack, scale);
+           }),
+           "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
+           "free_at_rest"_a, "chain"_a, "scale"_a, py::keep_alive<1, 10>());
 }
 
 }  // namespace pipedyn

@@ -10,23 +10,26 @@ import numpy.typing
 import typing
 
 __all__: list[str] = [
+    "AxisCrossing",
+    "CalledOperator",
     "Chain",
     "ChainSpectrum",
     "DenseOperator",
+    "DenseOperators",
+    "Eigenproblem",
     "Galerkin",
     "GalerkinMotion",
-    "LongOperator",
     "Operator",
     "Operators",
+    "Pair",
+    "Pairs",
     "Pipe",
-    "Scan",
     "Scene",
-    "match",
+    "Spectrum",
+    "Sweep",
     "most_on_a_panel",
-    "scan",
     "set_vector_level",
     "sincos",
-    "unstable",
     "vector_level",
     "vector_levels",
 ]
@@ -68,7 +71,6 @@ class Operators:
     def stiffness(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Chain:
-    band_width: typing.ClassVar[int] = 4
     def __init__(
         self,
         pipe: Pipe,
@@ -79,27 +81,23 @@ class Chain:
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def band(
-        self,
-        lambda_: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-        u: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def flux_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def gravity_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def joint_operators(
         self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> Operators: ...
-    def mass_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    def joint_times(
+        self,
+        x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        still: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        square: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        elastic: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def operators(
         self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
@@ -119,15 +117,6 @@ class Chain:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def terms_damping_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def terms_stiffness_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def velocity_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Galerkin:
     def __init__(
@@ -186,94 +175,219 @@ class GalerkinMotion:
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
 
-class Operator:
-    def assess(
+class Pair:
+    @property
+    def converged(self) -> bool: ...
+    @property
+    def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def slope(self) -> complex: ...
+    @property
+    def uncertain(self) -> float: ...
+    @property
+    def value(self) -> complex: ...
+
+class Pairs:
+    def __init__(
         self,
-        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None = None,
-        residual: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
-        by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128] | None = None,
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
-    ]: ...
-    def growth(
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"] = ...,
+        residuals: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+    ) -> None: ...
+    @property
+    def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, 1]"]: ...
+    @property
+    def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def residuals(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def slopes(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+    @property
+    def uncertain(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+
+class AxisCrossing:
+    @property
+    def change(self) -> int: ...
+    @property
+    def error(self) -> float: ...
+    @property
+    def mode(self) -> int: ...
+    @property
+    def pair(self) -> Pair | None: ...
+    @property
+    def speed(self) -> float: ...
+    @property
+    def value(self) -> complex: ...
+
+class Sweep:
+    @property
+    def crossings(self) -> list[AxisCrossing]: ...
+    @property
+    def failure(self) -> str: ...
+    @property
+    def unstable_at_rest(self) -> int: ...
+    @property
+    def untracked(self) -> bool: ...
+
+class Spectrum:
+    def crossings(
         self,
-        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-    ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
-    def refine(
+        max_speed: typing.SupportsFloat | typing.SupportsIndex,
+        scale: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        tracked: typing.SupportsInt | typing.SupportsIndex,
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+        certain: typing.SupportsInt | typing.SupportsIndex,
+        until_unstable: bool,
+        factorised: typing.Any,
+    ) -> Sweep: ...
+    def factorisations(self) -> int: ...
+    def refined(
         self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
         value: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
-        steps: typing.SupportsInt | typing.SupportsIndex,
-    ) -> tuple[
-        complex,
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
-        float,
-        int,
-    ]: ...
+        near: Pair | None = None,
+    ) -> Pair: ...
+    def root_loci(
+        self,
+        speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        count: typing.SupportsInt | typing.SupportsIndex,
+        taken: typing.SupportsInt | typing.SupportsIndex,
+        factorised: typing.Any,
+        row_done: typing.Any = None,
+    ) -> typing.Any: ...
+
+class Operator:
+    pass
+
+class CalledOperator(Operator):
+    def __init__(
+        self,
+        multiply: collections.abc.Callable[
+            [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]],
+            tuple[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ],
+        by_speed: collections.abc.Callable[
+            [
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+            ],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+        ],
+        factor: collections.abc.Callable[
+            [complex],
+            collections.abc.Callable[
+                [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"], bool],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ],
+        inverse: collections.abc.Callable[
+            [float, bool, bool, int],
+            tuple[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ],
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        size: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
 
 class DenseOperator(Operator):
     def __init__(
         self,
-        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        velocity: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        stiffness: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        matrices: typing.Annotated[
+            collections.abc.Sequence[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+            ],
+            "FixedSize(5)",
+        ],
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
     def inverse(
         self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
     ) -> tuple[
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
-        numpy.typing.NDArray[numpy.complex128],
+        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
     ]: ...
 
-class LongOperator(Operator):
+class DenseOperators:
+    def __call__(self, u: typing.SupportsFloat | typing.SupportsIndex) -> Operator: ...
     def __init__(
         self,
-        multiply: typing.Any,
-        solve: typing.Any,
-        dof: typing.SupportsInt | typing.SupportsIndex,
+        matrices: typing.Annotated[
+            collections.abc.Sequence[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+            ],
+            "FixedSize(5)",
+        ],
+        centrifugal: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
 
-class ChainSpectrum:
+class Eigenproblem(Spectrum):
     def __init__(
-        self, chain: Chain, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+        self,
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        delta: typing.SupportsFloat | typing.SupportsIndex,
+        zero: typing.SupportsFloat | typing.SupportsIndex,
+        damped: bool,
+        conservative: bool,
+        squared: bool,
+        operators: DenseOperators | collections.abc.Callable[[float], Operator],
+        free_at_rest: bool,
+        complete: bool,
+        amend: collections.abc.Callable[
+            [
+                float,
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+                bool,
+            ],
+            tuple[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+            ],
+        ] = None,
+        statics: Eigenproblem | None = None,
     ) -> None: ...
+    def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
     def lowest(
         self,
         u: typing.SupportsFloat | typing.SupportsIndex,
         count: typing.SupportsInt | typing.SupportsIndex,
-        vectors: bool,
-    ) -> typing.Any: ...
-    def near(
-        self,
-        u: typing.SupportsFloat | typing.SupportsIndex,
-        guess: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-        steps: typing.SupportsInt | typing.SupportsIndex,
-    ) -> tuple: ...
+        left: bool,
+        high: bool,
+    ) -> Pairs: ...
 
-class Scan:
-    @property
-    def after(self) -> numpy.typing.NDArray[numpy.bool]: ...
-    @property
-    def clear(self) -> bool: ...
-    @property
-    def crossings(self) -> list[tuple[int, float, bool]]: ...
-    @property
-    def leaving(self) -> numpy.typing.NDArray[numpy.bool]: ...
-    @property
-    def roots(self) -> numpy.typing.NDArray[numpy.int64]: ...
+class ChainSpectrum(Eigenproblem):
+    def __init__(
+        self,
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        delta: typing.SupportsFloat | typing.SupportsIndex,
+        zero: typing.SupportsFloat | typing.SupportsIndex,
+        damped: bool,
+        conservative: bool,
+        squared: bool,
+        operators: DenseOperators | collections.abc.Callable[[float], Operator],
+        free_at_rest: bool,
+        chain: Chain,
+        scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    ) -> None: ...
 
 class Scene:
     met: typing.ClassVar[float] = 1e-13
@@ -377,43 +491,14 @@ class Scene:
     @property
     def coordinates(self) -> int: ...
 
-def match(
-    left: typing.Any,
-    right: typing.Any,
-    tracked: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
-    damping: typing.SupportsFloat | typing.SupportsIndex,
-    radius: typing.SupportsFloat | typing.SupportsIndex,
-    zero: typing.SupportsFloat | typing.SupportsIndex,
-) -> tuple[
-    numpy.typing.NDArray[numpy.int64],
-    numpy.typing.NDArray[numpy.float64],
-    numpy.typing.NDArray[numpy.int64],
-    numpy.typing.NDArray[numpy.complex128],
-    bool,
-]: ...
 def most_on_a_panel(
     size: typing.SupportsInt | typing.SupportsIndex,
     joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     more: typing.SupportsInt | typing.SupportsIndex,
 ) -> int: ...
-def scan(
-    step: typing.Any,
-    modes: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
-    unstable: typing.Annotated[numpy.typing.ArrayLike, numpy.bool],
-    resolved: typing.SupportsInt | typing.SupportsIndex,
-    certain: typing.SupportsInt | typing.SupportsIndex,
-    zero: typing.SupportsFloat | typing.SupportsIndex,
-    conservative: bool,
-) -> Scan: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
-def unstable(
-    at: typing.Any,
-    onto: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
-    before: typing.Annotated[numpy.typing.ArrayLike, numpy.bool],
-    zero: typing.SupportsFloat | typing.SupportsIndex,
-) -> numpy.typing.NDArray[numpy.bool]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...

@@ -72,6 +72,12 @@ struct LinearSegment {
   double held;                 // moment against it of loads along the pipe, here and beyond
 };
 
+/// What multiplies the parts of P: stiffness but that of the springs, damping of loads and inertia;
+/// stiffness of the springs; and s (gyroscopic + end_flux) and flux of `Operators`.
+struct LinearPart {
+  double still = 0.0, rate = 0.0, square = 0.0, elastic = 0.0, velocity = 0.0, flux = 0.0;
+};
+
 /// Immutable; one chain may serve many threads.
 class Chain {
  public:
@@ -91,20 +97,9 @@ class Chain {
   /// unless scale has one entry a segment.
   Operators joint_operators(const Vector& scale) const;
 
-  // Products in O(n): x (n, k) holds angles in its columns, the result (n, k) is the operator of
-  // the straight pipe in the angles times x. Each throws std::invalid_argument unless x has one row
-  // a segment.
-  Matrix mass_times(const Matrix& x) const { return moments_times(x, &LinearSegment::mass); }
-  Matrix velocity_times(const Matrix& x) const;  // gyroscopic + end_flux
-  Matrix flux_times(const Matrix& x) const;
-  Matrix gravity_times(const Matrix& x) const;  // for gamma = 1
-  /// Of the terms' loads, so is the next.
-  Matrix terms_stiffness_times(const Matrix& x) const {
-    return moments_times(x, &LinearSegment::stiffness);
-  }
-  Matrix terms_damping_times(const Matrix& x) const {
-    return moments_times(x, &LinearSegment::damping);
-  }
+  /// Product with a part of the operators in the joint angles, in O(n); x and the result (n, k).
+  /// Throws std::invalid_argument unless x has one row a segment.
+  Matrix joint_times(const Matrix& x, const LinearPart& part) const;
 
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
@@ -113,19 +108,7 @@ class Chain {
   /// 6).
   Matrix resistances() const;
 
-  /// Band matrix of the whole linear problem at one lambda and u, in the unknowns (phi_j, theta_j,
-  /// w_j, Q_j) of each segment: joint angle, angle, transverse displacement of the end, and the
-  /// force that all beyond the end exerts. Four equations a segment, in this order:
-  ///   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,   row j above,
-  ///   Q_j = Q_{j+1} + (inertia and Coriolis of segment j + 1),   Q_n = a U^2 theta_n.
-  /// No entry is a difference of nearly equal numbers, so a solution is good at any n. LAPACK's
-  /// storage for gbtrf with kl = ku = band_width: A(i, j) at [2 kl + i - j, j], shape (13, 4 n).
-  using ComplexMatrix =
-      Eigen::Matrix<std::complex<double>, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor>;
-  static constexpr Index band_width = 4;
-  ComplexMatrix band(std::complex<double> lambda, double u) const;
-
-  /// The same problem for the recursion in impedance.hpp; valid as long as the chain is.
+  /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
   ImpedanceModel impedance() const;
   const Vector& springs() const { return segments_.spring; }
   /// A chain of about so many segments that moves like this one: neighbours joined.
@@ -156,7 +139,6 @@ class Chain {
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();
   void add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const;
-  Matrix moments_times(const Matrix& x, Moments LinearSegment::* of) const;
   MotionModel motion() const;
 };
 

@@ -19,6 +19,7 @@ from scipy.special import spherical_jn
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import Model
 from pipedyn.models.pipe import Pipe
+from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import result
 
@@ -105,17 +106,16 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
 
     The speed may leave its guess by a factor of three.
     """
-    problem = eigenproblem(model)
-    value, slope, pair = complex(0.0, frequency), 0j, None
+    spectrum = eigenproblem(model).spectrum()
+    value, pair = complex(0.0, frequency), None
 
     def correction(u: float) -> tuple[float, float]:
-        nonlocal value, slope, pair
-        pair = problem.refine(u, value, None if pair is None else pair.right[:, 0])
-        slope, value = complex(problem.assessed(u, pair).slopes[0]), complex(pair.values[0])
-        if not (slope.real > 0.0 and value.imag > 0.0 and pair.converged[0]):
+        nonlocal value, pair
+        pair = spectrum.refined(u, value, pair)
+        if not (pair.slope.real > 0.0 and pair.value.imag > 0.0 and pair.converged):
             raise NewtonFailed("no oscillation that the flow destabilises is near")
-        change = -value.real / slope.real
-        value += slope * change
+        change = -pair.value.real / pair.slope.real
+        value = pair.value + pair.slope * change
         return change, abs(change)
 
     def check(u: float) -> None:
@@ -135,5 +135,6 @@ def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
     except NewtonFailed:
         return None
     assert pair is not None
-    error = float(problem.assessed(found.state, pair).uncertain[0]) / slope.real + found.step
+    factorised(spectrum.factorisations())
+    error = pair.uncertain / pair.slope.real + found.step
     return Onset(found.state, value.imag, error)

@@ -1,111 +1,27 @@
 # SPDX-License-Identifier: MIT
-"""P(lambda, u) x = 0 of any model: residuals, conditions, slopes and refinement of its eigenpairs.
+"""P(lambda, u) x = 0 of any model, for the core, which solves it: see `cpp/pipedyn/linear`.
 
 The products come from `model.pencil()`; all is done in elastic coordinates, where the elastic
-stiffness is the identity.
+stiffness is the identity. Chains are solved by recursion along them, other small problems by their
+matrices, long scenes by products and sparse matrices, see `arnoldi`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
+from pipedyn.linear.arnoldi import AtSpeed
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.models.pencil import DensePencil, Pencil, Vectors
-from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
 
 Complex = NDArray[np.complex128]
-
-EPS = float(np.finfo(np.float64).eps)
-
-TOLERANCE = 1e-10
-"""Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, k = 1 +
-|gamma| + a u^2 with what terms add being the size of the elastic stiffness matrix: measured, the
-twelve lowest pairs of 25 models at four speeds have 8e-12 at most. To it comes the rounding of M x,
-eps |lambda|^2, which limits high modes."""
-
-LARGEST_RESIDUAL = 1e-4
-"""Relative residual beyond which a pair is wrong, however high the mode: refined, those of 300
-segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functions (4e-5) pass."""
-
-SLOW = 30.0
-"""|lambda| of a chain's root up to which joint angles hold its vectors: they lose eps |lambda|^2,
-which is 2e-13 here."""
-
-SLOW_GROWTH = 1e-8
-"""Rounding of Re lambda up to which it is left as it is: what grows slower doubles in 1e8 T."""
-
-
-@dataclass(frozen=True)
-class Assessment:
-    """How good pairs are, and how they move; each of shape (r,).
-
-    Attributes:
-        residuals: relative.
-        uncertain: how far residual and rounding may have moved each eigenvalue.
-        slopes: d lambda / du.
-        by_left, by_right: y^H (dP/dlambda) x and x^H (dP/dlambda) x.
-    """
-
-    residuals: Array
-    uncertain: Array
-    slopes: Complex
-    by_left: Complex
-    by_right: Complex
-
-    def take(self, which: Any) -> Assessment:
-        """Of some of the pairs."""
-        return Assessment(*(getattr(self, one.name)[which] for one in fields(self)))
-
-
-@dataclass(frozen=True)
-class Eigenpairs:
-    """Eigenvalues with vectors, sorted by |lambda|, of conjugates the upper first.
-
-    Attributes:
-        values: lambda, complex, shape (r,).
-        right: x in elastic coordinates, shape (dof, r).
-        left: y with y^H P = 0, shape (dof, r), or None where not asked for.
-        residuals: relative residuals, shape (r,); `converged` says which are good.
-        assessment: what else is known of a chain's pairs, or None.
-    """
-
-    values: Complex
-    right: Complex
-    left: Complex | None
-    residuals: Array
-    assessment: Assessment | None = None
-
-    @property
-    def converged(self) -> NDArray[np.bool_]:
-        """Which pairs passed the check of their residual, shape (r,)."""
-        return self.passable & (self.residuals <= LARGEST_RESIDUAL)
-
-    @property
-    def passable(self) -> NDArray[np.bool_]:
-        """The same with all that rounding explains: enough of high modes where low ones count."""
-        return self.residuals <= TOLERANCE + EPS * np.abs(self.values) ** 2
-
-    def take(self, which: Any) -> Eigenpairs:
-        """Some of the pairs."""
-        left = None if self.left is None else self.left[:, which]
-        found = None if self.assessment is None else self.assessment.take(which)
-        return Eigenpairs(
-            self.values[which], self.right[:, which], left, self.residuals[which], found
-        )
-
-    @classmethod
-    def of_chain(cls, values: Complex, right: Complex, left: Complex, *found: Any) -> Eigenpairs:
-        """From what the core's `ChainSpectrum` gives."""
-        return cls(values, right, left, found[0], Assessment(*found))
 
 
 class Eigenproblem:
@@ -122,14 +38,6 @@ class Eigenproblem:
         self.stiffness, self.flux = pencil.stiffness, pencil.flux
         self.is_damped, self.is_long = pencil.is_damped, pencil.is_long
         self.centrifugal = pencil.centrifugal
-        self.latest: tuple[float, _core.Operator] | None = None
-
-    @cached_property
-    def spectrum(self) -> _core.ChainSpectrum | None:
-        """The roots of a chain by recursion along it; None of any other model."""
-        if not isinstance(self.model, Chain):
-            return None
-        return _core.ChainSpectrum(self.model.core, self.model.elastic_scale)
 
     @property
     def rows(self) -> int:
@@ -145,11 +53,6 @@ class Eigenproblem:
         """(K + a u^2 A) x."""
         result: Vectors = self.stiffness(x) + self.centrifugal * u**2 * self.flux(x)
         return result
-
-    def matrices(self, u: float) -> tuple[Array, Array, Array]:
-        """(M, C, K) at speed u of a model in matrices, each of shape (dof, dof)."""
-        assert isinstance(self.pencil, DensePencil)
-        return self.pencil.matrices(u)
 
     def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
         """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose."""
@@ -193,119 +96,58 @@ class Eigenproblem:
         """The same problem in matrices."""
         return type(self)(self.model.pencil(dense=True))
 
-    def original(self, u: float, pairs: Eigenpairs) -> Eigenpairs | None:
-        """Pairs of the model itself, where it is deflated; None where they have no slope."""
-        return pairs
-
-    def static(self) -> Eigenproblem:
-        """The problem whose stiffness is singular where a real root passes zero, and only there."""
-        return self
-
-    def genuine(self, values: Complex, free: bool) -> Any:
-        """Which eigenvalues of the inverse problem are the model's: all, unless it is deflated."""
-        return slice(None)
+    def original(self, u: float, value: complex, x: Vectors) -> Vectors | None:
+        """The model's own vector, where the problem is deflated; None where it has no slope."""
+        return x
 
     def size(self, u: float) -> float:
         """Size of the stiffness matrix, elastic stiffness being 1."""
         return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.term_stiffness
 
-    def by_speed(self, u: float, values: Complex, x: Vectors) -> Complex:
+    def by_speed(self, u: float, values: Complex, x: Vectors) -> Vectors:
         """(dP/du) x of each pair, shape (dof, r)."""
-        result: Complex = values * self.velocity(x) + 2.0 * self.centrifugal * u * self.flux(x)
+        result: Vectors = values * self.velocity(x) + 2.0 * self.centrifugal * u * self.flux(x)
         return result
 
-    def at(self, u: float) -> _core.Operator:
-        """P at a speed as the core takes it; kept until another is asked for."""
-        if self.latest is None or self.latest[0] != u:
-            if self.is_long:
-                made: _core.Operator = _core.LongOperator(
-                    lambda x: (self.mass(x), self.damped(u, x), self.stiffened(u, x)),
-                    partial(self._solved, u),
-                    self.dof,
-                    self.size(u),
-                )
-            else:
-                made = _core.DenseOperator(*self.matrices(u), self.size(u))
-            self.latest = u, made
-        return self.latest[1]
+    @property
+    def operators(self) -> _core.DenseOperators | Callable[[float], _core.Operator]:
+        """P at each speed as the core takes it."""
+        if self.is_long and isinstance(self.model, Chain):
+            return lambda u: self.in_matrices(u)
+        if self.is_long:
+            return lambda u: AtSpeed(self, u).operator()
+        assert isinstance(self.pencil, DensePencil)
+        ops = self.pencil.operators
+        matrices = ops.mass, self.pencil.V, ops.damping, ops.stiffness, ops.flux
+        return _core.DenseOperators(matrices, self.centrifugal, self.size(0.0))
 
-    def _solved(self, u: float, value: complex, x: Vectors, y: Vectors) -> tuple[Vectors, Vectors]:
-        """P^-1 x and P^-H y."""
-        solve = self.factor(value, u)
-        return solve(x), solve(y, adjoint=True)
+    @cached_property
+    def in_matrices(self) -> Any:
+        """The operators of the same problem in matrices."""
+        return self.dense().operators
 
-    def assessed(self, u: float, pairs: Eigenpairs) -> Assessment:
-        """What is known of pairs with left vectors."""
-        if pairs.assessment is not None:
-            return pairs.assessment
-        by_speed = self.by_speed(u, pairs.values, pairs.right)
-        return Assessment(
-            *self.at(u).assess(pairs.values, pairs.right, pairs.left, pairs.residuals, by_speed)
-        )
+    @property
+    def known(self) -> dict[str, Any]:
+        """What the core is told of the problem, by name."""
+        return {
+            "dof": self.dof,
+            "delta": self.pipe.damping,
+            "zero": self.zero_tolerance,
+            "damped": self.is_damped,
+            "conservative": self.is_conservative,
+            "squared": self.velocity_free(1.0),
+            "operators": self.operators,
+            "free_at_rest": self.velocity_free(0.0),
+        }
 
-    def residuals(self, u: float, values: Complex, x: Vectors) -> Array:
-        """Relative residual of each pair, shape (r,)."""
-        result: Array = self.at(u).assess(values, x)[0]
-        return result
-
-    def improved(
-        self, u: float, pairs: Eigenpairs, found: Assessment, uncertain: Array
-    ) -> tuple[Complex, Array]:
-        """Eigenvalues and how far each may be off, with Re lambda by its energy balance if better.
-
-        That is so where rounding hides a slow growth, as in high modes without damping, and at rest
-        where damping is all there is.
-        """
-        values = pairs.values
-        hidden = (values.imag != 0.0) & (np.abs(values.real) < 1e3 * uncertain) & pairs.converged
-        if u > 0.0:
-            hidden &= uncertain > SLOW_GROWTH
-        if self.spectrum is not None:
-            hidden &= np.abs(values) <= SLOW
-        if pairs.left is None or not hidden.any():
-            return values, uncertain
-        # Near a double root vectors are worse than values: there y^H P' x is far below x^H P' x.
-        hidden &= np.abs(found.by_left) > 0.1 * np.abs(found.by_right)
-        which = np.flatnonzero(hidden)
-        own = values[which], pairs.right[:, which], pairs.left[:, which]
-        growth, error = self.at(u).growth(*own)
-        better = error < uncertain[which]
-        values, uncertain = values.copy(), uncertain.copy()
-        values.real[which[better]] = growth[better] + 0.0  # -0 is 0
-        uncertain[which[better]] = error[better]
-        return values, uncertain
-
-    def refine(
-        self, u: float, value: complex, x: Vectors | None = None, steps: int = 6
-    ) -> Eigenpairs:
-        """The pair next to a good guess, by Newton's method or two-sided Rayleigh quotients."""
-        if self.spectrum is not None:
-            return Eigenpairs.of_chain(*self.spectrum.near(u, value, steps))
-        seed = np.linspace(1.0, 0.5, self.dof)[:, None]
-        start = seed if x is None else x
-        value, right, left, residual, taken = self.at(u).refine(value, start, seed, steps)
-        if not self.is_long:
-            factorised(taken)
-        return Eigenpairs(np.array([value]), right, left, np.array([residual]))
-
-    def null_pair(self, u: float, right: Vectors, left: Vectors) -> Eigenpairs:
-        """Singular vectors of K(u) to its least singular value: its null vectors, if any."""
-        solve = self.factor(0.0, u)
-        for _ in range(3):
-            left = unit(solve(right, adjoint=True))
-            right = unit(solve(left))
-        values = np.zeros(1, dtype=np.complex128)
-        right, left = right.astype(np.complex128), left.astype(np.complex128)
-        return Eigenpairs(values, right, left, self.residuals(u, values, right))
+    def spectrum(self) -> _core.Eigenproblem:
+        """For the core: what it computes is the same from call to call, but not kept here."""
+        if isinstance(self.model, Chain):
+            chain = self.model
+            return _core.ChainSpectrum(**self.known, chain=chain.core, scale=chain.elastic_scale)
+        return _core.Eigenproblem(**self.known, complete=not self.is_long)
 
 
 def eigenproblem(model: Model, dense: bool | None = None) -> Eigenproblem:
     """The model's eigenproblem; `dense` as for `Model.pencil`."""
     return Eigenproblem(model.pencil(dense))
-
-
-def unit(x: Vectors) -> Vectors:
-    """Each column divided by its length."""
-    with np.errstate(all="ignore"):
-        result: Vectors = x / np.linalg.norm(x, axis=0)
-    return result

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.linear.crossings import modes_of_pairs
-from pipedyn.linear.eigenproblem import Complex, Eigenpairs, Eigenproblem, eigenproblem
-from pipedyn.linear.eigensolver import lowest
-from pipedyn.linear.tracking import Cluster, sample, tracked_steps
-from pipedyn.models.base import Model, NotConverged
+from pipedyn import _core
+from pipedyn.linear.eigenproblem import Complex, eigenproblem
+from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
 from pipedyn.models.continuum import (
     AnyModel,
     Continuum,
@@ -26,6 +24,7 @@ from pipedyn.models.continuum import (
 )
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
 from pipedyn.util.progress import track
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
@@ -65,7 +64,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
             of which `converged` says which.
         ValueError, TypeError: for bad arguments.
 
-    Source: the inverse problem in joint angles, see `pipedyn.linear.eigensolver`.
+    Source: the inverse problem in joint angles, see `cpp/pipedyn/linear/eigenpairs.hpp`.
     """
     found = modes(model, u, count)
     bad = np.flatnonzero(~found.converged)
@@ -139,16 +138,19 @@ class Modes:
         """
         model = self.shapes[0].model
         problem = eigenproblem(model)
+        spectrum = problem.spectrum()
         with one_thread(problem.rows):
-            pairs = lowest(problem, self.speed, self.eigenvalues.size, left=True)
+            pairs = spectrum.lowest(self.speed, self.eigenvalues.size, left=True, high=True)
         errors = np.full(self.eigenvalues.size, np.inf)
         good = np.flatnonzero(np.isfinite(self.eigenvalues))
         values = self.eigenvalues[good]
         there = np.nan_to_num(pairs.values)
         same = np.abs(there[:, None] - values).argmin(axis=0)
         # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
-        found = replace(pairs.take(same), values=values, residuals=self.residuals[good])
-        errors[good] = problem.assessed(self.speed, found).uncertain
+        right, left = pairs.right[:, same], pairs.left[:, same]
+        found = _core.Pairs(values, right, left, self.residuals[good])
+        spectrum.assess(self.speed, found)
+        errors[good] = found.uncertain
         errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
         return errors
 
@@ -210,8 +212,14 @@ def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
 
 def _modes(model: Model, u: float, count: int | None) -> Modes:
     problem = eigenproblem(model)
+    if count is not None and model.dof > DENSE_LIMIT and count > model.dof // 2:
+        raise ValueError(
+            f"count must be at most dof / 2 = {model.dof // 2} for a long chain, got {count}"
+        )
+    spectrum = problem.spectrum()
     with one_thread(problem.rows):
-        pairs = lowest(problem, u, count)
+        pairs = spectrum.lowest(u, 2 * model.dof if count is None else count, left=False, high=True)
+    factorised(spectrum.factorisations())
     coordinates = model.from_elastic(pairs.right)
     # A mode that failed is NaN.
     displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
@@ -311,7 +319,7 @@ def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
     """Which roots do not oscillate for their damping, or are in the cluster at -1 / delta."""
     values = loci.eigenvalues
     on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
-    return (on_axis | Cluster(delta).holds(values)) & (delta > 0.0)
+    return (on_axis | (np.abs(delta * values + 1.0) < 0.5)) & (delta > 0.0)
 
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
@@ -319,68 +327,16 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     # -1 / delta, which only a dense solve can pass.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model, dense=True if overdamped else None)
-    taken = 2 * count + 16
+    spectrum, every, taken = problem.spectrum(), 2 * problem.dof, 2 * count + 16
+    done = track(range(speeds.size), speeds.size, "root loci", shown)
     while True:
-        every = not problem.is_long or taken >= problem.dof
+        taken = taken if problem.is_long and taken < problem.dof else every
         with one_thread(problem.rows):
-            found = _tracked_loci(problem, speeds, count, None if every else taken, shown)
+            found = spectrum.root_loci(
+                speeds, count, taken, factorised, (lambda: next(done, None)) if shown else None
+            )
         if found is not None:
-            return found
+            for _ in done:
+                pass
+            return RootLoci(speeds, *found, problem.dof)
         taken *= 2
-
-
-def _tracked_loci(
-    problem: Eigenproblem, speeds: Array, count: int, taken: int | None, shown: bool
-) -> RootLoci | None:
-    """Branches among the `taken` lowest roots (all without); None where one climbs out of these."""
-    first = sample(problem, float(speeds[0]), taken)
-    delta = problem.pipe.damping
-    ranks = modes_of_pairs(first.values, delta)
-    pairs = [np.flatnonzero(ranks == rank) for rank in range(1, count + 1)]
-    if any(pair.size < 2 for pair in pairs):
-        return None
-    at = first.values
-    lower, upper = np.array(
-        [sorted(pair, key=lambda i: (at[i].imag, at[i].real)) for pair in pairs], dtype=np.intp
-    ).T
-    # The cluster begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
-    beyond = delta * (math.pi * (count + 0.5)) ** 2
-    cluster = Cluster(delta, 0.5 / max(beyond, 1.0) ** 2, problem.zero_tolerance)
-
-    def row(u: float, pairs: Eigenpairs) -> tuple[Any, ...]:
-        """Eigenvalues, partners, convergence and errors of the branches, shape (count,) each."""
-        uncertain, converged = problem.assessed(u, pairs).uncertain, pairs.converged
-        return (
-            *(pairs.values[upper], pairs.values[lower], converged[upper] & converged[lower]),
-            np.maximum(uncertain[upper], uncertain[lower]),
-        )
-
-    rows = [row(first.u, first.pairs)]
-    ticks = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
-    for step in tracked_steps(
-        lambda u: sample(problem, u, taken),
-        first,
-        map(float, speeds[1:]),
-        np.concatenate([upper, lower]),
-        cluster,
-    ):
-        was_real = (step.left.values[upper].imag == 0.0) & (step.left.values[lower].imag == 0.0)
-        lost = bool(step.lost(upper).any())
-        upper, lower = step.onto[upper], step.onto[lower]
-        if (upper < 0).any() or (lower < 0).any() or (lost and taken is not None):
-            return None
-        there = step.right.values
-        # A complex root's partner is its conjugate, whichever root of the cluster that is.
-        for i in np.flatnonzero(there[upper].imag != 0.0):
-            conjugate = np.flatnonzero(there == there[upper[i]].conj())
-            lower[i] = conjugate[0] if conjugate.size else lower[i]
-        # A branch that left the upper half plane comes back there.
-        swap = (was_real | cluster.holds(there[upper])) & (there[upper].imag < 0.0)
-        upper, lower = np.where(swap, lower, upper), np.where(swap, upper, lower)
-        if step.right.u == speeds[len(rows)]:
-            rows.append(row(step.right.u, step.right.pairs))
-            next(ticks)
-    for _ in ticks:
-        pass
-    values, partners, converged, errors = map(np.array, zip(*rows, strict=True))
-    return RootLoci(speeds, values, partners, converged, errors, problem.dof)

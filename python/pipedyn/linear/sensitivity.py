@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import field
 from itertools import accumulate, pairwise
 from typing import Any, Literal
 
 import numpy as np
 
-from pipedyn.linear.crossings import AxisCrossing, Sweep
-from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.models.base import Model
+from pipedyn import _core
+from pipedyn.linear.eigenproblem import Eigenproblem
 from pipedyn.util.check import Array
 from pipedyn.util.result import result
 
@@ -83,7 +82,7 @@ class Crossing:
         return self.unstable_after > self.unstable_before
 
 
-def crossings_of(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
+def crossings_of(problem: Eigenproblem, swept: _core.Sweep) -> tuple[Crossing, ...]:
     """The crossings of a sweep, with counts and sensitivities."""
     counts = accumulate((c.change for c in swept.crossings), initial=swept.unstable_at_rest)
     return tuple(
@@ -95,30 +94,32 @@ def crossings_of(model: Model, swept: Sweep) -> tuple[Crossing, ...]:
             unstable_after=after,
             error=crossing.error,
             mode=crossing.mode,
-            sensitivity=_sensitivity(model, crossing),
+            sensitivity=_sensitivity(problem, crossing),
         )
         for crossing, (before, after) in zip(swept.crossings, pairwise(counts), strict=True)
     )
 
 
-def _sensitivity(model: Model, crossing: AxisCrossing) -> Sensitivity | None:
+def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensitivity | None:
     """From left and right eigenvectors, along P(i omega, u; p) x = 0 with Re lambda held at 0.
 
     du/dp = -Re lambda_p / Re lambda_u and domega/dp = Im(lambda_p + lambda_u du/dp). At a
     divergence all is real and y^H P_lambda x, by which both are divided, may be 0 (of a
     conservative pipe zero is a double root): there du/dp = -y^H P_p x / y^H P_u x.
     """
-    pair, slope = crossing.pair, crossing.slope
-    if pair is None or slope is None or pair.left is None or not model.rests_straight:
+    pair, model, pencil = crossing.pair, problem.model, problem.pencil
+    if pair is None or not model.rests_straight:
         return None
-    problem = eigenproblem(model)
     pipe, u, value = model.pipe, crossing.speed, crossing.value
-    x, y = pair.right, pair.left
+    x, y = problem.original(u, pair.value, pair.right), pair.left
+    if x is None:
+        return None
     if value:
-        down = complex(problem.assessed(u, replace(pair, values=np.array([value]))).by_left[0])
+        rate = 2.0 * value * pencil.mass(x) + u * pencil.velocity(x) + pencil.damping(x)
+        down, slope = complex(np.sum(y.conj() * rate)), pair.slope
     else:
         down = 1.0 + 0j
-        slope = -complex(np.sum(y.conj() * problem.flux(x))) * 2.0 * problem.centrifugal * u
+        slope = -complex(np.sum(y.conj() * pencil.flux(x))) * 2.0 * pencil.centrifugal * u
     if slope.real == 0.0:
         return None
 
@@ -127,13 +128,13 @@ def _sensitivity(model: Model, crossing: AxisCrossing) -> Sensitivity | None:
         return -complex(np.sum(y.conj() * rows)) / down
 
     changes: dict[str, Any] = {
-        "gamma": moved(problem.pencil.gravity(x)),
-        "damping": moved(value * problem.pencil.by_damping(x)),
+        "gamma": moved(pencil.gravity(x)),
+        "damping": moved(value * pencil.by_damping(x)),
     }
     if pipe.beta >= LEAST_BETA:
-        changes["beta"] = moved(value * u * problem.velocity(x) / (2.0 * pipe.beta))
+        changes["beta"] = moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta))
     if pipe.flow == "aspirating":
-        changes["alpha"] = moved(u**2 * problem.flux(x))
+        changes["alpha"] = moved(u**2 * pencil.flux(x))
     if model.stiffness_by_springs is not None:
         scale = model.stiffness_by_springs * (1.0 + pipe.damping * value)
         changes["springs"] = -(y[:, 0].conj() * scale * x[:, 0]) / down

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/linear/operator.hpp"
+
+#include <Eigen/LU>
+
+namespace pipedyn {
+
+namespace {
+
+/// LAPACK's vectors, the first rows of each, made unit: of a conjugate pair real and imaginary
+/// part.
+ComplexTable complex_vectors(const Eigen::MatrixXd& vectors, const Reals& imag, Index rows) {
+  ComplexTable result = ComplexTable::Zero(rows, imag.size());
+  for (Index j = 0; j < imag.size(); ++j) {
+    auto column = result.col(j);
+    column.real() = vectors.col(imag[j] < 0.0 ? j - 1 : j).head(rows);
+    if (imag[j] > 0.0) column.imag() = vectors.col(j + 1).head(rows);
+    if (imag[j] < 0.0) column.imag() = -vectors.col(j).head(rows);
+    column /= column.norm();
+  }
+  return result;
+}
+
+}  // namespace
+
+Reals Operator::hidden(const Values& values, const ComplexTable&, const ComplexTable&) const {
+  return Reals::Zero(values.size());
+}
+
+Eigen::MatrixXd DenseOperator::times(const Matrix& factor, const Eigen::MatrixXd& x) const {
+  // The factor, row by row, is its transpose column by column.
+  int n = static_cast<int>(dof), columns = static_cast<int>(x.cols());
+  double one = 1.0, zero = 0.0;
+  char plain = 'N', transposed = 'T';
+  Eigen::MatrixXd result(dof, x.cols());
+  lapack_.dgemm(&transposed, &plain, &n, &columns, &n, &one, const_cast<double*>(factor.data()), &n,
+                const_cast<double*>(x.data()), &n, &zero, result.data(), &n);
+  return result;
+}
+
+ComplexTable DenseOperator::times(int matrix, const ComplexTable& x) const {
+  Eigen::MatrixXd parts(dof, 2 * x.cols());
+  parts << x.real(), x.imag();
+  parts = times(matrices_[matrix], parts);
+  ComplexTable result(dof, x.cols());
+  result.real() = parts.leftCols(x.cols());
+  result.imag() = parts.rightCols(x.cols());
+  return result;
+}
+
+Products DenseOperator::multiply(const ComplexTable& x) const {
+  return {times(0, x), times(1, x), times(2, x)};
+}
+
+ComplexTable DenseOperator::by_speed(const Values& values, const ComplexTable& x) const {
+  return times(3, x) * values.matrix().asDiagonal() + times(4, x);
+}
+
+Solver DenseOperator::factor(Complex value) const {
+  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate] = matrices_;
+  ComplexTable at = value * value * mass + value * velocity + stiffness.cast<Complex>();
+  Eigen::PartialPivLU<ComplexTable> lu(at);
+  if ((lu.matrixLU().diagonal().array() == 0.0).any()) {
+    // Singular: one that differs in rounding.
+    at.diagonal().array() += eps;
+    lu.compute(at);
+  }
+  return [lu](const ComplexTable& x, bool adjoint) -> ComplexTable {
+    if (adjoint) return lu.adjoint().solve(x);
+    return lu.solve(x);
+  };
+}
+
+Reals DenseOperator::hidden(const Values& values, const ComplexTable& right,
+                            const ComplexTable& left) const {
+  const Eigen::MatrixXd x = right.cwiseAbs(), y = left.cwiseAbs();
+  Reals result = Reals::Zero(values.size());
+  for (int k = 0; k < 3; ++k) {
+    const Eigen::MatrixXd rows = times(matrices_[k].cwiseAbs(), x);
+    result = result * values.abs() + y.cwiseProduct(rows).colwise().sum().transpose().array();
+  }
+  return result;
+}
+
+Inverse DenseOperator::inverse(double shift, bool velocity_free, char left, char right) const {
+  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate] = matrices_;
+  int n = static_cast<int>(dof), size = velocity_free ? n : 2 * n, info = 0;
+  Eigen::MatrixXd shifted = shift * shift * mass + shift * velocity + stiffness;
+  Eigen::MatrixXd step = Eigen::MatrixXd::Zero(size, size);
+  step.topRightCorner(n, n) = -mass;
+  if (!velocity_free) step.topLeftCorner(n, n) = -velocity - 2.0 * shift * mass;
+  std::vector<int> pivots(n);
+  lapack_.dgetrf(&n, &n, shifted.data(), &n, pivots.data(), &info);
+  if (info != 0) return {};
+  char plain = 'N', transposed = 'T';
+  const bool lefts = left == 'V', rights = right == 'V';
+  lapack_.dgetrs(&plain, &n, &size, shifted.data(), &n, pivots.data(), step.data(), &size, &info);
+  if (!velocity_free) step.bottomLeftCorner(n, n).setIdentity();
+  if (!step.allFinite()) return {};
+  Reals real(size), imag(size), work(1);
+  Eigen::MatrixXd vl(size, lefts ? size : 0), vr(size, rights ? size : 0);
+  for (int length = -1;; length = static_cast<int>(work[0]), work.resize(length)) {
+    lapack_.dgeev(&left, &right, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
+                  &size, vr.data(), &size, work.data(), &length, &info);
+    if (length >= 0) break;  // the first call asks for the best size of its workspace
+  }
+  if (info != 0) return {};
+  Values mu(size);
+  mu.real() = real;
+  mu.imag() = imag;
+  if (lefts) {
+    lapack_.dgetrs(&transposed, &n, &size, shifted.data(), &n, pivots.data(), vl.data(), &size,
+                   &info);
+  }
+  return {mu, rights ? complex_vectors(vr, imag, n) : ComplexTable(n, 0),
+          lefts ? complex_vectors(vl, imag, n) : ComplexTable(n, 0)};
+}
+
+}  // namespace pipedyn

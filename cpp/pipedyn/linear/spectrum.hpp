@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: MIT
+//
+// What a linear model, P(lambda, u) x = 0 with P = lambda^2 M + lambda C(u) + K(u), gives at a flow
+// speed: its lowest roots, the root next to a guess, and where its stiffness is singular. The
+// search for crossings (crossings.hpp) and root loci (loci.hpp) need nothing else. One spectrum
+// serves one thread at a time.
+#pragma once
+
+#include <Eigen/Core>
+#include <complex>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+
+namespace pipedyn {
+
+using Index = Eigen::Index;
+using Complex = std::complex<double>;
+using Values = Eigen::ArrayXcd;
+using Reals = Eigen::ArrayXd;
+using ComplexVector = Eigen::VectorXcd;
+using ComplexTable = Eigen::MatrixXcd;  // (dof, count), one vector a column
+
+inline constexpr double eps = std::numeric_limits<double>::epsilon();
+inline constexpr double infinite = std::numeric_limits<double>::infinity();
+
+/// Why a computation has no answer that can be relied on.
+struct NotConverged : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+/// Whether a root is good by its relative residual.
+bool has_converged(Complex value, double residual);
+
+/// A root with P x = 0 and y^H P = 0, and how good it is.
+struct Pair {
+  Complex value;                        // lambda
+  ComplexVector right = {}, left = {};  // x and y, unit; empty where they are not known
+  double residual = infinite;           // |P x| / (|lambda^2 M x| + |lambda C x| + size |x|)
+  double uncertain = infinite;          // how far residual and rounding may have moved lambda
+  Complex slope = 0.0;                  // d lambda / du
+
+  bool converged() const { return has_converged(value, residual); }
+};
+
+/// The lowest roots at one speed, sorted by |lambda|, of conjugates the upper first; (r) of each.
+struct Sample {
+  double u;
+  Values values = {}, slopes = {};      // lambda, finite; d lambda / du, 0 where there is none
+  Reals residual = {}, uncertain = {};  // as of a `Pair`
+  Reals noise = {};                     // how far rounding may have moved lambda, to search by
+  /// The same of Re d lambda / du; beyond rest 0 where it does not matter, since lambda itself is
+  /// no better known.
+  Reals slope_noise = {};
+  /// Krein's, -1 or 1, on the imaginary axis of a conservative system, 0 elsewhere: two roots of
+  /// one signature pass through each other and stay on the axis.
+  Eigen::ArrayXi signatures = {};
+  ComplexTable right = {}, left = {};  // (dof, r), or empty
+
+  Index size() const { return values.size(); }
+};
+
+/// Of a model, the same at every speed.
+struct Traits {
+  Index dof;
+  double delta;       // Kelvin-Voigt damping, whose overdamped roots cluster at -1 / delta
+  double zero;        // |lambda| below which a root counts as zero
+  bool damped;        // whether any force but the flow's takes energy
+  bool conservative;  // whether roots come in fours, lambda, -lambda and conjugates, by symmetry
+  bool squared;       // whether lambda enters only as lambda^2
+};
+
+class Spectrum {
+ public:
+  explicit Spectrum(const Traits& known) : traits(known) {}
+  virtual ~Spectrum() = default;
+
+  /// The `count` roots of least |lambda|; all if there are no more. Throws NotConverged where
+  /// doubles do not hold them.
+  virtual Sample sample(double u, Index count) = 0;
+
+  /// The root next to a guess, of which value and, if known, right vector are used; with vectors.
+  virtual Pair refined(double u, const Pair& guess) = 0;
+
+  /// One root of a sample with its vectors.
+  virtual Pair pair(const Sample& at, Index i) {
+    return {at.values[i],   at.right.col(i), at.left.col(i),
+            at.residual[i], at.uncertain[i], at.slopes[i]};
+  }
+
+  /// Null vectors of K(u), or of the least singular value, from those near by if there are any;
+  /// value 0. `slope` is d kappa / du = y^H (dK/du) x of the eigenvalue of K that passes zero and
+  /// `uncertain` its rounding.
+  virtual Pair null_pair(double u, const Pair& near) = 0;
+
+  /// A function of u that changes sign with det K(u), without a pole near the speed of `near`.
+  virtual double determinant(double u, const Pair& near) = 0;
+
+  /// Matrices factorised since the last call, an eigenvalue problem being one.
+  int factorisations() { return std::exchange(factorised_, 0); }
+
+  const Traits traits;
+
+ protected:
+  int factorised_ = 0;
+};
+
+}  // namespace pipedyn
