@@ -234,7 +234,10 @@ void define_linear(py::module_& m) {
                  free_at_rest, chain, lapack, scale);
            }),
            "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
-           "free_at_rest"_a, "chain"_a, "scale"_a, py::keep_alive<1, 10>());
+           "free_at_rest"_a, "chain"_a, "scale"_a, py::keep_alive<1, 10>())
+      .def("by_recursion", &ChainSpectrum::by_recursion, "u"_a, "count"_a, "vectors"_a,
+           py::call_guard<py::gil_scoped_release>())
+      .def("log_derivatives", &ChainSpectrum::log_derivatives, "u"_a, "values"_a);
 }
 
 }  // namespace pipedyn

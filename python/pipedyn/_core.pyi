@@ -388,6 +388,17 @@ class ChainSpectrum(Eigenproblem):
         chain: Chain,
         scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     ) -> None: ...
+    def by_recursion(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        vectors: bool,
+    ) -> Pairs | None: ...
+    def log_derivatives(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
 
 class Scene:
     met: typing.ClassVar[float] = 1e-13

@@ -31,6 +31,9 @@ constexpr Index circle_points = 16;
 /// Six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where it lies, took
 /// up to 150.
 constexpr int most_corrections = 300;
+/// Speeds so close that the roots at one are starts at the other, if so few corrections do.
+constexpr double near_speed = 0.6;
+constexpr int most_near = 15;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments.
 constexpr Index refinement = 20;
 /// Most segments of a problem solved dense: 4,000 rows take LAPACK a minute.
@@ -146,11 +149,11 @@ Approximations parted(const Approximations& starts) {
 }
 
 /// Ehrlich's and Aberth's corrections of all roots until each is as good as rounding lets it.
-bool correct(const Chain& chain, double u, Approximations& roots) {
+bool correct(const Chain& chain, double u, Approximations& roots, int most = most_corrections) {
   std::vector<std::size_t> active(roots.size());
   std::iota(active.begin(), active.end(), 0);
   std::vector<double> last(roots.size(), infinite);
-  for (int step = 0; step < most_corrections && !active.empty(); ++step) {
+  for (int step = 0; step < most && !active.empty(); ++step) {
     Values at(active.size());
     for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
     const Values found = log_derivatives(chain, u, at);
@@ -246,8 +249,9 @@ struct Sums {
   Reals rest, rounding, size;
   ComplexTable right, left;
 
-  Sums(const Chain& chain, const Vector& scale, double u, const Values& at, bool loaded) {
-    const Index n = chain.dof(), count = at.size();
+  Sums(const Chain& chain, const Vector& scale, double u, const Values& at, bool vectors,
+       bool loaded) {
+    const Index n = vectors ? chain.dof() : 0, count = at.size();
     const MotionKernel& kernel = motion_kernel();
     const Reals parts = (Reals(2 * count) << at.real(), at.imag()).finished();
     Eigen::ArrayXXd out(count, 11);
@@ -255,9 +259,9 @@ struct Sums {
     const auto part = [&](Index k) { return out.col(k).data(); };
     kernel.impedance->pairs(
         chain.impedance(), {u, count, parts.data(), parts.data() + count},
-        {part(0), part(2), part(4), part(6), part(8), part(9), part(10), turns.data(),
-         turns.data() + 2 * n * count, loaded},
-        scratch(14 * n * kernel.width));
+        {part(0), part(2), part(4), part(6), part(8), part(9), part(10),
+         vectors ? turns.data() : nullptr, vectors ? turns.data() + 2 * n * count : nullptr, loaded},
+        scratch(14 * chain.dof() * kernel.width));
     const auto table = [&](const double* from, double sign) {
       ComplexTable x(n, count);
       for (Index j = 0; j < n; ++j) {
@@ -268,7 +272,8 @@ struct Sums {
     };
     right = table(turns.data(), 1.0);
     left = table(turns.data() + 2 * n * count, -1.0);
-    const Reals length = right.colwise().norm(), dual = left.colwise().norm();
+    Reals length = Reals::Ones(count), dual = length;
+    if (vectors) length = right.colwise().norm(), dual = left.colwise().norm();
     for (Index i = 0; i < count; ++i) {
       right.col(i) /= length[i];
       left.col(i) /= dual[i];
@@ -306,8 +311,8 @@ ChainSpectrum::ChainSpectrum(const Traits& traits, At by_matrices, bool free_at_
       lapack_(lapack),
       scale_(std::move(scale)) {}
 
-Pairs ChainSpectrum::at(double u, const Values& values, Values* corrections) const {
-  const Sums sums(chain_, scale_, u, values, false);
+Pairs ChainSpectrum::at(double u, const Values& values, bool vectors, Values* corrections) const {
+  const Sums sums(chain_, scale_, u, values, vectors, false);
   Pairs found = sums.pairs(values);
   if (corrections != nullptr) *corrections = sums.corrections();
   std::vector<Index> poor;
@@ -316,7 +321,7 @@ Pairs ChainSpectrum::at(double u, const Values& values, Values* corrections) con
   }
   if (poor.empty()) return found;
   const Values again = values(poor);
-  const Sums loaded(chain_, scale_, u, again, true);
+  const Sums loaded(chain_, scale_, u, again, vectors, true);
   const Pairs other = loaded.pairs(again);
   for (Index k = 0; k < again.size(); ++k) {
     if (!(other.residual[k] < found.residual[poor[k]])) continue;
@@ -327,15 +332,15 @@ Pairs ChainSpectrum::at(double u, const Values& values, Values* corrections) con
 }
 
 /// Roots with vectors, as good as these make them.
-Pairs ChainSpectrum::polished(double u, const Approximations& roots) const {
+Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vectors) const {
   Values values(roots.size()), corrections;
   for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
-  Pairs found = at(u, values, &corrections);
+  Pairs found = at(u, values, vectors, &corrections);
   for (int times = 0; times < 3; ++times) {
     corrections = (corrections.abs() < 1e-9 * values.abs()).select(corrections, Complex(0.0));
     if ((corrections == Complex(0.0)).all()) break;
     values += corrections;
-    found = at(u, values, &corrections);
+    found = at(u, values, vectors, &corrections);
   }
   // By symmetry roots without partner are real, or on the imaginary axis.
   for (std::size_t i = 0; i < roots.size(); ++i) {
@@ -370,8 +375,32 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
   return widest > 1.05 && std::abs(missing(chain_, u, points, roots).real().mean()) < 0.05;
 }
 
-std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count) const {
+std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index count,
+                                         bool vectors, int most) {
+  if (!correct(chain_, u, roots, most)) return std::nullopt;
+  sort_by_size(roots);
+  std::size_t next = 0;
+  Approximations lowest;
+  while (next < roots.size() && roots_in(lowest) < count) lowest.push_back(roots[next++]);
+  if (roots_in(lowest) < count) return std::nullopt;
+  const bool all = roots_in(roots) >= 2 * chain_.dof();
+  if (all ? !has_all(u, roots) : !has_all_within(u, roots, next)) return std::nullopt;
+  // Those of equal size, which rounding may have sorted otherwise.
+  const double size = std::abs(lowest.back().value) * (1.0 + 1e-6);
+  while (next < roots.size() && std::abs(roots[next].value) <= size) lowest.push_back(roots[next++]);
+  auto found = with_conjugates(polished(u, lowest, vectors), lowest, count);
+  if (found) {
+    roots_ = std::move(roots);
+    roots_speed_ = u;
+  }
+  return found;
+}
+
+std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vectors) {
   const Index n = chain_.dof();
+  if (std::abs(u - roots_speed_) <= near_speed) {
+    if (auto found = from(roots_, u, count, vectors, most_near)) return found;
+  }
   for (Index segments = std::max<Index>(10, count + 4);; segments *= 3) {
     const bool own = 2 * segments > n;
     if ((own ? n : segments) > dense_limit) return std::nullopt;
@@ -390,19 +419,8 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count) const {
       }
     }
     for (const bool apart : {false, true}) {
-      Approximations roots = apart ? parted(starts) : starts;
-      if (!correct(chain_, u, roots)) continue;
-      sort_by_size(roots);
-      std::size_t next = 0;
-      Approximations lowest;
-      while (next < roots.size() && roots_in(lowest) < count) lowest.push_back(roots[next++]);
-      if (own ? !has_all(u, roots) : !has_all_within(u, roots, next)) continue;
-      // Those of equal size, which rounding may have sorted otherwise.
-      const double size = std::abs(lowest.back().value) * (1.0 + 1e-6);
-      while (next < roots.size() && std::abs(roots[next].value) <= size) {
-        lowest.push_back(roots[next++]);
-      }
-      if (auto found = with_conjugates(polished(u, lowest), lowest, count)) return found;
+      auto found = from(apart ? parted(starts) : starts, u, count, vectors, most_corrections);
+      if (found) return found;
     }
     if (own) return std::nullopt;
   }
@@ -418,18 +436,24 @@ Pairs ChainSpectrum::lowest(double u, Index count, bool left, bool high) {
   };
   count = std::min(count, 2 * chain_.dof());
   factorised_ += 2;
-  const std::optional<Pairs> found = by_recursion(u, count);
+  std::optional<Pairs> found = by_recursion(u, count, true);
+  // At rest nothing grows without damping; elsewhere these roots are as good as any balance.
+  if (found && !traits.damped) found->by_left.setZero();
   if (found && (good(*found) == count || chain_.dof() > dense_limit)) return *found;
   if (chain_.dof() > dense_limit) throw NotConverged("eigenvalues are too close to be told apart");
   Pairs dense = Eigenproblem::lowest(u, count, left, high);
   return found && good(*found) >= good(dense) ? *found : dense;
 }
 
+Values ChainSpectrum::log_derivatives(double u, const Values& values) const {
+  return pipedyn::log_derivatives(chain_, u, values);
+}
+
 void ChainSpectrum::assess(double u, Pairs& pairs) {
   if (pairs.uncertain.size() > 0) return;
   Eigenproblem::assess(u, pairs);
   if (pairs.left.cols() == 0) return;
-  const Pairs better = at(u, pairs.values);
+  const Pairs better = at(u, pairs.values, false);
   for (Index i = 0; i < pairs.values.size(); ++i) {
     if (!has_converged(better.values[i], better.residual[i])) continue;
     pairs.uncertain[i] = better.uncertain[i];
@@ -444,18 +468,18 @@ Reals ChainSpectrum::rounding(const Pairs& pairs) const {
 Pair ChainSpectrum::refined(double u, const Pair& guess) {
   Values value = Values::Constant(1, guess.value);
   for (int step = 0; step < 8; ++step) {
-    const Complex change = 1.0 / log_derivatives(chain_, u, value)[0];
+    const Complex change = 1.0 / log_derivatives(u, value)[0];
     if (!std::isfinite(std::norm(change))) break;
     value[0] -= change;
     if (std::abs(change) <= 1e-12 * std::abs(value[0])) break;
   }
-  const Pairs found = polished(u, {{value[0], false}});
+  const Pairs found = polished(u, {{value[0], false}}, true);
   return {found.values[0],   found.right.col(0),  found.left.col(0),
           found.residual[0], found.uncertain[0], found.slope[0]};
 }
 
 Pair ChainSpectrum::null_pair(double u, const Pair&) {
-  const Sums found(chain_, scale_, u, Values::Zero(1), false);
+  const Sums found(chain_, scale_, u, Values::Zero(1), true, false);
   Pair result{0.0, found.right.col(0), found.left.col(0)};
   result.residual = found.rest[0] / found.size[0];
   result.uncertain = found.rest[0] + found.rounding[0];

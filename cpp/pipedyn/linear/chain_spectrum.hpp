@@ -35,6 +35,11 @@ class ChainSpectrum : public Eigenproblem {
                 const Lapack& lapack, Vector scale);
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
+  /// The same, with vectors or without; none where roots could not be told from one another, or
+  /// where some may be missing.
+  std::optional<Pairs> by_recursion(double u, Index count, bool vectors);
+  /// d log det P / dlambda.
+  Values log_derivatives(double u, const Values& values) const;
   void assess(double u, Pairs& pairs) override;
   Pair refined(double u, const Pair& guess) override;
   Pair null_pair(double u, const Pair& near) override;
@@ -49,9 +54,13 @@ class ChainSpectrum : public Eigenproblem {
   const Lapack lapack_;
   const Vector scale_;
 
-  std::optional<Pairs> by_recursion(double u, Index count) const;
-  Pairs at(double u, const Values& values, Values* corrections = nullptr) const;
-  Pairs polished(double u, const Approximations& roots) const;
+  Approximations roots_;
+  double roots_speed_ = -1.0;
+
+  std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
+                            int most_corrections);
+  Pairs at(double u, const Values& values, bool vectors, Values* corrections = nullptr) const;
+  Pairs polished(double u, const Approximations& roots, bool vectors) const;
   bool has_all(double u, const Approximations& roots) const;
   bool has_all_within(double u, const Approximations& roots, std::size_t least) const;
 };

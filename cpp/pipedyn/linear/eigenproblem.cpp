@@ -333,7 +333,10 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
 /// That of mu, taken to lambda, and residuals; roots that meet scatter by its square root.
 Reals Eigenproblem::rounding(const Pairs& pairs) const {
   const Reals size = pairs.values.abs();
-  const double nearest = (pairs.values - Complex(shifts[0])).abs().max(1e-3).minCoeff();
+  double nearest = infinite;
+  for (const Complex value : pairs.values) {
+    nearest = std::min(nearest, std::max(std::abs(value - shifts[0]), 1e-3));
+  }
   return (1e-14 * size + 40.0 * eps / nearest * size.square())
       .max(pairs.uncertain.min(1e-7 * (1.0 + size)));
 }
