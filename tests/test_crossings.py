@@ -291,8 +291,7 @@ def test_a_heavy_standing_pipe_is_buckled_at_rest():
     assert pp.critical_speed(pp.Chain(pp.Pipe(0.2, gamma=-5.0), 20)).stable_at_rest
 
 
-def test_a_sweep_of_a_heavy_hanging_pipe_needs_no_more_samples_than_that_of_a_light_one(
-):
+def test_a_sweep_of_a_heavy_hanging_pipe_needs_no_more_samples_than_that_of_a_light_one():
     """Their critical speeds go with the speeds of their free ends, and so do the steps."""
     counts, speeds = [], []
     for gamma in (0.0, 1e4):

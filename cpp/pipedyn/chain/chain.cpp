@@ -106,7 +106,7 @@ void Chain::linearise() {
     const auto impedance = [&](const auto& term) {
       const auto parts = [&](double Moments::* power, double own = 0.0, double more = 0.0) {
         return ImpedanceParts{term(stiffness.*power) + term(own) + term(more), term(damping.*power),
-                          term(mass.*power)};
+                              term(mass.*power)};
       };
       return ImpedanceSegment{.length = link.length,
                               .spring = link.spring,
@@ -144,7 +144,7 @@ Chain Chain::coarser(Index segments) const {
     if (j + 1 == n || grown + next >= due) ends.push_back(j + 1);
   }
   const Index groups = static_cast<Index>(ends.size());
-  Segments joined{Vector::Zero(groups), Vector::Zero(groups), Vector::Zero(groups),
+  Segments joined{Vector::Zero(groups), Vector::Zero(groups),          Vector::Zero(groups),
                   Vector::Zero(groups), Vector::Constant(groups, 0.5), base};
   Vector compliance = Vector::Zero(groups);
   for (Index group = 0, j = 0; group < groups; ++group) {
@@ -306,8 +306,8 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
       const double l = at.length;
       angle += x(j, c);
       force[j] = sum(at.force) * place + (sum(at.turned) + 2.0 * l * coriolis) * angle;
-      out(j, c) = sum(at.across) * place +
-                  (sum(at.moment) + l * l * coriolis - l * part.flux) * angle;
+      out(j, c) =
+          sum(at.across) * place + (sum(at.moment) + l * l * coriolis - l * part.flux) * angle;
       place += l * angle;
     }
     double beyond = part.flux * angle, moment = 0.0;

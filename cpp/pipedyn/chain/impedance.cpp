@@ -37,11 +37,11 @@ inline Pack size_of(const Lanes& a) { return absolute(a.re) + absolute(a.im); }
 /// What multiplies the parts of a segment's coefficients.
 template <class Number>
 struct Factors {
-  Pack still;                // 1, or 0 in a derivative
-  Number rate, square;       // lambda, lambda^2
-  Number elastic;            // e
-  Number coriolis;           // sqrt(beta) U lambda
-  Pack thrust;               // a U^2
+  Pack still;           // 1, or 0 in a derivative
+  Number rate, square;  // lambda, lambda^2
+  Number elastic;       // e
+  Number coriolis;      // sqrt(beta) U lambda
+  Pack thrust;          // a U^2
 };
 
 template <class Number>
@@ -80,7 +80,11 @@ struct Problem {
     const Pack one = all<Pack>(1.0), none{};
     const double delta = model.damping, c = model.coriolis, a = model.centrifugal;
     const Lanes unit{one, none}, zero{};
-    whole = {one, lambda, lambda * lambda, unit + delta * lambda, (c * u) * lambda,
+    whole = {one,
+             lambda,
+             lambda * lambda,
+             unit + delta * lambda,
+             (c * u) * lambda,
              all<Pack>(a * u * u)};
     by_lambda = {none, unit, 2.0 * lambda, delta * unit, (c * u) * unit, none};
     by_u = {none, zero, zero, zero, c * lambda, all<Pack>(2.0 * a * u)};

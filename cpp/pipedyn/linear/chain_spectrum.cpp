@@ -28,8 +28,8 @@ constexpr double ray = 0.3;
 constexpr double nothing_missing = 1e-6;
 /// Points on the upper half of the circle: a root outside by a quarter adds 1.25^-32 = 1e-3.
 constexpr Index circle_points = 16;
-/// Six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where it lies, took
-/// up to 150.
+/// Six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where it lies,
+/// took up to 150.
 constexpr int most_corrections = 300;
 /// Speeds so close that the roots at one are starts at the other, if so few corrections do.
 constexpr double near_speed = 0.6;
@@ -94,8 +94,11 @@ Approximations dense_roots(const Chain& chain, const Lapack& lapack, const Vecto
   const ImpedanceModel flow = chain.impedance();
   const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
   const DenseOperator p(lapack,
-                        {ops.mass, u * sign * (ops.gyroscopic + ops.end_flux) + ops.damping,
-                         ops.stiffness + flow.centrifugal * u * u * ops.flux, {}, {}},
+                        {ops.mass,
+                         u * sign * (ops.gyroscopic + ops.end_flux) + ops.damping,
+                         ops.stiffness + flow.centrifugal * u * u * ops.flux,
+                         {},
+                         {}},
                         1.0);
   Approximations roots;
   for (const double shift : {0.97, 2.31, 0.41}) {
@@ -191,7 +194,8 @@ Pairs empty_pairs(Index rows, Index count) {
 
 /// Puts one pair of others, or its conjugate, at place k.
 void put(Pairs& to, Index k, const Pairs& others, Index i, bool conjugate) {
-  for (const auto reals : {&Pairs::residual, &Pairs::uncertain}) (to.*reals)[k] = (others.*reals)[i];
+  for (const auto reals : {&Pairs::residual, &Pairs::uncertain})
+    (to.*reals)[k] = (others.*reals)[i];
   for (const auto values : {&Pairs::values, &Pairs::slope, &Pairs::by_left, &Pairs::by_right}) {
     const Complex value = (others.*values)[i];
     (to.*values)[k] = conjugate ? std::conj(value) : value;
@@ -257,16 +261,17 @@ struct Sums {
     Eigen::ArrayXXd out(count, 11);
     std::vector<double> turns(4 * n * count);
     const auto part = [&](Index k) { return out.col(k).data(); };
-    kernel.impedance->pairs(
-        chain.impedance(), {u, count, parts.data(), parts.data() + count},
-        {part(0), part(2), part(4), part(6), part(8), part(9), part(10),
-         vectors ? turns.data() : nullptr, vectors ? turns.data() + 2 * n * count : nullptr, loaded},
-        scratch(14 * chain.dof() * kernel.width));
+    kernel.impedance->pairs(chain.impedance(), {u, count, parts.data(), parts.data() + count},
+                            {part(0), part(2), part(4), part(6), part(8), part(9), part(10),
+                             vectors ? turns.data() : nullptr,
+                             vectors ? turns.data() + 2 * n * count : nullptr, loaded},
+                            scratch(14 * chain.dof() * kernel.width));
     const auto table = [&](const double* from, double sign) {
       ComplexTable x(n, count);
       for (Index j = 0; j < n; ++j) {
         const double* const row = from + 2 * j * count;
-        for (Index i = 0; i < count; ++i) x(j, i) = Complex(row[i], sign * row[count + i]) / scale[j];
+        for (Index i = 0; i < count; ++i)
+          x(j, i) = Complex(row[i], sign * row[count + i]) / scale[j];
       }
       return x;
     };
@@ -279,7 +284,8 @@ struct Sums {
       left.col(i) /= dual[i];
     }
     const auto complex = [&](Index k, const Reals& lengths) -> Values {
-      return (out.col(k).cast<Complex>() + Complex(0.0, 1.0) * out.col(k + 1).cast<Complex>()) / lengths;
+      return (out.col(k).cast<Complex>() + Complex(0.0, 1.0) * out.col(k + 1).cast<Complex>()) /
+             lengths;
     };
     by_lambda = complex(0, length * dual);
     value = complex(2, length * dual);
@@ -292,8 +298,14 @@ struct Sums {
 
   Pairs pairs(const Values& at) const {
     const auto known = [](const Reals& x) -> Reals { return x.isFinite().select(x, infinite); };
-    return {at, right, left, known(rest / size), known((rest + rounding) / by_lambda.abs()),
-            -by_u / by_lambda, (at.abs() <= slow).select(by_lambda, Complex(0.0)), by_right};
+    return {at,
+            right,
+            left,
+            known(rest / size),
+            known((rest + rounding) / by_lambda.abs()),
+            -by_u / by_lambda,
+            (at.abs() <= slow).select(by_lambda, Complex(0.0)),
+            by_right};
   }
 
   /// Of the roots, by their vectors; 0 where that is rounding.
@@ -375,8 +387,8 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
   return widest > 1.05 && std::abs(missing(chain_, u, points, roots).real().mean()) < 0.05;
 }
 
-std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index count,
-                                         bool vectors, int most) {
+std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index count, bool vectors,
+                                         int most) {
   if (!correct(chain_, u, roots, most)) return std::nullopt;
   sort_by_size(roots);
   std::size_t next = 0;
@@ -387,7 +399,8 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   if (all ? !has_all(u, roots) : !has_all_within(u, roots, next)) return std::nullopt;
   // Those of equal size, which rounding may have sorted otherwise.
   const double size = std::abs(lowest.back().value) * (1.0 + 1e-6);
-  while (next < roots.size() && std::abs(roots[next].value) <= size) lowest.push_back(roots[next++]);
+  while (next < roots.size() && std::abs(roots[next].value) <= size)
+    lowest.push_back(roots[next++]);
   auto found = with_conjugates(polished(u, lowest, vectors), lowest, count);
   if (found) {
     roots_ = std::move(roots);
@@ -474,7 +487,7 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
     if (std::abs(change) <= 1e-12 * std::abs(value[0])) break;
   }
   const Pairs found = polished(u, {{value[0], false}}, true);
-  return {found.values[0],   found.right.col(0),  found.left.col(0),
+  return {found.values[0],   found.right.col(0), found.left.col(0),
           found.residual[0], found.uncertain[0], found.slope[0]};
 }
 

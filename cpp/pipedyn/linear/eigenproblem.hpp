@@ -38,8 +38,8 @@ class Eigenproblem : public Spectrum {
   /// free_at_rest: whether lambda enters only as lambda^2 at u = 0.
   /// statics: whose stiffness is singular where a real root passes zero, and only there; this if
   /// null.
-  Eigenproblem(const Traits& traits, At at, bool complete, bool free_at_rest,
-               Amend amend = nullptr, std::shared_ptr<Eigenproblem> statics = nullptr);
+  Eigenproblem(const Traits& traits, At at, bool complete, bool free_at_rest, Amend amend = nullptr,
+               std::shared_ptr<Eigenproblem> statics = nullptr);
 
   /// The `count` roots of least magnitude with right vectors, and with left ones if asked for.
   /// Pairs that fail the check of their residual are refined once; those that fail still are in the
