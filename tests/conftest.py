@@ -1,12 +1,30 @@
 # SPDX-License-Identifier: MIT
 """Settings of the whole suite: property tests draw the same examples every time."""
 
+import gc
 import os
 
 # Before numpy is imported: its matrices here are small, and threads only get in each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
+import pytest
 
 hypothesis.settings.register_profile("same", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("same")
+
+
+@pytest.fixture
+def at_level():
+    """Sets the vector level, and the one in use before when the test ends."""
+    from pipedyn import _core  # the process that hands out tests needs no package
+
+    before = _core.vector_level()
+    yield _core.set_vector_level
+    _core.set_vector_level(before)
+
+
+def pytest_collection_finish():
+    """What is there now stays to the end, so that no garbage is looked for in it again."""
+    gc.collect()
+    gc.freeze()

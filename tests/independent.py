@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Routes to the answers that share nothing with the package's own."""
+"""Routes to the answers that share nothing with the package's own, and what several tests need."""
 
 from functools import lru_cache
 
 import mpmath
 import numpy as np
 from numpy.polynomial import chebyshev
+
+import pipedyn as pp
 
 
 def lagrangian_equations(
@@ -102,18 +104,21 @@ def lagrangian_equations(
 
 
 def lagrangian_operators(*numbers, **more):
-    """M, C and K of the equations above, linearised about the straight pipe, as floats."""
+    """M, C and K of the equations above, linearised about the straight pipe, as floats.
+
+    Derivatives by complex steps, which lose no digits.
+    """
     import sympy  # half a second, which most tests need not wait for
 
     equations, q, v, a = lagrangian_equations(*numbers, **more)
-    rest = dict.fromkeys([*q, *v, *a], 0)
-    operators = (np.empty((len(q), len(q))) for _ in range(3))
-    mass, damping, stiffness = operators
-    for row, equation in enumerate(equations):
-        for column in range(len(q)):
-            mass[row, column] = sympy.diff(equation, a[column]).subs(rest)
-            damping[row, column] = sympy.diff(equation, v[column]).subs(rest)
-            stiffness[row, column] = sympy.diff(equation, q[column]).subs(rest)
+    residual, n = sympy.lambdify([*q, *v, *a], equations, "mpmath"), len(q)
+    with mpmath.workdps(40):
+        step = mpmath.mpf(10) ** -30
+        columns = [
+            [float(row.imag / step) for row in residual(*(x * mpmath.mpc(0, step) for x in unit))]
+            for unit in np.eye(3 * n, dtype=int).tolist()
+        ]
+    stiffness, damping, mass = np.split(np.transpose(columns), 3, axis=1)
     return mass, damping, stiffness
 
 
@@ -132,6 +137,43 @@ def lagrangian_accelerations(states, *numbers, **more):
     return result
 
 
+def any_chain(n, *seed, **pipe):
+    """A chain with nothing equal or homogeneous, one joint without its spring, and a base."""
+    rng = np.random.default_rng([n, *seed])
+    lengths = rng.uniform(0.4, 1.6, n)
+    springs = rng.uniform(0.5, 2.0, n) * n
+    springs[n // 2] = 0.0
+    return pp.Chain(
+        pp.Pipe(0.3, **pipe),
+        lengths=0.9 * lengths / lengths.sum(),
+        springs=springs,
+        centers=rng.uniform(0.2, 0.8, n),
+        gyration_radii=rng.uniform(0.1, 0.5, n) / n,
+        drag_points=rng.uniform(0.0, 1.0, n),
+        base=0.1,
+    )
+
+
+def gauss(count):
+    """Gauss's nodes and weights on 0 to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def derivative(function, h):
+    """Eighth-order central difference at 0."""
+    weights = [1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]
+    return sum(c * function(k * h) for k, c in zip(range(-4, 5), weights, strict=True)) / h
+
+
+def second_derivative(function, h):
+    """Eighth-order central difference at 0."""
+    weights = (-1 / 560, 8 / 315, -1 / 5, 8 / 5)
+    sides = zip((4, 3, 2, 1), weights, strict=True)
+    pairs = sum(c * (function(k * h) + function(-k * h)) for k, c in sides)
+    return (pairs - 205 / 72 * function(0.0)) / h**2
+
+
 def places(chain, at):
     """(segment, arm, weight) of a place of a chain, or of Simpson's points all along it."""
     if at is None:
@@ -148,6 +190,35 @@ def places(chain, at):
     return []
 
 
+@lru_cache(maxsize=8)
+def _inertia(chain):
+    """Of a chain: inertia but for angles, first moments, and forces across the axis.
+
+    The latter as (law, coefficient, lever): the places of a load move by lever @ sin(angle).
+    """
+    n, length = chain.dof, chain.lengths
+    beyond = length[::-1].cumsum()[::-1] - length
+    arm = chain.centers * length
+    moment = length * (beyond + arm)
+    near, far = np.minimum.outer(range(n), range(n)), np.maximum.outer(range(n), range(n))
+    coupling = length[near] * moment[far]
+    own = length**2 * beyond + length * (arm**2 + chain.gyration_radii**2)
+    np.fill_diagonal(coupling, own)
+    forces = []
+    for term in chain.pipe.terms:
+        (number,) = term.numbers.values()
+        for j, at, weight in places(chain, term.place):
+            lever = np.where(np.arange(n) < j, length, 0.0)
+            lever[j] = at
+            if term.law == "point_mass":
+                coupling += number * np.outer(lever, lever)
+                moment = moment + number * lever
+            else:
+                share = 1.0 if term.law == "damper" else weight
+                forces.append((term.law, share * number, lever))
+    return coupling, moment, forces
+
+
 def dense_rates(chain, y, u):
     """dy/dt of a chain by the equations of motion in the angles, with a dense mass matrix.
 
@@ -160,26 +231,13 @@ def dense_rates(chain, y, u):
     if pipe.flow == "aspirating":
         signed, thrust = -u, pipe.alpha * u**2
     angle, rate = y[:n], y[n:]
-    beyond = length[::-1].cumsum()[::-1] - length
-    arm = chain.centers * length
-    moment = length * (beyond + arm)
-    near, far = np.minimum.outer(range(n), range(n)), np.maximum.outer(range(n), range(n))
-    coupling = length[near] * moment[far]
-    own = length**2 * beyond + length * (arm**2 + chain.gyration_radii**2)
-    np.fill_diagonal(coupling, own)
+    coupling, moment, levers = _inertia(chain)
     across_axis = np.zeros(n, dtype=y.dtype)
-    for term in pipe.terms:
-        (number,) = term.numbers.values()
-        for j, arm, weight in places(chain, term.place):
-            lever = np.where(np.arange(n) < j, length, 0.0)
-            lever[j] = arm
-            if term.law == "point_mass":
-                coupling += number * np.outer(lever, lever)
-                moment = moment + number * lever
-            elif term.law == "damper":
-                across_axis += number * (lever @ (rate * np.cos(angle))) * lever
-            else:
-                across_axis += weight * number * (lever @ np.sin(angle)) * lever
+    for law, number, lever in levers:
+        if law == "damper":
+            across_axis += number * (lever @ (rate * np.cos(angle))) * lever
+        else:
+            across_axis += number * (lever @ np.sin(angle)) * lever
     between = angle[:, None] - angle
     elastic = springs * (np.diff(angle, prepend=0.0) + pipe.damping * np.diff(rate, prepend=0.0))
     momentum = np.triu(np.outer(length, length) * np.cos(between), 1) @ rate
@@ -530,34 +588,38 @@ def clamp_misfit(chain, value, u):
     coriolis = mpmath.sqrt(pipe.beta) * (-u if aspirating else u) * value
     elastic = 1 + pipe.damping * value
     square = value**2
-    columns = []
-    for tip_angle, tip in ((mpmath.mpf(1), mpmath.mpf(0)), (mpmath.mpf(0), mpmath.mpf(1))):
-        angle, node = mpmath.mpc(tip_angle), mpmath.mpc(tip)
-        force = moment = beyond = mpmath.mpc(0)  # inertia forces beyond, the joint, the mass beyond
-        for k in reversed(range(chain.dof)):
-            length, spring = mpmath.mpf(chain.lengths[k]), mpmath.mpf(chain.springs[k])
-            arm = mpmath.mpf(chain.centers[k]) * length
+    placed = [(term, spot) for term in pipe.terms for spot in places(chain, term.place)]
+    ends = ((1, 0), (0, 1))  # angle and place of the free end
+    # Of both, from there on: angle and place of a joint, force and moment there.
+    columns = [[mpmath.mpc(x) for x in (*end, 0, 0)] for end in ends]
+    beyond = mpmath.mpf(0)  # mass
+    for k in reversed(range(chain.dof)):
+        length, stiffness = mpmath.mpf(chain.lengths[k]), elastic * mpmath.mpf(chain.springs[k])
+        arm = mpmath.mpf(chain.centers[k]) * length
+        heavy, following, dragged = square * length, thrust * length, 2 * coriolis * length
+        turned = heavy * mpmath.mpf(chain.gyration_radii[k]) ** 2 - following
+        turned += length * (coriolis * length + pipe.gamma * (beyond + arm))
+        beyond += length
+        loads = [(arm, heavy)]
+        for term, (j, at, weight) in placed:
+            if j != k:
+                continue
+            (number,) = term.numbers.values()
+            factor = {"point_mass": square, "damper": value}.get(term.law, weight)
+            loads.append((at, factor * number))
+            if term.law == "point_mass":
+                turned += pipe.gamma * number * at
+                beyond += number
+        for (tip_angle, tip), column in zip(ends, columns, strict=True):
+            angle, node, force, moment = column
             clamped_side = node - length * angle
-            inertia = square * length * (clamped_side + arm * angle)
-            total = length * force + arm * inertia
-            total += square * length * mpmath.mpf(chain.gyration_radii[k]) ** 2 * angle
-            total += coriolis * length * (length * angle + 2 * (tip - node))
-            total += thrust * length * (tip_angle - angle)
-            total += pipe.gamma * length * (beyond + arm) * angle
-            mass = length
-            for term in pipe.terms:
-                (number,) = term.numbers.values()
-                for _, at, weight in (p for p in places(chain, term.place) if p[0] == k):
-                    heavy = number if term.law == "point_mass" else 0
-                    pull = {"point_mass": square, "damper": value}.get(term.law, weight) * number
-                    pull *= clamped_side + at * angle
-                    inertia, mass = inertia + pull, mass + heavy
-                    total += at * pull + pipe.gamma * heavy * at * angle
-            moment -= total
-            force, node, beyond = force + inertia, clamped_side, beyond + mass
-            angle -= moment / (elastic * spring)
-        columns.append((angle, node))
-    (a, b), (c, d) = columns
+            moment -= length * force + turned * angle + dragged * (tip - node)
+            moment -= following * tip_angle
+            for at, load in loads:
+                pull = load * (clamped_side + at * angle)
+                moment, force = moment - at * pull, force + pull
+            column[:] = angle - moment / stiffness, clamped_side, force, moment
+    (a, b, *_), (c, d, *_) = columns
     return a * d - b * c
 
 
@@ -566,29 +628,45 @@ def series_misfit(pipe, value, u, digits):
 
     The equation's coefficients are linear in x = 1 - s, so that its solutions are power series in
     x, w = sum a_k x^k, which converge everywhere; free at x = 0 (a_2 = a_3 = 0), clamped at x = 1.
-    Their terms cancel: digits must exceed what they lose.
+    Their terms cancel: digits must exceed what they lose. Sums are of integers, numbers times
+    2^bits, ten times as fast as mpmath's.
     """
     with mpmath.workdps(digits):
+        bits = mpmath.mp.prec + 64
+
+        def fixed(number):
+            number = mpmath.mpmathify(number)
+            return [int(mpmath.ldexp(part, bits)) for part in (number.real, number.imag)]
+
         aspirating = pipe.flow == "aspirating"
-        value, u, gamma = mpmath.mpmathify(value), mpmath.mpf(u), mpmath.mpf(pipe.gamma)
+        value, u = mpmath.mpmathify(value), mpmath.mpf(u)
+        elastic = 1 + mpmath.mpf(pipe.damping) * value
         thrust = mpmath.mpf(pipe.alpha if aspirating else 1.0) * u**2
         coriolis = 2 * mpmath.sqrt(mpmath.mpf(pipe.beta)) * (-u if aspirating else u) * value
-        elastic, square = 1 + mpmath.mpf(pipe.damping) * value, value**2
+        coefficients = mpmath.mpf(pipe.gamma), coriolis, thrust, value**2
+        (weight, weight_i), (coriolis, coriolis_i), (thrust, thrust_i), (square, square_i) = (
+            fixed(number / elastic) for number in coefficients
+        )
         ends = []
-        for start in ([1, 0, 0, 0], [0, 1, 0, 0]):
-            a, b, c, d = (mpmath.mpc(x) for x in start)
-            deflection, slope, k, quiet = a + b, b, 0, 0
+        for a, b in ((1 << bits, 0), (0, 1 << bits)):
+            a_i = b_i = c = c_i = d = d_i = 0
+            deflection, deflection_i, slope, slope_i, k, quiet = a + b, 0, b, 0, 0, 0
             while quiet < 8:
-                following = (gamma * (k + 1) + coriolis) * (k + 1) * b
-                following -= thrust * (k + 2) * (k + 1) * c + square * a
-                following /= elastic * ((k + 1) * (k + 2) * (k + 3) * (k + 4))
-                a, b, c, d = b, c, d, following
-                deflection, slope = deflection + d, slope + (k + 4) * d
-                small = abs(d) * (k + 4) <= mpmath.eps * abs(slope)
-                quiet, k = quiet + 1 if small else 0, k + 1
-            ends.append((deflection, slope))
-        (p, q), (r, t) = ends
-        return p * t - q * r
+                p, p_i = weight * (k + 1) + coriolis, weight_i * (k + 1) + coriolis_i
+                q, q_i = thrust * (k + 2), thrust_i * (k + 2)
+                below = ((k + 2) * (k + 3) * (k + 4)) << bits
+                e = p * b - p_i * b_i - q * c + q_i * c_i
+                e_i = p * b_i + p_i * b - q * c_i - q_i * c
+                e = (e - (square * a - square_i * a_i) // (k + 1)) // below
+                e_i = (e_i - (square * a_i + square_i * a) // (k + 1)) // below
+                a, a_i, b, b_i, c, c_i, d, d_i = b, b_i, c, c_i, d, d_i, e, e_i
+                deflection, deflection_i = deflection + d, deflection_i + d_i
+                slope, slope_i = slope + (k + 4) * d, slope_i + (k + 4) * d_i
+                quiet = quiet + 1 if abs(d) + abs(d_i) <= 2 else 0  # -1 is rounded too
+                k += 1
+            ends += [mpmath.mpc(deflection, deflection_i), mpmath.mpc(slope, slope_i)]
+        p, q, r, t = ends
+        return (p * t - q * r) / mpmath.mpf(4) ** bits
 
 
 def series_newton_step(pipe, value, u, digits=60):

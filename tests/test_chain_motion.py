@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import mpmath
 import numpy as np
 import pytest
-from independent import dense_jacobian, dense_rates, lagrangian_accelerations
+from independent import any_chain, dense_jacobian, dense_rates, lagrangian_accelerations
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.special import ellipk
@@ -22,31 +22,6 @@ from pipedyn import _core
 
 LEVELS = _core.vector_levels()
 FLOWS = [("ejecting", 1.0), ("aspirating", 0.7), ("aspirating", 0.0)]
-
-
-@pytest.fixture
-def at_level():
-    """Sets the vector level, and the one in use before when the test ends."""
-    before = _core.vector_level()
-    yield _core.set_vector_level
-    _core.set_vector_level(before)
-
-
-def any_chain(n, seed=0, **pipe):
-    """A chain with nothing equal or homogeneous, one joint without its spring, and a base."""
-    rng = np.random.default_rng([n, seed])
-    lengths = rng.uniform(0.4, 1.6, n)
-    springs = rng.uniform(0.5, 2.0, n) * n
-    springs[n // 2] = 0.0
-    return pp.Chain(
-        pp.Pipe(0.3, **pipe),
-        lengths=0.9 * lengths / lengths.sum(),
-        springs=springs,
-        centers=rng.uniform(0.2, 0.8, n),
-        gyration_radii=rng.uniform(0.1, 0.5, n) / n,
-        drag_points=rng.uniform(0.0, 1.0, n),
-        base=0.1,
-    )
 
 
 def everything(n, seed=0, flow="ejecting", alpha=1.0):
@@ -104,7 +79,7 @@ def test_recursion_solves_the_dense_equations(n, flow, alpha, level, at_level):
 @pytest.mark.parametrize("level", LEVELS)
 def test_angles_of_many_turns_count_by_their_sine(level, at_level):
     at_level(level)
-    chain = any_chain(9, gamma=4.0)
+    chain = any_chain(9, 0, gamma=4.0)
     y = states(9, 4)
     y[4:9] += 1e5  # the fifth joint has no spring
     expected = np.stack([dense_rates(chain, state, 2.0) for state in y.T], axis=1)
@@ -138,7 +113,7 @@ def test_a_hundred_thousand_segments_obey_their_equations():
 
 
 def test_aspirating_with_full_inlet_reverses_the_flow():
-    out, back = any_chain(4, gamma=2.0), any_chain(4, gamma=2.0, flow="aspirating")
+    out, back = any_chain(4, 0, gamma=2.0), any_chain(4, 0, gamma=2.0, flow="aspirating")
     y = states(4, 6)
     reversed_time = y * np.repeat([1.0, -1.0], 4)[:, None]
     np.testing.assert_allclose(
@@ -147,7 +122,7 @@ def test_aspirating_with_full_inlet_reverses_the_flow():
 
 
 def test_small_motions_obey_the_linear_operators():
-    chain = any_chain(6, gamma=3.0, damping=0.02)
+    chain = any_chain(6, 0, gamma=3.0, damping=0.02)
     mass, damping, stiffness = chain.operators().at(4.0)
     y = states(6, 1, size=1.0)[:, 0]
     expected = -np.linalg.solve(mass, damping @ y[6:] + stiffness @ y[:6])
@@ -183,7 +158,7 @@ def test_drag_has_no_derivative_where_nothing_moves():
     y = states(5, 1)[:, 0]
     y[5:] = 0.0
     with_drag = everything(5).jacobian(0.0, y, 3.0)
-    without = any_chain(5, gamma=4.0, damping=0.01).jacobian(0.0, y, 3.0)
+    without = any_chain(5, 0, gamma=4.0, damping=0.01).jacobian(0.0, y, 3.0)
     np.testing.assert_array_equal(with_drag, without)
 
 
@@ -221,7 +196,7 @@ def test_operators_about_a_buckled_pipe_are_its_jacobian():
 
 def test_operators_away_from_equilibrium_lack_the_mass_derivative():
     n, u = 4, 3.0
-    chain = any_chain(n, gamma=5.0, damping=0.01, flow="aspirating", alpha=0.6)
+    chain = any_chain(n, 0, gamma=5.0, damping=0.01, flow="aspirating", alpha=0.6)
     q = np.random.default_rng(5).normal(size=n)
     mass, damping, stiffness = chain.operators(q).at(u)
     np.testing.assert_array_equal(mass, mass.T)
@@ -265,7 +240,7 @@ def exact_energy(chain, y):
 def test_energy_changes_by_the_power(on, flow, alpha):
     """dE/dy . rhs = flow + joints + drag, to rounding, with every effect on and off."""
     gamma, drag, damping, u = np.where(on, [4.0, 2.0, 0.1, 3.0], 0.0).tolist()
-    chain = any_chain(4, gamma=gamma, drag=drag, damping=damping, flow=flow, alpha=alpha)
+    chain = any_chain(4, 0, gamma=gamma, drag=drag, damping=damping, flow=flow, alpha=alpha)
     y = states(4, 1, seed=sum(on))[:, 0]
     rates, power = chain.rhs(0.0, y, u), chain.power(y, u)
     with mpmath.workdps(40):
@@ -287,7 +262,7 @@ def test_energy_changes_by_the_power(on, flow, alpha):
 
 def test_flow_feeds_energy_only_through_the_free_end():
     """-sqrt(beta) U |v|^2 - a U^2 t . v with v of the tip, by differences of its position."""
-    chain = any_chain(5, flow="aspirating", alpha=0.6)
+    chain = any_chain(5, 0, flow="aspirating", alpha=0.6)
     y, u, step = states(5, 1)[:, 0], 2.5, 1e-6
     velocity = (chain.tip(y[:5] + step * y[5:]) - chain.tip(y[:5] - step * y[5:])) / (2 * step)
     tangent = np.array([np.sin(y[4]), np.cos(y[4])])
@@ -296,7 +271,7 @@ def test_flow_feeds_energy_only_through_the_free_end():
 
 
 def test_energy_of_small_motions_keeps_its_digits():
-    chain = any_chain(3, gamma=5.0)
+    chain = any_chain(3, 0, gamma=5.0)
     y = 1e-9 * states(3, 1)[:, 0]
     ops = chain.operators()
     expected = (y[3:] @ ops.mass @ y[3:] + y[:3] @ ops.stiffness @ y[:3]) / 2

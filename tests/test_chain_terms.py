@@ -8,10 +8,12 @@ import mpmath
 import numpy as np
 import pytest
 from independent import (
+    any_chain,
     chain_crossing,
     chain_newton_step,
     dense_jacobian,
     dense_rates,
+    derivative,
     lagrangian_accelerations,
     lagrangian_operators,
     unstable_count,
@@ -30,38 +32,6 @@ ALL = (
 LEVELS = _core.vector_levels()
 
 
-@pytest.fixture
-def at_level():
-    """Sets the vector level, and the one in use before when the test ends."""
-    before = _core.vector_level()
-    yield _core.set_vector_level
-    _core.set_vector_level(before)
-
-
-def any_chain(n, terms, **pipe):
-    """A chain with nothing equal or homogeneous, one joint without its spring, and a base."""
-    rng = np.random.default_rng(n)
-    lengths = rng.uniform(0.4, 1.6, n)
-    springs = rng.uniform(0.5, 2.0, n) * n
-    springs[n // 2] = 0.0
-    return pp.Chain(
-        pp.Pipe(0.3, terms=terms, **pipe),
-        lengths=0.9 * lengths / lengths.sum(),
-        springs=springs,
-        centers=rng.uniform(0.2, 0.8, n),
-        gyration_radii=rng.uniform(0.1, 0.5, n) / n,
-        drag_points=rng.uniform(0.0, 1.0, n),
-        base=0.1,
-    )
-
-
-def derivative(function, h=1e-3):
-    """Eighth-order central difference at 0."""
-    weights = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
-    sides = ((k * h, c) for k, c in enumerate(weights, start=1))
-    return sum(c * (function(at) - function(-at)) for at, c in sides) / h
-
-
 # -------------------------------------------------------------------------------------- motion
 
 
@@ -78,7 +48,7 @@ def derivative(function, h=1e-3):
 )
 def test_recursion_solves_the_dense_equations(n, pipe, level, at_level):
     at_level(level)
-    chain = any_chain(n, ALL, **pipe)
+    chain = any_chain(n, terms=ALL, **pipe)
     states = 2.0 * np.random.default_rng(1).normal(size=(2 * n, 9))
     expected = np.stack([dense_rates(chain, y, 3.0) for y in states.T], axis=1)
     size = np.abs(expected).max()
@@ -130,7 +100,7 @@ def test_operators_follow_from_the_lagrangian(three):
 @pytest.mark.parametrize("level", LEVELS)
 def test_power_is_the_energys_rate(level, at_level):
     at_level(level)
-    chain = any_chain(6, ALL, gamma=4.0, drag=1.5, damping=0.01)
+    chain = any_chain(6, terms=ALL, gamma=4.0, drag=1.5, damping=0.01)
     for y in (np.random.default_rng(2).normal(size=shape) for shape in (12, (12, 9))):
         rates = chain.rhs(0.0, y, 3.0)
         h = 1e-3 / np.abs(rates).max()
@@ -167,7 +137,7 @@ def test_a_mass_at_a_node_adds_the_square_of_its_jacobian(k, base):
 
 
 def test_operators_of_a_bent_chain_are_derivatives_of_its_motion():
-    chain = any_chain(5, ALL, gamma=-9.0, damping=0.01)
+    chain = any_chain(5, terms=ALL, gamma=-9.0, damping=0.01)
     angles, zero = np.random.default_rng(3).normal(size=5), np.zeros(5)
 
     def force(t, direction):
@@ -175,7 +145,7 @@ def test_operators_of_a_bent_chain_are_derivatives_of_its_motion():
         return -chain.operators(q).mass @ chain.rhs(0.0, np.concatenate([q, zero]), 2.0)[5:]
 
     mass, velocity, stiffness = chain.operators(angles).at(2.0)
-    expected = np.stack([derivative(lambda t, e=e: force(t, e)) for e in np.eye(5)], axis=1)
+    expected = np.stack([derivative(lambda t, e=e: force(t, e), 1e-3) for e in np.eye(5)], axis=1)
     np.testing.assert_allclose(stiffness, expected, atol=1e-9 * np.abs(stiffness).max())
     by_rates = chain.jacobian(0.0, np.concatenate([angles, zero]), 2.0)[5:, 5:]
     np.testing.assert_allclose(-mass @ by_rates, velocity, atol=1e-12 * np.abs(velocity).max())

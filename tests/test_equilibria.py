@@ -225,7 +225,7 @@ def test_guided_pipe_buckles_where_it_diverges_and_eigenvalues_count_its_freedom
     assert fork.speed == pytest.approx(pp.critical_speed(scene).speed, abs=1e-8)
     start = scene.closed([0.3, 0.1, -0.2, -0.5])
     u = fork.speed + 0.3
-    branch = pp.equilibrium_branch(scene, start, u, (4.0, u + 0.1), step=0.1)
+    branch = pp.equilibrium_branch(scene, start, u, (4.0, u + 0.1), step=0.2)
     assert "pitchfork" in branch.ends
     assert branch.stable.all()
     np.testing.assert_allclose(branch.tips[:, 0], 0.0, atol=1e-10)
@@ -242,7 +242,7 @@ def test_crooked_joint_breaks_the_pitchfork_into_a_fold():
     assert len(found) == 3
     assert np.abs(found.tips[:, 0]).min() > 1e-3
     left = int(np.argmin(found.tips[:, 0]))
-    branch = pp.equilibrium_branch(scene, scene.angles(found.q[left]), 1.0, (1.0, 4.0), 0.1)
+    branch = pp.equilibrium_branch(scene, scene.angles(found.q[left]), 1.0, (1.0, 4.0), 0.4)
     assert "fold" in [point.kind for point in branch.points]
     assert "pitchfork" not in [point.kind for point in branch.points]
 

@@ -7,16 +7,12 @@ import pickle
 import mpmath
 import numpy as np
 import pytest
+from independent import gauss
 from numpy.polynomial import Legendre, Polynomial
 from scipy.integrate import quad
 from scipy.special import eval_legendre
 
 import pipedyn as pp
-
-
-def gauss(count):
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
 def beam_root(i):

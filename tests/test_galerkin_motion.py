@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from independent import derivative, gauss, second_derivative
 from numpy.polynomial import Legendre
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
@@ -22,33 +23,6 @@ LEVELS = _core.vector_levels()
 TERMS = (pp.Spring(0.6, 50.0), pp.PointMass(0.6, 0.1), pp.PointMass(1.0, 0.2), pp.Spring(1.0, 3.0))
 SIZES = [(1, ()), (3, ()), (5, ()), (8, ()), (9, ()), (3, TERMS), (8, TERMS)]
 SIZE_NAMES = ["1", "3", "5", "8", "9", "3 with terms", "8 with terms"]
-EIGHTH_ORDER = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-SECOND_DERIVATIVE = (-1 / 560, 8 / 315, -1 / 5, 8 / 5)
-
-
-@pytest.fixture
-def at_level():
-    """Sets the vector level, and the one in use before when the test ends."""
-    before = _core.vector_level()
-    yield _core.set_vector_level
-    _core.set_vector_level(before)
-
-
-def gauss(count):
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return 0.5 * (nodes + 1.0), 0.5 * weights
-
-
-def derivative(function, h):
-    """Eighth-order central difference at 0."""
-    return sum(c * function(k * h) for k, c in zip(range(-4, 5), EIGHTH_ORDER, strict=True)) / h
-
-
-def second_derivative(function, h):
-    """Eighth-order central difference at 0."""
-    sides = zip((4, 3, 2, 1), SECOND_DERIVATIVE, strict=True)
-    pairs = sum(c * (function(k * h) + function(-k * h)) for k, c in sides)
-    return (pairs - 205 / 72 * function(0.0)) / h**2
 
 
 def state(model, rng, angle, speed=14.0, falling=2):

@@ -177,7 +177,8 @@ def test_the_law_is_that_of_the_cycles_just_past_onset(model, side):
     onset = pp.hopf(model)
     assert onset.criticality == ("supercritical" if side > 0 else "subcritical")
     distances = side * min(1.0, onset.speed) * np.array([1e-4, 5e-5])
-    cycles = [pp.limit_cycle(model, onset.speed + d, rtol=1e-7) for d in distances]
+    far = pp.limit_cycle(model, onset.speed + distances[0], rtol=1e-7)
+    cycles = [far, pp.limit_cycle(model, onset.speed + distances[1], far, rtol=1e-7)]
     ratios = np.array([c.amplitude**2 for c in cycles]) / distances
     turned = np.array([c.frequency - onset.frequency for c in cycles]) / distances
     # What is left goes with the distance: halved, it vanishes.

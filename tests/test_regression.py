@@ -28,13 +28,19 @@ MODELS = {
 }
 
 
-def moving(model):
-    """A state of a bent pipe in motion."""
+def integrated(model):
+    """A state of a bent pipe in motion, in the coordinates that an integrator advances."""
     k = np.arange(1.0, model.moving + 1.0)
     q, p = 0.5 * np.sin(k), 3.0 * np.sin(k + 1.0)
     if isinstance(model, pp.Galerkin):
         q, p = q / k**2, p / k**2
-    return model.state(q, p) if isinstance(model, pp.modular.Assembly) else np.append(q, p)
+    return np.append(q, p)
+
+
+def moving(model):
+    """The same as the state that users see."""
+    y = integrated(model)
+    return model.state(*np.split(y, 2)) if isinstance(model, pp.modular.Assembly) else y
 
 
 def probe(*arrays):
@@ -69,7 +75,7 @@ def equilibria(model):
 
 QUESTIONS = {
     "rhs": lambda model: probe(model.rhs(0.0, moving(model), 6.0)),
-    "jacobian": lambda model: probe(model.jacobian(0.0, moving(model), 6.0)),
+    "jacobian": lambda model: probe(model.motion_jacobian(integrated(model), 6.0)),
     "operators": lambda model: probe(*model.operators(moving(model)[: model.dof]).at(6.0)),
     "energy": lambda model: [model.energy(moving(model)), model.power(moving(model), 6.0).total],
     "crossings": lambda model: [c.speed for c in pp.crossings(model, 12.0)],
@@ -87,7 +93,7 @@ TABLE = {  # relative tolerance, and the numbers
     ("jacobian", "chain"): (1e-10, [-46.8925861768]),
     ("jacobian", "aspirating"): (1e-10, [-22337.9782586]),
     ("jacobian", "panels"): (1e-10, [-803169.854777]),
-    ("jacobian", "scene"): (1e-10, [280564.341256]),
+    ("jacobian", "scene"): (1e-10, [-5417.14478778]),
     ("operators", "aspirating"): (1e-10, [0.0690567012663, -0.597299472955, 10.2037782421]),
     ("operators", "beam"): (1e-10, [23.7854980966, 91.6941317023, 28747.2956866]),
     ("energy", "chain"): (1e-10, [2.01425236812, 9.49120965899]),

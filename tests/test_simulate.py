@@ -406,8 +406,8 @@ def test_chain_and_reduced_model_tend_to_one_motion(scene):
 def test_the_reduced_model_settles_on_the_cycle_of_an_independent_program():
     # Extensible finite elements in arbitrary Lagrangian-Eulerian form: 0.27661 and 13.7913.
     model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre")
-    times = np.linspace(20.0, 24.0, 1601)
-    late = pp.simulate(model, 6.0, 24.0, lambda s: 0.2 * s, times=times, rtol=1e-7).tip[:, 0]
+    times = np.linspace(12.0, 16.0, 1601)  # from a start as large as the cycle
+    late = pp.simulate(model, 6.0, 16.0, lambda s: 0.35 * s, times=times, rtol=1e-7).tip[:, 0]
     up = np.flatnonzero((late[:-1] < 0.0) & (late[1:] >= 0.0))
     zeros = times[up] - late[up] * (times[1] - times[0]) / (late[up + 1] - late[up])
     assert 0.5 * np.ptp(late) == pytest.approx(0.27661, abs=2e-5)

@@ -10,7 +10,7 @@ from itertools import pairwise
 import mpmath
 import numpy as np
 import pytest
-from independent import tells_its_distance
+from independent import derivative, gauss, second_derivative, tells_its_distance
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from scipy.optimize import brentq, root
@@ -23,8 +23,6 @@ from pipedyn.models.galerkin import basis_joints
 
 BASES = ["beam", "legendre"]
 OPERATORS = ["mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"]
-EIGHTH_ORDER = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-SECOND_DERIVATIVE = (-1 / 560, 8 / 315, -1 / 5, 8 / 5)
 
 SPRUNG = (pp.Spring(0.6, 50.0),)
 LOADED = (pp.PointMass(0.35, 0.4),)
@@ -43,27 +41,10 @@ def springs(terms, test=lambda at: True):
     return sum(t.stiffness for t in terms if isinstance(t, pp.Spring) and test(t.at))
 
 
-def gauss(count):
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return 0.5 * (nodes + 1.0), 0.5 * weights
-
-
 def panel_gauss(ends, count):
     nodes, weights = gauss(count)
     parts = [(low + (high - low) * nodes, (high - low) * weights) for low, high in pairwise(ends)]
     return (np.concatenate(each) for each in zip(*parts, strict=True))
-
-
-def derivative(function, h):
-    """Eighth-order central difference at 0."""
-    return sum(c * function(k * h) for k, c in zip(range(-4, 5), EIGHTH_ORDER, strict=True)) / h
-
-
-def second_derivative(function, h):
-    """Eighth-order central difference at 0."""
-    sides = zip((4, 3, 2, 1), SECOND_DERIVATIVE, strict=True)
-    pairs = sum(c * (function(k * h) + function(-k * h)) for k, c in sides)
-    return (pairs - 205 / 72 * function(0.0)) / h**2
 
 
 def state(model, rng, angle, speed=14.0):

@@ -4,6 +4,7 @@ The numbers asked of BLAS are what is asserted, and no time.
 """
 
 import itertools
+import signal
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -166,3 +167,19 @@ def test_another_thread_runs_while_the_core_solves():
     finally:
         sys.setswitchinterval(interval)
     assert beside
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timer on this system")
+def test_a_search_in_the_core_is_interrupted_as_python_is():
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.1)  # the search takes seconds
+    try:
+        with pytest.raises(KeyboardInterrupt) as caught:
+            pp.crossings(pp.Galerkin(pp.Pipe(0.2), 100), 40.0)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert "_swept" in [entry.name for entry in caught.traceback]

@@ -139,11 +139,10 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def(
           "joint_times",
           [](const Chain& chain, const pipedyn::Matrix& x, double still, double rate, double square,
-             double elastic, double velocity, double flux) {
-            return chain.joint_times(x, {still, rate, square, elastic, velocity, flux});
-          },
-          "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "elastic"_a = 0.0,
-          "velocity"_a = 0.0, "flux"_a = 0.0, Unlocked())
+             double velocity,
+             double flux) { return chain.joint_times(x, {still, rate, square, velocity, flux}); },
+          "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
+          "flux"_a = 0.0, Unlocked())
       .def("bodies", &Chain::bodies, Unlocked())
       .def("resistances", &Chain::resistances, Unlocked());
   define_motion(chain);

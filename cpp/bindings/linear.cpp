@@ -33,6 +33,8 @@ Lapack scipy_lapack() {
   set("scipy.linalg.cython_blas", "dgemm", lapack.dgemm);
   set("scipy.linalg.cython_lapack", "dgetrf", lapack.dgetrf);
   set("scipy.linalg.cython_lapack", "dgetrs", lapack.dgetrs);
+  set("scipy.linalg.cython_lapack", "zgetrf", lapack.zgetrf);
+  set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   return lapack;
 }
@@ -86,8 +88,6 @@ void define_linear(py::module_& m) {
   py::class_<Pair>(m, "Pair")
       .def_readonly("value", &Pair::value)
       .def_readonly("slope", &Pair::slope)
-      .def_readonly("uncertain", &Pair::uncertain)
-      .def_property_readonly("converged", &Pair::converged)
       .def_property_readonly("right", [](const Pair& pair) { return ComplexTable(pair.right); })
       .def_property_readonly("left", [](const Pair& pair) { return ComplexTable(pair.left); });
   py::class_<Pairs>(m, "Pairs")
@@ -112,6 +112,8 @@ void define_linear(py::module_& m) {
   py::class_<AxisCrossing>(m, "AxisCrossing")
       .def_readonly("speed", &AxisCrossing::speed)
       .def_readonly("value", &AxisCrossing::value)
+      .def_property_readonly(
+          "frequency", [](const AxisCrossing& crossing) { return std::abs(crossing.value.imag()); })
       .def_readonly("change", &AxisCrossing::change)
       .def_readonly("mode", &AxisCrossing::mode)
       .def_readonly("error", &AxisCrossing::error)
@@ -124,6 +126,12 @@ void define_linear(py::module_& m) {
       .def_readonly("crossings", &Sweep::crossings)
       .def_readonly("failure", &Sweep::failure)
       .def_readonly("untracked", &Sweep::untracked);
+
+  py::class_<RootLoci>(m, "RootLoci")
+      .def_readonly("values", &RootLoci::values)
+      .def_readonly("partners", &RootLoci::partners)
+      .def_readonly("converged", &RootLoci::converged)
+      .def_readonly("errors", &RootLoci::errors);
 
   py::class_<Spectrum, std::shared_ptr<Spectrum>>(m, "Spectrum")
       .def(
@@ -146,9 +154,9 @@ void define_linear(py::module_& m) {
       .def(
           "root_loci",
           [](Spectrum& spectrum, const std::vector<double>& speeds, Index count, Index taken,
-             const py::object& factorised, const py::object& row_done) -> py::object {
+             const py::object& factorised, const py::object& row_done) {
             Report report(spectrum, factorised);
-            Index told = 0;
+            Index told = 1;  // the first speed is where tracking starts
             const auto sampled = [&](Index rows) {
               report();
               if (row_done.is_none() || rows == told) return;
@@ -161,19 +169,11 @@ void define_linear(py::module_& m) {
               found = root_loci(spectrum, speeds, count, taken, sampled);
             }
             report.tell();
-            if (!found) return py::none();
-            return py::make_tuple(found->values, found->partners, found->converged, found->errors);
+            return found;
           },
           "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
-      .def(
-          "refined",
-          [](Spectrum& spectrum, double u, Complex value, const std::optional<Pair>& near) {
-            Pair guess = near.value_or(Pair{});
-            guess.value = value;
-            const py::gil_scoped_release unlocked;
-            return spectrum.refined(u, guess);
-          },
-          "u"_a, "value"_a, "near"_a = py::none())
+      .def("onset_near", &onset_near, "speed"_a, "frequency"_a,
+           py::call_guard<py::gil_scoped_release>())
       .def("factorisations", &Spectrum::factorisations);
 
   py::class_<Operator, std::shared_ptr<Operator>>(m, "Operator");

@@ -24,6 +24,7 @@ __all__: list[str] = [
     "Pair",
     "Pairs",
     "Pipe",
+    "RootLoci",
     "Scene",
     "Spectrum",
     "Sweep",
@@ -95,7 +96,6 @@ class Chain:
         still: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         rate: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         square: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        elastic: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
@@ -177,15 +177,11 @@ class GalerkinMotion:
 
 class Pair:
     @property
-    def converged(self) -> bool: ...
-    @property
     def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     @property
     def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     @property
     def slope(self) -> complex: ...
-    @property
-    def uncertain(self) -> float: ...
     @property
     def value(self) -> complex: ...
 
@@ -218,6 +214,8 @@ class AxisCrossing:
     @property
     def error(self) -> float: ...
     @property
+    def frequency(self) -> float: ...
+    @property
     def mode(self) -> int: ...
     @property
     def pair(self) -> Pair | None: ...
@@ -236,6 +234,16 @@ class Sweep:
     @property
     def untracked(self) -> bool: ...
 
+class RootLoci:
+    @property
+    def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, n]"]: ...
+    @property
+    def errors(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def partners(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+    @property
+    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+
 class Spectrum:
     def crossings(
         self,
@@ -249,12 +257,11 @@ class Spectrum:
         factorised: typing.Any,
     ) -> Sweep: ...
     def factorisations(self) -> int: ...
-    def refined(
+    def onset_near(
         self,
-        u: typing.SupportsFloat | typing.SupportsIndex,
-        value: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-        near: Pair | None = None,
-    ) -> Pair: ...
+        speed: typing.SupportsFloat | typing.SupportsIndex,
+        frequency: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> AxisCrossing | None: ...
     def root_loci(
         self,
         speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
@@ -262,7 +269,7 @@ class Spectrum:
         taken: typing.SupportsInt | typing.SupportsIndex,
         factorised: typing.Any,
         row_done: typing.Any = None,
-    ) -> typing.Any: ...
+    ) -> RootLoci | None: ...
 
 class Operator:
     pass
@@ -409,75 +416,33 @@ class Scene:
         length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        rest_moment: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
-        springs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        constraints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        flow: bool,
-        drag: bool,
+        held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     ) -> None: ...
-    def angle_rates(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def constraints(
-        self, y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.float64],
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.int64],
-    ]: ...
+    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def force_derivatives(
-        self,
-        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        u: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> tuple[
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-    ]: ...
-    def forces(
-        self,
-        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        u: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def from_angles(
         self, theta: typing.Any, omega: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def hessians(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.float64],
-    ]: ...
-    def lacking(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> int: ...
-    def operators(
+    def jacobian(
         self,
-    ) -> dict[
-        str,
-        tuple[
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.int64],
-            numpy.typing.NDArray[numpy.float64],
-        ],
-    ]: ...
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def lacks_inertia(
+        self, theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> bool: ...
+    def loads(
+        self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
@@ -495,10 +460,29 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
+    def reactions(
+        self,
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    ) -> tuple[
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+    ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, force: typing.Any = None
+        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def straight(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rows(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def solve(
+        self,
+        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def compliance(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
     def coordinates(self) -> int: ...
 

@@ -35,9 +35,12 @@ std::vector<LoadMoments> loads_at(const MotionModel& model, const Vector& sine,
 }  // namespace
 
 Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::move(segments)) {
-  auto& [l, chi, eta, spring, xi, base] = segments_;
+  auto& [l, chi, eta, spring, xi, base, damping, rest_moment] = segments_;
   const Index n = dof();
-  if (n < 1 || chi.size() != n || eta.size() != n || spring.size() != n || xi.size() != n) {
+  if (damping.size() == 0) damping = pipe_.damping * spring;
+  if (rest_moment.size() == 0) rest_moment = Vector::Zero(spring.size());
+  if (n < 1 || chi.size() != n || eta.size() != n || spring.size() != n || xi.size() != n ||
+      damping.size() != n || rest_moment.size() != n) {
     throw std::invalid_argument("segments must have one entry a segment in every array");
   }
   Vector masses = l;
@@ -56,6 +59,8 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   std::stable_sort(
       loads_.begin(), loads_.end(),
       [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
+  damped_ = (damping.array() != 0.0).any();
+  bent_ = (rest_moment.array() != 0.0).any();
   links_.resize(static_cast<std::size_t>(n));
   first_moment_.resize(n);
   double beyond = 0.0;
@@ -72,6 +77,8 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
                                            .own_inertia = mass * mass * eta[j] * eta[j],
                                            .exchange = mass * (square - arm * rest),
                                            .spring = spring[j],
+                                           .damping = damping[j],
+                                           .rest_moment = rest_moment[j],
                                            .drag_arm = xi[j] * l[j],
                                            .drag = pipe_.drag * l[j],
                                            .weight = pipe_.gamma * first_moment_[j]};
@@ -109,7 +116,7 @@ void Chain::linearise() {
                               term(mass.*power)};
       };
       return ImpedanceSegment{.length = link.length,
-                              .spring = link.spring,
+                              .joint = {link.spring, link.damping, 0.0},
                               .force = parts(&Moments::zeroth),
                               .across = parts(&Moments::first),
                               .turned = parts(&Moments::first, turned[0]),
@@ -124,14 +131,13 @@ ImpedanceModel Chain::impedance() const {
   return {.segments = impedances_.data(),
           .sizes = impedance_sizes_.data(),
           .size = dof(),
-          .damping = pipe_.damping,
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .centrifugal = pipe_.centrifugal};
 }
 
 Chain Chain::coarser(Index segments) const {
   // Cut where length and compliance together have grown by equal parts.
-  const auto& [l, chi, eta, spring, xi, base] = segments_;
+  const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment] = segments_;
   const Index n = dof();
   const Vector soft = spring.cwiseMax(1e-6 * spring.mean() + 1e-300).cwiseInverse();
   const Vector measure = l / l.sum() + soft / soft.sum();
@@ -146,7 +152,7 @@ Chain Chain::coarser(Index segments) const {
   const Index groups = static_cast<Index>(ends.size());
   Segments joined{Vector::Zero(groups), Vector::Zero(groups),          Vector::Zero(groups),
                   Vector::Zero(groups), Vector::Constant(groups, 0.5), base};
-  Vector compliance = Vector::Zero(groups);
+  Vector compliance = Vector::Zero(groups), loss = compliance;  // of 1 / (k + c lambda)
   for (Index group = 0, j = 0; group < groups; ++group) {
     const Index start = j, end = ends[static_cast<std::size_t>(group)];
     Moments mass;  // about the group's joint
@@ -159,7 +165,9 @@ Chain Chain::coarser(Index segments) const {
       mass.second += own * (middle * middle + eta[j] * eta[j]);
       // A joint beyond the middle moves what follows; beyond the last group's nothing does.
       const Index nearest = at <= 0.5 * length ? group : group + 1;
-      if (nearest < groups) compliance[nearest] += soft[j];
+      if (nearest == groups) continue;
+      compliance[nearest] += soft[j];
+      loss[nearest] += own_damping[j] * soft[j] * soft[j];
     }
     const double centre = mass.first / mass.zeroth;
     joined.length[group] = length;
@@ -168,6 +176,7 @@ Chain Chain::coarser(Index segments) const {
         std::sqrt(std::max(mass.second / mass.zeroth - centre * centre, 0.0));
   }
   joined.spring = compliance.cwiseInverse();
+  joined.damping = loss.cwiseProduct(joined.spring.cwiseAbs2());
   return Chain(pipe_, std::move(joined));
 }
 
@@ -189,7 +198,7 @@ Operators Chain::operators(const Vector& angles) const {
     return cosine[k] * cosine[i] + sine[k] * sine[i];
   };
   const double sqrt_beta = pipe_.sqrt_beta();
-  double beyond = 0.0, spring_beyond = 0.0;
+  double beyond = 0.0, spring_beyond = 0.0, damping_beyond = 0.0;
   Operators ops(n);
   for (Index k = n - 1; k >= 0; --k) {
     const Link& link = this->link(k);
@@ -209,13 +218,14 @@ Operators Chain::operators(const Vector& angles) const {
     ops.flux(k, n - 1) += thrust;
     const double elastic = link.spring + spring_beyond;
     ops.stiffness(k, k) = elastic + pipe_.gamma * (first_moment_[k] * cosine[k]);
-    ops.damping(k, k) = pipe_.damping * elastic;
+    ops.damping(k, k) = link.damping + damping_beyond;
     if (k + 1 < n) {
       ops.stiffness(k, k + 1) = ops.stiffness(k + 1, k) = -spring_beyond;
-      ops.damping(k, k + 1) = ops.damping(k + 1, k) = -(pipe_.damping * spring_beyond);
+      ops.damping(k, k + 1) = ops.damping(k + 1, k) = -damping_beyond;
     }
     beyond += link.mass;
     spring_beyond = link.spring;
+    damping_beyond = link.damping;
   }
   if (!loads_.empty()) add_loads(sine, cosine, ops);
   return ops;
@@ -285,7 +295,7 @@ Operators Chain::joint_operators(const Vector& scale) const {
     }
     const double elastic = segments_.spring[j] * scale[j] * scale[j];
     ops.stiffness(j, j) += elastic;
-    ops.damping(j, j) += pipe_.damping * elastic;
+    ops.damping(j, j) += link(j).damping * scale[j] * scale[j];
   }
   return ops;
 }
@@ -315,10 +325,26 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
       const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
       moment += out(j, c) + at.length * beyond;
       beyond += force[j];
-      out(j, c) = moment + part.elastic * at.spring * x(j, c);
+      out(j, c) = moment + sum(at.joint) * x(j, c);
     }
   }
   return out;
+}
+
+Chain Chain::without_forces() const {
+  Chain made = *this;
+  made.pipe_ = Pipe{.centrifugal = 0.0};
+  made.loads_.clear();
+  made.damped_ = made.bent_ = false;
+  for (Vector* const of :
+       {&made.segments_.spring, &made.segments_.damping, &made.segments_.rest_moment}) {
+    of->setZero();
+  }
+  for (Link& link : made.links_) {
+    link.spring = link.damping = link.rest_moment = link.drag = link.weight = 0.0;
+  }
+  made.linearise();
+  return made;
 }
 
 Matrix Chain::bodies() const {
@@ -327,6 +353,33 @@ Matrix Chain::bodies() const {
     out(j, 0) = link(j).mass;
     out(j, 1) = segments_.center[j];
     out(j, 2) = segments_.gyration_radius[j];
+  }
+  return out;
+}
+
+Matrix Chain::places() const {
+  Matrix out(static_cast<Index>(loads_.size()), 3);
+  for (Index i = 0; i < out.rows(); ++i) {
+    const SegmentTerm& place = loads_[static_cast<std::size_t>(i)];
+    out.row(i) << static_cast<double>(place.segment), place.arm, place.weight;
+  }
+  return out;
+}
+
+Matrix Chain::loads(const Matrix& stations) const {
+  if (stations.rows() != static_cast<Index>(loads_.size()) || stations.cols() != 7) {
+    throw std::invalid_argument("stations must have one row of 7 numbers a place");
+  }
+  Matrix out(stations.rows(), 12);
+  for (Index i = 0; i < out.rows(); ++i) {
+    const auto row = stations.row(i);
+    const Station<double> at{row[0], row[1], row[2], row[3], row[4], row[5], row[6]};
+    Laws::with(loads_[static_cast<std::size_t>(i)].term, [&](const auto& law) {
+      const Load<double> load = law.load(at);
+      const auto [position, velocity, angle] = law.slopes(at);
+      out.row(i) << load.x, load.y, position[0][0], position[0][1], position[1][0], position[1][1],
+          velocity[0][0], velocity[0][1], velocity[1][0], velocity[1][1], angle[0], angle[1];
+    });
   }
   return out;
 }
@@ -347,9 +400,10 @@ MotionModel Chain::motion() const {
           .size = dof(),
           .base = segments_.base,
           .gravity = pipe_.gamma,
-          .damping = pipe_.damping,
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .centrifugal = pipe_.centrifugal,
+          .damped = damped_,
+          .bent = bent_,
           .drag = pipe_.drag != 0.0,
           .loads = loads_.data(),
           .load_count = static_cast<std::ptrdiff_t>(loads_.size())};
@@ -360,9 +414,10 @@ void Chain::rhs(const Batch& batch, double* rates) const {
   kernel.rhs(motion(), batch, rates, scratch(kernel.scratch_size(dof(), batch.members)));
 }
 
-void Chain::jacobian(const double* y, double u, double* out) const {
+void Chain::jacobian(const double* y, double u, double* out, const double* moments) const {
   const MotionKernel& kernel = motion_kernel();
-  kernel.jacobian(motion(), y, u, out, scratch(kernel.jacobian_scratch_size(dof())));
+  kernel.jacobian(motion(), {y, &u, 1, 0, moments}, out,
+                  scratch(kernel.jacobian_scratch_size(dof())));
 }
 
 void Chain::energy(const Batch& batch, double* out) const {

@@ -4,13 +4,13 @@
 //
 // Where the paper's equations stand:
 //   (1)       Hamilton's principle     this file, below: what it gives for each segment
-//   (2), (5)  Lagrangian               chain/sweeps.hpp, recursion in O(n); modular/modules.hpp
-//   (3), (6)  momentum through the end chain/sweeps.hpp; modular/modules.hpp, InternalFlow
-//   (4)       centres, tangents        chain/sweeps.hpp; modular/modules.hpp, Segment
+//   (2), (5)  Lagrangian               chain/sweeps.hpp, recursion in O(n)
+//   (3), (6)  momentum through the end chain/sweeps.hpp
+//   (4)       centres, tangents        chain/sweeps.hpp
 //   (7), (8)  inlet coefficient        python/pipedyn/models/inlet.py
-//   (9)       drag                     chain/sweeps.hpp; modular/modules.hpp, Drag
-//   (10)      clamp                    modular/constraint.hpp
-//   (11)      joints                   modular/constraint.hpp
+//   (9)       drag                     chain/sweeps.hpp
+//   (10), (11) clamp and joints        met by the angles; modular/scene.hpp
+// (2)-(6) and (9)-(11) in redundant coordinates: python/pipedyn/models/modular/redundant.py.
 // Their limit for short segments: galerkin/motion.hpp; linear: galerkin/galerkin.hpp.
 //
 // Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
@@ -20,8 +20,10 @@
 //     + a U^2 l_k (theta_n - theta_k) + gamma p_k theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = 0,     phi_j = theta_j - theta_{j-1},
 //
-// U = s u. Two coordinates are used: the angles theta, and the joint angles phi, in which the
-// elastic stiffness is diagonal and small eigenvalues survive rounding at any n.
+// U = s u. Joints may have a damping c_k of their own in place of delta k_k, and an angle
+// psi_k at which they rest, in k_k (phi_k - psi_k). Two coordinates are used: the angles theta, and
+// the joint angles phi, in which the elastic stiffness is diagonal and small eigenvalues survive
+// rounding at any n.
 //
 // At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i), c_kk = M_kk, t the tangents,
 //   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
@@ -53,6 +55,8 @@ struct Segments {
   Vector spring;           // k_j, joint at the segment's clamped side
   Vector drag_point;       // xi_j, as a fraction of the length
   double base = 0.0;       // length of the fixed part at the clamp
+  Vector damping{};        // c_j of the joints; where empty delta k_j
+  Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
 };
 
 /// A sum over places of one segment or of all beyond a joint, with powers 0, 1, 2 of the distance
@@ -72,10 +76,10 @@ struct LinearSegment {
   double held;                 // moment against it of loads along the pipe, here and beyond
 };
 
-/// What multiplies the parts of P: stiffness but that of the springs, damping of loads and inertia;
-/// stiffness of the springs; and s (gyroscopic + end_flux) and flux of `Operators`.
+/// What multiplies the parts of P: stiffness, damping and inertia, and s (gyroscopic + end_flux)
+/// and flux of `Operators`.
 struct LinearPart {
-  double still = 0.0, rate = 0.0, square = 0.0, elastic = 0.0, velocity = 0.0, flux = 0.0;
+  double still = 0.0, rate = 0.0, square = 0.0, velocity = 0.0, flux = 0.0;
 };
 
 /// Immutable; one chain may serve many threads.
@@ -101,6 +105,9 @@ class Chain {
   /// Throws std::invalid_argument unless x has one row a segment.
   Matrix joint_times(const Matrix& x, const LinearPart& part) const;
 
+  /// The same masses without any force: its rates under further moments f are theta'' = M^-1 f.
+  Chain without_forces() const;
+
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
   /// What the loads of each segment's terms resist about the straight pipe with, summed with powers
@@ -114,14 +121,22 @@ class Chain {
   /// A chain of about so many segments that moves like this one: neighbours joined.
   Chain coarser(Index segments) const;
 
+  /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
+  Matrix places() const;
+  /// The laws' answers there, without the weights, at stations (k, 7) with the columns of Station:
+  /// load and its derivatives by position, velocity (both by rows) and angle (k, 12). Throws
+  /// std::invalid_argument unless there is a station for each place.
+  Matrix loads(const Matrix& stations) const;
+
   // Motion, with the vectors that the processor has (levels.hpp). A state y = [theta, theta'] has
   // 2 n entries; a batch holds one a column. The arrays are the caller's and of the sizes given;
   // scratch belongs to the thread and is allocated by its first call for a size.
 
   /// dy/dtau (2 n, members), O(n) a member.
   void rhs(const Batch& batch, double* rates) const;
-  /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0.
-  void jacobian(const double* y, double u, double* out) const;
+  /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0; further
+  /// moments (n) are held.
+  void jacobian(const double* y, double u, double* out, const double* moments = nullptr) const;
   /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
   /// What flow, joints and drag add to the energy in unit time; their sum is dE/dtau.
@@ -131,6 +146,7 @@ class Chain {
   Pipe pipe_;
   Segments segments_;    // centre and radius with the masses of terms
   Vector first_moment_;  // p_k
+  bool damped_, bent_;   // any joint, the second at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
   std::vector<LinearSegment> linear_;

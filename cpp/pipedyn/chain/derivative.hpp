@@ -67,10 +67,15 @@ struct Source {
   double jump_t = 0.0, jump_n = 0.0;    // of the acceleration from one end to the other
   double force_t = 0.0, force_n = 0.0;  // on the segment
   double moment = 0.0;                  // in its own row
-  double spring = 0.0;                  // in its neighbours' rows
   double v_t = 0.0, v_n = 0.0;          // change of velocity of all beyond
   double end = 0.0;                     // change of the follower force, across the last segment
 };
+
+/// What joint j resists a turn with, its angle or its rate; the free end's is none.
+inline double joint(const MotionModel& model, Count j, bool angle) {
+  if (j == model.size) return 0.0;
+  return angle ? model.links[j].spring : model.links[j].damping;
+}
 
 Source angle_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {
   const Link& link = model.links[m];
@@ -80,14 +85,12 @@ Source angle_source(const MotionModel& model, const Kept& here, Count m, double 
   const double speed = model.drag ? std::fabs(here.v) : 0.0;
   const double slope = model.drag ? -2.0 * link.drag * speed * here.vt : 0.0;
   const double pull = model.drag ? link.drag * speed * here.v : 0.0;
-  const double beyond = m + 1 < model.size ? model.links[m + 1].spring : 0.0;
   return {.jump_t = -l * here.acceleration,
           .jump_n = -l * square,
           .force_t = -(2.0 * model.coriolis * u * l * w + pull),
           .force_n = slope,
           .moment = l * force + link.first_moment * here.at - link.drag_arm * slope -
-                    (link.spring + beyond),
-          .spring = 1.0,
+                    (joint(model, m, true) + joint(model, m + 1, true)),
           .v_t = -l * w,
           .end = m + 1 < model.size ? 0.0 : thrust};
 }
@@ -96,13 +99,11 @@ Source rate_source(const MotionModel& model, const Kept& here, Count m, double w
   const Link& link = model.links[m];
   const double l = link.length, coriolis = model.coriolis * u;
   const double slope = model.drag ? 2.0 * link.drag * std::fabs(here.v) * link.drag_arm : 0.0;
-  const double beyond = m + 1 < model.size ? model.links[m + 1].spring : 0.0;
-  return {
-      .jump_t = -2.0 * l * w,
-      .force_n = 2.0 * coriolis * l + slope,
-      .moment = -coriolis * l * l - link.drag_arm * slope - model.damping * (link.spring + beyond),
-      .spring = model.damping,
-      .v_n = l};
+  return {.jump_t = -2.0 * l * w,
+          .force_n = 2.0 * coriolis * l + slope,
+          .moment = -coriolis * l * l - link.drag_arm * slope -
+                    (joint(model, m, false) + joint(model, m + 1, false)),
+          .v_n = l};
 }
 
 /// Adds the change of the loads on a segment itself, with the rate w, by its angle or its rate.
@@ -211,7 +212,6 @@ void columns_inward(const MotionModel& model, const Columns& columns, const doub
   const LoadMoments none{};
   Response by_velocity, by_position;
   Plane e_beyond{0.0, 0.0};  // e of the segment beyond
-  double spring_beyond = 0.0;
   for (Count k = n - 1; k >= 0; --k) {
     const Link& link = model.links[k];
     const Kept& here = columns.kept[k];
@@ -222,10 +222,11 @@ void columns_inward(const MotionModel& model, const Columns& columns, const doub
     double* const row = out + (n + k) * 2 * n;
     for (Count block = 0; block <= n; block += n) {
       const bool angle = block == 0;
+      const double spring = joint(model, k + 1, angle);
       const Count next = block + k + 1;
       row_inward(n - k - 1, moment, c, columns.bx + next, columns.by + next, row + next);
       if (k + 1 < n) {
-        const double g = (angle ? 1.0 : model.damping) * spring_beyond * inverse;
+        const double g = spring * inverse;
         row[next] += g;
         columns.bx[next] += c.x * g;
         columns.by[next] += c.y * g;
@@ -234,7 +235,6 @@ void columns_inward(const MotionModel& model, const Columns& columns, const doub
                             : rate_source(model, here, k, rates[k], u);
       if (loaded) add_loads_to(source, columns.loads[k], frame, angle, rates[k]);
       const Plane v = frame.plane(source.v_t, source.v_n);
-      const double spring = source.spring * spring_beyond;
       const Plane moved = times(by_velocity.rows, v);
       Plane b{moved.x + e_beyond.x * spring + source.end * frame.n.x,
               moved.y + e_beyond.y * spring + source.end * frame.n.y};
@@ -242,7 +242,6 @@ void columns_inward(const MotionModel& model, const Columns& columns, const doub
       start_column(columns, link, k, block + k, source, b, c, row);
     }
     e_beyond = {c.x * inverse, c.y * inverse};
-    spring_beyond = link.spring;
     if (!model.drag && !loaded) continue;
     const LoadMoments& sums = loaded ? columns.loads[k] : none;
     const double drag = model.drag ? 2.0 * link.drag * std::fabs(here.v) : 0.0;
@@ -274,7 +273,7 @@ void columns_outward(const MotionModel& model, const Columns& columns, double* o
       if (loaded && block == 0) {  // positions change by an angle as velocities do by its rate
         add_row_of_motion(k, columns.position_answer[k], columns.vx + n, columns.vy + n, row);
       }
-      if (k > 0) row[block + k - 1] += (block == 0 ? 1.0 : model.damping) * link.spring * inverse;
+      if (k > 0) row[block + k - 1] += joint(model, k, block == 0) * inverse;
     }
     row_outward(2 * n, e, {l * frame.n.x, l * frame.n.y}, columns.ax, columns.ay, row);
     for (Count m = k; m < 2 * n; m += n) {
@@ -286,10 +285,11 @@ void columns_outward(const MotionModel& model, const Columns& columns, double* o
 
 Count jacobian_scratch_size(Count n) { return Columns::size(n); }
 
-void jacobian(const MotionModel& model, const double* y, double u, double* out, double* scratch) {
+void jacobian(const MotionModel& model, const Batch& one, double* out, double* scratch) {
   const Count n = model.size;
+  const double* const y = one.y;
+  const double u = one.u[0];
   const Columns columns(scratch, n);
-  const Batch one{y, &u, 1, 0};
   accelerations_of<true>(model, Members<double>{one, 0, 1}, nullptr, columns.sweeps, columns.kept);
   double* const angles = columns.sweeps;
   for (Count j = 0; j < whole_packs(n); ++j) angles[j] = j < n ? y[j] : 0.0;

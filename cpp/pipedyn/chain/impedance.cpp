@@ -39,7 +39,6 @@ template <class Number>
 struct Factors {
   Pack still;           // 1, or 0 in a derivative
   Number rate, square;  // lambda, lambda^2
-  Number elastic;       // e
   Number coriolis;      // sqrt(beta) U lambda
   Pack thrust;          // a U^2
 };
@@ -63,7 +62,7 @@ inline void add_real(Pack& to, const Pack& x) { to += x; }
 template <class Number>
 inline Coefficients<Number> coefficients(const ImpedanceSegment& at, const Factors<Number>& by) {
   const double l = at.length;
-  Coefficients<Number> result{at.spring * by.elastic, combined(at.force, by),
+  Coefficients<Number> result{combined(at.joint, by), combined(at.force, by),
                               combined(at.across, by),
                               combined(at.turned, by) + (2.0 * l) * by.coriolis,
                               combined(at.moment, by) + (l * l) * by.coriolis};
@@ -78,18 +77,13 @@ struct Problem {
 
   Problem(const ImpedanceModel& model, const Lanes& lambda, double u) {
     const Pack one = all<Pack>(1.0), none{};
-    const double delta = model.damping, c = model.coriolis, a = model.centrifugal;
+    const double c = model.coriolis, a = model.centrifugal;
     const Lanes unit{one, none}, zero{};
-    whole = {one,
-             lambda,
-             lambda * lambda,
-             unit + delta * lambda,
-             (c * u) * lambda,
-             all<Pack>(a * u * u)};
-    by_lambda = {none, unit, 2.0 * lambda, delta * unit, (c * u) * unit, none};
-    by_u = {none, zero, zero, zero, c * lambda, all<Pack>(2.0 * a * u)};
-    const Pack size = size_of(lambda), flow = std::fabs(c) * u * size;
-    sizes = {one, size, size * size, one + delta * size, flow, -whole.thrust};
+    whole = {one, lambda, lambda * lambda, (c * u) * lambda, all<Pack>(a * u * u)};
+    by_lambda = {none, unit, 2.0 * lambda, (c * u) * unit, none};
+    by_u = {none, zero, zero, c * lambda, all<Pack>(2.0 * a * u)};
+    const Pack size = size_of(lambda);
+    sizes = {one, size, size * size, std::fabs(c) * u * size, -whole.thrust};
   }
 };
 

@@ -6,9 +6,9 @@
 //   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,
 //   e k_j phi_j - e k_{j+1} phi_{j+1} + g_j theta_j + f_j w_{j-1} + l_j Q_j = 0   (row j of P),
 //   Q_{j-1} = Q_j + z_j w_{j-1} + t_j theta_j,   Q_n = a U^2 theta_n,
-// e = 1 + delta lambda. No entry is a difference of nearly equal numbers. What lies beyond segment
-// j answers a motion of its end by Q_j = A w_j + B theta_j and -e k_{j+1} phi_{j+1} = C w_j +
-// D theta_j. With
+// e k_j being k_j + c_j lambda. No entry is a difference of nearly equal numbers. What lies beyond
+// segment j answers a motion of its end by Q_j = A w_j + B theta_j and -e k_{j+1} phi_{j+1} = C w_j
+// + D theta_j. With
 //   G = l A + B,  R = g + D + l (C + G),  W = f + C + l A,  H = G + t,  p = e k + R
 // row j says phi_j = -(R theta_{j-1} + W w_{j-1}) / p, and before the segment
 //   A + z - H W / p,   H e k / p,   e k W / p,   e k R / p
@@ -29,7 +29,8 @@ struct ImpedanceParts {
 
 /// One segment, all but the flow's share of each coefficient.
 struct ImpedanceSegment {
-  double length, spring;
+  double length;
+  ImpedanceParts joint;   // e k, of the joint
   ImpedanceParts force;   // z: on all beyond the joint, by its displacement
   ImpedanceParts across;  // f: moment about the joint, by its displacement
   ImpedanceParts turned;  // t: force on all beyond the joint, by the angle
@@ -39,7 +40,6 @@ struct ImpedanceSegment {
 struct ImpedanceModel {
   const ImpedanceSegment *segments, *sizes;  // as they are, and with each term's absolute value
   std::ptrdiff_t size;                       // n
-  double damping;                            // delta
   double coriolis;                           // sqrt(beta) s
   double centrifugal;                        // a
 };

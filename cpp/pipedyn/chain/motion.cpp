@@ -3,9 +3,10 @@
 // The functions of one vector level. This source is compiled once for each, with PIPEDYN_LEVEL and
 // PIPEDYN_WIDTH set.
 //
-// Energy: kinetic + sum k_j phi_j^2 / 2 + gamma sum p_j (1 - cos theta_j). Power, with the velocity
-// v of the free end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2 t_n . v, joints
-// -delta sum k_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To both come the terms', as their laws say.
+// Energy: kinetic + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j). Power,
+// with the velocity v of the free end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2
+// t_n . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To both come the terms', as their
+// laws say.
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
@@ -52,7 +53,7 @@ void energy_of(const MotionModel& model, const Members<Real>& members, double* o
         const Real turn = sweep.at(sweep.turn, j);
         twice += link.mass * (along * along + across * across);
         twice += w * (2.0 * link.first_moment * across + link.inertia * w);
-        twice += link.spring * (turn * turn);
+        twice += turn * (link.spring * turn - 2.0 * link.rest_moment);
       },
       end_along, end_across);
   for_each_load(model, sweep, [&](const auto& law, const SegmentTerm& place, const auto& at) {
@@ -72,9 +73,9 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Powe
       model, sweep,
       [&](Count j, const Real&, const Real& across, const Real& w) {
         const Link& link = model.links[j];
-        if (model.damping != 0.0) {
+        if (model.damped) {
           const Real turning = w - rate_before;
-          joints -= model.damping * link.spring * (turning * turning);
+          joints -= link.damping * (turning * turning);
           rate_before = w;
         }
         if (model.drag) {

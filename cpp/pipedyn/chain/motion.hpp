@@ -11,8 +11,8 @@
 
 namespace pipedyn {
 
-/// One segment as the recursion reads it; l, xi, k as in Segments, and with the masses of the
-/// pipe's terms that are on it: m (l without any), the centre of mass chi and the radius eta.
+/// One segment as the recursion reads it; l, xi, k, c, k psi as in Segments, and with the masses of
+/// the pipe's terms that are on it: m (l without any), the centre of mass chi and the radius eta.
 struct Link {
   double length;         // l
   double length_square;  // l^2
@@ -23,6 +23,8 @@ struct Link {
   double own_inertia;    // m^2 eta^2
   double exchange;       // inertia - m chi l^2
   double spring;         // k
+  double damping;        // c
+  double rest_moment;    // k psi
   double drag_arm;       // xi l
   double drag;           // kappa l
   double weight;         // gamma p
@@ -42,9 +44,10 @@ struct MotionModel {
   std::ptrdiff_t size;       // n
   double base;               // length of the fixed part at the clamp
   double gravity;            // gamma
-  double damping;            // delta
   double coriolis;           // sqrt(beta) s
   double centrifugal;        // a
+  bool damped;               // some joint is
+  bool bent;                 // some joint is bent at rest
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // from the clamp on
   std::ptrdiff_t load_count;
@@ -55,7 +58,8 @@ struct Batch {
   const double* y;
   const double* u;
   std::ptrdiff_t members;
-  std::ptrdiff_t u_step;  // 0 where all have one speed
+  std::ptrdiff_t u_step;            // 0 where all have one speed
+  const double* moments = nullptr;  // further ones on the segments of a chain (n, members)
 };
 
 /// Power by what does the work; one entry a member in each.
@@ -78,8 +82,8 @@ struct MotionKernel {
 
   /// dy/dtau (2 n, members).
   void (*rhs)(const MotionModel&, const Batch&, double* rates, double* scratch);
-  /// d(dy/dtau)/dy (2 n, 2 n) of one state, row-major.
-  void (*jacobian)(const MotionModel&, const double* y, double u, double* out, double* scratch);
+  /// d(dy/dtau)/dy (2 n, 2 n) of a batch of one state, row-major; its further moments are held.
+  void (*jacobian)(const MotionModel&, const Batch&, double* out, double* scratch);
   /// Energy of each member.
   void (*energy)(const MotionModel&, const Batch&, double* out, double* scratch);
   void (*power)(const MotionModel&, const Batch&, const PowerParts& out, double* scratch);

@@ -12,8 +12,8 @@
 //   H_j = l_j^2 n_j . A_j n_j + m_j (chi_j^2 l_j^2 + eta_j^2),
 //   g_j = (tau_j - l_j n_j . (b_j - l_j w_j^2 A_j t_j)) / H_j,
 //   tau_j = K_{j+1} - K_j - sqrt(beta) U l_j^2 w_j - xi_j l_j d_j,
-// with the joint's moment K_j = k_j (phi_j + delta phi_j') and the drag d_j = kappa l_j |v_j| v_j,
-// and one segment nearer to the clamp
+// with the joint's moment K_j = k_j (phi_j - psi_j) + c_j phi_j' and the drag d_j = kappa l_j |v_j|
+// v_j, and one segment nearer to the clamp
 //   A_{j-1} = A_j + m_j - c_j e_j^T,
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
 //             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
@@ -57,7 +57,10 @@ struct Members {
     store(each, x);
     for (Count i = 0; i < used; ++i) to[i] = each[i];
   }
-  Real row(Count j) const { return read(batch.y + j * batch.members + first); }
+  Real read_row(const double* rows, Count j) const {
+    return read(rows + j * batch.members + first);
+  }
+  Real row(Count j) const { return read_row(batch.y, j); }
   void set_row(double* out, Count j, const Real& x) const {
     write(out + j * batch.members + first, x);
   }
@@ -136,15 +139,19 @@ void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const
   }
 }
 
-/// Adds the terms' loads to the drag on each segment: what acts across it, along it and about its
-/// joint, with the signs of resistance.
+/// Adds the terms' loads, the moments of bent joints at rest and the batch's further moments to the
+/// drag on each segment: what acts across it, along it and about its joint, with the signs of
+/// resistance.
 template <class Real>
-void add_loads(const MotionModel& model, const Sweep<Real>& sweep) {
+void add_loads(const MotionModel& model, const Members<Real>& members, const Sweep<Real>& sweep) {
+  const double* const moments = members.batch.moments;
   Walk<Real> walk(model);
   for (Count j = 0; j < model.size; ++j) {
     const Link& link = model.links[j];
     const Real drag = sweep.at(sweep.drag, j);
     Real along{}, across = drag, moment = link.drag_arm * drag;
+    moment -= link.rest_moment - (j + 1 < model.size ? model.links[j + 1].rest_moment : 0.0);
+    if (moments != nullptr) moment -= members.read_row(moments, j);
     walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
     const auto visit = [&](const auto& law, const SegmentTerm& place, const Station<Real>& at) {
       const Load<Real> load = law.load(at);
@@ -161,7 +168,7 @@ void add_loads(const MotionModel& model, const Sweep<Real>& sweep) {
 }
 
 /// What acts on the segments besides inertia, flow and joints.
-enum class Outer { nothing, drag, loads };  // loads: of terms, with drag if there is any
+enum class Outer { nothing, drag, loads };  // loads: as in add_loads, with drag if there is any
 
 template <class Real, Outer outer, bool damped, bool flowing, bool keep>
 void accelerations(const MotionModel& model, const Members<Real>& members, double* rates,
@@ -185,7 +192,7 @@ void accelerations(const MotionModel& model, const Members<Real>& members, doubl
         },
         end_along, end_across);
   }
-  if constexpr (outer == Outer::loads) add_loads(model, sweep);
+  if constexpr (outer == Outer::loads) add_loads(model, members, sweep);
 
   Real tt{}, tn{}, nn{}, bt{}, bn{}, moment_beyond{}, coriolis{};
   if constexpr (flowing) {
@@ -197,12 +204,11 @@ void accelerations(const MotionModel& model, const Members<Real>& members, doubl
     const Link& link = model.links[j];
     const double l = link.length;
     const Real w = sweep.at(sweep.rate, j);
-    Real strain = sweep.at(sweep.turn, j);
+    Real moment = link.spring * sweep.at(sweep.turn, j);
     if constexpr (damped) {
       const Real before = j > 0 ? sweep.at(sweep.rate, j - 1) : Real{};
-      strain += model.damping * (w - before);
+      moment += link.damping * (w - before);
     }
-    const Real moment = link.spring * strain;
     Real tau = moment_beyond - moment;
     moment_beyond = moment;
     Real across{};  // force that acts across the segment at its clamped side
@@ -294,12 +300,14 @@ void accelerations_of(const MotionModel& model, const Members<Real>& members, do
                                         accelerations<Real, drag, true, true, keep>,
                                         accelerations<Real, loads, true, true, keep>};
   const Batch& batch = members.batch;
+  const bool flow = model.coriolis != 0.0 || model.centrifugal != 0.0;
   bool flowing = batch.u[0] != 0.0;
   if (batch.u_step != 0) {
     for (Count i = 0; i < members.used; ++i) flowing |= batch.u[members.first + i] != 0.0;
   }
-  const int plain = (model.drag ? 1 : 0) + (model.damping != 0.0 ? 2 : 0) + (flowing ? 4 : 0);
-  const int which = model.load_count > 0 ? 8 : plain;
+  const int plain = (model.drag ? 1 : 0) + (model.damped ? 2 : 0) + (flow && flowing ? 4 : 0);
+  const bool loaded = model.load_count > 0 || model.bent || batch.moments != nullptr;
+  const int which = loaded ? 8 : plain;
   table[which](model, members, rates, scratch, kept);
 }
 

@@ -506,7 +506,7 @@ double ChainSpectrum::determinant(double u, const Pair&) {
     double a = 0.0, b = thrust, c = 0.0, d = 0.0, sum = 0.0;
     for (Index j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& at = model.segments[j];
-      const double l = at.length, k = at.spring, g = l * a + b;
+      const double l = at.length, k = at.joint.still, g = l * a + b;
       const double r = at.moment.still - l * thrust + d + l * (c + g);
       const double w = at.across.still + c + l * a, h = g + at.turned.still, p = k + r;
       if (p < 0.0) sign = -sign;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <optional>
 
 namespace pipedyn {
 
@@ -16,6 +15,9 @@ constexpr double largest_error = 1e-3;
 /// Roots of modes that need not be tracked are not worth refining with Re < -0.3 |lambda|: with 16
 /// Legendre functions they have 0.56 or more at damping 1e-3, without damping 0.03 at most.
 constexpr double heavy_damping = 0.3;
+
+/// Of Newton's method, which takes three or four from a step's cubic.
+constexpr int most_iterations = 12;
 
 using Function = std::function<double(double)>;
 
@@ -51,6 +53,29 @@ NotConverged refusal(const char* format, Numbers... numbers) {
   return NotConverged(text);
 }
 
+/// A root on the imaginary axis by Newton's method from a guess at speed u, or the iterate at which
+/// it ends without, as where it leaves the speeds from low to high.
+std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double low, double high) {
+  double last = infinite;
+  for (int iteration = 0;; ++iteration) {
+    Pair pair = spectrum.refined(u, guess);
+    const double change = -pair.value.real() / pair.slope.real(), size = std::abs(change);
+    const bool inside = u + change >= low && u + change <= high;
+    if (iteration == most_iterations || !inside || last == 0.0) return {u, std::move(pair)};
+    u = std::max(u + change, 0.0);
+    guess = std::move(pair);
+    guess.value += guess.slope * change;
+    // Converged, or steps that do not shrink any more: what is left is rounding.
+    last = size <= 4e-16 * u || size >= last ? 0.0 : size;
+  }
+}
+
+/// Of the speed at which a root lies on the axis.
+double error_of(const Pair& pair) {
+  const double rate = std::abs(pair.slope.real());
+  return rate > 0.0 ? (pair.uncertain + std::abs(pair.value.real())) / rate : infinite;
+}
+
 /// What a step shows: one root of each conjugate pair; those that meet another on the real axis are
 /// not followed by their cubics.
 struct Scan {
@@ -71,26 +96,464 @@ class Search {
   Search(Spectrum& spectrum, const Range& range, const std::function<void()>& report)
       : spectrum_(spectrum), traits_(spectrum.traits), range_(range), report_(report) {}
 
-  Sweep run();
+  Sweep run() {
+    const double longest = longest_step * range_.scale;
+    const int steps = std::max(1, static_cast<int>(std::ceil(range_.max_speed / longest)));
+    std::vector<double> speeds(steps, range_.max_speed);
+    for (int i = 1; i < steps; ++i) speeds[i - 1] = i * (range_.max_speed / steps);
+    try {
+      const SharedSample first = take(0.0);
+      Roots every(first->size());
+      for (Index i = 0; i < first->size(); ++i) every[i] = i;
+      modes_ = ranked(*first);
+      unstable_ = states(*first, every, Flags(every.size(), 0));
+      sweep_.unstable_at_rest = unstable_count_ = count_unstable();
+      every.resize(std::min(first->size(), (traits_.squared ? 1 : 2) * range_.certain));
+      const auto sure = [this](const Step& step) {
+        scanned_ = scan(step);
+        return scanned_.clear;
+      };
+      track({[this](double u) { return take(u); },
+             sure,
+             [this](const Step& step) { return visit(step); },
+             {traits_.delta, 0.9, traits_.zero},
+             longest},
+            first, speeds, every);
+    } catch (const NotConverged& error) {
+      sweep_.failure = error.what();
+    }
+    return std::move(sweep_);
+  }
 
  private:
-  SharedSample take(double u);
-  Roots ranked(const Sample& first) const;
-  bool has_sign(const Sample& at, Index i) const;
-  Flags states(const Sample& at, const Roots& onto, const Flags& before) const;
-  int count_unstable() const;
-  void move(const Step& step);
+  /// The sample at a speed; at rest zero is exact, and without damping the axis.
+  SharedSample take(double u) {
+    Sample at = spectrum_.sample(u, range_.count);
+    report_();
+    if (traits_.squared) {
+      Sample half{u, Values(at.size()), Values(at.size())};
+      Index count = 0;
+      for (Index i = 0; i < at.size(); ++i) {
+        const Complex value = at.values[i];
+        const bool on_axis = value.real() == 0.0 && value.imag() > 0.0;
+        if (!(value.real() > 0.0 || on_axis)) continue;
+        half.values[count] = value * value;
+        if (on_axis || value.imag() == 0.0) half.values[count].imag(0.0);
+        half.slopes[count++] = 2.0 * value * at.slopes[i];
+      }
+      half.values.conservativeResize(count);
+      half.slopes.conservativeResize(count);
+      half.noise = half.slope_noise = Reals::Zero(count);
+      half.signatures = Eigen::ArrayXi::Zero(count);
+      at = std::move(half);
+    }
+    for (Index i = 0; u == 0.0 && i < at.size(); ++i) {
+      Complex& value = at.values[i];
+      if (std::abs(value) < traits_.zero) value = 0.0;
+      if (!traits_.squared && !traits_.damped && value.imag() != 0.0) value.real(0.0);
+    }
+    return std::make_shared<const Sample>(std::move(at));
+  }
 
-  bool visit(const Step& step);
-  Scan scan(const Step& step) const;
-  void scan_cubic(const Step& step, Index root, Scan& found) const;
-  bool is_clear_meeting(const Step& step, Index root) const;
-  std::vector<AxisCrossing> crossings(const Step& step);
-  std::optional<AxisCrossing> divergence(const Step& step, double t, int change, Index mode);
-  AxisCrossing polished(const Step& step, const Scan::Passage& passage);
-  std::optional<AxisCrossing> meeting(const Step& step, Index root, int change);
-  Roots nearest(const Sample& at, Complex value) const;
-  double bisected(const Step& step, Index root);
+  /// Mode of each root at rest, by frequency.
+  Roots ranked(const Sample& first) const {
+    if (!traits_.squared) return modes_of_pairs(first.values, traits_.delta);
+    Values roots(2 * first.size());
+    roots << first.values.sqrt(), -first.values.sqrt();
+    Roots modes = modes_of_pairs(roots, 0.0);
+    modes.resize(first.size());
+    return modes;
+  }
+
+  /// Whether the place of a root on one side of the axis is known.
+  bool has_sign(const Sample& at, Index i) const {
+    const Complex value = at.values[i];
+    if (traits_.squared) return value.imag() != 0.0 || std::abs(value) >= traits_.zero;
+    return at.signatures[i] != 0 ||  // on the axis of a conservative system, where it stays
+           (std::abs(value.real()) > at.noise[i] && std::abs(value) >= traits_.zero);
+  }
+
+  /// Which of some roots of a sample are unstable: by the sign of Re lambda, or as before where it
+  /// has none.
+  Flags states(const Sample& at, const Roots& onto, const Flags& before) const {
+    const Index size = static_cast<Index>(onto.size());
+    Flags result = before;
+    for (Index i = 0; i < size; ++i) {
+      if (onto[i] < 0) continue;
+      const Complex value = at.values[onto[i]];
+      if (has_sign(at, onto[i])) {
+        result[i] = value.real() > 0.0 || (traits_.squared && value.imag() != 0.0);
+        continue;
+      }
+      for (Index k = 0; k < size; ++k) {  // a pair has one state
+        if (value.imag() == 0.0 || onto[k] < 0) continue;
+        const Complex other = at.values[onto[k]];
+        if (other == value || other == std::conj(value)) result[i] |= before[k];
+      }
+    }
+    return result;
+  }
+
+  /// Number of unstable roots among the resolved.
+  int count_unstable() const {
+    int count = 0;
+    for (std::size_t i = 0; i < modes_.size(); ++i) {
+      count += unstable_[i] && modes_[i] >= 1 && modes_[i] <= range_.resolved;
+    }
+    return count;
+  }
+
+  /// Takes modes and states to the step's right sample; mode 0 for roots from outside.
+  void move(const Step& step) {
+    const bool partly = range_.count < 2 * traits_.dof;
+    const Index size = step.right->size();
+    Roots modes(size, 0), every(size);
+    Flags before(size, 0);
+    for (Index i = 0; i < step.left->size(); ++i) {
+      if (step.onto[i] < 0) continue;
+      modes[step.onto[i]] = modes_[i];
+      before[step.onto[i]] = unstable_[i];
+      sweep_.untracked |= partly && modes_[i] <= range_.tracked && step.lost(i);
+    }
+    for (Index i = 0; i < size; ++i) every[i] = i;
+    modes_ = std::move(modes);
+    unstable_ = states(*step.right, every, before);
+    for (Index i = 0; partly && i < size; ++i) {
+      sweep_.untracked |= unstable_[i] && (modes_[i] == 0 || modes_[i] > range_.tracked);
+    }
+  }
+
+  /// Adds the crossings of a step; whether the search goes on.
+  bool visit(const Step& step) {
+    if (step.shortest()) scanned_ = scan(step);
+    std::vector<AxisCrossing> found = crossings(step);
+    move(step);
+    if (sweep_.untracked) return false;
+    int expected = unstable_count_;
+    for (const AxisCrossing& crossing : found) expected += crossing.change;
+    const int missed = count_unstable() - expected;
+    if (missed % 2 != 0) {
+      // Three roots that pass zero as one (two free joints), which the matching cannot show.
+      Index least = 0;
+      step.right->values.abs().minCoeff(&least);
+      if (auto crossing = divergence(step, 0.5, missed, modes_[least])) found.push_back(*crossing);
+    }
+    std::stable_sort(found.begin(), found.end(), [](const AxisCrossing& a, const AxisCrossing& b) {
+      return a.speed < b.speed;
+    });
+    for (const AxisCrossing& crossing : found) {
+      if (crossing.error > largest_error * crossing.speed + 1e-12) {
+        throw refusal(
+            "a crossing near u = %.6g is known to %.1e only: rounding hides the eigenvalue's real "
+            "part",
+            crossing.speed, crossing.error);
+      }
+      sweep_.crossings.push_back(crossing);
+      unstable_count_ += crossing.change;
+      if (range_.until_unstable && crossing.change > 0) return false;
+    }
+    if (unstable_count_ != count_unstable()) {
+      throw refusal("%d unstable roots at u = %g, where the crossings found account for %d",
+                    count_unstable(), step.right->u, unstable_count_);
+    }
+    return true;
+  }
+
+  Scan scan(const Step& step) const {
+    const Sample &left = *step.left, &right = *step.right;
+    Scan found;
+    found.after = states(right, step.onto, unstable_);
+    found.leaving.assign(left.size(), 0);
+    int turned = 0;
+    for (Index i = 0; i < left.size(); ++i) {
+      const Index j = step.onto[i];
+      if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
+      const Complex start = step.start(i), end = step.end(i);
+      const auto heavily_damped = [this](Complex value) {
+        return !traits_.squared && value.real() < -heavy_damping * std::abs(value);
+      };
+      if ((start == 0.0 ? end : start).imag() < 0.0) continue;
+      if (modes_[i] > range_.certain && heavily_damped(start) && heavily_damped(end)) continue;
+      found.roots.push_back(i);
+      const bool real = start.imag() == 0.0 && end.imag() == 0.0;
+      turned += real && found.after[i] != unstable_[i];
+      if (left.u == 0.0 && (traits_.squared || step.meets[i] < 0)) {
+        const double lost = std::max(right.noise[j], left.slope_noise[i] * step.length());
+        const bool on_axis =
+            std::abs(start.real()) <= left.noise[i] && !traits_.conservative && !traits_.squared;
+        found.leaving[i] = start == 0.0 ? has_sign(right, j) && found.after[i]
+                                        : on_axis && step.slopes[i].real() * step.length() > lost;
+      }
+      if (step.meets[i] >= 0) {
+        found.clear = found.clear && is_clear_meeting(step, i);
+      } else if (!traits_.squared || real) {
+        scan_cubic(step, i, found);
+      } else if (start != 0.0 && (start.imag() == 0.0) != (end.imag() == 0.0)) {
+        found.clear = false;  // it met another
+      }
+    }
+    // Two nu that seem to pass zero in one step may have met below and parted above it.
+    if (traits_.squared && turned > 1 && left.u > 0.0) found.clear = false;
+    return found;
+  }
+
+  /// Where the cubic of a root's real part passes zero, and whether it shows all that does.
+  void scan_cubic(const Step& step, Index i, Scan& found) const {
+    const Sample &left = *step.left, &right = *step.right;
+    const Index j = step.onto[i];
+    const double h = step.length(), a = step.start(i).real(), b = step.end(i).real();
+    double slope = step.start_slope(i).real() * h, end_slope = step.end_slope(i).real() * h;
+    double noise = std::max(left.noise[i], right.noise[j]);
+    if (step.start(i) == 0.0) noise = infinite;
+    // Slopes within their rounding say nothing, at any length: the line through both ends does.
+    const bool hidden = std::abs(step.start_slope(i).real()) < left.slope_noise[i] ||
+                        std::abs(step.end_slope(i).real()) < right.slope_noise[j];
+    if (hidden) slope = end_slope = b - a;
+    const double c = 3.0 * (b - a) - 2.0 * slope - end_slope, d = 2.0 * (a - b) + slope + end_slope;
+    const auto cubic = [=](double t) { return a + t * (slope + t * (c + t * d)); };
+    // The real part's own error; a little of the imaginary part's keeps it from being 0.
+    double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + 1e-4 * step.error[i];
+    // Of a conservative system tracking shows where two roots meet and leave the axis.
+    const double largest =
+        std::max({std::abs(a), std::abs(b), std::abs(slope), std::abs(end_slope)});
+    if (hidden || (traits_.conservative && largest <= noise)) band = 0.0;
+
+    struct Point {
+      double at;
+      bool positive;
+    };
+    std::vector<Point> points;
+    const double turns = c * c - 3.0 * slope * d;
+    const double far = c + std::copysign(std::sqrt(std::max(turns, 0.0)), c);
+    for (const double t : {-slope / far, -far / (3.0 * d)}) {
+      if (!(turns > 0.0 && t > 0.0 && t < 1.0)) continue;
+      const double extremum = cubic(t);
+      if (std::abs(extremum) <= band + noise && band > noise) found.clear = false;
+      if (std::abs(extremum) > noise) points.push_back({t, extremum > 0.0});
+    }
+    std::sort(points.begin(), points.end(), [](Point p, Point q) { return p.at < q.at; });
+    points.push_back({1.0, found.after[i] != 0});
+    bool positive = unstable_[i] || found.leaving[i];
+    double last = 0.0;
+    for (const Point& point : points) {
+      if (point.positive != positive) {
+        const double low = cubic(last), high = cubic(point.at);
+        // Without a change of sign one end lies in the noise.
+        const double nearer = std::abs(low) < std::abs(high) ? last : point.at;
+        const double at = low * high < 0.0 ? zero_between(cubic, last, point.at, 1e-15) : nearer;
+        found.passages.push_back({i, at, point.positive});
+      }
+      positive = point.positive;
+      last = point.at;
+    }
+  }
+
+  /// Whether the states before and after a meeting on the real axis show what passed.
+  bool is_clear_meeting(const Step& step, Index i) const {
+    const Index k = step.meets[i];
+    const Complex a = step.start(i), b = step.start(k), c = step.end(i), d = step.end(k);
+    const bool across = (a.imag() == 0.0) != (c.imag() == 0.0);
+    if (traits_.squared) {  // on one side of zero, once
+      const auto [low, high] = std::minmax({a.real(), b.real(), c.real(), d.real()});
+      return a == 0.0 || (across && (low > 0.0 || high < 0.0));
+    }
+    // Whether the pair stays on one side of zero: half its sum is the centre, and the roots are no
+    // further from it than at either end.
+    const double reach = std::max(std::abs((a - b).real()), std::abs((c - d).real()));
+    double least = infinite, most = -infinite;
+    for (int p = 0; p <= 16; ++p) {
+      const double total = (step.at(i, p / 16.0) + step.at(k, p / 16.0)).real();
+      least = std::min(least, total);
+      most = std::max(most, total);
+    }
+    if (most + reach < 0.0 || least - reach > 0.0) return true;
+    // An imaginary pair that turns into opposite real roots, or back: at zero.
+    const double opposite = std::abs((a + b).real()) + std::abs((c + d).real());
+    return traits_.conservative && across && opposite < 1e-6 * (1.0 + std::abs(a) + std::abs(c));
+  }
+
+  /// Crossings within the step scanned last.
+  std::vector<AxisCrossing> crossings(const Step& step) {
+    Scan& scan = scanned_;
+    std::vector<AxisCrossing> found;
+    if (!scan.clear) {  // a shortest step: the states at its ends
+      scan.passages.clear();
+      for (const Index i : scan.roots) {
+        const bool before = unstable_[i] || scan.leaving[i], after = scan.after[i];
+        if (before != after && step.meets[i] < 0) scan.passages.push_back({i, 0.5, after});
+      }
+    }
+    for (const Index i : scan.roots) {
+      if (!scan.leaving[i]) continue;
+      const Complex value(0.0, traits_.squared ? 0.0 : step.start(i).imag());
+      const int change = value != 0.0 || step.end(i).imag() != 0.0 ? 2 : 1;
+      double error = 0.0;
+      if (value != 0.0 && traits_.damped) {  // its damping is within rounding
+        error = (std::abs(step.start(i).real()) + step.left->noise[i]) / step.slopes[i].real();
+      }
+      found.push_back({0.0, value, change, modes_[i], error});
+    }
+    for (const Scan::Passage& passage : scan.passages) {
+      const bool off_axis =
+          (passage.rising ? step.end(passage.root) : step.start(passage.root)).imag() != 0.0;
+      std::optional<AxisCrossing> met;
+      if (off_axis && traits_.conservative)
+        met = meeting(step, passage.root, passage.rising ? 2 : -2);
+      found.push_back(met ? *met : polished(step, passage));
+    }
+    for (const Index i : scan.roots) {
+      const Index k = step.meets[i];
+      if (k < 0) continue;
+      const int change = scan.after[i] + scan.after[k] - unstable_[i] - unstable_[k];
+      const bool twice = std::find(scan.roots.begin(), scan.roots.end(), k) != scan.roots.end();
+      if (change == 0 || scan.leaving[i] || (twice && i > k)) continue;
+      const bool odd = change % 2 != 0;  // one real root of the two passes zero
+      std::optional<AxisCrossing> passed;
+      if (odd) passed = divergence(step, 0.5, change, modes_[i]);
+      if (!odd && traits_.squared) passed = meeting(step, i, change);
+      const double middle = 0.5 * (step.left->u + step.right->u);
+      const double imag = traits_.squared ? std::sqrt(step.start(i)).imag() : step.start(i).imag();
+      const Complex value(0.0, odd ? 0.0 : std::abs(imag));
+      found.push_back(passed ? *passed
+                             : AxisCrossing{middle, value, change, modes_[i], step.length()});
+    }
+    // Two real roots that pass zero at one speed are one root, found twice.
+    std::vector<double> still;
+    for (const AxisCrossing& crossing : found) {
+      if (crossing.value == 0.0 && crossing.speed > 0.0) still.push_back(crossing.speed);
+    }
+    std::sort(still.begin(), still.end());
+    for (std::size_t i = 1; i < still.size(); ++i) {
+      if (still[i] - still[i - 1] > 1e-11 * still[i]) continue;
+      throw refusal("two divergences near u = %.9g cannot be distinguished", still[i - 1]);
+    }
+    return found;
+  }
+
+  /// Where det K(u) changes sign within the step, near its fraction t; none if it does not.
+  std::optional<AxisCrossing> divergence(const Step& step, double t, int change, Index mode) {
+    const double expected = step.left->u + t * step.length();
+    const double slack = 1e-9 * (1.0 + step.right->u) + 0.1 * step.length();
+    const double least = std::max(step.left->u - slack, 0.0), most = step.right->u + slack;
+    for (const double where : {t, 0.0, 1.0, 0.5}) {
+      const Pair near = spectrum_.null_pair(step.left->u + where * step.length(), {});
+      const Function determinant = [&](double u) { return spectrum_.determinant(u, near); };
+      // Outwards from what is expected, so that of two zeros in a step each root finds its own.
+      double low = expected, high = expected;
+      bool changes = false;
+      for (double reach = 1e-5 * step.length() + 1e-12; !changes; reach *= 4.0) {
+        if (low == least && high == most) break;
+        low = std::max(expected - reach, least);
+        high = std::min(expected + reach, most);
+        changes = determinant(low) * determinant(high) < 0.0;
+      }
+      if (!changes) continue;
+      const double rounding = 4e-16 * (1.0 + high);
+      const double u = zero_between(determinant, low, high, rounding);
+      Pair pair = spectrum_.null_pair(u, near);
+      if (!pair.converged()) continue;
+      const double rate = std::abs(pair.slope);
+      const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + 4e-16 * (1.0 + u);
+      if (traits_.squared) pair = {};
+      return AxisCrossing{u, 0.0, change, mode, error, std::move(pair)};
+    }
+    return {};
+  }
+
+  /// A crossing to rounding, by Newton's method on the model itself.
+  AxisCrossing polished(const Step& step, const Scan::Passage& passage) {
+    const Index root = passage.root, mode = modes_[root];
+    const bool real = traits_.squared || step.start(root).imag() == 0.0;
+    const int change = (real ? 1 : 2) * (passage.rising ? 1 : -1);
+    if (real) {
+      if (auto found = divergence(step, passage.at, change, mode)) return *found;
+    }
+    if (traits_.squared) {
+      const double u = bisected(step, root);
+      return {u, 0.0, change, mode,
+              u == step.left->u || u == step.right->u ? step.length() : 4e-16 * (1.0 + u)};
+    }
+    const double at = step.left->u + passage.at * step.length();
+    const double slack = 1e-9 * (1.0 + at) + 0.1 * step.length();
+    Pair guess{step.expected(root, at)};
+    if (step.left->right.size() > 0) guess.right = step.left->right.col(root);
+    auto [u, pair] =
+        newton(spectrum_, at, std::move(guess), step.left->u - slack, step.right->u + slack);
+    // Where it ends without a crossing shows in where the step predicts the root.
+    const auto astray = [&] {
+      const double tolerance = 1e-6 * (1.0 + std::abs(pair.value));
+      const double off = std::abs(pair.value - step.expected(root, u));
+      return (pair.slope.real() > 0.0) != passage.rising ||
+             off > 4.0 * step.error[root] + tolerance || std::abs(pair.value.real()) > tolerance;
+    };
+    if (astray()) {
+      u = bisected(step, root);
+      const SharedSample at = take(u);
+      pair = spectrum_.pair(*at, nearest(*at, step.expected(root, u))[0]);
+    }
+    if (!pair.converged()) {
+      throw refusal(
+          "the eigenvalue near %.6g%+.6gj that passes the axis at u = %g failed its residual check "
+          "with %.1e",
+          pair.value.real(), pair.value.imag(), u, pair.residual);
+    }
+    const Complex value(0.0, real ? 0.0 : std::abs(pair.value.imag()));
+    return {u, value, change, mode, error_of(pair), std::move(pair)};
+  }
+
+  /// Where two roots meet on the axis and leave it, or come back to it: two pairs of a conservative
+  /// system, or two nu. There the square of their difference is real, smooth in u and passes zero.
+  std::optional<AxisCrossing> meeting(const Step& step, Index root, int change) {
+    const Index other = step.meets[root];
+    Complex centre;
+    const Function square = [&](double u) {
+      const double t = (u - step.left->u) / step.length();
+      const Complex expected = other < 0
+                                   ? step.at(root, t)  // of two that meet slopes are infinite
+                                   : 0.5 * ((1.0 - t) * (step.start(root) + step.start(other)) +
+                                            t * (step.end(root) + step.end(other)));
+      const SharedSample at = take(u);
+      const Roots near = nearest(*at, expected);
+      const Complex one = at->values[near[0]], two = at->values[near[1]];
+      centre = 0.5 * (one + two);
+      return ((one - two) * (one - two)).real();
+    };
+    const double low = step.left->u, high = step.right->u;
+    if (square(low) * square(high) > 0.0) return {};
+    const double tolerance = 4e-16 * (1.0 + high);
+    const double u = zero_between(square, low, high, tolerance), spread = 1e-3 * step.length();
+    const double slope = std::abs(square(u + spread) - square(u - spread)) / (2.0 * spread);
+    square(u);
+    // Rounding of the roots enters through the slope of the squared difference.
+    const double lost = 1e-14 * std::norm(centre);
+    const double error = (slope > 0.0 ? lost / slope : step.length()) + tolerance;
+    const Index mode = other < 0 ? modes_[root] : std::max(modes_[root], modes_[other]);
+    const double frequency =
+        traits_.squared ? std::sqrt(std::max(-centre.real(), 0.0)) : std::abs(centre.imag());
+    return AxisCrossing{u, {0.0, frequency}, change, mode, error};
+  }
+
+  /// The two roots of a sample nearest to a value.
+  Roots nearest(const Sample& at, Complex value) const {
+    Roots places(at.size());
+    for (Index i = 0; i < at.size(); ++i) places[i] = i;
+    std::partial_sort(places.begin(), places.begin() + std::min<Index>(2, at.size()), places.end(),
+                      [&](Index i, Index k) {
+                        return std::abs(at.values[i] - value) < std::abs(at.values[k] - value);
+                      });
+    return places;
+  }
+
+  /// Where the real part of the root nearest to the cubic changes its sign; an end if it does not.
+  double bisected(const Step& step, Index root) {
+    const Function real_part = [&](double u) {
+      const SharedSample at = take(u);
+      return at->values[nearest(*at, step.expected(root, u))[0]].real();
+    };
+    const double low = real_part(step.left->u), high = real_part(step.right->u);
+    if (low * high >= 0.0) return std::abs(low) < std::abs(high) ? step.left->u : step.right->u;
+    return zero_between(real_part, step.left->u, step.right->u, 1e-14);
+  }
 
   Spectrum& spectrum_;
   const Traits& traits_;
@@ -103,480 +566,17 @@ class Search {
   Scan scanned_;  // of the step looked at last
 };
 
-Sweep Search::run() {
-  const double longest = longest_step * range_.scale;
-  const int steps = std::max(1, static_cast<int>(std::ceil(range_.max_speed / longest)));
-  std::vector<double> speeds(steps, range_.max_speed);
-  for (int i = 1; i < steps; ++i) speeds[i - 1] = i * (range_.max_speed / steps);
-  try {
-    const SharedSample first = take(0.0);
-    Roots every(first->size());
-    for (Index i = 0; i < first->size(); ++i) every[i] = i;
-    modes_ = ranked(*first);
-    unstable_ = states(*first, every, Flags(every.size(), 0));
-    sweep_.unstable_at_rest = unstable_count_ = count_unstable();
-    every.resize(std::min(first->size(), (traits_.squared ? 1 : 2) * range_.certain));
-    const auto sure = [this](const Step& step) {
-      scanned_ = scan(step);
-      return scanned_.clear;
-    };
-    track({[this](double u) { return take(u); },
-           sure,
-           [this](const Step& step) { return visit(step); },
-           {traits_.delta, 0.9, traits_.zero},
-           longest},
-          first, speeds, every);
-  } catch (const NotConverged& error) {
-    sweep_.failure = error.what();
-  }
-  return std::move(sweep_);
-}
-
-/// The sample at a speed; at rest zero is exact, and without damping the axis.
-SharedSample Search::take(double u) {
-  Sample at = spectrum_.sample(u, range_.count);
-  report_();
-  if (traits_.squared) {
-    Sample half{u, Values(at.size()), Values(at.size())};
-    Index count = 0;
-    for (Index i = 0; i < at.size(); ++i) {
-      const Complex value = at.values[i];
-      const bool on_axis = value.real() == 0.0 && value.imag() > 0.0;
-      if (!(value.real() > 0.0 || on_axis)) continue;
-      half.values[count] = value * value;
-      if (on_axis || value.imag() == 0.0) half.values[count].imag(0.0);
-      half.slopes[count++] = 2.0 * value * at.slopes[i];
-    }
-    half.values.conservativeResize(count);
-    half.slopes.conservativeResize(count);
-    half.noise = half.slope_noise = Reals::Zero(count);
-    half.signatures = Eigen::ArrayXi::Zero(count);
-    at = std::move(half);
-  }
-  for (Index i = 0; u == 0.0 && i < at.size(); ++i) {
-    Complex& value = at.values[i];
-    if (std::abs(value) < traits_.zero) value = 0.0;
-    if (!traits_.squared && !traits_.damped && value.imag() != 0.0) value.real(0.0);
-  }
-  return std::make_shared<const Sample>(std::move(at));
-}
-
-/// Mode of each root at rest, by frequency.
-Roots Search::ranked(const Sample& first) const {
-  if (!traits_.squared) return modes_of_pairs(first.values, traits_.delta);
-  Roots modes(first.size(), 1);
-  for (Index i = 0; i < first.size(); ++i) {
-    for (Index k = 0; k < first.size(); ++k) {
-      const double ahead = first.values[k].real() - first.values[i].real();
-      modes[i] += ahead > 0.0 || (ahead == 0.0 && k < i);
-    }
-  }
-  return modes;
-}
-
-/// Whether the place of a root on one side of the axis is known.
-bool Search::has_sign(const Sample& at, Index i) const {
-  const Complex value = at.values[i];
-  if (traits_.squared) return value.imag() != 0.0 || std::abs(value) >= traits_.zero;
-  return at.signatures[i] != 0 ||  // on the axis of a conservative system, where it stays
-         (std::abs(value.real()) > at.noise[i] && std::abs(value) >= traits_.zero);
-}
-
-/// Which of some roots of a sample are unstable: by the sign of Re lambda, or as before where it
-/// has none.
-Flags Search::states(const Sample& at, const Roots& onto, const Flags& before) const {
-  const Index size = static_cast<Index>(onto.size());
-  Flags result = before;
-  for (Index i = 0; i < size; ++i) {
-    if (onto[i] < 0) continue;
-    const Complex value = at.values[onto[i]];
-    if (has_sign(at, onto[i])) {
-      result[i] = value.real() > 0.0 || (traits_.squared && value.imag() != 0.0);
-      continue;
-    }
-    for (Index k = 0; k < size; ++k) {  // a pair has one state
-      if (value.imag() == 0.0 || onto[k] < 0) continue;
-      const Complex other = at.values[onto[k]];
-      if (other == value || other == std::conj(value)) result[i] |= before[k];
-    }
-  }
-  return result;
-}
-
-/// Number of unstable roots among the resolved.
-int Search::count_unstable() const {
-  int count = 0;
-  for (std::size_t i = 0; i < modes_.size(); ++i) {
-    count += unstable_[i] && modes_[i] >= 1 && modes_[i] <= range_.resolved;
-  }
-  return count;
-}
-
-/// Takes modes and states to the step's right sample; mode 0 for roots from outside.
-void Search::move(const Step& step) {
-  const bool partly = range_.count < 2 * traits_.dof;
-  const Index size = step.right->size();
-  Roots modes(size, 0), every(size);
-  Flags before(size, 0);
-  for (Index i = 0; i < step.left->size(); ++i) {
-    if (step.onto[i] < 0) continue;
-    modes[step.onto[i]] = modes_[i];
-    before[step.onto[i]] = unstable_[i];
-    sweep_.untracked |= partly && modes_[i] <= range_.tracked && step.lost(i);
-  }
-  for (Index i = 0; i < size; ++i) every[i] = i;
-  modes_ = std::move(modes);
-  unstable_ = states(*step.right, every, before);
-  for (Index i = 0; partly && i < size; ++i) {
-    sweep_.untracked |= unstable_[i] && (modes_[i] == 0 || modes_[i] > range_.tracked);
-  }
-}
-
-/// Adds the crossings of a step; whether the search goes on.
-bool Search::visit(const Step& step) {
-  if (step.shortest()) scanned_ = scan(step);
-  std::vector<AxisCrossing> found = crossings(step);
-  move(step);
-  if (sweep_.untracked) return false;
-  int expected = unstable_count_;
-  for (const AxisCrossing& crossing : found) expected += crossing.change;
-  const int missed = count_unstable() - expected;
-  if (missed % 2 != 0) {
-    // Three roots that pass zero as one (two free joints), which the matching cannot show.
-    Index least = 0;
-    step.right->values.abs().minCoeff(&least);
-    if (auto crossing = divergence(step, 0.5, missed, modes_[least])) found.push_back(*crossing);
-  }
-  std::stable_sort(found.begin(), found.end(),
-                   [](const AxisCrossing& a, const AxisCrossing& b) { return a.speed < b.speed; });
-  for (const AxisCrossing& crossing : found) {
-    if (crossing.error > largest_error * crossing.speed + 1e-12) {
-      throw refusal(
-          "a crossing near u = %.6g is known to %.1e only: rounding hides the eigenvalue's real "
-          "part",
-          crossing.speed, crossing.error);
-    }
-    sweep_.crossings.push_back(crossing);
-    unstable_count_ += crossing.change;
-    if (range_.until_unstable && crossing.change > 0) return false;
-  }
-  if (unstable_count_ != count_unstable()) {
-    throw refusal("%d unstable roots at u = %g, where the crossings found account for %d",
-                  count_unstable(), step.right->u, unstable_count_);
-  }
-  return true;
-}
-
-Scan Search::scan(const Step& step) const {
-  const Sample &left = *step.left, &right = *step.right;
-  Scan found;
-  found.after = states(right, step.onto, unstable_);
-  found.leaving.assign(left.size(), 0);
-  int turned = 0;
-  for (Index i = 0; i < left.size(); ++i) {
-    const Index j = step.onto[i];
-    if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
-    const Complex start = step.start(i), end = step.end(i);
-    const auto heavily_damped = [this](Complex value) {
-      return !traits_.squared && value.real() < -heavy_damping * std::abs(value);
-    };
-    if ((start == 0.0 ? end : start).imag() < 0.0) continue;
-    if (modes_[i] > range_.certain && heavily_damped(start) && heavily_damped(end)) continue;
-    found.roots.push_back(i);
-    const bool real = start.imag() == 0.0 && end.imag() == 0.0;
-    turned += real && found.after[i] != unstable_[i];
-    if (left.u == 0.0 && (traits_.squared || step.meets[i] < 0)) {
-      const double lost = std::max(right.noise[j], left.slope_noise[i] * step.length());
-      const bool on_axis =
-          std::abs(start.real()) <= left.noise[i] && !traits_.conservative && !traits_.squared;
-      found.leaving[i] = start == 0.0 ? has_sign(right, j) && found.after[i]
-                                      : on_axis && step.slopes[i].real() * step.length() > lost;
-    }
-    if (step.meets[i] >= 0) {
-      found.clear = found.clear && is_clear_meeting(step, i);
-    } else if (!traits_.squared || real) {
-      scan_cubic(step, i, found);
-    } else if (start != 0.0 && (start.imag() == 0.0) != (end.imag() == 0.0)) {
-      found.clear = false;  // it met another
-    }
-  }
-  // Two nu that seem to pass zero in one step may have met below and parted above it.
-  if (traits_.squared && turned > 1 && left.u > 0.0) found.clear = false;
-  return found;
-}
-
-/// Where the cubic of a root's real part passes zero, and whether it shows all that does.
-void Search::scan_cubic(const Step& step, Index i, Scan& found) const {
-  const Sample &left = *step.left, &right = *step.right;
-  const Index j = step.onto[i];
-  const double h = step.length(), a = step.start(i).real(), b = step.end(i).real();
-  double slope = step.start_slope(i).real() * h, end_slope = step.end_slope(i).real() * h;
-  double noise = std::max(left.noise[i], right.noise[j]);
-  if (step.start(i) == 0.0) noise = infinite;
-  // Slopes within their rounding say nothing, at any length: the line through both ends does.
-  const bool hidden = std::abs(step.start_slope(i).real()) < left.slope_noise[i] ||
-                      std::abs(step.end_slope(i).real()) < right.slope_noise[j];
-  if (hidden) slope = end_slope = b - a;
-  const double c = 3.0 * (b - a) - 2.0 * slope - end_slope, d = 2.0 * (a - b) + slope + end_slope;
-  const auto cubic = [=](double t) { return a + t * (slope + t * (c + t * d)); };
-  // The real part's own error; a little of the imaginary part's keeps it from being 0.
-  double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + 1e-4 * step.error[i];
-  // Of a conservative system tracking shows where two roots meet and leave the axis.
-  const double largest = std::max({std::abs(a), std::abs(b), std::abs(slope), std::abs(end_slope)});
-  if (hidden || (traits_.conservative && largest <= noise)) band = 0.0;
-
-  struct Point {
-    double at;
-    bool positive;
-  };
-  std::vector<Point> points;
-  const double turns = c * c - 3.0 * slope * d;
-  const double far = c + std::copysign(std::sqrt(std::max(turns, 0.0)), c);
-  for (const double t : {-slope / far, -far / (3.0 * d)}) {
-    if (!(turns > 0.0 && t > 0.0 && t < 1.0)) continue;
-    const double extremum = cubic(t);
-    if (std::abs(extremum) <= band + noise && band > noise) found.clear = false;
-    if (std::abs(extremum) > noise) points.push_back({t, extremum > 0.0});
-  }
-  std::sort(points.begin(), points.end(), [](Point p, Point q) { return p.at < q.at; });
-  points.push_back({1.0, found.after[i] != 0});
-  bool positive = unstable_[i] || found.leaving[i];
-  double last = 0.0;
-  for (const Point& point : points) {
-    if (point.positive != positive) {
-      const double low = cubic(last), high = cubic(point.at);
-      // Without a change of sign one end lies in the noise.
-      const double nearer = std::abs(low) < std::abs(high) ? last : point.at;
-      const double at = low * high < 0.0 ? zero_between(cubic, last, point.at, 1e-15) : nearer;
-      found.passages.push_back({i, at, point.positive});
-    }
-    positive = point.positive;
-    last = point.at;
-  }
-}
-
-/// Whether the states before and after a meeting on the real axis show what passed.
-bool Search::is_clear_meeting(const Step& step, Index i) const {
-  const Index k = step.meets[i];
-  const Complex a = step.start(i), b = step.start(k), c = step.end(i), d = step.end(k);
-  const bool across = (a.imag() == 0.0) != (c.imag() == 0.0);
-  if (traits_.squared) {  // on one side of zero, once
-    const auto [low, high] = std::minmax({a.real(), b.real(), c.real(), d.real()});
-    return a == 0.0 || (across && (low > 0.0 || high < 0.0));
-  }
-  // Whether the pair stays on one side of zero: half its sum is the centre, and the roots are no
-  // further from it than at either end.
-  const double reach = std::max(std::abs((a - b).real()), std::abs((c - d).real()));
-  double least = infinite, most = -infinite;
-  for (int p = 0; p <= 16; ++p) {
-    const double total = (step.at(i, p / 16.0) + step.at(k, p / 16.0)).real();
-    least = std::min(least, total);
-    most = std::max(most, total);
-  }
-  if (most + reach < 0.0 || least - reach > 0.0) return true;
-  // An imaginary pair that turns into opposite real roots, or back: at zero.
-  const double opposite = std::abs((a + b).real()) + std::abs((c + d).real());
-  return traits_.conservative && across && opposite < 1e-6 * (1.0 + std::abs(a) + std::abs(c));
-}
-
-/// Crossings within the step scanned last.
-std::vector<AxisCrossing> Search::crossings(const Step& step) {
-  Scan& scan = scanned_;
-  std::vector<AxisCrossing> found;
-  if (!scan.clear) {  // a shortest step: the states at its ends
-    scan.passages.clear();
-    for (const Index i : scan.roots) {
-      const bool before = unstable_[i] || scan.leaving[i], after = scan.after[i];
-      if (before != after && step.meets[i] < 0) scan.passages.push_back({i, 0.5, after});
-    }
-  }
-  for (const Index i : scan.roots) {
-    if (!scan.leaving[i]) continue;
-    const Complex value(0.0, traits_.squared ? 0.0 : step.start(i).imag());
-    const int change = value != 0.0 || step.end(i).imag() != 0.0 ? 2 : 1;
-    double error = 0.0;
-    if (value != 0.0 && traits_.damped) {  // its damping is within rounding
-      error = (std::abs(step.start(i).real()) + step.left->noise[i]) / step.slopes[i].real();
-    }
-    found.push_back({0.0, value, change, modes_[i], error});
-  }
-  for (const Scan::Passage& passage : scan.passages) {
-    const bool off_axis =
-        (passage.rising ? step.end(passage.root) : step.start(passage.root)).imag() != 0.0;
-    std::optional<AxisCrossing> met;
-    if (off_axis && traits_.conservative)
-      met = meeting(step, passage.root, passage.rising ? 2 : -2);
-    found.push_back(met ? *met : polished(step, passage));
-  }
-  for (const Index i : scan.roots) {
-    const Index k = step.meets[i];
-    if (k < 0) continue;
-    const int change = scan.after[i] + scan.after[k] - unstable_[i] - unstable_[k];
-    const bool twice = std::find(scan.roots.begin(), scan.roots.end(), k) != scan.roots.end();
-    if (change == 0 || scan.leaving[i] || (twice && i > k)) continue;
-    const bool odd = change % 2 != 0;  // one real root of the two passes zero
-    std::optional<AxisCrossing> passed;
-    if (odd) passed = divergence(step, 0.5, change, modes_[i]);
-    if (!odd && traits_.squared) passed = meeting(step, i, change);
-    const double middle = 0.5 * (step.left->u + step.right->u);
-    const double imag = traits_.squared ? std::sqrt(step.start(i)).imag() : step.start(i).imag();
-    const Complex value(0.0, odd ? 0.0 : std::abs(imag));
-    found.push_back(passed ? *passed
-                           : AxisCrossing{middle, value, change, modes_[i], step.length()});
-  }
-  // Two real roots that pass zero at one speed are one root, found twice.
-  std::vector<double> still;
-  for (const AxisCrossing& crossing : found) {
-    if (crossing.value == 0.0 && crossing.speed > 0.0) still.push_back(crossing.speed);
-  }
-  std::sort(still.begin(), still.end());
-  for (std::size_t i = 1; i < still.size(); ++i) {
-    if (still[i] - still[i - 1] > 1e-11 * still[i]) continue;
-    throw refusal("two divergences near u = %.9g cannot be distinguished", still[i - 1]);
-  }
-  return found;
-}
-
-/// Where det K(u) changes sign within the step, near its fraction t; none if it does not.
-std::optional<AxisCrossing> Search::divergence(const Step& step, double t, int change, Index mode) {
-  const double expected = step.left->u + t * step.length();
-  const double slack = 1e-9 * (1.0 + step.right->u) + 0.1 * step.length();
-  const double least = std::max(step.left->u - slack, 0.0), most = step.right->u + slack;
-  for (const double where : {t, 0.0, 1.0, 0.5}) {
-    const Pair near = spectrum_.null_pair(step.left->u + where * step.length(), {});
-    const Function determinant = [&](double u) { return spectrum_.determinant(u, near); };
-    // Outwards from what is expected, so that of two zeros in a step each root finds its own.
-    double low = expected, high = expected;
-    bool changes = false;
-    for (double reach = 1e-5 * step.length() + 1e-12; !changes; reach *= 4.0) {
-      if (low == least && high == most) break;
-      low = std::max(expected - reach, least);
-      high = std::min(expected + reach, most);
-      changes = determinant(low) * determinant(high) < 0.0;
-    }
-    if (!changes) continue;
-    const double rounding = 4e-16 * (1.0 + high);
-    const double u = zero_between(determinant, low, high, rounding);
-    Pair pair = spectrum_.null_pair(u, near);
-    if (!pair.converged()) continue;
-    const double rate = std::abs(pair.slope);
-    const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + 4e-16 * (1.0 + u);
-    if (traits_.squared) pair = {};
-    return AxisCrossing{u, 0.0, change, mode, error, std::move(pair)};
-  }
-  return {};
-}
-
-/// A crossing to rounding, by Newton's method on the model itself.
-AxisCrossing Search::polished(const Step& step, const Scan::Passage& passage) {
-  const Index root = passage.root, mode = modes_[root];
-  const bool real = traits_.squared || step.start(root).imag() == 0.0;
-  const int change = (real ? 1 : 2) * (passage.rising ? 1 : -1);
-  if (real) {
-    if (auto found = divergence(step, passage.at, change, mode)) return *found;
-  }
-  if (traits_.squared) {
-    const double u = bisected(step, root);
-    return {u, 0.0, change, mode,
-            u == step.left->u || u == step.right->u ? step.length() : 4e-16 * (1.0 + u)};
-  }
-  double u = step.left->u + passage.at * step.length();
-  const double slack = 1e-9 * (1.0 + u) + 0.1 * step.length();
-  Pair guess{step.expected(root, u)}, pair;
-  if (step.left->right.size() > 0) guess.right = step.left->right.col(root);
-  double last = infinite;
-  for (int iteration = 0;; ++iteration) {
-    pair = spectrum_.refined(u, guess);
-    const double newton = -pair.value.real() / pair.slope.real(), size = std::abs(newton);
-    const bool inside = u + newton >= step.left->u - slack && u + newton <= step.right->u + slack;
-    // Where it ends without a crossing is checked below against where the step predicts the root.
-    if (iteration == 12 || !inside || last == 0.0) break;
-    u = std::max(u + newton, 0.0);
-    guess = pair;
-    guess.value += pair.slope * newton;
-    // Converged, or steps that do not shrink any more: what is left is rounding.
-    last = size <= 4e-16 * u || size >= last ? 0.0 : size;
-  }
-  const auto astray = [&] {
-    const double tolerance = 1e-6 * (1.0 + std::abs(pair.value));
-    const double off = std::abs(pair.value - step.expected(root, u));
-    return (pair.slope.real() > 0.0) != passage.rising ||
-           off > 4.0 * step.error[root] + tolerance || std::abs(pair.value.real()) > tolerance;
-  };
-  if (astray()) {
-    u = bisected(step, root);
-    const SharedSample at = take(u);
-    pair = spectrum_.pair(*at, nearest(*at, step.expected(root, u))[0]);
-  }
-  if (!pair.converged()) {
-    throw refusal(
-        "the eigenvalue near %.6g%+.6gj that passes the axis at u = %g failed its residual check "
-        "with %.1e",
-        pair.value.real(), pair.value.imag(), u, pair.residual);
-  }
-  const double uncertain = pair.uncertain + std::abs(pair.value.real());
-  const double rate = std::abs(pair.slope.real());
-  const Complex value(0.0, real ? 0.0 : std::abs(pair.value.imag()));
-  return {u, value, change, mode, rate > 0.0 ? uncertain / rate : infinite, std::move(pair)};
-}
-
-/// Where two roots meet on the axis and leave it, or come back to it: two pairs of a conservative
-/// system, or two nu. There the square of their difference is real, smooth in u and passes zero.
-std::optional<AxisCrossing> Search::meeting(const Step& step, Index root, int change) {
-  const Index other = step.meets[root];
-  Complex centre;
-  const Function square = [&](double u) {
-    const double t = (u - step.left->u) / step.length();
-    const Complex expected = other < 0 ? step.at(root, t)  // of two that meet slopes are infinite
-                                       : 0.5 * ((1.0 - t) * (step.start(root) + step.start(other)) +
-                                                t * (step.end(root) + step.end(other)));
-    const SharedSample at = take(u);
-    const Roots near = nearest(*at, expected);
-    const Complex one = at->values[near[0]], two = at->values[near[1]];
-    centre = 0.5 * (one + two);
-    return ((one - two) * (one - two)).real();
-  };
-  const double low = step.left->u, high = step.right->u;
-  if (square(low) * square(high) > 0.0) return {};
-  const double tolerance = 4e-16 * (1.0 + high);
-  const double u = zero_between(square, low, high, tolerance), spread = 1e-3 * step.length();
-  const double slope = std::abs(square(u + spread) - square(u - spread)) / (2.0 * spread);
-  square(u);
-  // Rounding of the roots enters through the slope of the squared difference.
-  const double lost = 1e-14 * std::norm(centre);
-  const double error = (slope > 0.0 ? lost / slope : step.length()) + tolerance;
-  const Index mode = other < 0 ? modes_[root] : std::max(modes_[root], modes_[other]);
-  const double frequency =
-      traits_.squared ? std::sqrt(std::max(-centre.real(), 0.0)) : std::abs(centre.imag());
-  return AxisCrossing{u, {0.0, frequency}, change, mode, error};
-}
-
-/// The two roots of a sample nearest to a value.
-Roots Search::nearest(const Sample& at, Complex value) const {
-  Roots places(at.size());
-  for (Index i = 0; i < at.size(); ++i) places[i] = i;
-  std::partial_sort(places.begin(), places.begin() + std::min<Index>(2, at.size()), places.end(),
-                    [&](Index i, Index k) {
-                      return std::abs(at.values[i] - value) < std::abs(at.values[k] - value);
-                    });
-  return places;
-}
-
-/// Where the real part of the root nearest to the cubic changes its sign; an end if it does not.
-double Search::bisected(const Step& step, Index root) {
-  const Function real_part = [&](double u) {
-    const SharedSample at = take(u);
-    return at->values[nearest(*at, step.expected(root, u))[0]].real();
-  };
-  const double low = real_part(step.left->u), high = real_part(step.right->u);
-  if (low * high >= 0.0) return std::abs(low) < std::abs(high) ? step.left->u : step.right->u;
-  return zero_between(real_part, step.left->u, step.right->u, 1e-14);
-}
-
 }  // namespace
 
 Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report) {
   return Search(spectrum, range, report).run();
+}
+
+std::optional<AxisCrossing> onset_near(Spectrum& spectrum, double speed, double frequency) {
+  auto [u, pair] = newton(spectrum, speed, {{0.0, frequency}}, speed / 3.0, 3.0 * speed);
+  const bool is_onset = pair.slope.real() > 0.0 && pair.value.imag() > 0.0 && pair.converged();
+  if (!is_onset || std::abs(pair.value.real()) > 1e-9 * std::abs(pair.value)) return {};
+  return AxisCrossing{u, {0.0, pair.value.imag()}, 2, 0, error_of(pair), std::move(pair)};
 }
 
 }  // namespace pipedyn

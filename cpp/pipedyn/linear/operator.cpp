@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/operator.hpp"
 
-#include <Eigen/LU>
-
 namespace pipedyn {
 
 namespace {
@@ -58,16 +56,19 @@ ComplexTable DenseOperator::by_speed(const Values& values, const ComplexTable& x
 
 Solver DenseOperator::factor(Complex value) const {
   const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate] = matrices_;
-  ComplexTable at = value * value * mass + value * velocity + stiffness.cast<Complex>();
-  Eigen::PartialPivLU<ComplexTable> lu(at);
-  if ((lu.matrixLU().diagonal().array() == 0.0).any()) {
-    // Singular: one that differs in rounding.
-    at.diagonal().array() += eps;
-    lu.compute(at);
+  int n = static_cast<int>(dof), info = 0;
+  ComplexTable lu = value * value * mass + value * velocity + stiffness.cast<Complex>();
+  std::vector<int> pivots(n);
+  lapack_.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
+  for (Index i = 0; i < n; ++i) {  // of a singular matrix, with one that differs in rounding
+    if (lu(i, i) == 0.0) lu(i, i) = eps;
   }
-  return [lu](const ComplexTable& x, bool adjoint) -> ComplexTable {
-    if (adjoint) return lu.adjoint().solve(x);
-    return lu.solve(x);
+  return [zgetrs = lapack_.zgetrs, lu = std::move(lu), pivots = std::move(pivots)](
+             ComplexTable x, bool adjoint) mutable {
+    int rows = static_cast<int>(lu.rows()), columns = static_cast<int>(x.cols()), status = 0;
+    char kind = adjoint ? 'C' : 'N';
+    zgetrs(&kind, &rows, &columns, lu.data(), &rows, pivots.data(), x.data(), &rows, &status);
+    return x;
   };
 }
 

@@ -20,6 +20,9 @@ struct Lapack {
   void (*dgetrf)(int* rows, int* columns, double* a, int* lda, int* pivots, int* info);
   void (*dgetrs)(char* trans, int* n, int* columns, double* lu, int* ldlu, int* pivots, double* b,
                  int* ldb, int* info);
+  void (*zgetrf)(int* rows, int* columns, Complex* a, int* lda, int* pivots, int* info);
+  void (*zgetrs)(char* trans, int* n, int* columns, Complex* lu, int* ldlu, int* pivots, Complex* b,
+                 int* ldb, int* info);
   void (*dgeev)(char* left, char* right, int* n, double* a, int* lda, double* real, double* imag,
                 double* vl, int* ldvl, double* vr, int* ldvr, double* work, int* size, int* info);
 };

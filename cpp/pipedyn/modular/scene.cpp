@@ -8,17 +8,22 @@
 #include <string>
 #include <utility>
 
-#include "pipedyn/chain/places.hpp"
+#include "pipedyn/vector/levels.hpp"
+#include "pipedyn/work.hpp"
 
 namespace pipedyn {
 
 namespace {
 
-/// Scratch of the thread, which one caller uses at a time.
-double* resized(std::vector<double>& kept, Index size) {
-  if (static_cast<Index>(kept.size()) < size) kept.resize(static_cast<std::size_t>(size));
-  return kept.data();
-}
+/// Sine and cosine of every entry.
+struct Turned {
+  Matrix sine, cosine;
+
+  explicit Turned(const Matrix& theta)
+      : sine(theta.rows(), theta.cols()), cosine(theta.rows(), theta.cols()) {
+    motion_kernel().sincos(theta.data(), theta.size(), sine.data(), cosine.data());
+  }
+};
 
 void require(const char* name, Index size, Index expected) {
   if (size != expected) {
@@ -27,262 +32,324 @@ void require(const char* name, Index size, Index expected) {
   }
 }
 
-}  // namespace
-
-template <class Work>
-void Scene::for_each_module(const Work& work) const {
-  const auto each = [&work](const auto& modules) {
-    for (const auto& module : modules) work(module);
-  };
-  std::apply([&each](const auto&... kinds) { (each(kinds), ...); }, modules_);
+/// Whether the last segment turns without inertia: chains refuse one whose centre of mass and
+/// radius of gyration are so near to its joint, in L, that its inertia is lost in the others'
+/// rounding.
+bool lacks_own_inertia(const Chain& chain, const Vector& length) {
+  constexpr double least = 1e-8;
+  const Index last = chain.dof() - 1;
+  const Vector body = chain.bodies().row(last);
+  return body[1] * length[last] + body[2] < least;
 }
 
-Scene::Scene(const Pipe& pipe, const Modules& modules)
-    : direction_(pipe.direction()),
-      base_(modules.segments.base),
-      length_(modules.segments.length),
-      constraints_(modules.constraints),
-      enforcement_(assemble(pipe, modules)) {}
-
-/// The modules, with what they know of the pipe, and their inertia and the groups.
-Enforcement Scene::assemble(const Pipe& pipe, const Modules& given) {
-  const auto& [length, center, gyration_radius, spring, drag_point, base] = given.segments;
-  const Index n = segments();
-  if (n < 1 || center.size() != n || gyration_radius.size() != n || drag_point.size() != n) {
-    throw std::invalid_argument("segments must have one entry a segment in every array");
-  }
-  if (!(length.minCoeff() > 0.0)) throw std::invalid_argument("length must be positive");
-  const Vector upright = straight();
-  const Nodes height{upright.data(), base_};
-  auto& [bodies, springs, loads, flows, drags] = modules_;
-  const auto add_body = [&](Index node, double mass, double chi, double turning) {
-    Body& body = bodies.emplace_back();
-    body.node = node;
-    body.mass = mass;
-    body.center = chi;
-    body.turning = turning;
-    body.weight = pipe.gamma * mass;
-    body.straight_height = (1.0 - chi) * height(node - 1).y() + chi * height(node).y();
-  };
-  for (Index j = 1; j <= n; ++j) {
-    const double l = length[j - 1];
-    add_body(j, l, center[j - 1], gyration_radius[j - 1] / l);
-    if (given.drag && pipe.drag != 0.0) drags.push_back({{j, drag_point[j - 1], l}, pipe.drag});
-  }
-  for_each_place(pipe.terms, length, base,
-                 [&](const auto& law, const Term& term, Index j, double arm, double weight) {
-                   const double point = arm / length[j];
-                   if (law.mass() != 0.0) add_body(j + 1, weight * law.mass(), point, 0.0);
-                   if (law.loads) loads.push_back({{j + 1, point, weight}, term});
-                 });
-  springs = given.springs;
-  for (const TorsionalSpring& of : springs) {
-    if (of.joint >= 1 && of.joint <= n) continue;
-    throw std::invalid_argument("spring_joint must lie in 1.." + std::to_string(n) + ", got " +
-                                std::to_string(of.joint));
-  }
-  if (given.flow) flows.emplace_back(pipe, length);
-
-  std::vector<InertiaRow> rows;
-  for (const Body& body : bodies) body.add_inertia(rows);
-  for (const InertiaRow& row : given.inertia) {
-    for (const int c : row.coordinate) {
-      if (c >= 0 && c < 3 * n) continue;
-      throw std::invalid_argument("inertia must lie on the scene's coordinates");
-    }
-    rows.push_back(row);
-  }
-  std::vector<Group> groups;
-  for (const Constraint& constraint : constraints_) {
-    constraint.check(n);
-    groups.push_back({constraint.coordinates(), constraint.rows()});
-    rows_ += constraint.rows();
-    matrix_size_ += constraint.rows() * static_cast<Index>(groups.back().coordinate.size());
-  }
-  for (const Constraint& of : constraints_) {
-    const bool pin = of.kind == Constraint::Kind::pin;
-    if (pin || of.kind == Constraint::Kind::guide) held_.push_back({of.node, 0, of.x});
-    if (pin) held_.push_back({of.node, 1, of.y});
-  }
-  std::vector<double> scale(static_cast<std::size_t>(3 * n), 1.0);
-  for (Index j = 1; j <= n; ++j) scale[phi_of(j)] = 1.0 / length[j - 1];
-  return Enforcement(std::move(scale), std::move(rows), std::move(groups));
+/// With a radius of gyration of its length for the last one.
+Segments lend_inertia(Segments segments) {
+  const Index last = segments.length.size() - 1;
+  segments.gyration_radius[last] = segments.length[last];
+  return segments;
 }
 
-Motion Scene::motion(const double* y, double u) const {
-  return {{y, base_}, {y + coordinates(), 0.0}, direction_ * u};
-}
-
-Vector Scene::straight() const {
-  const Matrix upright = Matrix::Zero(segments(), 1);
-  return from_angles(upright, upright).col(0).head(coordinates());
-}
-
-RedundantOperators Scene::operators() const {
-  RedundantOperators ops;
-  for (const InertiaRow& row : enforcement_.inertia()) {
-    for (std::size_t i = 0; i < row.weight.size(); ++i) {
-      for (std::size_t k = 0; k < row.weight.size(); ++k) {
-        ops.mass.add(row.coordinate[i], row.coordinate[k], row.weight[i] * row.weight[k]);
+/// Solves s mu = right by symmetric elimination, mu in place of right. Rows without pivot among the
+/// first `positive` follow from others, and mu is 0 there; false where a later one has none.
+bool solve_rows(Matrix& s, Matrix& right, Index positive) {
+  constexpr double redundant = 1e-12;  // of a pivot: rounding leaves 1e-16 of such a row's diagonal
+  constexpr double smallest = 1e-20;   // and this against the largest diagonal
+  constexpr double massless = 1e-10;   // of the inertia lent, which the diagonal is a share of
+  const Index count = s.rows();
+  const Vector diagonal = s.diagonal();
+  const double least = smallest * diagonal.cwiseAbs().maxCoeff();
+  std::vector<Index> order, left(static_cast<std::size_t>(count));
+  for (Index i = 0; i < count; ++i) left[static_cast<std::size_t>(i)] = i;
+  while (!left.empty()) {
+    auto best = left.end();
+    double most = 0.0;
+    for (auto i = left.begin(); i != left.end() && *i < positive; ++i) {
+      const double pivot = s(*i, *i);
+      if (pivot > least && pivot > redundant * diagonal[*i] && pivot / diagonal[*i] > most) {
+        most = pivot / diagonal[*i];
+        best = i;
       }
     }
-  }
-  Derivatives by_flow;
-  for (InternalFlow flow : std::get<std::vector<InternalFlow>>(modules_)) {
-    flow.centrifugal = 1.0;
-    flow.add_derivatives({{nullptr, 0.0}, {nullptr, 0.0}, 1.0}, by_flow);
-  }
-  ops.velocity = std::move(by_flow.by_rates);
-  ops.flux = std::move(by_flow.by_coordinates);
-  for (Triplets* of : {&ops.velocity, &ops.flux}) {
-    for (double& value : of->values) value = -value;
-  }
-  return ops;
-}
-
-Vector Scene::forces(const Vector& y, double u) const {
-  require("y", y.size(), 2 * coordinates());
-  Vector sum = Vector::Zero(coordinates());
-  const Motion now = motion(y.data(), u);
-  for_each_module([&](const auto& module) { module.add_force(now, {sum.data()}); });
-  return sum;
-}
-
-Derivatives Scene::force_derivatives(const Vector& y, double u) const {
-  require("y", y.size(), 2 * coordinates());
-  Derivatives out;
-  const Motion now = motion(y.data(), u);
-  for_each_module([&](const auto& module) { module.add_derivatives(now, out); });
-  return out;
-}
-
-// --------------------------------------------------------------------------------- constraints
-
-/// matrix: each group's A over the coordinates that it touches, one group after the other.
-void Scene::fill_constraints(const Motion& motion, double* residual, double* matrix,
-                             double* right_side) const {
-  for (std::size_t i = 0; i < constraints_.size(); ++i) {
-    constraints_[i].fill(motion.place, motion.rate, length_, residual, matrix, right_side);
-    residual += constraints_[i].rows();
-    right_side += constraints_[i].rows();
-    matrix += enforcement_.matrix_size(i);
-  }
-}
-
-ConstraintRows Scene::constraints(const Vector& y) const {
-  require("y", y.size(), 2 * coordinates());
-  ConstraintRows out{Vector(rows_), {}, Vector(rows_), {}};
-  Vector values(matrix_size_);
-  fill_constraints(motion(y.data(), 0.0), out.residual.data(), values.data(),
-                   out.right_side.data());
-  Index row = 0, entry = 0;
-  for (std::size_t i = 0; i < constraints_.size(); ++i) {
-    const std::vector<int> touched = constraints_[i].coordinates();
-    for (int r = 0; r < constraints_[i].rows(); ++r, ++row) {
-      out.group.push_back(static_cast<std::int64_t>(i));
-      for (const int c : touched) out.matrix.add(row, c, values[entry++]);
+    // What is left of these follows from others.
+    if (best == left.end()) best = std::lower_bound(left.begin(), left.end(), positive);
+    if (best == left.end()) break;
+    const Index row = *best;
+    if (row >= positive && !(std::abs(s(row, row)) > massless)) return false;
+    left.erase(best);
+    order.push_back(row);
+    for (const Index other : left) {
+      const double factor = s(other, row) / s(row, row);
+      for (const Index column : left) s(other, column) -= factor * s(row, column);
+      right.row(other) -= factor * right.row(row);
     }
   }
-  return out;
-}
-
-Hessians Scene::hessians(const Vector& q) const {
-  require("q", q.size(), coordinates());
-  Hessians out;
-  Index row = 0;
-  for (const Constraint& constraint : constraints_) {
-    constraint.add_hessians({q.data(), base_}, length_, row, out);
-    row += constraint.rows();
+  for (const Index row : left) right.row(row).setZero();
+  for (auto row = order.rbegin(); row != order.rend(); ++row) {
+    for (auto later = order.rbegin(); later != row; ++later) {
+      right.row(*row) -= s(*row, *later) * right.row(*later);
+    }
+    right.row(*row) /= s(*row, *row);
   }
-  return out;
+  return true;
 }
 
-// -------------------------------------------------------------------------------------- motion
+}  // namespace
 
-Matrix Scene::from_angles(const Matrix& theta, const Matrix& omega) const {
-  const Index n = segments(), size = coordinates();
+Scene::Scene(const Pipe& pipe, const Segments& segments, std::vector<Row> rows,
+             const std::vector<Index>& held, const Vector& value)
+    : length_(segments.length),
+      base_(segments.base),
+      lends_(lacks_own_inertia(Chain(pipe, segments), segments.length)),
+      chain_(pipe, lends_ ? lend_inertia(segments) : segments),
+      inertia_(chain_.without_forces()),
+      rows_(std::move(rows)),
+      held_from_(static_cast<Index>(rows_.size())),
+      value_(value) {
+  require("value", value.size(), static_cast<Index>(held.size()));
+  for (const Index coordinate : held) {
+    if (coordinate % 3 == 2) throw std::invalid_argument("what is held must be nodes'");
+    rows_.push_back({{coordinate}, {1.0}, 0.0});
+  }
+  if (!(length_.minCoeff() > 0.0)) throw std::invalid_argument("length must be positive");
+  if (lends_) {  // w . q is the angle, the sum of the joints'
+    const double last = length_[dof() - 1];
+    Row& lent = rows_.emplace_back();
+    for (Index j = 0; j < dof(); ++j) lent.coordinate.push_back(3 * j + 2);
+    lent.weight.assign(lent.coordinate.size(), std::sqrt(last * last * last));
+    lent.compliance = -1.0;
+  }
+  for (const Row& row : rows_) {
+    for (const Index coordinate : row.coordinate) {
+      if (coordinate >= 0 && coordinate < coordinates()) continue;
+      throw std::invalid_argument("rows must lie on the scene's coordinates");
+    }
+  }
+}
+
+Matrix Scene::bodies() const {
+  Matrix made = chain_.bodies();
+  if (lends_) made(dof() - 1, 2) = 0.0;
+  return made;
+}
+
+// --------------------------------------------------------------------------------- coordinates
+
+Matrix Scene::redundant(const Matrix& theta, const Matrix& omega) const {
+  const Index n = dof(), size = coordinates(), members = theta.cols();
   require("theta", theta.rows(), n);
   require("omega", omega.rows(), n);
-  require("a row of omega", omega.cols(), theta.cols());
-  Matrix states(2 * size, theta.cols());
-  for (Index k = 0; k < theta.cols(); ++k) {
-    Point r(0.0, base_), v(0.0, 0.0);
-    double angle = 0.0, turning = 0.0;  // of the segment before
-    for (Index j = 1; j <= n; ++j) {
-      const double l = length_[j - 1], own = theta(j - 1, k), own_rate = omega(j - 1, k);
-      const Point tangent(std::sin(own), std::cos(own));
-      r += l * tangent;
-      v += l * own_rate * turned(tangent);
-      states(x_of(j), k) = r.x();
-      states(y_of(j), k) = r.y();
-      states(phi_of(j), k) = own - angle;
-      states(size + x_of(j), k) = v.x();
-      states(size + y_of(j), k) = v.y();
-      states(size + phi_of(j), k) = own_rate - turning;
-      angle = own;
-      turning = own_rate;
+  require("a row of omega", omega.cols(), members);
+  const auto [sine, cosine] = Turned(theta);
+  Matrix states(2 * size, members);
+  for (Index k = 0; k < members; ++k) {
+    double x = 0.0, y = base_, vx = 0.0, vy = 0.0;
+    for (Index j = 0; j < n; ++j) {
+      const double l = length_[j], step = l * omega(j, k);
+      states(3 * j, k) = x += l * sine(j, k);
+      states(3 * j + 1, k) = y += l * cosine(j, k);
+      states(3 * j + 2, k) = theta(j, k) - (j > 0 ? theta(j - 1, k) : 0.0);
+      states(size + 3 * j, k) = vx += step * cosine(j, k);
+      states(size + 3 * j + 1, k) = vy -= step * sine(j, k);
+      states(size + 3 * j + 2, k) = omega(j, k) - (j > 0 ? omega(j - 1, k) : 0.0);
     }
   }
   return states;
 }
 
-namespace {
-
-/// Least x with rows x = wanted, where each column holds a row of length n and its wanted values
-/// below it. Gram and Schmidt's method; rows that follow from those before them are left out.
-Matrix least(Eigen::MatrixXd& columns, Index n) {
-  constexpr double rank = 1e-9;
-  const double largest = columns.topRows(n).colwise().norm().maxCoeff();
-  for (Index k = 0; k < columns.cols(); ++k) {
-    for (Index i = 0; i < 2 * k; ++i) {  // twice, as once leaves what rounding makes
-      const auto before = columns.col(i % k);
-      columns.col(k) -= before.head(n).dot(columns.col(k).head(n)) * before;
-    }
-    const double norm = columns.col(k).head(n).norm();
-    if (norm > rank * largest) {
-      columns.col(k) /= norm;
-    } else {
-      columns.col(k).setZero();
-    }
+Matrix Scene::angles(const Batch& states) const {
+  const Index n = dof(), members = states.members;
+  const Eigen::Map<const Matrix> y(states.y, 6 * n, members);
+  Matrix made(2 * n, members);
+  for (Index j = 0; j < 2 * n; ++j) {
+    made.row(j) = y.row(3 * j + 2);
+    if (j % n != 0) made.row(j) += made.row(j - 1);
   }
-  const Index wanted = columns.rows() - n;
-  Matrix x = Matrix::Zero(n, wanted);
-  for (Index k = 0; k < columns.cols(); ++k) {
-    for (Index i = 0; i < wanted; ++i) x.col(i) += columns(n + i, k) * columns.col(k).head(n);
-  }
-  return x;
+  return made;
 }
 
-}  // namespace
+/// Of one row: w . q, where w weighs nodes, and D.
+struct Scene::Reached {
+  double place = 0.0, drift = 0.0;
+};
+
+/// Adds R to by_angles, of which each entry is `stride` after the one before.
+Scene::Reached Scene::reach(const Row& row, const double* sine, const double* cosine,
+                            const double* omega, double* by_angles, Index stride) const {
+  Reached sum;
+  for (std::size_t i = 0; i < row.weight.size(); ++i) {
+    const Index node = row.coordinate[i] / 3, axis = row.coordinate[i] % 3;
+    const double weight = row.weight[i];
+    if (axis == 2) {
+      by_angles[node * stride] += weight;
+      if (node > 0) by_angles[(node - 1) * stride] -= weight;
+      continue;
+    }
+    if (axis == 1) sum.place += weight * base_;
+    for (Index j = 0; j <= node; ++j) {
+      const double step = weight * length_[j];
+      const double along = axis == 0 ? sine[j] : cosine[j];
+      by_angles[j * stride] += step * (axis == 0 ? cosine[j] : -sine[j]);
+      sum.place += step * along;
+      sum.drift -= step * along * omega[j] * omega[j];
+    }
+  }
+  return sum;
+}
+
+// -------------------------------------------------------------------------------------- motion
+
+void Scene::rhs(const Batch& batch, double* rates, double* multipliers) const {
+  chain_.rhs(batch, rates);
+  const Index n = dof(), members = batch.members, count = static_cast<Index>(rows_.size());
+  if (count == 0) return;
+  constexpr Index most = 64;  // columns of X at once: whole packs, and what they need is cached
+  const Index block = std::max<Index>(1, most / count);
+  const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
+  Eigen::Map<Matrix> out(rates, 2 * n, members);
+  const Index positive = count - (lends_ ? 1 : 0);
+  for (Index first = 0; first < members; first += block) {
+    const Index here = std::min(block, members - first), columns = here * count;
+    Matrix theta(n, columns), by_angles = Matrix::Zero(n, columns), drift(count, here);
+    for (Index k = 0; k < here; ++k) {
+      const Matrix state = y.col(first + k);
+      const auto [sine, cosine] = Turned(state.topRows(n));
+      for (Index i = 0; i < count; ++i) {
+        const Index column = k * count + i;
+        theta.col(column) = state.col(0).head(n);
+        drift(i, k) = reach(rows_[static_cast<std::size_t>(i)], sine.data(), cosine.data(),
+                            state.data() + n, by_angles.data() + column, columns)
+                          .drift;
+      }
+    }
+    const Matrix response = solve(theta, by_angles);
+    for (Index k = 0; k < here; ++k) {
+      const auto own = by_angles.middleCols(k * count, count);
+      const auto x = response.middleCols(k * count, count);
+      auto acceleration = out.col(first + k).tail(n);
+      Matrix system(count, count), mu(count, 1);
+      for (Index i = 0; i < count; ++i) {
+        mu(i) = -drift(i, k) - own.col(i).dot(acceleration);
+        for (Index m = 0; m <= i; ++m) system(i, m) = system(m, i) = own.col(i).dot(x.col(m));
+        system(i, i) += rows_[static_cast<std::size_t>(i)].compliance;
+      }
+      if (!solve_rows(system, mu, positive)) {
+        mu.setConstant(std::numeric_limits<double>::quiet_NaN());
+      }
+      for (Index i = 0; i < count; ++i) acceleration += mu(i) * x.col(i);
+      if (multipliers == nullptr) continue;
+      Eigen::Map<Matrix>(multipliers, count, members).col(first + k) = mu.col(0);
+    }
+  }
+}
+
+void Scene::redundant_rhs(const Batch& states, double* rates) const {
+  const Index n = dof(), size = coordinates(), members = states.members;
+  const Matrix y = angles(states);
+  Matrix turning(2 * n, members);
+  rhs({y.data(), states.u, members, states.u_step, states.moments}, turning.data());
+  const auto [sine, cosine] = Turned(y.topRows(n));
+  Eigen::Map<Matrix> out(rates, 2 * size, members);
+  out.topRows(size) = Eigen::Map<const Matrix>(states.y, 2 * size, members).bottomRows(size);
+  for (Index k = 0; k < members; ++k) {
+    double x = 0.0, down = 0.0;
+    for (Index j = 0; j < n; ++j) {
+      const double l = length_[j], w = y(n + j, k), acceleration = turning(n + j, k);
+      x += l * (acceleration * cosine(j, k) - w * w * sine(j, k));
+      down -= l * (acceleration * sine(j, k) + w * w * cosine(j, k));
+      out(size + 3 * j, k) = x;
+      out(size + 3 * j + 1, k) = down;
+      out(size + 3 * j + 2, k) = acceleration - (j > 0 ? turning(n + j - 1, k) : 0.0);
+    }
+  }
+}
+
+void Scene::rhs_and_power(const Batch& batch, double* rates) const {
+  const Index n = dof(), members = batch.members;
+  const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
+  Batch moved = batch;
+  Matrix met;
+  if (value_.size() > 0) {
+    Matrix theta = y.topRows(n), omega = y.bottomRows(n);
+    const Vector missed = project(theta, omega);
+    met.resize(2 * n, members);
+    met << theta, omega;
+    for (Index k = 0; k < members; ++k) {
+      if (!(missed[k] <= Scene::met)) met.col(k).setConstant(std::nan(""));
+    }
+    moved.y = met.data();
+  }
+  pipedyn::rhs_and_power(*this, moved, rates);
+  if (value_.size() > 0) {
+    Eigen::Map<Matrix>(rates, 2 * n, members) -= return_rate * (y - met);
+  }
+}
+
+void Scene::energy(const Batch& batch, double* out) const {
+  chain_.energy(batch, out);
+  const Index n = dof();
+  const Eigen::Map<const Matrix> y(batch.y, 2 * n, batch.members);
+  for (Index k = 0; k < batch.members && !rows_.empty(); ++k) {
+    const Matrix state = y.col(k);
+    const auto [sine, cosine] = Turned(state.topRows(n));
+    for (const Row& row : rows_) {
+      if (row.compliance == 0.0) continue;
+      Vector by_angles = Vector::Zero(n);
+      reach(row, sine.data(), cosine.data(), state.data() + n, by_angles.data(), 1);
+      const double rate = by_angles.dot(state.col(0).tail(n));
+      out[k] += 0.5 * rate * rate / row.compliance;
+    }
+  }
+}
+
+Matrix Scene::solve(const Matrix& theta, const Matrix& moments) const {
+  const Index n = dof(), columns = theta.cols();
+  require("theta", theta.rows(), n);
+  require("moments", moments.rows(), n);
+  require("a row of moments", moments.cols(), columns);
+  Matrix still = Matrix::Zero(2 * n, columns), found(2 * n, columns);
+  still.topRows(n) = theta;
+  const double no_flow = 0.0;
+  inertia_.rhs({still.data(), &no_flow, columns, 0, moments.data()}, found.data());
+  return found.bottomRows(n);
+}
+
+bool Scene::lacks_inertia(const Vector& theta) const {
+  require("theta", theta.size(), dof());
+  if (!lends_) return false;
+  Vector state = Vector::Zero(2 * dof()), rates(2 * dof());
+  state.head(dof()) = theta;
+  const double no_flow = 0.0;
+  rhs({state.data(), &no_flow, 1, 0}, rates.data());
+  return !rates.allFinite();
+}
+
+// ------------------------------------------------------------------------------- guides and pins
 
 double Scene::project_one(Vector& theta, Vector& omega) const {
   constexpr double longest = 0.5;  // rad a step, so that segments do not turn over
   constexpr int most_steps = 100;
-  const Index n = segments(), held = static_cast<Index>(held_.size());
-  // Of each coordinate held: its derivative by the angles, how far it is missed, and its rate.
-  Eigen::MatrixXd columns(n + 2, held);
+  const Index n = dof(), held = value_.size();
   Vector closest = theta;
   double least_missed = std::numeric_limits<double>::infinity();
   for (int step = 0; step < most_steps; ++step) {
-    const Eigen::ArrayXd sine = theta.array().sin(), cosine = theta.array().cos();
-    columns.setZero();
+    const auto [sine, cosine] = Turned(theta);
+    Matrix by_angles = Matrix::Zero(held, n), system(held, held);
+    Matrix lacking(held, 2);  // how far each coordinate is off its place, and its rate
     for (Index i = 0; i < held; ++i) {
-      const auto& [node, axis, value] = held_[i];
-      double place = axis == 0 ? 0.0 : base_, rate = 0.0;
-      for (Index j = 0; j < node; ++j) {
-        place += length_[j] * (axis == 0 ? sine[j] : cosine[j]);
-        columns(j, i) = length_[j] * (axis == 0 ? cosine[j] : -sine[j]);
-        rate += columns(j, i) * omega[j];
-      }
-      columns(n, i) = place - value;
-      columns(n + 1, i) = rate;
+      const Row& row = rows_[static_cast<std::size_t>(held_from_ + i)];
+      auto own = by_angles.row(i);
+      const Reached at = reach(row, sine.data(), cosine.data(), omega.data(), own.data(), 1);
+      lacking(i, 0) = at.place - value_[i];
+      lacking(i, 1) = own.dot(omega);
+      for (Index k = 0; k <= i; ++k) system(i, k) = system(k, i) = own.dot(by_angles.row(k));
     }
-    const double missed = columns.row(n).cwiseAbs().maxCoeff();
-    const Matrix change = least(columns, n);
+    const double missed = lacking.col(0).cwiseAbs().maxCoeff();
     if (missed < least_missed) {
       least_missed = missed;
       closest = theta;
     }
+    solve_rows(system, lacking, held);
+    const Matrix change = by_angles.transpose().lazyProduct(lacking);  // the least that does it
     if (missed <= met) {
       omega -= change.col(1);
       break;
@@ -296,111 +363,17 @@ double Scene::project_one(Vector& theta, Vector& omega) const {
 }
 
 Vector Scene::project(Matrix& theta, Matrix& omega) const {
-  require("theta", theta.rows(), segments());
-  require("omega", omega.rows(), segments());
+  require("theta", theta.rows(), dof());
+  require("omega", omega.rows(), dof());
+  require("a row of omega", omega.cols(), theta.cols());
   Vector missed = Vector::Zero(theta.cols());
-  for (Index k = 0; k < theta.cols() && !held_.empty(); ++k) {
+  for (Index k = 0; k < theta.cols() && value_.size() > 0; ++k) {
     Vector angles = theta.col(k), rates = omega.col(k);
     missed[k] = project_one(angles, rates);
     theta.col(k) = angles;
     omega.col(k) = rates;
   }
   return missed;
-}
-
-void Scene::angle_rates(const Batch& batch, double* rates) const {
-  const Index n = segments(), size = coordinates(), members = batch.members;
-  const Eigen::Map<const Matrix> given(batch.y, 2 * n, members);
-  Vector moved(2 * size);
-  for (Index k = 0; k < members; ++k) {
-    const Vector y = given.col(k);
-    Vector theta = y.head(n), omega = y.tail(n);
-    if (!held_.empty() && !(project_one(theta, omega) <= met)) {
-      theta.setConstant(std::numeric_limits<double>::quiet_NaN());
-    }
-    const Matrix state = from_angles(theta, omega);
-    const Batch one{state.data(), batch.u + k * batch.u_step, 1, 0};
-    rhs(one, nullptr, moved.data());
-    double flow = 0.0, joints = 0.0, drag = 0.0, others = 0.0;
-    power(one, {&flow, &joints, &drag, &others});
-    double turning = 0.0;  // of the segment: the joints' accelerations up to it
-    for (Index j = 0; j < n; ++j) {
-      turning += moved[size + phi_of(j + 1)];
-      rates[j * members + k] = omega[j] - return_rate * (y[j] - theta[j]);
-      rates[(n + j) * members + k] = turning - return_rate * (y[n + j] - omega[j]);
-    }
-    rates[2 * n * members + k] = flow + joints + drag + others;
-  }
-}
-
-template <class Work>
-void Scene::for_each_member(const Batch& batch, const Work& work) const {
-  thread_local std::vector<double> kept;
-  double* const y = resized(kept, 2 * coordinates());
-  for (Index k = 0; k < batch.members; ++k) {
-    for (Index i = 0; i < 2 * coordinates(); ++i) y[i] = batch.y[i * batch.members + k];
-    work(k, motion(y, batch.u[k * batch.u_step]));
-  }
-}
-
-/// Accelerations under forces, as Enforcement::solve.
-int Scene::enforce(const Motion& motion, const double* force, double* accelerations) const {
-  thread_local std::vector<double> kept;
-  double* const residual = resized(kept, 2 * rows_ + matrix_size_);
-  double* const right_side = residual + rows_;
-  double* const matrix = right_side + rows_;
-  fill_constraints(motion, residual, matrix, right_side);
-  return enforcement_.solve(matrix, right_side, force, accelerations);
-}
-
-void Scene::rhs(const Batch& batch, const double* force, double* rates) const {
-  const Index size = coordinates(), members = batch.members;
-  thread_local std::vector<double> kept;
-  double* const sum = resized(kept, 2 * size);
-  double* const acceleration = sum + size;
-  for_each_member(batch, [&](Index k, const Motion& now) {
-    for (Index i = 0; i < size; ++i) sum[i] = force != nullptr ? force[i * members + k] : 0.0;
-    for_each_module([&](const auto& module) { module.add_force(now, {sum}); });
-    if (enforce(now, sum, acceleration) != Enforcement::complete) {
-      std::fill_n(acceleration, size, std::numeric_limits<double>::quiet_NaN());
-    }
-    for (Index i = 0; i < size; ++i) {
-      rates[i * members + k] = now.rate.values[i];
-      rates[(size + i) * members + k] = acceleration[i];
-    }
-  });
-}
-
-Index Scene::lacking(const Vector& q) const {
-  require("q", q.size(), coordinates());
-  Vector y = Vector::Zero(2 * coordinates()), acceleration(coordinates());
-  y.head(coordinates()) = q;
-  return enforce(motion(y.data(), 0.0), y.data() + coordinates(), acceleration.data());
-}
-
-void Scene::energy(const Batch& batch, double* out) const {
-  for_each_member(batch, [&](Index k, const Motion& now) {
-    out[k] = 0.0;
-    for (const InertiaRow& row : enforcement_.inertia()) {
-      double momentum = 0.0;
-      for (std::size_t i = 0; i < row.weight.size(); ++i) {
-        momentum += row.weight[i] * now.rate.values[row.coordinate[i]];
-      }
-      out[k] += 0.5 * momentum * momentum;
-    }
-    for_each_module([&](const auto& module) { out[k] += module.energy(now); });
-  });
-}
-
-void Scene::power(const Batch& batch, const PowerParts& out) const {
-  for_each_member(batch, [&](Index k, const Motion& now) {
-    Power sum;
-    for_each_module([&](const auto& module) { module.add_power(now, sum); });
-    out.flow[k] = sum.flow;
-    out.joints[k] = sum.joints;
-    out.drag[k] = sum.drag;
-    out.others[k] = sum.others;
-  });
 }
 
 }  // namespace pipedyn

@@ -1,74 +1,78 @@
 // SPDX-License-Identifier: MIT
 //
-// The modular route (Modular Modeling Methodology, Orsino 2016 and 2017) to the chain of Orsino and
-// Di Giulio: modules write inertia and forces in redundant coordinates (modules.hpp), constraints
-// are enforced afterwards, group by group (constraint.hpp, enforcement.hpp). The joint angles have
-// no inertia: that in eqs. (2) and (4) is the nodes'.
+// A scene: a chain (chain/chain.hpp) of which guides and pins hold nodes, and on which modules
+// written in Python act, with forces and inertia of their own. These speak redundant coordinates,
+// q = (x_j, y_j, phi_j) at 3 (j - 1): where the end of segment j stands, x across and y down from
+// the clamp, and the angle of joint j. All follow from the angles theta of the segments,
+//
+//   r_j = r_{j-1} + l_j (sin theta_j, cos theta_j), r_0 = (0, base), phi_j = theta_j - theta_{j-1},
+//
+// so that clamp and joints, eqs. (10) and (11) of Orsino and Di Giulio, are met at any angles.
+//
+// A row of weights w makes one number w . q of the coordinates, with w . q'' = R theta'' + D. A
+// guide or pin holds it; an inertia (w . q')^2 / 2 acts on it with the force -w . q''. With mu the
+// force along each row and M^-1 the chain's recursion, which takes O(n),
+//
+//   theta'' = M^-1 f + X mu,   X = M^-1 R^T,   R theta'' + D + compliance mu = 0,
+//
+// where compliance is 0 of what is held and 1 of an inertia. A last segment may have no inertia but
+// that of a row, and M no inverse then: it is lent one, which a row with compliance -1 takes back.
 #pragma once
 
-#include <tuple>
 #include <vector>
 
 #include "pipedyn/chain/chain.hpp"
-#include "pipedyn/modular/constraint.hpp"
-#include "pipedyn/modular/enforcement.hpp"
-#include "pipedyn/modular/modules.hpp"
 
 namespace pipedyn {
 
-/// What a scene is made of besides the terms of its pipe. Of the segments their springs are not
-/// read.
-struct Modules {
-  Segments segments{};
-  std::vector<TorsionalSpring> springs{};
-  std::vector<Constraint> constraints{};  // any order gives the same motion
-  std::vector<InertiaRow> inertia{};      // further
-  bool flow = false;
-  bool drag = false;
+/// Weights of redundant coordinates.
+struct Row {
+  std::vector<Index> coordinate;
+  std::vector<double> weight;
+  double compliance;
 };
 
-/// g (m), A (m, 3 n), b (m) and each row's group, counted as given.
-struct ConstraintRows {
-  Vector residual;
-  Triplets matrix;
-  Vector right_side;
-  std::vector<std::int64_t> group;
-};
-
-/// Immutable; one scene may serve many threads. A state y = [q, q'] has 6 n entries. Each function
-/// of a state in a Vector throws std::invalid_argument on a wrong size.
+/// Immutable; one scene may serve many threads. A state is [theta, theta'], or redundant [q, q'].
 class Scene {
  public:
-  /// Throws std::invalid_argument where arrays differ in length, a length is not positive, or a
-  /// joint, node or coordinate is not the scene's.
-  Scene(const Pipe& pipe, const Modules& modules);
+  /// rows: what has inertia besides the chain. held: x or y of nodes that guides or pins hold, each
+  /// once, at value. Throws std::invalid_argument where arrays differ in length, a length is not
+  /// positive or a coordinate is not the scene's.
+  Scene(const Pipe& pipe, const Segments& segments, std::vector<Row> rows,
+        const std::vector<Index>& held, const Vector& value);
 
-  Index segments() const { return length_.size(); }
-  Index coordinates() const { return 3 * segments(); }
+  const Chain& chain() const { return chain_; }
+  Index dof() const { return length_.size(); }
+  Index coordinates() const { return 3 * dof(); }
+  /// Inertia first, then what is held, then what is lent.
+  const std::vector<Row>& rows() const { return rows_; }
+  /// As Chain::bodies, without the inertia that is lent.
+  Matrix bodies() const;
 
-  /// Coordinates of the straight pipe.
-  Vector straight() const;
-  RedundantOperators operators() const;
+  /// Redundant states (6 n, k) of segments at angles theta (n, k) that turn at omega (n, k).
+  Matrix redundant(const Matrix& theta, const Matrix& omega) const;
+  /// The angles and their rates (2 n, members) in redundant states (6 n, members).
+  Matrix angles(const Batch& states) const;
 
-  /// Forces of all modules, without inertia.
-  Vector forces(const Vector& y, double u) const;
-  Derivatives force_derivatives(const Vector& y, double u) const;
+  /// Rates of [theta, theta'] (2 n, members), O(n) a member and row. They keep guides and pins that
+  /// are met; what these say twice is enforced once. NaN where a direction has no inertia.
+  /// multipliers: mu (rows, members), or null.
+  void rhs(const Batch& batch, double* rates, double* multipliers = nullptr) const;
+  /// The same of redundant states (6 n, members), of which the angles of the joints and their rates
+  /// are read.
+  void redundant_rhs(const Batch& states, double* rates) const;
+  /// Rates of [theta, theta', work done] (2 n + 1, members). With P the projection below, the state
+  /// moves as P(y) does, and y - P(y) decays at return_rate: an integrator's errors off guides and
+  /// pins do not grow. Further moments are those at P(y). NaN where P fails.
+  void rhs_and_power(const Batch& batch, double* rates) const;
 
-  ConstraintRows constraints(const Vector& y) const;
-  Hessians hessians(const Vector& q) const;
-
-  /// States (6 n, k) of segments at absolute angles theta (n, k) that turn at omega (n, k):
-  /// r_j = r_{j-1} + l_j (sin theta_j, cos theta_j), phi_j = theta_j - theta_{j-1}.
-  Matrix from_angles(const Matrix& theta, const Matrix& omega) const;
-
-  /// dy/dtau (6 n, members), O(n) a member unless inertia couples far nodes. force: further forces
-  /// (3 n, members) or null. Accelerations are NaN where a direction has no inertia. What
-  /// constraints say twice is enforced once.
-  void rhs(const Batch& batch, const double* force, double* rates) const;
-  /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
+  /// Energy of states [theta, theta']; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, joints, drag and the pipe's terms add to the energy in unit time.
-  void power(const Batch& batch, const PowerParts& out) const;
+  /// What flow, joints, drag and the pipe's terms add to it in unit time.
+  void power(const Batch& batch, const PowerParts& out) const { chain_.power(batch, out); }
+
+  /// M^-1 times moments (n, k) where the angles are theta (n, k).
+  Matrix solve(const Matrix& theta, const Matrix& moments) const;
 
   /// Angles and rates (n, k) close to those given that meet guides and pins, by Newton's method in
   /// least steps. Returns how far the angles miss them (k), which is above `met` where no such
@@ -79,45 +83,22 @@ class Scene {
   /// Rate at which a state off guides and pins returns to them, as fast as flutter turns.
   static constexpr double return_rate = 10.0;
 
-  /// Rates of [theta, theta', work done] (2 n + 1, members). With P the projection above, the state
-  /// moves as P(y) does, and y - P(y) decays at return_rate: an integrator's errors off guides and
-  /// pins do not grow. Clamps and joints are met to rounding at any angles. NaN where P fails.
-  void angle_rates(const Batch& batch, double* rates) const;
-
-  /// Coordinate that moves most in a direction that the constraints allow at q and that has no
-  /// inertia, -1 if there is none.
-  Index lacking(const Vector& q) const;
+  /// Whether the last segment turns without inertia where the angles are theta (n).
+  bool lacks_inertia(const Vector& theta) const;
 
  private:
-  /// A coordinate of a node that guides or pins hold.
-  struct Held {
-    Index node;
-    Index axis;  // 0 for x, 1 for y
-    double value;
-  };
-
-  double direction_;
-  double base_;
   Vector length_;
-  std::tuple<std::vector<Body>, std::vector<TorsionalSpring>, std::vector<TermLoad>,
-             std::vector<InternalFlow>, std::vector<Drag>>
-      modules_;
-  std::vector<Constraint> constraints_;
-  std::vector<Held> held_;
-  Index rows_ = 0;         // of all constraints
-  Index matrix_size_ = 0;  // entries of their A
-  Enforcement enforcement_;
+  double base_;
+  bool lends_;
+  Chain chain_, inertia_;  // the second without forces
+  std::vector<Row> rows_;
+  Index held_from_;  // the first row that is held
+  Vector value_;     // of what is held
 
-  Enforcement assemble(const Pipe& pipe, const Modules& given);
-  template <class Work>
-  void for_each_module(const Work& work) const;
-  template <class Work>
-  void for_each_member(const Batch& batch, const Work& work) const;
-  Motion motion(const double* y, double u) const;
+  struct Reached;
+  Reached reach(const Row& row, const double* sine, const double* cosine, const double* omega,
+                double* by_angles, Index stride) const;
   double project_one(Vector& theta, Vector& omega) const;
-  void fill_constraints(const Motion& motion, double* residual, double* matrix,
-                        double* right_side) const;
-  int enforce(const Motion& motion, const double* force, double* accelerations) const;
 };
 
 }  // namespace pipedyn

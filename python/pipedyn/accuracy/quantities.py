@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
+from pipedyn import _core
 from pipedyn.accuracy.families import FAMILIES
 from pipedyn.accuracy.reference import (
     EPS,
     LEAST_ERROR,
     Answer,
-    Onset,
     Reference,
     onset_near,
     resolving_size,
@@ -147,7 +147,7 @@ class CriticalSpeedOf(Quantity):
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """An onset, searched once and tracked as the basis grows, or else `Continuum`'s answer."""
-        onset: Onset | CriticalSpeed
+        onset: _core.AxisCrossing | CriticalSpeed
 
         def tracked(model: Model) -> Answer:
             nonlocal onset

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import spherical_jn
 
+from pipedyn import _core
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import Model
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.counters import factorised
-from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import result
 
 EPS = float(np.finfo(float).eps)
@@ -31,15 +31,6 @@ then known to a tenth."""
 
 LEAST_ERROR = 1e-14
 """Least error that a reference is given: rounding of an eigenvalue or of a quadrature."""
-
-
-@dataclass(frozen=True)
-class Onset:
-    """An eigenvalue on the imaginary axis; the error is the speed's, by residual and rounding."""
-
-    speed: float
-    frequency: float
-    error: float
 
 
 @result
@@ -101,40 +92,12 @@ def resolving_size(pipe: Pipe, u: float, value: complex, tolerance: float) -> fl
     return float(fits[0]) if fits.size else math.inf
 
 
-def onset_near(model: Model, speed: float, frequency: float) -> Onset | None:
+def onset_near(model: Model, speed: float, frequency: float) -> _core.AxisCrossing | None:
     """The crossing into flutter next to a speed and a frequency; None where Newton's method fails.
 
     The speed may leave its guess by a factor of three.
     """
     spectrum = eigenproblem(model).spectrum()
-    value, pair = complex(0.0, frequency), None
-
-    def correction(u: float) -> tuple[float, float]:
-        nonlocal value, pair
-        pair = spectrum.refined(u, value, pair)
-        if not (pair.slope.real > 0.0 and pair.value.imag > 0.0 and pair.converged):
-            raise NewtonFailed("no oscillation that the flow destabilises is near")
-        change = -pair.value.real / pair.slope.real
-        value = pair.value + pair.slope * change
-        return change, abs(change)
-
-    def check(u: float) -> None:
-        if not speed / 3.0 < u < 3.0 * speed:
-            raise NewtonFailed("it has left the neighbourhood")
-
-    try:
-        found = newton(
-            *(speed, correction),
-            tolerance=1e-14,
-            stagnation=1e-9,
-            slower=1.0,
-            iterations=12,
-            scale=abs,
-            check=check,
-        )
-    except NewtonFailed:
-        return None
-    assert pair is not None
+    found = spectrum.onset_near(speed, frequency)
     factorised(spectrum.factorisations())
-    error = pair.uncertain / pair.slope.real + found.step
-    return Onset(found.state, value.imag, error)
+    return found

@@ -57,10 +57,10 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     missed = motion(y, u)[-width:].T.reshape(orbit.rates.shape) - orbit.rates
     by_speed = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
     rows = motion.jacobians(y, u)[:, -width:].reshape(count, STAGES, width, size)
-    # Derivatives of the states at the stages by the first state and by time, at fixed rates.
+    # Derivatives at fixed rates: of the stages by time, and of f there by the first state.
     h, lag = orbit.durations[:, None, None], NODES[:, None]
-    by_start = np.zeros((count, STAGES, size, size)) + np.eye(size)
-    by_start[..., :twice, twice : 2 * twice] += (h * lag)[..., None] * np.eye(twice)
+    by_start = rows.copy()
+    by_start[..., twice : 2 * twice] += (h * lag)[..., None] * rows[..., :twice]
     by_time = np.zeros((count, STAGES, size))
     by_time[..., :twice] = lag * orbit.starts[:, None, twice : 2 * twice]
     by_time[..., :twice] += 2.0 * h * (TWICE @ orbit.rates[..., :twice])
@@ -68,7 +68,7 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     by_frequency = -h / orbit.frequency * by_time
     forced = np.stack([missed, np.zeros_like(missed), by_speed], axis=-1)
     forced[..., 1] = (rows @ by_frequency[..., None])[..., 0]
-    right = np.concatenate([rows @ by_start, forced], axis=-1)
+    right = np.concatenate([by_start, forced], axis=-1)
 
     def spread(block: Array, weights: Array) -> Array:
         return block[:, :, :, None, :] * weights[:, None, :, None]
@@ -82,7 +82,8 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     found = np.linalg.solve(matrix, right.reshape(count, STAGES * width, size + 3))
     found = found.reshape(count, STAGES, width, size + 3)
     ends = np.zeros((count, size, size + 3))
-    ends[..., :size] = by_start[:, -1]
+    ends[..., :size] = np.eye(size)
+    ends[:, :twice, twice : 2 * twice] += h * np.eye(twice)
     ends[..., size + 1] = by_frequency[:, -1]
     ends[:, twice:] += h * np.tensordot(ONCE[-1], found, (0, 1))
     ends[:, :twice] += h**2 * np.tensordot(TWICE[-1], found[:, :, :twice], (0, 1))

@@ -28,7 +28,6 @@ from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.motion.simulate import Trajectory
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -318,8 +317,8 @@ def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
     with np.errstate(over="raise", invalid="raise"):
         try:
             left, right = through(motion, orbit)
-            if motion.scene is not None and motion.constrained:
-                allowed = _constrained_directions(motion.scene, orbit.starts[0], motion.model.dof)
+            if motion.constrained:
+                allowed = _constrained_directions(motion, orbit.starts[0])
                 values = np.linalg.eigvals(-allowed.T @ np.linalg.solve(right, left @ allowed))
             else:
                 values = scipy.linalg.eigvals(left, -right)
@@ -345,13 +344,13 @@ def _fine_enough(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
     return refined(motion, orbit, parts) if 2 * parts.sum() <= MOST else orbit
 
 
-def _constrained_directions(scene: SceneMotion, y: Array, dof: int) -> Array:
+def _constrained_directions(motion: VectorField, y: Array) -> Array:
     """An orthonormal basis of the perturbations of a state that meet the constraints."""
     h = 1e-5
     moves = h * np.eye(y.size)
     ahead, behind = (
-        np.concatenate(scene.projected(*np.split(y[:, None] + sign * moves, 2)))
+        np.concatenate(motion.model.motion.projected(*np.split(y[:, None] + sign * moves, 2)))
         for sign in (1.0, -1.0)
     )
     vectors, _, _ = np.linalg.svd((ahead - behind) / (2.0 * h))
-    return np.asarray(vectors[:, : 2 * dof])
+    return np.asarray(vectors[:, : 2 * motion.model.dof])

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from pipedyn.models.base import Model
-from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
 
@@ -27,7 +26,6 @@ class VectorField:
         """Whether constraints are met by a projection, and p' alone is not the rate of p."""
         self.width = self.size if self.constrained else self.half
         """Number of rates solved for: accelerations, the last ones; with constraints all."""
-        self.scene = model.motion if isinstance(model.motion, SceneMotion) else None
         self.evaluations = 0
 
     def _count(self, states: int) -> None:
@@ -49,12 +47,11 @@ class VectorField:
     def jacobians(self, y: Array, u: float) -> Array:
         """df/dy of the states in the columns, shape (k, 2 moving, 2 moving).
 
-        Analytic; of compiled scenes by differences in one batch, which take a tenth of the time
-        and, unlike the analytic one, hold the curvature of the projection onto guides and pins.
+        Analytic; with guides and pins by differences in one batch, which unlike the analytic one
+        hold the curvature of the projection onto these.
         """
         count = y.shape[1]
-        compiled = self.scene is not None and self.scene.compiled
-        if not (self.constrained or compiled):
+        if not self.constrained:
             self._count(count)
             columns = np.ascontiguousarray(y.T)
             return np.array([self.model.motion_jacobian(column, u) for column in columns])

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -71,10 +71,16 @@ class CriticalSpeed(Crossing):
         if self._continuous is not None:
             return self._continuous
         try:
-            exact = critical_speed(self._exact, self._max_speed)
+            exact = _continuous_speed(self.pipe, self._max_speed)
         except NoCrossing:
             return math.inf
         return abs(self.speed - exact.speed) + self.error + exact.error
+
+
+@lru_cache
+def _continuous_speed(pipe: Pipe, max_speed: float) -> CriticalSpeed:
+    """Of the continuous pipe, which models of several sizes are held against."""
+    return critical_speed(Continuum(pipe), max_speed)
 
 
 def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:

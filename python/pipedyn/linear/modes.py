@@ -342,15 +342,15 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model, dense=True if overdamped else None)
     spectrum, every, taken = problem.spectrum(), 2 * problem.dof, 2 * count + 16
-    done = track(range(speeds.size), speeds.size, "root loci", shown)
+    done = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
+    row_done = (lambda: next(done, None)) if shown else None
     while True:
         taken = taken if problem.is_long and taken < problem.dof else every
         with one_thread(problem.rows):
-            found = spectrum.root_loci(
-                speeds, count, taken, factorised, (lambda: next(done, None)) if shown else None
-            )
+            found = spectrum.root_loci(speeds.tolist(), count, taken, factorised, row_done)
         if found is not None:
             for _ in done:
                 pass
-            return RootLoci(speeds, *found, problem.dof)
+            values, partners = found.values, found.partners
+            return RootLoci(speeds, values, partners, found.converged, found.errors, problem.dof)
         taken *= 2

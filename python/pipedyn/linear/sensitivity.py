@@ -88,7 +88,7 @@ def crossings_of(problem: Eigenproblem, swept: _core.Sweep) -> tuple[Crossing, .
     return tuple(
         Crossing(
             speed=crossing.speed,
-            frequency=abs(crossing.value.imag),
+            frequency=crossing.frequency,
             kind="flutter" if crossing.change % 2 == 0 else "divergence",
             unstable_before=before,
             unstable_after=after,

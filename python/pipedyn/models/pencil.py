@@ -130,8 +130,8 @@ class ChainPencil(Pencil):
         self.scale = model.elastic_scale[:, None]
         self.mass = partial(self._times, square=1.0)
         self.velocity = partial(self._times, velocity=1.0)
-        self.damping = partial(self._times, rate=1.0, elastic=self.pipe.damping)
-        self.stiffness = partial(self._times, still=1.0, elastic=1.0)
+        self.damping = partial(self._times, rate=1.0)
+        self.stiffness = partial(self._times, still=1.0)
         self.flux = partial(self._times, flux=1.0)
 
     def _times(self, x: Vectors, **part: float) -> Vectors:

@@ -24,8 +24,8 @@ from pipedyn.models.base import (
 from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.enforcement import ENFORCEMENTS, projection
-from pipedyn.models.modular.layout import KINDS, MODULES, SAME, Layout
-from pipedyn.models.modular.linearisation import ScenePencil, matrix
+from pipedyn.models.modular.layout import CONSTRAINTS, MODULES, SAME, Layout
+from pipedyn.models.modular.linearisation import ScenePencil
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.models.modular.parts import (
     Constraint,
@@ -35,6 +35,7 @@ from pipedyn.models.modular.parts import (
     TorsionalSpring,
     described,
 )
+from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.models.pencil import LONGEST_DENSE, DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
@@ -55,14 +56,16 @@ States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
 class Assembly(Model):
     """A scene from parts: a pipe of rigid segments with whatever else stands in it.
 
-    Every part writes its inertia and forces in redundant coordinates; constraints are enforced
-    afterwards, group by group. What acts at a place of the pipe, or per length, is a term of the
-    pipe; its place may lie anywhere along a segment.
+    Every part writes its inertia, forces or constraints in redundant coordinates and knows of no
+    other. What acts at a place of the pipe, or per length, is a term of the pipe; its place may lie
+    anywhere along a segment.
 
     States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j
     transverse and y_j downward is where node j, the end of segment j, stands from the clamp, phi_j
-    the angle of joint j. They need not meet the constraints exactly; their accelerations do, in
-    O(n), and are NaN where a direction has lost its inertia.
+    the angle of joint j. `rhs`, `energy` and `power` read the angles of the joints and their rates,
+    from which all else follows where clamp and joints are met; guides and pins need not be met
+    exactly. Accelerations keep all constraints, take O(n), and are NaN where a direction has lost
+    its inertia.
 
     Operators live in the degrees of freedom that the constraints leave: the angles of the segments,
     theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
@@ -77,8 +80,8 @@ class Assembly(Model):
             among them are added to those of the pipe.
         constraints: one group each, in any order: `Clamp` and for each further segment its `Joint`,
             and what else holds the pipe. Redundant ones are accepted.
-        enforcement: "orthonormal" (a basis built group by group, O(n)) or "udwadia-kalaba" (dense,
-            to compare); both give the same motion.
+        enforcement: "orthonormal" (accelerations as by a basis built group by group, found in O(n)
+            along the chain) or "udwadia-kalaba" (dense, to compare); both give the same motion.
 
     Raises:
         ValueError: for parts that do not fit one another: nodes or segments that are not there,
@@ -106,20 +109,19 @@ class Assembly(Model):
             [part for part in given if isinstance(part, Module)],
             _parts("constraints", constraints, (Constraint,)),
         )
-        self._customs = CustomForces(self._layout.customs, self.core.straight())
+        straight = np.zeros(self.moving)
+        self._customs = CustomForces(self._layout.customs, self._configuration(straight))
         for custom in self._customs.each:
             custom.validate(self._configuration(self._layout.rest)[custom.index])
         self._refuse_massless()
-        straight = np.zeros(self.moving)
         self._reference = straight if self._misses(straight) <= MET else None
 
     def _refuse_massless(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
-        massless = self.core.lacking(self._configuration(self._layout.rest))
-        if massless >= 0:
+        if self.core.lacks_inertia(self._layout.rest):
             raise ValueError(
-                f"{self._layout.coordinate(massless)} moves without inertia: give its segment a "
-                "gyration radius, or the pipe a point mass there"
+                f"phi_{self._layout.size} moves without inertia: give its segment a gyration "
+                "radius, or the pipe a point mass there"
             )
 
     @cached_property
@@ -131,7 +133,9 @@ class Assembly(Model):
     def motion(self) -> SceneMotion:
         """The equations of motion in the angles of the segments, as integrators take them."""
         dense = None if self._enforcement == "orthonormal" else ENFORCEMENTS[self._enforcement]
-        return SceneMotion(self.core, self._layout, self._customs, dense)
+        pipe = self._layout.acting(self._pipe)
+        form = RedundantForm(pipe, self._layout, self.core, self._customs)
+        return SceneMotion(self.core, self._layout, self._customs, form, dense)
 
     def __repr__(self) -> str:
         layout = self._layout
@@ -192,8 +196,7 @@ class Assembly(Model):
     @cached_property
     def resisted(self) -> bool:
         other = self.with_pipe(replace(self._pipe, damping=0.0))
-        still = self.core.from_angles(self.resting(), np.zeros(self.moving))
-        _, _, by_rate = other.motion.forces(still, 0.0)
+        _, by_rate = other.motion.form.resistances(self._configuration(self.resting()))
         return bool(by_rate.count_nonzero())
 
     @property
@@ -294,8 +297,8 @@ class Assembly(Model):
 
     def _misses(self, theta: Array) -> float:
         """How far a configuration is from meeting the constraints."""
-        residual, _, _, _ = self.core.constraints(self.core.from_angles(theta, 0.0 * theta))
-        return float(np.abs(residual).max())
+        missed = self._configuration(theta)[self._layout.held] - self._layout.held_values
+        return float(np.abs(missed).max(initial=0.0))
 
     def angles(self, y: ArrayLike) -> Array:
         """Angles of the segments from redundant coordinates or states.
@@ -497,16 +500,22 @@ class Assembly(Model):
         return self.motion.enforced(ENFORCEMENTS[name], state, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        """As for `Model.jacobian`, shape (6 n, 6 n), of at most 1300 segments, in O(n^2)."""
+        """As for `Model.jacobian`, shape (6 n, 6 n), of at most 1300 segments, in O(n^2).
+
+        Accelerations change with the angles of the joints and their rates alone, see the class.
+        """
         self._check_size(LARGEST_JACOBIAN)
         size = self.coordinates
         state = check.doubles("y", y, "an array of real numbers")
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
         self.core.power(state, u)  # checks both
-        whole = np.zeros((2 * size, 2 * size))
-        whole[:size, size:] = np.eye(size)
-        whole[size:] = self.motion.acceleration_jacobian(state, float(u))
+        angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
+        _, by_angles = self.motion.accelerations_by_state(angles, float(u))
+        # An angle is the sum of its joint's and those before, which no other coordinate changes.
+        by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
+        whole = np.eye(2 * size, k=size)
+        whole[size:, 2::3] = by_joints.reshape(size, -1)
         return whole
 
     # ------------------------------------------------------------------------- what is integrated
@@ -584,8 +593,8 @@ class Assembly(Model):
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates))
         theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
         q = rows if rows.size == self.coordinates else self._configuration(theta)
-        residual, _, _, group = self.core.constraints(np.concatenate([q, np.zeros_like(q)]))
-        self._require_met(f"{name} must meet", residual, group, MET)
+        residual, _, _ = self.motion.form.constraints(q, np.zeros_like(q))
+        self._require_met(f"{name} must meet", residual, MET)
         return np.array(theta)
 
     def _rates_of(
@@ -596,22 +605,18 @@ class Assembly(Model):
             return np.zeros(self.moving)
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates), 1e6)
         omega = rows if rows.size == self.moving else np.cumsum(rows[2::3])
-        y = self.core.from_angles(theta, omega)
-        if rows.size == self.coordinates:
-            y[self.coordinates :] = rows
-        residual, triplets, _, group = self.core.constraints(y)
-        drift = matrix(triplets, residual.size, self.coordinates) @ y[self.coordinates :]
-        self._require_met(
-            f"{name} must keep", drift, group, MET * (1.0 + float(np.abs(omega).max()))
-        )
+        q, qdot = np.split(self.core.from_angles(theta, omega), 2)
+        given_rates = rows if rows.size == self.coordinates else qdot
+        _, drift, _ = self.motion.form.constraints(q, given_rates)
+        self._require_met(f"{name} must keep", drift, MET * (1.0 + float(np.abs(omega).max())))
         return np.array(omega)
 
-    def _require_met(self, rule: str, residual: Array, group: NDArray[Any], most: float) -> None:
+    def _require_met(self, rule: str, residual: Array, most: float) -> None:
         """Raises ValueError, with the constraint that a residual is of, if one is too large."""
         worst = int(np.argmax(np.abs(residual)))
         if not abs(residual[worst]) <= most:
             raise ValueError(
-                f"{rule} {described(self.constraints[int(group[worst])])}, got a deviation of "
+                f"{rule} {self._layout.described_row(worst)}, got a deviation of "
                 f"{abs(residual[worst]):.1e}; closed(angles) gives angles that meet all"
             )
 
@@ -629,7 +634,7 @@ def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ..
         if not isinstance(part, kinds):
             listed = " and ".join(f"{kind.__name__.lower()}s" for kind in kinds)
             raise TypeError(f"{name} must hold {listed} only, got {check.shown(part)}")
-        if not isinstance(part, Term) and type(part) not in KINDS and type(part) not in MODULES:
+        if not isinstance(part, Term) and type(part) not in CONSTRAINTS + MODULES:
             raise TypeError(
                 f"{name} must hold this package's parts, got {check.shown(part)}; write a module "
                 "of your own as a Custom"

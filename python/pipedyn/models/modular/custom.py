@@ -10,9 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from pipedyn.models.modular.parts import Custom, Function
 from pipedyn.util.check import Array
+
+MASSLESS = 1e-10
+"""Inertia below this share of the largest is what rounding leaves of a semidefinite one."""
 
 COMPLEX_STEP = 1e-30
 """A complex step has no difference that cancels; its square is lost next to any number."""
@@ -29,25 +33,14 @@ The differences err by some 1e-10; a wrong derivative seldom agrees to four digi
 TRIAL_SIZES = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
 """Displacements at which functions are checked, in L and rad: both sides of a wall show there."""
 
-MASSLESS = 1e-10
-"""Inertia below this share of a coordinate's own is what rounding leaves of a semidefinite one."""
 
-
-def inertia_rows(module: Custom) -> list[Array]:
-    """Rows W of a module's mass W^T W, each of as many entries as it touches coordinates.
-
-    By elimination from the last coordinate, so that what couples neighbours has local rows.
-    """
+def inertia_rows(module: Custom) -> Array:
+    """Rows W of a module's mass W^T W, of as many entries as it touches coordinates."""
     if module.mass is None:
-        return []
-    mass, rows = np.array(module.mass, dtype=np.float64), []
-    own = np.diag(mass).copy()
-    for c in np.argsort(module.index)[::-1]:
-        if mass[c, c] > MASSLESS * own[c]:
-            row = mass[c] / np.sqrt(mass[c, c])
-            mass -= np.outer(row, row)
-            rows.append(row)
-        mass[c] = mass[:, c] = 0.0
+        return np.zeros((0, module.size))
+    values, vectors = np.linalg.eigh(np.array(module.mass, dtype=np.float64))
+    inert = values > MASSLESS * values[-1]
+    rows: Array = np.sqrt(values[inert])[:, None] * vectors[:, inert].T
     return rows
 
 
@@ -208,6 +201,17 @@ class CustomForces:
             for custom in self.each:
                 column[custom.index] += custom.force(place[custom.index], rates[custom.index])
         return total
+
+    def derivatives(self, q: Array, qdot: Array) -> tuple[Any, Any]:
+        """Derivatives of the forces at one state by q and q', sparse, (3 n, 3 n) each."""
+        found: list[Any] = [sparse.csr_array((q.size, q.size)) for _ in range(2)]
+        for custom in self.each:
+            at = custom.index
+            places = (at.repeat(at.size), np.tile(at, at.size))
+            for k, derivative in enumerate((custom.by_q, custom.by_qdot)):
+                entries = derivative(q[at], qdot[at]).ravel(), places
+                found[k] = found[k] + sparse.coo_array(entries, shape=found[k].shape).tocsr()
+        return found[0], found[1]
 
     def energy(self, q: Array) -> float | Array:
         """Potential energy, a number or shape (k,)."""

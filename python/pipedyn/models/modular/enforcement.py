@@ -2,8 +2,8 @@
 """Constraints enforced group by group, written as the method reads: dense, for any scene.
 
 Free modules obey M q'' = f; constraints A_r q'' = b_r, r = 1 .. R, enter in groups, in any order.
-Two recursions give the accelerations. The default route does the first of them in O(n), see
-cpp/pipedyn/modular/enforcement.hpp; here both are O(n^3), to read, to compare and to teach.
+Two recursions give the accelerations. Both are O(n^3), to read, to compare and to teach; motions
+find the same accelerations in O(n), see cpp/pipedyn/modular/scene.hpp.
 
 Orthonormal basis. C_0 = I; S_r spans the null space of A_r C_{r-1}, and C_r = C_{r-1} S_r. Then
 q'' = p + C_R a with any p that meets the constraints (kept by the same recursion), and
@@ -33,7 +33,8 @@ from pipedyn.models.base import PipedynError
 from pipedyn.util.check import Array
 
 RANK = 1e-10
-"""Singular values of a group below this share of its rows' size are redundant, as in the core."""
+"""Singular values of a group below this share of its rows' size are redundant: rounding leaves
+some 1e-16 a group of such a row."""
 
 Group = tuple[Array, Array]
 """A_r, shape (m, N), and b_r, shape (m,)."""
@@ -134,4 +135,4 @@ ENFORCEMENTS: dict[str, Enforce] = {
     "orthonormal": by_orthonormal_basis,
     "udwadia-kalaba": by_udwadia_kalaba,
 }
-"""The dense recursions by name; the default route does the first in O(n)."""
+"""The dense recursions by name; the accelerations of the first are found in O(n) by default."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +33,8 @@ from pipedyn.models.modular.parts import (
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
 
-KINDS: dict[type[Constraint], int] = {Clamp: 0, Joint: 1, Guide: 2, Pin: 3}
-"""Numbers of the constraints in the core."""
+CONSTRAINTS = (Clamp, Joint, Guide, Pin)
+"""Constraints that there are."""
 
 MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 """Modules that there are."""
@@ -74,15 +75,20 @@ class Layout:
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"the base and the segments' lengths must add up to 1, got {total!r}")
         self.ends = self.base + np.concatenate([[0.0], np.cumsum(self.lengths)])
-        self.springs = np.zeros(self.size)
+        self.drag_points = np.array([segment.drag_point for segment in self.segments])
+        self.springs, self.rest_moments = np.zeros(self.size), np.zeros(self.size)
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
+            self.rest_moments[spring.joint - 1] += spring.stiffness * spring.rest_angle
         for array in (self.lengths, self.ends, self.springs):
             array.flags.writeable = False
         self.has_flow = bool(_of(modules, InternalFlow))
+        self.has_drag = bool(_of(modules, Drag))
+        self.inertia = self._found_inertia()
         holding = self._found_holding()
         self.held, self.holding = np.array(list(holding), dtype=np.intp), list(holding.values())
         """Redundant coordinates that guides and pins hold, shape (c,), and by which each."""
+        self.held_values = np.array([dict(_holds(part))[k] for k, part in holding.items()])
         self.unit_loads = np.zeros((3 * self.size, self.held.size))
         self.unit_loads[self.held, np.arange(self.held.size)] = 1.0
         self.rest = self._found_rest()
@@ -92,7 +98,7 @@ class Layout:
             raise ValueError(
                 f"{self.described_holds()} must leave something that moves, got nothing"
             )
-        self.independent_rows = self._found_rows()
+        self.group_rows = self._found_group_rows()
 
     # -------------------------------------------------------------------------------- what is where
 
@@ -146,25 +152,21 @@ class Layout:
                     )
         return {coordinate: part for coordinate, (_, part) in found.items()}
 
-    def _found_rows(self) -> NDArray[np.bool_]:
-        """Which rows of the core's constraints to take, so that none depends on the others."""
-        left = set(self.held[self.independent].tolist())
-        segments = set(range(1, self.size + 1))
-        rows: list[bool] = []
+    def _found_group_rows(self) -> list[list[int]]:
+        """Which rows of `RedundantForm.constraints` each constraint is, in the order given."""
+        place = {int(coordinate): i for i, coordinate in enumerate(self.held)}
+        rows: list[list[int]] = []
         for part in self.constraints:
-            if isinstance(part, Clamp | Joint):
-                place = getattr(part, "segment", 1)
-                rows += 2 * [place in segments]
-                segments.discard(place)
-            for coordinate, _ in _holds(part):
-                rows.append(coordinate in left)
-                left.discard(coordinate)
-        return np.array(rows)
+            joint = 2 * getattr(part, "segment", 1) - 2
+            held = [2 * self.size + place[coordinate] for coordinate, _ in _holds(part)]
+            rows.append(held or [joint, joint + 1])
+        return rows
 
-    def coordinate(self, index: int) -> str:
-        """A redundant coordinate by name."""
-        j, axis = divmod(index, 3)
-        return f"phi_{j + 1}" if axis == 2 else f"node {j + 1} along {'xy'[axis]}"
+    def described_row(self, row: int) -> str:
+        """The constraint that a row of `RedundantForm.constraints` is of, in a message."""
+        if row >= 2 * self.size:
+            return described(self.holding[row - 2 * self.size])
+        return described(Joint(row // 2 + 1) if row > 1 else Clamp(self.base))
 
     @property
     def guides_and_pins(self) -> list[Constraint]:
@@ -175,7 +177,27 @@ class Layout:
         """The guides and pins in a message."""
         return ", ".join(described(part) for part in self.guides_and_pins)
 
+    def _found_inertia(self) -> Array:
+        """Entries (row, coordinate, weight) of the rows W of all custom modules' mass W^T W."""
+        entries, count = [np.zeros((0, 3))], 0
+        for custom in self.customs:
+            rows = inertia_rows(custom)
+            row, column = np.nonzero(rows)
+            entries.append(np.column_stack([count + row, custom.index[column], rows[row, column]]))
+            count += len(rows)
+        return np.concatenate(entries)
+
     # ------------------------------------------------------------------------------- configurations
+
+    def nodes(self, columns: Array, order: int = 0) -> Array:
+        """Places of all nodes from 0 on, shape (n + 1, 2, ...), of coordinates (3 n, ...).
+
+        Or of their rates, order 1.
+        """
+        found = np.zeros((self.size + 1, 2, *columns.shape[1:]))
+        found[0, 1] = 0.0 if order else self.base
+        found[1:] = columns.reshape(self.size, 3, *columns.shape[1:])[:, :2]
+        return found
 
     def rows(self, theta: Array) -> Array:
         """Derivative of the coordinates that are held by the angles, shape (n, c)."""
@@ -204,9 +226,9 @@ class Layout:
         )
         if least <= SAME:
             return best
-        missed, _, _, group = core.constraints(core.from_angles(best, straight))
-        worst = np.unique(group[np.abs(missed) > 0.01 * least])
-        named = " and ".join(dict.fromkeys(described(self.constraints[i]) for i in worst))
+        missed = np.abs(core.from_angles(best, straight)[self.held] - self.held_values)
+        worst = {part for part, by in zip(self.holding, missed, strict=True) if by > 0.01 * least}
+        named = " and ".join(described(part) for part in self.constraints if part in worst)
         raise ValueError(
             f"constraints contradict the pipe's length or one another: {named} cannot be met, "
             f"the closest found misses by {least:.2g}"
@@ -229,52 +251,40 @@ class Layout:
 
     # ------------------------------------------------------------------------------------- the core
 
+    def acting(self, pipe: Pipe) -> Pipe:
+        """The pipe without the effects that no module brings: flow without force, no drag."""
+        flow: dict[str, Any] = (
+            {} if self.has_flow else {"beta": 0.0, "flow": "aspirating", "alpha": 0.0}
+        )
+        return replace(pipe, **flow, drag=pipe.drag if self.has_drag else 0.0)
+
+    def joint_damping(self, pipe: Pipe) -> Array:
+        """c_j, shape (n,)."""
+        damping = np.zeros(self.size)
+        for s in _of(self.modules, TorsionalSpring):
+            damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
+        return damping
+
     def compiled(self, pipe: Pipe) -> _core.Scene:
         """The scene as the core takes it, on a pipe."""
-        own = pipe.damping
-        springs = [
-            (
-                s.joint,
-                s.stiffness,
-                own * s.stiffness if s.damping is None else s.damping,
-                s.rest_angle,
-            )
-            for s in _of(self.modules, TorsionalSpring)
-        ]
-        factors = [(custom.index, row) for custom in self.customs for row in inertia_rows(custom)]
-        entries = [
-            (i, index[c], row[c])
-            for i, (index, row) in enumerate(factors)
-            for c in np.flatnonzero(row)
-        ]
-        constraints = [
-            (
-                *(KINDS[type(c)], getattr(c, "node", getattr(c, "segment", 1))),
-                *(getattr(c, "x", 0.0), getattr(c, "y", 0.0)),
-            )
-            for c in self.constraints
-        ]
         return _core.Scene(
-            pipe=core_pipe(pipe),
+            pipe=core_pipe(self.acting(pipe)),
             length=self.lengths,
             center=[s.center for s in self.segments],
             gyration_radius=[s.gyration_radius or 0.0 for s in self.segments],
-            drag_point=[s.drag_point for s in self.segments],
+            spring=self.springs,
+            damping=self.joint_damping(pipe),
+            rest_moment=self.rest_moments,
+            drag_point=self.drag_points,
             base=self.base,
-            springs=_rows(springs, 4),
-            constraints=_rows(constraints, 4),
-            inertia=_rows(entries, 3),
-            flow=self.has_flow,
-            drag=bool(_of(self.modules, Drag)),
+            inertia=self.inertia,
+            held=self.held.tolist(),
+            value=self.held_values,
         )
 
 
 def _of(parts: Iterable[Part], kind: type[P]) -> list[P]:
     return [part for part in parts if isinstance(part, kind)]
-
-
-def _rows(rows: Sequence[tuple[float, ...]], columns: int) -> Array:
-    return np.array(rows, dtype=np.float64).reshape(-1, columns)
 
 
 def _holds(part: Constraint) -> list[tuple[int, float]]:

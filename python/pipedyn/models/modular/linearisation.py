@@ -106,12 +106,13 @@ class Tree:
 
     Args:
         lengths: of the segments, shape (n,).
-        theta: angles of the segments from the axis, shape (n,).
+        theta: angles of the segments from the axis, shape (n,), or (n, r): one a column.
     """
 
     def __init__(self, lengths: Array, theta: Array) -> None:
-        self.across = (lengths * np.cos(theta))[:, None]  # l n_x = l t_y
-        self.along = (lengths * np.sin(theta))[:, None]  # l t_x = -l n_y
+        columns = theta.reshape(lengths.size, -1)
+        self.across = lengths[:, None] * np.cos(columns)  # l n_x = l t_y
+        self.along = lengths[:, None] * np.sin(columns)  # l t_x = -l n_y
 
     def spread(self, phi: Rows) -> Rows:
         """T phi, shape (3 n, r)."""
@@ -122,8 +123,15 @@ class Tree:
         rows[2::3] = phi
         return rows
 
+    def moments(self, rows: Rows) -> Rows:
+        """Moments on the segments, shape (n, r), of forces on the coordinates, shape (3 n, r)."""
+        moments, joints = self.gather_angles(rows), rows[2::3]
+        moments += joints
+        moments[:-1] -= joints[1:]
+        return moments
+
     def gather_angles(self, rows: Rows) -> Rows:
-        """Moments on the segments, shape (n, r), of forces on nodes, shape (3 n, r)."""
+        """The same of forces on nodes alone."""
         moments: Rows = self.across * _beyond(rows[0::3]) - self.along * _beyond(rows[1::3])
         return moments
 
@@ -157,18 +165,18 @@ class ScenePencil(Pencil):
         self.springs = layout.springs
         self.scale = elastic_scale(self.springs)[:, None]
         still = core.from_angles(theta, np.zeros_like(theta))
-        force, by_q, by_rate = motion.forces(still, 0.0)
-        in_joints = np.zeros(size)
-        in_joints[2::3] = self.springs
+        form = motion.form
+        force, (stiffness, damping) = form.forces(still, 0.0), form.resistances(still[:size])
         # In redundant coordinates; the stiffness without the torsional springs.
-        self.parts = {name: matrix(of, size, size) for name, of in core.operators().items()}
-        flow = self.parts["velocity"]
-        self.parts["gyroscopic"], self.parts["end_flux"] = (
-            0.5 * (flow - flow.T),
-            0.5 * (flow + flow.T),
-        )
-        self.parts["damping"] = -by_rate
-        self.parts["stiffness"] = -by_q - sparse.diags_array(in_joints)
+        self.parts = {
+            "mass": form.mass,
+            "velocity": form.velocity,
+            "gyroscopic": 0.5 * (form.velocity - form.velocity.T),
+            "end_flux": 0.5 * (form.velocity + form.velocity.T),
+            "damping": damping,
+            "stiffness": stiffness,
+            "flux": form.flux,
+        }
         thrust = np.zeros(size)  # derivative of the force by a u^2
         if layout.has_flow:
             thrust[-3:-1] = -np.sin(theta[-1]), -np.cos(theta[-1])

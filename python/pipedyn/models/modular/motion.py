@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Motion of a scene: forces and accelerations with their derivatives, custom modules included.
+"""Motion of a scene: its rates, energy and power with their derivatives, custom modules included.
 
 Integrators advance the angles of the segments: redundant coordinates that follow from these meet
 every clamp and joint to rounding, at any time. Guides and pins are met by a projection P of each
@@ -8,7 +8,7 @@ state, and
     y' = f(P(y)) - return_rate (y - P(y)),
 
 so that an integrator's errors off the constraints decay. Recorded is P(y): nothing is left to grow.
-Without modules in Python all of it is compiled (cpp/pipedyn/modular/scene.hpp).
+All but custom modules' functions is compiled (cpp/pipedyn/modular/scene.hpp).
 """
 
 from __future__ import annotations
@@ -17,16 +17,22 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from pipedyn import _core
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.enforcement import Enforce, Group
 from pipedyn.models.modular.layout import Layout
-from pipedyn.models.modular.linearisation import Tree, factored, matrix
+from pipedyn.models.modular.linearisation import Tree
+from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.util import check
 from pipedyn.util.check import Array
-from pipedyn.util.threads import one_thread
+
+REDUNDANT, SMALLEST = 1e-12, 1e-20
+"""Of the small system of rows: singular values below which guides and pins say one thing twice, and
+a diagonal that is none against the largest, where rounding is all that is left of a row.
+
+As in the core; rounding leaves some 1e-16, and 1e-32 of what is squared.
+"""
 
 
 class SceneMotion:
@@ -36,28 +42,33 @@ class SceneMotion:
         core: the compiled scene.
         layout: where its parts are.
         customs: modules of the user's own.
-        enforce: a dense recursion that finds the accelerations; None for the core's.
+        form: the scene in redundant coordinates.
+        enforce: a dense recursion that finds the accelerations from `form`; None for the core's.
     """
 
     def __init__(
-        self, core: _core.Scene, layout: Layout, customs: CustomForces, enforce: Enforce | None
+        self,
+        core: _core.Scene,
+        layout: Layout,
+        customs: CustomForces,
+        form: RedundantForm,
+        enforce: Enforce | None,
     ) -> None:
-        self.core, self.layout = core, layout
+        self.core, self.layout, self.form = core, layout, form
         self.customs, self.enforce = customs, enforce
-        self.compiled = not customs and enforce is None
-        """Whether nothing of the motion is computed in Python."""
+        self._compiled = not customs and enforce is None
 
     # --------------------------------------------------------------------- redundant coordinates
 
     def rhs(self, t: float, y: Any, u: Any) -> Array:
         """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k)."""
-        if self.compiled:
+        if self._compiled:
             return self.core.rhs(t, y, u)
         size = self.core.coordinates
         y = check.doubles("y", y, "an array of real numbers")
         self.core.power(y, u)  # checks both
         if self.enforce is None:
-            return self.core.rhs(t, y, u, self.customs.force(y[:size], y[size:]))
+            return self.core.rhs(t, y, u, self._moments(*self._places(y)))
         rates = np.concatenate([y[size:], np.empty_like(y[:size])])
         speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
         for j in np.ndindex(y.shape[1:]):
@@ -67,85 +78,54 @@ class SceneMotion:
 
     def enforced(self, enforce: Enforce, y: Array, u: float) -> Array:
         """Accelerations of one state by a dense recursion, shape (3 n,)."""
-        size = self.core.coordinates
-        mass = matrix(self.core.operators()["mass"], size, size).toarray()
-        force = self.core.forces(y, u) + self.customs.force(y[:size], y[size:])
-        return enforce(mass, force, self.groups(y))
+        return enforce(self.form.mass.toarray(), self.form.forces(y, u), self.groups(y))
 
     def groups(self, y: Array) -> list[Group]:
-        """A_r and b_r of each constraint at a state."""
-        _, triplets, wanted, group = self.core.constraints(y)
-        rows = matrix(triplets, wanted.size, self.core.coordinates).toarray()
-        return [(rows[group == r], wanted[group == r]) for r in np.unique(group)]
+        """A_r and b_r of each constraint at a state, as given."""
+        q, rates = np.split(y, 2)
+        _, matrix, _ = self.form.constraints(q, np.eye(q.size))
+        _, _, wanted = self.form.constraints(q, rates)
+        return [(matrix[rows], wanted[rows]) for rows in self.layout.group_rows]
+
+    def _places(self, y: Any) -> tuple[Array, Array]:
+        """Coordinates and rates at the angles of redundant states and the rates of these."""
+        q, rates = np.split(np.asarray(y, dtype=np.float64), 2)
+        angles = (np.cumsum(of[2::3], axis=0) for of in (q, rates))
+        place, moving = np.split(self.core.from_angles(*angles), 2)
+        return place, moving
+
+    def _moments(self, q: Array, rates: Array) -> Array:
+        """Moments of custom modules on the segments, shape (n,) or (n, k)."""
+        tree = Tree(self.layout.lengths, np.cumsum(q[2::3], axis=0))
+        forces = self.customs.force(q, rates)
+        return tree.moments(forces.reshape(len(forces), -1)).reshape(-1, *q.shape[1:])
 
     def energy(self, y: Any) -> float | Array:
         """Energy of redundant states [q, q'], a number or shape (k,)."""
         energy = self.core.energy(y)
-        if not self.customs:
-            return energy
-        return energy + self.customs.energy(np.split(np.asarray(y, dtype=np.float64), 2)[0])
+        return energy + self.customs.energy(self._places(y)[0]) if self.customs else energy
 
     def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
         """Power of flow, joints, drag, and of what terms and custom modules do besides."""
         flow, joints, drag, others = self.core.power(y, u)
         if self.customs:
-            others = others + self.customs.work(*np.split(np.asarray(y, dtype=np.float64), 2))
+            others = others + self.customs.work(*self._places(y))
         return flow, joints, drag, others
-
-    def forces(self, y: Array, u: float) -> tuple[Array, Any, Any]:
-        """Forces of all modules at a state, (3 n,), and their derivatives by q and q', sparse."""
-        size = self.core.coordinates
-        force = np.array(self.core.forces(y, u))
-        by_q, by_rate = (matrix(of, size, size) for of in self.core.force_derivatives(y, u))
-        for custom in self.customs.each:
-            at = custom.index
-            q, rates, places = y[at], y[size + at], (at.repeat(at.size), np.tile(at, at.size))
-            force[at] += custom.force(q, rates)
-            by_q = by_q + matrix((*places, custom.by_q(q, rates).ravel()), size, size)
-            by_rate = by_rate + matrix((*places, custom.by_qdot(q, rates).ravel()), size, size)
-        return force, by_q, by_rate
-
-    def acceleration_jacobian(self, y: Array, u: float) -> Array:
-        """Derivative of q'' by the state, (3 n, 6 n), from M q'' + A^T mu = f, A q'' = b."""
-        core, size = self.core, self.core.coordinates
-        _, triplets, wanted, _ = core.constraints(y)
-        chosen = self.layout.independent_rows
-        ties = matrix(triplets, wanted.size, size)[chosen]
-        whole = sparse.block_array(
-            [[matrix(core.operators()["mass"], size, size), ties.T], [ties, None]], format="coo"
-        )
-        # Rows and unknowns from the clamp to the tip, each multiplier after the last node it ties.
-        last = np.maximum.reduceat(ties.indices, ties.indptr[:-1]) // 3
-        order = np.argsort(np.concatenate([np.arange(size) // 3, last]), kind="stable")
-        place = np.argsort(order)
-        solve = factored(order.size, place[whole.row], place[whole.col], whole.data)
-        force, by_q, by_rate = self.forces(y, u)
-        with one_thread(1):
-            right = np.concatenate([force, wanted[chosen]])[order, None]
-            found = solve(right, False)[place, 0]
-            multipliers = np.zeros(wanted.size)
-            multipliers[chosen] = found[size:]
-            rows, *places, values = core.hessians(y[:size])
-            by_q = by_q - matrix((*places, values * multipliers[rows]), size, size)
-            of_q, of_rate = acceleration_derivatives(core, y, found[:size])
-            right = sparse.block_array([[by_q, by_rate], [-of_q[chosen], -of_rate[chosen]]])
-            result: Array = solve(right.toarray()[order], False)[place[:size]]
-        return result
 
     # ------------------------------------------------------------------------------------- angles
 
     def rhs_and_power(self, t: float, y: Array, u: Any) -> Array:
         """Rates of [theta, theta', work done], shape (2 n + 1,) or (2 n + 1, k)."""
-        if self.compiled:
-            return self.core.angle_rates(t, y, u)
-        n = self.layout.size
+        if self._compiled:
+            return self.core.rhs_and_power(t, y, u)
+        n, size = self.layout.size, self.core.coordinates
         met = np.concatenate(self.projected(y[:n], y[n : 2 * n]))
         state = self.core.from_angles(met[:n], met[n:])
-        turning = np.cumsum(self.rhs(t, state, u)[3 * n + 2 :: 3], axis=0)
-        rates = np.empty_like(y)
-        off = self.core.return_rate * (y[: 2 * n] - met)
-        rates[: 2 * n] = np.concatenate([met[n:], turning]) - off
-        rates[2 * n] = sum(self.power(state, u))
+        rates = self.core.rhs_and_power(t, y, u, self._moments(state[:size], state[size:]))
+        if self.enforce is not None:
+            turning = np.cumsum(self.rhs(t, state, u)[size + 2 :: 3], axis=0)
+            rates[n : 2 * n] = turning - self.core.return_rate * (y[n : 2 * n] - met[n:])
+        rates[2 * n] += self.customs.work(state[:size], state[size:])
         return rates
 
     def states(self, theta: Array, omega: Array) -> Array:
@@ -162,6 +142,62 @@ class SceneMotion:
             of[:, missed > self.core.met] = np.nan
         return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
 
+    def accelerations_by_state(self, y: Array, u: float) -> tuple[Array, Array]:
+        """Derivatives by [theta, theta'] of theta'', shape (n, 2 n), and of q'', (3 n, 2 n).
+
+        With the force along each row of weights (see the core) as a load that is held, the chain's
+        own derivative lacks what this load's moments and the rows themselves change by.
+        """
+        core, customs, lengths = self.core, self.customs, self.layout.lengths
+        n = lengths.size
+        theta, omega = np.split(y, 2)
+        q, rates = np.split(core.from_angles(theta, omega), 2)
+        joints = np.eye(n) - np.eye(n, k=-1)
+        tree = Tree(lengths, theta)
+        q_by_angle = tree.spread(joints)
+
+        def turned(steps: Array, angle: float) -> Array:
+            """Derivative by the angles of sums of steps at these angles and a further one."""
+            rows = Tree(steps, theta + angle).spread(joints)
+            rows[2::3] = 0.0
+            return rows
+
+        rate_by_angle = turned(lengths * omega, 0.5 * math.pi)
+        force = customs.force(q, rates)
+        accelerations, multipliers = core.reactions(y, u, tree.moments(force[:, None])[:, 0])
+        rows = core.rows()
+        force = force + rows.T @ multipliers
+        by_state = core.jacobian(y, u, tree.moments(force[:, None])[:, 0])[n:]
+        change, every = (
+            np.zeros((n, 2 * n)),
+            np.repeat(theta[:, None], max(2 * n, len(rows)), axis=1),
+        )
+        change[:, :n] = -np.diag(tree.stiffening(force[:, None])[:, 0])
+        if customs:
+            by_q, by_rate = customs.derivatives(q, rates)
+            more = np.hstack([by_q @ q_by_angle + by_rate @ rate_by_angle, by_rate @ q_by_angle])
+            change += tree.moments(more)
+        if customs or rows.size:
+            by_state = by_state + core.solve(every, change)
+        drift = np.hstack(
+            [
+                turned(lengths * accelerations, 0.5 * math.pi)
+                + turned(lengths * omega**2, math.pi),
+                2.0 * rate_by_angle,
+            ]
+        )
+        if rows.size:
+            by_angle = rows @ q_by_angle
+            response = core.solve(every[:, : len(rows)], by_angle.T)
+            system = by_angle @ response
+            missing = by_angle @ by_state + rows @ drift
+            size = np.diag(system) + np.abs(core.compliance)
+            size = 1.0 / np.sqrt(np.maximum(size, SMALLEST * size.max()))
+            system += np.diag(core.compliance)
+            inverse = np.linalg.pinv(size[:, None] * system * size, REDUNDANT)
+            by_state = by_state - (response * size) @ (inverse @ (size[:, None] * missing))
+        return by_state, drift + q_by_angle @ by_state
+
     def jacobian(self, y: Array, u: float) -> Array:
         """Derivative of the angles' rates by [theta, theta'], shape (2 n, 2 n).
 
@@ -169,36 +205,14 @@ class SceneMotion:
         an implicit integrator does not miss.
         """
         n, layout = self.layout.size, self.layout
-        theta, omega = self.projected(y[:n], y[n : 2 * n])
-        by_state = self.acceleration_jacobian(self.core.from_angles(theta, omega), u)
-        by_q, by_qdot = np.split(np.cumsum(by_state[2::3], axis=0), 2, axis=1)
-        joints = np.eye(n) - np.eye(n, k=-1)
-        by_angle = Tree(layout.lengths, theta).spread(joints)
-        by_rate = Tree(layout.lengths * omega, theta + 0.5 * math.pi).spread(joints)
-        by_rate[2::3] = 0.0  # the joints' rates do not depend on the angles
-        whole = np.zeros((2 * n, 2 * n))
-        whole[:n, n:] = np.eye(n)
-        whole[n:, :n] = by_q @ by_angle + by_qdot @ by_rate
-        whole[n:, n:] = by_qdot @ by_angle
+        if self._compiled and not layout.holding:
+            return self.core.jacobian(y, u)
+        met = np.concatenate(self.projected(y[:n], y[n : 2 * n]))
+        whole = np.eye(2 * n, k=n)
+        whole[n:] = self.accelerations_by_state(met, u)[0]
         if layout.holding:
-            rows = layout.rows(theta).T
+            rows = layout.rows(met[:n]).T
             away = np.linalg.pinv(rows, rcond=1e-9) @ rows
             onto = np.kron(np.eye(2), np.eye(n) - away)
             whole = whole @ onto - self.core.return_rate * np.kron(np.eye(2), away)
         return whole
-
-
-def acceleration_derivatives(core: _core.Scene, y: Array, acceleration: Array) -> tuple[Any, Any]:
-    """Derivatives of A q'' - b by q and by q', with q'' held, sparse, (rows of A, 3 n) each.
-
-    With g's second derivatives H_i, b_i = -q'.H_i q'. Of third derivatives there are those by a
-    joint's angle alone, which are the first ones negated.
-    """
-    size = core.coordinates
-    q, rates = y[:size], y[size:]
-    _, triplets, wanted, _ = core.constraints(y)
-    rows, i, k, values = core.hessians(q)
-    in_joints = np.where(np.arange(size) % 3 == 2, rates**2, 0.0)
-    of_q = matrix((rows, k, values * acceleration[i]), wanted.size, size)
-    of_q = of_q - matrix(triplets, wanted.size, size) @ sparse.diags_array(in_joints)
-    return of_q, matrix((rows, k, 2.0 * values * rates[i]), wanted.size, size)
