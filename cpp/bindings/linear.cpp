@@ -212,14 +212,14 @@ void define_linear(py::module_& m) {
       .def(
           py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
                       bool squared, const std::variant<DenseOperators, Eigenproblem::At>& operators,
-                      bool free_at_rest, bool complete, const Amend& amend,
+                      bool free_at_rest, bool complete, const std::optional<Amend>& amend,
                       const std::optional<std::shared_ptr<Eigenproblem>>& statics) {
             return std::make_shared<Eigenproblem>(
                 Traits{dof, delta, zero, damped, conservative, squared}, matrices_of(operators),
-                complete, free_at_rest, amend, statics.value_or(nullptr));
+                complete, free_at_rest, amend.value_or(nullptr), statics.value_or(nullptr));
           }),
           "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
-          "free_at_rest"_a, "complete"_a, "amend"_a = Amend(), "statics"_a = py::none())
+          "free_at_rest"_a, "complete"_a, "amend"_a = py::none(), "statics"_a = py::none())
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a,
            py::call_guard<py::gil_scoped_release>())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a,

@@ -369,7 +369,8 @@ class Eigenproblem(Spectrum):
                 typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
                 typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
             ],
-        ] = None,
+        ]
+        | None = None,
         statics: Eigenproblem | None = None,
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...

@@ -71,9 +71,12 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     u, count = _checked_question(model, u, count)
     if isinstance(model, Chain):
         asked = 2 * model.dof if count is None else count
-        pairs = eigenproblem(model).spectrum().by_recursion(u, asked, vectors=False)
+        spectrum = eigenproblem(model).spectrum()
+        assert isinstance(spectrum, _core.ChainSpectrum)
+        pairs = spectrum.by_recursion(u, asked, vectors=False)
         if pairs is not None and pairs.converged.all():
-            return pairs.values
+            values: Complex = pairs.values
+            return values
     found = modes(model, u, count)
     bad = np.flatnonzero(~found.converged)
     if bad.size:

@@ -67,16 +67,17 @@ class Deflated(Eigenproblem):
         damped = bool(chain.resistances[self.free[0] :, 3:6].any())
         # Without fluid mass nothing but inertia holds the free joint: zero is double.
         self.doubled = self.pipe.beta == 0.0 and not self.squared and not damped
-        self.latest: tuple[float, Array, Array, Array, Array] | None = None
+        self.latest: tuple[float, Vectors, Vectors, Vectors, Vectors] | None = None
 
-    def deflating(self, u: float) -> tuple[Array, Array, Array, Array]:
+    def deflating(self, u: float) -> tuple[Vectors, Vectors, Vectors, Vectors]:
         """X, V, and what is added at speed u: A_C V^T to C and A_K V^T to K; each (dof, r).
 
         Beyond the free joint nearest to the clamp the chain turns as one straight line by phi = 1;
         below it springs, and terms if there are any, balance the thrust. A spring added to the
         joint pulls with its stiffness, which is the load to solve for.
         """
-        if self.latest is None or self.latest[0] != u:
+        latest = self.latest
+        if latest is None or latest[0] != u:
             turned = self.turned
             loads = np.zeros((self.dof, turned.size))
             loads[turned, np.arange(turned.size)] = 1.0 / self.chain.elastic_scale[turned]
@@ -86,10 +87,11 @@ class Deflated(Eigenproblem):
             dual = x @ np.linalg.inv(x.T @ x)
             inertia = MOVED * self.mass(x)
             if self.squared:
-                self.latest = u, x, dual, np.zeros_like(x), inertia
+                latest = u, x, dual, np.zeros_like(x), inertia
             else:
-                self.latest = u, x, dual, inertia, MOVED * super().damped(u, x)
-        return self.latest[1:]
+                latest = u, x, dual, inertia, MOVED * super().damped(u, x)
+            self.latest = latest
+        return latest[1:]
 
     def damped(self, u: float, x: Vectors) -> Vectors:
         _, dual, added, _ = self.deflating(u)
@@ -115,7 +117,7 @@ class Deflated(Eigenproblem):
 
     def amended(
         self, u: float, values: Complex, right: Complex, left: Complex, squared: bool
-    ) -> tuple[Vectors, ...]:
+    ) -> tuple[Vectors, Vectors, Vectors]:
         """All but the roots that were moved, and the second zero where it is double."""
         away = np.abs(values**2 + MOVED) if squared else np.abs(values + MOVED)
         moved = np.argsort(away, kind="stable")[: self.turned.size * (2 if squared else 1)]
@@ -123,7 +125,8 @@ class Deflated(Eigenproblem):
         mine[moved[away[moved] < 1e-3]] = False
         if self.doubled:
             mine[np.argsort(np.abs(values), kind="stable")[: self.turned.size]] = False
-        return values[mine], *(x[:, mine] if x.size else x for x in (right, left))
+        right, left = (x[:, mine] if x.size else x for x in (right, left))
+        return values[mine], right, left
 
     def by_speed(self, u: float, values: Complex, x: Vectors) -> Complex:
         """By central differences, to 1e-9."""
