@@ -34,6 +34,10 @@ constexpr int most_corrections = 300;
 /// Speeds so close that the roots at one are starts at the other, if so few corrections do.
 constexpr double near_speed = 0.6;
 constexpr int most_near = 15;
+/// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
+constexpr double meeting = 1e-4;
+/// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
+constexpr double wide = 0.05;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments.
 constexpr Index refinement = 20;
 /// Most segments of a problem solved dense: 4,000 rows take LAPACK a minute.
@@ -139,7 +143,7 @@ void add_stiff(const Chain& chain, double u, Approximations& roots) {
 /// Those near the real axis without the symmetry that keeps two real roots from being found.
 Approximations parted(const Approximations& starts) {
   Approximations roots;
-  for (const auto& [value, alone] : starts) {
+  for (const auto& [value, alone, _] : starts) {
     const double shift = 1e-3 * static_cast<double>(roots.size() % 7 + 1);
     if (!alone && std::abs(value.imag()) >= 0.3 * std::abs(value)) {
       roots.push_back({value, false});
@@ -182,6 +186,45 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most = mos
     active = std::move(moving);
   }
   return active.empty();
+}
+
+/// Two roots about to meet, each of which scatters by the square root of rounding, from their sum
+/// and that of their squares, which do not: moments of d log det P / dlambda on a circle about
+/// both.
+void separate(const Chain& chain, double u, Approximations& roots) {
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    const Complex one = roots[i].value;
+    std::size_t other = i;  // its conjugate
+    double apart = roots[i].alone ? infinite : 2.0 * std::abs(one.imag());
+    for (std::size_t k = i + 1; k < roots.size(); ++k) {
+      const double distance = std::abs(roots[k].value - one);
+      if (distance >= apart) continue;
+      apart = distance;
+      other = k;
+    }
+    if (!(apart < meeting * std::abs(one))) continue;
+    const Complex twin = other == i ? std::conj(one) : roots[other].value;
+    const Complex centre = 0.5 * (one + twin);
+    Approximations rest;
+    for (std::size_t k = 0; k < roots.size(); ++k) {
+      if (k != i && k != other) rest.push_back(roots[k]);
+    }
+    for (const std::size_t k : {i, other}) {
+      if (other != i && !roots[k].alone) rest.push_back({std::conj(roots[k].value), true});
+    }
+    Values arms(circle_points);
+    for (Index k = 0; k < circle_points; ++k) {
+      const double turn = 2.0 * M_PI * (static_cast<double>(k) + 0.5) / circle_points;
+      arms[k] = std::polar(wide * std::abs(centre), turn);
+    }
+    Values found = arms * log_derivatives(chain, u, centre + arms);
+    for (Index k = 0; k < circle_points; ++k) found[k] -= arms[k] * poles(centre + arms[k], rest);
+    if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
+    const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
+    const Complex difference = std::sqrt(2.0 * squares - sum * sum);
+    roots[i] = {centre + 0.5 * (sum + difference), roots[i].alone, true};
+    if (other != i) roots[other] = {centre + 0.5 * (sum - difference), roots[other].alone, true};
+  }
 }
 
 /// Pairs of which all is known, with unit vectors.
@@ -310,7 +353,7 @@ struct Sums {
 
   /// Of the roots, by their vectors; 0 where that is rounding.
   Values corrections() const {
-    return (value.abs() > 0.1 * rounding).select(-value / by_lambda, Complex(0.0));
+    return (value.abs() > rounding).select(-value / by_lambda, Complex(0.0));
   }
 };
 
@@ -349,6 +392,9 @@ Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vector
   for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
   Pairs found = at(u, values, vectors, &corrections);
   for (int times = 0; times < 3; ++times) {
+    for (std::size_t i = 0; i < roots.size(); ++i) {
+      if (roots[i].settled) corrections[i] = 0.0;
+    }
     corrections = (corrections.abs() < 1e-9 * values.abs()).select(corrections, Complex(0.0));
     if ((corrections == Complex(0.0)).all()) break;
     values += corrections;
@@ -390,6 +436,7 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
 std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index count, bool vectors,
                                          int most) {
   if (!correct(chain_, u, roots, most)) return std::nullopt;
+  separate(chain_, u, roots);
   sort_by_size(roots);
   std::size_t next = 0;
   Approximations lowest;

@@ -24,6 +24,7 @@ namespace pipedyn {
 struct Approximation {
   Complex value;
   bool alone = false;
+  bool settled = false;  // better known than its vectors would make it
 };
 using Approximations = std::vector<Approximation>;
 
