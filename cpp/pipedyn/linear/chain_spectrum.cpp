@@ -188,42 +188,36 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most = mos
   return active.empty();
 }
 
-/// Two roots about to meet, each of which scatters by the square root of rounding, from their sum
-/// and that of their squares, which do not: moments of d log det P / dlambda on a circle about
-/// both.
-void separate(const Chain& chain, double u, Approximations& roots) {
+/// Two oscillating roots about to meet, each of which scatters by the square root of rounding, from
+/// their sum and that of their squares, which do not: moments of d log det P / dlambda on a circle
+/// about both.
+void separate(const Chain& chain, double u, bool squared, Approximations& roots) {
   for (std::size_t i = 0; i < roots.size(); ++i) {
-    const Complex one = roots[i].value;
-    std::size_t other = i;  // its conjugate
-    double apart = roots[i].alone ? infinite : 2.0 * std::abs(one.imag());
-    for (std::size_t k = i + 1; k < roots.size(); ++k) {
-      const double distance = std::abs(roots[k].value - one);
-      if (distance >= apart) continue;
-      apart = distance;
-      other = k;
+    for (std::size_t other = i + 1; other < roots.size(); ++other) {
+      const Complex one = roots[i].value, twin = roots[other].value, centre = 0.5 * (one + twin);
+      if (roots[i].alone || roots[other].alone) continue;
+      if (!(std::abs(one - twin) < meeting * std::abs(one.imag()))) continue;
+      Approximations rest{{std::conj(one), true}, {std::conj(twin), true}};
+      for (std::size_t k = 0; k < roots.size(); ++k) {
+        if (k != i && k != other) rest.push_back(roots[k]);
+      }
+      Values arms(circle_points);
+      for (Index k = 0; k < circle_points; ++k) {
+        const double turn = 2.0 * M_PI * (static_cast<double>(k) + 0.5) / circle_points;
+        arms[k] = std::polar(wide * std::abs(centre), turn);
+      }
+      Values found = arms * log_derivatives(chain, u, centre + arms);
+      for (Index k = 0; k < circle_points; ++k) found[k] -= arms[k] * poles(centre + arms[k], rest);
+      if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
+      const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
+      Complex middle = centre + 0.5 * sum, square = 2.0 * squares - sum * sum;
+      if (squared) {  // both on the axis, or symmetric about it
+        middle.real(0.0);
+        square.imag(0.0);
+      }
+      roots[i] = {middle + 0.5 * std::sqrt(square), false, true};
+      roots[other] = {middle - 0.5 * std::sqrt(square), false, true};
     }
-    if (!(apart < meeting * std::abs(one))) continue;
-    const Complex twin = other == i ? std::conj(one) : roots[other].value;
-    const Complex centre = 0.5 * (one + twin);
-    Approximations rest;
-    for (std::size_t k = 0; k < roots.size(); ++k) {
-      if (k != i && k != other) rest.push_back(roots[k]);
-    }
-    for (const std::size_t k : {i, other}) {
-      if (other != i && !roots[k].alone) rest.push_back({std::conj(roots[k].value), true});
-    }
-    Values arms(circle_points);
-    for (Index k = 0; k < circle_points; ++k) {
-      const double turn = 2.0 * M_PI * (static_cast<double>(k) + 0.5) / circle_points;
-      arms[k] = std::polar(wide * std::abs(centre), turn);
-    }
-    Values found = arms * log_derivatives(chain, u, centre + arms);
-    for (Index k = 0; k < circle_points; ++k) found[k] -= arms[k] * poles(centre + arms[k], rest);
-    if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
-    const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
-    const Complex difference = std::sqrt(2.0 * squares - sum * sum);
-    roots[i] = {centre + 0.5 * (sum + difference), roots[i].alone, true};
-    if (other != i) roots[other] = {centre + 0.5 * (sum - difference), roots[other].alone, true};
   }
 }
 
@@ -436,7 +430,7 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
 std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index count, bool vectors,
                                          int most) {
   if (!correct(chain_, u, roots, most)) return std::nullopt;
-  separate(chain_, u, roots);
+  separate(chain_, u, is_squared(u), roots);
   sort_by_size(roots);
   std::size_t next = 0;
   Approximations lowest;
