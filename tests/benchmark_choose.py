@@ -23,7 +23,7 @@ import numpy as np
 
 import pipedyn as pp
 from pipedyn.accuracy.choose import DEFAULT
-from pipedyn.accuracy.families import FAMILIES, RULES
+from pipedyn.accuracy.convergence import FAMILIES, RULES
 from pipedyn.accuracy.reference import Answer, Reference
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import clock

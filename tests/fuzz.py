@@ -1089,7 +1089,7 @@ def _results() -> Iterator[Target]:
     path = Kind(one_of(None), one_of(3, 2.5, [], {}, NAN, True))
     yield Target("Trade.to_csv", TRADE.to_csv, {"path": path})
     yield Target("Hopf.amplitude", HOPF.amplitude, {"u": at})
-    yield Target("Hopf.pace", HOPF.pace, {"u": at})
+    yield Target("Hopf.cycle_frequency", HOPF.cycle_frequency, {"u": at})
 
 
 def _pictures() -> Iterator[Target]:

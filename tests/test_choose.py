@@ -13,7 +13,7 @@ from independent import beck_speed, series_crossing, series_newton_step
 
 import pipedyn as pp
 from pipedyn.accuracy.choose import DEFAULT
-from pipedyn.accuracy.families import FAMILIES
+from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.quantities import BEFORE_CLUSTER, checked_quantity
 from pipedyn.accuracy.reference import Answer
 from pipedyn.accuracy.trade import measured
@@ -399,7 +399,7 @@ def priced(monkeypatch, seconds):
             measured(pipe, quantity, family, size, *others), seconds=seconds(family, size)
         )
 
-    monkeypatch.setattr("pipedyn.accuracy.search.measured", fake)
+    monkeypatch.setattr("pipedyn.accuracy.choose.measured", fake)
     return sizes
 
 

@@ -504,6 +504,20 @@ def test_what_is_no_start_is_refused_with_what_starts_there_are():
         pp.simulate(ROM, 6.0, 1.0, pp.hopf(ROM))
 
 
+def test_a_pipe_that_cannot_be_bent_has_no_cycle_that_a_search_finds(monkeypatch):
+    def held(s):
+        raise pp.NotConverged("no angles close to those given meet the guides")
+
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.slight_bend", held)
+    with pytest.raises(pp.NoCycle, match="meet the guides"):
+        pp.limit_cycle(pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=0.5), 2), 3.0)
+
+
+def test_the_error_of_multipliers_is_never_below_rounding(known):
+    for cycle in (known, limit_cycle(GROWING, 6.5)):
+        assert cycle.multiplier_error >= cycle.multipliers.size * np.finfo(float).eps
+
+
 def test_where_there_is_no_cycle_an_exception_says_why(known, monkeypatch):
     with pytest.raises(pp.NoCycle, match=r"rests stably at u = 5\.3: flutter sets in") as caught:
         pp.limit_cycle(ROM, 5.3)

@@ -3,7 +3,7 @@
 
 import math
 import re
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -291,3 +291,25 @@ CHAIN = pp.Chain(pp.Pipe(0.2), 2)
 def test_bad_arguments_are_refused_by_name(call, kind, message):
     with pytest.raises(kind, match=re.escape(message)):
         call()
+
+
+@pytest.mark.parametrize(("gamma", "u"), [(-72.4, 9.0), (-85.3, 1.0), (20.0, 6.0)])
+def test_no_equilibrium_within_half_a_turn_is_missed(gamma, u):
+    """Of two segments, against Newton's method from a grid of starts."""
+    model = pp.Chain(pp.Pipe(0.2, gamma, damping=0.01), 2)
+    found = pp.equilibria(model, u).q
+    within = []
+    for start in product(np.linspace(-3.0, 3.0, 9), repeat=2):
+        x = np.array(start)
+        for _ in range(30):
+            y = np.concatenate([x, np.zeros(2)])
+            step = np.linalg.solve(model.jacobian(0.0, y, u)[2:, :2], model.rhs(0.0, y, u)[2:])
+            x = x - step
+            if not 1e-13 < np.abs(step).max() < 20.0:
+                break
+        left = model.rhs(0.0, np.concatenate([x, np.zeros(2)]), u) if np.abs(x).max() < 4.0 else [1]
+        if np.abs(left).max() < 1e-9 and not any(np.abs(x - y).max() < 1e-6 for y in within):
+            within.append(x)
+    assert len(within) > (gamma < 0.0)
+    for x in within:
+        assert np.abs(found - x).max(axis=1).min() < 1e-6

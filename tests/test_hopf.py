@@ -233,9 +233,16 @@ def test_drag_and_cubic_terms_together_give_the_amplitude(n, beta, drag, distanc
     cycle = pp.limit_cycle(model, u, rtol=1e-5)
     assert onset.amplitude(u) < 0.02
     assert onset.amplitude(u) == pytest.approx(cycle.amplitude, rel=6e-3)
-    assert onset.pace(u) - onset.frequency == pytest.approx(
+    assert onset.cycle_frequency(u) - onset.frequency == pytest.approx(
         cycle.frequency - onset.frequency, rel=2e-2
     )
+
+
+def test_the_mean_of_drag_is_proportional_to_it_and_known_to_eight_digits():
+    weak, strong = (pp.hopf(pp.Chain(pp.Pipe(0.3, 12.0, drag=d), 3)) for d in (0.01, 1.0))
+    assert strong.quadratic == pytest.approx(100.0 * weak.quadratic, rel=1e-12)
+    for onset in (weak, strong):
+        assert onset.amplitude_error < 1e-8 * abs(onset.amplitude_law)
 
 
 def test_weak_drag_decides_at_small_amplitudes_only():
@@ -344,14 +351,14 @@ def test_cycles_follow_the_law_at_onsets_beside_other_unstable_modes(model, last
     found = [c for c in pp.crossings(model, last) if c.kind == "flutter" and c.speed > 0.0]
     onsets = [pp.hopf(model, c) for c in found]
     assert [h.growth > 0.0 for h in onsets] == [c.destabilising for c in found]
-    assert any(h.unstable_beside for h in onsets)
+    assert any(h.other_unstable for h in onsets)
     for onset in onsets:
         speeds = onset.speed + np.array([4e-4, 1e-4]) / onset.amplitude_law
         cycles = [pp.limit_cycle(model, u, onset, rtol=1e-5) for u in speeds]
         ratios = [c.amplitude / onset.amplitude(u) for c, u in zip(cycles, speeds, strict=True)]
         assert (4.0 * ratios[1] - ratios[0]) / 3.0 == pytest.approx(1.0, abs=2e-3)
         assert ratios[1] == pytest.approx(1.0, abs=2e-2)
-        assert not (onset.unstable_beside and any(c.stable for c in cycles))
+        assert not (onset.other_unstable and any(c.stable for c in cycles))
 
 
 def test_every_flutter_of_a_pipe_that_turns_stable_again_has_its_law():

@@ -113,8 +113,8 @@ def test_nothing_imports_upward(folder):
         ("from pipedyn.plot.style import BLUE", "linear/modes.py", ["pipedyn.plot.style.BLUE"]),
         ("import pipedyn.motion.simulate as s", "linear/modes.py", ["pipedyn.motion.simulate"]),
         ("from pipedyn import plot", "accuracy/trade.py", ["pipedyn.plot"]),
-        ("from pipedyn import Chain", "plot/pipes.py", ["pipedyn.Chain"]),
-        ("import pipedyn", "plot/pipes.py", ["pipedyn"]),
+        ("from pipedyn import Chain", "plot/motion.py", ["pipedyn.Chain"]),
+        ("import pipedyn", "plot/motion.py", ["pipedyn"]),
         ("from ..linear import modes", "models/pipe.py", ["pipedyn.linear.modes"]),
         ("from ... import paper", "models/modular/parts.py", ["pipedyn.paper"]),
         (

@@ -16,7 +16,7 @@ from PIL import Image
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.plot.interpolation import coordinates_at, last_cycle, tip_of
+from pipedyn.plot.motion import coordinates_at, last_cycle, tip_of
 
 
 def bend(s):

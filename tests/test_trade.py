@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.accuracy.families import FAMILIES
+from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.quantities import (
     CriticalSpeedOf,
     Frequencies,
@@ -24,7 +24,7 @@ from pipedyn.accuracy.quantities import (
     MotionOf,
     RootLociOver,
 )
-from pipedyn.accuracy.reference import onset_near, resolving_size
+from pipedyn.accuracy.reference import resolving_size
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import TookTooLong, counted, limited
 
@@ -66,11 +66,10 @@ def test_the_reference_of_a_critical_speed_is_a_root_of_the_determinant():
     [pp.Pipe(0.0), pp.Pipe(0.3, flow="aspirating")],
     ids=["Beck's column", "unstable from u = 0 on"],
 )
-def test_where_an_onset_cannot_be_tracked_the_continuous_pipe_is_the_reference(pipe):
+def test_where_no_root_crosses_the_axis_the_reference_is_the_continuous_pipes_too(pipe):
     reference = CriticalSpeedOf().reference(pipe, 1e-8)
     exact = pp.critical_speed(pp.Continuum(pipe))
-    assert reference.source == "Continuum"
-    assert reference.answer.values[0] == exact.speed
+    assert abs(reference.answer.values[0] - exact.speed) <= reference.error * exact.speed
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-9])
@@ -283,25 +282,12 @@ def test_an_eigenvalue_problem_is_a_factorisation_and_itself():
 # ---------------------------------------------------------------------------------- predictions
 
 
-def test_a_tracked_onset_is_what_a_search_finds():
-    for family in ("consistent", "midpoint", "beam", "legendre"):
-        for model in (FAMILIES[family].make(PIPE, size) for size in (8, 20)):
-            onset = onset_near(model, EXACT, 13.7)
-            found = pp.critical_speed(model)
-            assert abs(onset.speed - found.speed) <= onset.error + found.error + 1e-12
-            assert onset.frequency == pytest.approx(found.frequency, rel=1e-9)
-
-
-def test_a_tracked_onset_that_is_lost_is_none():
-    assert onset_near(pp.Chain(PIPE, 2), 40.0, 300.0) is None
-
-
 def test_the_functions_that_resolve_a_wave_are_known_within_a_factor():
-    sizes = range(2, 60)
-    errors = [
-        abs(onset.speed / EXACT - 1.0) if onset else math.inf
-        for onset in (onset_near(pp.Galerkin(PIPE, n, "legendre"), EXACT, 13.7) for n in sizes)
-    ]
+    sizes = range(2, 40)
+    errors = []
+    for n in sizes:
+        found = pp.critical_speed(pp.Galerkin(PIPE, n, "legendre"))
+        errors.append(abs(found.speed / EXACT - 1.0))
     for tolerance in (1e-2, 2e-3):
         least = 1 + max(n for n, error in zip(sizes, errors, strict=True) if error > tolerance)
         assert 1.0 / 1.6 <= resolving_size(PIPE, EXACT, 13.7j, tolerance) / least <= 1.6
@@ -469,7 +455,7 @@ def test_a_reference_of_which_nothing_is_known_in_time_is_refused(monkeypatch):
 def test_a_reference_that_no_larger_model_confirms_is_refused():
     """At u = 50 the pipe coils at once, and 20 functions do not follow."""
     with pytest.raises(pp.NotConverged, match=r"not known: Galerkin, 20 .* moved it by"):
-        pp.trade(pp.Pipe(0.2), "motion", u=50.0, duration=0.02, rtol=1e-3)
+        pp.trade(pp.Pipe(0.2), "motion", u=50.0, duration=0.1, rtol=1e-3)
 
 
 @pytest.mark.parametrize("method", ["dop853", "lsoda"])

@@ -172,8 +172,6 @@ void define_linear(py::module_& m) {
             return found;
           },
           "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
-      .def("onset_near", &onset_near, "speed"_a, "frequency"_a,
-           py::call_guard<py::gil_scoped_release>())
       .def("factorisations", &Spectrum::factorisations);
 
   py::class_<Operator, std::shared_ptr<Operator>>(m, "Operator");

@@ -11,10 +11,11 @@ from pipedyn.bifurcation.branches import CycleBranch
 from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
-from pipedyn.bifurcation.equilibria import Equilibria, equilibria
-from pipedyn.bifurcation.equilibrium_branch import (
+from pipedyn.bifurcation.equilibria import (
     BranchPoint,
+    Equilibria,
     EquilibriumBranch,
+    equilibria,
     equilibrium_branch,
 )
 from pipedyn.bifurcation.events import CycleEvent

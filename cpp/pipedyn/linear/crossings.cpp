@@ -572,11 +572,4 @@ Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void
   return Search(spectrum, range, report).run();
 }
 
-std::optional<AxisCrossing> onset_near(Spectrum& spectrum, double speed, double frequency) {
-  auto [u, pair] = newton(spectrum, speed, {{0.0, frequency}}, speed / 3.0, 3.0 * speed);
-  const bool is_onset = pair.slope.real() > 0.0 && pair.value.imag() > 0.0 && pair.converged();
-  if (!is_onset || std::abs(pair.value.real()) > 1e-9 * std::abs(pair.value)) return {};
-  return AxisCrossing{u, {0.0, pair.value.imag()}, 2, 0, error_of(pair), std::move(pair)};
-}
-
 }  // namespace pipedyn

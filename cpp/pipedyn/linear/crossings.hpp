@@ -56,8 +56,4 @@ struct Range {
 /// Crossings from rest up to a flow speed. `report` is called after each sample, and may throw.
 Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report);
 
-/// The crossing into flutter next to a speed and a frequency, by Newton's method; none where that
-/// fails or leaves the speed by a factor of three. It does not know its mode.
-std::optional<AxisCrossing> onset_near(Spectrum& spectrum, double speed, double frequency);
-
 }  // namespace pipedyn

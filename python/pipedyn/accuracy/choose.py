@@ -1,7 +1,18 @@
 # SPDX-License-Identifier: MIT
 """The cheapest model that is good enough, its error measured and not promised.
 
-How it is searched for: `search`.
+The search: in each family a ladder of sizes, then bisection.
+
+The families of fastest convergence come first. A ladder goes up, to twice the size at the most, to
+the first one that serves. A size that fails does not end it, as errors need not fall
+monotonically. Between the last size that fails and the first that serves, bisection finds two
+neighbours. The size measured next is extrapolated from the errors at two others.
+
+The ladder of the first family starts at a small size. That of each further one starts at as many
+degrees of freedom as the best model so far, and ends where its order of convergence shows that it
+would cost more. Every error and every time is measured.
+
+For a budget the same ladder finds the largest size that the budget pays for.
 """
 
 from __future__ import annotations
@@ -9,26 +20,40 @@ from __future__ import annotations
 import html
 import math
 import time
+from collections.abc import Callable
 from dataclasses import field
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.accuracy.families import FAMILIES, checked_families
-from pipedyn.accuracy.quantities import Quantity, checked_quantity
+from pipedyn.accuracy.convergence import FAMILIES, Family, checked_families, fitted_law
+from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
 from pipedyn.accuracy.reference import MARGIN, Reference
-from pipedyn.accuracy.search import Search, described
-from pipedyn.accuracy.trade import TradeRow
+from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.counters import clock
 from pipedyn.util.result import result
 
 DEFAULT = ("legendre", "beam", "consistent", "midpoint")
 """Families to choose among where none are named: of chains those whose error falls fastest."""
 
-FINEST = 1e-8
-"""Error down to which models are distinguished where the budget alone counts: few need more."""
+FINEST = RTOL
+"""Error down to which models are distinguished where the budget alone counts: that to which motions
+and cycles are then solved."""
+
+SMALLEST = 4
+"""Size at which the first ladder starts: the linear answers of fewer cost no less."""
+
+PATIENCE = 2.0 * LONGEST_REFERENCE
+"""Seconds: a model that would take longer for an answer is not tried, or given up. What the largest
+chain of `convergence.DOUBLED` takes for a limit cycle is a tenth of it."""
+
+GAIN = 0.7
+"""Share of the best time that another family must promise to be asked further, and of a budget to
+which it is spent: times of one answer scatter by as much."""
 
 
 @result
@@ -245,3 +270,189 @@ def _refusal(search: Search, nearest: TradeRow | None, demand: str) -> NoModel:
         tried,
         nearest,
     )
+
+
+# ---------------------------------------------------------------------------------- the search
+
+
+class Search:
+    """Models of one pipe asked so far, each once: `rows`, by family and size.
+
+    `reasons` says, by a family's name, why no more of its sizes were asked, where its errors and
+    times alone do not say it.
+    """
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        quantity: Quantity,
+        reference: Reference,
+        families: tuple[Family, ...],
+        repeats: int,
+    ) -> None:
+        self.pipe, self.quantity, self.reference = pipe, quantity, reference
+        self.families = sorted(families, key=lambda family: -family.order)
+        self.repeats = repeats
+        self.rows: dict[tuple[str, int], TradeRow] = {}
+        self.reasons: dict[str, str] = {}
+        self._seconds: dict[tuple[str, int], float] = {}
+
+    def cheapest(self, tolerance: float) -> TradeRow | None:
+        """The row of least time among the smallest of each family that meet a tolerance."""
+        best: TradeRow | None = None
+
+        def serves(row: TradeRow) -> bool:
+            return self.bound(row) <= tolerance
+
+        for family in self.families:
+            dof, limit, patience = family.dof(SMALLEST), PATIENCE, PATIENCE
+            if best is not None:
+                dof, limit = math.ceil(GAIN * best.dof), GAIN * best.seconds
+                # An answer of twice the time would not become the best, though times scatter.
+                patience = min(2.0 * best.seconds, PATIENCE)
+            row = self._climb(family, dof, serves, tolerance, limit, patience)
+            if row is not None and (best is None or row.seconds < best.seconds):
+                best = row
+        return best
+
+    def most_accurate(self, budget: float) -> TradeRow | None:
+        """The row of least error within a budget, down to what the reference resolves."""
+        aim = max(MARGIN * self.reference.error, self.quantity.floor)
+
+        def is_enough(row: TradeRow) -> bool:
+            return self._seconds[row.family, row.size] > budget or row.error <= aim
+
+        for family in self.families:
+            best = self._within(budget)
+            if best is not None and not best.resolved:
+                self.reasons[family.name] = "the reference does not resolve a smaller error"
+                continue
+            dof = family.dof(SMALLEST) if best is None else best.dof
+            error = math.inf if best is None else self.bound(best)
+            self._climb(family, dof, is_enough, error, GAIN * budget, PATIENCE)
+        return self._within(budget)
+
+    def _within(self, budget: float) -> TradeRow | None:
+        rows = [row for row in self.rows.values() if row.seconds <= budget]
+        return min(rows, key=self.bound, default=None)
+
+    def is_robust(self, row: TradeRow, tolerance: float) -> bool:
+        """Whether the next larger size meets the tolerance too."""
+        family = FAMILIES[row.family]
+        larger = self._measure(family, family.beyond(row.size), PATIENCE)
+        return self.bound(larger) <= tolerance
+
+    def nearest(self, tolerance: float | None) -> TradeRow | None:
+        """The row that comes nearest to a tolerance, or to a time where it is met."""
+        rows = [row for row in self.rows.values() if row.failure is None]
+        good = [row for row in rows if tolerance is None or self.bound(row) <= tolerance]
+        if good:
+            return min(good, key=lambda row: row.seconds)
+        return min(rows, key=self.bound, default=None)
+
+    def bound(self, row: TradeRow) -> float:
+        """Bound on the true error; infinite where the model failed."""
+        bound = row.error + self.reference.error
+        return bound if math.isfinite(bound) else math.inf
+
+    def _measure(self, family: Family, size: int, patience: float) -> TradeRow:
+        """The row of one model."""
+        key = (family.name, size)
+        if key not in self.rows:
+            start, given = clock(), (self.reference, self.repeats, patience)
+            self.rows[key] = row = measured(self.pipe, self.quantity, family, size, *given)
+            self._seconds[key] = row.seconds if row.failure is None else clock() - start
+        return self.rows[key]
+
+    def _climb(
+        self,
+        family: Family,
+        dof: int,
+        serves: Callable[[TradeRow], bool],
+        target: float,
+        limit: float,
+        patience: float,
+    ) -> TradeRow | None:
+        """The row of the smallest size of a family that serves, while the next smaller does not.
+
+        Sizes go up from a number of degrees of freedom until `serves` holds or no size in `limit`
+        seconds of an answer can bring the error down to `target`: then None. An answer is given up
+        after `patience` seconds.
+        """
+        least, most = max(1, self.quantity.least), self.quantity.most
+        more = family.for_terms(self.pipe)
+        largest = min((family.largest or most) + more, most // 2 if family.paired else most)
+        self.reasons[family.name] = self.quantity.excluded(self.pipe, family.name)
+        if largest < least:
+            self.reasons[family.name] = (
+                f"the question takes {least} degrees of freedom, models have up to {most}"
+            )
+        if self.reasons[family.name]:
+            return None
+        bad, good, cuts = least - 1, largest + 1, 0
+        size = min(max(dof // family.dof(1), least) + more, largest)
+        while good - bad > 1:
+            row = self._measure(family, size, patience)
+            before = bad
+            if serves(row):
+                good = size
+            else:
+                bad = size
+            if good <= largest:
+                if self._seconds.get((family.name, bad), 0.0) >= limit:
+                    return None
+                size = (bad + good) // 2
+                if cuts < 3:  # of errors that fall by a law two guesses are enough
+                    size = self._guess(family, bad, good, target, size)
+                size, cuts = min(max(size, bad + 1), good - 1), cuts + 1
+            elif self._is_hopeless(family, row, largest, target, limit):
+                return None
+            else:
+                size = self._guess(family, before, bad, target, 2 * bad)
+                size = min(max(size, bad + 1), 2 * bad, largest)
+        return self.rows.get((family.name, good))
+
+    def _guess(self, family: Family, a: int, b: int, target: float, otherwise: int) -> int:
+        """The size at which the error meets a target, extrapolated from those at two sizes."""
+        rows = [self.rows.get((family.name, size)) for size in (a, b)]
+        errors = [max(self.bound(row), 1e-16) if row else math.inf for row in rows]
+        if not errors[1] < errors[0] < 1.0 or target == math.inf:
+            return otherwise
+        share = math.log(errors[0] / target) / math.log(errors[0] / errors[1])
+        if family.order == math.inf:
+            return math.ceil(a + share * (b - a))
+        return math.ceil(a * math.pow(b / a, min(share, 10.0)))
+
+    def _is_hopeless(
+        self, family: Family, row: TradeRow, most: int, target: float, limit: float
+    ) -> bool:
+        """Whether no larger size of a family is worth asking after one that does not serve."""
+        seconds, error = self._seconds[family.name, row.size], self.bound(row)
+        ratio = error / target if error < math.inf else 1.0
+        growth = ratio ** (1.0 / (family.order or 2.0))  # the paper's: 2 up to its limit
+        # An answer's time grows at the least with the size, at the most with its cube.
+        if error > target and seconds * growth > limit:
+            return True
+        if 8.0 * seconds > PATIENCE:
+            self.reasons[family.name] = "one of twice the size would take more than a minute"
+            return True
+        rows = [row for row in self.rows.values() if row.family == family.name]
+        rows = [row for row in rows if self.bound(row) < math.inf]
+        if len(rows) < 4 or error == math.inf:
+            return False
+        sizes, errors = [float(row.size) for row in rows], [self.bound(row) for row in rows]
+        law = fitted_law(np.array(sizes), np.array(errors))
+        if law.law == "flat" and abs(law.limit) - law.spread > target:
+            self.reasons[family.name] = (
+                f"larger ones tend to an error of {abs(law.limit):.3g}: it has another limit"
+            )
+        elif growth * row.size > most:
+            self.reasons[family.name] = f"none up to {most} would serve, as its errors fall"
+        return bool(self.reasons[family.name])
+
+
+def described(row: TradeRow) -> str:
+    """A row in words."""
+    if row.failure is not None:
+        return f"size {row.size} failed: {row.failure}"
+    return f"size {row.size} has an error of {row.error:.1e} and takes {1e3 * row.seconds:.3g} ms"

@@ -20,20 +20,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from pipedyn import _core
-from pipedyn.accuracy.families import FAMILIES
+from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.reference import (
-    EPS,
     LEAST_ERROR,
     Answer,
     Reference,
-    onset_near,
     resolving_size,
 )
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
-from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
+from pipedyn.linear.critical_speed import checked_end, critical_speed
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
-from pipedyn.linear.special.weak_damping import is_weakly_damped
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin
@@ -53,8 +49,8 @@ FIRST, MOST = 6, 20
 critical speed of three pipes in four to 1 %, as measured; a cycle of 20 takes seconds."""
 
 LONGEST_REFERENCE = 30.0
-"""Seconds of processor time after which a nonlinear reference grows no more: half of what a search
-waits for one answer."""
+"""Seconds of processor time after which a nonlinear reference grows no more: cycles of 20 Legendre
+functions take 1 s, of 27 beam modes 4, so that only what does not converge meets it."""
 
 LEAST_TOLERANCE = 1e-10
 """Least change to which a basis grows, as for `Continuum`: rounding leaves less."""
@@ -104,6 +100,17 @@ class Quantity(ABC):
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's answer, its error below a tolerance where that can be had."""
 
+    def _converged(self, pipe: Pipe, tolerance: float, **sizes: int) -> Reference:
+        """From a Legendre basis that grows until the answer converges, as `Continuum` grows it."""
+
+        def change(before: Answer, answer: Answer) -> float:
+            # Near a cluster convergence is slow: what is left may be as much as the last change.
+            return 2.0 * self.distance(before, answer) + before.error + answer.error
+
+        found = Continuum(pipe).converge(self.answer, change, tolerance, **sizes)
+        source = f"Continuum, {found.size} Legendre functions"
+        return Reference(found.value, max(found.error, LEAST_ERROR), source)
+
     def excluded(self, pipe: Pipe, family: str) -> str:
         """Why a family's answers do not come near a pipe's as it grows; empty if they do."""
         return ""
@@ -146,33 +153,15 @@ class CriticalSpeedOf(Quantity):
         return Answer(np.array([found.speed]), found.kind, error)
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
-        """An onset, searched once and tracked as the basis grows, or else `Continuum`'s answer."""
-        onset: _core.AxisCrossing | CriticalSpeed
+        """The continuous pipe's, from a basis as small as the onset needs where that converges.
 
-        def tracked(model: Model) -> Answer:
-            nonlocal onset
-            near = onset_near(model, onset.speed, onset.frequency)
-            # One that has moved further is another, or the functions were too few.
-            if near is None or abs(near.speed - onset.speed) > 1e-5 * near.speed:
-                raise NotConverged(f"no onset near u = {onset.speed:g} in {model}")
-            onset = near
-            return Answer(np.array([near.speed]), "flutter", near.error / near.speed)
-
-        def distance(before: Answer, answer: Answer) -> float:
-            return self.distance(before, answer) + before.error + answer.error + EPS
-
+        `Continuum`'s own answer, which resolves all crossings up to the end of the search, takes
+        three to ten times as long.
+        """
         with suppress(PipedynError):
-            # 16 functions resolve the flutter of most pipes to 1e-8.
-            few = LEGENDRE.make(pipe, 16 + LEGENDRE.for_terms(pipe))
-            onset = critical_speed(few, self.max_speed)
-            # Without Coriolis force and damping two frequencies meet: no root crosses the axis.
-            crosses = (pipe.beta > 0.0 or pipe.damping > 0.0) and not is_weakly_damped(pipe)
-            if crosses and onset.frequency and onset.speed:
-                least = max(tolerance, LEAST_TOLERANCE)
-                found = Continuum(pipe).converge(tracked, distance, least, largest=40)
-                return Reference(found.value, found.error, _source(found.size))
+            return self._converged(pipe, max(tolerance, LEAST_TOLERANCE), largest=40)
         answer = self.answer(Continuum(pipe))
-        return Reference(answer, max(answer.error, EPS), "Continuum")
+        return Reference(answer, max(answer.error, LEAST_ERROR), "Continuum")
 
 
 class _Roots(Quantity):
@@ -204,19 +193,9 @@ class _Roots(Quantity):
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """The continuous pipe's: its basis grows until these roots converge, whatever others do."""
-        found = Continuum(pipe).converge(
-            self.answer,
-            # Near a cluster convergence is slow: what is left may be as much as the last change.
-            lambda before, answer: 2.0 * self.distance(before, answer),
-            # 1e-6 costs no more than what is looser.
-            tolerance=min(max(tolerance, LEAST_TOLERANCE), 1e-6),
-            smallest=max(16, 2 * self.count + 2),
-        )
-        return Reference(found.value, max(found.error, LEAST_ERROR), _source(found.size))
-
-
-def _source(size: int) -> str:
-    return f"Continuum, {size} Legendre functions"
+        # 1e-6 costs no more than what is looser.
+        least = min(max(tolerance, LEAST_TOLERANCE), 1e-6)
+        return self._converged(pipe, least, smallest=max(16, 2 * self.count + 2))
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 """References: answers of the continuous pipe whose own error is known.
 
 Reduced models grow until two answers agree; by how much they differ bounds the error of the last.
-A critical speed by flutter takes a third of the time where only the first model is searched, and
-the onset found is tracked into the next ones.
 """
 
 from __future__ import annotations
@@ -16,14 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import spherical_jn
 
-from pipedyn import _core
-from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.models.base import Model
 from pipedyn.models.pipe import Pipe
-from pipedyn.util.counters import factorised
 from pipedyn.util.result import result
-
-EPS = float(np.finfo(float).eps)
 
 MARGIN = 10.0
 """By how much the error of a reference must be smaller than an error measured against it, which is
@@ -90,14 +82,3 @@ def resolving_size(pipe: Pipe, u: float, value: complex, tolerance: float) -> fl
     # Beyond k / 2 functions the share falls; before, it oscillates.
     fits = sizes[(spherical_jn(sizes - 1, half) ** 2 <= tolerance) & (sizes > half)]
     return float(fits[0]) if fits.size else math.inf
-
-
-def onset_near(model: Model, speed: float, frequency: float) -> _core.AxisCrossing | None:
-    """The crossing into flutter next to a speed and a frequency; None where Newton's method fails.
-
-    The speed may leave its guess by a factor of three.
-    """
-    spectrum = eigenproblem(model).spectrum()
-    found = spectrum.onset_near(speed, frequency)
-    factorised(spectrum.factorisations())
-    return found

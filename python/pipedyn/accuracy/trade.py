@@ -15,8 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.accuracy.convergence import ConvergenceLaw, fitted_law
-from pipedyn.accuracy.families import GROUPS, Family, checked_families
+from pipedyn.accuracy.convergence import (
+    GROUPS,
+    ConvergenceLaw,
+    Family,
+    checked_families,
+    fitted_law,
+)
 from pipedyn.accuracy.quantities import Quantity, checked_quantity
 from pipedyn.accuracy.reference import MARGIN, Reference
 from pipedyn.models.base import NotConverged, checked_pipe

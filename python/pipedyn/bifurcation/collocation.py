@@ -276,14 +276,11 @@ def control(longest: float, tolerance: float) -> Control:
         longest=longest,
         shortest=1e-4,
         turn=math.acos(0.8),
-        shorten=0.4,
         tolerance=tolerance,
         stagnation=1e3 * tolerance,
-        iterations=15,
         patience=3,
         longest_change=0.5,
         farthest=math.inf,
-        quick=15,
         fresh=False,
     )
 
@@ -292,7 +289,7 @@ def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> Perio
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
     problem = OrbitProblem(motion, orbit)
     branch = Continuation(problem, replace(control(math.inf, tolerance), patience=None))
-    return problem.orbit(branch.fixed(orbit.packed(), orbit.u).z)
+    return problem.orbit(branch.fixed(orbit.packed(), orbit.u))
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -63,15 +64,13 @@ class Control:
 
     longest: float  # step along the branch
     shortest: float = 1e-7  # step at which a branch that cannot be continued is given up
-    turn: float = 0.35  # angle between neighbouring tangents, rad; beyond, the step is shortened
-    shorten: float = 0.5  # factor by which it is
+    turn: float = 0.35  # angle between neighbouring tangents, rad; beyond, the step is halved
     tolerance: float = 1e-12  # size of Newton's last step
     stagnation: float = 1e-8  # the same where rounding keeps steps from getting shorter
-    iterations: int = 12  # of Newton's method
+    iterations: int = 15  # of Newton's method
     patience: int | None = None  # slow Newton steps in a row after which it is given up
     longest_change: float = math.inf  # size beyond which a Newton step is shortened
     farthest: float = 4.0  # length of a Newton step, in those along the branch, at which it fails
-    quick: int = 4  # iterations up to which the next step along the branch is made longer
     fresh: bool = True  # tangents from the equations at the very point, not at the last iterate
 
 
@@ -81,7 +80,6 @@ class Point:
 
     z: Array
     tangent: Array
-    iterations: int = 0
 
     @property
     def x(self) -> Array:
@@ -136,15 +134,19 @@ class Continuation:
         z = start.z + ds * start.tangent if guess is None else guess
         row = self.problem.weights * start.tangent
         farthest = self.control.farthest * (abs(ds) + 1e-6)
-        return self._solved(z, row, float(row @ start.z) + ds, farthest)
+        z, last = self._solved(z, row, float(row @ start.z) + ds, farthest)
+        equations = self.problem.linearised(z) if self.control.fresh else last
+        return Point(z, self._unit(equations, row))
 
-    def fixed(self, guess: Array, p: float) -> Point:
-        """The point at a value of the parameter."""
+    def fixed(self, guess: Array, p: float) -> Array:
+        """Unknowns and parameter of the solution at a value of the parameter."""
         row = np.zeros(guess.size)
         row[-1] = 1.0
-        return self._solved(np.append(guess[:-1], p), row, p, math.inf)
+        z, _ = self._solved(np.append(guess[:-1], p), row, p, math.inf)
+        return z
 
-    def _solved(self, z: Array, row: Array, value: float, longest: float) -> Point:
+    def _solved(self, z: Array, row: Array, value: float, longest: float) -> tuple[Array, Solver]:
+        """The solution with row @ z = value, and the equations about the last iterate."""
         last: Solver | None = None
 
         def correction(here: Array) -> tuple[Array, float]:
@@ -168,8 +170,7 @@ class Continuation:
             check=self.problem.check,
         )
         assert last is not None
-        equations = self.problem.linearised(found.state) if control.fresh else last
-        return Point(found.state, self._unit(equations, row), found.iterations)
+        return found.state, last
 
     def next(self, start: Point, step: float) -> tuple[Segment, float]:
         """The step to the next point, at most so long, and the length to try after it."""
@@ -184,11 +185,11 @@ class Continuation:
                     break
             except NewtonFailed as error:
                 reason = error
-            step *= control.shorten
+            step *= 0.5
             if step < control.shortest:
                 raise reason
-        quick = found.iterations <= control.quick and straight > math.cos(0.5 * control.turn)
-        return Segment(self, start, found), min(step * (1.5 if quick else 1.0), control.longest)
+        longer = 1.5 if straight > math.cos(0.5 * control.turn) else 1.0
+        return Segment(self, start, found), min(longer * step, control.longest)
 
 
 @dataclass(frozen=True)
@@ -224,8 +225,8 @@ class Segment:
         """The point at an arc length."""
         return self.branch.at(self.begin, s, self.guess(s))
 
-    def where(self, p: float) -> Point:
-        """The point at a value of the parameter between those at the ends."""
+    def where(self, p: float) -> Array:
+        """The solution at a value of the parameter between those at the ends."""
         part = self
         for _ in range(8):  # halvings, after which the ends are 256 times nearer to each other
             try:
@@ -238,7 +239,7 @@ class Segment:
                 part = replace(part, begin=middle)
         return part.landing(p)
 
-    def landing(self, p: float) -> Point:
+    def landing(self, p: float) -> Array:
         """The same by one run of Newton's method."""
         ends = self.begin.p - p, self.end.p - p
         if 0.0 in ends:
@@ -246,10 +247,9 @@ class Segment:
         else:
             s = float(brentq(lambda s: self.guess(s)[-1] - p, 0.0, self.length))
         found = self.branch.fixed(self.guess(s), p)
-        if not -0.5 * self.length <= self.reach(found.z) <= 1.5 * self.length:
+        if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
-        onward = self.branch.product(self.begin.tangent, found.tangent) > 0.0
-        return found if onward else replace(found, tangent=-found.tangent)
+        return found
 
 
 def folds(segment: Segment, rtol: float) -> list[float]:
@@ -260,16 +260,8 @@ def folds(segment: Segment, rtol: float) -> list[float]:
     first, last = segment.slopes
     length = segment.length
     known = {0.0: first, length: last}
-
-    def slope(s: float) -> float:
-        if s not in known:
-            known[s] = float(segment.at(s).tangent[-1])
-        return known[s]
-
-    brackets = []
-    if first * last < 0.0:
-        brackets = [(0.0, length)]
-    elif first * last > 0.0:
+    ends = [0.0, length]
+    if first * last > 0.0:
         # Where the cubic with the ends' parameters and slopes is flattest.
         mean = (segment.end.p - segment.begin.p) / length
         bend = 6.0 * (0.5 * (first + last) - mean)
@@ -277,10 +269,15 @@ def folds(segment: Segment, rtol: float) -> list[float]:
         flattest = first + share * (last - first - bend * (1.0 - share))
         steepest = max(first, last, key=abs)
         if 0.0 < share < 1.0 and flattest / steepest < FLAT:
-            middle = share * length
-            if slope(middle) * first < 0.0:
-                brackets = [(0.0, middle), (middle, length)]
-    return [float(brentq(slope, *pair, xtol=rtol * length)) for pair in brackets]
+            ends.insert(1, share * length)
+
+    def slope(s: float) -> Array:
+        if s not in known:
+            known[s] = float(segment.at(s).tangent[-1])
+        return np.array([known[s]])
+
+    changes = (sign_changes(slope, *pair, rtol * length) for pair in pairwise(ends))
+    return [beyond for pairs in changes for _, beyond in pairs]
 
 
 def sign_changes(
@@ -318,31 +315,24 @@ def sign_changes(
 # ----------------------------------------------------------------------------- dense equations
 
 
-class Equations(Protocol):
-    """n equations in n unknowns and a parameter, with dense derivatives."""
-
-    def residual(self, x: Array, p: float) -> Array:
-        """G, shape (n,)."""
-
-    def jacobian(self, x: Array, p: float) -> Array:
-        """G_x, shape (n, n)."""
-
-    def by_parameter(self, x: Array, p: float) -> Array:
-        """G_p, shape (n,)."""
-
-
 class DenseProblem:
-    """Dense equations; a parameter's change by `scale` is as long as one of every x by 1."""
+    """n equations in n unknowns and a parameter, with dense derivatives.
 
-    def __init__(self, equations: Equations, size: int, scale: float) -> None:
+    Args:
+        equations: of x and p gives the residual G, shape (n,), and [G_x, G_p], shape (n, n + 1).
+        size: n.
+        scale: change of the parameter that is as long as one of every x by 1.
+    """
+
+    def __init__(
+        self, equations: Callable[[Array, float], tuple[Array, Array]], size: int, scale: float
+    ) -> None:
         self.equations = equations
         self.weights = np.append(np.full(size, 1.0 / size), scale**-2)
 
     def linearised(self, z: Array) -> Solver:
         """The equations about a point."""
-        x, p, equations = z[:-1], float(z[-1]), self.equations
-        derivative = np.column_stack([equations.jacobian(x, p), equations.by_parameter(x, p)])
-        residual = equations.residual(x, p)
+        residual, derivative = self.equations(z[:-1], float(z[-1]))
 
         def change(row: Array, gap: float, share: float) -> Array:
             right = np.append(-share * residual, gap)
@@ -357,25 +347,6 @@ class DenseProblem:
 
     def check(self, z: Array) -> None:
         """Every point may be followed."""
-
-
-def solve(equations: Equations, x: Array, p: float) -> Array:
-    """A solution at a given parameter by Newton's method."""
-
-    def correction(x: Array) -> tuple[Array, float]:
-        step = -_dense_solution(equations.jacobian(x, p), equations.residual(x, p))
-        return step, float(np.abs(step).max())
-
-    found = newton(
-        x,
-        correction,
-        tolerance=Control.tolerance,
-        stagnation=Control.stagnation,
-        longest=0.5,
-        iterations=60,  # those that are shortened to half a radian go 30 rad, five turns
-        scale=lambda x: 1.0 + float(np.abs(x).max()),
-    )
-    return found.state
 
 
 def _dense_solution(matrix: Array, right: Array) -> Array:

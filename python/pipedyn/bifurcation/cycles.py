@@ -72,7 +72,7 @@ class LimitCycle(Trajectory):
         error: of amplitude and frequency, relative, estimated by refinement: what the last
             halving of mesh intervals changed.
         multiplier_error: distance of the trivial multiplier from 1, or what halving the mesh
-            intervals changes in the worst, relative if above 1, where that is more.
+            intervals changes in the worst, relative if above 1, or rounding, whichever is most.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         symmetric: whether the second half of the period was taken as the mirror image of the first.
@@ -135,7 +135,7 @@ def finished(
     # Defects with which the first answer mostly meets rtol: the mesh follows the kinks of drag.
     largest = rtol * (1e-1 if motion.model.pipe.drag else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
-    for attempt in range(CHECKS):
+    for _ in range(CHECKS):
         orbit, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
         try:
             result = described(motion, orbit, error, samples, how)
@@ -146,15 +146,13 @@ def finished(
                 f"the cycle at u = {orbit.u:g} is known to {error:.1e} only: {reason}", result
             )
         if result.multiplier_error <= max(rtol, _allowed(result.others)):
-            break
-        if attempt + 1 == CHECKS:
-            raise NotConverged(
-                f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of "
-                f"which should be 1, are known to {result.multiplier_error:.1e} only",
-                result,
-            )
+            return result
         largest *= 0.01  # the multipliers need a finer mesh
-    return result
+    raise NotConverged(
+        f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of which "
+        f"should be 1, are known to {result.multiplier_error:.1e} only",
+        result,
+    )
 
 
 def _allowed(others: Complex) -> float:
@@ -243,7 +241,9 @@ def described(
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, change = floquet(motion, orbit)
+    multipliers, _, change = floquet(motion, orbit)
+    # Rounding of eigenvalues of matrices of so many rows leaves about as much.
+    change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))
     return LimitCycle(
         amplitude=amplitude,
@@ -270,8 +270,13 @@ def described(
 # ------------------------------------------------------------------------ Floquet multipliers
 
 
-def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, float]:
-    """Floquet multipliers, the largest modulus first, shape (2 dof,), and the error of the worst.
+def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, Complex, float]:
+    """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
+
+    Of an orbit with a mirror the roots are the eigenvalues over half a period, reflected. The
+    multipliers, shape (2 dof,), are their squares: the trivial one is 1 either way, and a
+    perturbation that breaks the mirror symmetry and neither grows nor decays has the root -1.
+    Without a mirror the roots are the multipliers.
 
     Raises:
         NewtonFailed: if they overflow.
@@ -281,12 +286,14 @@ def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, float]:
     some = motion.model.drag_velocities(*np.split(orbit.states(np.zeros(1)), 2))
     left = 0.25 if motion.model.pipe.drag and not some.size else 1e-3
     orbit = _fine_enough(motion, orbit)
-    values, error = _multipliers(motion, orbit), math.inf
+    roots, error = _eigenvalues(motion, orbit), math.inf
+    values = roots**2 if orbit.symmetric else roots
     for _ in range(MOST_HALVINGS):
         if error <= TOLERANCE or 2 * len(orbit.starts) > MOST:
             break
         orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
-        coarser, values = values, _multipliers(motion, orbit)
+        coarser, roots = values, _eigenvalues(motion, orbit)
+        values = roots**2 if orbit.symmetric else roots
         moved = np.abs(coarser[:, None] - values) / np.maximum(np.abs(values), 1.0)
         last, error = error, left * float(moved[linear_sum_assignment(moved)].max())
         if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
@@ -294,25 +301,11 @@ def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, float]:
     # Rounded, as the moduli of a pair differ by rounding.
     sizes = np.log(np.maximum(np.abs(values), 1e-300)).round(11)
     order = np.lexsort((-values.imag, -sizes))
-    return values[order].astype(np.complex128), error
-
-
-def multiplier_roots(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
-    """The multipliers or, of an orbit with a mirror, eigenvalues over half a period, reflected.
-
-    The multipliers are the squares of these: the trivial one is 1 either way, and a perturbation
-    that breaks the mirror symmetry and neither grows nor decays has -1.
-    """
-    return _eigenvalues(motion, _fine_enough(motion, orbit))
-
-
-def _multipliers(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
-    values = _eigenvalues(motion, orbit)
-    return values**2 if orbit.symmetric else values
+    return values[order].astype(np.complex128), roots[order], error
 
 
 def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
-    """`multiplier_roots` on a given mesh."""
+    """The roots of the multipliers on a given mesh."""
     factorised()
     with np.errstate(over="raise", invalid="raise"):
         try:

@@ -29,8 +29,14 @@ from pipedyn.bifurcation.brute_force import (
     initial_bends,
 )
 from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
-from pipedyn.bifurcation.equilibria import LARGEST, Statics, equilibria
-from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch, equilibrium_branch, lies_on
+from pipedyn.bifurcation.equilibria import (
+    LARGEST,
+    EquilibriumBranch,
+    Statics,
+    equilibria,
+    equilibrium_branch,
+    lies_on,
+)
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED

@@ -46,8 +46,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.bifurcation.equilibria import Statics
-from pipedyn.bifurcation.equilibrium_branch import BranchPoint
+from pipedyn.bifurcation.equilibria import BranchPoint, Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
@@ -176,13 +175,12 @@ def vectors(
     return right, left / np.conj(left.conj() @ right)
 
 
-def _extrapolated(values: list[complex], rounding: Array | float = 0.0) -> tuple[complex, float]:
+def _extrapolated(values: list[complex], rounding: Array) -> tuple[complex, float]:
     """Limit of values whose error is a series in h^2, h halved each time, by Neville's scheme.
 
     The least estimate of the scheme may be small by chance: the values' own rounding is added.
     """
     best, error, row = values[-1], math.inf, np.array(values)
-    rounding = np.broadcast_to(rounding, row.shape)
     for order in range(1, len(values)):
         above, row = row, (4.0**order * row[1:] - row[:-1]) / (4.0**order - 1.0)
         estimates = np.maximum(np.abs(row - above[:-1]), np.abs(row - above[1:]))
@@ -239,7 +237,7 @@ class Hopf(HopfPoint):
         criticality: "supercritical" if the cycle attracts motions in the critical mode, and so
             exists where that mode grows; "subcritical" if it repels. With drag this holds at
             amplitudes far below `balance`; for those beyond see `fold`. Where other modes grow at
-            the onset, `unstable_beside`, no cycle that emerges there is stable.
+            the onset, `other_unstable`, no cycle that emerges there is stable.
         crossing: that of the pair.
         model: the model.
         mode: q, complex, of the integrated state [p, p'], shape (2 moving,).
@@ -261,7 +259,7 @@ class Hopf(HopfPoint):
     model: Model = field(repr=False)
 
     @property
-    def unstable_beside(self) -> int:
+    def other_unstable(self) -> int:
         """Number of eigenvalues with positive real part at the onset, other than the pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
@@ -305,7 +303,7 @@ class Hopf(HopfPoint):
         fed = self.growth * (u - self.speed)
         if fed == 0.0:
             return 0.0
-        inside = quadratic**2 - 4.0 * cubic * fed
+        inside = 0.0 if u == self.fold else quadratic**2 - 4.0 * cubic * fed
         if inside >= 0.0:  # roots of fed + quadratic A + cubic A^2, without cancellation
             both = -0.5 * (quadratic + math.copysign(math.sqrt(inside), quadratic))
             sizes = [fed / both, both / cubic if cubic else 0.0]
@@ -318,7 +316,7 @@ class Hopf(HopfPoint):
             where = f"{'below' if above else 'above'} the fold at {self.fold:.9g}"
         raise ValueError(f"u must be {where}, got {u:.9g}")
 
-    def pace(self, u: float) -> float:
+    def cycle_frequency(self, u: float) -> float:
         """Angular frequency of the cycle of `amplitude` at a speed, in 1 / T.
 
         Raises:
@@ -457,20 +455,17 @@ def _mean_drag(
     # Less acts only at amplitudes that are 0 to any accuracy, and its law overflows.
     if model.pipe.drag < 1e-100:
         return 0j, 0.0
-    unit = with_drag(model, 1.0)  # a weak drag would be lost in rounding; its force is as large
+    # At a small amplitude r terms of higher degree are r^2 of the mean, and with a coefficient of
+    # 1 / r drag is as large as the linear forces, whose rounding it would be lost in.
+    r = 1e-6 / model.largest_angle(form.right[: smooth.half])
+    strong = with_drag(model, 1.0 / r)
     turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False))  # kinks ask for many
     line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
-    first = FIRST_STEP / model.largest_angle(form.right[: smooth.half])
-
-    def mean(r: float, stride: int) -> complex:
-        y = np.ascontiguousarray(rest[:, None] + r * line[:, ::stride])
-        values = (unit(y, u) - smooth(y, u)) / r**2  # drag alone
-        return complex(2.0 * np.mean((form.left.conj() @ values) * turn[::stride].conj()))
-
-    values = [mean(first / 2**level, 4) for level in range(1, 4)]
-    value, error = _extrapolated(values)
-    missed = mean(first / 8.0, 1) - values[-1]  # what kinks leave of a mean over fewer phases
-    value, error = value + missed, error + abs(missed) + 1e-9 * abs(value)
+    y = np.ascontiguousarray(rest[:, None] + r * line)
+    means = 2.0 * (form.left.conj() @ (strong(y, u) - smooth(y, u))) * turn.conj() / r
+    value = complex(np.mean(means))
+    # What kinks leave of a mean over a quarter of the phases, and rounding.
+    error = abs(complex(np.mean(means[::4])) - value) + 1e-9 * abs(value)
     if abs(value) <= 1e-12 * form.frequency:
         value = 0j
     return model.pipe.drag * value, model.pipe.drag * error

@@ -7,6 +7,7 @@ A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle,
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -18,8 +19,8 @@ from scipy.interpolate import CubicHermiteSpline
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, finished, floquet
-from pipedyn.bifurcation.hopf import Hopf, hopf, with_drag
-from pipedyn.bifurcation.orbit_continuation import breaking_part, continued, small_orbit
+from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
+from pipedyn.bifurcation.orbit_continuation import breaking_part, continued
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
@@ -121,7 +122,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
     try:
         if isinstance(start, Hopf):
             _check_own(motion, start)
-            return _from_onset(motion, u, start)
+            return continued(motion, start, u), _followed(start)
         check_coordinates(motion.model, "start", start)
         if isinstance(start, LimitCycle):
             orbit = start.orbit
@@ -155,7 +156,7 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
         reached = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
         if reached or onset.criticality == "subcritical":
             try:
-                return _from_onset(motion, u, onset)
+                return continued(motion, onset, u), _followed(onset)
             except NewtonFailed as reason:
                 reasons.append(str(reason))
     pipe = model.pipe
@@ -174,11 +175,15 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
             "conserved: no cycle attracts, and none comes from an onset",
             u,
         )
-    bent = state_of(model, "start", slight_bend, KINDS)
     # All modes of a pipe under drag alone grow, about as fast: motions come late to a cycle that
     # attracts. A chain's are cheap, others' cost more than to follow a damped pipe's cycle.
     alone = not onsets and pipe.drag > 0.0 and pipe.damping == 0.0
-    ways = {"simulation": partial(_simulated, motion, u, bent, 2 * SEARCH if alone else SEARCH)}
+
+    def simulated() -> PeriodicOrbit:
+        bent = state_of(model, "start", slight_bend, KINDS)
+        return _simulated(motion, u, bent, 2 * SEARCH if alone else SEARCH)
+
+    ways: dict[str, Callable[[], PeriodicOrbit]] = {"simulation": simulated}
     if alone:
         damped = {"followed from a damped pipe's": partial(_from_damped_pipe, motion, u)}
         ways = ways | damped if model.linear_cost else damped | ways
@@ -186,45 +191,24 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     for how, search in ways.items():
         try:
             return search(), how
-        except (NewtonFailed, NoCycle) as reason:
+        except (NewtonFailed, PipedynError) as reason:
             failed.append(str(reason))
     raise NoCycle("; ".join(dict.fromkeys([*failed, *reasons])), u)
+
+
+def _followed(onset: Hopf) -> str:
+    """How a cycle was found that comes from an onset."""
+    return f"followed from the onset at u = {onset.speed:.6g}"
 
 
 def _check_own(motion: VectorField, onset: Hopf) -> None:
     """Refuses an onset of another model."""
     own = onset.model.coordinate_kind == motion.model.coordinate_kind
-    if own:
-        linear = with_drag(motion.model, 0.0).jacobian(onset.rest, onset.speed)
-        missed = linear @ onset.mode - 1j * onset.frequency * onset.mode
-        own = np.abs(missed).max() < 1e-5 * onset.frequency * np.abs(onset.mode).max()
-    if not own:
-        raise ValueError(f"start must be an onset of the model, got one of {onset.model!r}")
-
-
-def _from_onset(motion: VectorField, u: float, onset: Hopf) -> tuple[PeriodicOrbit, str]:
-    """From the amplitude equation or, where that fails, along the branch."""
-    how = f"from the onset at u = {onset.speed:.6g}"
-    with suppress(NewtonFailed):
-        return _from_normal_form(motion, u, onset), how
-    return continued(motion, onset, u), f"followed {how}"
-
-
-def _from_normal_form(motion: VectorField, u: float, onset: Hopf) -> PeriodicOrbit:
-    """From the amplitude equation at the Hopf point to the speed at once."""
-    try:
-        amplitude, omega = onset.amplitude(u), onset.pace(u)
-    except ValueError:
-        raise NewtonFailed("the amplitude equation has no cycle there") from None
-    if not 0.0 < amplitude <= 0.6:
-        raise NewtonFailed("the amplitude equation has no cycle that is small enough for it")
-    omega = omega if omega > 0.3 * onset.frequency else onset.frequency
-    coarse = solved(motion, small_orbit(motion, onset, amplitude, u, omega), FIRST_STEP)
-    guess = resolved(*(motion, coarse.states, coarse.frequency, u, coarse.symmetric), FIRST_DEFECT)
-    fine = solved(motion, guess, FIRST_STEP)
-    if abs(fine.size / coarse.size - 1.0) > 0.1:
-        raise NewtonFailed("the first orbit solves the equations on its coarse mesh only")
-    return fine
+    with suppress(PipedynError, ValueError):
+        if own:
+            hopf_point(motion, onset.rest, onset.speed, onset.frequency)
+            return
+    raise ValueError(f"start must be an onset of the model, got one of {onset.model!r}")
 
 
 def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
@@ -285,7 +269,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
             known = passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6
             if away < 0.01 * found.size and not known:
-                multipliers, _ = floquet(motion, found)
+                multipliers, _, _ = floquet(motion, found)
                 if (np.abs(multipliers) <= 1.0 + 1e-3).all():
                     return _as_symmetric(motion, found)
                 passed = found
@@ -297,11 +281,11 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
 
 
 def _as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """Solved with its mirror, if the orbit has one that the motion it was found from did not show.
+    """As one half and its mirror image, if the orbit of a motion is so.
 
     Else rounding of its asymmetry would pass for a pitchfork where the branch is followed.
     """
-    if orbit.symmetric or not motion.is_odd(orbit.u):
+    if not motion.is_odd(orbit.u):
         return orbit
     if np.abs(breaking_part(orbit, "pitchfork")).max() > 1e-6 * orbit.size:
         return orbit
@@ -336,14 +320,9 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit 
         return None
     begin = times[-2 - turns]
     period = float(times[-1] - begin)
-    odd = motion.is_odd(u)
-    if odd:
-        probe = begin + period * np.arange(32) / 64.0
-        here, later = spline(probe)[:, :half], spline(probe + 0.5 * period)[:, :half]
-        odd = bool((np.abs(here + later).max(axis=0) <= 0.02 * np.abs(here).max(axis=0)).all())
     omega = 2.0 * math.pi / period
 
     def through(phase: Array) -> Array:
         return np.ascontiguousarray(spline(begin + phase / omega).T)
 
-    return resolved(motion, through, omega, u, odd, FIRST_DEFECT)
+    return resolved(motion, through, omega, u, False, FIRST_DEFECT)

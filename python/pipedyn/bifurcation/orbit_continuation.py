@@ -9,7 +9,7 @@ orbit. The mesh is refined and coarsened on the way. Whatever solves for an orbi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -18,7 +18,7 @@ import numpy as np
 
 from pipedyn.bifurcation.collocation import OrbitProblem, control, solved
 from pipedyn.bifurcation.continuation import Continuation, Control, Point, Segment, folds
-from pipedyn.bifurcation.hopf import HopfPoint
+from pipedyn.bifurcation.hopf import Hopf, HopfPoint
 from pipedyn.bifurcation.periodic_orbit import (
     COARSEST,
     PeriodicOrbit,
@@ -32,10 +32,10 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 
-SMALL, SMALLEST = 0.01, 1e-4
-"""Distance in L of the free end at which a branch's first orbit lies from what it leaves, and the
-least that is tried: the normal form holds at the first to a per cent or better, and at the last
-rounding is far below."""
+SMALL, SMALLEST, LARGEST = 0.01, 1e-4, 0.3
+"""Distance in L of the free end at which a branch's first orbit lies from what it leaves, the least
+that is tried, and the largest on the way to a speed: the normal form holds at the first to a per
+cent or better, at the last to a tenth, and rounding is far below the least."""
 
 MOST_INTERVALS = 250
 """Mesh intervals of an orbit on a branch: 2,000 stages, with which orbits take seconds each."""
@@ -53,15 +53,14 @@ class OrbitControl:
     """How branches of orbits are followed."""
 
     control: Control  # of steps, in L of the free end and relative in speed and frequency
-    first: float  # length of the first step
     defect: float  # the largest of an orbit
 
 
-FINE = OrbitControl(control(0.15, 1e-8), 0.03, 1e-4)
+FINE = OrbitControl(control(0.15, 1e-8), 1e-4)
 """For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
 and 5e-5."""
 
-COARSE = OrbitControl(control(0.3, 1e-5), 0.05, 1e-3)
+COARSE = OrbitControl(control(0.3, 1e-5), 1e-3)
 """On the way to a speed: the orbit there is solved for again on finer meshes."""
 
 
@@ -70,45 +69,36 @@ COARSE = OrbitControl(control(0.3, 1e-5), 0.05, 1e-3)
 
 @dataclass(frozen=True)
 class BranchStart:
-    """Where a branch begins.
-
-    The length of `towards` is that of the first step, if it is less than `OrbitControl.first`.
-    """
+    """Where a branch begins."""
 
     orbit: PeriodicOrbit  # the first
-    towards: Array = field(repr=False)  # direction in the unknowns
+    towards: Array = field(repr=False)  # a direction; from the base, if any, up to the first
     base: PeriodicOrbit | None = None  # what it leaves, at rest or periodic, on the same mesh
 
 
-def small_orbit(
-    motion: VectorField, point: HopfPoint, amplitude: float, u: float, frequency: float
-) -> PeriodicOrbit:
-    """The mode of a Hopf point with an amplitude of the free end, on the coarsest mesh.
+def from_hopf(
+    motion: VectorField, point: HopfPoint, amplitude: float = SMALL, reach: float = math.inf
+) -> BranchStart:
+    """At an amplitude of the free end, or a smaller one where that has no orbit or is too far away.
 
-    Rates are those of the mode and not of the forces, which at large amplitudes of a stiff pipe are
-    far from them.
+    The orbit's speed may differ from the Hopf point's by 1e-3, relative, or by up to `reach` where
+    that is finite, to the same side; and the coarsest mesh must resolve the orbit.
     """
-    edges = coarsest_mesh(not point.rest.any() and motion.is_odd(u))
-    mode = amplitude * point.mode
-    if not motion.constrained:
-        mode[motion.half :] = 1j * frequency * mode[: motion.half]
+    edges = coarsest_mesh(not point.rest.any() and motion.is_odd(point.speed))
     turn = np.exp(1j * stage_phases(edges))[..., None]
-    rates = (1j * frequency * mode[-motion.width :] * turn).real
-    starts = point.rest + (mode * np.exp(1j * edges[:-1])[:, None]).real
-    return PeriodicOrbit(edges, starts, rates, frequency, u)
+    starts = (point.mode * np.exp(1j * edges[:-1])[:, None]).real
+    # Those of the mode and not of the forces, which at large amplitudes are far from them.
+    rates = (1j * point.frequency * point.mode[-motion.width :] * turn).real
+    still = point.rest + np.zeros_like(starts), np.zeros_like(rates)
+    base = PeriodicOrbit(edges, *still, point.frequency, point.speed)
 
+    def is_near(orbit: PeriodicOrbit) -> bool:
+        away = orbit.u - point.speed
+        near = abs(away) <= 1e-3 * point.speed or 0.0 < away / reach <= 1.0
+        return near and bool((orbit.defects() <= COARSE.defect).all())
 
-def from_hopf(motion: VectorField, point: HopfPoint) -> BranchStart:
-    """At an amplitude small enough for a speed within 1e-3 of the Hopf point's, relative."""
-    amplitude = SMALL
-    while True:
-        ring = small_orbit(motion, point, amplitude, point.speed, point.frequency)
-        rest = np.broadcast_to(point.rest, ring.starts.shape)
-        still = replace(ring, starts=rest, rates=np.zeros_like(ring.rates))
-        start = _at_distance(motion, ring, still, ring.packed() - still.packed())
-        if abs(start.orbit.u - point.speed) <= 1e-3 * point.speed or amplitude <= SMALLEST:
-            return start
-        amplitude *= 0.3
+    mode = np.concatenate([starts.ravel(), rates.ravel(), [0.0, 0.0]])
+    return _leaving(motion, base, amplitude * mode, is_near)
 
 
 def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
@@ -126,14 +116,7 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
     )
     direction = np.concatenate([*halves, [0.0, 0.0]])
     branch = Continuation(OrbitProblem(motion, base, unit_of(motion, base)), FINE.control)
-    direction *= SMALL / branch.length(direction)
-    while True:
-        try:
-            return _at_distance(motion, base, base, direction)
-        except NewtonFailed:
-            direction = 0.4 * direction
-            if branch.length(direction) < SMALLEST:
-                raise
+    return _leaving(motion, base, SMALL / branch.length(direction) * direction)
 
 
 def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> BranchStart:
@@ -147,15 +130,30 @@ def from_orbit(motion: VectorField, orbit: PeriodicOrbit, sign: float) -> Branch
     return BranchStart(orbit, branch.point(orbit.packed(), towards).tangent)
 
 
-def _at_distance(
-    motion: VectorField, like: PeriodicOrbit, base: PeriodicOrbit, direction: Array
+def _leaving(
+    motion: VectorField,
+    base: PeriodicOrbit,
+    direction: Array,
+    accepted: Callable[[PeriodicOrbit], bool] = lambda orbit: True,
 ) -> BranchStart:
-    """The orbit at a distance from what it leaves, in a direction of that length."""
-    problem = OrbitProblem(motion, like, unit_of(motion, like))
-    branch = Continuation(problem, FINE.control)
+    """The orbit at a distance from what it leaves, in a direction of that length.
+
+    It is nearer where there is none or it is not accepted; raises NewtonFailed if there is none.
+    """
     begin = base.packed()
-    found = branch.at(branch.starting(begin, direction), branch.length(direction))
-    return BranchStart(problem.orbit(found.z), found.z - begin, base)
+    while True:
+        like = base.unpacked(begin + direction)
+        problem = OrbitProblem(motion, like, unit_of(motion, like))
+        branch = Continuation(problem, FINE.control)
+        length = branch.length(direction)
+        try:
+            z = branch.at(branch.starting(begin, direction), length).z
+            if accepted(problem.orbit(z)) or length <= SMALLEST:
+                return BranchStart(problem.orbit(z), z - begin, base)
+        except NewtonFailed:
+            if length <= SMALLEST:
+                raise
+        direction = 0.3 * direction
 
 
 def unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
@@ -211,15 +209,24 @@ class OrbitStep:
 
 
 def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[OrbitStep]:
-    """Steps along a branch of orbits, past folds, without end."""
+    """Steps along a branch of orbits, past folds, without end.
+
+    From what it leaves to its first orbit the branch is a step like any other.
+    """
     here, towards = start.orbit, start.towards
     unit, largest = unit_of(motion, here), how.defect
-    length: float | None = None
+    length = 0.2 * how.control.longest
+    if start.base is not None:
+        begin, end = start.base.packed(), here.packed()
+        # So small a start lets the orbits on the way be anything from 0.15 % to 150 % of the first.
+        problem = OrbitProblem(motion, here.unpacked(begin + 0.05 * towards), unit)
+        branch = Continuation(problem, how.control)
+        points = branch.starting(begin, towards), branch.point(end, towards)
+        yield OrbitStep(Segment(branch, *points), problem)
+        length = min(length, branch.length(towards))
     while True:
         problem = OrbitProblem(motion, here, unit)
         branch = Continuation(problem, how.control)
-        if length is None:
-            length = min(how.first, branch.length(towards))
         segment, following = branch.next(branch.starting(here.packed(), towards), length)
         step = OrbitStep(segment, problem)
         coarse = step.end.defects() > largest
@@ -259,21 +266,25 @@ def _on_mesh(
     return problem.orbit(found.z), found.tangent
 
 
-def continued(motion: VectorField, point: HopfPoint, u: float) -> PeriodicOrbit:
+def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
     """The orbit at a speed to which those of a Hopf point lead; NewtonFailed says why if none."""
     begun, stopped = motion.evaluations, "it takes too many steps"
-    start = from_hopf(motion, point)
+    amplitude = SMALL
+    with suppress(ValueError):  # one step may do, up to what the amplitude equation holds for
+        amplitude = min(1.05 * point.amplitude(u) or SMALL, LARGEST)
+    start = from_hopf(motion, point, amplitude, 1.5 * (u - point.speed) or math.inf)
+    small = start.orbit.size * min(SMALL / amplitude, 1.0)
     here, turning = start.orbit, list[OrbitStep]()
     try:
         # Sixty of the longest steps change the amplitude by up to 18 L.
         for step in islice(followed(motion, start, COARSE), 60):
             if (step.begin.u - u) * (step.end.u - u) <= 0.0:
-                return step.problem.orbit(step.segment.where(u).z)
+                return step.problem.orbit(step.segment.where(u))
             here, slopes = step.end, step.segment.slopes
             if slopes[0] * slopes[1] < 0.0 and slopes[0] * (u - step.begin.u) > 0.0:
-                turning.append(step)  # turned back on its way there
+                turning.append(step)  # turned back on its way there, or just beyond
             across = np.sum(breaking_part(step.begin, "hopf") * breaking_part(here, "hopf"))
-            if here.size < 0.25 * start.orbit.size or across < 0.0:
+            if here.size < 0.25 * small or across < 0.0:
                 stopped = f"its amplitude falls to 0 near u = {here.u:.6g}"
                 break
             if not 0.5 * min(u, point.speed) < here.u < 1.5 * max(u, point.speed):
@@ -287,7 +298,11 @@ def continued(motion: VectorField, point: HopfPoint, u: float) -> PeriodicOrbit:
     turns = list[float]()
     for step in turning:
         with suppress(NewtonFailed):
-            turns += [step.at(s).u for s in folds(step.segment, 1e-3)]
+            for s in folds(step.segment, 1e-3):
+                part = replace(step.segment, end=step.segment.at(s))
+                if (step.begin.u - u) * (part.end.p - u) <= 0.0:
+                    return step.problem.orbit(part.where(u))
+                turns.append(part.end.p)
     turn = min(turns, key=lambda turn: abs(turn - u), default=None)
     if turn is not None and (turn < point.speed) == (u < point.speed):
         report = f"reaches {'down' if u < turn else 'up'} to u = {turn:.6g} only"

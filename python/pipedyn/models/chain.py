@@ -185,10 +185,6 @@ class Chain(Model):
         """The compiled chain."""
         return self._with_springs(self._springs)
 
-    @cached_property
-    def motion(self) -> _core.Chain:
-        return self.core
-
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
         return f"Chain({self._pipe!r}, n={self.dof}, springs={rule})"

@@ -31,9 +31,8 @@ from pipedyn.plot.common import (
     style,
 )
 from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
-from pipedyn.plot.pipes import animate, snapshots
+from pipedyn.plot.motion import animate, phase_portrait, snapshots, time_history
 from pipedyn.plot.stability_map import boundaries, stability_map
-from pipedyn.plot.time_series import phase_portrait, time_history
 
 __all__ = [
     "BETA_LABEL",

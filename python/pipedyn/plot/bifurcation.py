@@ -15,10 +15,10 @@ from matplotlib.patches import Circle
 from pipedyn.bifurcation.branches import CycleBranch
 from pipedyn.bifurcation.cycles import LimitCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram
-from pipedyn.bifurcation.equilibrium_branch import EquilibriumBranch
+from pipedyn.bifurcation.equilibria import EquilibriumBranch
 from pipedyn.bifurcation.events import UNIT, nontrivial
 from pipedyn.plot import common
-from pipedyn.plot.interpolation import finer, first_component, tip_of
+from pipedyn.plot.motion import finer, first_component, tip_of
 from pipedyn.util import check
 from pipedyn.util.check import Array
 

@@ -1,0 +1,493 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of motions: curves over time, phase portraits, shapes of the pipe, an animation.
+
+The model's y axis points along the straight pipe, away from the clamp. For a hanging pipe the
+picture's axis is inverted, for a standing one (gamma < 0) it is not. Gravity points down the page
+in both. Between its samples a motion is shown by cubics through positions and velocities.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import cycle
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, Rectangle
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline, PPoly
+
+from pipedyn.bifurcation.cycles import LimitCycle
+from pipedyn.motion.simulate import Ensemble, Motion
+from pipedyn.plot import common
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+
+def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None = None) -> Axes:
+    """Transverse displacement of the free end over time.
+
+    Args:
+        motions: one, several or an ensemble. Between samples, cubics through positions and
+            velocities are shown.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        ValueError: for fewer than 3 samples, or samples too far apart to interpolate.
+        TypeError: for bad arguments.
+    """
+    shown = _signals(checked_motions(motions), None, rates_shown=False)
+    ax = common.axes(ax, (6.4, 3.2), xlabel=common.TIME_LABEL, ylabel=common.TIP_LABEL)
+    ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
+    for _, curve, label, look in shown:
+        t = finer(curve.x)
+        ax.plot(t, curve(t), label=label, linewidth=1.0, **look)
+    ax.margins(x=0.0)
+    _legend(ax, shown)
+    return ax
+
+
+def phase_portrait(
+    motions: Motion | Sequence[Motion] | Ensemble,
+    coordinate: Literal["tip"] | int = "tip",
+    ax: Axes | None = None,
+) -> Axes:
+    """Displacement against velocity. A ring marks the start; the last cycle is a thicker line.
+
+    Args:
+        motions: one, several or an ensemble.
+        coordinate: "tip" for the free end's transverse displacement, or the index of a coordinate,
+            counted from 0.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        ValueError: for fewer than 3 samples, samples too far apart to interpolate, or an index
+            that a model does not have.
+        TypeError: for bad arguments.
+    """
+    named = checked_motions(motions)
+    least = min(motion.model.coordinates for motion in named.values())
+    index, xlabel = common.coordinate_axis(coordinate, least)
+    shown = _signals(named, index, rates_shown=True)
+    rate = common.TIP_RATE_LABEL if index is None else rf"its rate $\dot q_{{{index}}}$  $(1/T)$"
+    ax = common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=rate)
+    for motion, curve, label, look in shown:
+        last = t = finer(curve.x)
+        if (ends := last_cycle(motion)) is not None:
+            last = np.linspace(*ends, 401)
+            thin = {"color": look["color"], "linewidth": 0.6, "alpha": 0.5, "zorder": 2.0}
+            for part in (t[t <= ends[0]], t[t >= ends[1]]):
+                ax.plot(curve(part), curve(part, 1), **thin)
+        ax.plot(curve(last), curve(last, 1), label=label, linewidth=1.6, **look)
+        ax.plot(curve(t[0]), curve(t[0], 1), **common.open_marker(4.5, look["color"], zorder=3.0))
+    _legend(ax, shown)
+    return ax
+
+
+Signal = tuple[Motion, PPoly, str, dict[str, Any]]
+"""A motion, the free end or a coordinate as a function of time, label and style of the curve."""
+
+
+def _signals(named: dict[str, Motion], index: int | None, rates_shown: bool) -> list[Signal]:
+    """What is shown of each motion; refuses samples too far apart.
+
+    A label is the speed, and the model where speeds are the same.
+    """
+    curves = []
+    for name, motion in named.items():
+        if index is None:
+            curve = first_component(tip_of(motion))
+        else:
+            curve = CubicHermiteSpline(motion.t, motion.q[:, index], motion.qdot[:, index])
+        refuse_coarse(name, curve, rates_shown=rates_shown)
+        curves.append(curve)
+    motions = list(named.values())
+    labels = [f"$u = {motion.u:.6g}$" for motion in motions]
+    if len(set(labels)) < len(labels):
+        models = [motion.model for motion in motions]
+        labels = [
+            f"{i}: {label}, {type(model).__name__}, {model.dof} d.o.f."
+            for i, (label, model) in enumerate(zip(labels, models, strict=True))
+        ]
+    return list(zip(motions, curves, labels, cycle(common.CURVE_STYLES), strict=False))
+
+
+def _legend(ax: Axes, shown: Sequence[Signal]) -> None:
+    """Names of several curves; of more than 12 a legend would cover most of the axes' height."""
+    if len(shown) == 1:
+        ax.set_title(common.motion_title(shown[0][0]))
+    elif len(shown) <= 12:
+        ax.legend()
+
+
+# ------------------------------------------------------------------------------- shapes of the pipe
+
+
+ARROW = 0.14
+"""Length of the arrow that shows the flow, in L: it widens the picture by a seventh at most."""
+
+
+def snapshots(
+    motion: Motion,
+    span: ArrayLike | None = None,
+    count: int = 16,
+    ax: Axes | None = None,
+) -> Axes:
+    """Shapes of the pipe at equal time steps in one picture, the latest darkest.
+
+    The arrow at the free end of the latest shape shows the flow, out of the pipe or into it. The
+    arrow next to the clamp shows gravity, if there is any.
+
+    Args:
+        motion: what to show.
+        span: start and end in T; where not given the last cycle, or all of a motion without one.
+            A cycle lasts from one upward crossing of the free end's middle position to the next
+            in the same state.
+        count: number of shapes, from 2 to 1000. Both ends of a span are among them, but only the
+            end of a cycle, where it is as at the start.
+        ax: where to draw; new Axes where not given. The first collection, the shapes, serves
+            `colour_bar`.
+
+    Raises:
+        ValueError: for a span outside the motion's times, a count out of range, fewer than 3
+            samples, or samples too far apart to interpolate.
+        TypeError: for bad arguments.
+    """
+    motion, start, end, cycle = shown_part(motion, span)
+    count = check.count("count", count, low=2, high=1000)  # more than pixels can separate
+    ax = common.axes(ax, (4.4, 5.0))
+    times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
+    shapes = _shapes(motion, times)
+    darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
+    lines = LineCollection(
+        list(shapes),
+        cmap=ListedColormap(1.0 - darkness[:, None] * [1.0, 0.9, 0.75]),
+        linewidths=[1.1] * (count - 1) + [2.4],
+        array=times,
+        capstyle="round",
+        zorder=2.0,
+        gid="shapes",
+    )
+    ax.add_collection(lines)
+    _surroundings(ax, motion, shapes, shapes[-1])
+    what = f"a cycle of {end - start:.4g}" if cycle else rf"$\tau =$ {start:.4g} to {end:.4g}"
+    ax.set_title(f"{common.motion_title(motion)}\n{count} shapes, {what} $T$")
+    return ax
+
+
+def animate(
+    motion: Motion,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    fps: float = 25.0,
+    speed: float | None = None,
+    span: ArrayLike | None = None,
+    ax: Axes | None = None,
+) -> FuncAnimation:
+    """An animation of the pipe with the path of its free end, frames at equal time steps.
+
+    In a notebook `IPython.display.HTML(animation.to_jshtml())` shows it.
+
+    Args:
+        motion: what to show.
+        path: a file to write, ending in .gif; none is written where not given.
+        fps: frames a second, from 1 to 50, the most that a GIF can show.
+        speed: time that passes in a second of the animation, in T. Where not given, a cycle takes
+            2.5 seconds, and all of a motion without cycles 8.
+        span: start and end in T; where not given the last cycle, which repeats without end, or all
+            of a motion without one.
+        ax: where to draw; that of a figure without a window where not given.
+
+    Returns:
+        The animation. Keep a reference to it as long as it is shown.
+
+    Raises:
+        ValueError: for a span outside the motion's times; for fewer than 2 or more than 2000
+            frames, or fewer than 8 in a cycle; for a path that is no .gif in a folder that exists;
+            for fewer than 3 samples, or samples too far apart to interpolate.
+        TypeError: for bad arguments.
+    """
+    motion, start, end, cycle = shown_part(motion, span)
+    path = _checked_path(path)
+    fps = check.real("fps", fps, low=1.0, high=50.0)
+    if speed is not None:
+        speed = check.real("speed", speed, low=0.0, open_low=True)
+    begin, finish = (start, end) if cycle else last_cycle(motion) or (0.0, 0.0)
+    frames = _frames(end - start, finish - begin, fps, speed)
+    own = ax is None
+    if ax is None:
+        ax = Figure(figsize=(4.0, 4.6), layout="constrained").subplots()
+    figure = common.axes(ax, (4.0, 4.6)).figure.figure
+
+    times = np.linspace(start, end, frames, endpoint=not cycle)
+    shapes = _shapes(motion, times)
+    dots = max(1, math.ceil(400 / frames))
+    fine = np.linspace(start, end, dots * (frames - (not cycle)) + 1)
+    path_of_tip = motion.model.tips(coordinates_at(motion, fine).T)
+    (trace,) = ax.plot([], [], color=common.BLUE, linewidth=0.9, zorder=1.8, gid="trace")
+    (pipe,) = ax.plot([], [], color=common.BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
+    flow = _surroundings(ax, motion, shapes, shapes[0])
+    digits = max(0, -math.floor(math.log10(times[1] - times[0])))  # neighbouring times differ
+
+    def show(frame: int) -> Sequence[Any]:
+        pipe.set_data(*shapes[frame].T)
+        # A cycle repeats, so its whole path is there from the start.
+        trace.set_data(*path_of_tip[: None if cycle else dots * frame + 1].T)
+        if flow is not None:
+            flow.set_positions(*_flow_ends(motion, shapes[frame]))
+        now = rf"$\tau = {times[frame]:.{digits}f}\,T$"
+        text = ax.set_title(f"{common.motion_title(motion)}\n{now}")
+        return [pipe, trace, text]
+
+    show(0)
+    if own:  # laid out once: every frame is then as large as the first, and quicker
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+    animation = FuncAnimation(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
+    if path is not None:
+        animation.save(path, writer=PillowWriter(fps=fps))  # type: ignore[arg-type]
+    return animation
+
+
+def _checked_path(path: Any) -> Path | None:
+    """The path of a file that can be written; None where none is asked for."""
+    if path is None:
+        return None
+    if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
+        raise TypeError(f"path must be a path of a file, got {check.shown(path)}")
+    target = Path(path)
+    if target.suffix.lower() != ".gif" or not target.parent.is_dir():
+        came = check.shown(path)
+        raise ValueError(f"path must end with .gif and lie in a folder that exists, got {came}")
+    return target
+
+
+def _frames(duration: float, period: float, fps: float, speed: float | None) -> int:
+    """Number of frames of an animation; refuses too many, and too few to show the motion.
+
+    The period is 0 for a motion without cycles. Without a speed a cycle takes 2.5 s, slow enough to
+    follow by eye. With fewer than 2 frames a cycle would run backwards; 8 show the shapes between.
+    """
+    if speed is None:
+        speed = period / 2.5 or duration / 8.0
+    wanted = duration / speed * fps
+    if not wanted <= 2000.0:
+        raise ValueError(
+            f"span, fps and speed must ask for at most 2000 frames, got {wanted:.4g}: "
+            f"{duration:.4g} T at {speed:.4g} T a second, {fps:g} frames a second"
+        )
+    if 0.0 < period / speed * fps < 8.0 * (1.0 - 1e-9):  # rounding
+        raise ValueError(
+            f"speed must leave at least 8 frames to a cycle of {period:.4g} T: at {fps:g} frames a "
+            f"second at most {period * fps / 8.0:.4g}, got {speed:.4g}"
+        )
+    if round(wanted) < 2:
+        raise ValueError(
+            f"speed must leave at least 2 frames to {duration:.4g} T, got {speed:.4g} T a second"
+        )
+    return round(wanted)
+
+
+def _shapes(motion: Motion, times: Array) -> Array:
+    """The pipe at some times, shape (len(times), points, 2)."""
+    s = np.linspace(0.0, 1.0, 241)  # holds the joints of chains of 1 to 6, 8, 10 ... segments
+    return np.stack([motion.model.shape(q, s) for q in coordinates_at(motion, times)])
+
+
+def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> FancyArrowPatch | None:
+    """Clamp, gravity, and axes of equal scale with room for all shapes and the flow's arrow.
+
+    Returns the arrow, at one shape; None without flow.
+    """
+    gamma = motion.model.pipe.gamma
+    wide = max(0.36, float(np.abs(shapes[..., 0]).max()) + ARROW + 0.06)
+    low = min(-0.12, float(shapes[..., 1].min()) - ARROW - 0.06)
+    high = float(shapes[..., 1].max()) + ARROW + 0.06
+    ax.set_aspect("equal", adjustable="box")
+    ax.set(xlim=(-wide, wide), ylim=(low, high) if gamma < 0.0 else (high, low))
+    ax.set(xlabel="transverse $x$  $(L)$", ylabel="along the straight pipe $y$  $(L)$")
+    hatched: dict[str, Any] = {"facecolor": "0.92", "edgecolor": "0.35", "hatch": "////"}
+    ax.add_patch(Rectangle((-0.1, -0.06), 0.2, 0.06, zorder=1.5, gid="clamp", **hatched))
+    ax.plot([-0.1, 0.1], [0.0, 0.0], color=common.BLACK, linewidth=1.4, zorder=1.6)
+    ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
+    if gamma != 0.0:
+        at, length = -wide + 0.1, math.copysign(0.16, gamma)
+        start = -0.06 if gamma > 0.0 else 0.1
+        _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
+        ax.text(at + 0.03, start + 0.5 * length, "$g$", va="center")
+    if motion.u == 0.0:
+        return None
+    return _arrow(ax, common.VERMILION, "flow", _flow_ends(motion, shape))
+
+
+def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
+    look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 11.0, "linewidth": 1.8}
+    arrow = FancyArrowPatch(*ends, color=colour, shrinkA=0, shrinkB=0, zorder=3, gid=gid, **look)
+    ax.add_patch(arrow)
+    return arrow
+
+
+def _flow_ends(motion: Motion, shape: Array) -> tuple[Any, Any]:
+    """Tail and head of the arrow at the free end: out of it, or into it."""
+    step = shape[-1] - shape[-2]
+    along = step / np.linalg.norm(step)
+    near, far = (tuple(map(float, shape[-1] + length * along)) for length in (0.02, ARROW))
+    return (near, far) if motion.model.pipe.flow == "ejecting" else (far, near)
+
+
+# ---------------------------------------------------------------------------------- between samples
+
+
+ROUNDING = 1e-9
+"""A point that moves by less, in L, is held: its velocity is rounding in the constraints."""
+
+POINTS = 4000
+"""Points of a curve through fewer samples: two for each pixel of a picture 2000 pixels wide."""
+
+
+def checked_motion(motion: Any, name: str = "motion") -> Motion:
+    """The argument, if it is a motion with samples to draw."""
+    checked: Motion = common.check_type(name, motion, Motion)
+    if checked.t.size < 3:
+        raise ValueError(f"{name} must have at least 3 samples, got {checked.t.size}")
+    return checked
+
+
+def checked_motions(motions: Any) -> dict[str, Motion]:
+    """A motion, several or those of an ensemble, under the names of the argument."""
+    if isinstance(motions, Motion):
+        return {"motions": checked_motion(motions, "motions")}
+    several = motions.motions if isinstance(motions, Ensemble) else motions
+    if not isinstance(several, Sequence) or isinstance(several, str):
+        raise TypeError(
+            f"motions must be a Motion, several of them or an Ensemble, got {check.shown(motions)}"
+        )
+    if not several:
+        raise ValueError("motions must hold at least one, got none")
+    return {f"motions[{i}]": checked_motion(m, f"motions[{i}]") for i, m in enumerate(several)}
+
+
+def tip_of(motion: Motion | LimitCycle) -> CubicHermiteSpline:
+    """Position (x, y) of the free end at any time between two samples."""
+    return CubicHermiteSpline(motion.t, motion.tip, motion.tip_velocity)
+
+
+def first_component(curve: CubicHermiteSpline) -> PPoly:
+    """Of a position (x, y) the transverse one alone."""
+    return PPoly(curve.c[..., 0], curve.x)
+
+
+def coordinates_at(motion: Motion, times: Array) -> Array:
+    """Coordinates at times within the motion's, shape (len(times), coordinates)."""
+    return np.asarray(CubicHermiteSpline(motion.t, motion.q, motion.qdot)(times))
+
+
+def _observed(motion: Motion) -> CubicHermiteSpline:
+    """What cycles are found from: the position of the free end.
+
+    Where that is held, it is all coordinates, the one that moves most first.
+    """
+    if np.ptp(motion.tip[:, 0]) > ROUNDING:
+        return tip_of(motion)
+    order = np.argsort(-np.ptp(motion.q, axis=0))
+    return CubicHermiteSpline(motion.t, motion.q[:, order], motion.qdot[:, order])
+
+
+def refuse_coarse(
+    name: str, curve: PPoly, *, invisible: float = 0.0, rates_shown: bool = False
+) -> None:
+    """Refuse samples too far apart: a cubic through every other sample misses the others.
+
+    It may miss them by 5 % of the range of positions or by `invisible`, and by 25 % of the largest
+    velocity if velocities are shown. Six samples a cycle meet this; a sine is then known to 0.4 %
+    from all samples.
+    """
+    t, positions, velocities = curve.x, curve(curve.x), curve(curve.x, 1)
+    if np.ptp(positions, axis=0).max() < ROUNDING:
+        return
+    kept = slice(0, None, 2) if t.size % 2 else slice(0, -1, 2)
+    left = slice(1, 2 * t[kept].size - 1, 2)
+    every_other = CubicHermiteSpline(t[kept], positions[kept], velocities[kept])
+    missed = np.abs(every_other(t[left]) - positions[left]).max()
+    missed_rate = np.abs(every_other(t[left], 1) - velocities[left]).max()
+    # One sample a cycle always finds the same position: only the velocities show that it is wrong.
+    missed = max(missed, 0.125 * missed_rate * np.diff(t[kept]).max())
+    lost = missed > max(invisible, 0.05 * np.ptp(positions, axis=0).max())
+    if lost or (rates_shown and missed_rate > 0.25 * np.abs(velocities).max()):
+        raise ValueError(
+            f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
+            f"samples {np.diff(t).max():.3g} T apart"
+        )
+
+
+def last_cycle(motion: Motion) -> tuple[float, float] | None:
+    """Start and end of the last whole cycle, or None if there is none.
+
+    It ends at the last upward crossing, and starts at the latest earlier one with the same state:
+    a curve that misses its start by 3 % looks closed. Where there is none, as in growing motion, it
+    starts at the crossing before.
+    """
+    late = motion.t[motion.t >= motion.t[-1] - 0.25 * np.ptp(motion.t)]
+    observed = _observed(motion)
+    if np.ptp(observed(late)[:, 0]) < 1e-6:  # at rest but for errors of integration
+        return None
+    crossings = _upward_crossings(first_component(observed))[-51:]  # of more, none is periodic
+    if crossings.size < 2:
+        return None
+    rates = observed(crossings, 1) / np.abs(observed(late, 1)).max()
+    states = np.column_stack([observed(crossings)[:, 1:], rates])
+    same = np.flatnonzero(np.abs(states[:-1] - states[-1]).max(axis=1) < 0.03)
+    return float(crossings[same[-1] if same.size else -2]), float(crossings[-1])
+
+
+def _upward_crossings(x: PPoly) -> Array:
+    """Times at which a curve rises through its middle, its median in the last quarter of time.
+
+    A crossing counts if the curve swings by a tenth of its late range before the next one, as does
+    the last: a smaller swing is a ripple, not a cycle.
+    """
+    t = x.x
+    late = x(np.linspace(t[-1] - 0.25 * (t[-1] - t[0]), t[-1], POINTS))
+    crossings = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
+    crossings = crossings[x(crossings, 1) > 0.0]  # drops NaN, too: a piece at rest
+    between = np.split(x(t), np.searchsorted(t, crossings))[1:]
+    swings = np.array([np.ptp(part) if part.size else 0.0 for part in between])
+    swings[-1:] = math.inf
+    return np.asarray(crossings[swings > 0.1 * np.ptp(late)])
+
+
+def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
+    """The samples of what is shown, its start and end, and whether that is the last cycle."""
+    motion = checked_motion(motion)
+    begin, finish = float(motion.t[0]), float(motion.t[-1])
+    cycle = last_cycle(motion) if span is None else None
+    start, end = cycle or (begin, finish)
+    if span is not None:
+        start, end = map(float, check.array("span", span, size=2))
+    if not begin <= start < end <= finish:
+        raise ValueError(
+            f"span must be a start and a later end within the motion's times, "
+            f"[{begin:g}, {finish:g}], got {check.shown(span)}"
+        )
+    # The samples that hold the span, two more on either side where there are.
+    first = max(int(np.searchsorted(motion.t, start, side="right")) - 3, 0)
+    held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
+    names = ("t", "q", "qdot", "tip", "energy")
+    shown = replace(motion, **{name: getattr(motion, name)[held] for name in names})
+    refuse_coarse("motion", tip_of(shown), invisible=1e-4)  # L: a twentieth of a pixel at 100 dpi
+    return shown, start, end, cycle is not None
+
+
+def finer(t: Array) -> Array:
+    """Times between which straight lines look like the curve, the samples among them."""
+    parts = min(8, -(-POINTS // t.size))
+    return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)
