@@ -20,6 +20,7 @@ from pipedyn.models.base import (
     Operators,
     arc_lengths,
     checked_pipe,
+    stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
 from pipedyn.models.modular.custom import CustomForces
@@ -151,20 +152,10 @@ class Assembly(Model):
             parts.append(f"about {check.shown(self._reference)}")
         return f"Assembly({self._pipe!r}, {', '.join(parts)})"
 
-    @property
-    def modules(self) -> tuple[Module, ...]:
-        """The parts with inertia or forces."""
-        return self._layout.modules
-
-    @property
-    def constraints(self) -> tuple[Constraint, ...]:
-        """The constraints, in the order in which they are enforced."""
-        return self._layout.constraints
-
-    @property
-    def enforcement(self) -> str:
-        """How accelerations are found."""
-        return self._enforcement
+    modules = stored("_layout.modules", "The parts with inertia or forces, a tuple.")
+    constraints = stored("_layout.constraints", "The constraints, in the order of enforcement.")
+    enforcement = stored("_enforcement", "How accelerations are found.")
+    moving = stored("_layout.size", "Number of angles that an integrator advances, n.")
 
     @property
     def dof(self) -> int:
@@ -174,11 +165,6 @@ class Assembly(Model):
     def coordinates(self) -> int:
         """Number of redundant coordinates, 3 n."""
         return 3 * self._layout.size
-
-    @property
-    def moving(self) -> int:
-        """Number of angles that an integrator advances, n."""
-        return self._layout.size
 
     @property
     def approximates_pipe(self) -> bool:
@@ -457,9 +443,6 @@ class Assembly(Model):
 
     # -------------------------------------------------------------------------- nonlinear motion
 
-    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
-        return self.motion.rhs(t, y, u)
-
     def projection(self, q: ArrayLike | None = None) -> Array:
         """C_R of the recursion at a configuration: what the constraints leave, group by group.
 
@@ -541,8 +524,7 @@ class Assembly(Model):
         at, base = arc_lengths(s), self._layout.base
         # Redundant coordinates may miss constraints: their nodes are joined as given.
         places = self._configuration(rows) if rows.size == self.moving else rows
-        nodes = np.stack([places[0::3], places[1::3]], axis=1)
-        steps = np.diff(nodes, axis=0, prepend=[[0.0, base]])
+        steps = np.diff(self._layout.nodes(places), axis=0)
         line = along(steps, base, self._layout.lengths, at)
         line[:, 1] += np.minimum(at, base)
         return line
