@@ -54,9 +54,7 @@ def exact(model: pp.Chain | pp.Galerkin, y: np.ndarray, u: float) -> np.ndarray:
     if isinstance(model, pp.Chain):
         return dense_rates(model, y, u)
     nodes = 3 * model.motion.nodes(y[: model.dof])
-    return _core.GalerkinMotion(core_pipe(model.pipe), True, model.dof, least_nodes=nodes).rhs(
-        0.0, y, u
-    )
+    return _core.Galerkin(core_pipe(model.pipe), True, model.dof, least_nodes=nodes).rhs(0.0, y, u)
 
 
 def rates(make, strengths: dict[str, float], many: np.ndarray) -> np.ndarray:

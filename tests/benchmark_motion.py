@@ -265,7 +265,7 @@ def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]
     model, rng = pp.Galerkin(pipe, m, basis), np.random.default_rng(m)
     many = np.stack([reduced_state(model, rng) for _ in range(MEMBERS)], axis=1)
     y, speeds = many[:, 0].copy(), np.linspace(3.0, 7.0, MEMBERS)
-    finer = _core.GalerkinMotion(
+    finer = _core.Galerkin(
         core_pipe(pipe), basis == "legendre", m, least_nodes=3 * model.motion.nodes(y[:m])
     )
     jacobian = model.jacobian(0.0, y, SPEED)

@@ -38,7 +38,7 @@ def state(model, rng, angle, speed=14.0, falling=2):
 
 def fine(model, nodes):
     """The same equations with at least so many quadrature nodes."""
-    return _core.GalerkinMotion(
+    return _core.Galerkin(
         pipe=core_pipe(model.pipe),
         legendre=model.basis == "legendre",
         size=model.dof,

@@ -336,15 +336,11 @@ def test_panels_restore_exponential_convergence():
     pipe = core_pipe(pp.Pipe(0.2, terms=(pp.Spring(0.5, 100.0),)))
 
     def frequency(m, joints):
-        nodes, weights = panel_gauss([0.0, 0.5, 1.0], m + 3)
         core = _core.Galerkin(
             pipe=pipe,
             legendre=True,
             size=m,
             joints=np.array(joints),
-            more=0,
-            nodes=nodes,
-            weights=weights,
         )
         ops = core.operators()
         return math.sqrt(1.0 / eigh(ops.mass, ops.stiffness, eigvals_only=True)[-1])
@@ -704,7 +700,7 @@ def test_quadrature_misses_less_than_it_says(m, basis, drag):
     rng = np.random.default_rng(8)
     terms = (pp.PointMass(0.5, 0.3), pp.Spring(0.55, 200.0), pp.PointMass(1.0, 0.1))
     model = pp.Galerkin(pp.Pipe(0.3, gamma=5.0, drag=drag, terms=terms), m, basis)
-    fine = _core.GalerkinMotion(
+    fine = _core.Galerkin(
         pipe=core_pipe(model.pipe),
         legendre=basis == "legendre",
         size=m,

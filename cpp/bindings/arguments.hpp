@@ -147,9 +147,10 @@ inline Numbers new_numbers(py::ssize_t rows, py::ssize_t columns, bool one) {
 
 using NumberOrArray = py::typing::Union<py::float_, Numbers>;
 
-inline NumberOrArray number_or_array(const Numbers& values, bool number) {
-  if (number) return py::float_(*values.data());
-  return values;
+/// Row i of results (rows,) or (rows, k).
+inline NumberOrArray row_of(const Numbers& results, py::ssize_t i) {
+  if (results.ndim() == 1) return py::float_(results.data()[i]);
+  return results[py::int_(i)];
 }
 
 using Unlocked = py::call_guard<py::gil_scoped_release>;
@@ -167,31 +168,33 @@ void run(py::ssize_t amount, const Work& work) {
   work();
 }
 
-/// What work(batch, out) makes of states (rows,) or (rows, k) and their speeds, of the same shape.
-/// cost: of a member, as in `run`.
+/// What work(batch, out) makes of states (rows,) or (rows, k) and their speeds: (results,) or
+/// (results, k). cost: of a member, as in `run`.
+template <class Work>
+Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost, const py::object& y,
+                   const py::object& u, const Work& work) {
+  const States states("y", y, rows);
+  const Speeds speeds("u", u, states);
+  Numbers made = new_numbers(results, states.members, states.one);
+  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  double* const out = made.mutable_data();
+  run(cost * states.members, [&] { work(batch, out); });
+  return made;
+}
+
+/// The same of the states' shape.
 template <class Work>
 Numbers rates_of(py::ssize_t rows, py::ssize_t cost, const py::object& y, const py::object& u,
                  const Work& work) {
-  const States states("y", y, rows);
-  const Speeds speeds("u", u, states);
-  Numbers rates = new_numbers(rows, states.members, states.one);
-  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
-  double* const out = rates.mutable_data();
-  run(cost * states.members, [&] { work(batch, out); });
-  return rates;
+  return results_of(rows, rows, cost, y, u, work);
 }
 
-/// Energy of each member. rows, cost: as for `rates_of`.
+/// Energy of each member. rows, cost: as for `results_of`.
 template <class Model>
 NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost,
                         const py::object& y) {
-  const States states("y", y, rows);
-  const double still = 0.0;
-  const Batch batch{states.values.data(), &still, states.members, 0};
-  Numbers result(states.members);
-  double* const out = result.mutable_data();
-  run(cost * states.members, [&] { model.energy(batch, out); });
-  return number_or_array(result, states.one);
+  const auto work = [&](const Batch& batch, double* out) { model.energy(batch, out); };
+  return row_of(results_of(rows, 1, cost, y, py::float_(0.0), work), 0);
 }
 
 /// (flow, joints, drag, others)
@@ -200,16 +203,12 @@ using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, Num
 template <class Model>
 Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
                const py::object& u) {
-  const States states("y", y, rows);
-  const Speeds speeds("u", u, states);
-  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
-  Numbers flow(states.members), joints(states.members), drag(states.members),
-      others(states.members);
-  const PowerParts parts{flow.mutable_data(), joints.mutable_data(), drag.mutable_data(),
-                         others.mutable_data()};
-  run(cost * states.members, [&] { model.power(batch, parts); });
-  return py::make_tuple(number_or_array(flow, states.one), number_or_array(joints, states.one),
-                        number_or_array(drag, states.one), number_or_array(others, states.one));
+  const auto work = [&](const Batch& batch, double* out) {
+    const py::ssize_t k = batch.members;
+    model.power(batch, {out, out + k, out + 2 * k, out + 3 * k});
+  };
+  const Numbers parts = results_of(rows, 4, cost, y, u, work);
+  return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2), row_of(parts, 3));
 }
 
 /// Eigenpairs and their tracking, in linear.cpp.

@@ -11,7 +11,6 @@
 #include "arguments.hpp"
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
-#include "pipedyn/galerkin/motion.hpp"
 #include "pipedyn/vector/levels.hpp"
 #include "pipedyn/work.hpp"
 
@@ -19,7 +18,7 @@ namespace py = pybind11;
 using namespace py::literals;
 using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Operators,
     pipedyn::Pipe, pipedyn::Segments;
-using pipedyn::Batch, pipedyn::GalerkinMotion, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
+using pipedyn::Batch, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
 using pipedyn::NumberOrArray, pipedyn::Unlocked;
 
 namespace {
@@ -34,7 +33,7 @@ Basis basis_of(bool legendre, pipedyn::Index size, const pipedyn::Vector& joints
 
 /// Work of a state, in that of a chain's segment.
 py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
-py::ssize_t work_of(const GalerkinMotion& motion) { return 4 * motion.dof() * motion.dof(); }
+py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
 
 template <class Model>
 Numbers rhs(const Model& model, const py::object&, const py::object& y, const py::object& u) {
@@ -148,15 +147,19 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def_readonly_static("band_width", &Chain::band_width);
   define_motion(chain);
 
-  py::class_<Galerkin>(m, "Galerkin")
+  py::class_<Galerkin> galerkin(m, "Galerkin");
+  galerkin
       .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
-                       const pipedyn::Vector& joints, pipedyn::Index more, pipedyn::Vector nodes,
-                       pipedyn::Vector weights) {
-             return Galerkin(pipe, basis_of(legendre, size, joints, more), std::move(nodes),
-                             std::move(weights));
+                       const pipedyn::Vector& joints, pipedyn::Index more,
+                       pipedyn::Index least_nodes) {
+             return std::make_unique<Galerkin>(pipe, basis_of(legendre, size, joints, more),
+                                               least_nodes);
            }),
-           "pipe"_a, "legendre"_a, "size"_a, "joints"_a, "more"_a, "nodes"_a, "weights"_a)
-      .def("operators", &Galerkin::operators, Unlocked())
+           "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,
+           "least_nodes"_a = 0)
+      .def("operators", &Galerkin::operators, "q"_a = pipedyn::Vector(), Unlocked())
+      .def("nodes", &Galerkin::nodes, "q"_a, Unlocked())
+      .def("most_on_a_panel", [](const Galerkin& model) { return model.basis().most_on_a_panel(); })
       .def(
           "basis",
           [](const Galerkin& model, const pipedyn::Vector& s, int derivative) {
@@ -165,26 +168,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "s"_a, "derivative"_a, Unlocked())
       .def("term_stiffness", &Galerkin::term_stiffness, Unlocked())
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
-  m.def(
-      "most_on_a_panel",
-      [](pipedyn::Index size, const pipedyn::Vector& joints, pipedyn::Index more) {
-        return basis_of(true, size, joints, more).most_on_a_panel();
-      },
-      "size"_a, "joints"_a, "more"_a);
-
-  py::class_<GalerkinMotion> galerkin_motion(m, "GalerkinMotion");
-  galerkin_motion
-      .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
-                       const pipedyn::Vector& joints, pipedyn::Index more,
-                       pipedyn::Index least_nodes) {
-             return std::make_unique<GalerkinMotion>(pipe, basis_of(legendre, size, joints, more),
-                                                     least_nodes);
-           }),
-           "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,
-           "least_nodes"_a = 0)
-      .def("nodes", &GalerkinMotion::nodes, "q"_a, Unlocked())
-      .def("operators", &GalerkinMotion::operators, "q"_a, Unlocked());
-  define_motion(galerkin_motion);
+  define_motion(galerkin);
 
   pipedyn::define_linear(m);
   pipedyn::define_scene(m);

@@ -165,7 +165,8 @@ void define_linear(py::module_& m) {
             report.tell();
             return found;
           },
-          "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none());
+          "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
+      .def("factorisations", &Spectrum::factorisations);
 
   py::class_<Operator, std::shared_ptr<Operator>>(m, "Operator");
   py::class_<CalledOperator, Operator, std::shared_ptr<CalledOperator>>(m, "CalledOperator")

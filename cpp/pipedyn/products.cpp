@@ -3,7 +3,7 @@
 
 namespace pipedyn {
 
-void multiply(Vector& out, const Matrix& a, const Eigen::Ref<const Vector>& b) {
+void multiply(Vector& out, const Slab& a, const Eigen::Ref<const Vector>& b) {
   out.noalias() = a * b;
 }
 

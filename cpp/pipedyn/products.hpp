@@ -14,7 +14,7 @@ using Slab = Eigen::Ref<const Matrix, 0, Eigen::OuterStride<>>;
 using WritableSlab = Eigen::Ref<Matrix, 0, Eigen::OuterStride<>>;
 
 /// out = a b; out overlaps neither.
-void multiply(Vector& out, const Matrix& a, const Eigen::Ref<const Vector>& b);
+void multiply(Vector& out, const Slab& a, const Eigen::Ref<const Vector>& b);
 
 /// out = a b, row-major, of a only the upper triangle; out overlaps neither.
 void multiply_upper(double* out, const Matrix& a, const Matrix& b);

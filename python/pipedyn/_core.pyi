@@ -17,7 +17,6 @@ __all__: list[str] = [
     "DenseOperators",
     "Eigenproblem",
     "Galerkin",
-    "GalerkinMotion",
     "Operator",
     "Operators",
     "Pair",
@@ -27,7 +26,6 @@ __all__: list[str] = [
     "Scene",
     "Spectrum",
     "Sweep",
-    "most_on_a_panel",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -138,10 +136,9 @@ class Galerkin:
         pipe: Pipe,
         legendre: bool,
         size: typing.SupportsInt | typing.SupportsIndex,
-        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        more: typing.SupportsInt | typing.SupportsIndex,
-        nodes: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        weights: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        more: typing.SupportsInt | typing.SupportsIndex = 0,
+        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None: ...
     def basis(
         self,
@@ -151,28 +148,16 @@ class Galerkin:
     def elastic_stiffness(
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
-    def operators(self) -> Operators: ...
-    def term_stiffness(self) -> float: ...
-
-class GalerkinMotion:
-    def __init__(
-        self,
-        pipe: Pipe,
-        legendre: bool,
-        size: typing.SupportsInt | typing.SupportsIndex,
-        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
-        more: typing.SupportsInt | typing.SupportsIndex = 0,
-        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
-    ) -> None: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def most_on_a_panel(self) -> int: ...
     def nodes(
         self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> int: ...
     def operators(
-        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
     def power(
         self, y: typing.Any, u: typing.Any
@@ -188,6 +173,7 @@ class GalerkinMotion:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def term_stiffness(self) -> float: ...
 
 class Pair:
     @property
@@ -270,6 +256,7 @@ class Spectrum:
         until_unstable: bool,
         factorised: typing.Any,
     ) -> Sweep: ...
+    def factorisations(self) -> int: ...
     def root_loci(
         self,
         speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
@@ -490,11 +477,6 @@ class Scene:
     @property
     def coordinates(self) -> int: ...
 
-def most_on_a_panel(
-    size: typing.SupportsInt | typing.SupportsIndex,
-    joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-    more: typing.SupportsInt | typing.SupportsIndex,
-) -> int: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -11,7 +11,7 @@
 //   (9)       drag                     chain/sweeps.hpp
 //   (10), (11) clamp and joints        met by the angles; modular/scene.hpp
 // (2)-(6) and (9)-(11) in redundant coordinates: python/pipedyn/models/modular/redundant.py.
-// Their limit for short segments: galerkin/motion.hpp; linear: galerkin/galerkin.hpp.
+// Their limit for short segments, with its linear equation: galerkin/galerkin.hpp.
 //
 // Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
 // + chi_k l_k^2, row k reads

@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "pipedyn/galerkin/quadrature.hpp"
+
 namespace pipedyn {
 
 namespace {
@@ -21,47 +23,14 @@ double beam_root(Index i) {
   return kappa;
 }
 
-// Integrals from 0 to s of sqrt-free Legendre polynomials: with x = 2 s - 1,
-// int P_k ds = (P_{k+1} - P_{k-1}) / (2 (2 k + 1)) for k >= 1, and s for k = 0.
-Matrix integrate_legendre(const Matrix& values, const Vector& s) {
-  Matrix out(values.rows(), values.cols() - 1);
-  out.col(0) = s;
-  for (Index k = 1; k < out.cols(); ++k) {
-    out.col(k) =
-        (values.col(k + 1) - values.col(k - 1)) / (2.0 * (2.0 * static_cast<double>(k) + 1.0));
-  }
-  return out;
-}
-
-Matrix legendre(const Vector& s, Index count) {
-  Matrix values = Matrix::Ones(s.size(), count);
-  const Vector x = 2.0 * s.array() - 1.0;
-  if (count > 1) values.col(1) = x;
-  for (Index k = 1; k + 1 < count; ++k) {
-    const double order = static_cast<double>(k);
-    values.col(k + 1) =
-        ((2.0 * order + 1.0) * x.cwiseProduct(values.col(k)) - order * values.col(k - 1)) /
-        (order + 1.0);
-  }
-  return values;
-}
-
-// Functions with the first normalised Legendre polynomials for curvature on all of [0, 1], or their
-// derivatives.
+/// Functions with the first normalised Legendre polynomials for curvature on all of [0, 1], or
+/// their derivatives.
 Matrix legendre_functions(const Vector& s, Index count, int derivative) {
-  const Matrix polynomials = legendre(s, count + 2);
-  Vector norm(count);
-  for (Index i = 0; i < count; ++i) norm[i] = std::sqrt(2.0 * static_cast<double>(i) + 1.0);
-  if (derivative == 2) return polynomials.leftCols(count) * norm.asDiagonal();
-  const Matrix slopes = integrate_legendre(polynomials, s);  // of P_0 .. P_count
-  if (derivative == 1) return slopes.leftCols(count) * norm.asDiagonal();
-  Matrix out(s.size(), count);
-  out.col(0) = 0.5 * s.array().square();
-  for (Index i = 1; i < count; ++i) {
-    out.col(i) = norm[i] * (slopes.col(i + 1) - slopes.col(i - 1)) /
-                 (2.0 * (2.0 * static_cast<double>(i) + 1.0));
-  }
-  return out;
+  Matrix table = legendre_values(s, count + 2 - derivative);  // each integral takes one
+  if (derivative < 2) table = legendre_integrals(table, s);
+  if (derivative < 1) table = legendre_integrals(table, 0.5 * s.array().square());
+  for (Index k = 0; k < count; ++k) table.col(k) *= std::sqrt(2.0 * static_cast<double>(k) + 1.0);
+  return table;
 }
 
 /// Of a panel of length h the function of degree k > 1 moves a mass of about (h / k)^4 / 100: at

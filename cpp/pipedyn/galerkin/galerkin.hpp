@@ -1,57 +1,103 @@
 // SPDX-License-Identifier: MIT
 //
-// Reduced model: projection of the pipe's equation (Gregory and Paidoussis 1966),
+// Reduced model, geometrically exact. The inextensible centreline is described by its
+// angle from the downward vertical, theta(s) = sum_i q_i Theta_i(s) with Theta_i = w_i' of a basis,
+//
+//   t = (sin theta, cos theta),  n = (cos theta, -sin theta),  r(s) = int_0^s t,
+//   J_i(s) = dr/dq_i = int_0^s n Theta_i,   velocity v = sum_i J_i q_i'.
+//
+// Virtual work, with U = s u and the forces per length of Orsino and Di Giulio in the limit of
+// short segments (no expansion in the amplitude anywhere):
+//
+//   int J_i . a + k_i (q_i + delta q_i')                                        inertia, bending
+//     + 2 sqrt(beta) U int J_i . n theta'                                       Coriolis, end flux
+//     + a U^2 t(1) . J_i(1)                                                     follower force
+//     - gamma int J_i . (0, 1)                                                  gravity
+//     + kappa int |v_n| v_n n . J_i = 0,   v_n = n . v,                         drag
+//   a(s) = sum_i J_i q_i'' - int_0^s t theta'^2,
+//
+// (theta' here is the rate), k_i the integral of Theta_i'^2. As v' = n theta', the Coriolis term's
+// power is -sqrt(beta) U |v(1)|^2:
+//
+//   dE/dtau = -sqrt(beta) U |v(1)|^2 - a U^2 t(1) . v(1) - delta sum k_i q_i'^2 - kappa int
+//   |v_n|^3,
+//
+// and this holds to rounding at any number of nodes, since the quadrature integrates by parts
+// exactly (quadrature.hpp). The drag's integrand is cut at the zeros of v_n (signed_weights).
+//
+// A term (terms/station.hpp) with mass mu and load f at the arc length s_f adds the virtual work
+//
+//   J_i(s_f) . (mu a(s_f) - mu gamma (0, 1) - f).
+//
+// The quadrature is Gauss collocation on each panel between the places of terms: integrals from the
+// clamp to its points are block lower triangular, and integration by parts holds as on one panel.
+// So a term is one more load at a panel's end, or at every node where it acts all along.
+//
+// About the straight pipe, where J_i = (w_i, 0), this is the projection of the pipe's equation
+// (Gregory and Paidoussis 1966),
 //
 //   w'''' + [a U^2 - gamma (1 - s)] w'' + gamma w' + 2 sqrt(beta) U w'.' + w.. + delta w''''. = 0,
 //
-// clamped at s = 0 and free at s = 1, onto the functions of a basis. Integrated by parts, the
-// Coriolis term leaves the skew part and the flux through the end,
-//   G_ij = sqrt(beta) int (w_i w_j' - w_j w_i'),   F_ij = sqrt(beta) w_i(1) w_j(1),
-// and the centrifugal force with the end's follower force leaves
-//   flux_ij = w_i(1) w_j'(1) - int w_i' w_j'.
-//
-// A term (terms/station.hpp) with mass mu and load f at s_f adds mu w_i w_j there to the mass, the
-// slopes of f_x by x, theta and v_x to stiffness and damping, and what it weighs or pulls along the
-// pipe hangs on the tension above it:
-//   int_0^1 (gamma (1 - s + sum of mu beyond s) + sum of f_y beyond s) w_i' w_j'.
+// onto the functions w_i. Integrated by parts, its Coriolis term leaves a skew part and the flux
+// through the end, at any configuration
+//   G_ij = sqrt(beta) int (J_i . n w_j' - J_j . n w_i'),   F_ij = sqrt(beta) J_i(1) . J_j(1).
 #pragma once
 
-#include "pipedyn/galerkin/basis.hpp"
+#include <memory>
+#include <mutex>
+
+#include "pipedyn/galerkin/grid.hpp"
 
 namespace pipedyn {
 
-/// What functions are at the free end, each (m,): displacement, its part across the pipe, slope.
-struct End {
-  const double *x, *y, *across, *slope;
-};
-
-/// Adds bending and what is left of the flow, given coriolis_ij, the integral of the displacement
-/// i across the pipe times the slope j; the integral in the flux is the caller's.
-void add_flow_and_bending(const Pipe& pipe, const Matrix& coriolis, const End& end,
-                          const Vector& elastic, Operators& ops);
-
-/// Immutable; one model may serve many threads.
+/// Immutable; one model may serve many threads. Moves with the vectors that the processor has
+/// (levels.hpp). A state y = [q, q'] has 2 m entries; a batch holds one a column. The arrays are
+/// the caller's and of the sizes given; scratch belongs to the thread and is allocated by its first
+/// call for a size.
 class Galerkin {
  public:
-  /// nodes and weights: quadrature on [0, 1], exact for products of two functions or slopes, and
-  /// with terms also up to each of these. Throws std::invalid_argument if nodes and weights
-  /// differ in length.
-  Galerkin(const Pipe& pipe, Basis basis, Vector nodes, Vector weights);
+  /// least_nodes: use at least so many quadrature nodes on each panel, to measure what fewer miss.
+  Galerkin(const Pipe& pipe, Basis basis, Index least_nodes = 0);
 
   Index dof() const { return basis_.size(); }
   const Basis& basis() const { return basis_; }
 
-  /// Operators about the straight pipe, O((nodes + terms) m^2).
-  Operators operators() const;
+  /// Operators about a configuration q at rest, or where q is empty about the straight pipe, by a
+  /// quadrature that is exact for products of functions. stiffness and flux are the derivatives of
+  /// the forces of bending, gravity and terms and of the follower force. Throws
+  /// std::invalid_argument unless q has m entries or none, and with q as what follows.
+  Operators operators(const Vector& q = Vector()) const;
   /// Bound on the norm of what terms add to the stiffness where each function has unit stiffness:
   /// then |w(s)|^2 <= s^3 / 3 and |w'(s)|^2 <= s of all functions together.
   double term_stiffness() const;
 
+  // What follows throws std::invalid_argument where the basis is dependent to rounding.
+
+  /// Quadrature nodes on each panel that a configuration is given. Throws std::invalid_argument
+  /// unless q has m entries.
+  Index nodes(const Vector& q) const;
+
+  /// dy/dtau (2 m, members), O(N Q m + N m^2 + m^3) a member with N points, Q nodes a panel. NaN
+  /// where the mass matrix is singular to rounding, or q bends more than the largest grid resolves.
+  void rhs(const Batch& batch, double* rates) const;
+  /// d(dy/dtau)/dy (2 m, 2 m), row-major, at the same order of cost. Drag's share is 2 |v_n| dv_n,
+  /// 0 where v_n = 0.
+  void jacobian(const double* y, double u, double* out) const;
+  /// Kinetic, elastic, gravity's and terms' energy of each member, O(N Q + N m); 0 at rest on the
+  /// straight pipe.
+  void energy(const Batch& batch, double* out) const;
+  /// What flow, damping (joints), drag and terms (others) add to the energy in unit time; their sum
+  /// is dE/dtau.
+  void power(const Batch& batch, const PowerParts& out) const;
+
  private:
+  const Grids& grids() const;
+
   Pipe pipe_;
   Basis basis_;
-  Vector nodes_;
-  Vector weights_;
+  Index least_nodes_;
+  mutable std::once_flag moved_;
+  mutable std::unique_ptr<const Grids> grids_;  // made by the first call that needs them
 };
 
 }  // namespace pipedyn

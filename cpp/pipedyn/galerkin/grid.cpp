@@ -106,6 +106,9 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family
   }
 }
 
+Orthonormal::Orthonormal(Index m)
+    : identity(true), to_basis(Matrix::Identity(m, m)), inverse(to_basis) {}
+
 Panels::Panels(const Basis& basis, const Terms& terms) {
   std::vector<double> places(basis.ends().begin(), basis.ends().end());
   for (const Term& term : terms) {
@@ -139,42 +142,41 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   const Index m = basis.size(), block = nodes + 1, half = block / 2, middle = half - 1;
   const Index points = panels.count() * block;
   const Index stride = whole(points, GridTables::widest);
-  Vector s(points);
-  weight_ = measure_ = mass_ = folded_mass_ = beyond_ = Vector::Zero(points);
+  places_.resize(points);
+  weight_ = measure_ = mass_ = beyond_ = Vector::Zero(points);
   for (Index panel = 0; panel < panels.count(); ++panel) {
     const Index first = panel * block, end = first + nodes;
     length_[panel] = panels.ends[panel + 1] - panels.ends[panel];
     for (Index k = 0; k < nodes; ++k) {
       const Index p = first + k;
-      s[p] = panels.ends[panel] + length_[panel] * rule.node[k];
+      places_[p] = panels.ends[panel] + length_[panel] * rule.node[k];
       weight_[p] = measure_[p] = length_[panel] * rule.weight[k];
       mass_[p] = (1.0 + panels.mass_per_length) * weight_[p];
     }
-    s[end] = panels.ends[panel + 1];
+    places_[end] = panels.ends[panel + 1];
     measure_[end] = 1.0;
     mass_[end] = panels.mass[panel];
-    for (Index k = 0; k < middle; ++k) {
-      folded_mass_[first + k] = folded_mass_[first + half + k] = 2.0 * mass_[first + k];
-    }
-    folded_mass_[first + middle] = mass_[first + middle];
-    folded_mass_[end] = 4.0 * mass_[end];  // a panel's end has half a row
   }
-  for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(s[p]);
-  slope_ = basis.evaluate(s, 1);
-  orthonormal_ = Matrix::Zero(points, whole(m, GridTables::multiple));
+  for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(places_[p]);
+  slope_ = Matrix::Zero(points, whole(m, GridTables::multiple));
+  slope_.leftCols(m) = basis.evaluate(places_, 1);
   slope_by_function_ = Matrix::Zero(m, stride);
-  for (Index p = 0; p < points; ++p) {
-    for (Index i = 0; i < m; ++i) slope_by_function_(i, p) = slope_(p, i);
+  slope_by_function_.leftCols(points) = slope_.leftCols(m).transpose();
+  orthonormal_ = slope_;
+  if (!orthonormal.identity) {
+    orthonormal_.setZero();
+    add_inner(orthonormal_.leftCols(m), 1.0, slope_by_function_.leftCols(points),
+              orthonormal.to_basis);
   }
-  add_inner(orthonormal_.leftCols(m), 1.0, slope_by_function_.leftCols(points),
-            orthonormal.to_basis);
-  const Matrix integral = rule.integral_to(rule.node);
+  // What is integrated to a node's mirror image is the whole less what lies beyond it.
+  const Matrix integral = rule.integral_to(rule.node.head(half));
   from_sums_ = from_differences_ = Matrix::Zero(half, half);
   for (Index p = 0; p < half; ++p) {
     for (Index k = 0; k < half; ++k) {
-      const double here = integral(p, k), mirrored = integral(nodes - 1 - p, k);
-      from_sums_(p, k) = 0.5 * (p < middle ? here - mirrored : rule.weight[k]);
-      from_differences_(p, k) = k < middle ? 0.5 * (here + mirrored - rule.weight[k]) : 1.0;
+      const double here = integral(p, k), mirrored = integral(p, nodes - 1 - k);
+      const double odd = p < middle ? here + mirrored - rule.weight[k] : rule.weight[k];
+      from_sums_(p, k) = (k < middle ? 0.5 : 0.25) * odd;  // the middle is its own mirror image
+      from_differences_(p, k) = 0.5 * (here - mirrored);
     }
   }
   expansion_ = Matrix::Zero(nodes, block);
@@ -199,12 +201,18 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
              .length = length_.data(),
              .weight = weight_.data(),
              .mass = mass_.data(),
-             .folded_mass = folded_mass_.data(),
              .beyond = beyond_.data(),
              .arc = arc_.data(),
              .expansion = expansion_.data(),
              .recurrence = recurrence_.data(),
              .stiffness = stiffness_.data()};
+}
+
+GridTables Grid::tables_in_basis() const {
+  GridTables tables = tables_;
+  tables.orthonormal = slope_.data();
+  tables.to_basis = nullptr;
+  return tables;
 }
 
 Grids::Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes)

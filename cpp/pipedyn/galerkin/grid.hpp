@@ -45,6 +45,8 @@ struct Orthonormal {
 
   /// Throws std::invalid_argument where the basis is dependent to rounding.
   explicit Orthonormal(const Basis& basis);
+  /// The basis' own functions, whether or not they are orthonormal.
+  explicit Orthonormal(Index m);
 };
 
 /// The panels between the places of terms and the basis' joints, on which integrands are smooth,
@@ -67,19 +69,20 @@ class Grid {
  public:
   Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes);
 
-  Index nodes() const { return tables_.nodes; }               // of each panel
-  Index heavy() const { return tables_.heavy; }               // points that may have mass
-  const Vector& weight() const { return weight_; }            // 0 at panels' ends, (N,)
-  const Vector& measure() const { return measure_; }          // weight, and 1 at panels' ends
-  const Vector& mass() const { return mass_; }                // at each point, (N,)
-  const Matrix& slope() const { return slope_; }              // Theta_i, (N, m)
-  const Matrix& orthonormal() const { return orthonormal_; }  // Theta T, (N, m padded)
+  Index nodes() const { return tables_.nodes; }       // of each panel
+  Index heavy() const { return tables_.heavy; }       // points that may have mass
+  const Vector& places() const { return places_; }    // arc lengths of the points, (N,)
+  const Vector& weight() const { return weight_; }    // 0 at panels' ends, (N,)
+  const Vector& measure() const { return measure_; }  // weight, and 1 at panels' ends
+  const Vector& mass() const { return mass_; }        // at each point, (N,)
+  const Matrix& slope() const { return slope_; }      // Theta_i, (N, m padded)
   const GridTables& tables() const { return tables_; }
+  GridTables tables_in_basis() const;  // with the basis' functions for the orthonormal ones
 
  private:
   Matrix slope_, slope_by_function_, orthonormal_;
   Matrix from_sums_, from_differences_, expansion_, recurrence_;
-  Vector length_, arc_, weight_, measure_, mass_, folded_mass_, beyond_, stiffness_;
+  Vector places_, length_, arc_, weight_, measure_, mass_, beyond_, stiffness_;
   GridTables tables_;
 };
 

@@ -36,77 +36,93 @@ inline Real square_root(const Real& x) {
 
 // ------------------------------------------------------------------------------------- products
 
-/// Some rows and packs of out = a x.
-template <int rows, int packs>
-inline void product_tile(Count depth, const double* a, const double* x, Count row_length,
-                         double* out) {
+/// Rows r of the product of a (rows, depth) with what row(k, c) is, pack c of row k: calls
+/// take(r, c, entry).
+template <int rows, int packs, class Row, class Take>
+inline void product_tile(Count depth, const double* a, const Row& row, const Take& take) {
   Pack sum[rows][packs] = {};
-  for (Count k = 0; k < depth; ++k, x += row_length) {
+  for (Count k = 0; k < depth; ++k) {
     Pack values[packs];
-    for (int c = 0; c < packs; ++c) values[c] = load<Pack>(x + c * width);
+    for (int c = 0; c < packs; ++c) values[c] = row(k, c);
     for (int r = 0; r < rows; ++r) {
       const double factor = a[r * depth + k];
       for (int c = 0; c < packs; ++c) sum[r][c] += factor * values[c];
     }
   }
   for (int r = 0; r < rows; ++r) {
-    for (int c = 0; c < packs; ++c) store(out + r * row_length + c * width, sum[r][c]);
+    for (int c = 0; c < packs; ++c) take(r, c, sum[r][c]);
   }
 }
 
-template <int packs>
-inline void product_columns(Count size, const double* a, const double* x, Count row_length,
-                            double* out) {
-  Count r = 0;
-  for (; r + 4 <= size; r += 4) {
-    product_tile<4, packs>(size, a + r * size, x, row_length, out + r * row_length);
-  }
-  for (; r < size; r += 2) {
-    product_tile<2, packs>(size, a + r * size, x, row_length, out + r * row_length);
-  }
-}
-
-/// out = a x with a (size, size), x (size, row_length); size even, rows of whole packs.
-void product(Count size, const double* a, const double* x, Count row_length, double* out) {
-  const Count all_packs = row_length / width;
-  for (Count c = 0; c < all_packs;) {
-    const Count left = all_packs - c;
-    const double* const from = x + c * width;
-    double* const to = out + c * width;
-    if (left == 1) {
-      product_columns<1>(size, a, from, row_length, to);
-      c += 1;
-    } else if (left == 2 || left == 4) {
-      product_columns<2>(size, a, from, row_length, to);
-      c += 2;
+/// All rows of the product with a (size, size); size even.
+template <int packs, class Row, class Take>
+inline void product(Count size, const double* a, const Row& row, const Take& take) {
+  for (Count first = 0; first < size;) {
+    const auto take_next = [&](Count r, int c, const Pack& sum) { take(first + r, c, sum); };
+    if (first + 4 <= size) {
+      product_tile<4, packs>(size, a + first * size, row, take_next);
+      first += 4;
     } else {
-      product_columns<3>(size, a, from, row_length, to);
-      c += 3;
+      product_tile<2, packs>(size, a + first * size, row, take_next);
+      first += 2;
     }
   }
 }
 
-/// From sums and differences (both in sums) to the integrals' halves: see GridTables.
-void integrate_folded(const GridTables& grid, Count row, double* sums, double* moments) {
-  const Count block = grid.nodes + 1, half = block / 2;
+/// Some packs of the integrals on a panel, see GridTables; first: it begins at the clamp.
+template <int packs>
+void integrate_panel(const GridTables& grid, double length, bool first, Count row_length,
+                     const double* f, double* out) {
+  const Count nodes = grid.nodes, half = (nodes + 1) / 2;
+  const auto entry = [row_length](const double* rows, Count p, int c) {
+    return load<Pack>(rows + p * row_length + c * width);
+  };
+  const auto set_entry = [row_length, out](Count p, int c, const Pack& x) {
+    store(out + p * row_length + c * width, x);
+  };
+  product<packs>(
+      half, grid.from_sums,
+      [&](Count k, int c) { return entry(f, k, c) + entry(f, nodes - 1 - k, c); },
+      [&](Count p, int c, const Pack& sum) {
+        set_entry(p + 1 < half ? nodes - 1 - p : nodes, c, length * sum);
+      });
+  Pack start[packs];  // half the integral over all, and what lies before the panel
+  for (int c = 0; c < packs; ++c) {
+    start[c] = entry(out, nodes, c);
+    if (!first) start[c] += entry(out, -1, c);
+  }
+  product<packs>(
+      half, grid.from_differences,
+      [&](Count k, int c) { return entry(f, k, c) - entry(f, nodes - 1 - k, c); },
+      [&](Count p, int c, const Pack& sum) {
+        const Pack even = start[c] + length * sum;
+        const Pack odd = p + 1 < half ? entry(out, nodes - 1 - p, c) : Pack{};
+        set_entry(p, c, even + odd);
+        set_entry(nodes - 1 - p, c, even - odd);
+      });
+  for (int c = 0; c < packs; ++c) set_entry(nodes, c, start[c] + entry(out, nodes, c));
+}
+
+/// Integrals from the clamp to each point (N, row_length) of what f (N, row_length) is at the
+/// nodes; rows of whole packs, f is overwritten.
+void integrate(const GridTables& grid, Count row_length, double* f, double* out) {
+  const Count all_packs = row_length / width;
   for (Count panel = 0; panel < grid.panels; ++panel) {
-    double* const sum = sums + panel * block * row;
-    double* const difference = sum + half * row;
-    double* const even = moments + panel * block * row;
-    double* const odd = even + half * row;
-    double* const half_of_all = even + (block - 1) * row;
-    double* const last = difference + (half - 1) * row;
-    product(half, grid.from_sums, sum, row, odd);
-    if (panel == 0) {
-      for (Count i = 0; i < row; ++i) last[i] = half_of_all[i];
-    } else {
-      const double* const before = even - row;  // half of all before the panel
-      for (Count i = 0; i < row; ++i) {
-        last[i] = half_of_all[i] + 2.0 * before[i];
-        half_of_all[i] += before[i];
+    const Count start = panel * (grid.nodes + 1) * row_length;
+    const double length = grid.length[panel];
+    for (Count c = 0; c < all_packs;) {
+      const Count left = all_packs - c, from = start + c * width;
+      if (left == 1) {
+        integrate_panel<1>(grid, length, panel == 0, row_length, f + from, out + from);
+        c += 1;
+      } else if (left == 2 || left == 4) {
+        integrate_panel<2>(grid, length, panel == 0, row_length, f + from, out + from);
+        c += 2;
+      } else {
+        integrate_panel<3>(grid, length, panel == 0, row_length, f + from, out + from);
+        c += 3;
       }
     }
-    product(half, grid.from_differences, difference, row, even);
   }
 }
 
@@ -114,47 +130,17 @@ Count integrals_scratch_size(const GridTables& grid, Count columns) {
   return 2 * grid.points * whole_packs(columns);
 }
 
-void integrate(const GridTables& grid, const double* f, Count columns, double* out,
-               double* scratch) {
-  const Count nodes = grid.nodes, block = nodes + 1, half = block / 2, middle = half - 1;
+void integrate_columns(const GridTables& grid, const double* f, Count columns, double* out,
+                       double* scratch) {
   const Count row = whole_packs(columns);
-  double* const moments = scratch + grid.points * row;
-  for (Count panel = 0; panel < grid.panels; ++panel) {
-    const Count first = panel * block;
-    for (Count p = 0; p < half; ++p) {
-      const double* __restrict const here = f + (first + p) * columns;
-      const double* __restrict const mirrored = f + (first + nodes - 1 - p) * columns;
-      double* __restrict const sum = scratch + (first + p) * row;
-      double* __restrict const difference = sum + half * row;
-      const double length = grid.length[panel];
-      const double share = p < middle ? length : 0.5 * length;  // the middle is its own mirror
-      for (Count i = 0; i < columns; ++i) {
-        sum[i] = share * (here[i] + mirrored[i]);
-        difference[i] = length * (here[i] - mirrored[i]);
-      }
-      for (Count i = columns; i < row; ++i) sum[i] = difference[i] = 0.0;
-    }
+  double* const integrals = scratch + grid.points * row;
+  for (Count p = 0; p < grid.points; ++p) {
+    double* const to = scratch + p * row;
+    for (Count i = 0; i < row; ++i) to[i] = i < columns ? f[p * columns + i] : 0.0;
   }
-  integrate_folded(grid, row, scratch, moments);
-  for (Count first = 0; first < grid.points; first += block) {
-    for (Count p = 0; p < half; ++p) {
-      const double* __restrict const even = moments + (first + p) * row;
-      const double* __restrict const odd = even + half * row;
-      double* __restrict const here = out + (first + p) * columns;
-      double* __restrict const mirrored = out + (first + nodes - 1 - p) * columns;
-      double* __restrict const end = out + (first + nodes) * columns;
-      if (p < middle) {
-        for (Count i = 0; i < columns; ++i) {
-          here[i] = even[i] + odd[i];
-          mirrored[i] = even[i] - odd[i];
-        }
-      } else {
-        for (Count i = 0; i < columns; ++i) {
-          here[i] = even[i];
-          end[i] = 2.0 * odd[i];
-        }
-      }
-    }
+  integrate(grid, row, scratch, integrals);
+  for (Count p = 0; p < grid.points; ++p) {
+    for (Count i = 0; i < columns; ++i) out[p * columns + i] = integrals[p * row + i];
   }
 }
 

@@ -12,17 +12,32 @@
 
 namespace {
 
-using pipedyn::Batch, pipedyn::MotionEffects, pipedyn::PanelTerm, pipedyn::PowerParts;
+using pipedyn::Batch, pipedyn::Kinematics, pipedyn::MotionEffects, pipedyn::PanelTerm;
 
 // ---------------------------------------------------------------------------------------- block
+
+/// What a vector of a sum holds: of one member numbers along the pipe or the functions, of several
+/// members one number of each.
+template <bool alone>
+struct Along {
+  using Numbers = double;
+};
+template <>
+struct Along<true> {
+  using Numbers = Pack;
+};
 
 /// Members side by side, as many as a Real holds, with what is computed of them.
 template <class Real>
 struct Block {
+  static constexpr bool alone = lanes<Real> == 1;
+  using Numbers = typename Along<alone>::Numbers;
+  static constexpr Count step = lanes<Numbers>;  // points or functions in a vector
+  static constexpr Count tile = alone ? 1 : 4;   // vectors at a time
   const GridTables& grid;
   const MotionEffects& effects;
   const Count m = grid.functions, padded = grid.padded, nodes = grid.nodes, points = grid.points;
-  const Count block = nodes + 1, half = block / 2, middle = half - 1;  // of a panel
+  const Count block = nodes + 1;  // points of a panel
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
@@ -30,13 +45,13 @@ struct Block {
   // term does. Energy and power take the last two alone.
   const Count bias = 2 * padded;
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
-  double *sums, *moments;                 // rows of columns: see GridTables
+  double *integrands, *moments;           // rows of columns, and their integrals from the clamp
   double *mass, *force;
   double *velocity, *weighted, *load_x, *load_y, *rest;  // (points); rest 3 Q
 
   static Count row_length(Count columns) { return whole_packs(columns * lanes<Real>); }
   /// Of a row of the mass matrix: single rows are written by whole packs.
-  Count mass_stride() const { return lanes<Real> == 1 ? whole_packs(padded) : padded; }
+  Count mass_stride() const { return alone ? whole_packs(padded) : padded; }
 
   Block(const GridTables& tables, const MotionEffects& present, double* scratch)
       : grid(tables), effects(present) {
@@ -61,7 +76,7 @@ struct Block {
     omega = take(grid.stride);
     sine = take(grid.stride);
     cosine = take(grid.stride);
-    sums = take(rows);
+    integrands = take(rows);
     moments = take(rows);
     mass = take(padded * mass_stride());
     force = take(padded);
@@ -75,171 +90,95 @@ struct Block {
 
   void angles(const double* q) {
     const double* const rate = q + m * lanes<Real>;
-    if constexpr (lanes<Real> == 1) {
-      for (Count p = 0; p < grid.stride; p += width) {
-        Pack angle{}, speed{};
-        for (Count i = 0; i < m; ++i) {
-          const Pack slope = load<Pack>(grid.slope_by_function + i * grid.stride + p);
-          angle += q[i] * slope;
-          speed += rate[i] * slope;
-        }
-        store(theta + p, angle);
-        store(omega + p, speed);
-      }
-      sincos(theta, grid.stride, sine, cosine);
-    } else {
-      for (Count p = 0; p < points; p += 4) {
-        Real angle[4] = {}, speed[4] = {};
-        for (Count i = 0; i < m; ++i) {
-          const Real amplitude = at<Real>(q, i), pace = at<Real>(rate, i);
-          const double* const slope = grid.slope_by_function + i * grid.stride + p;
-          for (Count k = 0; k < 4; ++k) {
-            angle[k] += slope[k] * amplitude;
-            speed[k] += slope[k] * pace;
-          }
-        }
-        for (Count k = 0; k < 4; ++k) {
-          set(theta, p + k, angle[k]);
-          set(omega, p + k, speed[k]);
+    const Count count = alone ? grid.stride : points;
+    for (Count p = 0; p < count; p += tile * step) {
+      Pack angle[tile] = {}, speed[tile] = {};
+      for (Count i = 0; i < m; ++i) {
+        const Real amplitude = at<Real>(q, i), pace = at<Real>(rate, i);
+        for (Count k = 0; k < tile; ++k) {
+          const auto slope = load<Numbers>(grid.slope_by_function + i * grid.stride + p + k * step);
+          angle[k] += slope * amplitude;
+          speed[k] += slope * pace;
         }
       }
-      sincos(theta, points * lanes<Real>, sine, cosine);
+      for (Count k = 0; k < tile; ++k) {
+        store(theta + p * lanes<Real> + k * width, angle[k]);
+        store(omega + p * lanes<Real> + k * width, speed[k]);
+      }
+    }
+    sincos(theta, count * lanes<Real>, sine, cosine);
+  }
+
+  /// To be integrated: n Theta_i.
+  void set_slopes(Count row) {
+    for (Count p = 0; p < points; ++p) {
+      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
+      const double* __restrict const slope = grid.orthonormal + p * padded;
+      double* __restrict const to = integrands + p * row;
+      for (Count i = 0; i < padded; ++i) {
+        set(to, i, Real(slope[i] * c));
+        set(to, padded + i, Real(-slope[i] * s));
+      }
     }
   }
 
-  /// Calls visit(panel's first point, its length).
-  template <class Visit>
-  void for_each_panel(const Visit& visit) const {
-    for (Count panel = 0; panel < grid.panels; ++panel) visit(panel * block, grid.length[panel]);
-  }
-
-  /// Sums and differences of n Theta_i over mirrored nodes, to be integrated.
-  void fold_slopes(Count row) {
-    for_each_panel([&](Count first, double length) {
-      for (Count p = first; p < first + half; ++p) {
-        const bool paired = p < first + middle;
-        const Count other = 2 * first + nodes - 1 - p;
-        const Real c = length * at<Real>(cosine, p), s = length * at<Real>(sine, p);
-        const Real c_other = paired ? length * at<Real>(cosine, other) : Real{};
-        const Real s_other = paired ? length * at<Real>(sine, other) : Real{};
-        const double* __restrict const slope = grid.orthonormal + p * padded;
-        const double* __restrict const slope_other = grid.orthonormal + other * padded;
-        double* __restrict const sum = sums + p * row;
-        double* __restrict const difference = sum + half * row;
-        for (Count i = 0; i < padded; ++i) {
-          const Real x = slope[i] * c, x_other = slope_other[i] * c_other;
-          const Real y = slope[i] * s, y_other = slope_other[i] * s_other;
-          set(sum, i, Real(x + x_other));
-          set(difference, i, Real(x - x_other));
-          set(sum, padded + i, Real(-y - y_other));
-          set(difference, padded + i, Real(y_other - y));
-        }
-      }
-    });
-  }
-
-  struct Two {
-    Real x, y;
-  };
-
-  /// Into the two columns from column on: the same of an integrand (point, length).
-  template <class Integrand>
-  void fold(Count row, Count column, const Integrand& integrand) {
-    for_each_panel([&](Count first, double length) {
-      for (Count p = first; p < first + half; ++p) {
-        const bool paired = p < first + middle;
-        const Two here = integrand(p, length);
-        const Two mirrored = integrand(2 * first + nodes - 1 - p, paired ? length : 0.0);
-        double* const sum = sums + p * row;
-        double* const difference = sum + half * row;
-        set(sum, column, Real(here.x + mirrored.x));
-        set(difference, column, Real(here.x - mirrored.x));
-        set(sum, column + 1, Real(here.y + mirrored.y));
-        set(difference, column + 1, Real(here.y - mirrored.y));
-      }
-    });
-  }
-
-  /// The velocity's integrand, n theta', and where a term reads it the position's, t.
-  void fold_velocity(Count row, Count column) {
-    fold(row, column, [&](Count p, double length) {
-      const Real w = length * at<Real>(omega, p);
-      return Two{at<Real>(cosine, p) * w, -at<Real>(sine, p) * w};
-    });
-    if (!loads) return;
-    fold(row, column + 2, [&](Count p, double length) {
-      return Two{length * at<Real>(sine, p), length * at<Real>(cosine, p)};
-    });
+  /// From column on: the velocity's integrand, n theta', and where a term reads it the position's,
+  /// t.
+  void set_velocity(Count row, Count column) {
+    for (Count p = 0; p < points; ++p) {
+      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p), w = at<Real>(omega, p);
+      double* const to = integrands + p * row + column * lanes<Real>;
+      set(to, 0, Real(c * w));
+      set(to, 1, Real(-s * w));
+      if (!loads) continue;
+      set(to, 2, s);
+      set(to, 3, c);
+    }
   }
 
   /// That of the acceleration at q'' = 0, -t theta'^2.
-  void fold_acceleration(Count row, Count column) {
-    fold(row, column, [&](Count p, double length) {
-      const Real w = at<Real>(omega, p), square = (length * w) * w;
-      return Two{-at<Real>(sine, p) * square, -at<Real>(cosine, p) * square};
-    });
-  }
-
-  /// An integrated column at a point of the panel that begins at first.
-  Real moment(Count row, Count column, Count first, Count p) const {
-    const auto entry = [&](Count which) { return at<Real>(moments + which * row, column); };
-    if (p < first + middle) return entry(p) + entry(half + p);
-    if (p == first + middle) return entry(p);
-    if (p == first + nodes) return 2.0 * entry(p);
-    const Count other = 2 * first + nodes - 1 - p;
-    return entry(other) - entry(half + other);
+  void set_acceleration(Count row, Count column) {
+    for (Count p = 0; p < points; ++p) {
+      const Real w = at<Real>(omega, p), square = w * w;
+      double* const to = integrands + p * row + column * lanes<Real>;
+      set(to, 0, Real(-at<Real>(sine, p) * square));
+      set(to, 1, Real(-at<Real>(cosine, p) * square));
+    }
   }
 
   /// v_n and the signed weights of the nodes.
   void drag(Count row, Count column) {
-    for_each_panel([&](Count first, double) {
-      for (Count p = first; p < first + block; ++p) {
-        const Real x = moment(row, column, first, p), y = moment(row, column + 1, first, p);
-        set(velocity, p, Real(at<Real>(cosine, p) * x - at<Real>(sine, p) * y));
-      }
-    });
+    for (Count p = 0; p < points; ++p) {
+      const double* const v = moments + p * row + column * lanes<Real>;
+      set(velocity, p,
+          Real(at<Real>(cosine, p) * at<Real>(v, 0) - at<Real>(sine, p) * at<Real>(v, 1)));
+    }
     signed_weights_of<Real>(grid, velocity, weighted, rest);
   }
 
   /// Calls body(law, station, point, weight) wherever a term acts; column: the velocity's.
   template <class Body>
   void for_each_station(Count row, Count column, const Body& body) const {
-    const auto station = [&](Count first, Count p) {
-      const auto entry = [&](Count k) { return moment(row, column + k, first, p); };
-      return Station<Real>{entry(2), entry(3), at<Real>(sine, p), at<Real>(cosine, p),
-                           entry(0), entry(1), at<Real>(omega, p)};
+    const auto station = [&](Count p) {
+      const double* const v = moments + p * row + column * lanes<Real>;
+      return Station<Real>{at<Real>(v, 2), at<Real>(v, 3), at<Real>(sine, p), at<Real>(cosine, p),
+                           at<Real>(v, 0), at<Real>(v, 1), at<Real>(omega, p)};
     };
     for (Count k = 0; k < effects.load_count; ++k) {
       const PanelTerm& placed = effects.loads[k];
       Laws::with(placed.term, [&]<class Law>(const Law& law) {
         if constexpr (Law::loads) {
           if (placed.panel >= 0) {
-            const Count first = placed.panel * block, end = first + nodes;
-            body(law, station(first, end), end, 1.0);
+            const Count end = placed.panel * block + nodes;
+            body(law, station(end), end, 1.0);
             return;
           }
-          for_each_panel([&](Count first, double) {
-            for (Count p = first; p < first + nodes; ++p) {
-              body(law, station(first, p), p, grid.weight[p]);
-            }
-          });
+          for (Count p = 0; p < points; ++p) {
+            if (grid.weight[p] != 0.0) body(law, station(p), p, grid.weight[p]);
+          }
         }
       });
     }
-  }
-
-  /// Nodes' numbers become the sums and, in the mirrored places, the differences; a panel's end has
-  /// half of its row, so twice the load.
-  void fold_in_place(double* array) const {
-    for_each_panel([&](Count first, double) {
-      for (Count p = first; p < first + middle; ++p) {
-        const Count other = 2 * first + nodes - 1 - p;
-        const Real here = at<Real>(array, p), mirrored = at<Real>(array, other);
-        set(array, p, Real(here + mirrored));
-        set(array, other, Real(here - mirrored));
-      }
-      set(array, first + nodes, Real(2.0 * at<Real>(array, first + nodes)));
-    });
   }
 
   /// All generalised forces but inertia's that is linear in q'', by orthonormal coordinates.
@@ -250,33 +189,23 @@ struct Block {
     for (const double speed : speeds) flows |= speed != 0.0;
     const Real coriolis = effects.coriolis * u;
     if (drags) drag(row, bias + 2);
-    for_each_panel([&](Count first, double) {
-      const auto heavy = [&](Count p) {  // inertia and weight
-        const double mass = grid.mass[p];
-        return Two{-mass * moment(row, bias, first, p),
-                   mass * (effects.gamma - moment(row, bias + 1, first, p))};
-      };
-      const Count end = first + nodes;
-      for (Count p = first; p < end; ++p) {
-        const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
-        Two load = heavy(p);
+    for (Count p = 0; p < points; ++p) {
+      const double* const bent = moments + p * row + bias * lanes<Real>;
+      const double mass_of = grid.mass[p];  // inertia and weight
+      Real x = -mass_of * at<Real>(bent, 0), y_load = mass_of * (effects.gamma - at<Real>(bent, 1));
+      if (flows || drags) {
         Real across{};
         if (flows) across = grid.weight[p] * coriolis * at<Real>(omega, p);
         if (drags) {
           const Real v = at<Real>(velocity, p);
           across += effects.drag * at<Real>(weighted, p) * (v * v);
         }
-        if (flows || drags) {
-          load.x -= across * c;
-          load.y += across * s;
-        }
-        set(load_x, p, load.x);
-        set(load_y, p, load.y);
+        x -= across * at<Real>(cosine, p);
+        y_load += across * at<Real>(sine, p);
       }
-      const Two load = grid.mass[end] != 0.0 ? heavy(end) : Two{};
-      set(load_x, end, load.x);
-      set(load_y, end, load.y);
-    });
+      set(load_x, p, x);
+      set(load_y, p, y_load);
+    }
     if (flows) {  // the follower force
       const Real thrust = effects.centrifugal * (u * u);
       add(load_x, points - 1, Real(-thrust * at<Real>(sine, points - 1)));
@@ -287,42 +216,19 @@ struct Block {
       add(load_x, p, Real(w * load.x));
       add(load_y, p, Real(w * load.y));
     });
-    fold_in_place(load_x);
-    fold_in_place(load_y);
-    if constexpr (lanes<Real> == 1) {
-      for (Count i = 0; i < padded; ++i) force[i] = 0.0;
-      for_each_panel([&](Count first, double) {
-        for (Count p = 0; p < block; ++p) {
-          const double* __restrict const x = moments + (first + p) * row;
-          const double* __restrict const y_row = x + padded;
-          const Count from = first + load_of(p);
-          const double fx = load_x[from], fy = load_y[from];
-          double* __restrict const to = force;
-          for (Count i = 0; i < padded; ++i) to[i] += fx * x[i] + fy * y_row[i];
+    for (Count i = 0; i < padded; i += tile * step) {
+      Pack sum[tile] = {};
+      for (Count p = 0; p < points; ++p) {
+        const double* const x = moments + p * row + i * lanes<Real>;
+        const double* const y_row = x + padded * lanes<Real>;
+        const Real fx = at<Real>(load_x, p), fy = at<Real>(load_y, p);
+        for (Count k = 0; k < tile; ++k) {
+          sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width);
         }
-      });
-    } else {
-      for (Count i = 0; i < padded; i += 4) {
-        Real sum[4] = {};
-        for_each_panel([&](Count first, double) {
-          for (Count p = 0; p < block; ++p) {
-            const double* const x = moments + (first + p) * row + i * lanes<Real>;
-            const double* const y_row = x + padded * lanes<Real>;
-            const Count from = first + load_of(p);
-            const Real fx = at<Real>(load_x, from), fy = at<Real>(load_y, from);
-            for (Count k = 0; k < 4; ++k) sum[k] += fx * at<Real>(x, k) + fy * at<Real>(y_row, k);
-          }
-        });
-        for (Count k = 0; k < 4; ++k) set(force, i + k, sum[k]);
       }
+      for (Count k = 0; k < tile; ++k) store(force + i * lanes<Real> + k * width, sum[k]);
     }
     elastic(y);
-  }
-
-  /// Where the folded load of a row of a panel's moments stands.
-  Count load_of(Count row) const {
-    if (row < half) return row;
-    return row < nodes ? nodes - 1 - (row - half) : nodes;
   }
 
   void elastic(const double* y) {
@@ -340,45 +246,26 @@ struct Block {
 
   /// Lower triangle of the mass matrix in tiles: sum over rows and components of w J_i J_j.
   void gram(Count row) {
-    if constexpr (lanes<Real> == 1) {
-      const Count stride = mass_stride();
-      for (Count i = 0; i < padded; i += 4) {
-        for (Count k = 0; k < i + 4; k += width) {
-          Pack by_x[4] = {}, by_y[4] = {};
-          for (Count p = 0; p < grid.heavy; ++p) {
-            const double* const x = moments + p * row;
-            const double* const y = x + padded;
-            const Pack first = grid.folded_mass[p] * load<Pack>(x + k);
-            const Pack second = grid.folded_mass[p] * load<Pack>(y + k);
-            for (Count r = 0; r < 4; ++r) {
-              by_x[r] += x[i + r] * first;
-              by_y[r] += y[i + r] * second;
+    constexpr Count rows = 4, columns = alone ? 1 : width == 8 ? 4 : 2;  // a tile is in registers
+    for (Count i = 0; i < padded; i += rows) {
+      for (Count k = 0; k < i + rows; k += columns * step) {
+        Pack sum[rows][columns] = {};
+        for (Count p = 0; p < grid.heavy; ++p) {
+          for (Count component = 0; component < 2; ++component) {
+            const double* const from = moments + p * row + component * padded * lanes<Real>;
+            Pack others[columns];
+            for (Count c = 0; c < columns; ++c) {
+              others[c] = grid.mass[p] * load<Pack>(from + k * lanes<Real> + c * width);
+            }
+            for (Count r = 0; r < rows; ++r) {
+              const Real value = at<Real>(from, i + r);
+              for (Count c = 0; c < columns; ++c) sum[r][c] += value * others[c];
             }
           }
-          for (Count r = 0; r < 4; ++r) store(mass + (i + r) * stride + k, by_x[r] + by_y[r]);
         }
-      }
-    } else {
-      constexpr Count rows = 4, columns = width == 8 ? 4 : 2;  // a tile stays in registers
-      for (Count i = 0; i < padded; i += rows) {
-        for (Count k = 0; k < i + rows; k += columns) {
-          Real sum[rows][columns] = {};
-          for (Count p = 0; p < grid.heavy; ++p) {
-            for (Count component = 0; component < 2; ++component) {
-              const double* const from = moments + p * row + component * padded * lanes<Real>;
-              Real others[columns];
-              for (Count c = 0; c < columns; ++c) {
-                others[c] = grid.folded_mass[p] * at<Real>(from, k + c);
-              }
-              for (Count r = 0; r < rows; ++r) {
-                const Real value = at<Real>(from, i + r);
-                for (Count c = 0; c < columns; ++c) sum[r][c] += value * others[c];
-              }
-            }
-          }
-          for (Count r = 0; r < rows; ++r) {
-            for (Count c = 0; c < columns; ++c) set(mass, (i + r) * padded + k + c, sum[r][c]);
-          }
+        for (Count r = 0; r < rows; ++r) {
+          double* const to = mass + ((i + r) * mass_stride() + k) * lanes<Real>;
+          for (Count c = 0; c < columns; ++c) store(to + c * width, sum[r][c]);
         }
       }
     }
@@ -422,13 +309,19 @@ struct Block {
     }
   }
 
-  void accelerations(const Batch& batch, double* out) {
+  /// All that is integrated; returns the length of its rows.
+  Count kinematics(const Batch& batch) {
     const Count row = row_length(bias + (loads ? 6 : drags ? 4 : 2));
     angles(batch.y);
-    fold_slopes(row);
-    fold_acceleration(row, bias);
-    if (drags || loads) fold_velocity(row, bias + 2);
-    integrate_folded(grid, row, sums, moments);
+    set_slopes(row);
+    set_acceleration(row, bias);
+    if (drags || loads) set_velocity(row, bias + 2);
+    integrate(grid, row, integrands, moments);
+    return row;
+  }
+
+  /// After `kinematics`, whose result row is.
+  void accelerations(const Batch& batch, Count row, double* out) {
     forces(batch.y, load<Real>(batch.u), row);
     gram(row);
     solve(out);
@@ -439,9 +332,9 @@ struct Block {
   Count velocities(const Batch& batch) {
     const Count row = row_length(loads ? 4 : 2);
     angles(batch.y);
-    for (Count i = 0; i < points * row; ++i) sums[i] = 0.0;
-    fold_velocity(row, 0);
-    integrate_folded(grid, row, sums, moments);
+    for (Count i = 0; i < points * row; ++i) integrands[i] = 0.0;
+    set_velocity(row, 0);
+    integrate(grid, row, integrands, moments);
     return row;
   }
 
@@ -450,7 +343,7 @@ struct Block {
     Real twice{};
     for (Count p = 0; p < grid.heavy; ++p) {
       const Real x = at<Real>(moments + p * row, 0), y = at<Real>(moments + p * row, 1);
-      twice += grid.folded_mass[p] * (x * x + y * y);
+      twice += grid.mass[p] * (x * x + y * y);
     }
     for (Count i = 0; i < m; ++i) {
       const Real amplitude = at<Real>(batch.y, i);
@@ -469,11 +362,10 @@ struct Block {
     return 0.5 * twice;
   }
 
-  void power(const Batch& batch, const PowerParts& out) {
+  void power(const Batch& batch, double* out) {
     const Count row = velocities(batch), end = points - 1;
     const Real u = load<Real>(batch.u);
-    const double* const half_of_end = moments + end * row;
-    const Real x = 2.0 * at<Real>(half_of_end, 0), y = 2.0 * at<Real>(half_of_end, 1);
+    const Real x = at<Real>(moments + end * row, 0), y = at<Real>(moments + end * row, 1);
     const Real along = at<Real>(sine, end) * x + at<Real>(cosine, end) * y;
     const Real flux = 0.5 * effects.coriolis * u, thrust = effects.centrifugal * (u * u);
     Real joints{}, dragged{}, others{};
@@ -493,10 +385,10 @@ struct Block {
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       others += w * law.power(station);
     });
-    store(out.flow, Real(-flux * (x * x + y * y) - thrust * along));
-    store(out.joints, joints);
-    store(out.drag, dragged);
-    store(out.others, others);
+    set(out, 0, Real(-flux * (x * x + y * y) - thrust * along));
+    set(out, 1, joints);
+    set(out, 2, dragged);
+    set(out, 3, others);
   }
 };
 
@@ -519,7 +411,16 @@ void with_block(const GridTables& grid, const MotionEffects& effects, const Batc
 
 void accelerations(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
                    double* out, double* scratch) {
-  with_block(grid, effects, batch, scratch, [&](auto&& block) { block.accelerations(batch, out); });
+  with_block(grid, effects, batch, scratch,
+             [&](auto&& block) { block.accelerations(batch, block.kinematics(batch), out); });
+}
+
+Kinematics kinematics(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+                      double* accelerations, double* scratch) {
+  Block<double> one(grid, effects, scratch);
+  const Count row = one.kinematics(batch);
+  if (accelerations != nullptr) one.accelerations(batch, row, accelerations);
+  return {one.sine, one.cosine, one.omega, one.velocity, one.weighted, one.moments, row};
 }
 
 void energy(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out,
@@ -527,8 +428,8 @@ void energy(const GridTables& grid, const MotionEffects& effects, const Batch& b
   with_block(grid, effects, batch, scratch, [&](auto&& block) { store(out, block.energy(batch)); });
 }
 
-void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-           const PowerParts& out, double* scratch) {
+void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out,
+           double* scratch) {
   with_block(grid, effects, batch, scratch, [&](auto&& block) { block.power(batch, out); });
 }
 
@@ -545,8 +446,9 @@ const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
     .accelerations = ::accelerations,
     .energy = ::energy,
     .power = ::power,
+    .kinematics = ::kinematics,
     .integrals_scratch_size = ::integrals_scratch_size,
-    .integrate = ::integrate,
+    .integrate = ::integrate_columns,
     .signed_weights = ::signed_weights,
 };
 

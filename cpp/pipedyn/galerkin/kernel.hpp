@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Motion of the reduced model (equations in galerkin/motion.hpp): the tables of one quadrature, and
-// the functions that each vector level compiles. Includes no other library.
+// Motion of the reduced model (equations in galerkin/galerkin.hpp): the tables of one quadrature,
+// and the functions that each vector level compiles. Includes no other library.
 #pragma once
 
 #include <cstddef>
@@ -15,12 +15,11 @@ namespace pipedyn {
 /// panel's points are its nodes s_p, an odd number Q = 2 h - 1 of them that lie symmetric about the
 /// middle one, and its end; p' = Q - 1 - p mirrors p. The last point of all is the free end.
 ///
-/// Integrals from a panel's start to its nodes, S f, cost half of a product with S (Q, Q): of the
-/// sums f(p) + f(p') (and f in the middle) and the differences f(p) - f(p'), p < h - 1,
-///   (S f)(p) - (S f)(p') = 2 (from_sums sums)(p),
-///   (S f)(p) + (S f)(p') = 2 (from_differences (differences, half the integral over all))(p),
-/// where the last row of from_sums gives half the integral over all. From the clamp the second has
-/// what lies before the panel besides.
+/// Integrals from a panel's start to its nodes, S f, cost half of a product with S (Q, Q):
+///   (S f)(p) - (S f)(p') = 2 (from_sums sums)(p),   sums(p) = f(p) + f(p'),
+///   (S f)(p) + (S f)(p') = 2 (from_differences differences)(p) + the integral over all,
+/// p < h; but the last row of from_sums, the middle's, gives half the integral over all. From the
+/// clamp the second has twice what lies before the panel besides.
 struct GridTables {
   static constexpr std::ptrdiff_t multiple = 4;  // of points, and of padded functions
   static constexpr std::ptrdiff_t widest = 8;    // of a stride
@@ -40,7 +39,6 @@ struct GridTables {
   const double* length;             // of each panel, (P,)
   const double* weight;             // of the quadrature, 0 at the panels' ends, (N,)
   const double* mass;               // of the pipe and its terms at each point, (N,)
-  const double* folded_mass;        // of products of rows as the integrals leave them, (N,)
   const double* beyond;             // mass beyond each point, (N,)
   const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)
   const double* expansion;          // of Quadrature, (Q, Q + 1)
@@ -56,11 +54,22 @@ struct PanelTerm {
 
 /// What acts on the pipe, each 0 where the pipe does not have it.
 struct MotionEffects {
-  double coriolis;     // 2 s sqrt(beta)
-  double centrifugal;  // a
-  double gamma, drag, damping;
-  const PanelTerm* loads;
-  std::ptrdiff_t load_count;
+  double coriolis = 0.0;     // 2 s sqrt(beta)
+  double centrifugal = 0.0;  // a
+  double gamma = 0.0, drag = 0.0, damping = 0.0;
+  const PanelTerm* loads = nullptr;
+  std::ptrdiff_t load_count = 0;
+};
+
+/// The centreline of one member at the points, in the scratch of the call that computed it.
+struct Kinematics {
+  const double *sine, *cosine, *omega;  // (N,)
+  const double *normal, *weight;  // v_n and drag's weights, where there are drag and q'', (N,)
+  double* columns;  // (N, row): derivatives of the position by the orthonormal coordinates,
+                    // all x then all y (2 padded); x, y of the acceleration at q'' = 0, of
+                    // the velocity where drag or a term reads it, of the position where a
+                    // term does
+  std::ptrdiff_t row;
 };
 
 /// The functions of one vector level. A batch here is a block: one member or the level's width,
@@ -69,15 +78,19 @@ struct MotionEffects {
 struct GalerkinKernel {
   std::ptrdiff_t (*scratch_size)(const GridTables&, std::ptrdiff_t members);
 
+  using Function = void (*)(const GridTables&, const MotionEffects&, const Batch&, double* out,
+                            double* scratch);
+
   /// q'' (m, members), O(N Q m + N m^2 + m^3) a member. NaN where a member's mass matrix is not
   /// positive definite to rounding.
-  void (*accelerations)(const GridTables&, const MotionEffects&, const Batch&, double* out,
-                        double* scratch);
+  Function accelerations;
   /// Energy of each member, O(N Q + N m).
-  void (*energy)(const GridTables&, const MotionEffects&, const Batch&, double* out,
-                 double* scratch);
-  void (*power)(const GridTables&, const MotionEffects&, const Batch&, const PowerParts& out,
-                double* scratch);
+  Function energy;
+  /// Power of flow, damping, drag and terms, (4, members).
+  Function power;
+  /// Of one member; also its q'' (m,), unless that is null.
+  Kinematics (*kinematics)(const GridTables&, const MotionEffects&, const Batch&,
+                           double* accelerations, double* scratch);
 
   /// Integrals from 0 to each point (N, columns) of what f (N, columns) is at the nodes.
   std::ptrdiff_t (*integrals_scratch_size)(const GridTables&, std::ptrdiff_t columns);

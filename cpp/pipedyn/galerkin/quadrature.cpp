@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/quadrature.hpp"
 
+#include <algorithm>
 #include <numbers>
 #include <stdexcept>
-#include <utility>
 
 namespace pipedyn {
 
@@ -14,37 +14,31 @@ Quadrature::Quadrature(Index count) {
   expansion.resize(count, count);
   const double degree = static_cast<double>(count);
   Vector values(count + 1);  // P_k(x)
-  for (Index i = 0; i < count; ++i) {
+  for (Index i = 0; 2 * i < count; ++i) {
     // Newton's method on P_count from the classical guesses, in descending order.
     double x = std::cos(std::numbers::pi * (static_cast<double>(i) + 0.75) / (degree + 0.5));
-    double slope = 1.0;
-    for (int step = 0; step < 6; ++step) {
+    double slope = 1.0, change = 1.0;
+    for (int step = 0; step < 6 && std::abs(change) > 1e-15; ++step) {
       legendre_values(x, count + 1, values.data());
       slope = degree * (values[count - 1] - x * values[count]) / ((1.0 - x) * (1.0 + x));
-      x -= values[count] / slope;
+      change = values[count] / slope;
+      x -= change;
     }
-    const Index p = count - 1 - i;
+    const Index p = count - 1 - i;  // i is its mirror image
+    node[i] = 0.5 * (1.0 - x);
     node[p] = 0.5 * (1.0 + x);
-    weight[p] = 1.0 / ((1.0 - x) * (1.0 + x) * slope * slope);
+    weight[i] = weight[p] = 1.0 / ((1.0 - x) * (1.0 + x) * slope * slope);
     legendre_values(x, count, values.data());
     for (Index k = 0; k < count; ++k) {
-      expansion(k, p) = (2.0 * static_cast<double>(k) + 1.0) * weight[p] * values[k];
+      const double value = (2.0 * static_cast<double>(k) + 1.0) * weight[p] * values[k];
+      expansion(k, i) = k % 2 == 0 ? value : -value;
+      expansion(k, p) = value;
     }
   }
 }
 
 Matrix Quadrature::integral_to(const Vector& s) const {
-  Vector values(size() + 1);
-  Matrix integrals(s.size(), size());
-  for (Index p = 0; p < s.size(); ++p) {
-    legendre_values(2.0 * s[p] - 1.0, size() + 1, values.data());
-    integrals(p, 0) = s[p];
-    for (Index k = 1; k < size(); ++k) {
-      integrals(p, k) =
-          (values[k + 1] - values[k - 1]) / (2.0 * (2.0 * static_cast<double>(k) + 1.0));
-    }
-  }
-  return integrals * expansion;
+  return legendre_integrals(legendre_values(s, size() + 1), s) * expansion;
 }
 
 Matrix legendre_recurrence(Index count) {
@@ -57,13 +51,29 @@ Matrix legendre_recurrence(Index count) {
 }
 
 void legendre_values(double x, Index count, double* out) {
-  for (Index k = 0; k < count; ++k) {
+  for (Index k = 0; k < std::min<Index>(count, 2); ++k) out[k] = k == 0 ? 1.0 : x;
+  for (Index k = 2; k < count; ++k) {
     const double before = static_cast<double>(k - 1);
-    out[k] = k == 0
-                 ? 1.0
-                 : ((2.0 * before + 1.0) * x * out[k - 1] - before * (k > 1 ? out[k - 2] : 0.0)) /
-                       (before + 1.0);
+    out[k] = ((2.0 * before + 1.0) * (x * out[k - 1]) - before * out[k - 2]) / (before + 1.0);
   }
+}
+
+Matrix legendre_values(const Vector& s, Index count) {
+  Matrix out(s.size(), count);
+  for (Index p = 0; p < s.size(); ++p) {
+    legendre_values(2.0 * s[p] - 1.0, count, out.data() + p * count);
+  }
+  return out;
+}
+
+Matrix legendre_integrals(const Matrix& values, const Vector& first) {
+  Matrix out(values.rows(), values.cols() - 1);
+  out.col(0) = first;
+  for (Index k = 1; k < out.cols(); ++k) {
+    out.col(k) =
+        (values.col(k + 1) - values.col(k - 1)) / (2.0 * (2.0 * static_cast<double>(k) + 1.0));
+  }
+  return out;
 }
 
 }  // namespace pipedyn

@@ -33,7 +33,12 @@ struct Quadrature {
 /// (count, 3).
 Matrix legendre_recurrence(Index count);
 
-/// P_k(x) for k < count, written to out.
+/// P_k(x) for k < count, written to out; or of x = 2 s - 1, (len(s), count).
 void legendre_values(double x, Index count, double* out);
+Matrix legendre_values(const Vector& s, Index count);
+
+/// Integrals from 0 to s of P_k(2 s - 1), or of such integrals, given all values (len(s), count)
+/// and the integral of the first: (len(s), count - 1).
+Matrix legendre_integrals(const Matrix& values, const Vector& first);
 
 }  // namespace pipedyn

@@ -286,13 +286,13 @@ def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, Complex
     some = motion.model.drag_velocities(*np.split(orbit.states(np.zeros(1)), 2))
     left = 0.25 if motion.model.pipe.drag and not some.size else 1e-3
     orbit = _fine_enough(motion, orbit)
-    roots, error = _roots(motion, orbit), math.inf
+    roots, error = _eigenvalues(motion, orbit), math.inf
     values = roots**2 if orbit.symmetric else roots
     for _ in range(MOST_HALVINGS):
         if error <= TOLERANCE or 2 * len(orbit.starts) > MOST:
             break
         orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
-        coarser, roots = values, _roots(motion, orbit)
+        coarser, roots = values, _eigenvalues(motion, orbit)
         values = roots**2 if orbit.symmetric else roots
         moved = np.abs(coarser[:, None] - values) / np.maximum(np.abs(values), 1.0)
         last, error = error, left * float(moved[linear_sum_assignment(moved)].max())
@@ -304,7 +304,7 @@ def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, Complex
     return values[order].astype(np.complex128), roots[order], error
 
 
-def _roots(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
+def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
     """The roots of the multipliers on a given mesh."""
     factorised()
     with np.errstate(over="raise", invalid="raise"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import cached_property
 from operator import attrgetter
 from typing import Any, Self
 
@@ -258,14 +259,14 @@ class Model(ABC):
     def core(self) -> Any:
         """The compiled model, which has the linear operators of the straight pipe."""
 
-    @property
-    @abstractmethod
+    @cached_property
     def motion(self) -> Any:
         """The compiled equations of motion.
 
         `rhs_and_power` takes [p, p', work done], shape (2 moving + 1,) or (2 moving + 1, k), with
         the coordinates p that an integrator advances; `energy` and `power` take states [q, q'].
         """
+        return self.core
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Six linear operators in q, each (dof, dof), about a configuration at rest.

@@ -186,10 +186,6 @@ class Chain(Model):
         """The compiled chain."""
         return self._with_springs(self._springs)
 
-    @cached_property
-    def motion(self) -> _core.Chain:
-        return self.core
-
     def braced(self, springs: Array) -> _core.Chain:
         """The compiled chain with springs added to its own, shape (n,)."""
         return self._with_springs(self._springs + springs)

@@ -110,26 +110,13 @@ class Galerkin(Model):
     @cached_property
     def core(self) -> _core.Galerkin:
         """The compiled model."""
-        # Legendre products are polynomials of twice a panel's functions and 2; beam mode m has
-        # about m / 2 waves and a layer of width 1 / (m pi) at either end.
-        count = self._most + 3 if self._basis == "legendre" else 2 * self._size + 30
-        nodes, weights = self._rule(count)
-        return _core.Galerkin(**self._arguments, nodes=nodes, weights=weights)
-
-    @cached_property
-    def motion(self) -> _core.GalerkinMotion:
-        return _core.GalerkinMotion(**self._arguments)
-
-    @property
-    def _arguments(self) -> dict[str, Any]:
-        """What both compiled parts take."""
-        return {
-            "pipe": core_pipe(self._pipe),
-            "legendre": self._basis == "legendre",
-            "size": self._size,
-            "joints": self._joints,
-            "more": self._more,
-        }
+        return _core.Galerkin(
+            pipe=core_pipe(self._pipe),
+            legendre=self._basis == "legendre",
+            size=self._size,
+            joints=self._joints,
+            more=self._more,
+        )
 
     def __repr__(self) -> str:
         return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
@@ -180,11 +167,6 @@ class Galerkin(Model):
     def _ends(self) -> Array:
         """Ends of the panels on which integrands are smooth, from 0 to 1."""
         return panel_ends(self._pipe.terms)
-
-    @cached_property
-    def _most(self) -> int:
-        """Number of functions on the panel that has most."""
-        return _core.most_on_a_panel(self._size, self._joints, self._more)
 
     def _rule(self, count: int) -> tuple[Array, Array]:
         """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
@@ -254,7 +236,7 @@ class Galerkin(Model):
 
     def _count_for(self, amplitudes: Array) -> int:
         """Nodes on each panel that integrate sine and cosine of the angle, for columns (m, k)."""
-        count = 2 * self._most + 60
+        count = 2 * self.core.most_on_a_panel() + 60
         turns = np.abs(np.diff(self.core.basis(self._rule(count)[0], 1) @ amplitudes, axis=0))
         most = float(turns.sum(axis=0).max(initial=0.0))
         if most > 1000.0:  # the quadrature grows with it
@@ -266,7 +248,7 @@ class Galerkin(Model):
         return float(np.abs(np.diff(across)).max()) * 400
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        nodes, weights = self._rule(4 * self._most + 60)
+        nodes, weights = self._rule(4 * self.core.most_on_a_panel() + 60)
         root = np.sqrt(weights)
         table = root[:, None] * self.core.basis(nodes, 1)
         fitted = np.linalg.lstsq(table, root * self._angles(angle, nodes))[0]
