@@ -81,7 +81,8 @@ def by_orthonormal_basis(mass: Array, force: Array, groups: Sequence[Group]) -> 
 def by_udwadia_kalaba(mass: Array, force: Array, groups: Sequence[Group]) -> Array:
     """The same by recursive Udwadia-Kalaba."""
     every, all_wanted = (np.concatenate(of) for of in zip(*groups, strict=True))
-    inertia = float(np.abs(mass).max())  # so that neither part is lost in the other's rounding
+    own = np.diag(mass)
+    inertia = float(np.median(own[own > 0.0]))  # neither is lost in the other's rounding
     mass, force = mass + inertia * every.T @ every, force + inertia * every.T @ all_wanted
     scale = 1.0 / np.sqrt(np.diag(mass))
     values, vectors = np.linalg.eigh(scale[:, None] * mass * scale)
