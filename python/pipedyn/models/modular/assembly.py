@@ -119,7 +119,8 @@ class Assembly(Model):
 
     def _refuse_massless(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
-        if self.core.lacks_inertia(self._layout.rest):
+        rest = self._configuration(self._layout.rest)
+        if not np.isfinite(self.core.rhs(0.0, np.append(rest, np.zeros_like(rest)), 0.0)).all():
             raise ValueError(
                 f"phi_{self._layout.size} moves without inertia: give its segment a gyration "
                 "radius, or the pipe a point mass there"

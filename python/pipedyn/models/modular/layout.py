@@ -9,12 +9,13 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
 from pipedyn.models.modular.custom import inertia_rows
-from pipedyn.models.modular.linearisation import DEPENDENT, Tree, independent
+from pipedyn.models.modular.linearisation import Tree
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
@@ -41,6 +42,9 @@ MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 
 SAME = 1e-12
 """Places that differ by less are one, and guides and pins are met: rounding leaves some 1e-15."""
+
+DEPENDENT = 1e-9
+"""Guides and pins that depend on the others to this, well above rounding, are redundant."""
 
 TAUT = 1e-5
 """Guides and pins that depend on one another to this, but only on a straight span, hold it taut.
@@ -164,9 +168,8 @@ class Layout:
 
     def described_row(self, row: int) -> str:
         """The constraint that a row of `RedundantForm.constraints` is of, in a message."""
-        if row >= 2 * self.size:
-            return described(self.holding[row - 2 * self.size])
-        return described(Joint(row // 2 + 1) if row > 1 else Clamp(self.base))
+        groups = zip(self.constraints, self.group_rows, strict=True)
+        return next(described(part) for part, rows in groups if row in rows)
 
     @property
     def guides_and_pins(self) -> list[Constraint]:
@@ -235,8 +238,14 @@ class Layout:
         )
 
     def _independent(self, theta: Array, tolerance: float) -> NDArray[np.intp]:
-        """Which held coordinates depend on none of the others at some angles."""
-        return independent(self.rows(theta) / self.lengths[:, None] ** 0.5, tolerance)
+        """Which held coordinates depend on none of the others at some angles, by pivoting."""
+        if not self.holding:
+            return np.zeros(0, dtype=np.intp)
+        columns = self.rows(theta) / self.lengths[:, None] ** 0.5
+        _, r, order = scipy.linalg.qr(columns, mode="economic", pivoting=True)
+        size = np.abs(np.diag(r))
+        rank = int(np.sum(size > tolerance * max(float(size[0]), 1e-300)))
+        return np.sort(order[:rank]).astype(np.intp)
 
     def _refuse_taut(self) -> None:
         """A span that is pulled straight has no neighbours: constraints lose their rank there."""

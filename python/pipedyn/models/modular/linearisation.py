@@ -10,9 +10,9 @@ modules' matrices in redundant coordinates give
 the last diagonal in dtheta: l_j t_j . S_j, S_j the force at rest on all nodes from j on, that of
 the closing constraints (guides and pins) included. These, B dphi = 0, are met by a basis Z of
 reflections. In elastic coordinates, phi = scale * Z zeta with Z^T Z = 1, the elastic stiffness
-stays the identity. Products are O(n (c + 1)) with c coordinates held. Solved is the
-sparse system of (phi, theta, x, y) with a multiplier (moment of a joint, forces beyond a node, force
-of a guide or pin) for each of their kinematic equations, segment after segment: a band of a few
+stays the identity. Products are O(n (c + 1)) with c coordinates held. Solved is the sparse
+system of (phi, theta, x, y) with a multiplier (moment of a joint, forces beyond a node, force of a
+guide or pin) for each of their kinematic equations, segment after segment: a band of a few
 diagonals unless a custom module ties far nodes together.
 """
 
@@ -41,27 +41,15 @@ if TYPE_CHECKING:
 WIDEST_BAND = 60
 """Diagonals up to which a band solver is used, beyond it a sparse one.
 
-Scenes have 14, with guides and pins 16; only a custom module between far nodes makes them more.
+Scenes have 14, with guides and pins up to 18; only a custom module between far nodes makes them
+more.
 """
-
-DEPENDENT = 1e-9
-"""Guides and pins that depend on the others to this, well above rounding, are redundant."""
 
 
 def matrix(triplets: Any, rows: int, columns: int) -> Any:
     """A sparse matrix by rows from (rows, columns, values); what meets adds up."""
     row, column, values = triplets
     return sparse.coo_array((values, (row, column)), shape=(rows, columns)).tocsr()
-
-
-def independent(columns: Array, tolerance: float = DEPENDENT) -> NDArray[np.intp]:
-    """Which columns depend on none of the others chosen, by QR with pivoting."""
-    if columns.shape[1] == 0:
-        return np.zeros(0, dtype=np.intp)
-    _, r, order = scipy.linalg.qr(columns, mode="economic", pivoting=True)
-    size = np.abs(np.diag(r))
-    rank = int(np.sum(size > tolerance * max(float(size[0]), 1e-300)))
-    return np.sort(order[:rank]).astype(np.intp)
 
 
 class Reflections:
@@ -182,19 +170,16 @@ class ScenePencil(Pencil):
         if layout.has_flow:
             thrust[-3:-1] = -np.sin(theta[-1]), -np.cos(theta[-1])
 
-        held = layout.unit_loads
+        self.held = layout.held[layout.independent]
+        held = layout.unit_loads[:, layout.independent]
         rows = self.scale * tree.gather(held)
-        chosen = independent(rows)
-        self.held = layout.held[chosen]
-        held, rows = held[:, chosen], rows[:, chosen]
-        self.dof = layout.size - chosen.size
         self.basis = Reflections(rows)
         # The same for the angles theta: coordinates of the operators that users see.
         self.angle_basis = Reflections(tree.gather_angles(held))
         residuals, stiffening = [], []
         for of in (force[:, None], thrust[:, None]):
             loads = self.scale * tree.gather(of)
-            multipliers = -np.linalg.lstsq(rows, loads)[0] if chosen.size else np.zeros((0, 1))
+            multipliers = -np.linalg.lstsq(rows, loads)[0] if self.held.size else np.zeros((0, 1))
             residuals.append(self.basis.gather(loads))
             stiffening.append(tree.stiffening(of + held @ multipliers))
         self.residual, self.residual_by_thrust = residuals

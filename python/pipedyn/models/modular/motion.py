@@ -165,7 +165,7 @@ class SceneMotion:
         rate_by_angle = turned(lengths * omega, 0.5 * math.pi)
         force = customs.force(q, rates)
         accelerations, multipliers = core.reactions(y, u, tree.moments(force[:, None])[:, 0])
-        rows = core.rows()
+        rows, compliance = core.rows()
         force = force + rows.T @ multipliers
         by_state = core.jacobian(y, u, tree.moments(force[:, None])[:, 0])[n:]
         change, every = (
@@ -191,9 +191,9 @@ class SceneMotion:
             response = core.solve(every[:, : len(rows)], by_angle.T)
             system = by_angle @ response
             missing = by_angle @ by_state + rows @ drift
-            size = np.diag(system) + np.abs(core.compliance)
+            size = np.diag(system) + np.abs(compliance)
             size = 1.0 / np.sqrt(np.maximum(size, SMALLEST * size.max()))
-            system += np.diag(core.compliance)
+            system += np.diag(compliance)
             inverse = np.linalg.pinv(size[:, None] * system * size, REDUNDANT)
             by_state = by_state - (response * size) @ (inverse @ (size[:, None] * missing))
         return by_state, drift + q_by_angle @ by_state

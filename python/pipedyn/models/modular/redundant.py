@@ -61,10 +61,9 @@ class RedundantForm:
         nodes = in_nodes(own, between, between)
         if not self.customs:
             return nodes
-        row, coordinate, weight = self.layout.inertia.T
-        places = row.astype(np.intp), coordinate.astype(np.intp)
-        rows = sparse.coo_array((weight, places), shape=(row.size, nodes.shape[0]))
-        return nodes + rows.T @ rows
+        rows, compliance = self._core.rows()
+        own_rows = sparse.csr_array(rows[compliance == 1.0])
+        return nodes + own_rows.T @ own_rows
 
     @cached_property
     def velocity(self) -> Any:
