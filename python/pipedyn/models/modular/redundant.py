@@ -171,32 +171,26 @@ class RedundantForm:
         """
         layout, columns = self.layout, rates.reshape(rates.shape[0], -1)
         (a, d), (a_rate, d_rate) = self._directions(q[:, None], 0), self._directions(columns, 1)
-        phi, turning = q[2::3, None], columns[2::3]
-        sine, cosine = (layout.lengths[:, None] * of for of in (np.sin(phi), np.cos(phi)))
-        residual = _listed(
-            *(_dot(a, d) - cosine, _cross(a, d) - sine),
-            (q[layout.held] - layout.held_values)[:, None],
-        )
+        # Of vectors x + i y, conj(a) d = a . d + i a x d.
+        bend = layout.lengths[:, None] * np.exp(1j * q[2::3, None])
+        turning = columns[2::3]
+        residual = _listed(np.conj(a) * d - bend, (q[layout.held] - layout.held_values)[:, None])
         drift = _listed(
-            _dot(a_rate, d) + _dot(a, d_rate) + sine * turning,
-            _cross(a_rate, d) + _cross(a, d_rate) - cosine * turning,
-            columns[layout.held],
+            np.conj(a_rate) * d + np.conj(a) * d_rate - 1j * bend * turning, columns[layout.held]
         )
         wanted = _listed(
-            -2.0 * _dot(a_rate, d_rate) - cosine * turning**2,
-            -2.0 * _cross(a_rate, d_rate) - sine * turning**2,
+            -2.0 * np.conj(a_rate) * d_rate - bend * turning**2,
             np.zeros((layout.held.size, columns.shape[1])),
         )
         shape = (-1, *rates.shape[1:])
         return residual[:, 0], drift.reshape(shape), wanted.reshape(shape)
 
-    def _directions(self, columns: Array, order: int) -> tuple[Array, Array]:
-        """The vectors a and d of each joint, shape (n, 2, k), or their rates (order 1)."""
-        a = np.diff(self.layout.nodes(columns, order), axis=0)
-        d = np.zeros_like(a)
-        d[0, 1] = 1.0 - order
-        d[1:] = a[:-1] / self.layout.lengths[:-1, None, None]
-        return a, d
+    def _directions(self, columns: Array, order: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The vectors a and d of each joint, x + i y, shape (n, k), or their rates (order 1)."""
+        x, y = np.moveaxis(self.layout.nodes(columns, order), 1, 0)
+        a = np.diff(x + 1j * y, axis=0)
+        d = a / self.layout.lengths[:, None]
+        return a, np.concatenate([np.full_like(d[:1], 1j * (1.0 - order)), d[:-1]])
 
 
 def in_nodes(own: Array, after: Array, before: Array) -> Any:
@@ -221,17 +215,7 @@ def _across(along: Array) -> Array:
     return across
 
 
-def _dot(a: Array, d: Array) -> Array:
-    product: Array = a[:, 0] * d[:, 0] + a[:, 1] * d[:, 1]
-    return product
-
-
-def _cross(a: Array, d: Array) -> Array:
-    product: Array = a[:, 0] * d[:, 1] - a[:, 1] * d[:, 0]
-    return product
-
-
-def _listed(first: Array, second: Array, held: Array) -> Array:
-    """Rows of joints, (n, k) each, one after the other, then those of what is held."""
-    joints = np.stack([first, second], axis=1).reshape(2 * first.shape[0], -1)
+def _listed(of_joints: NDArray[Any], held: Array) -> Array:
+    """Two rows of each joint, real and imaginary part of (n, k), then those of what is held."""
+    joints = np.stack([of_joints.real, of_joints.imag], axis=1).reshape(-1, held.shape[1])
     return np.concatenate([joints, held])
