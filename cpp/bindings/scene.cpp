@@ -15,19 +15,16 @@ using namespace py::literals;
 
 namespace {
 
-/// From entries (row, coordinate, weight), row after row.
-std::vector<Row> inertia_of(const Matrix& entries) {
-  if (entries.cols() != 3) {
-    throw std::invalid_argument("a row of inertia must have 3 entries, got " +
-                                std::to_string(entries.cols()));
-  }
+/// From weights (m, 3 n).
+std::vector<Row> inertia_of(const Matrix& weights) {
   std::vector<Row> made;
-  double last = -1.0;
-  for (const auto& entry : entries.rowwise()) {
-    if (entry[0] != last) made.push_back({{}, {}, 1.0});
-    last = entry[0];
-    made.back().coordinate.push_back(static_cast<Index>(entry[1]));
-    made.back().weight.push_back(entry[2]);
+  for (const auto& weight : weights.rowwise()) {
+    Row& row = made.emplace_back(Row{{}, {}, 1.0});
+    for (Index k = 0; k < weight.size(); ++k) {
+      if (weight[k] == 0.0) continue;
+      row.coordinate.push_back(k);
+      row.weight.push_back(weight[k]);
+    }
   }
   return made;
 }

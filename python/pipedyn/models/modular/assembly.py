@@ -136,8 +136,7 @@ class Assembly(Model):
         """The equations of motion in the angles of the segments, as integrators take them."""
         dense = None if self._enforcement == "orthonormal" else ENFORCEMENTS[self._enforcement]
         pipe = self._layout.acting(self._pipe)
-        form = RedundantForm(pipe, self._layout, self.core, self._customs)
-        return SceneMotion(self.core, self._layout, self._customs, form, dense)
+        return SceneMotion(RedundantForm(pipe, self._layout, self.core, self._customs), dense)
 
     def __repr__(self) -> str:
         layout = self._layout

@@ -181,14 +181,12 @@ class Layout:
         return ", ".join(described(part) for part in self.guides_and_pins)
 
     def _found_inertia(self) -> Array:
-        """Entries (row, coordinate, weight) of the rows W of all custom modules' mass W^T W."""
-        entries, count = [np.zeros((0, 3))], 0
-        for custom in self.customs:
-            rows = inertia_rows(custom)
-            row, column = np.nonzero(rows)
-            entries.append(np.column_stack([count + row, custom.index[column], rows[row, column]]))
-            count += len(rows)
-        return np.concatenate(entries)
+        """Rows W of all custom modules' mass W^T W, shape (m, 3 n)."""
+        own = [inertia_rows(custom) for custom in self.customs]
+        rows = [np.zeros((len(of), 3 * self.size)) for of in own]
+        for custom, whole, of in zip(self.customs, rows, own, strict=True):
+            whole[:, custom.index] = of
+        return np.concatenate([np.zeros((0, 3 * self.size)), *rows])
 
     # ------------------------------------------------------------------------------- configurations
 

@@ -18,10 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pipedyn import _core
-from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.enforcement import Enforce, Group
-from pipedyn.models.modular.layout import Layout
 from pipedyn.models.modular.linearisation import Tree
 from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.util import check
@@ -39,24 +36,14 @@ class SceneMotion:
     """Equations of motion, in redundant coordinates and in the angles.
 
     Args:
-        core: the compiled scene.
-        layout: where its parts are.
-        customs: modules of the user's own.
         form: the scene in redundant coordinates.
         enforce: a dense recursion that finds the accelerations from `form`; None for the core's.
     """
 
-    def __init__(
-        self,
-        core: _core.Scene,
-        layout: Layout,
-        customs: CustomForces,
-        form: RedundantForm,
-        enforce: Enforce | None,
-    ) -> None:
-        self.core, self.layout, self.form = core, layout, form
-        self.customs, self.enforce = customs, enforce
-        self._compiled = not customs and enforce is None
+    def __init__(self, form: RedundantForm, enforce: Enforce | None) -> None:
+        self.form, self.enforce = form, enforce
+        self.core, self.layout, self.customs = form.core, form.layout, form.customs
+        self._compiled = not form.customs and enforce is None
 
     # --------------------------------------------------------------------- redundant coordinates
 

@@ -42,7 +42,7 @@ class RedundantForm:
         self, pipe: Pipe, layout: Layout, core: _core.Scene, customs: CustomForces
     ) -> None:
         self.layout, self.customs = layout, customs
-        self._core, self._pipe = core, pipe
+        self.core, self._pipe = core, pipe
 
     # ------------------------------------------------------------------------------------- modules
 
@@ -53,7 +53,7 @@ class RedundantForm:
         A segment has the kinetic energy m (|r*'|^2 + (eta / l)^2 |r_j' - r_{j-1}'|^2) / 2, with the
         masses on it, r* = (1 - chi) r_{j-1} + chi r_j.
         """
-        mass, chi, eta = self._core.bodies().T
+        mass, chi, eta = self.core.bodies().T
         turning = (eta / self.layout.lengths) ** 2
         own = mass * (chi**2 + turning)
         own[:-1] += (mass * ((1.0 - chi) ** 2 + turning))[1:]
@@ -61,9 +61,8 @@ class RedundantForm:
         nodes = in_nodes(own, between, between)
         if not self.customs:
             return nodes
-        rows, compliance = self._core.rows()
-        own_rows = sparse.csr_array(rows[compliance == 1.0])
-        return nodes + own_rows.T @ own_rows
+        rows = sparse.csr_array(self.layout.inertia)
+        return nodes + rows.T @ rows
 
     @cached_property
     def velocity(self) -> Any:
@@ -100,7 +99,7 @@ class RedundantForm:
             np.add.at(on_nodes, segment + 1, share[:, None] * loads)
 
         every = np.arange(layout.size)
-        mass, chi, _ = self._core.bodies().T
+        mass, chi, _ = self.core.bodies().T
         add(chi, np.outer(mass, [0.0, pipe.gamma]), every)
         point, normal = layout.drag_points, _across(along) / lengths[:, None]
         v = np.sum(normal * _between(velocities, point, every), axis=1)
@@ -140,7 +139,7 @@ class RedundantForm:
         Turning is the derivative of the segment's angle by the difference of its ends, shape (k,
         2). Fourth, the answers of the laws as of the core's `loads`, times the weights.
         """
-        place, arm, weight = self._core.places().T
+        place, arm, weight = self.core.places().T
         j = place.astype(np.intp)
         share = arm / self.layout.lengths[j]
         nodes, velocities = self.layout.nodes(q), self.layout.nodes(rates, order=1)
@@ -149,14 +148,14 @@ class RedundantForm:
         turning = _across(along) / length**2
         rate = np.sum(turning * (velocities[j + 1] - velocities[j]), axis=1)
         where, moving = _between(nodes, share, j), _between(velocities, share, j)
-        answers = self._core.loads(np.column_stack([where, along / length, moving, rate]))
+        answers = self.core.loads(np.column_stack([where, along / length, moving, rate]))
         return j, share, turning, weight[:, None] * answers
 
     def _placed(self, coordinates: NDArray[np.intp], blocks: Array) -> Any:
         """A sparse matrix (3 n, 3 n) of blocks (k, m, m) at coordinates (k, m), none below 0."""
         rows, columns = np.broadcast_arrays(coordinates[:, :, None], coordinates[:, None, :])
         kept = (rows >= 0) & (columns >= 0)
-        size = self._core.coordinates
+        size = self.core.coordinates
         return matrix((rows[kept], columns[kept], blocks[kept]), size, size)
 
     # --------------------------------------------------------------------------------- constraints
