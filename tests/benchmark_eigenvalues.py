@@ -17,8 +17,10 @@ from typing import TypeVar
 
 import mpmath
 import numpy as np
+from independent import chain_newton_step
 
 import pipedyn as pp
+from pipedyn.linear.eigenproblem import eigenproblem
 
 BETA, SPEED, COUNT = 0.2, 6.0, 8
 PIPE = pp.Pipe(beta=BETA)
@@ -151,7 +153,7 @@ def against_continuum() -> None:
     print(f"{COUNT} lowest eigenvalues, beta = {BETA}, u = {SPEED:g}, against the continuous pipe")
     print("  segments      time (s)   error")
     found = {}
-    for n in (800, 1600, 10_000, 100_000):
+    for n in (100, 800, 1600, 10_000, 100_000):
         repeats = 1 if n > 20_000 else 3
         found[n], cost = timed(lambda n=n: pp.eigenvalues(pp.Chain(PIPE, n), SPEED, COUNT), repeats)
         print(f"  {n:8d}   {cost:10.4f}   {worst(found[n], exact):.1e}")
@@ -159,6 +161,56 @@ def against_continuum() -> None:
     print(f"  800 and 1600 extrapolated       {extrapolated:.1e}\n")
     check(worst(found[100_000], exact), 1e-6, "eigenvalues of 100000 segments")
     check(extrapolated, 1e-8, "extrapolated eigenvalues")
+
+
+def any_chain(dice: np.random.Generator) -> pp.Chain:
+    """Of 2 to 200 segments, one in four wildly unequal, with or without damping and terms."""
+    n = int(dice.choice([2, 3, 5, 8, 12, 20, 30, 64, 100, 200]))
+    terms: list[pp.PointMass | pp.Spring | pp.Damper] = []
+    if dice.random() < 0.3:
+        terms = [
+            pp.PointMass(dice.uniform(0.1, 1.0), dice.uniform(0.1, 2.0)),
+            pp.Spring(dice.uniform(0.1, 1.0), dice.uniform(0.0, 50.0)),
+            pp.Damper(dice.uniform(0.1, 1.0), dice.uniform(0.0, 2.0)),
+        ]
+    pipe = pp.Pipe(
+        dice.uniform(0.0, 0.95),
+        dice.choice([0.0, 0.0, 10.0, 100.0, -5.0]),
+        flow=str(dice.choice(["ejecting", "aspirating"])),
+        damping=dice.choice([0.0, 0.0, 1e-3, 1e-2, 0.1]),
+        terms=terms,
+    )
+    decades = dice.choice([0.0, 0.0, 1.0, 6.0])
+    if decades == 0.0:
+        return pp.Chain(pipe, n)
+    lengths = 10.0 ** (-0.5 * dice.uniform(0.0, decades, n))
+    springs = n * 10.0 ** (0.5 * dice.uniform(-decades, decades, n))
+    return pp.Chain(pipe, lengths=lengths / lengths.sum(), springs=springs)
+
+
+def random_chains(count: int = 1000) -> None:
+    """How many recursion leaves to matrices, and how well its errors bound the true ones."""
+    dice = np.random.default_rng(11)
+    left, seconds, ratios = 0, 0.0, []
+    for i in range(count):
+        chain, u = any_chain(dice), dice.uniform(0.0, 20.0)
+        every = chain.dof <= 64 and dice.random() < 0.6
+        asked = 2 * chain.dof if every else min(COUNT, 2 * chain.dof)
+        spectrum = eigenproblem(chain).spectrum()
+        start = time.process_time()
+        found = spectrum.by_recursion(u, asked, vectors=True)
+        seconds += time.process_time() - start
+        if found is None or not found.converged.all():
+            left += 1
+        elif i % 20 == 0 and chain.dof <= 30:
+            k = int(dice.integers(asked))
+            value = complex(found.values[k])
+            true = abs(chain_newton_step(chain, value, u, 200))
+            ratios.append(true / (found.uncertain[k] + 2e-15 * abs(value)))
+    print(f"{count} random chains by recursion: {1e3 * seconds / count:.2f} ms each on average")
+    print(f"  left to matrices: {left}; true error at most {max(ratios):.2f} of the stated one\n")
+    check(left / count, 0.05, "share of random chains that recursion leaves to matrices")
+    check(max(ratios), 1.0, "true error of random chains, in the stated one")
 
 
 def critical_speeds() -> None:
@@ -227,6 +279,7 @@ def main() -> int:
     print(machine() + "\n")
     against_dense()
     against_continuum()
+    random_chains()
     critical_speeds()
     beside_threads()
     for failure in failures:

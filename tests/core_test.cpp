@@ -25,10 +25,9 @@
 
 namespace {
 
-using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Index;
+using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Index,
+    pipedyn::LinearPart;
 using pipedyn::Matrix, pipedyn::Operators, pipedyn::Pipe, pipedyn::Segments, pipedyn::Vector;
-using Complex = std::complex<double>;
-using ComplexMatrix = Chain::ComplexMatrix;
 
 int checks = 0;
 int failures = 0;
@@ -43,8 +42,8 @@ void check(bool good, const std::string& claim) {
 
 /// Largest difference of two matrices, relative to the largest entry of the second, is within
 /// tolerance. No template over the expressions: it would be compiled for each of them.
-void check_close_complex(const ComplexMatrix& got, const ComplexMatrix& expected, double tolerance,
-                         const std::string& claim) {
+void check_close(const Matrix& got, const Matrix& expected, double tolerance,
+                 const std::string& claim) {
   if (got.rows() != expected.rows() || got.cols() != expected.cols()) {
     check(false, claim + " (shape)");
     return;
@@ -52,11 +51,6 @@ void check_close_complex(const ComplexMatrix& got, const ComplexMatrix& expected
   const double size = expected.cwiseAbs().maxCoeff();
   const double error = (got - expected).cwiseAbs().maxCoeff() / (size > 0.0 ? size : 1.0);
   check(error <= tolerance, claim + ", error " + std::to_string(error / tolerance) + " tolerances");
-}
-
-void check_close(const Matrix& got, const Matrix& expected, double tolerance,
-                 const std::string& claim) {
-  check_close_complex(got.cast<Complex>(), expected.cast<Complex>(), tolerance, claim);
 }
 
 template <class Action>
@@ -115,19 +109,27 @@ class Dice {
 Matrix lower_ones(Index n) { return Matrix::Ones(n, n).triangularView<Eigen::Lower>(); }
 
 /// The products agree with the dense operators.
-void check_products(const Chain& chain, const Segments& segments, const Operators& dense,
-                    const Operators& weightless, double gamma, Dice& dice) {
+void check_products(const Pipe& pipe, const Chain& chain, const Operators& dense, Dice& dice) {
   const Index n = chain.dof();
-  const double tolerance = 1e-12;
-  const Matrix x = dice.matrix(n, 3);
-  const Matrix velocity = dense.gyroscopic + dense.end_flux;
-  check_close(chain.mass_times(x), dense.mass * x, tolerance, "M x");
-  check_close(chain.velocity_times(x), velocity * x, tolerance, "V x");
-  check_close(chain.flux_times(x), dense.flux * x, tolerance, "A x");
-  const Matrix turns = lower_ones(n).inverse() * x, springs = weightless.stiffness * x;
-  check_close(gamma * chain.gravity_times(x) + springs, dense.stiffness * x, tolerance, "K x");
-  const Matrix energy = x.transpose() * springs;
-  check_close(energy, turns.transpose() * segments.spring.asDiagonal() * turns, tolerance,
+  const Matrix x = dice.matrix(n, 3), basis = lower_ones(n);
+  const auto check_same = [&](const LinearPart& part, const Matrix& whole, const char* name) {
+    const Matrix expected = basis.transpose() * whole * basis * x;
+    check_close(chain.joint_times(x, part), expected, 1e-12, name);
+  };
+  const Matrix velocity = pipe.direction() * (dense.gyroscopic + dense.end_flux);
+  check_same({.square = 1.0}, dense.mass, "M x");
+  check_same({.velocity = 1.0}, velocity, "V x");
+  check_same({.rate = 1.0}, dense.damping, "D x");
+  check_same({.still = 1.0}, dense.stiffness, "K x");
+  check_same({.flux = 1.0}, dense.flux, "A x");
+}
+
+/// Without weight, stiffness is what the springs' energy says.
+void check_springs(const Segments& segments, const Operators& weightless, Dice& dice) {
+  const Matrix x = dice.matrix(segments.length.size(), 3);
+  const Matrix turns = lower_ones(x.rows()).inverse() * x;
+  const Matrix energy = x.transpose() * weightless.stiffness * x;
+  check_close(energy, turns.transpose() * segments.spring.asDiagonal() * turns, 1e-12,
               "twice the springs' energy");
 }
 
@@ -178,58 +180,11 @@ void check_physics(const Pipe& pipe, const Segments& segments, const Operators& 
   check_number(scaled.determinant(), 1.0, "det K does not depend on the flow");
 }
 
-/// The band matrix solves the same linear problem as the dense operators.
-void check_band(const Pipe& pipe, const Chain& chain, const Segments& segments,
-                const Operators& dense, Dice& dice) {
-  const Index n = chain.dof(), width = Chain::band_width;
-  const Complex lambda(dice.between(-3.0, 3.0), dice.between(1.0, 30.0));
-  const double u = dice.between(0.5, 9.0);
-  const ComplexMatrix band = chain.band(lambda, u);
-  check(band.rows() == 3 * width + 1 && band.cols() == 4 * n, "shape of the band matrix");
-  check(band.topRows(width).isZero(0.0), "LAPACK's working rows are zero");
-  ComplexMatrix full = ComplexMatrix::Zero(4 * n, 4 * n);
-  for (Index column = 0; column < 4 * n; ++column) {
-    for (Index row = 0; row < band.rows(); ++row) {
-      const Index i = row + column - 2 * width;
-      if (i >= 0 && i < 4 * n) {
-        full(i, column) = band(row, column);
-      } else {
-        check(band(row, column) == 0.0, "entries outside the matrix are zero");
-      }
-    }
-  }
-  const Matrix damping = pipe.direction() * u * (dense.gyroscopic + dense.end_flux) + dense.damping;
-  const Matrix stiffness = dense.stiffness + pipe.centrifugal * u * u * dense.flux;
-  const ComplexMatrix pencil = lambda * lambda * dense.mass + lambda * damping + stiffness;
-  const ComplexMatrix moments = dice.matrix(n, 2);
-  const ComplexMatrix angles = pencil.partialPivLu().solve(moments);
-  ComplexMatrix rows = ComplexMatrix::Zero(4 * n, 2);
-  for (Index j = 0; j < n; ++j) rows.row(4 * j + 2) = moments.row(j);
-  const ComplexMatrix solution = full.partialPivLu().solve(rows);
-  const auto unknown = [&](Index which) -> ComplexMatrix {
-    return solution(Eigen::seqN(which, n, 4), Eigen::all);
-  };
-  const double tolerance = 1e-9;
-  const Matrix turn = lower_ones(n).inverse();
-  const Matrix reach = lower_ones(n) * segments.length.asDiagonal();
-  check_close_complex(unknown(0), turn * angles, tolerance, "joint angles of the band solve");
-  check_close_complex(unknown(1), angles, tolerance, "angles of the band solve");
-  check_close_complex(unknown(2), reach * angles, tolerance, "displacements of the band solve");
-}
-
 /// The routes to the operators agree for a pipe with terms, and the products with them.
-void check_terms(const Pipe& pipe, const Chain& chain, const Segments& segments, Dice& dice) {
+void check_terms(const Pipe& pipe, const Chain& chain, Dice& dice) {
   const Operators dense = chain.operators();
   check_joint_operators(chain, dense, dice);
-  check_band(pipe, chain, segments, dense, dice);
-  const Matrix x = dice.matrix(chain.dof(), 3);
-  const Matrix turning = lower_ones(chain.dof()).inverse();
-  const Matrix springs = turning.transpose() * segments.spring.asDiagonal() * turning * x;
-  const Matrix terms = chain.terms_stiffness_times(x), weight = pipe.gamma * chain.gravity_times(x);
-  check_close(springs + weight + terms, dense.stiffness * x, 1e-12, "K x with terms");
-  check_close(pipe.damping * springs + chain.terms_damping_times(x), dense.damping * x, 1e-12,
-              "D x with terms");
-  check_close(chain.mass_times(x), dense.mass * x, 1e-12, "M x with terms");
+  check_products(pipe, chain, dense, dice);
 }
 
 void check_chains() {
@@ -246,13 +201,13 @@ void check_chains() {
       const Operators dense = chain.operators();
       const Operators weightless = Chain(without_weight, segments).operators();
       check_close(dense.damping, pipe.damping * weightless.stiffness, 1e-15, "damping is elastic");
-      check_products(chain, segments, dense, weightless, pipe.gamma, dice);
+      check_products(pipe, chain, dense, dice);
+      check_springs(segments, weightless, dice);
       check_joint_operators(chain, dense, dice);
       check_physics(pipe, segments, dense, weightless, dice);
-      check_band(pipe, chain, segments, dense, dice);
       Pipe with_terms = pipe;
       with_terms.terms = dice.terms();
-      check_terms(with_terms, Chain(with_terms, segments), segments, dice);
+      check_terms(with_terms, Chain(with_terms, segments), dice);
     }
   }
 }
@@ -918,12 +873,10 @@ void check_wild_chain(Wild& wild) {
   const Chain chain(pipe, wild.segments(n));
   check_wild_motion(chain, wild);
   const Matrix x = wild.dice.matrix(n, wild.size({0, 1, 5}));
-  check(chain.velocity_times(x).allFinite() && chain.flux_times(x).allFinite(), "V x is finite");
-  check(chain.mass_times(x).allFinite() && chain.gravity_times(x).allFinite(), "M x is finite");
+  check(chain.joint_times(x, {1.0, 1.0, 1.0, 1.0, 1.0}).allFinite(), "products are finite");
   const Vector scale = wild.dice.vector(n, 1e-3, 1e3);
   check(chain.operators(wild.states(n, 1).col(0).head(n)).mass.allFinite(), "mass is finite");
   check(chain.joint_operators(scale).stiffness.allFinite(), "joint stiffness is finite");
-  check(chain.band({0.3, 14.0}, wild.one_of({0.0, 5.0, 1e4})).allFinite(), "band is finite");
 }
 
 void check_wild_reduced(Wild& wild) {

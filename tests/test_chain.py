@@ -13,6 +13,7 @@ from independent import lagrangian_operators
 from scipy.linalg import eigvalsh
 
 import pipedyn as pp
+from pipedyn.linear.eigenproblem import eigenproblem
 
 FIRST_BEAM_FREQUENCY = 1.8751040687119612**2
 """First root of cos(k) cosh(k) = -1, squared (textbooks: k = 1.8751040687)."""
@@ -197,35 +198,30 @@ def test_sweeps_along_the_chain_multiply_like_its_matrices(chain, data):
         )
 
 
-@pytest.mark.parametrize("rule", ["consistent", "midpoint", "rayleigh"])
+@pytest.mark.parametrize("unequal", [False, True])
 @pytest.mark.parametrize("flow", ["ejecting", "aspirating"])
-@pytest.mark.parametrize("value", [0.9, -2.0 + 13.0j, 30.0j])
-def test_the_band_solve_is_the_dense_solve(rule, flow, value):
-    pipe = pp.Pipe(0.4, gamma=3.0, flow=flow, alpha=0.8, damping=2e-3)
-    chain = pp.Chain(pipe, 30, springs=rule)
-    u = 5.0
-    dense, band = chain.pencil(dense=True), chain.pencil(dense=False)
-    rows = np.cos(np.arange(60.0)).reshape(30, 2) + 0.0j
-    # The matrix from the operators in the angles, not from either route.
-    mass, damping, stiffness = chain.operators().at(u)
-    transform = chain.from_elastic(np.eye(30))
-    matrix = transform.T @ (value**2 * mass + value * damping + stiffness) @ transform
-    expected = np.linalg.solve(matrix, rows)
-    turned = np.linalg.solve(matrix.conj().T, rows)
-    for pencil in (dense, band):
-        solve = pencil.factor(value, u)
-        np.testing.assert_allclose(solve(rows), expected, atol=1e-9 * np.abs(expected).max())
-        np.testing.assert_allclose(
-            solve(rows, adjoint=True), turned, atol=1e-9 * np.abs(turned).max()
-        )
-
-
-def test_the_band_keeps_four_digits_beyond_the_dense_matrix_at_static_loads():
-    """n = 2000, u = 0: a moment at the free end bends every joint alike, exactly 1 / k_j."""
-    chain = pp.Chain(pp.Pipe(0.2), 2000)
-    moment = np.ones((2000, 1)) * chain.elastic_scale[:, None]
-    turned = chain.pencil().factor(0.0, 0.0)(moment)[:, 0] * chain.elastic_scale
-    np.testing.assert_allclose(turned * chain.springs, 1.0, rtol=1e-12)
+@pytest.mark.parametrize("value", [0.9, -2.0 + 13.0j, 30.0j, -700.0 + 1.0j])
+def test_the_recursion_has_the_characteristic_function_of_the_matrices(unequal, flow, value):
+    """d log det P / dlambda is the trace of P^-1 dP/dlambda, from the operators in the angles."""
+    terms = (pp.PointMass(0.41, 0.3), pp.Spring(0.7, 12.0), pp.Damper(1.0, 0.2), pp.Foundation(3.0))
+    n, u = 12, 5.0
+    pipe = pp.Pipe(0.4, gamma=-3.0, flow=flow, alpha=0.8, damping=2e-3, terms=terms)
+    k = np.arange(n)
+    lengths = 1.0 + 0.5 * np.sin(k)
+    arrays = {
+        "lengths": 0.9 * lengths / lengths.sum(),
+        "base": 0.1,
+        "centers": 0.5 + 0.3 * np.cos(k),
+        "gyration_radii": 0.1 + 0.05 * np.sin(2 * k),
+        "springs": np.where(k == 3, 0.0, n * (1.0 + 0.5 * np.cos(3 * k))),
+    }
+    chain = pp.Chain(pipe, **arrays) if unequal else pp.Chain(pipe, n)
+    mass, velocity, stiffness = chain.operators().at(u)
+    p = value**2 * mass + value * velocity + stiffness
+    expected = np.trace(np.linalg.solve(p, 2.0 * value * mass + velocity))
+    many = np.full(11, complex(value))  # more than a vector holds
+    found = eigenproblem(chain).spectrum().log_derivatives(u, many)
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
 # ----------------------------------------------------------------------------- spring rules
@@ -384,10 +380,9 @@ def test_another_pipe_may_take_the_same_chain():
     assert chain.pipe == pp.Pipe(0.2)
 
 
-@pytest.mark.parametrize("product", ["mass_times", "velocity_times", "flux_times", "gravity_times"])
-def test_the_core_refuses_an_array_of_another_size(product):
+def test_the_core_refuses_an_array_of_another_size():
     core = pp.Chain(pp.Pipe(0.2), 10).core
     with pytest.raises(ValueError, match="one row a segment"):
-        getattr(core, product)(np.ones((3, 1)))
+        core.joint_times(np.ones((3, 1)), square=1.0)
     with pytest.raises(ValueError, match="one row a segment"):
         core.joint_operators(np.ones(2))

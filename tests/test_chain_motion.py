@@ -95,10 +95,20 @@ def test_a_hundred_thousand_segments_obey_their_equations():
     rates = 1e-3 * np.sin(np.arange(n) / 1e4)
     found = chain.rhs(0.0, np.concatenate([np.zeros(n), rates]), u)[n:]
     turning = np.diff(rates, prepend=0.0)
-    force = u * chain.core.velocity_times(rates[:, None])[:, 0]
+    length = 1.0 / n
+
+    def inertia(turning):
+        """Of equal segments with their mass in the middle and radius l / sqrt(12)."""
+        joint = length * (np.cumsum(turning) - turning)
+        force = length * (joint + 0.5 * length * turning)
+        beyond = np.cumsum(force[::-1])[::-1] - force
+        return length * (beyond + 0.5 * length * joint + length**2 / 3.0 * turning)
+
+    beyond = np.cumsum(rates[::-1])[::-1] - rates
+    force = u * math.sqrt(pipe.beta) * length**2 * (rates + 2.0 * beyond)
     force -= 1e-3 * np.diff(chain.springs * turning, append=0.0)
-    missing = chain.core.mass_times(found[:, None])[:, 0] + force
-    terms = chain.core.mass_times(np.abs(found)[:, None])[:, 0]
+    missing = inertia(found) + force
+    terms = inertia(np.abs(found))
     assert np.all(np.abs(missing) < 4.0 * np.finfo(float).eps * terms)
 
 

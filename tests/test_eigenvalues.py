@@ -281,25 +281,31 @@ def break_solver(monkeypatch, change, mended):
     monkeypatch.setattr(Eigenproblem, "operators", property(operators))
 
 
-@pytest.mark.parametrize("n", [10, 100])
-def test_what_a_broken_solver_returns_is_refused(n, monkeypatch):
+BREAKABLE = {
+    "matrices": lambda: pp.Galerkin(pp.Pipe(0.2), 10),
+    "products": lambda: modular.chain(pp.Pipe(0.2), 100),
+}
+
+
+@pytest.mark.parametrize("make", BREAKABLE.values(), ids=BREAKABLE)
+def test_what_a_broken_solver_returns_is_refused(make, monkeypatch):
     """A solver off by a part in a million and no way to mend it: NotConverged, with the modes."""
     break_solver(monkeypatch, lambda mu: mu * (1.0 + 1e-6), mended=False)
-    chain = pp.Chain(pp.Pipe(0.2), n)
+    model = make()
     with pytest.raises(pp.NotConverged, match="residual") as caught:
-        pp.eigenvalues(chain, 6.0, 4)
+        pp.eigenvalues(model, 6.0, 4)
     assert isinstance(caught.value, pp.PipedynError)
     assert not caught.value.result.converged.any()
-    assert not pp.modes(chain, 6.0, 4).converged.any()
+    assert not pp.modes(model, 6.0, 4).converged.any()
 
 
-@pytest.mark.parametrize("n", [10, 100])
-def test_what_a_broken_solver_returns_is_refined_where_that_is_possible(n, monkeypatch):
+@pytest.mark.parametrize("make", BREAKABLE.values(), ids=BREAKABLE)
+def test_what_a_broken_solver_returns_is_refined_where_that_is_possible(make, monkeypatch):
     """The same error in the solver's values, with refinement in place: right again."""
-    chain = pp.Chain(pp.Pipe(0.2), n)
-    expected = pp.eigenvalues(chain, 6.0, 4)
+    model = make()
+    expected = pp.eigenvalues(model, 6.0, 4)
     break_solver(monkeypatch, lambda mu: mu * (1.0 + 1e-6), mended=True)
-    np.testing.assert_allclose(pp.eigenvalues(chain, 6.0, 4), expected, rtol=1e-11)
+    np.testing.assert_allclose(pp.eigenvalues(model, 6.0, 4), expected, rtol=1e-11)
 
 
 # --------------------------------------------------------------------------------- modes
@@ -468,8 +474,8 @@ def test_a_root_at_infinity_is_given_as_none(monkeypatch, beta):
         return mu
 
     break_solver(monkeypatch, lost, mended=True)
-    chain = pp.Chain(pp.Pipe(beta), 3)
-    found = pp.modes(chain, 2.0)
+    model = pp.Galerkin(pp.Pipe(beta), 3)
+    found = pp.modes(model, 2.0)
     assert found.converged.tolist() == np.isfinite(found.eigenvalues).tolist() == [1, 1, 1, 1, 0, 0]
     assert np.isinf(found.errors[4:]).all()
     assert np.isfinite(found.errors[:4]).all()
@@ -477,6 +483,6 @@ def test_a_root_at_infinity_is_given_as_none(monkeypatch, beta):
     with pytest.raises(pp.NotConverged, match="not found"):
         found.shapes[-1]([1.0])
     with pytest.raises(pp.NotConverged, match="beyond double precision"):
-        pp.critical_speed(chain)
+        pp.critical_speed(model)
     with pytest.raises(pp.NotConverged, match="beyond double precision"):
-        pp.root_loci(chain, [0.0, 1.0], 2)
+        pp.root_loci(model, [0.0, 1.0], 2)

@@ -76,6 +76,6 @@ def test_stated_errors_bound_the_true_ones_closely(model, u):
 
 
 def test_errors_grow_with_the_condition_of_the_eigenvalues():
-    slow, fast = (pp.modes(pp.Chain(pp.Pipe(0.2), 100), u, 6) for u in (6.0, 100.0))
+    slow, fast = (pp.modes(pp.Galerkin(pp.Pipe(0.2), 40), u, 6) for u in (6.0, 100.0))
     assert fast.errors.max() > 1e3 * slow.errors.max()
     assert fast.residuals.max() < 1e-12

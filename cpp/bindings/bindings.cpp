@@ -135,16 +135,15 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            "base"_a)
       .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
-      .def("mass_times", &Chain::mass_times, "x"_a, Unlocked())
-      .def("velocity_times", &Chain::velocity_times, "x"_a, Unlocked())
-      .def("flux_times", &Chain::flux_times, "x"_a, Unlocked())
-      .def("gravity_times", &Chain::gravity_times, "x"_a, Unlocked())
-      .def("terms_stiffness_times", &Chain::terms_stiffness_times, "x"_a, Unlocked())
-      .def("terms_damping_times", &Chain::terms_damping_times, "x"_a, Unlocked())
+      .def(
+          "joint_times",
+          [](const Chain& chain, const pipedyn::Matrix& x, double still, double rate, double square,
+             double velocity,
+             double flux) { return chain.joint_times(x, {still, rate, square, velocity, flux}); },
+          "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
+          "flux"_a = 0.0, Unlocked())
       .def("bodies", &Chain::bodies, Unlocked())
-      .def("resistances", &Chain::resistances, Unlocked())
-      .def("band", &Chain::band, "lambda_"_a, "u"_a, Unlocked())
-      .def_readonly_static("band_width", &Chain::band_width);
+      .def("resistances", &Chain::resistances, Unlocked());
   define_motion(chain);
 
   py::class_<Galerkin> galerkin(m, "Galerkin");

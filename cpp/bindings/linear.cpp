@@ -12,6 +12,7 @@
 #include <variant>
 
 #include "arguments.hpp"
+#include "pipedyn/linear/chain_spectrum.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
 
@@ -42,6 +43,11 @@ Lapack scipy_lapack() {
 struct DenseOperators {
   Eigenproblem::At at;
 };
+
+Eigenproblem::At matrices_of(const std::variant<DenseOperators, Eigenproblem::At>& operators) {
+  const auto* const dense = std::get_if<DenseOperators>(&operators);
+  return dense != nullptr ? dense->at : std::get<1>(operators);
+}
 
 /// Tells Python every so often what was done, so that it counts and can stop it: by a signal, or by
 /// an exception of what is told.
@@ -204,26 +210,32 @@ void define_linear(py::module_& m) {
       .def(
           py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
                       bool squared, const std::variant<DenseOperators, Eigenproblem::At>& operators,
-                      bool complete, bool free_at_rest,
-                      const std::optional<decltype(Corrections::amend)>& amend,
-                      const std::optional<decltype(Corrections::known)>& known,
-                      const std::optional<decltype(Corrections::refined)>& refined,
+                      bool free_at_rest, bool complete, const std::optional<Amend>& amend,
                       const std::optional<std::shared_ptr<Eigenproblem>>& statics) {
-            const auto* const dense = std::get_if<DenseOperators>(&operators);
             return std::make_shared<Eigenproblem>(
-                Traits{dof, delta, zero, damped, conservative, squared},
-                dense != nullptr ? dense->at : std::get<1>(operators), complete, free_at_rest,
-                Corrections{amend.value_or(nullptr), known.value_or(nullptr),
-                            refined.value_or(nullptr)},
-                statics.value_or(nullptr));
+                Traits{dof, delta, zero, damped, conservative, squared}, matrices_of(operators),
+                complete, free_at_rest, amend.value_or(nullptr), statics.value_or(nullptr));
           }),
           "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
-          "complete"_a, "free_at_rest"_a, "amend"_a = py::none(), "known"_a = py::none(),
-          "refined"_a = py::none(), "statics"_a = py::none())
+          "free_at_rest"_a, "complete"_a, "amend"_a = py::none(), "statics"_a = py::none())
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a,
            py::call_guard<py::gil_scoped_release>())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a,
            py::call_guard<py::gil_scoped_release>());
+  py::class_<ChainSpectrum, Eigenproblem, std::shared_ptr<ChainSpectrum>>(m, "ChainSpectrum")
+      .def(py::init([lapack](Index dof, double delta, double zero, bool damped, bool conservative,
+                             bool squared,
+                             const std::variant<DenseOperators, Eigenproblem::At>& operators,
+                             bool free_at_rest, const Chain& chain, const Vector& scale) {
+             return std::make_shared<ChainSpectrum>(
+                 Traits{dof, delta, zero, damped, conservative, squared}, matrices_of(operators),
+                 free_at_rest, chain, lapack, scale);
+           }),
+           "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
+           "free_at_rest"_a, "chain"_a, "scale"_a, py::keep_alive<1, 10>())
+      .def("by_recursion", &ChainSpectrum::by_recursion, "u"_a, "count"_a, "vectors"_a,
+           py::call_guard<py::gil_scoped_release>())
+      .def("log_derivatives", &ChainSpectrum::log_derivatives, "u"_a, "values"_a);
 }
 
 }  // namespace pipedyn

@@ -13,6 +13,7 @@ __all__: list[str] = [
     "AxisCrossing",
     "CalledOperator",
     "Chain",
+    "ChainSpectrum",
     "DenseOperator",
     "DenseOperators",
     "Eigenproblem",
@@ -69,7 +70,6 @@ class Operators:
     def stiffness(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Chain:
-    band_width: typing.ClassVar[int] = 4
     def __init__(
         self,
         pipe: Pipe,
@@ -80,27 +80,22 @@ class Chain:
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def band(
-        self,
-        lambda_: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-        u: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def flux_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def gravity_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def joint_operators(
         self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> Operators: ...
-    def mass_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    def joint_times(
+        self,
+        x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        still: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        square: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def operators(
         self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
@@ -120,15 +115,6 @@ class Chain:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def terms_damping_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def terms_stiffness_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def velocity_times(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Galerkin:
     def __init__(
@@ -349,8 +335,8 @@ class Eigenproblem(Spectrum):
         conservative: bool,
         squared: bool,
         operators: DenseOperators | collections.abc.Callable[[float], Operator],
-        complete: bool,
         free_at_rest: bool,
+        complete: bool,
         amend: collections.abc.Callable[
             [
                 float,
@@ -366,27 +352,6 @@ class Eigenproblem(Spectrum):
             ],
         ]
         | None = None,
-        known: collections.abc.Callable[
-            [float, complex],
-            tuple[
-                typing.SupportsFloat | typing.SupportsIndex,
-                typing.SupportsFloat | typing.SupportsIndex,
-                complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-            ]
-            | None,
-        ]
-        | None = None,
-        refined: collections.abc.Callable[
-            [float, complex],
-            tuple[
-                complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
-                typing.SupportsFloat | typing.SupportsIndex,
-            ]
-            | None,
-        ]
-        | None = None,
         statics: Eigenproblem | None = None,
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
@@ -397,6 +362,32 @@ class Eigenproblem(Spectrum):
         left: bool,
         high: bool,
     ) -> Pairs: ...
+
+class ChainSpectrum(Eigenproblem):
+    def __init__(
+        self,
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        delta: typing.SupportsFloat | typing.SupportsIndex,
+        zero: typing.SupportsFloat | typing.SupportsIndex,
+        damped: bool,
+        conservative: bool,
+        squared: bool,
+        operators: DenseOperators | collections.abc.Callable[[float], Operator],
+        free_at_rest: bool,
+        chain: Chain,
+        scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    ) -> None: ...
+    def by_recursion(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        vectors: bool,
+    ) -> Pairs | None: ...
+    def log_derivatives(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
 
 class Scene:
     met: typing.ClassVar[float] = 1e-13

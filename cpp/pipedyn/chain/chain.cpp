@@ -93,6 +93,8 @@ void Chain::linearise() {
   const std::vector<LoadMoments> sums = loads_at(motion(), straight, one);
   double tension = 0.0;
   linear_.resize(sums.size());
+  impedances_.resize(sums.size());
+  impedance_sizes_.resize(sums.size());
   for (Index j = n - 1; j >= 0; --j) {
     const Link& link = this->link(j);
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
@@ -106,7 +108,76 @@ void Chain::linearise() {
         .turned = {-slopes[0].by_angle[0], -slopes[1].by_angle[0]},
         .held = link.length * tension + load[1][1]};
     tension += load[0][1];
+    const auto& [mass, stiffness, damping, turned, held] = linear_[static_cast<std::size_t>(j)];
+    const double weight = pipe_.gamma * first_moment_[j];
+    const auto impedance = [&](const auto& term) {
+      const auto parts = [&](double Moments::* power, double own = 0.0, double more = 0.0) {
+        return ImpedanceParts{term(stiffness.*power) + term(own) + term(more), term(damping.*power),
+                              term(mass.*power)};
+      };
+      return ImpedanceSegment{.length = link.length,
+                              .joint = {link.spring, link.damping, 0.0},
+                              .force = parts(&Moments::zeroth),
+                              .across = parts(&Moments::first),
+                              .turned = parts(&Moments::first, turned[0]),
+                              .moment = parts(&Moments::second, turned[1] + held, weight)};
+    };
+    impedances_[static_cast<std::size_t>(j)] = impedance([](double x) { return x; });
+    impedance_sizes_[static_cast<std::size_t>(j)] = impedance([](double x) { return std::abs(x); });
   }
+}
+
+ImpedanceModel Chain::impedance() const {
+  return {.segments = impedances_.data(),
+          .sizes = impedance_sizes_.data(),
+          .size = dof(),
+          .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
+          .centrifugal = pipe_.centrifugal};
+}
+
+Chain Chain::coarser(Index segments) const {
+  // Cut where length and compliance together have grown by equal parts.
+  const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment] = segments_;
+  const Index n = dof();
+  const Vector soft = spring.cwiseMax(1e-6 * spring.mean() + 1e-300).cwiseInverse();
+  const Vector measure = l / l.sum() + soft / soft.sum();
+  std::vector<Index> ends;  // one past the last of each group
+  double grown = 0.0;
+  for (Index j = 0; j < n; ++j) {
+    grown += measure[j];
+    const double next = j + 1 < n ? 0.5 * measure[j + 1] : 0.0;
+    const double due = 2.0 * static_cast<double>(ends.size() + 1) / static_cast<double>(segments);
+    if (j + 1 == n || grown + next >= due) ends.push_back(j + 1);
+  }
+  const Index groups = static_cast<Index>(ends.size());
+  Segments joined{Vector::Zero(groups), Vector::Zero(groups),          Vector::Zero(groups),
+                  Vector::Zero(groups), Vector::Constant(groups, 0.5), base};
+  Vector compliance = Vector::Zero(groups), loss = compliance;  // of 1 / (k + c lambda)
+  for (Index group = 0, j = 0; group < groups; ++group) {
+    const Index start = j, end = ends[static_cast<std::size_t>(group)];
+    Moments mass;  // about the group's joint
+    double at = 0.0;
+    const double length = l.segment(start, end - start).sum();
+    for (; j < end; at += l[j], ++j) {
+      const double middle = at + chi[j] * l[j], own = l[j];
+      mass.zeroth += own;
+      mass.first += own * middle;
+      mass.second += own * (middle * middle + eta[j] * eta[j]);
+      // A joint beyond the middle moves what follows; beyond the last group's nothing does.
+      const Index nearest = at <= 0.5 * length ? group : group + 1;
+      if (nearest == groups) continue;
+      compliance[nearest] += soft[j];
+      loss[nearest] += own_damping[j] * soft[j] * soft[j];
+    }
+    const double centre = mass.first / mass.zeroth;
+    joined.length[group] = length;
+    joined.center[group] = centre / length;
+    joined.gyration_radius[group] =
+        std::sqrt(std::max(mass.second / mass.zeroth - centre * centre, 0.0));
+  }
+  joined.spring = compliance.cwiseInverse();
+  joined.damping = loss.cwiseProduct(joined.spring.cwiseAbs2());
+  return Chain(pipe_, std::move(joined));
 }
 
 void Moments::before(double l, const Moments& own) {
@@ -229,62 +300,35 @@ Operators Chain::joint_operators(const Vector& scale) const {
   return ops;
 }
 
-Matrix Chain::moments_times(const Matrix& x, Moments LinearSegment::* of) const {
+Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
   const Index n = dof(), columns = x.cols();
   require_rows(x.rows(), n);
-  const bool turns = of == &LinearSegment::stiffness;
-  Matrix out(n, columns), force(n, columns);
-  Vector carry = Vector::Zero(columns);  // displacement of the joint of segment k
-  for (Index k = 0; k < n; ++k) {
-    const LinearSegment& here = linear_[static_cast<std::size_t>(k)];
-    const auto& [zeroth, first, second] = here.*of;
-    const double by_angle = first + (turns ? here.turned[0] : 0.0);
-    const double own = second + (turns ? here.turned[1] + here.held : 0.0);
-    for (Index c = 0; c < columns; ++c) {
-      force(k, c) = zeroth * carry[c] + by_angle * x(k, c);
-      out(k, c) = first * carry[c] + own * x(k, c);
-      carry[c] += segments_.length[k] * x(k, c);
+  const double coriolis = part.velocity * pipe_.sqrt_beta() * pipe_.direction();
+  Matrix out(n, columns);
+  for (Index c = 0; c < columns; ++c) {
+    const auto sum = [&](const ImpedanceParts& of) {
+      return part.still * of.still + part.rate * of.rate + part.square * of.square;
+    };
+    Vector force(n);
+    double angle = 0.0, place = 0.0;
+    for (Index j = 0; j < n; ++j) {
+      const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
+      const double l = at.length;
+      angle += x(j, c);
+      force[j] = sum(at.force) * place + (sum(at.turned) + 2.0 * l * coriolis) * angle;
+      out(j, c) =
+          sum(at.across) * place + (sum(at.moment) + l * l * coriolis - l * part.flux) * angle;
+      place += l * angle;
     }
-  }
-  carry.setZero();  // force on all beyond segment k
-  for (Index k = n - 1; k >= 0; --k) {
-    for (Index c = 0; c < columns; ++c) {
-      out(k, c) += segments_.length[k] * carry[c];
-      carry[c] += force(k, c);
-    }
-  }
-  return out;
-}
-
-Matrix Chain::velocity_times(const Matrix& x) const {
-  require_rows(x.rows(), dof());
-  const double sqrt_beta = pipe_.sqrt_beta();
-  Matrix out(dof(), x.cols());
-  Vector sum = Vector::Zero(x.cols());  // over the segments beyond
-  for (Index k = dof() - 1; k >= 0; --k) {
-    const double l = segments_.length[k];
-    for (Index c = 0; c < x.cols(); ++c) {
-      out(k, c) = sqrt_beta * l * (l * x(k, c) + 2.0 * sum[c]);
-      sum[c] += l * x(k, c);
+    double beyond = part.flux * angle, moment = 0.0;
+    for (Index j = n - 1; j >= 0; --j) {
+      const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
+      moment += out(j, c) + at.length * beyond;
+      beyond += force[j];
+      out(j, c) = moment + sum(at.joint) * x(j, c);
     }
   }
   return out;
-}
-
-Matrix Chain::flux_times(const Matrix& x) const {
-  require_rows(x.rows(), dof());
-  Matrix out(dof(), x.cols());
-  for (Index k = 0; k < dof(); ++k) {
-    for (Index c = 0; c < x.cols(); ++c) {
-      out(k, c) = segments_.length[k] * x(dof() - 1, c) - segments_.length[k] * x(k, c);
-    }
-  }
-  return out;
-}
-
-Matrix Chain::gravity_times(const Matrix& x) const {
-  require_rows(x.rows(), dof());
-  return first_moment_.asDiagonal() * x;
 }
 
 Chain Chain::without_forces() const {
@@ -349,48 +393,6 @@ Matrix Chain::resistances() const {
     std::copy(std::begin(own), std::end(own), out.data() + 7 * j);
   }
   return out;
-}
-
-Chain::ComplexMatrix Chain::band(std::complex<double> lambda, double u) const {
-  using Complex = std::complex<double>;
-  const Index n = dof();
-  const Complex coriolis = pipe_.sqrt_beta() * pipe_.direction() * u * lambda;
-  const double thrust = pipe_.centrifugal * u * u;
-  ComplexMatrix band = ComplexMatrix::Zero(3 * band_width + 1, 4 * n);
-  const auto at = [&band](Index row, Index column) -> Complex& {
-    return band(2 * band_width + row - column, column);
-  };
-  for (Index j = 0; j < n; ++j) {
-    const Index phi = 4 * j, theta = phi + 1, w = phi + 2, force = phi + 3;
-    const Index angle_row = phi, node_row = phi + 1, moment_row = phi + 2, force_row = phi + 3;
-    const double l = link(j).length;
-    const auto& [mass, stiffness, damping, turned, held] = linear_[static_cast<std::size_t>(j)];
-    const auto sum = [&](double Moments::* power) {
-      return lambda * lambda * mass.*power + (stiffness.*power + lambda * damping.*power);
-    };
-    const Complex zeroth = sum(&Moments::zeroth), first = sum(&Moments::first);
-    at(angle_row, theta) = 1.0;
-    at(angle_row, phi) = -1.0;
-    at(node_row, w) = 1.0;
-    at(node_row, theta) = -l;
-    const Complex elastic = link(j).spring + lambda * link(j).damping;
-    at(moment_row, phi) = elastic;
-    at(moment_row, theta) = sum(&Moments::second) + coriolis * l * l - thrust * l +
-                            pipe_.gamma * first_moment_[j] + turned[1] + held;
-    at(moment_row, force) = l;
-    at(force_row, force) = 1.0;
-    if (j > 0) {  // the first joint stands still
-      at(angle_row, theta - 4) = -1.0;
-      at(node_row, w - 4) = -1.0;
-      at(moment_row - 4, phi) = -elastic;
-      at(moment_row, w - 4) = first;
-      at(force_row - 4, force) = -1.0;
-      at(force_row - 4, w - 4) = -zeroth;
-      at(force_row - 4, theta) = -first - turned[0] - 2.0 * coriolis * l;
-    }
-  }
-  at(4 * n - 1, 4 * n - 3) = -thrust;
-  return band;
 }
 
 MotionModel Chain::motion() const {

@@ -41,6 +41,7 @@
 #include <complex>
 #include <vector>
 
+#include "pipedyn/chain/impedance.hpp"
 #include "pipedyn/chain/motion.hpp"
 #include "pipedyn/pipe.hpp"
 
@@ -75,6 +76,12 @@ struct LinearSegment {
   double held;                 // moment against it of loads along the pipe, here and beyond
 };
 
+/// What multiplies the parts of P: stiffness, damping and inertia, and s (gyroscopic + end_flux)
+/// and flux of `Operators`.
+struct LinearPart {
+  double still = 0.0, rate = 0.0, square = 0.0, velocity = 0.0, flux = 0.0;
+};
+
 /// Immutable; one chain may serve many threads.
 class Chain {
  public:
@@ -94,20 +101,9 @@ class Chain {
   /// unless scale has one entry a segment.
   Operators joint_operators(const Vector& scale) const;
 
-  // Products in O(n): x (n, k) holds angles in its columns, the result (n, k) is the operator of
-  // the straight pipe in the angles times x. Each throws std::invalid_argument unless x has one row
-  // a segment.
-  Matrix mass_times(const Matrix& x) const { return moments_times(x, &LinearSegment::mass); }
-  Matrix velocity_times(const Matrix& x) const;  // gyroscopic + end_flux
-  Matrix flux_times(const Matrix& x) const;
-  Matrix gravity_times(const Matrix& x) const;  // for gamma = 1
-  /// Of the terms' loads, so is the next.
-  Matrix terms_stiffness_times(const Matrix& x) const {
-    return moments_times(x, &LinearSegment::stiffness);
-  }
-  Matrix terms_damping_times(const Matrix& x) const {
-    return moments_times(x, &LinearSegment::damping);
-  }
+  /// Product with a part of the operators in the joint angles, in O(n); x and the result (n, k).
+  /// Throws std::invalid_argument unless x has one row a segment.
+  Matrix joint_times(const Matrix& x, const LinearPart& part) const;
 
   /// The same masses without any force: its rates under further moments f are theta'' = M^-1 f.
   Chain without_forces() const;
@@ -119,17 +115,11 @@ class Chain {
   /// 6).
   Matrix resistances() const;
 
-  /// Band matrix of the whole linear problem at one lambda and u, in the unknowns (phi_j, theta_j,
-  /// w_j, Q_j) of each segment: joint angle, angle, transverse displacement of the end, and the
-  /// force that all beyond the end exerts. Four equations a segment, in this order:
-  ///   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,   row j above,
-  ///   Q_j = Q_{j+1} + (inertia and Coriolis of segment j + 1),   Q_n = a U^2 theta_n.
-  /// No entry is a difference of nearly equal numbers, so a solution is good at any n. LAPACK's
-  /// storage for gbtrf with kl = ku = band_width: A(i, j) at [2 kl + i - j, j], shape (13, 4 n).
-  using ComplexMatrix =
-      Eigen::Matrix<std::complex<double>, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor>;
-  static constexpr Index band_width = 4;
-  ComplexMatrix band(std::complex<double> lambda, double u) const;
+  /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
+  ImpedanceModel impedance() const;
+  const Vector& springs() const { return segments_.spring; }
+  /// A chain of about so many segments that moves like this one: neighbours joined.
+  Chain coarser(Index segments) const;
 
   /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
   Matrix places() const;
@@ -160,11 +150,11 @@ class Chain {
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
   std::vector<LinearSegment> linear_;
+  std::vector<ImpedanceSegment> impedances_, impedance_sizes_;
 
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();
   void add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const;
-  Matrix moments_times(const Matrix& x, Moments LinearSegment::* of) const;
   MotionModel motion() const;
 };
 

@@ -10,6 +10,7 @@
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
+#include "pipedyn/chain/impedance.hpp"
 #include "pipedyn/chain/sweeps.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
 #include "pipedyn/vector/pack.hpp"
@@ -158,6 +159,7 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .finite = ::all_finite,
     .sincos = ::sincos_of,
     .galerkin = &PIPEDYN_NAMED(galerkin),
+    .impedance = &PIPEDYN_NAMED(impedance),
 };
 
 }  // namespace pipedyn

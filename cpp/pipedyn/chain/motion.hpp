@@ -71,6 +71,7 @@ struct PowerParts {
 };
 
 struct GalerkinKernel;
+struct ImpedanceKernel;
 
 /// The functions of one vector level. scratch: as many numbers as its size says.
 struct MotionKernel {
@@ -90,7 +91,8 @@ struct MotionKernel {
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 
-  const GalerkinKernel* galerkin;  // the reduced model's
+  const GalerkinKernel* galerkin;    // the reduced model's
+  const ImpedanceKernel* impedance;  // linear chains'
 };
 
 extern const MotionKernel motion_baseline, motion_avx2, motion_avx512;

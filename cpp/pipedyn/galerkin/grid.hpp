@@ -70,9 +70,7 @@ class Grid {
   Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes);
 
   Index nodes() const { return tables_.nodes; }       // of each panel
-  Index heavy() const { return tables_.heavy; }       // points that may have mass
   const Vector& places() const { return places_; }    // arc lengths of the points, (N,)
-  const Vector& weight() const { return weight_; }    // 0 at panels' ends, (N,)
   const Vector& measure() const { return measure_; }  // weight, and 1 at panels' ends
   const Vector& mass() const { return mass_; }        // at each point, (N,)
   const Matrix& slope() const { return slope_; }      // Theta_i, (N, m padded)

@@ -238,19 +238,20 @@ class Search {
       step.right->values.abs().minCoeff(&least);
       if (auto crossing = divergence(step, 0.5, missed, modes_[least])) found.push_back(*crossing);
     }
-    std::stable_sort(found.begin(), found.end(), [](const AxisCrossing& a, const AxisCrossing& b) {
-      return a.speed < b.speed;
-    });
-    for (const AxisCrossing& crossing : found) {
-      if (crossing.error > largest_error * crossing.speed + 1e-12) {
+    while (!found.empty()) {
+      const auto next = std::min_element(
+          found.begin(), found.end(),
+          [](const AxisCrossing& a, const AxisCrossing& b) { return a.speed < b.speed; });
+      if (next->error > largest_error * next->speed + 1e-12) {
         throw refusal(
             "a crossing near u = %.6g is known to %.1e only: rounding hides the eigenvalue's real "
             "part",
-            crossing.speed, crossing.error);
+            next->speed, next->error);
       }
-      sweep_.crossings.push_back(crossing);
-      unstable_count_ += crossing.change;
-      if (range_.until_unstable && crossing.change > 0) return false;
+      sweep_.crossings.push_back(*next);
+      unstable_count_ += next->change;
+      if (range_.until_unstable && next->change > 0) return false;
+      found.erase(next);
     }
     if (unstable_count_ != count_unstable()) {
       throw refusal("%d unstable roots at u = %g, where the crossings found account for %d",

@@ -159,12 +159,12 @@ Pairs Pairs::take(const std::vector<Index>& which) const {
 }
 
 Eigenproblem::Eigenproblem(const Traits& traits, At at, bool complete, bool free_at_rest,
-                           Corrections corrections, std::shared_ptr<Eigenproblem> statics)
+                           Amend amend, std::shared_ptr<Eigenproblem> statics)
     : Spectrum(traits),
       at_(std::move(at)),
       complete_(complete),
       free_at_rest_(free_at_rest),
-      corrections_(std::move(corrections)),
+      amend_(std::move(amend)),
       statics_(std::move(statics)) {}
 
 const Operator& Eigenproblem::at(double u) {
@@ -198,7 +198,7 @@ Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
 
 /// By the inverse problem about a shift; none if that fails.
 std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bool left) {
-  const bool free = traits.squared || (free_at_rest_ && u == 0.0);
+  const bool free = is_squared(u);
   const Index every = 2 * traits.dof;
   for (Index asked = std::min(count + 6, every);; asked = std::min(2 * asked, traits.dof)) {
     auto [mu, right, lefts] = at(u).inverse(shift, free, left, asked);
@@ -214,19 +214,18 @@ std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bo
       pairs.right = pairs.right.replicate(1, 2).eval();
       pairs.left = pairs.left.replicate(1, 2).eval();
     }
-    if (corrections_.amend) {
+    if (amend_) {
       std::tie(pairs.values, pairs.right, pairs.left) =
-          corrections_.amend(u, pairs.values, pairs.right, pairs.left, free);
+          amend_(u, pairs.values, pairs.right, pairs.left, free);
     }
     std::vector<Index> order(pairs.values.size());
     std::iota(order.begin(), order.end(), 0);
     const auto place = [&](Index i) {  // those that doubles do not hold are the last
       const Complex value = pairs.values[i];
-      return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag())
-                              : std::tuple(infinite, 0.0, 0.0);
+      return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
+                              : std::tuple(infinite, 0.0, 0.0, i);
     };
-    std::stable_sort(order.begin(), order.end(),
-                     [&](Index i, Index k) { return place(i) < place(k); });
+    std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
     const Index there = static_cast<Index>(order.size());
     if (!complete_ && there < every && asked < traits.dof) {
       // All roots within `radius` of the shift are here, so all below radius - shift are.
@@ -306,13 +305,6 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
       pairs.by_left[i] = by_left;
       pairs.by_right[i] = pairs.right.col(i).dot(row.rate);
     }
-    if (!corrections_.known) continue;
-    const auto known = corrections_.known(u, value);
-    if (!known) continue;
-    if (!given) pairs.residual[i] = std::get<0>(*known);
-    if (!lefts) continue;
-    std::tie(std::ignore, pairs.uncertain[i], pairs.slope[i]) = *known;
-    pairs.by_left[i] = 0.0;  // elastic coordinates do not hold its vectors
   }
 }
 
@@ -337,6 +329,17 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   }
 }
 
+/// That of mu, taken to lambda, and residuals; roots that meet scatter by its square root.
+Reals Eigenproblem::rounding(const Pairs& pairs) const {
+  const Reals size = pairs.values.abs();
+  double nearest = infinite;
+  for (const Complex value : pairs.values) {
+    nearest = std::min(nearest, std::max(std::abs(value - shifts[0]), 1e-3));
+  }
+  return (1e-14 * size + 40.0 * eps / nearest * size.square())
+      .max(pairs.uncertain.min(1e-7 * (1.0 + size)));
+}
+
 Sample Eigenproblem::sample(double u, Index count) {
   Pairs pairs = lowest(u, count, true, false);
   if (!pairs.values.isFinite().all()) {
@@ -346,13 +349,7 @@ Sample Eigenproblem::sample(double u, Index count) {
   }
   assess(u, pairs);
   const Reals size = pairs.values.abs();
-  // Residuals and rounding of mu, taken to lambda; roots that meet scatter by its square root.
-  double nearest = infinite;
-  for (const Complex value : pairs.values) {
-    nearest = std::min(nearest, std::max(std::abs(value - shifts[0]), 1e-3));
-  }
-  Reals noise = (1e-14 * size + 40.0 * eps / nearest * size.square())
-                    .max(pairs.uncertain.min(1e-7 * (1.0 + size)));
+  Reals noise = rounding(pairs);
   Reals slope_noise = Reals::Zero(size.size());
   Eigen::ArrayXi signatures = Eigen::ArrayXi::Zero(size.size());
   for (Index i = 0; i < size.size(); ++i) {
@@ -387,13 +384,6 @@ Sample Eigenproblem::sample(double u, Index count) {
 
 /// The root next to a guess with vectors and residual.
 Pair Eigenproblem::near(double u, const Pair& guess) {
-  if (corrections_.refined) {
-    Pair better;
-    if (const auto found = corrections_.refined(u, guess.value)) {
-      std::tie(better.value, better.right, better.left, better.residual) = *found;
-      return better;
-    }
-  }
   int steps = 0;
   Pair result = refine(at(u), guess, steps);
   if (complete_) factorised_ += steps;

@@ -24,19 +24,11 @@ struct Pairs {
   Pairs take(const std::vector<Index>& which) const;
 };
 
-/// What another route than the operator's knows better, each empty where there is none.
-struct Corrections {
-  using All = std::tuple<Values, ComplexTable, ComplexTable>;
-  /// Values, right and left vectors of all roots found at a speed, by the same and whether they
-  /// were found as lambda^2: some are better known, some not the model's.
-  std::function<All(double u, const Values&, const ComplexTable&, const ComplexTable&, bool)> amend;
-  /// Residual, uncertainty and slope of a root that it knows better.
-  std::function<std::optional<std::tuple<double, double, Complex>>(double u, Complex)> known;
-  /// Value, vectors and residual of the root next to a guess, if it knows that better.
-  std::function<std::optional<std::tuple<Complex, ComplexVector, ComplexVector, double>>(double u,
-                                                                                         Complex)>
-      refined;
-};
+/// Values, right and left vectors of the roots found at a speed, by the same and whether they were
+/// found as lambda^2: those that are the model's.
+using Amended = std::tuple<Values, ComplexTable, ComplexTable>;
+using Amend = std::function<Amended(double u, const Values&, const ComplexTable&,
+                                    const ComplexTable&, bool squared)>;
 
 class Eigenproblem : public Spectrum {
  public:
@@ -46,22 +38,28 @@ class Eigenproblem : public Spectrum {
   /// free_at_rest: whether lambda enters only as lambda^2 at u = 0.
   /// statics: whose stiffness is singular where a real root passes zero, and only there; this if
   /// null.
-  Eigenproblem(const Traits& traits, At at, bool complete, bool free_at_rest,
-               Corrections corrections = {}, std::shared_ptr<Eigenproblem> statics = nullptr);
+  Eigenproblem(const Traits& traits, At at, bool complete, bool free_at_rest, Amend amend = nullptr,
+               std::shared_ptr<Eigenproblem> statics = nullptr);
 
   /// The `count` roots of least magnitude with right vectors, and with left ones if asked for.
   /// Pairs that fail the check of their residual are refined once; those that fail still are in the
   /// result, as are NaNs where doubles hold no root. Without `high`, modes so high that rounding
   /// explains any residual are left as they are.
-  Pairs lowest(double u, Index count, bool left, bool high);
+  virtual Pairs lowest(double u, Index count, bool left, bool high);
 
   /// Finds what is not known of pairs: the residual, and with left vectors all else.
-  void assess(double u, Pairs& pairs);
+  virtual void assess(double u, Pairs& pairs);
 
   Sample sample(double u, Index count) override;
   Pair refined(double u, const Pair& guess) override;
   Pair null_pair(double u, const Pair& near) override;
   double determinant(double u, const Pair& near) override;
+
+ protected:
+  /// Whether lambda enters only as lambda^2 at a speed.
+  bool is_squared(double u) const { return traits.squared || (free_at_rest_ && u == 0.0); }
+  /// How far rounding may have moved the roots of a sample.
+  virtual Reals rounding(const Pairs& pairs) const;
 
  private:
   const Operator& at(double u);
@@ -72,7 +70,7 @@ class Eigenproblem : public Spectrum {
 
   const At at_;
   const bool complete_, free_at_rest_;
-  const Corrections corrections_;
+  const Amend amend_;
   const std::shared_ptr<Eigenproblem> statics_;
   std::shared_ptr<Operator> latest_;
   double latest_speed_ = -1.0;

@@ -83,7 +83,7 @@ Reals DenseOperator::hidden(const Values& values, const ComplexTable& right,
   return result;
 }
 
-Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left, Index) const {
+Inverse DenseOperator::inverse(double shift, bool velocity_free, char left, char right) const {
   const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate] = matrices_;
   int n = static_cast<int>(dof), size = velocity_free ? n : 2 * n, info = 0;
   Eigen::MatrixXd shifted = shift * shift * mass + shift * velocity + stiffness;
@@ -93,14 +93,15 @@ Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left, Inde
   std::vector<int> pivots(n);
   lapack_.dgetrf(&n, &n, shifted.data(), &n, pivots.data(), &info);
   if (info != 0) return {};
-  char plain = 'N', transposed = 'T', wanted = left ? 'V' : 'N', always = 'V';
+  char plain = 'N', transposed = 'T';
+  const bool lefts = left == 'V', rights = right == 'V';
   lapack_.dgetrs(&plain, &n, &size, shifted.data(), &n, pivots.data(), step.data(), &size, &info);
   if (!velocity_free) step.bottomLeftCorner(n, n).setIdentity();
   if (!step.allFinite()) return {};
   Reals real(size), imag(size), work(1);
-  Eigen::MatrixXd vl(size, left ? size : 0), vr(size, size);
+  Eigen::MatrixXd vl(size, lefts ? size : 0), vr(size, rights ? size : 0);
   for (int length = -1;; length = static_cast<int>(work[0]), work.resize(length)) {
-    lapack_.dgeev(&wanted, &always, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
+    lapack_.dgeev(&left, &right, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
                   &size, vr.data(), &size, work.data(), &length, &info);
     if (length >= 0) break;  // the first call asks for the best size of its workspace
   }
@@ -108,12 +109,12 @@ Inverse DenseOperator::inverse(double shift, bool velocity_free, bool left, Inde
   Values mu(size);
   mu.real() = real;
   mu.imag() = imag;
-  if (left) {
+  if (lefts) {
     lapack_.dgetrs(&transposed, &n, &size, shifted.data(), &n, pivots.data(), vl.data(), &size,
                    &info);
   }
-  return {mu, complex_vectors(vr, imag, n),
-          left ? complex_vectors(vl, imag, n) : ComplexTable(n, 0)};
+  return {mu, rights ? complex_vectors(vr, imag, n) : ComplexTable(n, 0),
+          lefts ? complex_vectors(vl, imag, n) : ComplexTable(n, 0)};
 }
 
 }  // namespace pipedyn

@@ -77,11 +77,19 @@ class DenseOperator : public Operator {
   ComplexTable by_speed(const Values& values, const ComplexTable& x) const override;
   Solver factor(Complex value) const override;
   /// All of them.
-  Inverse inverse(double shift, bool velocity_free, bool left, Index count) const override;
+  Inverse inverse(double shift, bool velocity_free, bool left, Index) const override {
+    return inverse(shift, velocity_free, left ? 'V' : 'N', 'V');
+  }
   Reals hidden(const Values& values, const ComplexTable& right,
                const ComplexTable& left) const override;
+  /// mu alone.
+  Values roots(double shift, bool velocity_free) const {
+    return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
+  }
 
  private:
+  /// With those vectors of which 'V' is given, as LAPACK is asked for them.
+  Inverse inverse(double shift, bool velocity_free, char left, char right) const;
   Eigen::MatrixXd times(const Matrix& factor, const Eigen::MatrixXd& x) const;
   ComplexTable times(int matrix, const ComplexTable& x) const;
 

@@ -260,11 +260,13 @@ Roots modes_of_pairs(const Values& values, double delta) {
     groups.push_back({(values[i] * values[*other]).real(), {i, *other}});
     real.erase(other);
   }
-  std::stable_sort(groups.begin(), groups.end(),
-                   [](const Group& a, const Group& b) { return a.square < b.square; });
   Roots modes(size, 0);
-  for (std::size_t mode = 0; mode < groups.size(); ++mode) {
-    for (const Index i : groups[mode].members) modes[i] = static_cast<Index>(mode) + 1;
+  for (const Group& group : groups) {
+    Index mode = 1;
+    for (const Group& other : groups) {
+      mode += other.square < group.square || (other.square == group.square && &other < &group);
+    }
+    for (const Index i : group.members) modes[i] = mode;
   }
   return modes;
 }

@@ -2,9 +2,8 @@
 """P(lambda, u) x = 0 of any model, for the core, which solves it: see `cpp/pipedyn/linear`.
 
 The products come from `model.pencil()`; all is done in elastic coordinates, where the elastic
-stiffness is the identity. Small problems are solved by their matrices; where segments differ by
-orders of magnitude, joint angles cannot hold the stiff roots, which `special.stiff_roots` has. Long
-chains and scenes are solved by products and band matrices, see `arnoldi`.
+stiffness is the identity. Chains are solved by recursion along them, other small problems by their
+matrices, long scenes by products and sparse matrices, see `arnoldi`.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.linear.arnoldi import AtSpeed
-from pipedyn.linear.special.stiff_roots import is_stiff, stiff_roots
 from pipedyn.models.base import Model
+from pipedyn.models.chain import Chain
 from pipedyn.models.pencil import DensePencil, Pencil, Vectors
 
 Complex = NDArray[np.complex128]
@@ -101,10 +100,6 @@ class Eigenproblem:
         """The model's own vector, where the problem is deflated; None where it has no slope."""
         return x
 
-    def static(self) -> Eigenproblem:
-        """The problem whose stiffness is singular where a real root passes zero, and only there."""
-        return self
-
     def size(self, u: float) -> float:
         """Size of the stiffness matrix, elastic stiffness being 1."""
         return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.term_stiffness
@@ -117,6 +112,8 @@ class Eigenproblem:
     @property
     def operators(self) -> _core.DenseOperators | Callable[[float], _core.Operator]:
         """P at each speed as the core takes it."""
+        if self.is_long and isinstance(self.model, Chain):
+            return lambda u: self.in_matrices(u)
         if self.is_long:
             return lambda u: AtSpeed(self, u).operator()
         assert isinstance(self.pencil, DensePencil)
@@ -124,44 +121,31 @@ class Eigenproblem:
         matrices = ops.mass, self.pencil.V, ops.damping, ops.stiffness, ops.flux
         return _core.DenseOperators(matrices, self.centrifugal, self.size(0.0))
 
+    @cached_property
+    def in_matrices(self) -> Any:
+        """The operators of the same problem in matrices."""
+        return self.dense().operators
+
     @property
-    def corrections(self) -> dict[str, Any]:
-        """What is known better than by these operators, for the core."""
-        stiff = None if self.is_long else stiff_roots(self.model)
-        if stiff is None:
-            return {}
-
-        def known(u: float, value: complex) -> tuple[float, float, complex] | None:
-            if not is_stiff(value):
-                return None
-            pair = stiff.at(u, value)
-            return pair.residual, pair.uncertain, pair.slope
-
-        def refined(u: float, value: complex) -> tuple[Any, ...] | None:
-            if not is_stiff(value):
-                return None
-            near = stiff.near(u, value, 1.0)
-            x, y = stiff.elastic(near)
-            return near.value, x[:, 0], y[:, 0], near.residual
-
-        return {"amend": stiff.with_stiff_roots, "known": known, "refined": refined}
+    def known(self) -> dict[str, Any]:
+        """What the core is told of the problem, by name."""
+        return {
+            "dof": self.dof,
+            "delta": self.pipe.damping,
+            "zero": self.zero_tolerance,
+            "damped": self.is_damped,
+            "conservative": self.is_conservative,
+            "squared": self.velocity_free(1.0),
+            "operators": self.operators,
+            "free_at_rest": self.velocity_free(0.0),
+        }
 
     def spectrum(self) -> _core.Eigenproblem:
         """For the core: what it computes is the same from call to call, but not kept here."""
-        static = self.static()
-        return _core.Eigenproblem(
-            dof=self.dof,
-            delta=self.pipe.damping,
-            zero=self.zero_tolerance,
-            damped=self.is_damped,
-            conservative=self.is_conservative,
-            squared=self.velocity_free(1.0),
-            operators=self.operators,
-            complete=not self.is_long,
-            free_at_rest=self.velocity_free(0.0),
-            statics=None if static is self else static.spectrum(),
-            **self.corrections,
-        )
+        if isinstance(self.model, Chain):
+            chain = self.model
+            return _core.ChainSpectrum(**self.known, chain=chain.core, scale=chain.elastic_scale)
+        return _core.Eigenproblem(**self.known, complete=not self.is_long)
 
 
 def eigenproblem(model: Model, dense: bool | None = None) -> Eigenproblem:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, eigenproblem
 from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
+from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import (
     AnyModel,
     Continuum,
@@ -64,8 +65,18 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
             of which `converged` says which.
         ValueError, TypeError: for bad arguments.
 
-    Source: the inverse problem in joint angles, see `cpp/pipedyn/linear/eigenpairs.hpp`.
+    Source: of chains, recursion along them, see `cpp/pipedyn/linear/chain_spectrum.hpp`; of others
+    the inverse problem, see `cpp/pipedyn/linear/operator.hpp`.
     """
+    u, count = _checked_question(model, u, count)
+    if isinstance(model, Chain):
+        asked = 2 * model.dof if count is None else count
+        spectrum = eigenproblem(model).spectrum()
+        assert isinstance(spectrum, _core.ChainSpectrum)
+        pairs = spectrum.by_recursion(u, asked, vectors=False)
+        if pairs is not None and pairs.converged.all():
+            values: Complex = pairs.values
+            return values
     found = modes(model, u, count)
     bad = np.flatnonzero(~found.converged)
     if bad.size:
@@ -170,16 +181,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows.
         ValueError, TypeError: for bad arguments.
     """
-    checked_model(model)
-    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
-    if count is not None:
-        count = _checked_count(count, model, 2)
-    elif isinstance(model, Continuum):
-        raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
-    elif model.dof > LARGEST_FULL:
-        raise ValueError(
-            f"count must be given beyond {LARGEST_FULL} degrees of freedom, got {model.dof}"
-        )
+    u, count = _checked_question(model, u, count)
     found = answered(
         model,
         (u,),
@@ -197,6 +199,25 @@ def largest_speed(model: AnyModel | None) -> float:
     return CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
 
 
+def _checked_question(model: AnyModel, u: Any, count: Any) -> tuple[float, int | None]:
+    """Speed and count that modes are asked for."""
+    checked_model(model)
+    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    if count is not None:
+        count = _checked_count(count, model, 2)
+        if isinstance(model, Model) and model.dof > DENSE_LIMIT and count > model.dof // 2:
+            raise ValueError(
+                f"count must be at most dof / 2 = {model.dof // 2} for a long chain, got {count}"
+            )
+    elif isinstance(model, Continuum):
+        raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
+    elif model.dof > LARGEST_FULL:
+        raise ValueError(
+            f"count must be given beyond {LARGEST_FULL} degrees of freedom, got {model.dof}"
+        )
+    return u, count
+
+
 def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
     """The argument count, of at most so many roots for each degree of freedom."""
     if isinstance(model, Continuum):
@@ -212,10 +233,6 @@ def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
 
 def _modes(model: Model, u: float, count: int | None) -> Modes:
     problem = eigenproblem(model)
-    if count is not None and model.dof > DENSE_LIMIT and count > model.dof // 2:
-        raise ValueError(
-            f"count must be at most dof / 2 = {model.dof // 2} for a long chain, got {count}"
-        )
     spectrum = problem.spectrum()
     with one_thread(problem.rows):
         pairs = spectrum.lowest(u, 2 * model.dof if count is None else count, left=False, high=True)

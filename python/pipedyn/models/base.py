@@ -142,7 +142,40 @@ def checked_pipe(pipe: Any) -> Pipe:
     return pipe
 
 
-class Model(ABC):
+class OfPipe:
+    """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
+
+    _pipe: Pipe
+
+    @property
+    def pipe(self) -> Pipe:
+        """The pipe, with its terms."""
+        return self._pipe
+
+    @property
+    def approximates_pipe(self) -> bool:
+        """Whether the model tends to the continuous pipe as it grows."""
+        return True
+
+    @property
+    def resisted(self) -> bool:
+        """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
+        return core_pipe(self.pipe).resisted
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what is computed at the first request and kept: compiled parts do not pickle."""
+        kept = {name for name in self.__dict__ if hasattr(type(self), name)}
+        return {name: value for name, value in self.__dict__.items() if name not in kept}
+
+    def with_pipe(self, pipe: Pipe) -> Self:
+        """The same discretisation, if there is one, with its springs, of another pipe."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__getstate__())
+        other._pipe = checked_pipe(pipe)
+        return other
+
+
+class Model(OfPipe, ABC):
     """A pipe with a finite number of degrees of freedom. Immutable; models pickle.
 
     Besides the coordinates q that users see, each model has elastic coordinates z, in which the
@@ -151,13 +184,6 @@ class Model(ABC):
     Every method raises ValueError for an argument of another shape or out of range, NaN or infinity
     among its numbers, and TypeError for what is no number or array of real numbers.
     """
-
-    _pipe: Pipe
-
-    @property
-    def pipe(self) -> Pipe:
-        """The pipe, with its terms."""
-        return self._pipe
 
     @property
     @abstractmethod
@@ -175,11 +201,6 @@ class Model(ABC):
         return f"angles of {self.moving} segments"
 
     @property
-    def approximates_pipe(self) -> bool:
-        """Whether the model tends to the continuous pipe as it grows."""
-        return True
-
-    @property
     def linear_cost(self) -> bool:
         """Whether a right-hand side costs O(dof), and a Jacobian dof times as much."""
         return False
@@ -193,11 +214,6 @@ class Model(ABC):
     def rests_straight(self) -> bool:
         """Whether linear questions are asked about the straight pipe."""
         return True
-
-    @property
-    def resisted(self) -> bool:
-        """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
-        return core_pipe(self.pipe).resisted
 
     @property
     def elastic_share(self) -> Array:
@@ -241,18 +257,6 @@ class Model(ABC):
                 given what is the faster.
         """
         return DensePencil(self)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but what is computed at the first request and kept: compiled parts do not pickle."""
-        kept = {name for name in self.__dict__ if hasattr(type(self), name)}
-        return {name: value for name, value in self.__dict__.items() if name not in kept}
-
-    def with_pipe(self, pipe: Pipe) -> Self:
-        """The same discretisation, springs included, of another pipe."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__getstate__())
-        other._pipe = checked_pipe(pipe)
-        return other
 
     @property
     @abstractmethod

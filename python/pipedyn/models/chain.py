@@ -150,7 +150,7 @@ class Chain(Model):
             angles = np.diff(tip_load) / self._lengths
             turns = np.diff(angles, prepend=0.0)
             bare = self._with_springs(np.ones(n), replace(self._pipe, terms=()))
-            kinetic = angles @ bare.mass_times(angles[:, None])[:, 0]
+            kinetic = turns @ bare.joint_times(turns[:, None], square=1.0)[:, 0]
             return np.full(n, FIRST_BEAM_EIGENVALUE * kinetic / (turns @ turns))
         if rule == "frequency":
             return np.full(n, FIRST_BEAM_EIGENVALUE * self._largest_compliance())
@@ -161,8 +161,7 @@ class Chain(Model):
         chain = self._with_springs(np.ones(self.dof), replace(self._pipe, terms=()))
 
         def inertia(joint_angles: Array) -> Array:
-            angles = np.cumsum(joint_angles.reshape(-1, 1), axis=0)
-            return np.cumsum(chain.mass_times(angles)[::-1, 0])[::-1]
+            return chain.joint_times(joint_angles.reshape(-1, 1), square=1.0)[:, 0]
 
         if self.dof == 1:
             return float(inertia(np.ones(1))[0])
@@ -185,10 +184,6 @@ class Chain(Model):
     def core(self) -> _core.Chain:
         """The compiled chain."""
         return self._with_springs(self._springs)
-
-    def braced(self, springs: Array) -> _core.Chain:
-        """The compiled chain with springs added to its own, shape (n,)."""
-        return self._with_springs(self._springs + springs)
 
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"

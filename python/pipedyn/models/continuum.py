@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.models.base import Model, NotConverged, checked_pipe, core_pipe
+from pipedyn.models.base import Model, NotConverged, OfPipe, checked_pipe
 from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints, enriched
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -39,7 +39,7 @@ class Converged(Generic[Answer]):
     error: float
 
 
-class Continuum:
+class Continuum(OfPipe):
     """The continuous pipe (the partial differential equation), for linear questions.
 
     It answers with Legendre reduced models of growing size: `pipedyn.eigenvalues`, `modes`,
@@ -58,27 +58,8 @@ class Continuum:
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
 
-    @property
-    def pipe(self) -> Pipe:
-        """The pipe."""
-        return self._pipe
-
-    def with_pipe(self, pipe: Pipe) -> Continuum:
-        """Another pipe."""
-        return Continuum(pipe)
-
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"
-
-    @property
-    def approximates_pipe(self) -> bool:
-        """Whether its answers tend to the continuous pipe's."""
-        return True
-
-    @property
-    def resisted(self) -> bool:
-        """Whether terms of the pipe resist velocities."""
-        return core_pipe(self._pipe).resisted
 
     def frozen(self, m: int) -> Galerkin:
         """The reduced model with m Legendre functions; m and errors as for `Galerkin`."""

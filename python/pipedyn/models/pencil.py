@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from pipedyn.models.pipe import Pipe
-from pipedyn.util.band import band_solver
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
@@ -123,67 +122,21 @@ def lu_solver(matrix: Vectors) -> Callable[..., Vectors]:
 
 
 class ChainPencil(Pencil):
-    """A long chain: running sums take joint angles to segments, P is a band matrix.
+    """A long chain, which multiplies in O(n); the core solves it by recursion."""
 
-    Args:
-        model: the chain.
-        core: the chain that multiplies and solves, with springs of its own; the model's if None.
-    """
-
-    def __init__(self, model: Chain, core: Any = None) -> None:
+    def __init__(self, model: Chain) -> None:
         super().__init__(model)
-        self.core = model.core if core is None else core
-        self.resisted = model.resisted
+        self.core = model.core
         self.scale = model.elastic_scale[:, None]
-        self.share = model.elastic_share[:, None]
-        self.mass = partial(self._rows, self.core.mass_times)
-        self.flux = partial(self._rows, self.core.flux_times)
+        self.mass = partial(self._times, square=1.0)
+        self.velocity = partial(self._times, velocity=1.0)
+        self.damping = partial(self._times, rate=1.0)
+        self.stiffness = partial(self._times, still=1.0)
+        self.flux = partial(self._times, flux=1.0)
 
-    def _rows(self, product: Callable[[Array], Array], x: Vectors) -> Vectors:
-        """A product in the angles, taken to elastic coordinates; complex columns as real pairs."""
-        angles = np.ascontiguousarray(np.cumsum(self.scale * x, axis=0))
-        if np.iscomplexobj(angles):
-            rows: Vectors = product(angles.view(np.float64)).view(np.complex128)
-        else:
-            rows = product(angles)
-        result: Vectors = self.scale * np.cumsum(rows[::-1], axis=0)[::-1]
+    def _times(self, x: Vectors, **part: float) -> Vectors:
+        """Complex columns as pairs of real ones."""
+        angles = np.ascontiguousarray(self.scale * x)
+        rows: Vectors = self.core.joint_times(angles.view(np.float64), **part)
+        result: Vectors = self.scale * rows.view(angles.dtype)
         return result
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self.direction * self._rows(self.core.velocity_times, x)
-
-    def damping(self, x: Vectors) -> Vectors:
-        result: Vectors = self.pipe.damping * self.by_damping(x)
-        return result + self._rows(self.core.terms_damping_times, x) if self.resisted else result
-
-    def by_damping(self, x: Vectors) -> Vectors:
-        result: Vectors = self.share * x  # the springs'
-        return result
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        result = self.by_damping(x)
-        if self.pipe.terms:
-            result = result + self._rows(self.core.terms_stiffness_times, x)
-        return result + self.pipe.gamma * self.gravity(x) if self.pipe.gamma else result
-
-    def gravity(self, x: Vectors) -> Vectors:
-        return self._rows(self.core.gravity_times, x)
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        width, band = self.core.band_width, self.core.band(complex(value), u)
-        solve_band = band_solver(band.real if np.imag(value) == 0.0 else band, width, width)
-
-        def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
-            loads = rows / self.scale
-            extended = np.zeros((4 * self.dof, rows.shape[1]), dtype=loads.dtype, order="F")
-            if adjoint:
-                extended[0::4] = loads
-                angles = solve_band(extended, True)
-                dual: Vectors = np.diff(angles[2::4], axis=0, prepend=0.0) / self.scale
-                return dual
-            extended[2::4] = loads
-            extended[2:-4:4] -= loads[1:]
-            joint_angles: Vectors = solve_band(extended, False)[0::4] / self.scale
-            return joint_angles
-
-        return solve

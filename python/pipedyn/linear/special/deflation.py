@@ -19,17 +19,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import Complex, Eigenproblem
+from pipedyn.linear.eigenproblem import Complex, Eigenproblem, eigenproblem
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
-from pipedyn.models.pencil import ChainPencil, DensePencil, Pencil, Vectors, lu_solver
+from pipedyn.models.pencil import DensePencil, Vectors
 from pipedyn.util.check import Array
 
 MOVED = 4.321
@@ -38,10 +36,9 @@ MOVED = 4.321
 
 def sweeping_problem(model: Model, dense: bool | None = None) -> Eigenproblem:
     """The model's eigenproblem, deflated where a root stays at zero at every speed."""
-    pencil = model.pencil(dense)
     if isinstance(model, Chain) and loose_joints(model).size:
-        return Deflated(pencil, model)
-    return Eigenproblem(pencil)
+        return Deflated(model)
+    return eigenproblem(model, dense)
 
 
 def loose_joints(chain: Chain) -> NDArray[np.intp]:
@@ -54,10 +51,14 @@ def loose_joints(chain: Chain) -> NDArray[np.intp]:
 
 
 class Deflated(Eigenproblem):
-    """The problem of a chain with a free joint, without gravity, its root at zero taken away."""
+    """The problem of a chain with a free joint, without gravity, its root at zero taken away.
 
-    def __init__(self, pencil: Pencil, chain: Chain) -> None:
-        super().__init__(pencil)
+    In matrices, at any size.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        self.pencil: DensePencil = DensePencil(chain)
+        super().__init__(self.pencil)
         self.chain = chain
         self.squared = super().velocity_free(1.0)
         self.free = loose_joints(chain)
@@ -66,27 +67,31 @@ class Deflated(Eigenproblem):
         damped = bool(chain.resistances[self.free[0] :, 3:6].any())
         # Without fluid mass nothing but inertia holds the free joint: zero is double.
         self.doubled = self.pipe.beta == 0.0 and not self.squared and not damped
-        self.known: tuple[float, Array, Array, Array, Array] | None = None
+        self.latest: tuple[float, Vectors, Vectors, Vectors, Vectors] | None = None
 
-    def deflating(self, u: float) -> tuple[Array, Array, Array, Array]:
+    def deflating(self, u: float) -> tuple[Vectors, Vectors, Vectors, Vectors]:
         """X, V, and what is added at speed u: A_C V^T to C and A_K V^T to K; each (dof, r).
 
         Beyond the free joint nearest to the clamp the chain turns as one straight line by phi = 1;
         below it springs, and terms if there are any, balance the thrust. A spring added to the
         joint pulls with its stiffness, which is the load to solve for.
         """
-        if self.known is None or self.known[0] != u:
+        latest = self.latest
+        if latest is None or latest[0] != u:
             turned = self.turned
             loads = np.zeros((self.dof, turned.size))
             loads[turned, np.arange(turned.size)] = 1.0 / self.chain.elastic_scale[turned]
-            x = self.braced.factor(0.0, u)(loads)
+            braced = self.pencil.matrices(u)[2]
+            braced[self.free, self.free] += 1.0
+            x = np.linalg.solve(braced, loads)
             dual = x @ np.linalg.inv(x.T @ x)
             inertia = MOVED * self.mass(x)
             if self.squared:
-                self.known = u, x, dual, np.zeros_like(x), inertia
+                latest = u, x, dual, np.zeros_like(x), inertia
             else:
-                self.known = u, x, dual, inertia, MOVED * super().damped(u, x)
-        return self.known[1:]
+                latest = u, x, dual, inertia, MOVED * super().damped(u, x)
+            self.latest = latest
+        return latest[1:]
 
     def damped(self, u: float, x: Vectors) -> Vectors:
         _, dual, added, _ = self.deflating(u)
@@ -98,35 +103,30 @@ class Deflated(Eigenproblem):
         result: Vectors = super().stiffened(u, x) + added @ (dual.T @ x)
         return result
 
-    def static(self) -> Eigenproblem:
-        if not self.doubled:
-            return self
-        # P(lambda) X(a u^2 / (1 + delta lambda)) = lambda^2 M X: damping moves no crossing.
-        undamped = self.model.with_pipe(replace(self.pipe, damping=0.0))
-        return sweeping_problem(undamped, not self.is_long)
-
     def velocity_free(self, u: float) -> bool:
         """The same at every speed, lest the deflation change at rest."""
         return self.squared
 
-    @property
-    def corrections(self) -> dict[str, Any]:
-        before = super().corrections.get("amend")
+    def spectrum(self) -> _core.Eigenproblem:
+        statics = None
+        if self.doubled:
+            # P(lambda) X(a u^2 / (1 + delta lambda)) = lambda^2 M X: damping moves no crossing.
+            undamped = self.chain.with_pipe(replace(self.pipe, damping=0.0))
+            statics = Deflated(undamped).spectrum()
+        return _core.Eigenproblem(**self.known, complete=True, amend=self.amended, statics=statics)
 
-        def amend(u: float, values: Complex, *given: Any) -> tuple[Vectors, ...]:
-            """All but the roots that were moved, and the second zero where it is double."""
-            *vectors, free = given
-            if before is not None:
-                values, *vectors = before(u, values, *given)
-            away = np.abs(values**2 + MOVED) if free else np.abs(values + MOVED)
-            moved = np.argsort(away, kind="stable")[: self.turned.size * (2 if free else 1)]
-            mine = np.ones(values.size, dtype=np.bool_)
-            mine[moved[away[moved] < 1e-3]] = False
-            if self.doubled:
-                mine[np.argsort(np.abs(values), kind="stable")[: self.turned.size]] = False
-            return values[mine], *(x[:, mine] if x.size else x for x in vectors)
-
-        return {**super().corrections, "amend": amend}
+    def amended(
+        self, u: float, values: Complex, right: Complex, left: Complex, squared: bool
+    ) -> tuple[Vectors, Vectors, Vectors]:
+        """All but the roots that were moved, and the second zero where it is double."""
+        away = np.abs(values**2 + MOVED) if squared else np.abs(values + MOVED)
+        moved = np.argsort(away, kind="stable")[: self.turned.size * (2 if squared else 1)]
+        mine = np.ones(values.size, dtype=np.bool_)
+        mine[moved[away[moved] < 1e-3]] = False
+        if self.doubled:
+            mine[np.argsort(np.abs(values), kind="stable")[: self.turned.size]] = False
+        right, left = (x[:, mine] if x.size else x for x in (right, left))
+        return values[mine], right, left
 
     def by_speed(self, u: float, values: Complex, x: Vectors) -> Complex:
         """By central differences, to 1e-9."""
@@ -143,14 +143,8 @@ class Deflated(Eigenproblem):
         result: Vectors = right / np.linalg.norm(right, axis=0)
         return result
 
-    def dense(self) -> Eigenproblem:
-        return Deflated(self.chain.pencil(dense=True), self.chain)
-
     @property
-    def operators(self) -> _core.DenseOperators | Callable[[float], _core.Operator]:
-        if self.is_long:
-            return super().operators
-
+    def operators(self) -> Callable[[float], _core.DenseOperator]:
         def at(u: float) -> _core.DenseOperator:
             h = 1e-5 * (1.0 + u)
             after, before = self.matrices(u + h)[1:], self.matrices(u - h)[1:]
@@ -160,47 +154,7 @@ class Deflated(Eigenproblem):
         return at
 
     def matrices(self, u: float) -> tuple[Array, Array, Array]:
-        """(M, C, K) at speed u of a chain in matrices, each of shape (dof, dof)."""
-        assert isinstance(self.pencil, DensePencil)
+        """(M, C, K) at speed u, each of shape (dof, dof)."""
         _, dual, to_velocity, to_stiffness = self.deflating(u)
         mass, velocity, stiffness = self.pencil.matrices(u)
         return mass, velocity + to_velocity @ dual.T, stiffness + to_stiffness @ dual.T
-
-    @cached_property
-    def braced(self) -> ChainPencil:
-        """The chain with its free joints braced by springs."""
-        braces = np.zeros(self.dof)
-        braces[self.free] = 1.0 / self.chain.elastic_scale[self.free] ** 2
-        return ChainPencil(self.chain, self.chain.braced(braces))
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        """As for any; in O(n) the band of P would be singular at lambda = 0.
-
-        Solved is that of the braced chain, and the difference, of low rank, is added by Woodbury's
-        formula.
-        """
-        if not self.is_long:
-            mass, velocity, stiffness = self.matrices(u)
-            return lu_solver(value**2 * mass + value * velocity + stiffness)
-        solve_braced = self.braced.factor(value, u)
-        _, dual, to_velocity, to_stiffness = self.deflating(u)
-        brace = np.zeros((self.dof, self.free.size))
-        brace[self.free, np.arange(self.free.size)] = 1.0
-        by_braces = -(1.0 + self.pipe.damping * value) * brace
-        left = np.hstack([by_braces, value * to_velocity + to_stiffness])
-        right = np.hstack([brace, dual])
-        ways = {}
-        for adjoint, (outer, inner) in ((False, (left, right)), (True, (right, left))):
-            through = solve_braced(outer, adjoint)
-            small = np.eye(outer.shape[1]) + inner.conj().T @ through
-            if np.linalg.matrix_rank(small) < small.shape[0]:  # as a singular P is in `lu_solver`
-                small = small + np.finfo(float).eps * np.eye(outer.shape[1])
-            ways[adjoint] = through, np.linalg.inv(small), inner
-
-        def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
-            through, small, inner = ways[adjoint]
-            solution = solve_braced(rows, adjoint)
-            result: Vectors = solution - through @ (small @ (inner.conj().T @ solution))
-            return result
-
-        return solve

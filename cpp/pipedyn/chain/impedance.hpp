@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: MIT
+//
+// The linear problem T(lambda, u) X = 0 of a straight chain, nothing eliminated, in the unknowns
+// (phi_j, theta_j, w_j, Q_j) of each segment: joint angle, angle, transverse displacement of the
+// end, and the force that all beyond the end exerts. Four equations a segment:
+//   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,
+//   e k_j phi_j - e k_{j+1} phi_{j+1} + g_j theta_j + f_j w_{j-1} + l_j Q_j = 0   (row j of P),
+//   Q_{j-1} = Q_j + z_j w_{j-1} + t_j theta_j,   Q_n = a U^2 theta_n,
+// e k_j being k_j + c_j lambda. No entry is a difference of nearly equal numbers. What lies beyond
+// segment j answers a motion of its end by Q_j = A w_j + B theta_j and -e k_{j+1} phi_{j+1} = C w_j
+// + D theta_j. With
+//   G = l A + B,  R = g + D + l (C + G),  W = f + C + l A,  H = G + t,  p = e k + R
+// row j says phi_j = -(R theta_{j-1} + W w_{j-1}) / p, and before the segment
+//   A + z - H W / p,   H e k / p,   e k W / p,   e k R / p
+// stand in place of A, B, C, D. det P is the product of the pivots p; without damping and flow the
+// negative ones are as many as roots lie below |lambda|. The left vector Y, in psi_j = y_j -
+// y_{j-1}, obeys the same with W and H exchanged. O(n) for each lambda, without pivoting: the
+// residual of T, and what rounding does to its entries, say how good a root is.
+#pragma once
+
+#include <cstddef>
+
+namespace pipedyn {
+
+/// What multiplies lambda^0, lambda^1 and lambda^2.
+struct ImpedanceParts {
+  double still, rate, square;
+};
+
+/// One segment, all but the flow's share of each coefficient.
+struct ImpedanceSegment {
+  double length;
+  ImpedanceParts joint;   // e k, of the joint
+  ImpedanceParts force;   // z: on all beyond the joint, by its displacement
+  ImpedanceParts across;  // f: moment about the joint, by its displacement
+  ImpedanceParts turned;  // t: force on all beyond the joint, by the angle
+  ImpedanceParts moment;  // g: moment about the joint, by the angle
+};
+
+struct ImpedanceModel {
+  const ImpedanceSegment *segments, *sizes;  // as they are, and with each term's absolute value
+  std::ptrdiff_t size;                       // n
+  double coriolis;                           // sqrt(beta) s
+  double centrifugal;                        // a
+};
+
+/// Values of lambda at one speed u; count entries in each array.
+struct ImpedancePoints {
+  double u;
+  std::ptrdiff_t count;
+  const double *real, *imag;
+};
+
+/// What is known of roots; real and imaginary parts of count values, one after the other.
+struct ImpedancePairs {
+  double* by_lambda;  // Y^T (dT/dlambda) X
+  double* value;      // Y^T T X
+  double* by_u;       // Y^T (dT/du) X
+  double* by_right;   // X^H (dT/dlambda) X
+  double* rest;       // |Y|^T |T X|, and
+  double* entries;    // the sum of the absolute values of what Y^T T X sums in phi, theta and w
+  double* sums;       // what rounding of theta and w, one each, may add to it; count numbers each
+  double *right, *left;  // phi and psi, (n, 2, count), or none
+  /// Whether a moment of the size of its terms loads each joint, as in inverse iteration. Without,
+  /// vectors start at the clamp, where the last pivot is 0: that fails for modes with far larger
+  /// amplitudes elsewhere, which the loads may drown if segments differ by orders of magnitude.
+  bool loaded;
+};
+
+struct ImpedanceKernel {
+  /// d log det P / dlambda, real and imaginary parts of count values.
+  void (*log_derivative)(const ImpedanceModel&, const ImpedancePoints&, double* out);
+  /// Vectors of roots, or of values near them; scratch: 14 n width numbers on a vector's boundary.
+  void (*pairs)(const ImpedanceModel&, const ImpedancePoints&, const ImpedancePairs&,
+                double* scratch);
+};
+
+extern const ImpedanceKernel impedance_baseline, impedance_avx2, impedance_avx512;
+
+}  // namespace pipedyn

@@ -1,0 +1,568 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/linear/chain_spectrum.hpp"
+
+#include <algorithm>
+#include <numeric>
+#include <tuple>
+
+#include "pipedyn/vector/levels.hpp"
+#include "pipedyn/vector/scratch.hpp"
+
+namespace pipedyn {
+
+namespace {
+
+/// Relative rounding of an entry of T, with room for what the products with it add.
+constexpr double entry_rounding = 8.0 * eps;
+/// Residual of T beyond which vectors are tried another way: most have 1e-16.
+constexpr double small_residual = 1e-14;
+/// Joint angles lose eps |lambda|^2 of a root: LAPACK's beyond this |lambda| are no starts.
+constexpr double no_start = 1e7;
+/// |lambda| up to which joint angles hold vectors: they lose eps |lambda|^2, which is 2e-13 here.
+constexpr double slow = 30.0;
+/// Where the log-derivative counts roots: this far from the real axis, in rad, near which the
+/// unstable ones of a buckled pipe lie, and from the imaginary one.
+constexpr double ray = 0.3;
+/// |lambda (d log det P / dlambda - sum)| above which a root is missing: rounding leaves 1e-9 of
+/// 2000 segments, and one root in place of another 1e-6 where they differ by 1e-6.
+constexpr double nothing_missing = 1e-6;
+/// Points on the upper half of the circle: a root outside by a quarter adds 1.25^-32 = 1e-3.
+constexpr Index circle_points = 16;
+/// Six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where it lies,
+/// took up to 150.
+constexpr int most_corrections = 300;
+/// Speeds so close that the roots at one are starts at the other, if so few corrections do.
+constexpr double near_speed = 0.6;
+constexpr int most_near = 15;
+/// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
+constexpr double meeting = 1e-4;
+/// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
+constexpr double wide = 0.05;
+/// Coarser chains on the way from the coarsest to a long one have so many times its segments.
+constexpr Index refinement = 20;
+/// Most segments of a problem solved dense: 4,000 rows take LAPACK a minute.
+constexpr Index dense_limit = 2000;
+
+/// d log det P / dlambda.
+Values log_derivatives(const Chain& chain, double u, const Values& at) {
+  const Index count = at.size();
+  const Reals parts = (Reals(2 * count) << at.real(), at.imag()).finished();
+  Reals out(2 * count);
+  const ImpedancePoints points{u, count, parts.data(), parts.data() + count};
+  motion_kernel().impedance->log_derivative(chain.impedance(), points, out.data());
+  Values result(count);
+  result.real() = out.head(count);
+  result.imag() = out.tail(count);
+  return result;
+}
+
+Index roots_in(const Approximations& all) {
+  Index count = 0;
+  for (const Approximation& one : all) count += one.alone ? 1 : 2;
+  return count;
+}
+
+void sort_by_size(Approximations& all) {
+  std::sort(all.begin(), all.end(), [](const Approximation& one, const Approximation& other) {
+    return std::abs(one.value) < std::abs(other.value);
+  });
+}
+
+/// sum_k 1 / (z - lambda_k), but for the root itself, if it is one of them.
+Complex poles(Complex z, const Approximations& roots, std::size_t itself = SIZE_MAX) {
+  double real = 0.0, imag = 0.0;
+  const auto add = [&](double x, double y) {
+    const double share = 1.0 / std::max(x * x + y * y, 1e-300);
+    real += x * share;
+    imag -= y * share;
+  };
+  for (std::size_t k = 0; k < roots.size(); ++k) {
+    const Complex other = roots[k].value;
+    if (k != itself) add(z.real() - other.real(), z.imag() - other.imag());
+    if (!roots[k].alone) add(z.real() - other.real(), z.imag() + other.imag());
+  }
+  return {real, imag};
+}
+
+/// lambda (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)).
+Values missing(const Chain& chain, double u, const Values& at, const Approximations& roots) {
+  Values rest = log_derivatives(chain, u, at);
+  for (Index i = 0; i < at.size(); ++i) rest[i] -= poles(at[i], roots);
+  return at * rest;
+}
+
+/// LAPACK's roots of a chain at one speed, the lower of conjugates left out.
+Approximations dense_roots(const Chain& chain, const Lapack& lapack, const Vector& scale, double u,
+                           bool squared) {
+  const Operators ops = chain.joint_operators(scale);
+  const ImpedanceModel flow = chain.impedance();
+  const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
+  const DenseOperator p(lapack,
+                        {ops.mass,
+                         u * sign * (ops.gyroscopic + ops.end_flux) + ops.damping,
+                         ops.stiffness + flow.centrifugal * u * u * ops.flux,
+                         {},
+                         {}},
+                        1.0);
+  Approximations roots;
+  for (const double shift : {0.97, 2.31, 0.41}) {
+    for (const Complex mu : p.roots(shift, squared)) {
+      if (mu == 0.0) continue;
+      Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
+      if (squared && root.imag() == 0.0) roots.push_back({-root, true});
+      if (squared && root.imag() < 0.0) root = -root;
+      if (root.imag() >= 0.0) roots.push_back({root, root.imag() == 0.0});
+    }
+    if (!roots.empty()) break;
+  }
+  sort_by_size(roots);
+  return roots;
+}
+
+/// Adds starts of the stiff roots, where roots are counted: of those below |lambda| = r there are
+/// about Re(lambda d log det P / dlambda).
+void add_stiff(const Chain& chain, double u, Approximations& roots) {
+  std::erase_if(roots, [](const Approximation& one) { return !(std::abs(one.value) < no_start); });
+  const Index known = roots_in(roots), stiff = 2 * chain.dof() - known;
+  Reals low = Reals::Constant(stiff, std::log(no_start) - 3.0);
+  Reals high = Reals::Constant(stiff, std::log(1e45));  // greater |lambda| overflow
+  const Reals wanted = Reals::LinSpaced(stiff, known + 0.5, known + stiff - 0.5);
+  for (int halving = 0; halving < 30 && stiff > 0; ++halving) {
+    const Reals middle = 0.5 * (low + high);
+    const Values at = std::polar(1.0, ray) * middle.exp().cast<Complex>();
+    const Reals below = (at * log_derivatives(chain, u, at)).real();
+    low = (below < wanted).select(middle, low);
+    high = (below < wanted).select(high, middle);
+  }
+  for (Index i = 0; i < stiff; ++i) {
+    const double turned = (i % 2 == 0 ? 1.0 : -1.0) * (1.7 + 0.01 * static_cast<double>(i % 7));
+    roots.push_back({std::polar(std::exp(low[i]), turned), true});
+  }
+}
+
+/// Those near the real axis without the symmetry that keeps two real roots from being found.
+Approximations parted(const Approximations& starts) {
+  Approximations roots;
+  for (const auto& [value, alone, _] : starts) {
+    const double shift = 1e-3 * static_cast<double>(roots.size() % 7 + 1);
+    if (!alone && std::abs(value.imag()) >= 0.3 * std::abs(value)) {
+      roots.push_back({value, false});
+      continue;
+    }
+    roots.push_back({value * Complex(1.0 + shift, 3.0 * shift), true});
+    if (!alone) roots.push_back({std::conj(value) * Complex(1.0 - shift, 2.0 * shift), true});
+  }
+  return roots;
+}
+
+/// Ehrlich's and Aberth's corrections of all roots until each is as good as rounding lets it.
+bool correct(const Chain& chain, double u, Approximations& roots, int most = most_corrections) {
+  std::vector<std::size_t> active(roots.size());
+  std::iota(active.begin(), active.end(), 0);
+  std::vector<double> last(roots.size(), infinite);
+  for (int step = 0; step < most && !active.empty(); ++step) {
+    Values at(active.size());
+    for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
+    const Values found = log_derivatives(chain, u, at);
+    std::vector<std::size_t> moving;
+    for (std::size_t i = 0; i < active.size(); ++i) {
+      const std::size_t k = active[i];
+      const Complex change = 1.0 / (found[i] - poles(at[i], roots, k));
+      if (std::isnan(std::abs(found[i]))) {  // a pivot is 0: at this root, or beside it
+        if (last[k] < 0.0) continue;
+        last[k] = -1.0;
+        roots[k].value *= 1.0 + 1e-9;
+        moving.push_back(k);
+        continue;
+      }
+      if (!std::isfinite(std::norm(change))) return false;
+      const double share = std::abs(change) / (std::abs(at[i]) + 1e-30);
+      if (share >= last[k] && last[k] < 1e-6 && last[k] >= 0.0) continue;  // rounding
+      const bool quadratic = share < 1e-8 && share < 1e-3 * std::abs(last[k]);
+      roots[k].value = at[i] - change;
+      last[k] = std::copysign(share, last[k]);
+      if (!quadratic && share > 1e-13 && std::abs(change) > 1e-16) moving.push_back(k);
+    }
+    active = std::move(moving);
+  }
+  return active.empty();
+}
+
+/// Two oscillating roots about to meet, each of which scatters by the square root of rounding, from
+/// their sum and that of their squares, which do not: moments of d log det P / dlambda on a circle
+/// about both.
+void separate(const Chain& chain, double u, bool squared, Approximations& roots) {
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    for (std::size_t other = i + 1; other < roots.size(); ++other) {
+      const Complex one = roots[i].value, twin = roots[other].value, centre = 0.5 * (one + twin);
+      if (roots[i].alone || roots[other].alone) continue;
+      if (!(std::abs(one - twin) < meeting * std::abs(one.imag()))) continue;
+      Approximations rest{{std::conj(one), true}, {std::conj(twin), true}};
+      for (std::size_t k = 0; k < roots.size(); ++k) {
+        if (k != i && k != other) rest.push_back(roots[k]);
+      }
+      Values arms(circle_points);
+      for (Index k = 0; k < circle_points; ++k) {
+        const double turn = 2.0 * M_PI * (static_cast<double>(k) + 0.5) / circle_points;
+        arms[k] = std::polar(wide * std::abs(centre), turn);
+      }
+      Values found = arms * log_derivatives(chain, u, centre + arms);
+      for (Index k = 0; k < circle_points; ++k) found[k] -= arms[k] * poles(centre + arms[k], rest);
+      if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
+      const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
+      Complex middle = centre + 0.5 * sum, square = 2.0 * squares - sum * sum;
+      if (squared) {  // both on the axis, or symmetric about it
+        middle.real(0.0);
+        square.imag(0.0);
+      }
+      roots[i] = {middle + 0.5 * std::sqrt(square), false, true};
+      roots[other] = {middle - 0.5 * std::sqrt(square), false, true};
+    }
+  }
+}
+
+/// Pairs of which all is known, with unit vectors.
+Pairs empty_pairs(Index rows, Index count) {
+  const ComplexTable table = ComplexTable::Zero(rows, count);
+  const Reals reals = Reals::Zero(count);
+  const Values values = Values::Zero(count);
+  return {values, table, table, reals, reals, values, values, values};
+}
+
+/// Puts one pair of others, or its conjugate, at place k.
+void put(Pairs& to, Index k, const Pairs& others, Index i, bool conjugate) {
+  for (const auto reals : {&Pairs::residual, &Pairs::uncertain})
+    (to.*reals)[k] = (others.*reals)[i];
+  for (const auto values : {&Pairs::values, &Pairs::slope, &Pairs::by_left, &Pairs::by_right}) {
+    const Complex value = (others.*values)[i];
+    (to.*values)[k] = conjugate ? std::conj(value) : value;
+  }
+  for (const auto table : {&Pairs::right, &Pairs::left}) {
+    (to.*table).col(k) = (others.*table).col(i);
+    if (conjugate) (to.*table).col(k) = (to.*table).col(k).conjugate().eval();
+  }
+}
+
+/// Roots with the conjugates that are implied, or were found as well, sorted; the first `count`.
+std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots, Index count) {
+  struct Place {
+    Complex value;
+    Index from;
+    bool mirrored;
+  };
+  std::vector<Place> places;
+  std::vector<bool> used(roots.size(), false);
+  for (Index i = 0; i < found.values.size(); ++i) {
+    const Complex value = found.values[i];
+    if (used[i]) continue;
+    if (roots[i].alone && value.imag() != 0.0) {
+      Index twin = i;
+      for (Index k = i + 1; k < found.values.size(); ++k) {
+        const double apart = std::abs(found.values[k] - std::conj(value));
+        if (roots[k].alone && !used[k] && apart <= 1e-6 * std::abs(value)) twin = k;
+      }
+      if (twin == i) return std::nullopt;
+      used[twin] = true;
+    }
+    const Complex upper(value.real() + 0.0, std::abs(value.imag()));  // -0 is 0
+    places.push_back({upper, i, value.imag() < 0.0});
+    if (upper.imag() != 0.0) places.push_back({std::conj(upper), i, value.imag() > 0.0});
+  }
+  std::sort(places.begin(), places.end(), [](const Place& one, const Place& other) {
+    const auto key = [](const Place& at) {
+      return std::tuple(std::abs(at.value), at.value.real(), -at.value.imag());
+    };
+    return key(one) < key(other);
+  });
+  if (static_cast<Index>(places.size()) < count) return std::nullopt;
+  Pairs result = empty_pairs(found.right.rows(), count);
+  for (Index k = 0; k < count; ++k) {
+    put(result, k, found, places[k].from, places[k].mirrored);
+    result.values[k] = places[k].value;
+  }
+  return result;
+}
+
+/// What the kernel says of roots, of all but the last the real and imaginary parts; vectors are
+/// unit, and what is linear in one is divided by its length.
+struct Sums {
+  Values by_lambda, value, by_u, by_right;
+  Reals rest, rounding, size;
+  ComplexTable right, left;
+
+  Sums(const Chain& chain, const Vector& scale, double u, const Values& at, bool vectors,
+       bool loaded) {
+    const Index n = vectors ? chain.dof() : 0, count = at.size();
+    const MotionKernel& kernel = motion_kernel();
+    const Reals parts = (Reals(2 * count) << at.real(), at.imag()).finished();
+    Eigen::ArrayXXd out(count, 11);
+    std::vector<double> turns(4 * n * count);
+    const auto part = [&](Index k) { return out.col(k).data(); };
+    kernel.impedance->pairs(chain.impedance(), {u, count, parts.data(), parts.data() + count},
+                            {part(0), part(2), part(4), part(6), part(8), part(9), part(10),
+                             vectors ? turns.data() : nullptr,
+                             vectors ? turns.data() + 2 * n * count : nullptr, loaded},
+                            scratch(14 * chain.dof() * kernel.width));
+    const auto table = [&](const double* from, double sign) {
+      ComplexTable x(n, count);
+      for (Index j = 0; j < n; ++j) {
+        const double* const row = from + 2 * j * count;
+        for (Index i = 0; i < count; ++i)
+          x(j, i) = Complex(row[i], sign * row[count + i]) / scale[j];
+      }
+      return x;
+    };
+    right = table(turns.data(), 1.0);
+    left = table(turns.data() + 2 * n * count, -1.0);
+    Reals length = Reals::Ones(count), dual = length;
+    if (vectors) length = right.colwise().norm(), dual = left.colwise().norm();
+    for (Index i = 0; i < count; ++i) {
+      right.col(i) /= length[i];
+      left.col(i) /= dual[i];
+    }
+    const auto complex = [&](Index k, const Reals& lengths) -> Values {
+      return (out.col(k).cast<Complex>() + Complex(0.0, 1.0) * out.col(k + 1).cast<Complex>()) /
+             lengths;
+    };
+    by_lambda = complex(0, length * dual);
+    value = complex(2, length * dual);
+    by_u = complex(4, length * dual);
+    by_right = complex(6, length.square());
+    rest = out.col(8) / (length * dual);
+    rounding = (entry_rounding * out.col(9) + eps * out.col(10)) / (length * dual);
+    size = (out.col(9) + out.col(10)) / (length * dual);
+  }
+
+  Pairs pairs(const Values& at) const {
+    const auto known = [](const Reals& x) -> Reals { return x.isFinite().select(x, infinite); };
+    return {at,
+            right,
+            left,
+            known(rest / size),
+            known((rest + rounding) / by_lambda.abs()),
+            -by_u / by_lambda,
+            (at.abs() <= slow).select(by_lambda, Complex(0.0)),
+            by_right};
+  }
+
+  /// Of the roots, by their vectors; 0 where that is rounding.
+  Values corrections() const {
+    return (value.abs() > rounding).select(-value / by_lambda, Complex(0.0));
+  }
+};
+
+}  // namespace
+
+ChainSpectrum::ChainSpectrum(const Traits& traits, At by_matrices, bool free_at_rest,
+                             const Chain& chain, const Lapack& lapack, Vector scale)
+    : Eigenproblem(traits, std::move(by_matrices), true, free_at_rest),
+      chain_(chain),
+      lapack_(lapack),
+      scale_(std::move(scale)) {}
+
+Pairs ChainSpectrum::at(double u, const Values& values, bool vectors, Values* corrections) const {
+  const Sums sums(chain_, scale_, u, values, vectors, false);
+  Pairs found = sums.pairs(values);
+  if (corrections != nullptr) *corrections = sums.corrections();
+  std::vector<Index> poor;
+  for (Index i = 0; i < values.size(); ++i) {
+    if (!(found.residual[i] <= small_residual)) poor.push_back(i);
+  }
+  if (poor.empty()) return found;
+  const Values again = values(poor);
+  const Sums loaded(chain_, scale_, u, again, vectors, true);
+  const Pairs other = loaded.pairs(again);
+  for (Index k = 0; k < again.size(); ++k) {
+    if (!(other.residual[k] < found.residual[poor[k]])) continue;
+    put(found, poor[k], other, k, false);
+    if (corrections != nullptr) (*corrections)[poor[k]] = loaded.corrections()[k];
+  }
+  return found;
+}
+
+/// Roots with vectors, as good as these make them.
+Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vectors) const {
+  Values values(roots.size()), corrections;
+  for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
+  Pairs found = at(u, values, vectors, &corrections);
+  for (int times = 0; times < 3; ++times) {
+    for (std::size_t i = 0; i < roots.size(); ++i) {
+      if (roots[i].settled) corrections[i] = 0.0;
+    }
+    corrections = (corrections.abs() < 1e-9 * values.abs()).select(corrections, Complex(0.0));
+    if ((corrections == Complex(0.0)).all()) break;
+    values += corrections;
+    found = at(u, values, vectors, &corrections);
+  }
+  // By symmetry roots without partner are real, or on the imaginary axis.
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    Complex& value = found.values[i];
+    if (is_squared(u) && std::abs(value.real()) <= found.uncertain[i]) value.real(0.0);
+    if (roots[i].alone && std::abs(value.imag()) <= found.uncertain[i]) value.imag(0.0);
+  }
+  return found;
+}
+
+bool ChainSpectrum::has_all(double u, const Approximations& roots) const {
+  Values points(roots.size());
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    points[i] = std::polar(std::max(std::abs(roots[i].value), 1e-3), ray);
+  }
+  return missing(chain_, u, points, roots).abs().maxCoeff() < nothing_missing;
+}
+
+/// Whether roots beyond the least are the next ones: the circle passes where the gap is widest.
+bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::size_t least) const {
+  double widest = 1.0, radius = 0.0;
+  for (std::size_t k = least; k < roots.size(); ++k) {
+    const double inner = std::abs(roots[k - 1].value), outer = std::abs(roots[k].value);
+    if (!(outer > widest * inner)) continue;
+    widest = outer / inner;
+    radius = std::sqrt(inner * outer);
+  }
+  Values points(circle_points);
+  for (Index i = 0; i < circle_points; ++i) {
+    points[i] = std::polar(radius, M_PI * (static_cast<double>(i) + 0.5) / circle_points);
+  }
+  return widest > 1.05 && std::abs(missing(chain_, u, points, roots).real().mean()) < 0.05;
+}
+
+std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index count, bool vectors,
+                                         int most) {
+  if (!correct(chain_, u, roots, most)) return std::nullopt;
+  separate(chain_, u, is_squared(u), roots);
+  sort_by_size(roots);
+  std::size_t next = 0;
+  Approximations lowest;
+  while (next < roots.size() && roots_in(lowest) < count) lowest.push_back(roots[next++]);
+  if (roots_in(lowest) < count) return std::nullopt;
+  const bool all = roots_in(roots) >= 2 * chain_.dof();
+  if (all ? !has_all(u, roots) : !has_all_within(u, roots, next)) return std::nullopt;
+  // Those of equal size, which rounding may have sorted otherwise.
+  const double size = std::abs(lowest.back().value) * (1.0 + 1e-6);
+  while (next < roots.size() && std::abs(roots[next].value) <= size)
+    lowest.push_back(roots[next++]);
+  auto found = with_conjugates(polished(u, lowest, vectors), lowest, count);
+  if (found) {
+    roots_ = std::move(roots);
+    roots_speed_ = u;
+  }
+  return found;
+}
+
+std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vectors) {
+  const Index n = chain_.dof();
+  if (std::abs(u - roots_speed_) <= near_speed) {
+    if (auto found = from(roots_, u, count, vectors, most_near)) return found;
+  }
+  for (Index segments = std::max<Index>(10, count + 4);; segments *= 3) {
+    const bool own = 2 * segments > n;
+    if ((own ? n : segments) > dense_limit) return std::nullopt;
+    Approximations starts;
+    if (own) {
+      starts = dense_roots(chain_, lapack_, scale_, u, is_squared(u));
+      add_stiff(chain_, u, starts);
+    } else {
+      const Chain coarse = chain_.coarser(segments);
+      const Vector& k = coarse.springs();
+      const Vector scale = k.cwiseMax(1e-3 * k.mean() + 1e-300).cwiseSqrt().cwiseInverse();
+      starts = dense_roots(coarse, lapack_, scale, u, is_squared(u));
+      while (roots_in(starts) > count + 6) starts.pop_back();
+      for (Index finer = refinement * segments; refinement * finer < 2 * n; finer *= refinement) {
+        correct(chain_.coarser(finer), u, starts);
+      }
+    }
+    for (const bool apart : {false, true}) {
+      auto found = from(apart ? parted(starts) : starts, u, count, vectors, most_corrections);
+      if (found) return found;
+    }
+    if (own) return std::nullopt;
+  }
+}
+
+Pairs ChainSpectrum::lowest(double u, Index count, bool left, bool high) {
+  const auto good = [](const Pairs& pairs) {
+    Index sum = 0;
+    for (Index i = 0; i < pairs.values.size(); ++i) {
+      sum += has_converged(pairs.values[i], pairs.residual[i]);
+    }
+    return sum;
+  };
+  count = std::min(count, 2 * chain_.dof());
+  factorised_ += 2;
+  std::optional<Pairs> found = by_recursion(u, count, true);
+  // At rest nothing grows without damping; elsewhere these roots are as good as any balance.
+  if (found && !traits.damped) found->by_left.setZero();
+  if (found && (good(*found) == count || chain_.dof() > dense_limit)) return *found;
+  if (chain_.dof() > dense_limit) throw NotConverged("eigenvalues are too close to be told apart");
+  Pairs dense = Eigenproblem::lowest(u, count, left, high);
+  return found && good(*found) >= good(dense) ? *found : dense;
+}
+
+Values ChainSpectrum::log_derivatives(double u, const Values& values) const {
+  return pipedyn::log_derivatives(chain_, u, values);
+}
+
+void ChainSpectrum::assess(double u, Pairs& pairs) {
+  if (pairs.uncertain.size() > 0) return;
+  Eigenproblem::assess(u, pairs);
+  if (pairs.left.cols() == 0) return;
+  const Pairs better = at(u, pairs.values, false);
+  for (Index i = 0; i < pairs.values.size(); ++i) {
+    if (!has_converged(better.values[i], better.residual[i])) continue;
+    pairs.uncertain[i] = better.uncertain[i];
+    pairs.slope[i] = better.slope[i];
+  }
+}
+
+Reals ChainSpectrum::rounding(const Pairs& pairs) const {
+  return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs()));
+}
+
+Pair ChainSpectrum::refined(double u, const Pair& guess) {
+  Values value = Values::Constant(1, guess.value);
+  for (int step = 0; step < 8; ++step) {
+    const Complex change = 1.0 / log_derivatives(u, value)[0];
+    if (!std::isfinite(std::norm(change))) break;
+    value[0] -= change;
+    if (std::abs(change) <= 1e-12 * std::abs(value[0])) break;
+  }
+  const Pairs found = polished(u, {{value[0], false}}, true);
+  return {found.values[0],   found.right.col(0), found.left.col(0),
+          found.residual[0], found.uncertain[0], found.slope[0]};
+}
+
+Pair ChainSpectrum::null_pair(double u, const Pair&) {
+  const Sums found(chain_, scale_, u, Values::Zero(1), true, false);
+  Pair result{0.0, found.right.col(0), found.left.col(0)};
+  result.residual = found.rest[0] / found.size[0];
+  result.uncertain = found.rest[0] + found.rounding[0];
+  result.slope = found.by_u[0];
+  return result;
+}
+
+double ChainSpectrum::determinant(double u, const Pair&) {
+  const ImpedanceModel model = chain_.impedance();
+  const auto logarithm = [&](double thrust, double& sign) {
+    double a = 0.0, b = thrust, c = 0.0, d = 0.0, sum = 0.0;
+    for (Index j = model.size - 1; j >= 0; --j) {
+      const ImpedanceSegment& at = model.segments[j];
+      const double l = at.length, k = at.joint.still, g = l * a + b;
+      const double r = at.moment.still - l * thrust + d + l * (c + g);
+      const double w = at.across.still + c + l * a, h = g + at.turned.still, p = k + r;
+      if (p < 0.0) sign = -sign;
+      sum += std::log(std::abs(p));
+      a += at.force.still - h * w / p;
+      b = h * k / p;
+      c = w * k / p;
+      d = r * k / p;
+    }
+    return sum;
+  };
+  double at_rest = 1.0, sign = 1.0;
+  const double unit = logarithm(0.0, at_rest);
+  const double size = logarithm(model.centrifugal * u * u, sign) - unit;
+  return sign * std::exp(size);
+}
+
+}  // namespace pipedyn

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+//
+// Roots of a straight chain by the recursion of chain/impedance.hpp, O(n) for one of them.
+//
+// Starts are LAPACK's roots of the chain, or for few of a long one those of a coarser chain. All
+// are corrected at once by the method of Ehrlich and Aberth, Newton's on what the others leave of
+// the determinant,
+//   1 / (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)),
+// so that no two end on one root. That none is missing is checked by the same expression without
+// the root itself: it vanishes if all roots are there, and its mean over a circle, times lambda,
+// is the number of those missing inside. What fails a check is solved by matrices, up to 2,000
+// segments.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "pipedyn/chain/chain.hpp"
+#include "pipedyn/linear/eigenproblem.hpp"
+
+namespace pipedyn {
+
+/// A root with its conjugate, or (`alone`) one of which no conjugate is implied.
+struct Approximation {
+  Complex value;
+  bool alone = false;
+  bool settled = false;  // better known than its vectors would make it
+};
+using Approximations = std::vector<Approximation>;
+
+class ChainSpectrum : public Eigenproblem {
+ public:
+  /// by_matrices: the operators of the same chain, for what recursion does not find.
+  /// The chain must outlive it. scale: joint angles of the elastic coordinates, (n).
+  ChainSpectrum(const Traits& traits, At by_matrices, bool free_at_rest, const Chain& chain,
+                const Lapack& lapack, Vector scale);
+
+  Pairs lowest(double u, Index count, bool left, bool high) override;
+  /// The same, with vectors or without; none where roots could not be told from one another, or
+  /// where some may be missing.
+  std::optional<Pairs> by_recursion(double u, Index count, bool vectors);
+  /// d log det P / dlambda.
+  Values log_derivatives(double u, const Values& values) const;
+  void assess(double u, Pairs& pairs) override;
+  Pair refined(double u, const Pair& guess) override;
+  Pair null_pair(double u, const Pair& near) override;
+  /// In that at rest.
+  double determinant(double u, const Pair& near) override;
+
+ protected:
+  Reals rounding(const Pairs& pairs) const override;
+
+ private:
+  const Chain& chain_;
+  const Lapack lapack_;
+  const Vector scale_;
+
+  Approximations roots_;
+  double roots_speed_ = -1.0;
+
+  std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
+                            int most_corrections);
+  Pairs at(double u, const Values& values, bool vectors, Values* corrections = nullptr) const;
+  Pairs polished(double u, const Approximations& roots, bool vectors) const;
+  bool has_all(double u, const Approximations& roots) const;
+  bool has_all_within(double u, const Approximations& roots, std::size_t least) const;
+};
+
+}  // namespace pipedyn
