@@ -11,9 +11,6 @@ from independent import chain_newton_step
 import pipedyn as pp
 
 REFUSED = {
-    "eigenvalues_of_the_pipe": {
-        ("NotConverged", "eigenvalues", "pipe", "damping=1e3, u=100"),
-    },
     "motions": {
         ("MotionStopped", "simulate, a unit of time", "chain n=6", "lengths 1e6 : 1, u=6"),
     },

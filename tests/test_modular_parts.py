@@ -513,6 +513,7 @@ def test_what_does_not_fit_is_named(make: Callable[[], Any], message: str) -> No
         (lambda: md.Assembly(PIPE, 3, []), "modules must be parts in a sequence"),
         (scene("mass"), "parts must be modules, constraints or terms, got 'mass'"),
         (lambda: md.Guide(True), "node of Guide must be a whole number, got True"),
+        (lambda: md.chain(PIPE, 3, length=[1.0]), "chain() got an unexpected keyword argument"),
     ],
 )
 def test_what_is_no_part_is_refused(make: Callable[[], Any], message: str) -> None:

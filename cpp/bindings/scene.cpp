@@ -15,19 +15,16 @@ using namespace py::literals;
 
 namespace {
 
-/// From entries (row, coordinate, weight), row after row.
-std::vector<Row> inertia_of(const Matrix& entries) {
-  if (entries.cols() != 3) {
-    throw std::invalid_argument("a row of inertia must have 3 entries, got " +
-                                std::to_string(entries.cols()));
-  }
+/// From weights (m, 3 n).
+std::vector<Row> inertia_of(const Matrix& weights) {
   std::vector<Row> made;
-  double last = -1.0;
-  for (const auto& entry : entries.rowwise()) {
-    if (entry[0] != last) made.push_back({{}, {}, 1.0});
-    last = entry[0];
-    made.back().coordinate.push_back(static_cast<Index>(entry[1]));
-    made.back().weight.push_back(entry[2]);
+  for (const auto& weight : weights.rowwise()) {
+    Row& row = made.emplace_back(Row{{}, {}, 1.0});
+    for (Index k = 0; k < weight.size(); ++k) {
+      if (weight[k] == 0.0) continue;
+      row.coordinate.push_back(k);
+      row.weight.push_back(weight[k]);
+    }
   }
   return made;
 }
@@ -92,6 +89,19 @@ Matrix jacobian(const Scene& scene, const Vector& y, double u, const Vector& mom
   return made;
 }
 
+/// The weights of each row (rows, 3 n), and its compliance.
+std::pair<Matrix, Vector> rows(const Scene& scene) {
+  const auto count = static_cast<Index>(scene.rows().size());
+  Matrix weights = Matrix::Zero(count, scene.coordinates());
+  Vector compliance(count);
+  Index i = 0;
+  for (const auto& [coordinate, weight, own] : scene.rows()) {
+    for (std::size_t k = 0; k < weight.size(); ++k) weights(i, coordinate[k]) += weight[k];
+    compliance[i++] = own;
+  }
+  return {weights, compliance};
+}
+
 /// theta'' and the force along each row.
 std::pair<Vector, Vector> reactions(const Scene& scene, const Vector& y, double u,
                                     const Vector& moments) {
@@ -117,26 +127,7 @@ void define_scene(py::module_& m) {
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "damping"_a,
            "rest_moment"_a, "drag_point"_a, "base"_a, "inertia"_a, "held"_a, "value"_a)
       .def_property_readonly("coordinates", &Scene::coordinates)
-      .def_property_readonly("compliance",
-                             [](const Scene& scene) {
-                               Vector made(static_cast<Index>(scene.rows().size()));
-                               Index i = 0;
-                               for (const Row& row : scene.rows()) made[i++] = row.compliance;
-                               return made;
-                             })
-      .def("rows",
-           [](const Scene& scene) {
-             Matrix made =
-                 Matrix::Zero(static_cast<Index>(scene.rows().size()), scene.coordinates());
-             Index i = 0;
-             for (const Row& row : scene.rows()) {
-               for (std::size_t k = 0; k < row.weight.size(); ++k) {
-                 made(i, row.coordinate[k]) += row.weight[k];
-               }
-               ++i;
-             }
-             return made;
-           })
+      .def("rows", rows)
       .def("bodies", &Scene::bodies)
       .def("places", [](const Scene& scene) { return scene.chain().places(); })
       .def(
@@ -156,7 +147,6 @@ void define_scene(py::module_& m) {
       .def("solve", &Scene::solve, "theta"_a, "moments"_a, Unlocked())
       .def("reactions", reactions, "y"_a, "u"_a, "moments"_a, Unlocked())
       .def("jacobian", jacobian, "y"_a, "u"_a, "moments"_a = Vector(), Unlocked())
-      .def("lacks_inertia", &Scene::lacks_inertia, "theta"_a, Unlocked())
       .def(
           "rhs",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,

@@ -342,7 +342,8 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   const Matrix coriolis = -about.system.rightCols(m);
   ops.gyroscopic = 0.5 * (coriolis - coriolis.transpose());
   const auto end = about.position_derivatives().row(last);
-  ops.end_flux = inner_of_both(end, Vector::Constant(1, sqrt_beta), end, m);
+  const Matrix carried = inner_of_both(end, Vector::Constant(1, sqrt_beta), end, m);
+  ops.end_flux = 0.5 * (carried + carried.transpose());
   return ops;
 }
 

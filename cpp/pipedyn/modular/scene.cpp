@@ -313,16 +313,6 @@ Matrix Scene::solve(const Matrix& theta, const Matrix& moments) const {
   return found.bottomRows(n);
 }
 
-bool Scene::lacks_inertia(const Vector& theta) const {
-  require("theta", theta.size(), dof());
-  if (!lends_) return false;
-  Vector state = Vector::Zero(2 * dof()), rates(2 * dof());
-  state.head(dof()) = theta;
-  const double no_flow = 0.0;
-  rhs({state.data(), &no_flow, 1, 0}, rates.data());
-  return !rates.allFinite();
-}
-
 // ------------------------------------------------------------------------------- guides and pins
 
 double Scene::project_one(Vector& theta, Vector& omega) const {

@@ -83,9 +83,6 @@ class Scene {
   /// Rate at which a state off guides and pins returns to them, as fast as flutter turns.
   static constexpr double return_rate = 10.0;
 
-  /// Whether the last segment turns without inertia where the angles are theta (n).
-  bool lacks_inertia(const Vector& theta) const;
-
  private:
   Vector length_;
   double base_;

@@ -20,6 +20,7 @@ from pipedyn.models.base import (
     Operators,
     arc_lengths,
     checked_pipe,
+    stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
 from pipedyn.models.modular.custom import CustomForces
@@ -118,7 +119,8 @@ class Assembly(Model):
 
     def _refuse_massless(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
-        if self.core.lacks_inertia(self._layout.rest):
+        rest = self._configuration(self._layout.rest)
+        if not np.isfinite(self.core.rhs(0.0, np.append(rest, np.zeros_like(rest)), 0.0)).all():
             raise ValueError(
                 f"phi_{self._layout.size} moves without inertia: give its segment a gyration "
                 "radius, or the pipe a point mass there"
@@ -134,8 +136,7 @@ class Assembly(Model):
         """The equations of motion in the angles of the segments, as integrators take them."""
         dense = None if self._enforcement == "orthonormal" else ENFORCEMENTS[self._enforcement]
         pipe = self._layout.acting(self._pipe)
-        form = RedundantForm(pipe, self._layout, self.core, self._customs)
-        return SceneMotion(self.core, self._layout, self._customs, form, dense)
+        return SceneMotion(RedundantForm(pipe, self._layout, self.core, self._customs), dense)
 
     def __repr__(self) -> str:
         layout = self._layout
@@ -151,20 +152,10 @@ class Assembly(Model):
             parts.append(f"about {check.shown(self._reference)}")
         return f"Assembly({self._pipe!r}, {', '.join(parts)})"
 
-    @property
-    def modules(self) -> tuple[Module, ...]:
-        """The parts with inertia or forces."""
-        return self._layout.modules
-
-    @property
-    def constraints(self) -> tuple[Constraint, ...]:
-        """The constraints, in the order in which they are enforced."""
-        return self._layout.constraints
-
-    @property
-    def enforcement(self) -> str:
-        """How accelerations are found."""
-        return self._enforcement
+    modules = stored("_layout.modules", "The parts with inertia or forces, a tuple.")
+    constraints = stored("_layout.constraints", "The constraints, in the order of enforcement.")
+    enforcement = stored("_enforcement", "How accelerations are found.")
+    moving = stored("_layout.size", "Number of angles that an integrator advances, n.")
 
     @property
     def dof(self) -> int:
@@ -174,11 +165,6 @@ class Assembly(Model):
     def coordinates(self) -> int:
         """Number of redundant coordinates, 3 n."""
         return 3 * self._layout.size
-
-    @property
-    def moving(self) -> int:
-        """Number of angles that an integrator advances, n."""
-        return self._layout.size
 
     @property
     def approximates_pipe(self) -> bool:
@@ -457,9 +443,6 @@ class Assembly(Model):
 
     # -------------------------------------------------------------------------- nonlinear motion
 
-    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
-        return self.motion.rhs(t, y, u)
-
     def projection(self, q: ArrayLike | None = None) -> Array:
         """C_R of the recursion at a configuration: what the constraints leave, group by group.
 
@@ -541,8 +524,7 @@ class Assembly(Model):
         at, base = arc_lengths(s), self._layout.base
         # Redundant coordinates may miss constraints: their nodes are joined as given.
         places = self._configuration(rows) if rows.size == self.moving else rows
-        nodes = np.stack([places[0::3], places[1::3]], axis=1)
-        steps = np.diff(nodes, axis=0, prepend=[[0.0, base]])
+        steps = np.diff(self._layout.nodes(places), axis=0)
         line = along(steps, base, self._layout.lengths, at)
         line[:, 1] += np.minimum(at, base)
         return line

@@ -15,12 +15,12 @@ left,
     G = P A_r^T (A_r P A_r^T)^+,   q'' <- q'' + G (b_r - A_r q''),   P <- P - G A_r P,
 
 which is the Kalman filter's update for a measurement without noise. The angles phi_j have no
-inertia, M^-1 does not exist, and P_0 = P + kappa W W^T with W the directions without inertia and
-kappa without bound: the filter's exact diffuse start. In the limit a group first settles those
-directions that it reaches, A_r W != 0, and then corrects the others.
+inertia and M^-1 does not exist, but any multiple of sum A_r^T A_r may be added to M, and of
+sum A_r^T b_r to f: where the constraints are met the equations stay the same. The sum is regular
+unless a direction that the constraints leave has no inertia.
 
-Source: Orsino (2017) for the recursion; Udwadia and Kalaba (1992); Durbin and Koopman (2012),
-section 5.2, for the diffuse start.
+Source: Orsino (2017) for the recursion; Udwadia and Kalaba (1992); Udwadia and Wanichanon (2013)
+for the singular mass.
 """
 
 from __future__ import annotations
@@ -79,42 +79,25 @@ def by_orthonormal_basis(mass: Array, force: Array, groups: Sequence[Group]) -> 
 
 
 def by_udwadia_kalaba(mass: Array, force: Array, groups: Sequence[Group]) -> Array:
-    """The same by recursive Udwadia-Kalaba with an exact start for a singular mass."""
-    values, vectors = np.linalg.eigh(mass)
-    light = values <= RANK * values[-1]
-    heavy = vectors[:, ~light]
-    compliance = heavy @ (heavy / values[~light]).T
-    stiffest = float(np.abs(compliance).max(initial=0.0))
+    """The same by recursive Udwadia-Kalaba."""
+    every, all_wanted = (np.concatenate(of) for of in zip(*groups, strict=True))
+    own = np.diag(mass)
+    inertia = float(np.median(own[own > 0.0]))  # neither is lost in the other's rounding
+    mass, force = mass + inertia * every.T @ every, force + inertia * every.T @ all_wanted
+    scale = 1.0 / np.sqrt(np.diag(mass))
+    values, vectors = np.linalg.eigh(scale[:, None] * mass * scale)
+    if values[0] <= RANK:
+        raise Mechanism("a direction that the constraints leave free has no inertia")
+    vectors *= scale[:, None]
+    compliance = (vectors / values) @ vectors.T
+    stiffest = float(np.abs(compliance).max())
     accelerations: Array = compliance @ force
-    # A force along a direction without inertia is carried by the constraints that end it: it is
-    # kept until then, as what would accelerate that direction in unit compliance.
-    loose, pull = vectors[:, light], vectors[:, light].T @ force
     for rows, wanted in groups:
-        reach = rows @ loose
-        left, singular, right = np.linalg.svd(reach)
-        rank = _rank(singular, rows)
-        if rank:
-            # Coordinates of W: those that the group settles, and those that it does not reach.
-            settled, free = loose @ right[:rank].T, loose @ right[rank:].T
-            first, rest = left[:, :rank].T @ rows, left[:, rank:].T @ rows
-            # Settled directions follow from the others: w = D^-1 (b - A q''), a lever D^-1 A.
-            lever = settled @ (first / singular[:rank, None])
-            target = settled @ ((left[:, :rank].T @ wanted) / singular[:rank])
-            onto = np.eye(force.size) - lever
-            burden, pull = right[:rank] @ pull, right[rank:] @ pull
-            bent = compliance @ onto.T
-            pushed = -(first / singular[:rank, None]).T @ burden
-            accelerations = onto @ (accelerations + compliance @ pushed) + target
-            compliance = onto @ bent
-            loose = free - lever @ free
-            rows, wanted = rest, left[:, rank:].T @ wanted
         spread = compliance @ rows.T
         gain = spread @ _pseudo_inverse(rows @ spread, stiffest * float(np.sum(rows**2)))
         accelerations = accelerations + gain @ (wanted - rows @ accelerations)
         compliance = compliance - gain @ spread.T
         compliance = 0.5 * (compliance + compliance.T)
-    if loose.shape[1]:
-        raise Mechanism("a direction that the constraints leave free has no inertia")
     return accelerations
 
 

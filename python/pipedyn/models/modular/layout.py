@@ -9,12 +9,13 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
 from pipedyn.models.modular.custom import inertia_rows
-from pipedyn.models.modular.linearisation import DEPENDENT, Tree, independent
+from pipedyn.models.modular.linearisation import Tree
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
@@ -41,6 +42,9 @@ MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 
 SAME = 1e-12
 """Places that differ by less are one, and guides and pins are met: rounding leaves some 1e-15."""
+
+DEPENDENT = 1e-9
+"""Guides and pins that depend on the others to this, well above rounding, are redundant."""
 
 TAUT = 1e-5
 """Guides and pins that depend on one another to this, but only on a straight span, hold it taut.
@@ -164,9 +168,8 @@ class Layout:
 
     def described_row(self, row: int) -> str:
         """The constraint that a row of `RedundantForm.constraints` is of, in a message."""
-        if row >= 2 * self.size:
-            return described(self.holding[row - 2 * self.size])
-        return described(Joint(row // 2 + 1) if row > 1 else Clamp(self.base))
+        groups = zip(self.constraints, self.group_rows, strict=True)
+        return next(described(part) for part, rows in groups if row in rows)
 
     @property
     def guides_and_pins(self) -> list[Constraint]:
@@ -178,14 +181,12 @@ class Layout:
         return ", ".join(described(part) for part in self.guides_and_pins)
 
     def _found_inertia(self) -> Array:
-        """Entries (row, coordinate, weight) of the rows W of all custom modules' mass W^T W."""
-        entries, count = [np.zeros((0, 3))], 0
-        for custom in self.customs:
-            rows = inertia_rows(custom)
-            row, column = np.nonzero(rows)
-            entries.append(np.column_stack([count + row, custom.index[column], rows[row, column]]))
-            count += len(rows)
-        return np.concatenate(entries)
+        """Rows W of all custom modules' mass W^T W, shape (m, 3 n)."""
+        own = [inertia_rows(custom) for custom in self.customs]
+        rows = [np.zeros((len(of), 3 * self.size)) for of in own]
+        for custom, whole, of in zip(self.customs, rows, own, strict=True):
+            whole[:, custom.index] = of
+        return np.concatenate([np.zeros((0, 3 * self.size)), *rows])
 
     # ------------------------------------------------------------------------------- configurations
 
@@ -235,8 +236,14 @@ class Layout:
         )
 
     def _independent(self, theta: Array, tolerance: float) -> NDArray[np.intp]:
-        """Which held coordinates depend on none of the others at some angles."""
-        return independent(self.rows(theta) / self.lengths[:, None] ** 0.5, tolerance)
+        """Which held coordinates depend on none of the others at some angles, by pivoting."""
+        if not self.holding:
+            return np.zeros(0, dtype=np.intp)
+        columns = self.rows(theta) / self.lengths[:, None] ** 0.5
+        _, r, order = scipy.linalg.qr(columns, mode="economic", pivoting=True)
+        size = np.abs(np.diag(r))
+        rank = int(np.sum(size > tolerance * max(float(size[0]), 1e-300)))
+        return np.sort(order[:rank]).astype(np.intp)
 
     def _refuse_taut(self) -> None:
         """A span that is pulled straight has no neighbours: constraints lose their rank there."""

@@ -10,9 +10,10 @@ modules' matrices in redundant coordinates give
 the last diagonal in dtheta: l_j t_j . S_j, S_j the force at rest on all nodes from j on, that of
 the closing constraints (guides and pins) included. These, B dphi = 0, are met by a basis Z of
 reflections. In elastic coordinates, phi = scale * Z zeta with Z^T Z = 1, the elastic stiffness
-stays the identity. Products are O(n (c + 1)) with c coordinates held. Solved is the
-sparse system of (phi, theta, x, y, forces f_x, f_y beyond a node, multipliers), segment after
-segment: a band of a few diagonals unless a custom module ties far nodes together.
+stays the identity. Products are O(n (c + 1)) with c coordinates held. Solved is the sparse
+system of (phi, theta, x, y) with a multiplier (moment of a joint, forces beyond a node, force of a
+guide or pin) for each of their kinematic equations, segment after segment: a band of a few
+diagonals unless a custom module ties far nodes together.
 """
 
 from __future__ import annotations
@@ -40,27 +41,15 @@ if TYPE_CHECKING:
 WIDEST_BAND = 60
 """Diagonals up to which a band solver is used, beyond it a sparse one.
 
-Scenes have 14, with guides and pins 16; only a custom module between far nodes makes them more.
+Scenes have 14, with guides and pins up to 18; only a custom module between far nodes makes them
+more.
 """
-
-DEPENDENT = 1e-9
-"""Guides and pins that depend on the others to this, well above rounding, are redundant."""
 
 
 def matrix(triplets: Any, rows: int, columns: int) -> Any:
     """A sparse matrix by rows from (rows, columns, values); what meets adds up."""
     row, column, values = triplets
     return sparse.coo_array((values, (row, column)), shape=(rows, columns)).tocsr()
-
-
-def independent(columns: Array, tolerance: float = DEPENDENT) -> NDArray[np.intp]:
-    """Which columns depend on none of the others chosen, by QR with pivoting."""
-    if columns.shape[1] == 0:
-        return np.zeros(0, dtype=np.intp)
-    _, r, order = scipy.linalg.qr(columns, mode="economic", pivoting=True)
-    size = np.abs(np.diag(r))
-    rank = int(np.sum(size > tolerance * max(float(size[0]), 1e-300)))
-    return np.sort(order[:rank]).astype(np.intp)
 
 
 class Reflections:
@@ -181,19 +170,16 @@ class ScenePencil(Pencil):
         if layout.has_flow:
             thrust[-3:-1] = -np.sin(theta[-1]), -np.cos(theta[-1])
 
-        held = layout.unit_loads
+        self.held = layout.held[layout.independent]
+        held = layout.unit_loads[:, layout.independent]
         rows = self.scale * tree.gather(held)
-        chosen = independent(rows)
-        self.held = layout.held[chosen]
-        held, rows = held[:, chosen], rows[:, chosen]
-        self.dof = layout.size - chosen.size
         self.basis = Reflections(rows)
         # The same for the angles theta: coordinates of the operators that users see.
         self.angle_basis = Reflections(tree.gather_angles(held))
         residuals, stiffening = [], []
         for of in (force[:, None], thrust[:, None]):
             loads = self.scale * tree.gather(of)
-            multipliers = -np.linalg.lstsq(rows, loads)[0] if chosen.size else np.zeros((0, 1))
+            multipliers = -np.linalg.lstsq(rows, loads)[0] if self.held.size else np.zeros((0, 1))
             residuals.append(self.basis.gather(loads))
             stiffening.append(tree.stiffening(of + held @ multipliers))
         self.residual, self.residual_by_thrust = residuals
@@ -264,19 +250,13 @@ class ScenePencil(Pencil):
         if np.imag(value) == 0.0:
             entries = entries.real
         solve_sparse = factored(places.size, row, column, entries)
-        n = self.scale.size
-        phi, moment = places[:n], places[3 * n : 4 * n]
+        phi = places[: self.scale.size]
 
         def solve(rows: Rows, adjoint: bool = False) -> Rows:
             loads = self.basis.spread(rows) / self.scale
             right = np.zeros((places.size, loads.shape[1]), dtype=np.result_type(loads, entries))
-            if adjoint:
-                right[phi] = loads
-                dual = np.diff(solve_sparse(right, True)[moment], axis=0, prepend=0.0)
-                return self.basis.gather(dual / self.scale)
-            right[moment] = loads
-            right[moment[:-1]] -= loads[1:]
-            return self.basis.gather(solve_sparse(right, False)[phi] / self.scale)
+            right[phi] = loads
+            return self.basis.gather(solve_sparse(right, adjoint)[phi] / self.scale)
 
         return solve
 
@@ -284,10 +264,11 @@ class ScenePencil(Pencil):
     def _system(self) -> tuple[NDArray[np.intp], NDArray[Any], NDArray[Any], Array]:
         """The sparse system: places of the unknowns, and rows, columns and values of its entries.
 
-        Unknowns (phi, theta, x, y, f_x, f_y, multipliers) and equations (angles, nodes along x and
-        y, moments, forces along x and y, what is held) are listed one kind after the other and take
-        their places segment after segment. Values: of what no operator changes, mass, velocity,
-        damping, stiffness and flux, a row each.
+        The unknowns (phi, theta, x, y) obey the balance of virtual work with the kinematics G = 0
+        (angles, nodes along x and y, what is held) as constraints, [P G^T; G 0]; the equations are
+        listed as the unknowns are, one kind after the other, and both take their places segment
+        after segment. Values: of what no operator changes, mass, velocity, damping, stiffness and
+        flux, a row each.
         """
         n, tree, parts = self.scale.size, self.tree, self.parts
         one = sparse.eye_array(n)
@@ -296,33 +277,25 @@ class ScenePencil(Pencil):
         node, axis = np.divmod(self.held, 3)
         place = np.arange(node.size), node
         held = [sparse.coo_array((1.0 * (axis == a), place), (node.size, n)) for a in (0, 1)]
-        constant = sparse.block_array(
+        kinematics = sparse.block_array(
             [
-                [-one, step, None, None, None, None, None],
-                [None, -across, step, None, None, None, None],
-                [None, along, None, step, None, None, None],
-                [None, None, None, None, across, -along, None],
-                [None, None, None, None, step.T, None, -held[0].T],
-                [None, None, None, None, None, step.T, -held[1].T],
-                [None, None, *held, None, None, None],
+                [-one, step, None, None],
+                [None, -across, step, None],
+                [None, along, None, step],
+                [None, None, *held],
             ]
         )
+        constant = sparse.block_array([[None, kinematics.T], [kinematics, None]])
         size, at = constant.shape[0], np.arange(n)
-        # Rows of nodes enter the balance of forces, those of joints two moments.
-        x, y, phi = np.arange(3 * n).reshape(n, 3).T
-        unknowns = matrix(
-            (np.r_[x, y, phi], np.r_[2 * n + at, 3 * n + at, at], np.ones(3 * n)), 3 * n, size
-        )
-        rows = np.r_[4 * n + at, 5 * n + at, 3 * n + at, 3 * n + at[:-1]]
-        signs = np.repeat([-1.0, -1.0, 1.0, -1.0], [n, n, n, n - 1])
-        equations = matrix((rows, np.r_[x, y, phi, phi[1:]], signs), size, 3 * n)
-        in_joints = matrix((phi, phi, self.springs), 3 * n, 3 * n)
+        coordinates = np.stack([2 * n + at, 3 * n + at, at], axis=1).ravel()  # x, y, phi
+        unknowns = matrix((np.arange(3 * n), coordinates, np.ones(3 * n)), 3 * n, size)
+        in_joints = sparse.diags_array(np.kron(self.springs, [0.0, 0.0, 1.0]))
 
         def geometric(stiffening: Array) -> Any:
-            return matrix((3 * n + at, n + at, stiffening[:, 0]), size, size)
+            return matrix((n + at, n + at, stiffening[:, 0]), size, size)
 
         matrices = [constant] + [
-            equations @ of @ unknowns + more
+            unknowns.T @ of @ unknowns + more
             for of, more in (
                 (parts["mass"], 0),
                 (self.direction * parts["velocity"], 0),
@@ -331,8 +304,10 @@ class ScenePencil(Pencil):
                 (parts["flux"], geometric(self.stiffening_by_thrust)),
             )
         ]
+        # Of each segment: moment of the joint, phi, theta, forces, x, y, and what is held.
+        order = np.r_[np.repeat([1, 2, 5, 6, 0, 3, 4], n), np.full(node.size, 7)]
         places = np.empty(size, dtype=np.intp)
-        places[np.argsort(np.r_[np.tile(at, 6), node], kind="stable")] = np.arange(size)
+        places[np.lexsort((order, np.r_[np.tile(at, 7), node]))] = np.arange(size)
         # One list of entries serves all.
         entries = [sparse.coo_array(of) for of in matrices]
         keys = [places[of.col] * size + places[of.row] for of in entries]

@@ -18,10 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pipedyn import _core
-from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.enforcement import Enforce, Group
-from pipedyn.models.modular.layout import Layout
 from pipedyn.models.modular.linearisation import Tree
 from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.util import check
@@ -39,24 +36,14 @@ class SceneMotion:
     """Equations of motion, in redundant coordinates and in the angles.
 
     Args:
-        core: the compiled scene.
-        layout: where its parts are.
-        customs: modules of the user's own.
         form: the scene in redundant coordinates.
         enforce: a dense recursion that finds the accelerations from `form`; None for the core's.
     """
 
-    def __init__(
-        self,
-        core: _core.Scene,
-        layout: Layout,
-        customs: CustomForces,
-        form: RedundantForm,
-        enforce: Enforce | None,
-    ) -> None:
-        self.core, self.layout, self.form = core, layout, form
-        self.customs, self.enforce = customs, enforce
-        self._compiled = not customs and enforce is None
+    def __init__(self, form: RedundantForm, enforce: Enforce | None) -> None:
+        self.form, self.enforce = form, enforce
+        self.core, self.layout, self.customs = form.core, form.layout, form.customs
+        self._compiled = not form.customs and enforce is None
 
     # --------------------------------------------------------------------- redundant coordinates
 
@@ -165,7 +152,7 @@ class SceneMotion:
         rate_by_angle = turned(lengths * omega, 0.5 * math.pi)
         force = customs.force(q, rates)
         accelerations, multipliers = core.reactions(y, u, tree.moments(force[:, None])[:, 0])
-        rows = core.rows()
+        rows, compliance = core.rows()
         force = force + rows.T @ multipliers
         by_state = core.jacobian(y, u, tree.moments(force[:, None])[:, 0])[n:]
         change, every = (
@@ -191,9 +178,9 @@ class SceneMotion:
             response = core.solve(every[:, : len(rows)], by_angle.T)
             system = by_angle @ response
             missing = by_angle @ by_state + rows @ drift
-            size = np.diag(system) + np.abs(core.compliance)
+            size = np.diag(system) + np.abs(compliance)
             size = 1.0 / np.sqrt(np.maximum(size, SMALLEST * size.max()))
-            system += np.diag(core.compliance)
+            system += np.diag(compliance)
             inverse = np.linalg.pinv(size[:, None] * system * size, REDUNDANT)
             by_state = by_state - (response * size) @ (inverse @ (size[:, None] * missing))
         return by_state, drift + q_by_angle @ by_state

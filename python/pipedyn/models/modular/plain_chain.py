@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from numpy.typing import ArrayLike
 
 from pipedyn.models.chain import Chain
@@ -26,8 +24,12 @@ def chain(
     n: int | None = None,
     springs: str | ArrayLike = "consistent",
     *,
+    lengths: ArrayLike | None = None,
+    centers: ArrayLike | None = None,
+    gyration_radii: ArrayLike | None = None,
+    drag_points: ArrayLike | None = None,
+    base: float = 0.0,
     enforcement: str = "orthonormal",
-    **segments: Any,
 ) -> Assembly:
     """The chain of `pipedyn.Chain`, put together from parts, with internal flow and drag.
 
@@ -35,14 +37,26 @@ def chain(
         pipe: the pipe.
         n: number of segments; not needed where an array has it.
         springs: a rule, or the stiffness of each joint, as for `Chain`.
+        lengths: of the segments, as for `Chain`, so are the next four.
+        centers: of mass, as fractions.
+        gyration_radii: about these, in L.
+        drag_points: as fractions.
+        base: length of the fixed part at the clamp, in L.
         enforcement: as for `Assembly`.
-        segments: `lengths`, `centers`, `gyration_radii`, `drag_points` and `base`, as for `Chain`.
 
     Raises:
         ValueError: as for `Chain` and `Assembly`.
         TypeError: for what is no number, array or pipe.
     """
-    plain = Chain(pipe, n, springs=springs, **segments)
+    plain = Chain(
+        *(pipe, n),
+        springs=springs,
+        lengths=lengths,
+        centers=centers,
+        gyration_radii=gyration_radii,
+        drag_points=drag_points,
+        base=base,
+    )
     columns = (plain.lengths, plain.centers, plain.gyration_radii, plain.drag_points)
     modules: list[Module] = [
         Segment(*row) for row in zip(*(column.tolist() for column in columns), strict=True)

@@ -42,7 +42,7 @@ class RedundantForm:
         self, pipe: Pipe, layout: Layout, core: _core.Scene, customs: CustomForces
     ) -> None:
         self.layout, self.customs = layout, customs
-        self._core, self._pipe = core, pipe
+        self.core, self._pipe = core, pipe
 
     # ------------------------------------------------------------------------------------- modules
 
@@ -53,7 +53,7 @@ class RedundantForm:
         A segment has the kinetic energy m (|r*'|^2 + (eta / l)^2 |r_j' - r_{j-1}'|^2) / 2, with the
         masses on it, r* = (1 - chi) r_{j-1} + chi r_j.
         """
-        mass, chi, eta = self._core.bodies().T
+        mass, chi, eta = self.core.bodies().T
         turning = (eta / self.layout.lengths) ** 2
         own = mass * (chi**2 + turning)
         own[:-1] += (mass * ((1.0 - chi) ** 2 + turning))[1:]
@@ -61,9 +61,7 @@ class RedundantForm:
         nodes = in_nodes(own, between, between)
         if not self.customs:
             return nodes
-        row, coordinate, weight = self.layout.inertia.T
-        places = row.astype(np.intp), coordinate.astype(np.intp)
-        rows = sparse.coo_array((weight, places), shape=(row.size, nodes.shape[0]))
+        rows = sparse.csr_array(self.layout.inertia)
         return nodes + rows.T @ rows
 
     @cached_property
@@ -101,7 +99,7 @@ class RedundantForm:
             np.add.at(on_nodes, segment + 1, share[:, None] * loads)
 
         every = np.arange(layout.size)
-        mass, chi, _ = self._core.bodies().T
+        mass, chi, _ = self.core.bodies().T
         add(chi, np.outer(mass, [0.0, pipe.gamma]), every)
         point, normal = layout.drag_points, _across(along) / lengths[:, None]
         v = np.sum(normal * _between(velocities, point, every), axis=1)
@@ -141,7 +139,7 @@ class RedundantForm:
         Turning is the derivative of the segment's angle by the difference of its ends, shape (k,
         2). Fourth, the answers of the laws as of the core's `loads`, times the weights.
         """
-        place, arm, weight = self._core.places().T
+        place, arm, weight = self.core.places().T
         j = place.astype(np.intp)
         share = arm / self.layout.lengths[j]
         nodes, velocities = self.layout.nodes(q), self.layout.nodes(rates, order=1)
@@ -150,14 +148,14 @@ class RedundantForm:
         turning = _across(along) / length**2
         rate = np.sum(turning * (velocities[j + 1] - velocities[j]), axis=1)
         where, moving = _between(nodes, share, j), _between(velocities, share, j)
-        answers = self._core.loads(np.column_stack([where, along / length, moving, rate]))
+        answers = self.core.loads(np.column_stack([where, along / length, moving, rate]))
         return j, share, turning, weight[:, None] * answers
 
     def _placed(self, coordinates: NDArray[np.intp], blocks: Array) -> Any:
         """A sparse matrix (3 n, 3 n) of blocks (k, m, m) at coordinates (k, m), none below 0."""
         rows, columns = np.broadcast_arrays(coordinates[:, :, None], coordinates[:, None, :])
         kept = (rows >= 0) & (columns >= 0)
-        size = self._core.coordinates
+        size = self.core.coordinates
         return matrix((rows[kept], columns[kept], blocks[kept]), size, size)
 
     # --------------------------------------------------------------------------------- constraints
@@ -172,32 +170,26 @@ class RedundantForm:
         """
         layout, columns = self.layout, rates.reshape(rates.shape[0], -1)
         (a, d), (a_rate, d_rate) = self._directions(q[:, None], 0), self._directions(columns, 1)
-        phi, turning = q[2::3, None], columns[2::3]
-        sine, cosine = (layout.lengths[:, None] * of for of in (np.sin(phi), np.cos(phi)))
-        residual = _listed(
-            *(_dot(a, d) - cosine, _cross(a, d) - sine),
-            (q[layout.held] - layout.held_values)[:, None],
-        )
+        # Of vectors x + i y, conj(a) d = a . d + i a x d.
+        bend = layout.lengths[:, None] * np.exp(1j * q[2::3, None])
+        turning = columns[2::3]
+        residual = _listed(np.conj(a) * d - bend, (q[layout.held] - layout.held_values)[:, None])
         drift = _listed(
-            _dot(a_rate, d) + _dot(a, d_rate) + sine * turning,
-            _cross(a_rate, d) + _cross(a, d_rate) - cosine * turning,
-            columns[layout.held],
+            np.conj(a_rate) * d + np.conj(a) * d_rate - 1j * bend * turning, columns[layout.held]
         )
         wanted = _listed(
-            -2.0 * _dot(a_rate, d_rate) - cosine * turning**2,
-            -2.0 * _cross(a_rate, d_rate) - sine * turning**2,
+            -2.0 * np.conj(a_rate) * d_rate - bend * turning**2,
             np.zeros((layout.held.size, columns.shape[1])),
         )
         shape = (-1, *rates.shape[1:])
         return residual[:, 0], drift.reshape(shape), wanted.reshape(shape)
 
-    def _directions(self, columns: Array, order: int) -> tuple[Array, Array]:
-        """The vectors a and d of each joint, shape (n, 2, k), or their rates (order 1)."""
-        a = np.diff(self.layout.nodes(columns, order), axis=0)
-        d = np.zeros_like(a)
-        d[0, 1] = 1.0 - order
-        d[1:] = a[:-1] / self.layout.lengths[:-1, None, None]
-        return a, d
+    def _directions(self, columns: Array, order: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The vectors a and d of each joint, x + i y, shape (n, k), or their rates (order 1)."""
+        x, y = np.moveaxis(self.layout.nodes(columns, order), 1, 0)
+        a = np.diff(x + 1j * y, axis=0)
+        d = a / self.layout.lengths[:, None]
+        return a, np.concatenate([np.full_like(d[:1], 1j * (1.0 - order)), d[:-1]])
 
 
 def in_nodes(own: Array, after: Array, before: Array) -> Any:
@@ -222,17 +214,7 @@ def _across(along: Array) -> Array:
     return across
 
 
-def _dot(a: Array, d: Array) -> Array:
-    product: Array = a[:, 0] * d[:, 0] + a[:, 1] * d[:, 1]
-    return product
-
-
-def _cross(a: Array, d: Array) -> Array:
-    product: Array = a[:, 0] * d[:, 1] - a[:, 1] * d[:, 0]
-    return product
-
-
-def _listed(first: Array, second: Array, held: Array) -> Array:
-    """Rows of joints, (n, k) each, one after the other, then those of what is held."""
-    joints = np.stack([first, second], axis=1).reshape(2 * first.shape[0], -1)
+def _listed(of_joints: NDArray[Any], held: Array) -> Array:
+    """Two rows of each joint, real and imaginary part of (n, k), then those of what is held."""
+    joints = np.stack([of_joints.real, of_joints.imag], axis=1).reshape(-1, held.shape[1])
     return np.concatenate([joints, held])
