@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import cache, lru_cache
+from functools import cache
 from itertools import pairwise, product
 from typing import Any, Literal
 
@@ -33,7 +33,7 @@ from pipedyn.bifurcation.continuation import (
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import LARGEST_SPEED
-from pipedyn.models.base import Model, NotConverged, Operators, PipedynError
+from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -149,18 +149,17 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
 
 
 class Statics:
-    """Forces at rest and their derivatives, in the coordinates that integrators advance.
+    """Accelerations from rest and their derivatives, in the coordinates that integrators advance.
 
-    With guides and pins the equations are those of accelerations along what these allow plus, for
-    what they forbid, the rates with which the motion returns to them: as many as unknowns, and zero
-    together at an equilibrium that meets the constraints.
+    With guides and pins they are those along what these allow plus, for what they forbid, the rates
+    with which the motion returns to them: as many as unknowns, and zero together at an equilibrium
+    that meets the constraints.
     """
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self.size = model.moving
         self.motion = VectorField(model)
-        self._operators = lru_cache(1)(lambda key: model.operators(np.frombuffer(key)))
         self.resting = np.array(model.resting(), dtype=np.float64)
 
     def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
@@ -170,26 +169,16 @@ class Statics:
         return rates[: self.size], rates[self.size :]
 
     def residual(self, x: Array, p: float) -> Array:
-        """Forces, or for scenes accelerations and returns to the guides, shape (moving,)."""
-        rates, turning = self.accelerations(x, abs(p))
-        if self.motion.constrained:
-            return rates + turning
-        return self.operators(x).mass @ turning
-
-    def operators(self, x: Array) -> Operators:
-        """About a configuration; the last are kept: forces and their derivative both use them."""
-        return self._operators(x.tobytes())
+        """Accelerations and returns to guides, shape (moving,)."""
+        return np.add(*self.accelerations(x, abs(p)))
 
     def jacobian(self, x: Array, p: float) -> Array:
         """Derivative of `residual` by x, (moving, moving)."""
-        if not self.motion.constrained:
-            ops = self.operators(x)
-            return -ops.stiffness - ops.centrifugal * p**2 * ops.flux
         whole = self.model.motion_jacobian(np.concatenate([x, np.zeros(self.size)]), abs(p))
         return whole[self.size :, : self.size] + whole[: self.size, : self.size]
 
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
-        """`residual` and its derivative by x and by the speed: forces are affine in its square."""
+        """`residual`, affine in the square of the speed, and its derivative by x and the speed."""
         by_speed = 2.0 * p * (self.residual(x, 1.0) - self.residual(x, 0.0))
         return self.residual(x, p), np.column_stack([self.jacobian(x, p), by_speed])
 
@@ -215,11 +204,11 @@ class Statics:
         along = self.model.free_directions(x).T @ turning if self.motion.constrained else turning
         pipe = self.model.pipe
         size = 1.0 + abs(pipe.gamma) + pipe.centrifugal * u**2
-        return float(np.abs(self.operators(x).mass @ along).max()) / size + missed
+        return float(np.abs(self.model.operators(x).mass @ along).max()) / size + missed
 
     def eigenvalues(self, x: Array, u: float) -> Complex:
         """Of small motions about an equilibrium, shape (2 dof,)."""
-        mass, velocity, stiffness = self.operators(x).at(u)
+        mass, velocity, stiffness = self.model.operators(x).at(u)
         n = len(mass)
         half = scipy.linalg.solve_triangular(np.linalg.cholesky(mass), np.eye(n), lower=True)
         companion = np.zeros((2 * n, 2 * n))
@@ -269,7 +258,7 @@ def rounding(eigenvalues: Complex) -> float:
 def pitchforks(statics: Statics, highest: float) -> list[float]:
     """Speeds up to the highest at which branches leave the straight pipe.
 
-    Its stiffness is affine in the square of the speed.
+    Accelerations there are affine in the square of the speed.
     """
     if not (statics.rests(0.0) and statics.rests(1.0)):
         return []
