@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from pipedyn import _core
 from pipedyn.linear.arnoldi import AtSpeed
 from pipedyn.models.base import Model
-from pipedyn.models.chain import Chain
 from pipedyn.models.pencil import DensePencil, Pencil, Vectors
 
 Complex = NDArray[np.complex128]
@@ -112,7 +111,7 @@ class Eigenproblem:
     @property
     def operators(self) -> _core.DenseOperators | Callable[[float], _core.Operator]:
         """P at each speed as the core takes it."""
-        if self.is_long and isinstance(self.model, Chain):
+        if self.is_long and self.model.recursion:
             return lambda u: self.in_matrices(u)
         if self.is_long:
             return lambda u: AtSpeed(self, u).operator()
@@ -142,9 +141,8 @@ class Eigenproblem:
 
     def spectrum(self) -> _core.Eigenproblem:
         """For the core: what it computes is the same from call to call, but not kept here."""
-        if isinstance(self.model, Chain):
-            chain = self.model
-            return _core.ChainSpectrum(**self.known, chain=chain.core, scale=chain.elastic_scale)
+        if self.model.recursion:
+            return _core.ChainSpectrum(**self.known, **self.model.recursion)
         return _core.Eigenproblem(**self.known, complete=not self.is_long)
 
 

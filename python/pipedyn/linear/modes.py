@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, eigenproblem
 from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
-from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import (
     AnyModel,
     Continuum,
@@ -69,7 +68,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     the inverse problem, see `cpp/pipedyn/linear/operator.hpp`.
     """
     u, count = _checked_question(model, u, count)
-    if isinstance(model, Chain):
+    if isinstance(model, Model) and model.recursion:
         asked = 2 * model.dof if count is None else count
         spectrum = eigenproblem(model).spectrum()
         assert isinstance(spectrum, _core.ChainSpectrum)

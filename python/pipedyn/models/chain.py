@@ -238,6 +238,18 @@ class Chain(Model):
         """
         return _frozen(self.core.resistances())
 
+    @property
+    def loose_joints(self) -> NDArray[np.intp]:
+        free = np.flatnonzero((self._springs == 0.0) & (self._pipe.gamma == 0.0))
+        if self._pipe.terms and free.size:
+            held = np.flatnonzero(self.resistances[:, [0, 1, 2, 6]].any(axis=1))
+            free = free[free > held.max(initial=-1)]
+        return free
+
+    @property
+    def recursion(self) -> dict[str, Any] | None:
+        return {"chain": self.core, "scale": self.elastic_scale}
+
     @cached_property
     def term_stiffness(self) -> float:
         # The trace of what is added, each part of it with its absolute value.

@@ -19,9 +19,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, Eigenproblem, eigenproblem
@@ -36,18 +36,9 @@ MOVED = 4.321
 
 def sweeping_problem(model: Model, dense: bool | None = None) -> Eigenproblem:
     """The model's eigenproblem, deflated where a root stays at zero at every speed."""
-    if isinstance(model, Chain) and loose_joints(model).size:
-        return Deflated(model)
+    if model.loose_joints.size:
+        return Deflated(cast(Chain, model))
     return eigenproblem(model, dense)
-
-
-def loose_joints(chain: Chain) -> NDArray[np.intp]:
-    """Free joints beyond which nothing, spring, gravity or term, resists a turn of the chain."""
-    free = np.flatnonzero((chain.springs == 0.0) & (chain.pipe.gamma == 0.0))
-    if chain.pipe.terms and free.size:
-        held = np.flatnonzero(chain.resistances[:, [0, 1, 2, 6]].any(axis=1))
-        free = free[free > held.max(initial=-1)]
-    return free
 
 
 class Deflated(Eigenproblem):
@@ -61,7 +52,7 @@ class Deflated(Eigenproblem):
         super().__init__(self.pencil)
         self.chain = chain
         self.squared = super().velocity_free(1.0)
-        self.free = loose_joints(chain)
+        self.free = chain.loose_joints
         # Where no thrust ever acts each free joint has a null vector of its own.
         self.turned = self.free if self.centrifugal == 0.0 else self.free[:1]
         damped = bool(chain.resistances[self.free[0] :, 3:6].any())
