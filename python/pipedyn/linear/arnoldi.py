@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""P at one flow speed of a long chain or scene, as the core asks for it.
+"""P at one flow speed of a long scene, as the core asks for it.
 
 M and C act through running sums and P(value) is a band matrix: O(n) a step. The lowest eigenpairs
 come by Arnoldi iteration on the inverse problem about a real shift sigma: with
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 DENSE_RESCUE, RESTARTS = 1000, 30
 """Where Arnoldi iteration does not end after so many restarts (eigenvalues that coincide, or a
-cluster at -1 / delta), chains up to this size are solved dense; after a few it ends where it does.
+cluster at -1 / delta), scenes up to this size are solved dense; after a few it ends where it does.
 """
 
 
