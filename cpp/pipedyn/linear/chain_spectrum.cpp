@@ -105,7 +105,7 @@ Approximations dense_roots(const Chain& chain, const Lapack& lapack, const Vecto
                          {}},
                         1.0);
   Approximations roots;
-  for (const double shift : {0.97, 2.31, 0.41}) {
+  for (const double shift : shifts) {
     for (const Complex mu : p.roots(shift, squared)) {
       if (mu == 0.0) continue;
       Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;

@@ -10,9 +10,6 @@ namespace pipedyn {
 
 namespace {
 
-/// Positive, where stable pipes have no eigenvalue; tried in turn until every residual passes.
-constexpr double shifts[] = {0.97, 2.31, 0.41};
-
 /// Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, k = 1
 /// + |gamma| + a u^2 with what terms add being the size of the elastic stiffness matrix: measured,
 /// the twelve lowest pairs of 25 models at four speeds have 8e-12 at most. To it comes the rounding
