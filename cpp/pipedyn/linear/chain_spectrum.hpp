@@ -44,7 +44,6 @@ class ChainSpectrum : public Eigenproblem {
   void assess(double u, Pairs& pairs) override;
   Pair refined(double u, const Pair& guess) override;
   Pair null_pair(double u, const Pair& near) override;
-  /// In that at rest.
   double determinant(double u, const Pair& near) override;
 
  protected:
@@ -54,6 +53,7 @@ class ChainSpectrum : public Eigenproblem {
   const Chain& chain_;
   const Lapack lapack_;
   const Vector scale_;
+  const Index zeros_at_rest_, zeros_in_flow_;
 
   Approximations roots_;
   double roots_speed_ = -1.0;
@@ -62,6 +62,7 @@ class ChainSpectrum : public Eigenproblem {
                             int most_corrections);
   Pairs at(double u, const Values& values, bool vectors, Values* corrections = nullptr) const;
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
+  Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   bool has_all(double u, const Approximations& roots) const;
   bool has_all_within(double u, const Approximations& roots, std::size_t least) const;
 };

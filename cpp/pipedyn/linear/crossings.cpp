@@ -133,9 +133,11 @@ class Search {
     if (traits_.squared) {
       Sample half{u, Values(at.size()), Values(at.size())};
       Index count = 0;
+      bool twin = true;  // of two zeros the second
       for (Index i = 0; i < at.size(); ++i) {
         const Complex value = at.values[i];
-        const bool on_axis = value.real() == 0.0 && value.imag() > 0.0;
+        if (value == 0.0) twin = !twin;
+        const bool on_axis = value.real() == 0.0 && (value.imag() > 0.0 || (value == 0.0 && !twin));
         if (!(value.real() > 0.0 || on_axis)) continue;
         half.values[count] = value * value;
         if (on_axis || value.imag() == 0.0) half.values[count].imag(0.0);
@@ -235,7 +237,8 @@ class Search {
     if (missed % 2 != 0) {
       // Three roots that pass zero as one (two free joints), which the matching cannot show.
       Index least = 0;
-      step.right->values.abs().minCoeff(&least);
+      const Reals sizes = step.right->values.abs();
+      (sizes == 0.0).select(infinite, sizes).minCoeff(&least);
       if (auto crossing = divergence(step, 0.5, missed, modes_[least])) found.push_back(*crossing);
     }
     while (!found.empty()) {

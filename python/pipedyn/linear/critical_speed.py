@@ -12,7 +12,7 @@ import numpy as np
 
 from pipedyn.linear.modes import LARGEST_FULL, largest_speed
 from pipedyn.linear.sensitivity import Crossing, crossings_of
-from pipedyn.linear.special.deflation import sweeping_problem
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.special.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum, Converged, answered, checked_model
@@ -226,7 +226,7 @@ def _swept(
     Of a long chain only as many modes are tracked as can meet the flow: a mode of wave number k
     does where k is comparable to u. If a root beyond that turns unstable, more are tracked.
     """
-    problem = sweeping_problem(model)
+    problem = eigenproblem(model)
     tracked, count = problem.dof, 2 * problem.dof
     if problem.is_long:
         tracked = _modes_within(max_speed)
