@@ -595,7 +595,7 @@ Pair ChainSpectrum::null_pair(double u, const Pair&) {
 }
 
 /// In that at rest, and in the power of lambda that the roots at zero give.
-double ChainSpectrum::determinant(double u, const Pair&) {
+double ChainSpectrum::determinant(double u, const Pair& near) {
   const ImpedanceModel model = chain_.impedance();
   const auto logarithm = [&](double speed, double& sign) {
     const double thrust = model.centrifugal * speed * speed;
@@ -609,8 +609,7 @@ double ChainSpectrum::determinant(double u, const Pair&) {
       const ImpedanceSegment& at = model.segments[j];
       const double l = at.length, k = still(at.joint), g = l * a + b;
       const double r = still(at.moment) + l * l * coriolis + d + l * (c + g);
-      const double w = still(at.across) + c + l * a;
-      const double p = k + r != 0.0 ? k + r : 1e-80;  // less than any rounding
+      const double w = still(at.across) + c + l * a, p = k + r;
       const double h = g + still(at.turned) + 2.0 * l * coriolis;
       if (p < 0.0) sign = -sign;
       sum += std::log(std::abs(p));
@@ -623,8 +622,9 @@ double ChainSpectrum::determinant(double u, const Pair&) {
   };
   double at_rest = 1.0, sign = 1.0;
   const double unit = logarithm(0.0, at_rest);
-  const double size = logarithm(u, sign) - unit;
-  return sign * std::exp(size);
+  const double size = logarithm(u, sign) - (std::isfinite(unit) ? unit : 0.0);
+  // Of a pivot that is 0 the speed next by has none.
+  return std::isnan(size) ? determinant(u + eps * (1.0 + u), near) : sign * std::exp(size);
 }
 
 }  // namespace pipedyn

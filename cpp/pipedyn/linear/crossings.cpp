@@ -126,9 +126,11 @@ class Search {
   }
 
  private:
-  /// The sample at a speed; at rest zero is exact, and without damping the axis.
+  /// The sample at a speed, but for roots that never leave zero, lest one that passes be taken for
+  /// them; at rest zero is exact, and without damping the axis.
   SharedSample take(double u) {
     Sample at = spectrum_.sample(u, range_.count);
+    at.drop(spectrum_.standing());
     report_();
     if (traits_.squared) {
       Sample half{u, Values(at.size()), Values(at.size())};
@@ -237,8 +239,7 @@ class Search {
     if (missed % 2 != 0) {
       // Three roots that pass zero as one (two free joints), which the matching cannot show.
       Index least = 0;
-      const Reals sizes = step.right->values.abs();
-      (sizes == 0.0).select(infinite, sizes).minCoeff(&least);
+      step.right->values.abs().minCoeff(&least);
       if (auto crossing = divergence(step, 0.5, missed, modes_[least])) found.push_back(*crossing);
     }
     while (!found.empty()) {

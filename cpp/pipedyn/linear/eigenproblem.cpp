@@ -379,6 +379,15 @@ Sample Eigenproblem::sample(double u, Index count) {
           std::move(pairs.left)};
 }
 
+void Sample::drop(Index count) {
+  const Index left_over = std::max<Index>(size() - count, 0);
+  if (left_over == size()) return;
+  for (Values* const x : {&values, &slopes}) *x = x->tail(left_over).eval();
+  for (Reals* const x : {&residual, &uncertain, &noise, &slope_noise}) *x = x->tail(left_over).eval();
+  signatures = signatures.tail(left_over).eval();
+  for (ComplexTable* const x : {&right, &left}) *x = x->rightCols(left_over).eval();
+}
+
 /// The root next to a guess with vectors and residual.
 Pair Eigenproblem::near(double u, const Pair& guess) {
   int steps = 0;

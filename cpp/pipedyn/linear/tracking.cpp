@@ -145,12 +145,11 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
   for (const Index i : matched) {
     for (int k = 0; k < points; ++k) curves[i * points + k] = step.at(i, k / (points - 1.0));
   }
-  Flags zero(size), standing(size), clustered(size);
+  Flags zero(size), clustered(size);
   std::vector<int> signature(size);
   for (const Index i : matched) {
     const Complex a = step.start(i), b = step.end(i);
     zero[i] = std::abs(a) < cluster.zero && std::abs(b) < cluster.zero;
-    standing[i] = a == 0.0 && b == 0.0;  // exactly: all others are known from it
     clustered[i] = cluster.holds(a) && cluster.holds(b);
     const int before = left.signatures[i], after = right.signatures[step.onto[i]];
     signature[i] = before != 0 && after != 0 ? 3 * before + after : 0;
@@ -160,8 +159,7 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
     for (const Index k : matched) {
       // Two of one signature at either end pass through each other on the axis.
       const bool passing = signature[i] != 0 && signature[i] == signature[k];
-      if (i == k || passing || standing[i] || standing[k]) continue;
-      if ((zero[i] && zero[k]) || (clustered[i] && clustered[k])) continue;
+      if (i == k || passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k])) continue;
       const double reach = 3.0 * (step.error[i] + step.error[k]);
       for (int p = resting[i] && resting[k] ? 1 : 0; p < points; ++p) {
         if (std::norm(curves[i * points + p] - curves[k * points + p]) >= reach * reach) continue;
