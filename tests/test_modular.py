@@ -202,7 +202,7 @@ def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> 
 def test_the_plain_chain_has_the_crossings_of_chain(
     n: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in ("chain", "modular.assembly"):
+    for module in ("pencil", "modular.assembly"):
         monkeypatch.setattr(f"pipedyn.models.{module}.LONGEST_DENSE", 20)
     for pipe in (pp.Pipe(0.2), pp.Pipe(0.3, -12.0), pp.Pipe(0.3, flow="aspirating", damping=0.02)):
         mine = pp.crossings(md.chain(pipe, n), 9.0)

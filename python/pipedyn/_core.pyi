@@ -27,6 +27,7 @@ __all__: list[str] = [
     "Scene",
     "Spectrum",
     "Sweep",
+    "Traits",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -312,7 +313,7 @@ class DenseOperator(Operator):
     ]: ...
 
 class DenseOperators:
-    def __call__(self, u: typing.SupportsFloat | typing.SupportsIndex) -> Operator: ...
+    def __call__(self, u: typing.SupportsFloat | typing.SupportsIndex) -> DenseOperator: ...
     def __init__(
         self,
         matrices: typing.Annotated[
@@ -325,7 +326,7 @@ class DenseOperators:
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
 
-class Eigenproblem(Spectrum):
+class Traits:
     def __init__(
         self,
         dof: typing.SupportsInt | typing.SupportsIndex,
@@ -334,27 +335,23 @@ class Eigenproblem(Spectrum):
         damped: bool,
         conservative: bool,
         squared: bool,
-        operators: DenseOperators | collections.abc.Callable[[float], Operator],
         free_at_rest: bool,
-        complete: bool,
-        amend: collections.abc.Callable[
-            [
-                float,
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-                bool,
-            ],
-            tuple[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-            ],
-        ]
-        | None = None,
-        statics: Eigenproblem | None = None,
+    ) -> None: ...
+
+class Eigenproblem(Spectrum):
+    @typing.overload
+    def __init__(self, traits: Traits, operators: DenseOperators) -> None: ...
+    @typing.overload
+    def __init__(
+        self, traits: Traits, operators: collections.abc.Callable[[float], Operator]
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
+    def by_recursion(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        vectors: bool,
+    ) -> Pairs | None: ...
     def lowest(
         self,
         u: typing.SupportsFloat | typing.SupportsIndex,
@@ -366,23 +363,11 @@ class Eigenproblem(Spectrum):
 class ChainSpectrum(Eigenproblem):
     def __init__(
         self,
-        dof: typing.SupportsInt | typing.SupportsIndex,
-        delta: typing.SupportsFloat | typing.SupportsIndex,
-        zero: typing.SupportsFloat | typing.SupportsIndex,
-        damped: bool,
-        conservative: bool,
-        squared: bool,
-        operators: DenseOperators | collections.abc.Callable[[float], Operator],
-        free_at_rest: bool,
+        traits: Traits,
         chain: Chain,
         scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def by_recursion(
-        self,
-        u: typing.SupportsFloat | typing.SupportsIndex,
-        count: typing.SupportsInt | typing.SupportsIndex,
-        vectors: bool,
-    ) -> Pairs | None: ...
     def log_derivatives(
         self,
         u: typing.SupportsFloat | typing.SupportsIndex,

@@ -143,8 +143,8 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
       const Lanes dw = moved.w * share - w * relative, dr = moved.r * share - r * relative,
                   de = change.elastic * share - e * relative;
       by = {by.a + change.force - (moved.h * w + step.pushed * dw),
-            moved.h * e + step.h * de - own.thrust * dr,
-            change.elastic * w + own.elastic * dw, change.elastic * r + own.elastic * dr};
+            moved.h * e + step.h * de - own.thrust * dr, change.elastic * w + own.elastic * dw,
+            change.elastic * r + own.elastic * dr};
       at = {at.a + own.force - step.pushed * w, step.h * e - own.thrust * r, own.elastic * w,
             own.elastic * r};
     }

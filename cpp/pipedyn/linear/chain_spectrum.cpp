@@ -95,22 +95,26 @@ Values missing(const Chain& chain, double u, const Values& at, const Approximati
   return at * rest;
 }
 
+/// P of a chain in joint angles divided by scale; size: of K at rest.
+DenseOperators matrices(const Chain& chain, const Lapack& lapack, const Vector& scale,
+                        double size) {
+  Operators ops = chain.joint_operators(scale);
+  const ImpedanceModel flow = chain.impedance();
+  const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
+  return {lapack,
+          {std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux), std::move(ops.damping),
+           std::move(ops.stiffness), std::move(ops.flux)},
+          flow.centrifugal,
+          size};
+}
+
 /// LAPACK's roots of a chain at one speed, the lower of conjugates left out.
 Approximations dense_roots(const Chain& chain, const Lapack& lapack, const Vector& scale, double u,
                            bool squared) {
-  const Operators ops = chain.joint_operators(scale);
-  const ImpedanceModel flow = chain.impedance();
-  const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
-  const DenseOperator p(lapack,
-                        {ops.mass,
-                         u * sign * (ops.gyroscopic + ops.end_flux) + ops.damping,
-                         ops.stiffness + flow.centrifugal * u * u * ops.flux,
-                         {},
-                         {}},
-                        1.0);
+  const auto p = matrices(chain, lapack, scale, 1.0)(u);
   Approximations roots;
   for (const double shift : shifts) {
-    for (const Complex mu : p.roots(shift, squared)) {
+    for (const Complex mu : p->roots(shift, squared)) {
       if (mu == 0.0) continue;
       Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
       if (squared && root.imag() == 0.0) roots.push_back({-root, true});
@@ -379,9 +383,10 @@ struct Sums {
 
 }  // namespace
 
-ChainSpectrum::ChainSpectrum(const Traits& traits, At by_matrices, bool free_at_rest,
-                             const Chain& chain, const Lapack& lapack, Vector scale)
-    : Eigenproblem(traits, std::move(by_matrices), true, free_at_rest),
+ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Lapack& lapack,
+                             Vector scale, double size)
+    : Eigenproblem(
+          traits, [=, &chain](double u) { return matrices(chain, lapack, scale, size)(u); }, true),
       chain_(chain),
       lapack_(lapack),
       scale_(std::move(scale)),

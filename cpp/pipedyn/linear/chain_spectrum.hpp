@@ -30,15 +30,13 @@ using Approximations = std::vector<Approximation>;
 
 class ChainSpectrum : public Eigenproblem {
  public:
-  /// by_matrices: the operators of the same chain, for what recursion does not find.
-  /// The chain must outlive it. scale: joint angles of the elastic coordinates, (n).
-  ChainSpectrum(const Traits& traits, At by_matrices, bool free_at_rest, const Chain& chain,
-                const Lapack& lapack, Vector scale);
+  /// The chain must outlive it. scale: joint angles of the elastic coordinates, (n); size: of K at
+  /// rest in these.
+  ChainSpectrum(const Traits& traits, const Chain& chain, const Lapack& lapack, Vector scale,
+                double size);
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
-  /// The same, with vectors or without; none where roots could not be told from one another, or
-  /// where some may be missing.
-  std::optional<Pairs> by_recursion(double u, Index count, bool vectors);
+  std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
   /// d log det P / dlambda.
   Values log_derivatives(double u, const Values& values) const;
   void assess(double u, Pairs& pairs) override;

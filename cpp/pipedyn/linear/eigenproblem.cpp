@@ -155,15 +155,6 @@ Pairs Pairs::take(const std::vector<Index>& which) const {
   return result;
 }
 
-Eigenproblem::Eigenproblem(const Traits& traits, At at, bool complete, bool free_at_rest,
-                           Amend amend, std::shared_ptr<Eigenproblem> statics)
-    : Spectrum(traits),
-      at_(std::move(at)),
-      complete_(complete),
-      free_at_rest_(free_at_rest),
-      amend_(std::move(amend)),
-      statics_(std::move(statics)) {}
-
 const Operator& Eigenproblem::at(double u) {
   if (latest_ == nullptr || u != latest_speed_) {
     latest_ = at_(u);
@@ -210,10 +201,6 @@ std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bo
       pairs.values << roots, -roots;
       pairs.right = pairs.right.replicate(1, 2).eval();
       pairs.left = pairs.left.replicate(1, 2).eval();
-    }
-    if (amend_) {
-      std::tie(pairs.values, pairs.right, pairs.left) =
-          amend_(u, pairs.values, pairs.right, pairs.left, free);
     }
     std::vector<Index> order(pairs.values.size());
     std::iota(order.begin(), order.end(), 0);
@@ -383,7 +370,8 @@ void Sample::drop(Index count) {
   const Index left_over = std::max<Index>(size() - count, 0);
   if (left_over == size()) return;
   for (Values* const x : {&values, &slopes}) *x = x->tail(left_over).eval();
-  for (Reals* const x : {&residual, &uncertain, &noise, &slope_noise}) *x = x->tail(left_over).eval();
+  for (Reals* const x : {&residual, &uncertain, &noise, &slope_noise})
+    *x = x->tail(left_over).eval();
   signatures = signatures.tail(left_over).eval();
   for (ComplexTable* const x : {&right, &left}) *x = x->rightCols(left_over).eval();
 }
@@ -410,7 +398,6 @@ Pair Eigenproblem::refined(double u, const Pair& guess) {
 }
 
 Pair Eigenproblem::null_pair(double u, const Pair& near) {
-  if (statics_ != nullptr) return statics_->null_pair(u, near);
   const Operator& p = at(u);
   const Solver solve = p.factor(0.0);
   factorised_ += complete_ ? 1 : 0;
@@ -433,20 +420,8 @@ Pair Eigenproblem::null_pair(double u, const Pair& near) {
 /// 1 / (d^T K^-1 b) has the determinant's zeros, and no pole near by if d and b are close to the
 /// null vectors.
 double Eigenproblem::determinant(double u, const Pair& near) {
-  if (statics_ != nullptr) return statics_->determinant(u, near);
   factorised_ += complete_ ? 1 : 0;
   return 1.0 / near.right.dot(at(u).factor(0.0)(near.left, false).col(0)).real();
-}
-
-Eigenproblem::At dense_operators(const Lapack& lapack, const DenseOperator::Matrices& matrices,
-                                 double centrifugal, double size) {
-  return [=](double u) -> std::shared_ptr<Operator> {
-    const auto& [mass, velocity, damping, stiffness, flux] = matrices;
-    const double thrust = centrifugal * u * u;
-    DenseOperator::Matrices there{mass, u * velocity + damping, stiffness + thrust * flux, velocity,
-                                  2.0 * centrifugal * u * flux};
-    return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust);
-  };
 }
 
 }  // namespace pipedyn

@@ -5,6 +5,8 @@
 #pragma once
 
 #include <functional>
+#include <memory>
+#include <vector>
 
 #include "pipedyn/linear/spectrum.hpp"
 #include "pipedyn/pipe.hpp"
@@ -95,6 +97,17 @@ class DenseOperator : public Operator {
 
   const Lapack lapack_;
   const Matrices matrices_;
+};
+
+/// P of a model at each speed, in matrices: M, V, D, K and A of
+/// P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A.
+struct DenseOperators {
+  Lapack lapack;
+  DenseOperator::Matrices matrices;
+  double centrifugal;  // a
+  double size;         // of K at rest
+
+  std::shared_ptr<DenseOperator> operator()(double u) const;
 };
 
 /// Of a long model, by functions that do the same.

@@ -70,6 +70,7 @@ struct Traits {
   bool damped;        // whether any force but the flow's takes energy
   bool conservative;  // whether roots come in fours, lambda, -lambda and conjugates, by symmetry
   bool squared;       // whether lambda enters only as lambda^2
+  bool free_at_rest;  // whether it does at u = 0
 };
 
 class Spectrum {

@@ -221,11 +221,6 @@ class Model(OfPipe, ABC):
         return None
 
     @property
-    def loose_joints(self) -> NDArray[np.intp]:
-        """Free joints beyond which nothing, spring, gravity or term, resists a turn; of chains."""
-        return np.zeros(0, dtype=np.intp)
-
-    @property
     def elastic_share(self) -> Array:
         """Elastic stiffness by the elastic coordinates: 1 each, less where a joint has none."""
         return np.ones(self.dof)

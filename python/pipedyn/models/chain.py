@@ -23,7 +23,7 @@ from pipedyn.models.base import (
     operators_from,
     stored,
 )
-from pipedyn.models.pencil import LONGEST_DENSE, ChainPencil, DensePencil, Pencil
+from pipedyn.models.pencil import ChainPencil, DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -209,9 +209,8 @@ class Chain(Model):
     drag_points = stored("_drag_points", "xi_j, shape (n,).")
 
     def pencil(self, dense: bool | None = None) -> Pencil:
-        """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
-        long = self.dof > LONGEST_DENSE if dense is None else not dense
-        return ChainPencil(self) if long else DensePencil(self)
+        """P(lambda) as for `Model.pencil`, by products unless matrices are asked for."""
+        return DensePencil(self) if dense else ChainPencil(self)
 
     @cached_property
     def elastic_scale(self) -> Array:
@@ -237,14 +236,6 @@ class Chain(Model):
         against the segment's own angle.
         """
         return _frozen(self.core.resistances())
-
-    @property
-    def loose_joints(self) -> NDArray[np.intp]:
-        free = np.flatnonzero((self._springs == 0.0) & (self._pipe.gamma == 0.0))
-        if self._pipe.terms and free.size:
-            held = np.flatnonzero(self.resistances[:, [0, 1, 2, 6]].any(axis=1))
-            free = free[free > held.max(initial=-1)]
-        return free
 
     @property
     def recursion(self) -> dict[str, Any] | None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies and solves with it.
 
-All is in a model's elastic coordinates, where the elastic stiffness is the identity. Small models
-are dense matrices; long chains and scenes multiply and solve in O(n).
+All is in a model's elastic coordinates, where the elastic stiffness is the identity. Reduced models
+and small scenes are dense matrices; chains multiply, long scenes multiply and solve in O(n).
 """
 
 from __future__ import annotations
@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
 
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
@@ -44,9 +42,9 @@ class Pencil:
         damping: with D: delta times the elastic stiffness, and what else damps.
         stiffness: with K.
         flux: with A.
-        factor: solve(rows, adjoint=False) with P(value, u), or its conjugate transpose, from the
-            value and u.
-        is_long: whether products and solves are O(dof), and no matrices are there.
+        factor: of long scenes, solve(rows, adjoint=False) with P(value, u), or its conjugate
+            transpose, from the value and u.
+        is_long: whether a few roots are found faster than all, in O(dof).
     """
 
     is_long = True
@@ -96,36 +94,13 @@ class DensePencil(Pencil):
         self.damping, self.flux = partial(np.matmul, ops.damping), partial(np.matmul, ops.flux)
         self.stiffness = partial(np.matmul, ops.stiffness)
 
-    def matrices(self, u: float) -> tuple[Array, Array, Array]:
-        """(M, C, K) at speed u, each of shape (dof, dof)."""
-        ops = self.operators
-        stiffness = ops.stiffness + self.centrifugal * u**2 * ops.flux
-        return ops.mass, u * self.V + ops.damping, stiffness
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        mass, velocity, stiffness = self.matrices(u)
-        return lu_solver(value**2 * mass + value * velocity + stiffness)
-
-
-def lu_solver(matrix: Vectors) -> Callable[..., Vectors]:
-    """solve(rows, adjoint=False); of a singular matrix, with one that differs in rounding."""
-    lu, pivots, _ = lapack.zgetrf(matrix.astype(np.complex128))
-    factorised()
-    exact = np.flatnonzero(np.diag(lu) == 0.0)
-    lu[exact, exact] = np.finfo(float).eps
-
-    def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
-        solution: Vectors = lapack.zgetrs(lu, pivots, rows, trans=2 if adjoint else 0)[0]
-        return solution
-
-    return solve
-
 
 class ChainPencil(Pencil):
-    """A long chain, which multiplies in O(n); the core solves it by recursion."""
+    """A chain, which multiplies in O(n); the core solves it by recursion."""
 
     def __init__(self, model: Chain) -> None:
         super().__init__(model)
+        self.is_long = model.dof > LONGEST_DENSE
         self.core = model.core
         self.scale = model.elastic_scale[:, None]
         self.mass = partial(self._times, square=1.0)
