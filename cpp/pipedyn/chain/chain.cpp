@@ -262,41 +262,19 @@ void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) 
 }
 
 Operators Chain::joint_operators(const Vector& scale) const {
-  const Index n = dof();
-  require_rows(scale.size(), n);
-  const Vector& l = segments_.length;
-  const double sqrt_beta = pipe_.sqrt_beta();
-  Operators ops(n);
-  Moments mass, stiffness, damping;  // of all beyond joint j, about joint j
-  double beyond = 0.0, held = 0.0, turned = 0.0, turning = 0.0;
-  for (Index j = n - 1; j >= 0; --j) {
-    const LinearSegment& own = linear_[static_cast<std::size_t>(j)];
-    mass.before(l[j], own.mass);
-    stiffness.before(l[j], own.stiffness);
-    damping.before(l[j], own.damping);
-    beyond += l[j];
-    held += own.held;
-    turning += l[j] * turned + own.turned[1];
-    turned += own.turned[0];
-    double distance = 0.0;  // from joint i to joint j
-    for (Index i = j; i >= 0; --i) {
-      if (i < j) distance += l[i];
-      const double s = scale[i] * scale[j];
-      ops.mass(i, j) = ops.mass(j, i) = s * (mass.second + distance * mass.first);
-      ops.gyroscopic(i, j) = s * sqrt_beta * distance * beyond;
-      ops.gyroscopic(j, i) = -ops.gyroscopic(i, j);
-      ops.end_flux(i, j) = ops.end_flux(j, i) = s * sqrt_beta * (distance + beyond) * beyond;
-      ops.flux(i, j) = s * distance;
-      ops.damping(i, j) = ops.damping(j, i) = s * (damping.second + distance * damping.first);
-      ops.stiffness(i, j) = ops.stiffness(j, i) =
-          s * pipe_.gamma * mass.first +
-          s * (stiffness.second + distance * stiffness.first + held + turning);
-      if (i < j) ops.stiffness(i, j) += s * distance * turned;
-    }
-    const double elastic = segments_.spring[j] * scale[j] * scale[j];
-    ops.stiffness(j, j) += elastic;
-    ops.damping(j, j) += link(j).damping * scale[j] * scale[j];
-  }
+  require_rows(scale.size(), dof());
+  const Matrix columns = scale.asDiagonal();
+  const auto part = [&](const LinearPart& of) -> Matrix {
+    return scale.asDiagonal() * joint_times(columns, of);
+  };
+  Operators ops(dof());
+  ops.mass = part({.square = 1.0});
+  ops.damping = part({.rate = 1.0});
+  ops.stiffness = part({.still = 1.0});
+  ops.flux = part({.flux = 1.0});
+  const Matrix velocity = pipe_.direction() * part({.velocity = 1.0});
+  ops.gyroscopic = 0.5 * (velocity - velocity.transpose());
+  ops.end_flux = velocity - ops.gyroscopic;
   return ops;
 }
 
@@ -304,29 +282,27 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
   const Index n = dof(), columns = x.cols();
   require_rows(x.rows(), n);
   const double coriolis = part.velocity * pipe_.sqrt_beta() * pipe_.direction();
-  Matrix out(n, columns);
-  for (Index c = 0; c < columns; ++c) {
-    const auto sum = [&](const ImpedanceParts& of) {
-      return part.still * of.still + part.rate * of.rate + part.square * of.square;
-    };
-    Vector force(n);
-    double angle = 0.0, place = 0.0;
-    for (Index j = 0; j < n; ++j) {
-      const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
-      const double l = at.length;
-      angle += x(j, c);
-      force[j] = sum(at.force) * place + (sum(at.turned) + 2.0 * l * coriolis) * angle;
-      out(j, c) =
-          sum(at.across) * place + (sum(at.moment) + l * l * coriolis - l * part.flux) * angle;
-      place += l * angle;
-    }
-    double beyond = part.flux * angle, moment = 0.0;
-    for (Index j = n - 1; j >= 0; --j) {
-      const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
-      moment += out(j, c) + at.length * beyond;
-      beyond += force[j];
-      out(j, c) = moment + sum(at.joint) * x(j, c);
-    }
+  const auto sum = [&](const ImpedanceParts& of) {
+    return part.still * of.still + part.rate * of.rate + part.square * of.square;
+  };
+  using Row = Eigen::RowVectorXd;
+  Matrix out(n, columns), force(n, columns);
+  Row angle = Row::Zero(columns), place = angle, moment = angle;
+  for (Index j = 0; j < n; ++j) {
+    const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
+    const double l = at.length;
+    angle += x.row(j);
+    force.row(j) = sum(at.force) * place + (sum(at.turned) + 2.0 * l * coriolis) * angle;
+    out.row(j) =
+        sum(at.across) * place + (sum(at.moment) + l * l * coriolis - l * part.flux) * angle;
+    place += l * angle;
+  }
+  Row beyond = part.flux * angle;
+  for (Index j = n - 1; j >= 0; --j) {
+    const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
+    moment += out.row(j) + at.length * beyond;
+    beyond += force.row(j);
+    out.row(j) = moment + sum(at.joint) * x.row(j);
   }
   return out;
 }
