@@ -250,28 +250,6 @@ void separate(const Chain& chain, double u, bool squared, Approximations& roots)
   }
 }
 
-/// Pairs of which all is known, with unit vectors.
-Pairs empty_pairs(Index rows, Index count) {
-  const ComplexTable table = ComplexTable::Zero(rows, count);
-  const Reals reals = Reals::Zero(count);
-  const Values values = Values::Zero(count);
-  return {values, table, table, reals, reals, values, values, values};
-}
-
-/// Puts one pair of others, or its conjugate, at place k.
-void put(Pairs& to, Index k, const Pairs& others, Index i, bool conjugate) {
-  for (const auto reals : {&Pairs::residual, &Pairs::uncertain})
-    (to.*reals)[k] = (others.*reals)[i];
-  for (const auto values : {&Pairs::values, &Pairs::slope, &Pairs::by_left, &Pairs::by_right}) {
-    const Complex value = (others.*values)[i];
-    (to.*values)[k] = conjugate ? std::conj(value) : value;
-  }
-  for (const auto table : {&Pairs::right, &Pairs::left}) {
-    (to.*table).col(k) = (others.*table).col(i);
-    if (conjugate) (to.*table).col(k) = (to.*table).col(k).conjugate().eval();
-  }
-}
-
 /// Roots with the conjugates that are implied, or were found as well, sorted; the first `count`.
 std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots, Index count) {
   struct Place {
@@ -304,10 +282,16 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
     return key(one) < key(other);
   });
   if (static_cast<Index>(places.size()) < count) return std::nullopt;
-  Pairs result = empty_pairs(found.right.rows(), count);
+  std::vector<Index> from;
+  for (Index k = 0; k < count; ++k) from.push_back(places[k].from);
+  Pairs result = found.take(from);
   for (Index k = 0; k < count; ++k) {
-    put(result, k, found, places[k].from, places[k].mirrored);
     result.values[k] = places[k].value;
+    if (!places[k].mirrored) continue;
+    for (Values* const of : {&result.slopes, &result.by_left, &result.by_right}) {
+      (*of)[k] = std::conj((*of)[k]);
+    }
+    for (ComplexTable* const of : {&result.right, &result.left}) of->col(k).imag() *= -1.0;
   }
   return result;
 }
@@ -410,7 +394,7 @@ Pairs ChainSpectrum::at(double u, const Values& values, bool vectors, Values* co
     const Pairs other = loaded.pairs(again);
     for (Index k = 0; k < again.size(); ++k) {
       if (again[k] != 0.0 && !(other.residual[k] < found.residual[poor[k]])) continue;
-      put(found, poor[k], other, k, false);
+      found.put(poor[k], other, k);
       if (corrections != nullptr) (*corrections)[poor[k]] = loaded.corrections()[k];
     }
   }
@@ -556,7 +540,7 @@ void ChainSpectrum::assess(double u, Pairs& pairs) {
   for (Index i = 0; i < pairs.values.size(); ++i) {
     if (!has_converged(better.values[i], better.residual[i])) continue;
     pairs.uncertain[i] = better.uncertain[i];
-    pairs.slope[i] = better.slope[i];
+    pairs.slopes[i] = better.slopes[i];
   }
 }
 
@@ -572,9 +556,7 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
     value[0] -= change;
     if (std::abs(change) <= 1e-12 * std::abs(value[0])) break;
   }
-  const Pairs found = polished(u, {{value[0], false}}, true);
-  return {found.values[0],   found.right.col(0), found.left.col(0),
-          found.residual[0], found.uncertain[0], found.slope[0]};
+  return polished(u, {{value[0], false}}, true).pair(0);
 }
 
 Pair ChainSpectrum::null_pair(double u, const Pair&) {

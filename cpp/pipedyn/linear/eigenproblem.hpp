@@ -15,18 +15,6 @@ namespace pipedyn {
 /// Positive, where stable pipes have no eigenvalue; tried in turn until every residual passes.
 inline constexpr double shifts[] = {0.97, 2.31, 0.41};
 
-/// Several pairs, of each what a `Pair` has; tables have no columns, and arrays no entries, of what
-/// is not known.
-struct Pairs {
-  Values values;
-  ComplexTable right = {}, left = {};
-  Reals residual = {}, uncertain = {};
-  Values slope = {}, by_left = {}, by_right = {};  // y^H (dP/dlambda) x and x^H (dP/dlambda) x
-
-  /// The first that is known of some of them: values, vectors and residuals.
-  Pairs take(const std::vector<Index>& which) const;
-};
-
 class Eigenproblem : public Spectrum {
  public:
   using At = std::function<std::shared_ptr<Operator>(double u)>;
