@@ -59,7 +59,7 @@ class ChainSpectrum : public Eigenproblem {
 
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
                             int most_corrections);
-  Pairs at(double u, const Values& values, bool vectors, Values* corrections = nullptr) const;
+  Pairs at(double u, const Values& values, bool vectors) const;
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   bool has_all(double u, const Approximations& roots) const;

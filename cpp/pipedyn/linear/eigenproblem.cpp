@@ -145,11 +145,23 @@ namespace {
 
 constexpr ComplexTable Pairs::* tables[] = {&Pairs::right, &Pairs::left};
 constexpr Values Pairs::* complexes[] = {&Pairs::values, &Pairs::slopes, &Pairs::by_left,
-                                         &Pairs::by_right};
+                                         &Pairs::by_right, &Pairs::corrections};
 constexpr Reals Pairs::* reals[] = {&Pairs::residual, &Pairs::uncertain, &Pairs::noise,
                                     &Pairs::slope_noise, &Pairs::signatures};
 
 }  // namespace
+
+std::vector<Index> by_size(const Values& values) {
+  const auto place = [&](Index i) {
+    const Complex value = values[i];
+    return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
+                            : std::tuple(infinite, 0.0, 0.0, i);
+  };
+  std::vector<Index> order(values.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
+  return order;
+}
 
 Pair Pairs::pair(Index i) const {
   return {values[i], right.col(i), left.col(i), residual[i], uncertain[i], slopes[i]};
@@ -221,36 +233,30 @@ std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bo
     if (complete_) factorised_ += 2;
     const Index size = mu.size();
     if (size == 0) return std::nullopt;
-    Pairs pairs{Complex(shift) + mu.inverse(), std::move(right), std::move(lefts)};
-    if (free) {
-      // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
-      const Values roots = (Complex(shift * shift) + mu.inverse()).sqrt();
-      pairs.values.resize(2 * size);
-      pairs.values << roots, -roots;
-      pairs.right = pairs.right.replicate(1, 2).eval();
-      pairs.left = pairs.left.replicate(1, 2).eval();
+    // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
+    Values roots(free ? 2 * size : size);
+    for (Index i = 0; i < size; ++i) {
+      const Complex inverse = 1.0 / mu[i];
+      roots[i] = free ? std::sqrt(shift * shift + inverse) : shift + inverse;
+      if (free) roots[size + i] = -roots[i];
     }
-    std::vector<Index> order(pairs.values.size());
-    std::iota(order.begin(), order.end(), 0);
-    const auto place = [&](Index i) {  // those that doubles do not hold are the last
-      const Complex value = pairs.values[i];
-      return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
-                              : std::tuple(infinite, 0.0, 0.0, i);
-    };
-    std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
+    std::vector<Index> order = by_size(roots);
     const Index there = static_cast<Index>(order.size());
     if (!complete_ && there < every && asked < traits.dof) {
       // All roots within `radius` of the shift are here, so all below radius - shift are.
-      const double radius = mu.inverse().abs().maxCoeff() - (free ? shift * shift : shift);
+      const double radius = 1.0 / mu.abs().minCoeff() - (free ? shift * shift : shift);
       const double reach = free ? std::sqrt(std::max(radius, 0.0)) : radius;
-      if (there < count || !(std::abs(pairs.values[order[count - 1]]) <= reach)) continue;
+      if (there < count || !(std::abs(roots[order[count - 1]]) <= reach)) continue;
     }
     order.resize(std::min(count, there));
-    pairs = pairs.take(order);
+    std::vector<Index> from;
+    for (const Index i : order) from.push_back(i % size);
+    Pairs pairs = Pairs{mu, std::move(right), std::move(lefts)}.take(from);
     const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
+    for (Index i = 0; i < pairs.size(); ++i) pairs.values[i] = roots[order[i]];
     assess(u, pairs);
     pairs.left = duals;
-    for (Index i = 0; i < pairs.values.size(); ++i) {
+    for (Index i = 0; i < pairs.size(); ++i) {
       if (is_finite(pairs.values[i])) continue;
       pairs.values[i] = std::numeric_limits<double>::quiet_NaN();
       pairs.right.col(i).setZero();

@@ -51,10 +51,11 @@ struct Pairs {
   ComplexTable right = {}, left = {};   // (dof, r)
   Reals residual = {}, uncertain = {};  // as of a `Pair`
   Values slopes = {}, by_left = {},
-         by_right = {};    // the latter y^H P' x, x^H P' x, P' = dP/dlambda
-  Reals noise = {};        // how far rounding may have moved lambda, to search by
-  Reals slope_noise = {};  // the same of Re d lambda / du; beyond rest 0 where it does not matter,
-                           // since lambda itself is no better known
+         by_right = {};     // the latter y^H P' x, x^H P' x, P' = dP/dlambda
+  Values corrections = {};  // of lambda by its vectors, 0 where they say no more than rounding
+  Reals noise = {};         // how far rounding may have moved lambda, to search by
+  Reals slope_noise = {};   // the same of Re d lambda / du; beyond rest 0 where it does not matter,
+                            // since lambda itself is no better known
   /// Krein's, -1 or 1, on the imaginary axis of a conservative system, 0 elsewhere: two roots of
   /// one signature pass through each other and stay on the axis.
   Reals signatures = {};
@@ -65,6 +66,9 @@ struct Pairs {
   void put(Index k, const Pairs& others, Index i);
   Pairs take(const std::vector<Index>& which) const;
 };
+
+/// Places of values by |lambda|, of conjugates the upper first; the last do not hold numbers.
+std::vector<Index> by_size(const Values& values);
 
 /// The lowest roots at one speed, sorted by |lambda|, of conjugates the upper first. lambda is
 /// finite, and slopes are 0 where there are none.
