@@ -74,6 +74,7 @@ void define_linear(py::module_& m) {
       py::set_error(py::module_::import("pipedyn.models.base").attr("NotConverged"), error.what());
     }
   });
+  m.attr("dense_limit") = dense_limit;
   py::class_<Pair>(m, "Pair")
       .def_readonly("value", &Pair::value)
       .def_readonly("slope", &Pair::slope)

@@ -31,7 +31,8 @@ constexpr Index circle_points = 16;
 /// Six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where it lies,
 /// took up to 150.
 constexpr int most_corrections = 300;
-/// Speeds so close that the roots at one are starts at the other, if so few corrections do.
+/// Speeds so close that the roots at one are starts at the other, if so few corrections do: a step
+/// of a search (longest_step), and a little more.
 constexpr double near_speed = 0.6;
 constexpr int most_near = 15;
 /// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
@@ -44,8 +45,6 @@ constexpr double wide = 0.05;
 constexpr double beside_zero = 1e-30;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments.
 constexpr Index refinement = 20;
-/// Most segments of a problem solved dense: 4,000 rows take LAPACK a minute.
-constexpr Index dense_limit = 2000;
 
 /// Real parts, then imaginary ones.
 Reals parts_of(const Values& values) {
@@ -365,7 +364,8 @@ ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Lap
 
 Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
   Pairs found = solved(chain_, scale_, u, values, vectors, false);
-  for (const double aside : {0.0, 1e-12}) {  // where a pivot is 0 at a root, beside it
+  // Where a pivot is 0 at a root, so far beside it: as in inverse iteration vectors lose as much.
+  for (const double aside : {0.0, 1e-12}) {
     std::vector<Index> poor;
     for (Index i = 0; i < values.size(); ++i) {
       const bool good = aside == 0.0 ? found.residual[i] <= small_residual && values[i] != 0.0
@@ -550,8 +550,9 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
 Pair ChainSpectrum::null_pair(double u, const Pair&) {
   Pair result{0.0};
   if (roots_at_zero(u) > 0) {
-    // Vectors are those of the roots at zero. A determinant that vanishes at u has its rounding at
-    // speeds close by.
+    // Vectors are those of the roots at zero. Where it vanishes, the determinant at neighbouring
+    // numbers u is its rounding: on 600 chains errors were at most 0.3 of what this makes of them.
+    // The difference for the slope loses as little by curvature as by rounding.
     const double apart = 1e-6 * (1.0 + u), near = eps * (1.0 + u);
     result.slope = (determinant(u + apart, {}) - determinant(u - apart, {})) / (2.0 * apart);
     result.residual = result.uncertain = 0.0;
@@ -567,7 +568,7 @@ Pair ChainSpectrum::null_pair(double u, const Pair&) {
 }
 
 /// In that at rest, and in the power of lambda that the roots at zero give.
-double ChainSpectrum::determinant(double u, const Pair& near) {
+double ChainSpectrum::determinant(double u, const Pair&) {
   const ImpedanceModel model = chain_.impedance();
   const auto logarithm = [&](double speed, double& sign) {
     const double thrust = model.centrifugal * speed * speed;
@@ -592,11 +593,14 @@ double ChainSpectrum::determinant(double u, const Pair& near) {
     }
     return sum;
   };
-  double at_rest = 1.0, sign = 1.0;
-  const double unit = logarithm(0.0, at_rest);
-  const double size = logarithm(u, sign) - (std::isfinite(unit) ? unit : 0.0);
-  // Of a pivot that is 0 the speed next by has none.
-  return std::isnan(size) ? determinant(u + eps * (1.0 + u), near) : sign * std::exp(size);
+  double sign = 1.0;
+  const double at_rest = logarithm(0.0, sign), unit = std::isfinite(at_rest) ? at_rest : 0.0;
+  for (int tries = 0;; ++tries) {
+    sign = 1.0;
+    const double size = logarithm(u, sign) - unit;
+    if (!std::isnan(size) || tries == 3) return sign * std::exp(size);
+    u += eps * (1.0 + u);  // a pivot is 0, but not at the next speed
+  }
 }
 
 }  // namespace pipedyn
