@@ -143,7 +143,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
           "flux"_a = 0.0, Unlocked())
       .def("bodies", &Chain::bodies, Unlocked())
-      .def("resistances", &Chain::resistances, Unlocked());
+      .def("resistances", &Chain::resistances, Unlocked())
+      .def("places", &Chain::places)
+      .def("loads", &Chain::loads, "stations"_a);
   define_motion(chain);
 
   py::class_<Galerkin> galerkin(m, "Galerkin");

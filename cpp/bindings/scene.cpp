@@ -129,11 +129,7 @@ void define_scene(py::module_& m) {
       .def_property_readonly("coordinates", &Scene::coordinates)
       .def("rows", rows)
       .def("bodies", &Scene::bodies)
-      .def("places", [](const Scene& scene) { return scene.chain().places(); })
-      .def(
-          "loads",
-          [](const Scene& scene, const Matrix& stations) { return scene.chain().loads(stations); },
-          "stations"_a)
+      .def_property_readonly("chain", &Scene::chain)
       .def("from_angles", from_angles, "theta"_a, "omega"_a)
       .def(
           "project",

@@ -36,9 +36,10 @@ MOVED = 4.321
 
 def sweeping_problem(model: Model, dense: bool | None = None) -> Eigenproblem:
     """The model's eigenproblem, deflated where a root stays at zero at every speed."""
-    if model.loose_joints.size:
-        return Deflated(cast(Chain, model))
-    return eigenproblem(model, dense)
+    problem = eigenproblem(model, dense)
+    if problem.model.loose_joints.size:
+        return Deflated(cast(Chain, problem.model))
+    return problem
 
 
 class Deflated(Eigenproblem):
