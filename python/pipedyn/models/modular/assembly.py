@@ -390,7 +390,9 @@ class Assembly(Model):
     @cached_property
     def linear(self) -> SmallMotions:
         """Small motions about the configuration of `about`, else the straight pipe."""
-        return self._linear_at(None)
+        if self.as_chain is None:
+            self._check_dense()
+        return SmallMotions(self.motion.form, self.reference)
 
     @property
     def reference(self) -> Array:
@@ -443,10 +445,11 @@ class Assembly(Model):
         return self.basis(p)
 
     def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
-        """Small motions about q, or the reference."""
+        """Small motions about q, or the reference, if dense operators can be made."""
         self._check_dense()
-        theta = self.reference if q is None else self._angles_of("q", q)
-        return SmallMotions(self.motion.form, theta)
+        if q is None:
+            return self.linear
+        return SmallMotions(self.motion.form, self._angles_of("q", q))
 
     def elastic_operators(self) -> Operators:
         """The same operators in elastic coordinates, see `pipedyn.models.modular.linearisation`."""
