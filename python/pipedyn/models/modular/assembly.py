@@ -30,6 +30,8 @@ from pipedyn.models.modular.linearisation import SmallMotions
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.models.modular.parts import (
     Constraint,
+    Drag,
+    InternalFlow,
     Module,
     Part,
     Segment,
@@ -227,17 +229,20 @@ class Assembly(Model):
     @cached_property
     def as_chain(self) -> Chain | None:
         """The chain that the scene is, if it is one about the straight pipe."""
-        layout, pipe = self._layout, self._pipe
-        others = self._customs or layout.rest_moments.any() or not layout.has_flow
-        damped = (layout.joint_damping(pipe) != pipe.damping * layout.springs).any()
-        if others or damped or not self.rests_straight or self.core.rows()[1].size:
+        layout = self._layout
+        plain = layout.has_flow and all(
+            isinstance(part, Segment | InternalFlow | Drag) or _is_plain_spring(part)
+            for part in self.modules
+        )
+        weights, _ = self.core.rows()  # of guides, pins and what has inertia besides the segments
+        if not plain or not self.rests_straight or weights.size:
             return None
         return Chain(
-            pipe,
+            self._pipe,
             springs=layout.springs,
             lengths=layout.lengths,
-            centers=[segment.center for segment in layout.segments],
-            gyration_radii=[segment.gyration_radius for segment in layout.segments],
+            centers=layout.centers,
+            gyration_radii=layout.gyration_radii,
             base=layout.base,
         )
 

@@ -66,19 +66,21 @@ class Layout:
 
     def __init__(self, modules: Sequence[Module], constraints: Sequence[Constraint]) -> None:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
-        self.segments = _of(modules, Segment)
+        segments = _of(modules, Segment)
         self.customs = _of(modules, Custom)
-        self.size = len(self.segments)
+        self.size = len(segments)
         if self.size == 0:
             raise ValueError("modules must hold at least one Segment, got none")
         self._check_places()
         self.base = self._checked_base()
-        self.lengths = np.array([segment.length for segment in self.segments])
+        self.lengths = np.array([segment.length for segment in segments])
         total = self.base + math.fsum(self.lengths)
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"the base and the segments' lengths must add up to 1, got {total!r}")
         self.ends = self.base + np.concatenate([[0.0], np.cumsum(self.lengths)])
-        self.drag_points = np.array([segment.drag_point for segment in self.segments])
+        self.centers = np.array([segment.center for segment in segments])
+        self.gyration_radii = np.array([segment.gyration_radius for segment in segments])
+        self.drag_points = np.array([segment.drag_point for segment in segments])
         self.springs, self.rest_moments = np.zeros(self.size), np.zeros(self.size)
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
@@ -288,8 +290,8 @@ class Layout:
         return _core.Scene(
             pipe=core_pipe(self.acting(pipe)),
             length=self.lengths,
-            center=[s.center for s in self.segments],
-            gyration_radius=[s.gyration_radius or 0.0 for s in self.segments],
+            center=self.centers,
+            gyration_radius=self.gyration_radii,
             spring=sprung * self.springs,
             damping=sprung * self.joint_damping(pipe),
             rest_moment=self.rest_moments,
