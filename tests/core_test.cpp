@@ -660,7 +660,7 @@ void check_reduced_motion() {
 
 // ------------------------------------------------------------------------------- modular route
 
-using pipedyn::Row, pipedyn::Scene;
+using pipedyn::Scene;
 
 constexpr double still = 0.0;
 
@@ -681,15 +681,9 @@ bool lacks_inertia(const Scene& scene, const Vector& theta) {
 Vector row_accelerations(const Scene& made, const Vector& y, double u) {
   const Index n = made.dof();
   const Vector redundant = made.redundant(y.head(n), y.tail(n));
-  Vector rates(6 * n), sums = Vector::Zero(static_cast<Index>(made.rows().size()));
+  Vector rates(6 * n);
   made.redundant_rhs({redundant.data(), &u, 1, 0}, rates.data());
-  for (Index i = 0; i < sums.size(); ++i) {
-    const Row& row = made.rows()[static_cast<std::size_t>(i)];
-    for (std::size_t k = 0; k < row.weight.size(); ++k) {
-      sums[i] += row.weight[k] * rates[3 * n + row.coordinate[k]];
-    }
-  }
-  return sums;
+  return made.weights() * rates.tail(3 * n);
 }
 
 void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
@@ -709,7 +703,10 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
   const Matrix mass = chain.operators(theta).mass, moments = dice.matrix(n, 3);
   check_close(mass * plain.solve(theta.replicate(1, 3), moments), moments, 1e-11, "M times M^-1");
 
-  const std::vector<Row> inertia{{{0}, {0.4}, 1.0}, {{3 * n - 3, 3 * n - 1}, {0.3, 0.1}, 1.0}};
+  Matrix inertia = Matrix::Zero(2, 3 * n);
+  inertia(0, 0) = 0.4;
+  inertia(1, 3 * n - 3) = 0.3;
+  inertia(1, 3 * n - 1) = 0.1;
   const Scene held(with_terms, segments, inertia, {3 * n - 3}, Vector::Zero(1));
   const Vector acceleration = scene_rates(held, y, u).tail(n);
   const Vector sums = row_accelerations(held, y, u);
@@ -760,7 +757,8 @@ void check_lent_inertia(Pipe pipe, Index n, Dice& dice) {
   pipe.gamma = 0.0;  // a row has no weight
   const Vector y = dice.vector(2 * n, -1.0, 1.0);
   const double root = std::sqrt(0.3);
-  const std::vector<Row> at_end{{{3 * n - 3}, {root}, 1.0}, {{3 * n - 2}, {root}, 1.0}};
+  Matrix at_end = Matrix::Zero(2, 3 * n);
+  at_end(0, 3 * n - 3) = at_end(1, 3 * n - 2) = root;
   const Scene made(pipe, segments, at_end, {}, Vector());
   check(!lacks_inertia(made, y.head(n)), "a row's mass is inertia");
   check(lacks_inertia(Scene(pipe, segments, {}, {}, Vector()), y.head(n)), "none is missed");
@@ -796,7 +794,7 @@ void check_scenes() {
   refused([](Segments& wrong) { wrong.damping = Vector::Ones(2); }, "a damping short");
   refused([](Segments& wrong) { wrong.length[1] = 0.0; }, "a segment without length");
   const Vector one = Vector::Zero(1);
-  check_refused([&] { Scene(Pipe{}, good, {{{9}, {1.0}, 1.0}}, {}, Vector()); }, "a row beyond");
+  check_refused([&] { Scene(Pipe{}, good, Matrix::Ones(1, 10), {}, Vector()); }, "a row beyond");
   check_refused([&] { Scene(Pipe{}, good, {}, {9}, one); }, "a node beyond the end");
   check_refused([&] { Scene(Pipe{}, good, {}, {2}, one); }, "a joint that is held");
   check_refused([&] { Scene(Pipe{}, good, {}, {0}, Vector()); }, "a node without a place");
@@ -930,7 +928,10 @@ void check_wild_scene(Wild& wild) {
   if (n > 2) held.push_back(3 * n - 2);
   Vector value = Vector::Zero(static_cast<Index>(held.size()));
   value.tail(n > 2 ? 1 : 0).setConstant(0.9);
-  const Scene made(pipe, segments, {{{0, 2}, {wild.one_of({1e-9, 1e3}), 0.1}, 1.0}}, held, value);
+  Matrix inertia = Matrix::Zero(1, 3 * n);
+  inertia(0, 0) = wild.one_of({1e-9, 1e3});
+  inertia(0, 2) = 0.1;
+  const Scene made(pipe, segments, inertia, held, value);
   const Index members = wild.size({0, 1, 5, 70});
   const Matrix turned = wild.states(n, members);
   const double u = wild.speed(), untouched = -7.0;

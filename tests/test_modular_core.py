@@ -339,8 +339,9 @@ def test_projection_meets_guides_and_pins_and_says_how_far_it_misses_others():
         ({"damping": np.zeros(2)}, "one entry a segment"),
         ({"length": np.zeros(3)}, "length must be positive"),
         ({"held": [2], "value": [0.0]}, "what is held must be nodes'"),
+        ({"held": [9], "value": [0.0]}, "what is held must be nodes'"),
         ({"held": [1]}, "value must have 1 entries, got 0"),
-        ({"inertia": np.ones((1, 10))}, "rows must lie on the scene's coordinates"),
+        ({"inertia": np.ones((1, 10))}, "a row of inertia must have 9 entries, got 10"),
     ],
 )
 def test_inconsistent_scenes_are_refused(given, message):

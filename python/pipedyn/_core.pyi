@@ -415,12 +415,6 @@ class Scene:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def rows(
-        self,
-    ) -> tuple[
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
-    ]: ...
     def solve(
         self,
         theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
@@ -429,7 +423,11 @@ class Scene:
     @property
     def chain(self) -> Chain: ...
     @property
+    def compliance(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
     def coordinates(self) -> int: ...
+    @property
+    def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 def set_vector_level(name: str) -> None: ...
 def sincos(

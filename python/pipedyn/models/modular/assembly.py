@@ -73,7 +73,8 @@ class Assembly(Model):
     Operators live in the degrees of freedom that the constraints leave: the angles of the segments,
     theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
     orthonormal basis of what these leave. Methods that take a configuration take the angles, shape
-    (n,), or redundant coordinates, shape (3 n,), that meet the constraints.
+    (n,), or redundant coordinates, shape (3 n,), that meet the constraints. Linear questions cost
+    O(n^3), but of a scene that is a `Chain` with terms what they cost of that.
 
     Immutable; `plus` makes another.
 
@@ -234,8 +235,8 @@ class Assembly(Model):
             isinstance(part, Segment | InternalFlow | Drag) or _is_plain_spring(part)
             for part in self.modules
         )
-        weights, _ = self.core.rows()  # of guides, pins and what has inertia besides the segments
-        if not plain or not self.rests_straight or weights.size:
+        # Rows are of guides, pins and what has inertia besides the segments.
+        if not plain or not self.rests_straight or self.core.compliance.size:
             return None
         return Chain(
             self._pipe,

@@ -70,40 +70,46 @@ class SmallMotions:
 
     def operators(self, joints: Array) -> Operators:
         """In coordinates by which the angles of the joints are `joints`, shape (n, dof)."""
-        form, layout, theta = self.form, self.layout, self.theta
-        pipe, n = form.pipe, theta.size
-        chain = form.unsprung.operators(theta)
-        weights, compliance = form.core.rows()
+        form, layout, theta, n = self.form, self.layout, self.theta, self.theta.size
+        chain, angles = form.unsprung.operators(theta), np.cumsum(joints, axis=0)
+
+        def of_angles(matrix: Array) -> Array:
+            product: Array = angles.T @ matrix @ angles
+            return product
+
+        def of_joints(values: Array) -> Array:
+            product: Array = joints.T @ (values[:, None] * joints)
+            return product
+
+        compliance = form.core.compliance
         inert = compliance != 0.0
-        rows = layout.moments(theta, weights[inert].T)
-        mass = chain.mass + (rows / compliance[inert]) @ rows.T
-
-        force, thrust = form.forces(self.still, 0.0), np.zeros(3 * n)
-        thrust[-3:-1] = -np.sin(theta[-1]), -np.cos(theta[-1])  # derivative of the force by a u^2
-        loads = self._elastic_loads(np.stack([force, thrust], axis=1))
-        reactions = -self.held @ np.linalg.lstsq(self.rows, loads)[0]
+        rows = layout.moments(theta, form.core.weights[inert].T)
+        # Forces that stay change their moments as the segments turn.
+        reaction, by_thrust = self._reactions()
         own = form.customs.force(*np.split(self.still, 2))
-        by_state = form.moments_by_state(theta, np.zeros(n), own + reactions[:, 0])
-        by_thrust = layout.moments(theta + 0.5 * math.pi, reactions[:, 1:])[:, 0]
-
-        angles = np.cumsum(joints, axis=0)
-        of_joints = (
-            joints.T @ (values[:, None] * joints)
-            for values in (layout.joint_damping(pipe), layout.springs)
-        )
-        own_damping, springs = of_joints
-        mass, gyroscopic, end_flux, damping, stiffness, flux = (
-            angles.T @ matrix @ angles
-            for matrix in (
-                *(mass, chain.gyroscopic, chain.end_flux, chain.damping - by_state[:, n:]),
-                chain.stiffness - by_state[:, :n],
-                layout.has_flow * (chain.flux - np.diag(by_thrust)),
-            )
-        )
+        by_state = form.moments_by_state(theta, np.zeros(n), own + reaction)
+        turned = layout.moments(theta + 0.5 * math.pi, by_thrust[:, None])[:, 0]
         return Operators(
-            *(mass, gyroscopic, end_flux, damping + own_damping, stiffness + springs, flux),
-            *(pipe.direction, pipe.centrifugal),
+            mass=of_angles(chain.mass + (rows / compliance[inert]) @ rows.T),
+            gyroscopic=of_angles(chain.gyroscopic),
+            end_flux=of_angles(chain.end_flux),
+            damping=of_angles(chain.damping - by_state[:, n:])
+            + of_joints(layout.joint_damping(form.pipe)),
+            stiffness=of_angles(chain.stiffness - by_state[:, :n]) + of_joints(layout.springs),
+            flux=layout.has_flow * of_angles(chain.flux - np.diag(turned)),
+            direction=form.pipe.direction,
+            centrifugal=form.pipe.centrifugal,
         )
+
+    def _reactions(self) -> tuple[Array, Array]:
+        """Forces of guides and pins at rest, and their derivative by a u^2, shape (3 n,) each."""
+        force = self.form.forces(self.still, 0.0)
+        thrust, end = np.zeros_like(force), self.theta[-1]
+        thrust[-3:-1] = -np.sin(end), -np.cos(end)
+        loads = self._elastic_loads(np.stack([force, thrust], axis=1))
+        multipliers, *_ = np.linalg.lstsq(self.rows, loads)
+        reaction, by_thrust = -(self.held @ multipliers).T
+        return reaction, by_thrust
 
 
 def _complement(columns: Array) -> Any:

@@ -142,7 +142,7 @@ class SceneMotion:
 
         force = self.customs.force(*np.split(core.from_angles(theta, omega), 2))
         accelerations, multipliers = core.reactions(y, u, moments(force))
-        rows, compliance = core.rows()
+        rows, compliance = core.weights, core.compliance
         force = force + rows.T @ multipliers
         by_state = core.jacobian(y, u, moments(force))[n:]
         every = np.repeat(theta[:, None], max(2 * n, len(rows)), axis=1)
