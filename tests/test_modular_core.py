@@ -71,7 +71,7 @@ def by_null_space(scene, y, u):
     """Accelerations by the null space of all constraints at once."""
     form = scene.motion.form
     a, b = (np.concatenate(of) for of in zip(*scene.motion.groups(y), strict=True))
-    mass, ways = form.mass.toarray(), scipy.linalg.null_space(a, rcond=1e-9)
+    mass, ways = form.mass, scipy.linalg.null_space(a, rcond=1e-9)
     whole = np.concatenate([ways.T @ mass, a])
     right = np.concatenate([ways.T @ form.forces(y, u), b])
     return np.linalg.lstsq(whole, right, rcond=1e-12)[0]

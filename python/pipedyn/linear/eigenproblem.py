@@ -36,7 +36,7 @@ class Eigenproblem:
 
     @property
     def rows(self) -> int:
-        """Rows of the largest matrix that a solve hands to LAPACK; a band has none to speak of."""
+        """Rows of the largest matrix that a solve hands to LAPACK; recursion has none."""
         return 1 if self.is_long else 2 * self.dof
 
     @cached_property

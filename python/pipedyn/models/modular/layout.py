@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
-from pipedyn.models.modular.custom import inertia_rows
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
@@ -183,10 +182,7 @@ class Layout:
 
     def _found_inertia(self) -> Array:
         """Rows W of all custom modules' mass W^T W, shape (m, 3 n)."""
-        own = [inertia_rows(custom) for custom in self.customs]
-        rows = [np.zeros((len(of), 3 * self.size)) for of in own]
-        for custom, whole, of in zip(self.customs, rows, own, strict=True):
-            whole[:, custom.index] = of
+        rows = [custom.inertia_rows(3 * self.size) for custom in self.customs]
         return np.concatenate([np.zeros((0, 3 * self.size)), *rows])
 
     # ------------------------------------------------------------------------------- configurations

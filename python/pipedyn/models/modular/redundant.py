@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pipedyn import _core
 from pipedyn.models.modular.custom import CustomForces
@@ -51,8 +50,8 @@ class RedundantForm:
     # ------------------------------------------------------------------------------------- modules
 
     @cached_property
-    def mass(self) -> Any:
-        """M, sparse, (3 n, 3 n).
+    def mass(self) -> Array:
+        """M, shape (3 n, 3 n).
 
         A segment has the kinetic energy m (|r*'|^2 + (eta / l)^2 |r_j' - r_{j-1}'|^2) / 2, with the
         masses on it, r* = (1 - chi) r_{j-1} + chi r_j.
@@ -62,10 +61,10 @@ class RedundantForm:
         own = mass * (chi**2 + turning)
         own[:-1] += (mass * ((1.0 - chi) ** 2 + turning))[1:]
         between = (mass * (chi * (1.0 - chi) - turning))[1:]
-        diagonals = [np.kron(of, [1.0, 1.0, 0.0]) for of in (own, between, between)]
-        nodes = sparse.diags_array(diagonals, offsets=[0, 3, -3]).tocsr()
-        rows = sparse.csr_array(self.layout.inertia)
-        return nodes + rows.T @ rows
+        coupled = np.diag(np.kron(between, [1.0, 1.0, 0.0]), 3)
+        nodes = np.diag(np.kron(own, [1.0, 1.0, 0.0])) + coupled + coupled.T
+        whole: Array = nodes + self.layout.inertia.T @ self.layout.inertia
+        return whole
 
     def forces(self, y: Array, u: float) -> Array:
         """Forces of all modules at a state [q, q'], shape (3 n,).
