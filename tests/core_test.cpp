@@ -1086,6 +1086,10 @@ class Broken : public pipedyn::Operator {
       return (adjoint ? p.conjugate() : p).cwiseInverse().asDiagonal() * x;
     };
   }
+  pipedyn::Reals hidden(const pipedyn::Values& values, const pipedyn::ComplexTable&,
+                        const pipedyn::ComplexTable&) const override {
+    return pipedyn::Reals::Zero(values.size());
+  }
   pipedyn::Inverse inverse(double shift, bool, bool) const override {
     pipedyn::Values mu(2 * dof);
     for (Index i = 0; i < dof; ++i) {

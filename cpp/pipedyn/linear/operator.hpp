@@ -56,7 +56,7 @@ class Operator {
   virtual Inverse inverse(double shift, bool velocity_free, bool left) const = 0;
   /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
   virtual Reals hidden(const Values& values, const ComplexTable& right,
-                       const ComplexTable& left) const;
+                       const ComplexTable& left) const = 0;
 
   const Index dof;
   const double size;  // of K, the elastic stiffness being 1

@@ -434,8 +434,7 @@ class Assembly(Model):
                 of freedom.
             TypeError: for what is no array of real numbers.
         """
-        linear = self._linear_at(q)
-        return linear.operators(np.diff(self.basis(q), axis=0, prepend=0.0))
+        return self._linear_at(q).operators()
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).

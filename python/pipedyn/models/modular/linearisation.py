@@ -45,6 +45,7 @@ class SmallMotions:
         self.basis = _complement(self.layout.moments(theta, self.held))
         self.rows = self._elastic_loads(self.held)
         self.elastic = _complement(self.rows)
+        self.dof = theta.size - self.held.shape[1]
 
     def _elastic_loads(self, forces: Array) -> Array:
         """Loads on the joints in units of the elastic coordinates, of forces (3 n, r)."""
@@ -64,11 +65,15 @@ class SmallMotions:
         angles: NDArray[Any] = self.scale * (self.elastic @ zeta)
         return angles
 
+    def operators(self) -> Operators:
+        """In the degrees of freedom of `basis`."""
+        return self._operators(np.diff(self.basis @ np.eye(self.dof), axis=0, prepend=0.0))
+
     def elastic_operators(self) -> Operators:
         """In elastic coordinates."""
-        return self.operators(self.joint_angles(np.eye(self.elastic.shape[1])))
+        return self._operators(self.joint_angles(np.eye(self.dof)))
 
-    def operators(self, joints: Array) -> Operators:
+    def _operators(self, joints: Array) -> Operators:
         """In coordinates by which the angles of the joints are `joints`, shape (n, dof)."""
         form, layout, theta, n = self.form, self.layout, self.theta, self.theta.size
         chain, angles = form.unsprung.operators(theta), np.cumsum(joints, axis=0)

@@ -134,7 +134,7 @@ class RedundantForm:
         rate = np.sum(_across(along) / length**2 * turning, axis=1)
         where, moving = _between(nodes, share, j), _between(velocities, share, j)
         stations = np.column_stack([where, along / length, moving, rate])
-        return share, weight[:, None] * self.core.chain.loads(stations)[:, :2], j
+        return share, weight[:, None] * self.core.chain.loads(stations), j
 
     # --------------------------------------------------------------------------------- constraints
 
