@@ -203,10 +203,7 @@ using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, Num
 template <class Model>
 Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
                const py::object& u) {
-  const auto work = [&](const Batch& batch, double* out) {
-    const py::ssize_t k = batch.members;
-    model.power(batch, {out, out + k, out + 2 * k, out + 3 * k});
-  };
+  const auto work = [&](const Batch& batch, double* out) { model.power(batch, out); };
   const Numbers parts = results_of(rows, 4, cost, y, u, work);
   return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2), row_of(parts, 3));
 }

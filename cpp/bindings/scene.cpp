@@ -60,7 +60,7 @@ struct Redundant {
     const Matrix y = scene.angles(batch);
     scene.energy({y.data(), batch.u, batch.members, batch.u_step}, out);
   }
-  void power(const Batch& batch, const PowerParts& out) const {
+  void power(const Batch& batch, double* out) const {
     const Matrix y = scene.angles(batch);
     scene.power({y.data(), batch.u, batch.members, batch.u_step}, out);
   }

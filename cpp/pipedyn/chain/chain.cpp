@@ -425,7 +425,7 @@ void Chain::energy(const Batch& batch, double* out) const {
   kernel.energy(motion(), batch, out, scratch(kernel.scratch_size(dof(), batch.members)));
 }
 
-void Chain::power(const Batch& batch, const PowerParts& out) const {
+void Chain::power(const Batch& batch, double* out) const {
   const MotionKernel& kernel = motion_kernel();
   kernel.power(motion(), batch, out, scratch(kernel.scratch_size(dof(), batch.members)));
 }

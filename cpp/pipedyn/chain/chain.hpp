@@ -139,8 +139,9 @@ class Chain {
   void jacobian(const double* y, double u, double* out, const double* moments = nullptr) const;
   /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, joints and drag add to the energy in unit time; their sum is dE/dtau.
-  void power(const Batch& batch, const PowerParts& out) const;
+  /// What flow, joints, drag and terms (others) add to the energy in unit time, (4, members); their
+  /// sum is dE/dtau.
+  void power(const Batch& batch, double* out) const;
 
  private:
   Pipe pipe_;

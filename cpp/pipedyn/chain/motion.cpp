@@ -17,8 +17,6 @@
 
 namespace {
 
-using pipedyn::PowerParts;
-
 /// Calls body(law, place, station) for each place with a load, of angles and rates that were read.
 template <class Real, class Body>
 void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Body& body) {
@@ -59,11 +57,11 @@ void energy_of(const MotionModel& model, const Members<Real>& members, double* o
   for_each_load(model, sweep, [&](const auto& law, const SegmentTerm& place, const auto& at) {
     twice += (2.0 * place.weight) * law.energy(at);
   });
-  members.write(out + members.first, 0.5 * twice);
+  members.set_row(out, 0, 0.5 * twice);
 }
 
 template <class Real>
-void power_of(const MotionModel& model, const Members<Real>& members, const PowerParts& out,
+void power_of(const MotionModel& model, const Members<Real>& members, double* out,
               double* scratch) {
   const Count n = model.size;
   const Sweep<Real> sweep(scratch, n);
@@ -90,10 +88,10 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Powe
   const Real u = members.speed();
   const Real flow =
       -(model.coriolis * u) * (vt * vt + vn * vn) - (model.centrifugal * (u * u)) * vt;
-  members.write(out.flow + members.first, flow);
-  members.write(out.joints + members.first, joints);
-  members.write(out.drag + members.first, drag);
-  members.write(out.others + members.first, others);
+  members.set_row(out, 0, flow);
+  members.set_row(out, 1, joints);
+  members.set_row(out, 2, drag);
+  members.set_row(out, 3, others);
 }
 
 // ---------------------------------------------------------------------------------------- entry
@@ -112,7 +110,7 @@ void energy(const MotionModel& model, const Batch& batch, double* out, double* s
   for_each_block(batch, [&](const auto& members) { energy_of(model, members, out, scratch); });
 }
 
-void power(const MotionModel& model, const Batch& batch, const PowerParts& out, double* scratch) {
+void power(const MotionModel& model, const Batch& batch, double* out, double* scratch) {
   for_each_block(batch, [&](const auto& members) { power_of(model, members, out, scratch); });
 }
 

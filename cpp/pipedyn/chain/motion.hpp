@@ -62,14 +62,6 @@ struct Batch {
   const double* moments = nullptr;  // further ones on the segments of a chain (n, members)
 };
 
-/// Power by what does the work; one entry a member in each.
-struct PowerParts {
-  double* flow;
-  double* joints;
-  double* drag;
-  double* others;  // terms of the pipe
-};
-
 struct GalerkinKernel;
 struct ImpedanceKernel;
 
@@ -86,7 +78,8 @@ struct MotionKernel {
   void (*jacobian)(const MotionModel&, const Batch&, double* out, double* scratch);
   /// Energy of each member.
   void (*energy)(const MotionModel&, const Batch&, double* out, double* scratch);
-  void (*power)(const MotionModel&, const Batch&, const PowerParts& out, double* scratch);
+  /// Power of flow, joints, drag and the pipe's terms, (4, members).
+  void (*power)(const MotionModel&, const Batch&, double* out, double* scratch);
 
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);

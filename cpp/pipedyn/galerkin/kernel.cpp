@@ -5,6 +5,8 @@
 // a lane.
 #include "pipedyn/galerkin/kernel.hpp"
 
+#include <type_traits>
+
 #include "pipedyn/galerkin/integrals.hpp"
 #include "pipedyn/galerkin/signed_weights.hpp"
 #include "pipedyn/terms/laws.hpp"
@@ -16,22 +18,13 @@ using pipedyn::Batch, pipedyn::Kinematics, pipedyn::MotionEffects, pipedyn::Pane
 
 // ---------------------------------------------------------------------------------------- block
 
-/// What a vector of a sum holds: of one member numbers along the pipe or the functions, of several
-/// members one number of each.
-template <bool alone>
-struct Along {
-  using Numbers = double;
-};
-template <>
-struct Along<true> {
-  using Numbers = Pack;
-};
-
 /// Members side by side, as many as a Real holds, with what is computed of them.
 template <class Real>
 struct Block {
   static constexpr bool alone = lanes<Real> == 1;
-  using Numbers = typename Along<alone>::Numbers;
+  // What a vector of a sum holds: of one member numbers along the pipe or the functions, of several
+  // members one number of each.
+  using Numbers = std::conditional_t<alone, Pack, double>;
   static constexpr Count step = lanes<Numbers>;  // points or functions in a vector
   static constexpr Count tile = alone ? 1 : 4;   // vectors at a time
   const GridTables& grid;
@@ -433,10 +426,6 @@ void power(const GridTables& grid, const MotionEffects& effects, const Batch& ba
   with_block(grid, effects, batch, scratch, [&](auto&& block) { block.power(batch, out); });
 }
 
-void signed_weights(const GridTables& grid, const double* v, double* weights, double* scratch) {
-  signed_weights_of<double>(grid, v, weights, scratch);
-}
-
 }  // namespace
 
 namespace pipedyn {
@@ -447,9 +436,7 @@ const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
     .energy = ::energy,
     .power = ::power,
     .kinematics = ::kinematics,
-    .integrals_scratch_size = ::integrals_scratch_size,
-    .integrate = ::integrate_columns,
-    .signed_weights = ::signed_weights,
+    .integrate = ::integrate,
 };
 
 }  // namespace pipedyn

@@ -41,7 +41,7 @@ struct GridTables {
   const double* mass;               // of the pipe and its terms at each point, (N,)
   const double* beyond;             // mass beyond each point, (N,)
   const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)
-  const double* expansion;          // of Quadrature, (Q, Q + 1)
+  const double* expansion;          // of Quadrature, (Q, Q)
   const double* recurrence;         // (2 k + 1) / (k + 1), k / (k + 1), 1 / (4 k + 2), (Q, 3)
   const double* stiffness;          // k_i, (m,)
 };
@@ -92,17 +92,9 @@ struct GalerkinKernel {
   Kinematics (*kinematics)(const GridTables&, const MotionEffects&, const Batch&,
                            double* accelerations, double* scratch);
 
-  /// Integrals from 0 to each point (N, columns) of what f (N, columns) is at the nodes.
-  std::ptrdiff_t (*integrals_scratch_size)(const GridTables&, std::ptrdiff_t columns);
-  void (*integrate)(const GridTables&, const double* f, std::ptrdiff_t columns, double* out,
-                    double* scratch);
-
-  /// Weights (N,) that integrate sign(v) f for a smooth f, given v at the points: each panel is cut
-  /// at the zeros of v, each found on the cubic through the four points around it. Where f has a
-  /// double zero with v, as |v| v has, a zero's error enters by its cube. A zero between a panel's
-  /// start and its first node is not seen, which counts by the cube of that distance, 1e-9 at 31
-  /// nodes. O(N), and O(Q^2) a panel with zeros. scratch holds 3 Q numbers.
-  void (*signed_weights)(const GridTables&, const double* v, double* weights, double* scratch);
+  /// Integrals from 0 to each point (N, columns) of what f (N, columns) is at the nodes; columns a
+  /// multiple of GridTables::widest.
+  void (*integrate)(const GridTables&, std::ptrdiff_t columns, const double* f, double* out);
 };
 
 extern const GalerkinKernel galerkin_baseline, galerkin_avx2, galerkin_avx512;
