@@ -40,7 +40,7 @@ Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, c
                     const py::object& moments, const Work& work) {
   std::optional<States> further;
   if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
-  return rates_of(rows, work_of(scene), y, u, [&](Batch batch, double* out) {
+  return results_of(rows, rows, work_of(scene), y, u, [&](Batch batch, double* out) {
     if (further) {
       if (batch.members != further->members) {
         throw std::invalid_argument("moments must have as many columns as y, got " +

@@ -3,8 +3,8 @@
 // Drag's quadrature: weights (N,) that integrate sign(v) f for a smooth f, given v at the points.
 // Each panel is cut at the zeros of v, each found on the cubic through the four points around it.
 // Where f has a double zero with v, as |v| v has, a zero's error enters by its cube. A zero between
-// a panel's start and its first node is not seen, which counts by the cube of that distance, 1e-9 at
-// 31 nodes. O(N), and O(Q^2) a panel with zeros.
+// a panel's start and its first node is not seen, which counts by the cube of that distance, 1e-9
+// at 31 nodes. O(N), and O(Q^2) a panel with zeros.
 //
 // Local to each translation unit, like vector/pack.hpp.
 #pragma once
