@@ -9,7 +9,6 @@
 
 #include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/levels.hpp"
-#include "pipedyn/vector/scratch.hpp"
 
 namespace pipedyn {
 
@@ -281,8 +280,8 @@ Operators Chain::joint_operators(const Vector& scale) const {
     const ImpedanceSegment& own = impedances_[static_cast<std::size_t>(j)];
     for (const auto of : {&ImpedanceParts::still, &ImpedanceParts::rate, &ImpedanceParts::square}) {
       const double carried = l[j] * all.force.*of;
-      all.moment.*of += l[j] * (all.across.*of + all.turned.*of) + l[j] * l[j] * all.force.*of +
-                        own.moment.*of;
+      all.moment.*of +=
+          l[j] * (all.across.*of + all.turned.*of) + l[j] * l[j] * all.force.*of + own.moment.*of;
       all.across.*of += carried + own.across.*of;
       all.turned.*of += carried + own.turned.*of;
       all.force.*of += own.force.*of;
@@ -419,24 +418,19 @@ MotionModel Chain::motion() const {
 }
 
 void Chain::rhs(const Batch& batch, double* rates) const {
-  const MotionKernel& kernel = motion_kernel();
-  kernel.rhs(motion(), batch, rates, scratch(kernel.scratch_size(dof(), batch.members)));
+  motion_kernel().rhs(motion(), batch, rates);
 }
 
 void Chain::jacobian(const double* y, double u, double* out, const double* moments) const {
-  const MotionKernel& kernel = motion_kernel();
-  kernel.jacobian(motion(), {y, &u, 1, 0, moments}, out,
-                  scratch(kernel.jacobian_scratch_size(dof())));
+  motion_kernel().jacobian(motion(), {y, &u, 1, 0, moments}, out);
 }
 
 void Chain::energy(const Batch& batch, double* out) const {
-  const MotionKernel& kernel = motion_kernel();
-  kernel.energy(motion(), batch, out, scratch(kernel.scratch_size(dof(), batch.members)));
+  motion_kernel().energy(motion(), batch, out);
 }
 
 void Chain::power(const Batch& batch, double* out) const {
-  const MotionKernel& kernel = motion_kernel();
-  kernel.power(motion(), batch, out, scratch(kernel.scratch_size(dof(), batch.members)));
+  motion_kernel().power(motion(), batch, out);
 }
 
 }  // namespace pipedyn

@@ -29,10 +29,14 @@ void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Bod
 }
 
 template <class Real>
-void energy_of(const MotionModel& model, const Members<Real>& members, double* out,
-               double* scratch) {
+void rhs_of(const MotionModel& model, const Members<Real>& members, double* rates) {
+  accelerations_of<false>(model, members, Sweep<Real>(model.size), rates, nullptr);
+}
+
+template <class Real>
+void energy_of(const MotionModel& model, const Members<Real>& members, double* out) {
   const Count n = model.size;
-  const Sweep<Real> sweep(scratch, n);
+  const Sweep<Real> sweep(n);
   Real twice{};
   if (model.gravity != 0.0) {  // 1 - cos theta = 2 sin^2 (theta / 2)
     for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, 0.5 * members.row(j));
@@ -61,10 +65,9 @@ void energy_of(const MotionModel& model, const Members<Real>& members, double* o
 }
 
 template <class Real>
-void power_of(const MotionModel& model, const Members<Real>& members, double* out,
-              double* scratch) {
+void power_of(const MotionModel& model, const Members<Real>& members, double* out) {
   const Count n = model.size;
-  const Sweep<Real> sweep(scratch, n);
+  const Sweep<Real> sweep(n);
   read_state(members, n, sweep);
   Real joints{}, drag{}, others{}, rate_before{}, vt, vn;
   for_each_velocity(
@@ -96,22 +99,16 @@ void power_of(const MotionModel& model, const Members<Real>& members, double* ou
 
 // ---------------------------------------------------------------------------------------- entry
 
-Count scratch_size(Count n, Count members) {
-  return members == 1 ? Sweep<double>::size(n) : Sweep<Pack>::size(n);
+void rhs(const MotionModel& model, const Batch& batch, double* rates) {
+  for_each_block(batch, [&](const auto& members) { rhs_of(model, members, rates); });
 }
 
-void rhs(const MotionModel& model, const Batch& batch, double* rates, double* scratch) {
-  for_each_block(batch, [&](const auto& members) {
-    accelerations_of<false>(model, members, rates, scratch, nullptr);
-  });
+void energy(const MotionModel& model, const Batch& batch, double* out) {
+  for_each_block(batch, [&](const auto& members) { energy_of(model, members, out); });
 }
 
-void energy(const MotionModel& model, const Batch& batch, double* out, double* scratch) {
-  for_each_block(batch, [&](const auto& members) { energy_of(model, members, out, scratch); });
-}
-
-void power(const MotionModel& model, const Batch& batch, double* out, double* scratch) {
-  for_each_block(batch, [&](const auto& members) { power_of(model, members, out, scratch); });
+void power(const MotionModel& model, const Batch& batch, double* out) {
+  for_each_block(batch, [&](const auto& members) { power_of(model, members, out); });
 }
 
 bool all_finite(const double* x, Count count) {
@@ -148,8 +145,6 @@ namespace pipedyn {
 const MotionKernel PIPEDYN_NAMED(motion) = {
     .name = PIPEDYN_TEXT(PIPEDYN_LEVEL),
     .width = width,
-    .scratch_size = ::scratch_size,
-    .jacobian_scratch_size = ::jacobian_scratch_size,
     .rhs = ::rhs,
     .jacobian = ::jacobian,
     .energy = ::energy,

@@ -31,6 +31,7 @@
 #include "pipedyn/chain/motion.hpp"
 #include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/scratch.hpp"
 
 namespace {
 
@@ -87,7 +88,8 @@ template <class Real>
 struct Sweep {
   double *turn, *rate, *sine, *cosine, *drag, *free, *along, *moment;
 
-  Sweep(double* scratch, Count n) {
+  explicit Sweep(Count n) : Sweep(n, pipedyn::scratch(size(n))) {}
+  Sweep(Count n, double* scratch) {
     const Count stride = whole_packs(n * lanes<Real>);
     turn = scratch;
     rate = turn + stride;
@@ -171,10 +173,9 @@ void add_loads(const MotionModel& model, const Members<Real>& members, const Swe
 enum class Outer { nothing, drag, loads };  // loads: as in add_loads, with drag if there is any
 
 template <class Real, Outer outer, bool keep>
-void accelerations(const MotionModel& model, const Members<Real>& members, double* rates,
-                   double* scratch, Kept* kept) {
+void accelerations(const MotionModel& model, const Members<Real>& members, const Sweep<Real>& sweep,
+                   double* rates, Kept* kept) {
   const Count n = model.size;
-  const Sweep<Real> sweep(scratch, n);
   read_state(members, n, sweep);
 
   if constexpr (outer != Outer::nothing) {
@@ -278,14 +279,14 @@ void accelerations(const MotionModel& model, const Members<Real>& members, doubl
 }
 
 template <bool keep, class Real>
-void accelerations_of(const MotionModel& model, const Members<Real>& members, double* rates,
-                      double* scratch, Kept* kept) {
+void accelerations_of(const MotionModel& model, const Members<Real>& members,
+                      const Sweep<Real>& sweep, double* rates, Kept* kept) {
   if (model.load_count > 0 || model.bent || members.batch.moments != nullptr) {
-    accelerations<Real, Outer::loads, keep>(model, members, rates, scratch, kept);
+    accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, kept);
   } else if (model.drag) {
-    accelerations<Real, Outer::drag, keep>(model, members, rates, scratch, kept);
+    accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, kept);
   } else {
-    accelerations<Real, Outer::nothing, keep>(model, members, rates, scratch, kept);
+    accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, kept);
   }
 }
 

@@ -11,7 +11,6 @@
 
 #include "pipedyn/terms/laws.hpp"
 #include "pipedyn/vector/levels.hpp"
-#include "pipedyn/vector/scratch.hpp"
 
 namespace pipedyn {
 
@@ -27,7 +26,7 @@ const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 void evaluate(const GalerkinKernel::Function function, const Grids& grids,
               const MotionEffects& effects, const Batch& batch, Index results, double* all) {
   static thread_local std::vector<Index> grid_of, chosen;
-  const GalerkinKernel& kernel = pipedyn::kernel();
+  static thread_local std::vector<double> numbers;
   const Index state = 2 * grids.basis().size(), members = batch.members;
   grid_of.resize(static_cast<std::size_t>(members));
   Index lowest = grids.count(), highest = 0;
@@ -46,9 +45,8 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
     if (count == 0) continue;
     const Grid& grid = grids[number];
     const Index width = count == 1 ? 1 : motion_kernel().width;
-    const Index numbers = whole(kernel.scratch_size(grid.tables, width), GridTables::widest);
-    double* const work = scratch(numbers + (state + 1 + results) * width);
-    double* const y = work + numbers;
+    numbers.resize(static_cast<std::size_t>((state + 1 + results) * width));
+    double* const y = numbers.data();
     double* const u = y + state * width;
     double* const out = u + width;
     const Batch block{y, u, width, 1};
@@ -60,7 +58,7 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
         u[b] = batch.u[k * batch.u_step];
         for (Index i = 0; i < state; ++i) y[i * width + b] = batch.y[i * members + k];
       }
-      function(grid.tables, effects, block, out, work);
+      function(grid.tables, effects, block, out);
       for (Index i = 0; i < results; ++i) {
         for (Index b = 0; b < used; ++b) all[i * members + member[b]] = out[i * width + b];
       }
@@ -109,8 +107,7 @@ class Linearisation {
             const double* y, double u, double* acceleration) {
     grid_ = &grid;
     tables_ = tables;
-    double* const work = scratch(kernel().scratch_size(tables, 1));
-    line_ = kernel().kinematics(tables, effects, {y, &u, 1, 0}, acceleration, work);
+    line_ = kernel().kinematics(tables, effects, {y, &u, 1, 0}, acceleration);
   }
 
   /// The straight pipe's displacements (N, m), to more digits than as integrals of the slopes.

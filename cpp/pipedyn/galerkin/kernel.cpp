@@ -11,6 +11,7 @@
 #include "pipedyn/galerkin/signed_weights.hpp"
 #include "pipedyn/terms/laws.hpp"
 #include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/scratch.hpp"
 
 namespace {
 
@@ -46,14 +47,8 @@ struct Block {
   /// Of a row of the mass matrix: single rows are written by whole packs.
   Count mass_stride() const { return alone ? whole_packs(padded) : padded; }
 
-  Block(const GridTables& tables, const MotionEffects& present, double* scratch)
-      : grid(tables), effects(present) {
-    lay_out(scratch);
-  }
-
-  static Count size(const GridTables& tables) {
-    const MotionEffects none{};
-    return Block(tables, none, nullptr).lay_out(nullptr);
+  Block(const GridTables& tables, const MotionEffects& present) : grid(tables), effects(present) {
+    lay_out(pipedyn::scratch(lay_out(nullptr)));
   }
 
   /// Numbers used; without scratch it only counts them.
@@ -387,43 +382,37 @@ struct Block {
 
 // ---------------------------------------------------------------------------------------- entry
 
-Count scratch_size(const GridTables& grid, Count members) {
-  return members == 1 ? Block<double>::size(grid) : Block<Pack>::size(grid);
-}
-
 /// Calls body with the block of a batch, one member or as many as a pack holds.
 template <class Body>
 void with_block(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                double* scratch, const Body& body) {
+                const Body& body) {
   if (batch.members == 1) {
-    body(Block<double>(grid, effects, scratch));
+    body(Block<double>(grid, effects));
   } else {
-    body(Block<Pack>(grid, effects, scratch));
+    body(Block<Pack>(grid, effects));
   }
 }
 
 void accelerations(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                   double* out, double* scratch) {
-  with_block(grid, effects, batch, scratch,
+                   double* out) {
+  with_block(grid, effects, batch,
              [&](auto&& block) { block.accelerations(batch, block.kinematics(batch), out); });
 }
 
 Kinematics kinematics(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                      double* accelerations, double* scratch) {
-  Block<double> one(grid, effects, scratch);
+                      double* accelerations) {
+  Block<double> one(grid, effects);
   const Count row = one.kinematics(batch);
   if (accelerations != nullptr) one.accelerations(batch, row, accelerations);
   return {one.sine, one.cosine, one.omega, one.velocity, one.weighted, one.moments, row};
 }
 
-void energy(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out,
-            double* scratch) {
-  with_block(grid, effects, batch, scratch, [&](auto&& block) { store(out, block.energy(batch)); });
+void energy(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
+  with_block(grid, effects, batch, [&](auto&& block) { store(out, block.energy(batch)); });
 }
 
-void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out,
-           double* scratch) {
-  with_block(grid, effects, batch, scratch, [&](auto&& block) { block.power(batch, out); });
+void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
+  with_block(grid, effects, batch, [&](auto&& block) { block.power(batch, out); });
 }
 
 }  // namespace
@@ -431,7 +420,6 @@ void power(const GridTables& grid, const MotionEffects& effects, const Batch& ba
 namespace pipedyn {
 
 const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
-    .scratch_size = ::scratch_size,
     .accelerations = ::accelerations,
     .energy = ::energy,
     .power = ::power,

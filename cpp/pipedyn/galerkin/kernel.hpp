@@ -61,7 +61,7 @@ struct MotionEffects {
   std::ptrdiff_t load_count = 0;
 };
 
-/// The centreline of one member at the points, in the scratch of the call that computed it.
+/// The centreline of one member at the points, in the thread's scratch.
 struct Kinematics {
   const double *sine, *cosine, *omega;  // (N,)
   const double *normal, *weight;  // v_n and drag's weights, where there are drag and q'', (N,)
@@ -73,13 +73,9 @@ struct Kinematics {
 };
 
 /// The functions of one vector level. A batch here is a block: one member or the level's width,
-/// each with a speed of its own. scratch: as many numbers as its size says, on a boundary of 64
-/// bytes.
+/// each with a speed of its own. They use the thread's scratch (vector/scratch.hpp).
 struct GalerkinKernel {
-  std::ptrdiff_t (*scratch_size)(const GridTables&, std::ptrdiff_t members);
-
-  using Function = void (*)(const GridTables&, const MotionEffects&, const Batch&, double* out,
-                            double* scratch);
+  using Function = void (*)(const GridTables&, const MotionEffects&, const Batch&, double* out);
 
   /// q'' (m, members), O(N Q m + N m^2 + m^3) a member. NaN where a member's mass matrix is not
   /// positive definite to rounding.
@@ -90,7 +86,7 @@ struct GalerkinKernel {
   Function power;
   /// Of one member; also its q'' (m,), unless that is null.
   Kinematics (*kinematics)(const GridTables&, const MotionEffects&, const Batch&,
-                           double* accelerations, double* scratch);
+                           double* accelerations);
 
   /// Integrals from 0 to each point (N, columns) of what f (N, columns) is at the nodes; columns a
   /// multiple of GridTables::widest.
