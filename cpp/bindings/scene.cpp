@@ -26,7 +26,7 @@ Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, c
                     const py::object& moments, const Work& work) {
   std::optional<States> further;
   if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
-  return rates_of(rows, work_of(scene), y, u, [&](Batch batch, double* out) {
+  return results_of(rows, rows, work_of(scene), y, u, [&](Batch batch, double* out) {
     if (further) {
       if (batch.members != further->members) {
         throw std::invalid_argument("moments must have as many columns as y, got " +
@@ -46,7 +46,7 @@ struct Redundant {
     const Matrix y = scene.angles(batch);
     scene.energy({y.data(), batch.u, batch.members, batch.u_step}, out);
   }
-  void power(const Batch& batch, const PowerParts& out) const {
+  void power(const Batch& batch, double* out) const {
     const Matrix y = scene.angles(batch);
     scene.power({y.data(), batch.u, batch.members, batch.u_step}, out);
   }

@@ -63,7 +63,7 @@ class Scene {
   /// Energy of states [theta, theta']; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
   /// What flow, joints, drag and the pipe's terms add to it in unit time.
-  void power(const Batch& batch, const PowerParts& out) const { chain_.power(batch, out); }
+  void power(const Batch& batch, double* out) const { chain_.power(batch, out); }
 
   /// M^-1 times moments (n, k) where the angles are theta (n, k).
   Matrix solve(const Matrix& theta, const Matrix& moments) const;
