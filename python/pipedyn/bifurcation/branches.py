@@ -13,14 +13,13 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import pairwise
 from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.bifurcation.brute_force import Fail
-from pipedyn.bifurcation.continuation import Segment, folds, sign_changes
+from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.cycles import (
     LimitCycle,
     NoCycle,
@@ -35,12 +34,13 @@ from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
-    OrbitStep,
+    Step,
+    both_ways,
     breaking_part,
     followed,
     from_branch_point,
     from_hopf,
-    from_orbit,
+    orbit_at,
 )
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
@@ -213,30 +213,18 @@ def traced(
                 break
         found.append(_joined(ways))
         for event, orbit, stable in [fork for way in ways for fork in way.forks]:
-            followed = generations == GENERATIONS or (stable and generations > 0)
             ends = (end for other in found for end in (other.begin, other.end))
-            if not followed or any(end is not None and event.same(end) for end in ends):
+            if any(end is not None and event.same(end) for end in ends):
                 continue
-            try:
-                leaving = [from_branch_point(motion, orbit)]
-            except NewtonFailed as reason:
-                kind, u = event.kind, event.speed
-                report = f"no cycles were found that leave the {kind} at u = {u:g}: {reason}"
-                failed.append((u, NoCycle(report, u)))
-                continue
-            trace(leaving, event, generations - 1)
+            if generations == GENERATIONS or (stable and generations > 0):
+                trace([from_branch_point(motion, orbit)], event, generations - 1)
 
     with one_thread(motion.size):
-        event, u = None, begin.u if isinstance(begin, PeriodicOrbit) else begin.speed
-        try:
-            if isinstance(begin, PeriodicOrbit):
-                starts = [from_orbit(motion, begin, sign) for sign in (-1.0, 1.0)]
-            else:
-                starts = [from_hopf(motion, begin)]
-                event = CycleEvent("hopf", u, 1e-6, 1.0 + 0j, 0.0)
-        except NewtonFailed as reason:
-            return [], [(u, NoCycle(f"no cycle was found near u = {u:g}: {reason}", u))]
-        trace(starts, event, GENERATIONS)
+        if isinstance(begin, PeriodicOrbit):
+            trace(both_ways(motion, begin), None, GENERATIONS)
+        else:
+            onset = CycleEvent("hopf", begin.speed, 1e-6, 1.0 + 0j, 0.0)
+            trace([from_hopf(motion, begin)], onset, GENERATIONS)
         return found, failed
 
 
@@ -309,19 +297,19 @@ class _Follower:
         highest = max(float(speeds[-1]), here.u) * BEYOND
         try:
             steps = followed(self.motion, self.start, FINE)
-            if self.start.base is None:
+            if self.begin is None:
                 last = self._finished(here.u, here)
                 if last is not None:
                     self._keep(last)
             else:  # up to its first orbit
                 first = next(steps)
-                self._take(self._at_speeds(first, first.segment))
+                self._take(self._at_speeds(first, first))
             for step in steps:
                 if self._vanishes(step):
                     return
-                here = step.end
+                here = orbit_at(step, step.length)
                 frequencies.append(here.frequency)
-                low, high = sorted((step.begin.u, here.u))
+                low, high = sorted((step.begin.p, here.u))
                 if low <= speeds[-1] and high >= speeds[0]:
                     last, beyond = self._noted(step, last), 0
                     if last.multiplier_error > LARGEST_ERROR:
@@ -369,73 +357,55 @@ class _Follower:
         if cycle.multiplier_error <= LARGEST_ERROR:
             self.cycles.append(cycle)
 
-    def _vanishes(self, step: OrbitStep) -> bool:
+    def _vanishes(self, step: Step) -> bool:
         """Whether the branch meets within a step an equilibrium, or cycles of more symmetry."""
-        orbit = step.begin
-        kinds: list[EventKind] = ["hopf"] if orbit.symmetric else ["hopf", "period doubling"]
-        if not orbit.symmetric and self.motion.is_odd(orbit.u):
+        begin, end = orbit_at(step, 0.0), orbit_at(step, step.length)
+        kinds: list[EventKind] = ["hopf"] if begin.symmetric else ["hopf", "period doubling"]
+        if not begin.symmetric and self.motion.is_odd(begin.u):
             kinds.append("pitchfork")
         for kind in kinds:
-            here, there = (breaking_part(orbit, kind) for orbit in (step.begin, step.end))
+            here, there = (breaking_part(orbit, kind) for orbit in (begin, end))
             if float(np.sum(here * there)) >= 0.0:
                 continue
             before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
-            share = before / (before + after)
+            # The speed changes with the square of what vanishes.
+            meeting = step.length * before / (before + after)
+            near, last = (orbit_at(step, share * meeting) for share in (0.6, 0.85))
+            left, size = (float(np.sum(breaking_part(one, kind) ** 2)) for one in (near, last))
+            rough, u = (
+                last.u + size * (last.u - other.u) / (square - size)
+                for other, square in ((begin, before**2), (near, left))
+            )
+            error = abs(u - rough) + 1e-9
             if kind == "hopf":
-                u = orbit.u + share * (step.end.u - orbit.u)
                 others = [onset for onset in self.options.onsets if onset != self.onset]
                 onset = min(others, key=lambda onset: abs(onset - u), default=math.inf)
-                known = abs(onset - u) < 0.01 * u
-                error = 1e-6 if known else abs(orbit.u - u)
-                orbit = replace(orbit, u=onset if known else u)
-            else:
-                # The speed changes with the square of what vanishes.
-                near, orbit = (step.at(k * share * step.length) for k in (0.6, 0.85))
-                left, size = (float(np.sum(breaking_part(one, kind) ** 2)) for one in (near, orbit))
-                rough, u = (
-                    orbit.u + size * (orbit.u - other.u) / (square - size)
-                    for other, square in ((step.begin, before**2), (near, left))
-                )
-                error = abs(u - rough) + 1e-9
-                orbit = replace(orbit, u=u)
-            self._ends(kind, orbit, error)
+                u, error = (onset, 1e-6) if abs(onset - u) < 0.01 * u else (u, error)
+            self._ends(kind, replace(last, u=u), error)
             return True
         return False
 
-    def _noted(self, step: OrbitStep, last: LimitCycle | None) -> LimitCycle:
+    def _noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
         """Keeps what lies on a step and its events; the cycle at its end.
 
         `last` is the cycle at its beginning, if that is known and kept.
         """
-        segment, length = step.segment, step.length
 
         @cache
         def cycle(s: float) -> LimitCycle:
             if s == 0.0 and last is not None:
                 return last
-            orbit = step.begin if s == 0.0 else step.end if s == length else step.at(s)
-            return on_branch(self.motion, orbit, FINE.defect, SAMPLES, self.how)
+            return on_branch(self.motion, orbit_at(step, s), FINE.defect, SAMPLES, self.how)
 
+        length = step.length
         if last is None:
             self._keep(cycle(0.0))
         found: list[Found] = [(length, cycle(length), None)]
-        if max(cycle(s).multiplier_error for s in (0.0, length)) > LARGEST_ERROR:
-            self._keep(cycle(length))
-            return cycle(length)
-        turns = folds(segment, 1e-5)  # the speed of a fold is known to the square of that
-        for s in turns:
-            u = cycle(s).u
-            error = max(abs(step.at(s + 1e-3 * length).u - u), 1e-9)
-            event = CycleEvent("fold", u, error, 1.0 + 0j, cycle(s).amplitude)
-            found.append((s, cycle(s), event))
-        lows = [0.0, *(min(s + NEAR_FOLD * length, length) for s in turns)]
-        highs = [*(s - NEAR_FOLD * length for s in turns), length]
-        for low, high in zip(lows, highs, strict=True):
-            if low < high:
-                found += self._events(step, cycle, low, high)
-        points = [segment.begin, *(segment.at(s) for s in turns), segment.end]
-        for a, b in pairwise(points):
-            found += self._at_speeds(step, replace(segment, begin=a, end=b))
+        if max(cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
+            turns = folds(step, 1e-5)  # the speed of a fold is known to the square of that
+            found += self._events(step, turns, cycle)
+            for part in step.parts(turns):
+                found += self._at_speeds(step, part)
         self._take(found)
         return cycle(length)
 
@@ -447,31 +417,42 @@ class _Follower:
                 self.events.append(event)
 
     def _events(
-        self, step: OrbitStep, cycle: Callable[[float], LimitCycle], low: float, high: float
+        self, step: Step, turns: list[float], cycle: Callable[[float], LimitCycle]
     ) -> Iterator[Found]:
-        """Where multipliers cross the unit circle between two lengths, but for folds."""
-        passed = sign_changes(lambda s: growth(cycle(s).multipliers), low, high, 1e-4 * step.length)
-        for before, beyond in passed:
-            orbit = step.at(beyond)
-            _, roots, _ = floquet(self.motion, orbit)
-            kind, multiplier = crossing_event(roots, orbit.symmetric)
-            if kind == "fold":
-                continue
-            a, b = cycle(before), cycle(beyond)
-            speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
-            event = CycleEvent(kind, speed, error, multiplier, 0.5 * (a.amplitude + b.amplitude))
-            if kind != "torus" and self.options.holds(speed):
-                self.forks.append((event, orbit, a.stable or b.stable))
-            yield beyond, b, event
+        """Folds, at known lengths, and where multipliers cross the unit circle between them."""
+        length = step.length
 
-    def _at_speeds(self, step: OrbitStep, part: Segment) -> Iterator[Found]:
-        """The cycles at the speeds given on a part of a step."""
+        def values(s: float) -> Array:
+            return growth(cycle(s).multipliers)
+
+        for s in turns:
+            a = cycle(s)
+            error = max(abs(step.at(s + 1e-3 * length).p - a.u), 1e-9)
+            yield s, a, CycleEvent("fold", a.u, error, 1.0 + 0j, a.amplitude)
+        near = NEAR_FOLD * length
+        ends = [0.0, *(s + side for s in turns for side in (-near, near)), length]
+        for low, high in zip(ends[::2], ends[1::2], strict=True):
+            if not low < high:
+                continue
+            for before, beyond in sign_changes(values, low, high, 1e-4 * length):
+                a, b = cycle(before), cycle(beyond)
+                _, roots, _ = floquet(self.motion, b.orbit)
+                kind, multiplier = crossing_event(roots, b.symmetric)
+                if kind == "fold":
+                    continue
+                speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
+                event = CycleEvent(
+                    kind, speed, error, multiplier, 0.5 * (a.amplitude + b.amplitude)
+                )
+                if kind != "torus" and self.options.holds(speed):
+                    self.forks.append((event, b.orbit, a.stable or b.stable))
+                yield beyond, b, event
+
+    def _at_speeds(self, step: Step, part: Step) -> Iterator[Found]:
+        """The cycles at the speeds given on a part of a step, but for its beginning."""
         low, high = sorted((part.begin.p, part.end.p))
         speeds = self.options.speeds
-        passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.p)
-        if len(self.frequencies) == 1 and self.start.base is None:  # the first is kept already
-            passed &= ~np.isclose(speeds, self.start.orbit.u, rtol=1e-7, atol=0.0)
-        for u in map(float, speeds[passed]):
+        for u in speeds[(speeds >= low) & (speeds <= high) & (speeds != part.begin.p)].tolist():
             try:
                 z = part.where(u)
             except NewtonFailed as reason:
@@ -479,7 +460,7 @@ class _Follower:
                 continue
             cycle = self._finished(u, step.problem.orbit(z))
             if cycle is not None:
-                yield step.segment.reach(z), cycle, None
+                yield step.reach(z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)
 
     def _is_first(self, cycle: LimitCycle) -> bool:

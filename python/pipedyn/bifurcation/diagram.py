@@ -271,15 +271,13 @@ class _Cycles:
             with one_thread(motion.size):
                 orbit, _ = cycle_from(motion, u, state)
                 amplitude, _ = amplitude_of(motion, orbit)
+            known = (cycle for branch in self.branches for cycle in branch.at(u))
+            if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
+                self.add(*traced(self.model, orbit, self.options))
         except NewtonFailed as reason:
             self.fail(u, NoCycle(f"the cycle at u = {u:g} was not followed: {reason}", u))
-            return
         except PipedynError as error:
             self.fail(u, error)
-            return
-        known = (cycle for branch in self.branches for cycle in branch.at(u))
-        if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
-            self.add(*traced(self.model, orbit, self.options))
 
     def from_motions(self, motions: tuple[Attractor, ...]) -> None:
         """Through cycles on which motions end and that lie on no branch."""

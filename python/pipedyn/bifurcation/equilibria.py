@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from pipedyn.bifurcation.continuation import (
-    Continuation,
     Control,
     DenseProblem,
     Point,
@@ -191,9 +190,8 @@ class Statics:
         # Steps are shortened to a tenth of 1 rad plus the size of x, so that they lead to one near
         # the start: at 0.2 a bent pipe in a guide became straight. 100 lead to thousands of rad.
         control = Control(longest=math.inf, longest_change=0.1, iterations=100)
-        return Continuation(DenseProblem(self.equations, self.size, 1.0), control).fixed(
-            np.append(x, u), u
-        )[:-1]
+        problem = DenseProblem(self.equations, self.size, 1.0, control)
+        return problem.fixed(np.append(x, u), u)[:-1]
 
     def unbalanced(self, x: Array, u: float) -> float:
         """Largest force left, in units of 1 + |gamma| + a u^2, and how far guides are missed."""
@@ -417,8 +415,7 @@ def equilibrium_branch(
         equations = statics.equations
         if statics.rms(x - statics.resting) < 1e-9 and statics.rests(0.0) and statics.rests(1.0):
             x, equations = statics.resting, statics.at_rest
-        problem = DenseProblem(equations, statics.size, 0.1 * (high - low))
-        branch = Continuation(problem, Control(longest=step))
+        branch = DenseProblem(equations, statics.size, 0.1 * (high - low), Control(longest=step))
         try:
             down = branch.point(np.append(x, u0), np.append(np.zeros_like(x), -1.0))
         except NewtonFailed as error:
@@ -450,7 +447,7 @@ class _Way:
     """A branch from one of its points on, one way."""
 
     def __init__(
-        self, statics: Statics, branch: Continuation, start: Point, ends: tuple[float, float]
+        self, statics: Statics, branch: DenseProblem, start: Point, ends: tuple[float, float]
     ) -> None:
         self.statics, self.branch, self.ends = statics, branch, ends
         self.longest = branch.control.longest
@@ -488,7 +485,7 @@ class _Way:
                 return "closed"
         return "points"
 
-    def _record(self, segment: Segment) -> bool:
+    def _record(self, segment: Segment[DenseProblem]) -> bool:
         """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
 
         Undamped, an eigenvalue is the square root of the distance to a fold, so that by rounding
