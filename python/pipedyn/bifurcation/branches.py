@@ -20,17 +20,16 @@ from numpy.typing import NDArray
 
 from pipedyn.bifurcation.brute_force import Fail
 from pipedyn.bifurcation.continuation import folds, sign_changes
-from pipedyn.bifurcation.cycles import (
+from pipedyn.bifurcation.equilibria import BALANCED, EquilibriumBranch, Statics
+from pipedyn.bifurcation.floquet import EventKind, crossing_event, floquet, growth
+from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
+from pipedyn.bifurcation.limit_cycle import (
     LimitCycle,
     NoCycle,
     amplitude_of,
     finished,
-    floquet,
     on_branch,
 )
-from pipedyn.bifurcation.equilibria import EquilibriumBranch, Statics
-from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, growth
-from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
@@ -52,6 +51,10 @@ from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
+
+SAME = 1e-4
+"""Relative difference below which two cycles, or the speeds of two events, are the same: measured,
+orbits on a coarse mesh (`limit_cycle.FIRST_DEFECT`) are off by 4e-6 at most."""
 
 NEAR_FOLD = 0.02
 """Share of a step around a fold in which its multiplier is too near to the trivial one: measured at
@@ -75,6 +78,39 @@ GENERATIONS = 2
 ones, since their number may grow without end (a cascade of period doublings)."""
 
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
+
+
+@result
+class CycleEvent:
+    """Where the stability of a branch of cycles changes, or the branch turns or ends.
+
+    Attributes:
+        kind: "fold" (the branch turns back), "pitchfork" (a cycle that is its own mirror image
+            meets two that are not), "period doubling" (it meets one of twice its period: a
+            multiplier passes -1), "torus" (a pair passes the unit circle), "hopf" (its
+            amplitude falls to 0), "infinite period" (the frequency falls towards 0, as where a
+            cycle meets an equilibrium) or "end" (it was not followed further).
+        speed: u.
+        error: half the interval of speeds that is known to hold it.
+        multiplier: the one that passes, where it does, on the unit circle: 1 at a fold and a
+            pitchfork, as where the branch begins or ends, -1 at a doubling.
+        amplitude: of the cycle.
+    """
+
+    kind: EventKind
+    speed: float
+    error: float
+    multiplier: complex
+    amplitude: float
+
+    def same(self, other: CycleEvent) -> bool:
+        """Whether two branches meet in one event; raises TypeError for what is no event."""
+        if not isinstance(other, CycleEvent):
+            raise TypeError(f"other must be a CycleEvent, got {check.shown(other)}")
+        apart = abs(self.speed - other.speed)
+        near = SAME * self.speed + 3.0 * (self.error + other.error)
+        equal = abs(self.amplitude - other.amplitude) <= 0.1 * self.amplitude
+        return self.kind == other.kind and apart <= near and equal
 
 
 @result
@@ -169,7 +205,7 @@ def hopf_points(
     """
     motion, statics = VectorField(model), Statics(model)
     points: list[tuple[float, float, Array]] = []
-    if statics.rests(highest):
+    if model.unbalanced(highest) <= BALANCED:
         try:
             onsets = [c for c in crossings(model, highest) if c.kind == "flutter"]
             points += [(c.speed, c.frequency, statics.resting) for c in onsets]

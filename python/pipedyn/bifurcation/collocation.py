@@ -237,15 +237,23 @@ class OrbitControl(Control):
 class OrbitProblem(Continuation):
     """The collocation equations on one mesh, for continuation from near an orbit.
 
-    Lengths are measured in L of the free end, and relative in frequency and speed.
+    Lengths are measured in L of the free end, and relative in frequency and speed; `unit` is the
+    root mean square of the positions p for each L of the free end's amplitude, on the orbit unless
+    it is given.
     """
 
-    def __init__(self, motion: VectorField, start: PeriodicOrbit, control: Control) -> None:
+    def __init__(
+        self,
+        motion: VectorField,
+        start: PeriodicOrbit,
+        control: Control,
+        unit: float | None = None,
+    ) -> None:
         super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
         self.motion, self.start = motion, start
+        self.unit = _unit_of(motion, start) if unit is None else unit
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
-        by_state[:, : motion.half] = np.diff(start.edges)[:, None] / start.span
-        by_state /= _size_by_tip(motion, start) ** 2
+        by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
         self.weights[-2:] = start.frequency**-2, start.u**-2
         # The least change: none of it along the motion, which is a mere shift of the phase.
         row = np.zeros_like(self.weights)
@@ -278,8 +286,8 @@ class OrbitProblem(Continuation):
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
 
 
-def _size_by_tip(motion: VectorField, orbit: PeriodicOrbit) -> float:
-    """Root mean square of the positions p for each L of the free end's amplitude."""
+def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
+    """The unit of `OrbitProblem` on an orbit."""
     states = orbit.states(PROBES)
     positions, across = states[: motion.half], motion.tip(states)
     centred = positions - positions.mean(axis=1, keepdims=True)
@@ -290,7 +298,7 @@ def _size_by_tip(motion: VectorField, orbit: PeriodicOrbit) -> float:
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
     control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
-    problem = OrbitProblem(motion, orbit, control)
+    problem = OrbitProblem(motion, orbit, control, unit=1.0)
     return problem.orbit(problem.fixed(orbit.packed(), orbit.u))
 
 

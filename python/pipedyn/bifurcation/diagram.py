@@ -28,7 +28,6 @@ from pipedyn.bifurcation.brute_force import (
     attractors,
     initial_bends,
 )
-from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
 from pipedyn.bifurcation.equilibria import (
     LARGEST,
     EquilibriumBranch,
@@ -37,7 +36,7 @@ from pipedyn.bifurcation.equilibria import (
     equilibrium_branch,
     lies_on,
 )
-from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
+from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure

@@ -160,6 +160,8 @@ class Statics:
         self.size = model.moving
         self.motion = VectorField(model)
         self.resting = np.array(model.resting(), dtype=np.float64)
+        # Forces are affine in the square of the speed: balanced at two, they are so at any.
+        self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
 
     def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
         """Rates and accelerations of [x, 0], (moving,) each; rates are 0 but where guides are."""
@@ -209,10 +211,8 @@ class Statics:
         mass, velocity, stiffness = self.model.operators(x).at(u)
         n = len(mass)
         half = scipy.linalg.solve_triangular(np.linalg.cholesky(mass), np.eye(n), lower=True)
-        companion = np.zeros((2 * n, 2 * n))
-        companion[:n, n:] = np.eye(n)
-        companion[n:, :n], companion[n:, n:] = -half @ stiffness @ half.T, -half @ velocity @ half.T
-        return np.asarray(scipy.linalg.eigvals(companion))
+        turning = -np.hstack([half @ stiffness @ half.T, half @ velocity @ half.T])
+        return np.asarray(scipy.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), turning])))
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues beyond rounding, the largest first."""
@@ -239,34 +239,11 @@ class Statics:
         """Whether a configuration is that of the straight pipe, its own mirror image."""
         return not self.resting.any() and self.rms(x) < 1e-9
 
-    def rests(self, u: float) -> bool:
-        """Whether the configuration at rest is an equilibrium."""
-        return self.unbalanced(self.resting, u) <= BALANCED
-
 
 def rounding(eigenvalues: Complex) -> float:
     """Real part up to which an eigenvalue counts as neutral."""
     largest = float(np.abs(eigenvalues).max())
     return 1e-10 + min(4.0 * float(np.finfo(float).eps) * largest**2, 1e-6)
-
-
-# ------------------------------------------------------------------------------------ where to look
-
-
-def pitchforks(statics: Statics, highest: float) -> list[float]:
-    """Speeds up to the highest at which branches leave the straight pipe.
-
-    Accelerations there are affine in the square of the speed.
-    """
-    if not (statics.rests(0.0) and statics.rests(1.0)):
-        return []
-    a = statics.jacobian(statics.resting, 0.0)
-    b = statics.jacobian(statics.resting, 1.0) - a
-    top, bottom = scipy.linalg.eig(a, -b, right=False, homogeneous_eigvals=True)
-    good = np.abs(bottom) > 1e-12 * np.abs(top)  # b has a small rank: the others lie at infinity
-    values = top[good] / bottom[good]
-    real = np.sort(values.real[np.abs(values.imag) <= 1e-9 * np.abs(values)])
-    return [math.sqrt(w) for w in real if 0.0 < w <= highest**2]
 
 
 def _solutions(statics: Statics, u: float, starts: list[Array]) -> Iterator[Array]:
@@ -413,7 +390,7 @@ def equilibrium_branch(
                 f"that lies {away:.3g} rad away, more than {NEAR:g}"
             )
         equations = statics.equations
-        if statics.rms(x - statics.resting) < 1e-9 and statics.rests(0.0) and statics.rests(1.0):
+        if statics.always_rests and statics.rms(x - statics.resting) < 1e-9:
             x, equations = statics.resting, statics.at_rest
         branch = DenseProblem(equations, statics.size, 0.1 * (high - low), Control(longest=step))
         try:
@@ -421,14 +398,10 @@ def equilibrium_branch(
         except NewtonFailed as error:
             raise NotConverged(f"the equilibrium at u = {u0:g} is a branch point") from error
         up = Point(down.z, -down.tangent)
-        first, second = (_Way(statics, branch, point, (low, high)) for point in (down, up))
-        ends = (first.run(), "closed")
-        points, growth, changes = first.points, first.growth, first.changes
-        if ends[0] != "closed":
-            ends = (ends[0], second.run())
-            points = points[:0:-1] + second.points
-            growth = growth[:0:-1] + second.growth
-            changes = changes[::-1] + second.changes
+        back, ahead = (_Way(statics, branch, point, (low, high)) for point in (down, up))
+        end = back.run()
+        ends = end, "closed" if end == "closed" else ahead.run()
+    points, growth = back.points[:0:-1] + ahead.points, back.growth[:0:-1] + ahead.growth
     q = statics.recorded(np.array([point.x for point in points]))
     unstable = np.array([np.count_nonzero(one > 0.0) for one in growth])
     return EquilibriumBranch(
@@ -437,7 +410,7 @@ def equilibrium_branch(
         stable=unstable == 0,
         unstable=unstable,
         tips=model.tips(q.T),
-        points=tuple(changes),
+        points=tuple(back.changes[::-1] + ahead.changes),
         ends=ends,
         model=model,
     )
@@ -506,7 +479,7 @@ class _Way:
         def growth(s: float) -> Array:
             if s == 0.0:
                 return self.growth[-1]
-            point = b if s == ds else segment.at(s)
+            point = segment.at(s)
             return statics.growth(point.x, abs(point.p))
 
         marked = [(turn, self._point("fold", segment.at(turn))) for turn in turns]
@@ -526,10 +499,19 @@ class _Way:
         return meeting is not None
 
     def _pitchfork(self, u: float) -> float | None:
-        """Speed of the pitchfork of the straight pipe nearest to a speed, if one is near."""
-        near = 0.02 * (1.0 + u)
-        found = [p for p in pitchforks(self.statics, u + near) if abs(p - u) < near]
-        return min(found, key=lambda p: abs(p - u), default=None)
+        """Speed of the pitchfork of the straight pipe nearest to a speed, if one is near.
+
+        Accelerations there are affine in the square of the speed.
+        """
+        rest, jacobian = self.statics.resting, self.statics.jacobian
+        if not self.statics.always_rests:
+            return None
+        slope = jacobian(rest, 1.0) - jacobian(rest, 0.0)
+        squares = scipy.linalg.eigvals(jacobian(rest, 0.0), -slope)  # infinite without flux
+        real = (squares.real > 0.0) & (np.abs(squares.imag) <= 1e-9 * np.abs(squares))
+        found = np.sqrt(squares.real[real])
+        near = found[np.abs(found - u) < 0.02 * (1.0 + u)]
+        return min(near.tolist(), key=lambda p: abs(p - u), default=None)
 
     def _point(self, kind: Change, point: Point) -> BranchPoint:
         statics = self.statics

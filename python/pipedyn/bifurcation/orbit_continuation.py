@@ -131,12 +131,12 @@ def _first_step(motion: VectorField, start: BranchStart, how: OrbitControl) -> S
     while True:
         # So small a start lets the orbits on the way be anything from 0.15 % to 150 % of the first.
         problem = OrbitProblem(motion, start.orbit.unpacked(begin + 0.05 * towards), how)
-        point, length = problem.starting(begin, towards), problem.length(towards)
+        length = problem.length(towards)
         try:
-            end = problem.at(point, length)
+            end = problem.at(problem.starting(begin, towards), length)
             is_resolved = (problem.orbit(end.z).defects() <= COARSE.defect).all()
             if (low <= end.p <= high and is_resolved) or length <= SMALLEST:
-                return Segment(problem, point, end)
+                return Segment(problem, problem.starting(begin, end.z - begin), end)
         except NewtonFailed:
             if length <= SMALLEST:
                 raise
@@ -175,7 +175,7 @@ def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iter
             if edges.size < 0.75 * here.edges.size:
                 here, towards = _on_mesh(step, step.end, edges)
         while True:
-            problem = OrbitProblem(motion, here, how)
+            problem = OrbitProblem(motion, here, how, step.problem.unit)
             step, following = problem.next(problem.starting(here.packed(), towards), length)
             coarse = orbit_at(step, step.length).defects() > how.defect
             if not coarse.any():
@@ -195,7 +195,7 @@ def _on_mesh(step: Step, point: Point, edges: Array) -> tuple[PeriodicOrbit, Arr
         interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
         for orbit in map(step.problem.orbit, (point.z, point.z + 1e-4 * point.tangent))
     )
-    problem = OrbitProblem(motion, here, step.problem.control)
+    problem = OrbitProblem(motion, here, step.problem.control, step.problem.unit)
     found = problem.at(problem.point(here.packed(), moved.packed() - here.packed()), 0.0)
     return problem.orbit(found.z), found.tangent
 
