@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pipedyn.bifurcation.brute_force import Fail
 from pipedyn.bifurcation.continuation import folds, sign_changes
-from pipedyn.bifurcation.equilibria import BALANCED, EquilibriumBranch, Statics
+from pipedyn.bifurcation.equilibria import BALANCED, BranchPoint, EquilibriumBranch
 from pipedyn.bifurcation.floquet import EventKind, crossing_event, floquet, growth
 from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.limit_cycle import (
@@ -45,6 +45,7 @@ from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -156,11 +157,6 @@ class CycleBranch:
         u = check.real("u", u, low=0.0)
         return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
 
-    def passes(self, u: float) -> bool:
-        """Whether it has cycles on both sides of a speed, or at it."""
-        u = check.real("u", u, low=0.0)
-        return bool(self.speeds.min() <= u <= self.speeds.max())
-
 
 Failed = tuple[float, Exception]
 """A flow speed and what was raised there."""
@@ -203,27 +199,22 @@ def hopf_points(
 
     Where the straight pipe is an equilibrium all its onsets count, on branches followed or not.
     """
-    motion, statics = VectorField(model), Statics(model)
-    points: list[tuple[float, float, Array]] = []
+    motion = VectorField(model)
+    points: list[Crossing | BranchPoint] = []
     if model.unbalanced(highest) <= BALANCED:
         try:
-            onsets = [c for c in crossings(model, highest) if c.kind == "flutter"]
-            points += [(c.speed, c.frequency, statics.resting) for c in onsets]
+            points += [c for c in crossings(model, highest) if c.kind == "flutter"]
         except PipedynError as error:
             fail(highest, error)
-    for branch in branches:
-        if not branch.straight:
-            bent = [point for point in branch.points if point.kind == "hopf"]
-            points += [(p.speed, p.frequency, statics.from_start("q", p.q)) for p in bent]
+    points += [p for b in branches if not b.straight for p in b.points if p.kind == "hopf"]
     found: list[HopfPoint] = []
-    for u, frequency, x in points:
-        known = (np.allclose((u, frequency), (p.speed, p.frequency), rtol=1e-6) for p in found)
-        if u > 0.0 and not any(known):
+    for new in points:
+        same = (np.isclose((p.speed, p.frequency), (new.speed, new.frequency), 1e-6) for p in found)
+        if new.speed > 0.0 and not any(map(np.all, same)):
             try:
-                rest = np.concatenate([x, np.zeros(motion.half)])
-                found.append(hopf_point(motion, rest, u, frequency))
+                found.append(hopf_point(motion, new))
             except (PipedynError, ValueError) as error:
-                fail(u, error)
+                fail(new.speed, error)
     return found
 
 
@@ -336,7 +327,7 @@ class _Follower:
             if self.begin is None:
                 last = self._finished(here.u, here)
                 if last is not None:
-                    self._keep(last)
+                    self._take([(0.0, last, None)])
             else:  # up to its first orbit
                 first = next(steps)
                 self._take(self._at_speeds(first, first))
@@ -388,11 +379,6 @@ class _Follower:
                 return error.result
         return None
 
-    def _keep(self, cycle: LimitCycle) -> None:
-        """Takes a cycle whose multipliers are accurate enough."""
-        if cycle.multiplier_error <= LARGEST_ERROR:
-            self.cycles.append(cycle)
-
     def _vanishes(self, step: Step) -> bool:
         """Whether the branch meets within a step an equilibrium, or cycles of more symmetry."""
         begin, end = orbit_at(step, 0.0), orbit_at(step, step.length)
@@ -434,9 +420,8 @@ class _Follower:
             return on_branch(self.motion, orbit_at(step, s), FINE.defect, SAMPLES, self.how)
 
         length = step.length
-        if last is None:
-            self._keep(cycle(0.0))
-        found: list[Found] = [(length, cycle(length), None)]
+        found: list[Found] = [] if last is not None else [(0.0, cycle(0.0), None)]
+        found.append((length, cycle(length), None))
         if max(cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
             turns = folds(step, 1e-5)  # the speed of a fold is known to the square of that
             found += self._events(step, turns, cycle)
@@ -446,9 +431,10 @@ class _Follower:
         return cycle(length)
 
     def _take(self, found: Iterable[Found]) -> None:
-        """Keeps what lies on a step, in order along the branch."""
+        """Keeps events on a step, and cycles known well enough, in order along the branch."""
         for _, cycle, event in sorted(found, key=lambda place: place[0]):
-            self._keep(cycle)
+            if cycle.multiplier_error <= LARGEST_ERROR:
+                self.cycles.append(cycle)
             if event is not None:
                 self.events.append(event)
 

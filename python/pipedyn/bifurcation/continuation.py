@@ -252,14 +252,11 @@ def folds(segment: Segment[Problem], rtol: float) -> list[float]:
     length = segment.length
     ends = [0.0, length]
     if first * last > 0.0:
-        # Where the cubic with the ends' parameters and slopes is flattest.
-        mean = (segment.end.p - segment.begin.p) / length
-        bend = 6.0 * (0.5 * (first + last) - mean)
-        share = 0.5 - 0.5 * (last - first) / bend if bend else 0.0
-        flattest = first + share * (last - first - bend * (1.0 - share))
-        steepest = max(first, last, key=abs)
-        if 0.0 < share < 1.0 and flattest / steepest < FLAT:
-            ends.insert(1, share * length)
+        parameters = segment.begin.p, segment.end.p
+        cubic = CubicHermiteSpline(ends, parameters, segment.slopes)
+        for flattest in cubic.derivative(2).roots(extrapolate=False):  # one at most
+            if cubic(flattest, 1) / max(first, last, key=abs) < FLAT:
+                ends.insert(1, float(flattest))
 
     @cache
     def slope(s: float) -> Array:
@@ -277,14 +274,8 @@ def sign_changes(
     Values at an arc length are in falling order, so that the one that passes 0 is a continuous
     function of the length unless others pass with it; they are asked for repeatedly.
     """
-    tried: set[float] = set()
-
-    def value(s: float, which: int) -> float:
-        tried.add(s)
-        return float(values(s)[which])
 
     def count(s: float) -> int:
-        tried.add(s)
         return int(np.count_nonzero(values(s) > 0.0))
 
     for _ in range(8):  # six on one step are the most that have been met
@@ -292,13 +283,12 @@ def sign_changes(
         if first == last:
             return
         passing = first - (last < first)
-        root = float(brentq(value, low, high, (passing,), xtol=tolerance))
-        if value(root, passing) == 0.0:  # then the interval may still be wide
-            tried |= {max(low, root - tolerance), min(root + tolerance, high)}
-        lengths = sorted(s for s in tried if low <= s <= high)
-        i = next(i for i, s in enumerate(lengths) if count(s) != first)
-        yield lengths[i - 1], lengths[i]
-        low = lengths[i]
+        root = brentq(lambda s, which: values(s)[which], low, high, (passing,), xtol=tolerance)
+        width = tolerance  # more where rounding hides the change
+        while count(max(low, root - width)) == count(min(root + width, high)):
+            width *= 2.0
+        yield max(low, root - width), min(root + width, high)
+        low = min(root + width, high)
 
 
 # ----------------------------------------------------------------------------- dense equations

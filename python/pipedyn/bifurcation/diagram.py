@@ -181,7 +181,8 @@ def bifurcation_diagram(
     if steps:
         found.from_motions(motions)
         for u in seeds(at):
-            if u > 0.0 and u not in resting and not any(one.passes(u) for one in found.branches):
+            passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
+            if u > 0.0 and u not in resting and not any(passed):
                 found.through(u, model.bent(slight_bend))
     failures.sort(key=lambda failure: failure.value)
     return BifurcationDiagram(at, branches, tuple(found.branches), motions, tuple(failures), model)

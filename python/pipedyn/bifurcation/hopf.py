@@ -204,10 +204,21 @@ class HopfPoint:
     rest: Array = field(repr=False, compare=False, kw_only=True)
 
 
-def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
-    """The pair on the axis at an equilibrium, shape (2 moving,); raises as `vectors` does."""
-    mode, _ = vectors(motion.jacobian(rest, u), frequency, lambda q: _tip_of(motion, rest, q))
-    return HopfPoint(u, frequency, mode=mode, rest=rest)
+def hopf_point(motion: VectorField, crossing: Crossing | BranchPoint) -> HopfPoint:
+    """That of a flutter, of the straight pipe or a bent one; raises as `vectors` does."""
+    u, rest = crossing.speed, _rest_at(motion, crossing)
+    jacobian = motion.jacobian(rest, u)
+    mode, _ = vectors(jacobian, crossing.frequency, lambda q: _tip_of(motion, rest, q))
+    return HopfPoint(u, crossing.frequency, mode=mode, rest=rest)
+
+
+def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
+    """The equilibrium that flutters, an integrated state; raises ValueError if there is none."""
+    if isinstance(crossing, BranchPoint):
+        start = Statics(motion.model).from_start("crossing", crossing.q)
+        return np.concatenate([start, np.zeros(motion.half)])
+    motion.model.require_equilibrium(crossing.speed)
+    return motion.resting()
 
 
 @result
@@ -374,12 +385,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
             "belongs to one of them"
         )
     motion = VectorField(model)
-    if isinstance(crossing, BranchPoint):
-        start = Statics(model).from_start("crossing", crossing.q)
-        rest = np.concatenate([start, np.zeros(motion.half)])
-    else:
-        model.require_equilibrium(u)
-        rest = motion.resting()
+    rest = _rest_at(motion, crossing)
     smooth = with_drag(model, 0.0) if model.pipe.drag else motion
     with one_thread(motion.size):
         try:

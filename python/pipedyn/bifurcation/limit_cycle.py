@@ -294,7 +294,7 @@ def _check_own(motion: VectorField, onset: Hopf) -> None:
     own = onset.model.coordinate_kind == motion.model.coordinate_kind
     with suppress(PipedynError, ValueError):
         if own:
-            hopf_point(motion, onset.rest, onset.speed, onset.frequency)
+            hopf_point(motion, onset.crossing)
             return
     raise ValueError(f"start must be an onset of the model, got one of {onset.model!r}")
 
