@@ -116,8 +116,7 @@ def attractors(
     """Where motions end, from each start at each speed."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
-    indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
-    parts = [[members[i] for i in part] for part in indices]
+    parts = [members[i : i + most] for i in range(0, len(members), most)]
     found: list[Attractor] = []
     jobs = [partial(_batch, model, part, starts, options) for part in parts]
     answers = parallel(jobs, executor, label="brute force", progress=shown)

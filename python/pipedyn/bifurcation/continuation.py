@@ -228,16 +228,9 @@ class Segment(Generic[Problem]):
 
     def where(self, p: float) -> Array:
         """The solution at a value of the parameter between those at the ends."""
-        try:
-            return self._landing(p, self.guess)
-        except NewtonFailed:  # as happens near a fold
-            return self._landing(p, lambda s: self.at(s).z)
-
-    def _landing(self, p: float, curve: Callable[[float], Array]) -> Array:
-        """The same by one run of Newton's method, from where a curve between the ends passes p."""
         ends = {0.0: self.begin.p, self.length: self.end.p}
-        s = brentq(lambda s: ends[s] - p if s in ends else curve(s)[-1] - p, 0.0, self.length)
-        found = self.problem.fixed(curve(float(s)), p)
+        s = brentq(lambda s: ends.get(s, self.guess(s)[-1]) - p, 0.0, self.length)
+        found = self.problem.fixed(self.guess(s), p)
         if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
         return found

@@ -142,32 +142,29 @@ def vectors(
 
     Raises as `normal_form` does.
     """
-    size = a.shape[0]
-    # Rates are about omega times coordinates: balanced, both are of one size.
-    balance, (scaling, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+    # Rates in units of the frequency are of the size of coordinates, whatever other modes' are.
+    unit = np.ones(len(a))
+    unit[len(a) // 2 :] = frequency
+    scaled = a * unit / unit[:, None]
     shift = 1j * frequency * (1.0 + 1e-12) + 1e-11 * frequency
     factorised()
-    factors = scipy.linalg.lu_factor(balance - shift * np.eye(size))
-    start = np.cos(np.arange(size)) + 1.5j
+    factors = scipy.linalg.lu_factor(scaled - shift * np.eye(len(a)))
+    start = np.cos(np.arange(len(a))) + 1.5j
     right, left = start, start.conj()
     for _ in range(4):
         right = scipy.linalg.lu_solve(factors, right)
         left = scipy.linalg.lu_solve(factors, left, trans=2)
         right, left = right / np.linalg.norm(right), left / np.linalg.norm(left)
-    value = complex(right.conj() @ (balance @ right))
+    value = complex(right.conj() @ (scaled @ right))
     if abs(value - 1j * frequency) > 1e-5 * frequency:
         raise ValueError(
             f"crossing must be one of the model's: no eigenvalue lies at {frequency:g} i, "
             f"the nearest at {value:g}"
         )
-    right, left = scaling * right, left / scaling
-    # Rates in units of the frequency, so that the angle does not depend on other modes' sizes.
-    unit = np.ones(size)
-    unit[size // 2 :] = frequency
-    lengths = np.linalg.norm(right / unit) * np.linalg.norm(left * unit)
     # Where two pairs meet, p and q are orthogonal up to the square root of rounding.
-    if abs(complex(left.conj() @ right)) < 3e-5 * lengths:
+    if abs(complex(left.conj() @ right)) < 3e-5:
         raise NoHopf("two pairs meet on the axis at the onset")
+    right, left = unit * right, left / unit
     share = scale(right)
     if abs(share) <= 1e-9 * float(np.abs(right).max()) / (1.0 + frequency):
         raise NoHopf("the free end does not move in the mode that flutters")

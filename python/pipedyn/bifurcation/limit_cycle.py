@@ -217,10 +217,8 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             symmetric = orbit.symmetric and motion.is_odd(u)
             guess = resolved(motion, orbit.states, orbit.frequency, u, symmetric, FIRST_DEFECT)
             return solved(motion, guess, FIRST_STEP), "from a cycle"
-        last_period = _last_period(motion, u, start)
-        if last_period is None:
-            raise NoCycle("the motion to start from does not come back to an earlier state", u)
-        return _as_symmetric(motion, solved(motion, last_period, FIRST_STEP)), "from a motion"
+        orbit = solved(motion, _last_period(motion, u, start), FIRST_STEP)
+        return _as_symmetric(motion, orbit), "from a motion"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
@@ -324,7 +322,7 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
 
 def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH) -> PeriodicOrbit:
     """The cycle on which the motion from a state [p, p'] ends."""
-    model, reason = motion.model, "the motion does not come back to an earlier state"
+    model, reason = motion.model, "the motion does not converge"
     states = np.stack([start, motion.resting()])
     (q0, q_rest), (qdot0, _) = model.recorded(states[:, : motion.half], states[:, motion.half :])
     evaluations, time, passed = 0, 0.0, None
@@ -346,13 +344,9 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
         if moves < 1e-4 and moves <= 1.01 * before:
             where = "rest" if np.abs(q0 - q_rest).max() < 1e-2 else "a bent pipe at rest"
             raise NoCycle(f"no limit cycle at u = {u:g} by simulation: it ends in {where}", u)
-        guess = _last_period(motion, u, going)
-        if guess is None:
-            stretch = min(2.0 * stretch, 32.0)  # two of the longest periods
-            continue
         try:
+            guess = _last_period(motion, u, going)
             found = solved(motion, guess, FIRST_STEP)
-            reason = "the motion does not converge"
             # An orbit far from the motion may be any; by one that repels a motion only passes.
             away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
             known = passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6
@@ -362,7 +356,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
                     return _as_symmetric(motion, found)
                 passed = found
         except NewtonFailed as failure:
-            reason = str(failure)
+            reason, stretch = str(failure), min(2.0 * stretch, 32.0)  # two of the longest periods
     if passed is not None:
         return _as_symmetric(motion, passed)
     raise NoCycle(f"no limit cycle at u = {u:g} by simulation: {reason}", u)
@@ -381,16 +375,17 @@ def _as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
     return solved(motion, half, FIRST_STEP)
 
 
-def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit | None:
-    """The last period of a motion; None if it does not come back to within a tenth of its size."""
+def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit:
+    """The last period of a motion; NewtonFailed unless it comes back to a tenth of its size."""
     t, tip, half = going.t, going.tip[:, 0], motion.half
+    lost = NewtonFailed("the motion does not come back to an earlier state")
     if t.size < 16:
-        return None
+        raise lost
     late = slice(t.size // 2, None)
     across = tip - 0.5 * (tip[late].max() + tip[late].min())
     up = np.flatnonzero((across[:-1] < 0.0) & (across[1:] >= 0.0))
     if up.size < 2:
-        return None
+        raise lost
     p = np.concatenate([going.q, going.qdot], axis=1)
     if p.shape[1] != motion.size:
         start = going.model.start
@@ -405,7 +400,7 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit 
     back = np.abs((states[:-1] - states[-1]) / scale).max(axis=1)[::-1][:LONGEST_PERIOD]
     turns = int(np.flatnonzero(back <= max(2.0 * float(back.min()), 0.01))[0])
     if back[turns] > 0.1:
-        return None
+        raise lost
     begin = times[-2 - turns]
     period = float(times[-1] - begin)
     omega = 2.0 * math.pi / period
