@@ -18,7 +18,7 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.brute_force import Fail
+from pipedyn.bifurcation.brute_force import Failed
 from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.equilibria import BALANCED, BranchPoint, EquilibriumBranch
 from pipedyn.bifurcation.floquet import EventKind, crossing_event, floquet, growth
@@ -155,10 +155,6 @@ class CycleBranch:
         return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
 
 
-Failed = tuple[float, Exception]
-"""A flow speed and what was raised there."""
-
-
 @dataclass(frozen=True)
 class BranchOptions:
     """How branches are followed."""
@@ -190,7 +186,7 @@ class Traced:
 
 
 def hopf_points(
-    model: Model, branches: tuple[EquilibriumBranch, ...], highest: float, fail: Fail
+    model: Model, branches: tuple[EquilibriumBranch, ...], highest: float, failed: list[Failed]
 ) -> list[HopfPoint]:
     """Hopf points of equilibria up to a speed, of mirror images one.
 
@@ -202,7 +198,7 @@ def hopf_points(
         try:
             points += [c for c in crossings(model, highest) if c.kind == "flutter"]
         except PipedynError as error:
-            fail(highest, error)
+            failed.append((highest, error))
     points += [p for b in branches if not b.straight for p in b.points if p.kind == "hopf"]
     found: list[HopfPoint] = []
     for new in points:
@@ -211,7 +207,7 @@ def hopf_points(
             try:
                 found.append(hopf_point(motion, new))
             except (PipedynError, ValueError) as error:
-                fail(new.speed, error)
+                failed.append((new.speed, error))
     return found
 
 
@@ -322,7 +318,7 @@ class _Follower:
         try:
             steps = followed(self.motion, self.start, FINE)
             if self.begin is None:
-                last = self._finished(here.u, here)
+                last = self._finished(here)
                 if last is not None:
                     self._take([(0.0, last, None)])
             else:  # up to its first orbit
@@ -363,18 +359,17 @@ class _Follower:
         self.events.append(CycleEvent(kind, orbit.u, error, 1.0 + 0j, size))
         self.end = self.events[-1] if kind != "end" else None
 
-    def _finished(self, u: float, orbit: PeriodicOrbit) -> LimitCycle | None:
+    def _finished(self, orbit: PeriodicOrbit) -> LimitCycle | None:
         """The cycle of the orbit at one of the speeds given; None where there is none.
 
         What fails to meet the tolerance is a failure, and kept for what it is.
         """
         try:
             return finished(self.motion, orbit, self.options.rtol, SAMPLES, self.how)
-        except PipedynError as error:
-            self.failed.append((u, error))
-            if isinstance(error, NotConverged) and isinstance(error.result, LimitCycle):
-                return error.result
-        return None
+        except NotConverged as error:
+            self.failed.append((orbit.u, error))
+            reached: LimitCycle | None = error.result
+            return reached
 
     def _vanishes(self, step: Step) -> bool:
         """Whether the branch meets within a step an equilibrium, or cycles of more symmetry."""
@@ -477,7 +472,7 @@ class _Follower:
             except NewtonFailed as reason:
                 self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
                 continue
-            cycle = self._finished(u, step.problem.orbit(z))
+            cycle = self._finished(step.problem.orbit(z))
             if cycle is not None:
                 yield step.reach(z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)

@@ -312,8 +312,11 @@ class DenseProblem(Continuation):
         residual, derivative = self.equations(z[:-1], float(z[-1]))
 
         def change(row: Array, gap: float, share: float) -> Array:
-            right = np.append(-share * residual, gap)
-            return _dense_solution(np.vstack([derivative, row]), right)
+            matrix = np.vstack([derivative, row])
+            if not np.isfinite(matrix).all():  # numpy would not refuse it
+                raise ValueError("derivatives are not finite")
+            factorised()
+            return np.asarray(np.linalg.solve(matrix, np.append(-share * residual, gap)))
 
         return change
 
@@ -323,11 +326,3 @@ class DenseProblem(Continuation):
 
     def check(self, z: Array) -> None:
         """Every point may be followed."""
-
-
-def _dense_solution(matrix: Array, right: Array) -> Array:
-    """Of linear equations, which numpy would not refuse for what is not finite."""
-    if not np.isfinite(matrix).all():
-        raise ValueError("derivatives are not finite")
-    factorised()
-    return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)

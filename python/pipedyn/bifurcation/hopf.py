@@ -477,11 +477,9 @@ def _mean_drag(
 def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
     """Transverse displacement of the free end to first order: its velocity if p' is the mode."""
     half, model = motion.half, motion.model
-    parts = []
-    for part in (mode.real, mode.imag):
-        q, rates = model.recorded(rest[None, :half], part[None, :half])
-        parts.append(float(model.tip_velocities(q.T, rates.T)[0, 0]))
-    return complex(*parts)
+    parts = np.stack([mode.real, mode.imag])[:, :half]
+    q, rates = model.recorded(np.stack([rest[:half]] * 2), parts)
+    return complex(*model.tip_velocities(q.T, rates.T)[:, 0])
 
 
 # ----------------------------------------------------------------------- against a parameter
