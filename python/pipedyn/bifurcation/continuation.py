@@ -245,11 +245,13 @@ def folds(segment: Segment[Problem], rtol: float) -> list[float]:
     length = segment.length
     ends = [0.0, length]
     if first * last > 0.0:
-        parameters = segment.begin.p, segment.end.p
-        cubic = CubicHermiteSpline(ends, parameters, segment.slopes)
-        for flattest in cubic.derivative(2).roots(extrapolate=False):  # one at most
-            if cubic(flattest, 1) / max(first, last, key=abs) < FLAT:
-                ends.insert(1, float(flattest))
+        # Where the cubic with the ends' parameters and slopes is flattest.
+        mean = (segment.end.p - segment.begin.p) / length
+        bend = 6.0 * (0.5 * (first + last) - mean)
+        share = 0.5 - 0.5 * (last - first) / bend if bend else 0.0
+        flattest = first + share * (last - first - bend * (1.0 - share))
+        if 0.0 < share < 1.0 and flattest / max(first, last, key=abs) < FLAT:
+            ends.insert(1, share * length)
 
     @cache
     def slope(s: float) -> Array:

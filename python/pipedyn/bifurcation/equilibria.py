@@ -180,8 +180,10 @@ class Statics:
 
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
         """`residual`, affine in the square of the speed, and its derivative by x and the speed."""
-        by_speed = 2.0 * p * (self.residual(x, 1.0) - self.residual(x, 0.0))
-        return self.residual(x, p), np.column_stack([self.jacobian(x, p), by_speed])
+        still = self.residual(x, 0.0)
+        by_square = self.residual(x, 1.0) - still
+        derivative = np.column_stack([self.jacobian(x, p), 2.0 * p * by_square])
+        return still + p**2 * by_square, derivative
 
     def at_rest(self, x: Array, p: float) -> tuple[Array, Array]:
         """X = rest, as equations: the straight pipe's, regular also where other branches leave."""
