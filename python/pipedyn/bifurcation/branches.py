@@ -55,7 +55,7 @@ from pipedyn.util.threads import one_thread
 
 SAME = 1e-4
 """Relative difference below which two cycles, or the speeds of two events, are the same: measured,
-orbits on a coarse mesh (`limit_cycle.FIRST_DEFECT`) are off by 4e-6 at most."""
+orbits on a coarse mesh (`orbit_continuation.COARSE`) are off by 4e-6 at most."""
 
 NEAR_FOLD = 0.02
 """Share of a step around a fold in which its multiplier is too near to the trivial one: measured at

@@ -23,7 +23,7 @@ from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import residual, solved
 from pipedyn.bifurcation.floquet import floquet, nontrivial
 from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
-from pipedyn.bifurcation.orbit_continuation import breaking_part, continued
+from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, continued, solved_anew
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
@@ -51,10 +51,6 @@ from pipedyn.util.threads import one_thread
 LARGEST_CYCLE = 100
 """Degrees of freedom. An undamped chain of 20 takes 0.8 s, of 40 ten, of 60 a minute, nearly all
 for the multipliers, whose mesh resolves the fastest mode that persists."""
-
-FIRST_DEFECT, FIRST_STEP = 1e-3, 1e-5
-"""Largest defect of the orbit and last step of Newton's method where a cycle is looked for: near
-enough for Newton's method on the finer mesh."""
 
 SEARCH, SEARCH_FACTOR = 300_000, 6
 """Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments. Up
@@ -215,9 +211,8 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
         if isinstance(start, LimitCycle):
             orbit = start.orbit
             symmetric = orbit.symmetric and motion.is_odd(u)
-            guess = resolved(motion, orbit.states, orbit.frequency, u, symmetric, FIRST_DEFECT)
-            return solved(motion, guess, FIRST_STEP), "from a cycle"
-        orbit = solved(motion, _last_period(motion, u, start), FIRST_STEP)
+            return solved_anew(motion, orbit, u, symmetric, COARSE), "from a cycle"
+        orbit = solved(motion, _last_period(motion, u, start), COARSE.tolerance)
         return _as_symmetric(motion, orbit), "from a motion"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
@@ -314,7 +309,7 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
         raise NewtonFailed(f"with damping of {damping:.2g} no onset is found") from reason
     orbit = continued(damped, onset, u)
     motion.evaluations += damped.evaluations
-    return solved(motion, orbit, FIRST_STEP)
+    return solved(motion, orbit, COARSE.tolerance)
 
 
 # ------------------------------------------------------------------------------ from a motion
@@ -346,7 +341,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             raise NoCycle(f"no limit cycle at u = {u:g} by simulation: it ends in {where}", u)
         try:
             guess = _last_period(motion, u, going)
-            found = solved(motion, guess, FIRST_STEP)
+            found = solved(motion, guess, COARSE.tolerance)
             # An orbit far from the motion may be any; by one that repels a motion only passes.
             away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
             known = passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6
@@ -371,8 +366,7 @@ def _as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
         return orbit
     if np.abs(breaking_part(orbit, "pitchfork")).max() > 1e-6 * orbit.size:
         return orbit
-    half = resolved(motion, orbit.states, orbit.frequency, orbit.u, True, FIRST_DEFECT)
-    return solved(motion, half, FIRST_STEP)
+    return solved_anew(motion, orbit, orbit.u, True, COARSE)
 
 
 def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit:
@@ -408,7 +402,7 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit:
     def through(phase: Array) -> Array:
         return np.ascontiguousarray(spline(begin + phase / omega).T)
 
-    return resolved(motion, through, omega, u, False, FIRST_DEFECT)
+    return resolved(motion, through, omega, u, False, COARSE.defect)
 
 
 # -------------------------------------------------------------- what it is, and how well known

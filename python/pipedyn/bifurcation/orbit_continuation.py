@@ -50,7 +50,7 @@ FINE = OrbitControl(0.15, tolerance=1e-8, stagnation=1e-5, defect=1e-4)
 and 5e-5."""
 
 COARSE = OrbitControl(0.3, tolerance=1e-5, stagnation=1e-2, defect=1e-3)
-"""On the way to a speed: the orbit there is solved for again on finer meshes."""
+"""Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow."""
 
 Step = Segment[OrbitProblem]
 """A step along a branch of orbits."""
@@ -59,6 +59,14 @@ Step = Segment[OrbitProblem]
 def orbit_at(step: Step, s: float) -> PeriodicOrbit:
     """The orbit at an arc length from the beginning of a step."""
     return step.problem.orbit(step.at(s).z)
+
+
+def solved_anew(
+    motion: VectorField, orbit: PeriodicOrbit, u: float, symmetric: bool, how: OrbitControl
+) -> PeriodicOrbit:
+    """The periodic orbit near another at a speed, on as coarse a mesh as resolves it."""
+    guess = resolved(motion, orbit.states, orbit.frequency, u, symmetric, how.defect)
+    return solved(motion, guess, how.tolerance)
 
 
 # ---------------------------------------------------------------------------- where it begins
@@ -115,9 +123,7 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
 
 def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
     """From any orbit towards falling and towards growing speed."""
-    like = orbit.frequency, orbit.u, orbit.symmetric
-    orbit = resolved(motion, orbit.states, *like, FINE.defect)
-    orbit = solved(motion, orbit, FINE.tolerance)
+    orbit = solved_anew(motion, orbit, orbit.u, orbit.symmetric, FINE)
     z = orbit.packed()
     growing = np.append(np.zeros(z.size - 1), 1.0)
     tangent = OrbitProblem(motion, orbit, FINE).point(z, growing).tangent
