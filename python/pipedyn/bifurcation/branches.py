@@ -269,7 +269,7 @@ def _joined(ways: list[_Follower]) -> Traced:
         events=tuple(event for event in events if way.options.holds(event.speed)),
         cycles=tuple(cycles),
         mirrored=not cycles[0].symmetric and way.motion.is_odd(cycles[0].u),
-        origin=way.origin,
+        origin=cast(Origin, way.begin.kind) if way.begin is not None else "motion",
         onset=way.onset,
     )
     return Traced(branch, begin, way.end)
@@ -292,17 +292,13 @@ class _Follower:
     ) -> None:
         self.motion, self.start, self.begin, self.options = motion, start, begin, options
         self.failed = failed
-        self.origin: Origin = "motion"
-        self.onset = math.nan
-        self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
+        self.onset, where, self.events = math.nan, "a motion", list[CycleEvent]()
         if begin is not None:
-            self.origin, self.onset = cast(Origin, begin.kind), begin.speed
-            where = "onset" if begin.kind == "hopf" else begin.kind
-            self.how = f"followed from the {where} at u = {begin.speed:.6g}"
-        self.events = [] if begin is None else [begin]
+            self.onset, self.events = begin.speed, [begin]
+            where = "the onset" if begin.kind == "hopf" else f"the {begin.kind}"
+        self.how = f"followed from {where} at u = {start.orbit.u:.6g}"
         self.cycles: list[LimitCycle] = []
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
-        self.frequencies: list[float] = []
         self.end: CycleEvent | None = None
         self.closed = False
 
@@ -312,7 +308,7 @@ class _Follower:
         Beyond the speeds given multipliers are not computed.
         """
         here, beyond, last = self.start.orbit, 0, None
-        speeds, frequencies = self.options.speeds, self.frequencies
+        speeds, frequencies = self.options.speeds, list[float]()
         lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
         highest = max(float(speeds[-1]), here.u) * BEYOND
         try:
