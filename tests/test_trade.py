@@ -81,10 +81,10 @@ def test_linear_references_bound_their_own_error(pipe, tolerance):
     """Against 48 functions, twice as many as any of these references takes."""
     for quantity in (Frequencies(u=6.0), RootLociOver(speeds=[0.0, 3.0, 6.0], count=2)):
         reference = quantity.reference(pipe, tolerance)
-        sharp = replace(quantity.answer(pp.Galerkin(pipe, 48, "legendre")), others=None)
+        sharp = replace(quantity.answer(pp.Galerkin(pipe, 48, "legendre")), candidates=None)
         assert reference.error <= tolerance
         # What 48 functions leave of the overdamped cluster is no better than 1e-12.
-        answer = replace(reference.answer, others=None)
+        answer = replace(reference.answer, candidates=None)
         assert quantity.distance(answer, sharp) <= reference.error + 1e-12
 
 

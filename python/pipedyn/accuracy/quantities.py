@@ -109,11 +109,11 @@ class Quantity(ABC):
     def extrapolated(self, coarse: Answer, fine: Answer, order: float) -> Answer:
         """Richardson's value from models of one and of twice the size."""
         if coarse.kind != fine.kind or coarse.values.shape != fine.values.shape:
-            return replace(fine, values=np.full_like(fine.values, np.nan), others=None)
+            return replace(fine, values=np.full_like(fine.values, np.nan), candidates=None)
         share = 2.0**order - 1.0
         error = fine.error + (fine.error + coarse.error) / share
         values = fine.values + (fine.values - coarse.values) / share
-        return replace(fine, values=values, error=error, others=None)
+        return replace(fine, values=values, error=error, candidates=None)
 
 
 # ------------------------------------------------------------------------------- linear questions
@@ -161,7 +161,8 @@ class _Roots(Quantity):
 
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest difference of a root from its own, relative to that or, where it is less, 1."""
-        both = np.atleast_2d(answer.candidates), np.atleast_2d(other.values)
+        roots = answer.values if answer.candidates is None else answer.candidates
+        both = np.atleast_2d(roots), np.atleast_2d(other.values)
         worst = 0.0
         for row, exact, mask in zip(*both, np.atleast_2d(self.compared(other)), strict=True):
             own = exact[mask][:, None]
@@ -207,8 +208,8 @@ class Frequencies(_Roots):
         found = modes(model, self.u, min(2 * self.count + 2, 2 * model.dof))
         if not found.converged.all():
             raise NotConverged(f"eigenvalues at u = {self.u:g} failed their residual check", found)
-        asked, others = np.split(found.eigenvalues, [2 * self.count])
-        return Answer(asked, damping=model.pipe.damping, others=others)
+        asked, damping = found.eigenvalues[: 2 * self.count], model.pipe.damping
+        return Answer(asked, damping=damping, candidates=found.eigenvalues)
 
     def compared(self, answer: Answer) -> NDArray[np.bool_]:
         """Those below the cluster; NotConverged where there are none."""
@@ -242,12 +243,9 @@ class RootLociOver(_Roots):
         loci = root_loci(model, self.speeds, count)
         if not loci.converged.all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
-        upper, lower = loci.eigenvalues, loci.partners
-        asked, others = (
-            np.concatenate([upper[:, part], lower[:, part]], axis=1)
-            for part in (slice(self.count), slice(self.count, None))
-        )
-        return Answer(asked, damping=model.pipe.damping, others=others)
+        pairs = np.stack([loci.eigenvalues, loci.partners], axis=1)  # (S, 2, count)
+        every, asked = (part.reshape(len(part), -1) for part in (pairs, pairs[..., : self.count]))
+        return Answer(asked, damping=model.pipe.damping, candidates=every)
 
 
 # ---------------------------------------------------------------------------- nonlinear questions

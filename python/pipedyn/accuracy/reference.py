@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.util.result import result
@@ -31,21 +30,15 @@ class Answer:
         kind: what must agree besides numbers, as that a loss of stability is flutter.
         error: the solver's own, relative.
         damping: delta, if these are roots: those that cluster at -1 / delta are not compared.
-        others: roots beyond those asked for, of which another model may count one among them.
+        candidates: roots among which another model's are looked for, where they are more than those
+            asked for: beyond these may be one that the other model counts among them.
     """
 
     values: NDArray[Any]
     kind: str = ""
     error: float = 0.0
     damping: float = 0.0
-    others: NDArray[Any] | None = None
-
-    @property
-    def candidates(self) -> NDArray[Any]:
-        """All roots, those asked for first."""
-        if self.others is None:
-            return self.values
-        return np.concatenate([self.values, self.others], axis=-1)
+    candidates: NDArray[Any] | None = None
 
 
 @dataclass(frozen=True)
