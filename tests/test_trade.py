@@ -91,9 +91,9 @@ def test_linear_references_bound_their_own_error(pipe, tolerance):
 @pytest.mark.parametrize(
     ("pipe", "quantity", "larger"),
     [
-        (DAMPED, MotionOf(u=6.0, duration=2.0), 14),
-        (pp.Pipe(0.3, damping=1e-3, drag=1.0), MotionOf(u=8.0, duration=1.5), 16),
-        (DAMPED, LimitCycleAt(u=6.0), 13),
+        (DAMPED, MotionOf(u=6.0, duration=2.0, rtol=1e-2), 14),
+        (pp.Pipe(0.3, damping=1e-3, drag=1.0), MotionOf(u=8.0, duration=1.5, rtol=1e-2), 16),
+        (DAMPED, LimitCycleAt(u=6.0, rtol=1e-2), 13),
     ],
     ids=["motion", "motion under drag", "cycle"],
 )

@@ -201,18 +201,16 @@ def choose(
         ValueError, TypeError: for bad arguments.
     """
     pipe = checked_pipe(pipe)
-    asked = checked_quantity(quantity, conditions)
     if tolerance is None and budget is None:
         raise ValueError("tolerance or budget must be given")
     if tolerance is not None:
         tolerance = check.real("tolerance", tolerance, low=1e-10, high=0.5)
     if budget is not None:
         budget = check.real("budget", budget, low=0.0, high=1e6, open_low=True)
+    asked = checked_quantity(quantity, conditions, tolerance)
     families = checked_families("among", among, DEFAULT)
     repeats = check.count("repeats", repeats, high=1000)
     start = time.perf_counter()
-    if tolerance is not None:
-        asked = asked.solved_for(tolerance)
     asked = asked.prepared(pipe)
     reference = asked.reference(pipe, (FINEST if tolerance is None else tolerance) / MARGIN)
     if tolerance is not None and reference.error > tolerance:

@@ -49,8 +49,9 @@ functions take 1 s, of 27 beam modes 4, so that only what does not converge meet
 LEAST_TOLERANCE = 1e-10
 """Least change to which a basis grows, as for `Continuum`: rounding leaves less."""
 
-RTOL = 1e-8
-"""Relative tolerance of a motion or a cycle where none is given: it leaves errors of 2e-7."""
+RTOL, LOOSEST_RTOL = 1e-8, 1e-2
+"""Relative tolerance of a motion or a cycle where none is given: it leaves errors of 2e-7. The
+loosest, which leaves errors of a tenth or more."""
 
 
 class Quantity(ABC):
@@ -257,8 +258,8 @@ Angle: TypeAlias = Callable[[Array], ArrayLike]
 class _Integrated(Quantity):
     """A motion or a cycle, integrated with a relative tolerance, rtol.
 
-    Where it is not given rtol is a `share` of the tolerance asked for, but not below `least_rtol`,
-    or 1e-8 where none is asked for. It leaves an error of `noise` times rtol.
+    For a tolerance of the answer a `share` of it is enough, but not below `least_rtol`. What is
+    left is an error of `noise` times rtol.
     """
 
     least_rtol: ClassVar[float]
@@ -266,29 +267,22 @@ class _Integrated(Quantity):
     noise: ClassVar[float]
 
     u: float
-    rtol: float | None
+    rtol: float
 
     def _check_numbers(self, open_low: bool) -> None:
         u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=open_low)
-        rtol = self.rtol
-        if rtol is not None:
-            rtol = check.real("rtol", rtol, low=self.least_rtol, high=1e-2)
+        rtol = check.real("rtol", self.rtol, low=self.least_rtol, high=LOOSEST_RTOL)
         self._set(u=u, rtol=rtol)
 
     @property
     def floor(self) -> float:  # type: ignore[override]
         """The integration's part."""
-        return self.noise * (self.rtol or RTOL)
+        return self.noise * self.rtol
 
     def solved_for(self, tolerance: float) -> Self:
         """With a share of the tolerance, but no looser than it is."""
-        loosest = 1e-2 if self.rtol is None else self.rtol
-        rtol = min(loosest, max(self.share * tolerance, self.least_rtol))
+        rtol = min(self.rtol, max(self.share * tolerance, self.least_rtol))
         return replace(self, rtol=rtol)  # type: ignore[type-var]
-
-    def prepared(self, pipe: Pipe) -> Self:
-        """With the relative tolerance that holds where none is given."""
-        return replace(self, rtol=self.rtol or RTOL)  # type: ignore[type-var]
 
     def reference(self, pipe: Pipe, tolerance: float) -> Reference:
         """From Legendre functions, or from beam modes where those spoil the answer.
@@ -299,7 +293,6 @@ class _Integrated(Quantity):
             NotConverged: if the second model has no answer in half a minute.
             PipedynError: if one of the first two models fails.
         """
-        assert self.rtol is not None
         tolerance = max(tolerance, self.rtol)
         # Errors fall exponentially; under drag, as |v| v has a kink, like the third power of the
         # size, of beam modes like the fourth: the last step then moves less than what remains.
@@ -358,7 +351,7 @@ class MotionOf(_Integrated):
     duration: float
     start: Angle | None = field(default=None, repr=False)
     samples: int = 201
-    rtol: float | None = None
+    rtol: float = RTOL
     rates: Angle | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -378,7 +371,6 @@ class MotionOf(_Integrated):
     def answer(self, model: Model) -> Answer:
         """The free end's positions, shape (samples, 2)."""
         assert self.start is not None
-        assert self.rtol is not None
         motion = simulate(
             *(model, self.u, self.duration, self.start),
             qdot0=None if self.rates is None else model.bent(self.rates),
@@ -389,14 +381,13 @@ class MotionOf(_Integrated):
 
     def prepared(self, pipe: Pipe) -> MotionOf:
         """With its start: the least damped mode where none is given."""
-        asked = super().prepared(pipe)
         more = LEGENDRE.for_terms(pipe)
         if self.start is not None:
             straight = LEGENDRE.make(pipe, FIRST + more)
             bends = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
             if np.abs(bends).max() < 1e-12:  # rounding
                 raise ValueError("start must bend the pipe: a straight one at rest does not move")
-            return asked
+            return self
         # 24 functions have the mode and its neighbours exactly.
         model = Galerkin(pipe, max(24, math.ceil(self.u)) + more, "legendre")
         found = modes(model, self.u, 8)
@@ -404,7 +395,7 @@ class MotionOf(_Integrated):
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode(np.ones(1))[0]  # 2 % of such a motion is nonlinear
         angle = partial(_slope, model, q.real.copy())
-        return replace(asked, start=angle, rates=partial(_slope, model, (mode.eigenvalue * q).real))
+        return replace(self, start=angle, rates=partial(_slope, model, (mode.eigenvalue * q).real))
 
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest distance of the free end, in the other's largest excursion."""
@@ -435,14 +426,13 @@ class LimitCycleAt(_Integrated):
     share: ClassVar[float] = 0.1
     noise: ClassVar[float] = 10.0
     u: float
-    rtol: float | None = None
+    rtol: float = RTOL
 
     def __post_init__(self) -> None:
         self._check_numbers(open_low=True)
 
     def answer(self, model: Model) -> Answer:
         """Amplitude and frequency, shape (2,)."""
-        assert self.rtol is not None
         cycle = limit_cycle(model, self.u, rtol=self.rtol)
         return Answer(np.array([cycle.amplitude, cycle.frequency]), "", cycle.error)
 
@@ -460,8 +450,13 @@ def conditions_of(quantity: Any) -> dict[str, inspect.Parameter]:
     return dict(inspect.signature(kind).parameters)
 
 
-def checked_quantity(quantity: Any, settings: dict[str, Any]) -> Quantity:
-    """A quantity by its name, with conditions; TypeError for those it does not take, or lacks."""
+def checked_quantity(
+    quantity: Any, settings: dict[str, Any], tolerance: float | None = None
+) -> Quantity:
+    """A quantity by its name, with conditions; TypeError for those it does not take, or lacks.
+
+    With a tolerance it is solved as well as that needs and as settings ask for.
+    """
     known = conditions_of(quantity)
     for name in settings:
         if name not in known:
@@ -473,4 +468,7 @@ def checked_quantity(quantity: Any, settings: dict[str, Any]) -> Quantity:
     ]
     if missing:
         raise TypeError(f"{quantity!r} takes {', '.join(known)}, and lacks {', '.join(missing)}")
-    return QUANTITIES[quantity](**settings)
+    if tolerance is None:
+        return QUANTITIES[quantity](**settings)
+    loosest = {"rtol": LOOSEST_RTOL} if "rtol" in known else {}
+    return QUANTITIES[quantity](**loosest | settings).solved_for(tolerance)
