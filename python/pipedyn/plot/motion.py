@@ -398,16 +398,15 @@ def refuse_coarse(
     velocity if velocities are shown. Six samples a cycle meet this; a sine is then known to 0.4 %
     from all samples.
     """
-    t, positions, velocities = curve.x, curve(curve.x), curve(curve.x, 1)
+    t = curve.x[: curve.x.size - 1 + curve.x.size % 2]  # ends with a sample that is kept
+    positions, velocities = curve(t), curve(t, 1)
     if np.ptp(positions, axis=0).max() < ROUNDING:
         return
-    kept = slice(0, None, 2) if t.size % 2 else slice(0, -1, 2)
-    left = slice(1, 2 * t[kept].size - 1, 2)
-    every_other = CubicHermiteSpline(t[kept], positions[kept], velocities[kept])
-    missed = np.abs(every_other(t[left]) - positions[left]).max()
-    missed_rate = np.abs(every_other(t[left], 1) - velocities[left]).max()
+    every_other = CubicHermiteSpline(t[::2], positions[::2], velocities[::2])
+    missed = np.abs(every_other(t) - positions).max()
+    missed_rate = np.abs(every_other(t, 1) - velocities).max()
     # One sample a cycle always finds the same position: only the velocities show that it is wrong.
-    missed = max(missed, 0.125 * missed_rate * np.diff(t[kept]).max())
+    missed = max(missed, 0.125 * missed_rate * np.diff(t[::2]).max())
     lost = missed > max(invisible, 0.05 * np.ptp(positions, axis=0).max())
     if lost or (rates_shown and missed_rate > 0.25 * np.abs(velocities).max()):
         raise ValueError(
