@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from pipedyn.accuracy.convergence import FAMILIES, Family, checked_families, fitted_law
 from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
-from pipedyn.accuracy.reference import MARGIN, Reference
+from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
@@ -86,7 +86,7 @@ class Choice:
     row: TradeRow
     tolerance: float | None
     budget: float | None
-    reference: Reference
+    reference: Answer
     steady: bool | None
     tried: tuple[Tried, ...] = field(repr=False)
     seconds: float
@@ -283,7 +283,7 @@ class Search:
 
     pipe: Pipe
     quantity: Quantity
-    reference: Reference
+    reference: Answer
     families: list[Family]  # of fastest convergence first
     repeats: int
     rows: dict[tuple[str, int], TradeRow] = field(default_factory=dict)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pipedyn.accuracy.quantities import Frequencies, Quantity, checked_quantity, conditions_of
-from pipedyn.accuracy.reference import MARGIN, Answer, Reference
+from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.bifurcation.cycles import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import modes
@@ -223,7 +223,7 @@ def relevant(
         except PipedynError as failure:
             unknown = (None, math.nan, math.nan, growth)
             return Effect(name, strength, "not found", *unknown, "relevant", str(failure.args[0]))
-        size = asked.distance(found.answer, full.answer)
+        size = asked.distance(found, full)
         error = found.error + full.error if 0.0 < size < math.inf else 0.0
         note = ""
         undamped = pipe.damping == 0.0 and pipe.flow == "ejecting"
@@ -232,7 +232,7 @@ def relevant(
                 limit, _ = _outcome(asked, replace(pipe, beta=LIMIT_BETA), tolerance)
                 note = f"as beta tends to 0 the pipe's is {limit}, not that at 0"
         verdict = "negligible" if size + error <= tolerance else "relevant"
-        answer = found.answer if found.answer.values.size else None
+        answer = found if found.values.size else None
         return Effect(name, strength, without, answer, size, error, growth, verdict, note)
 
     def rank(effect: Effect) -> tuple[bool, float]:
@@ -288,12 +288,12 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     return _WithoutCentrifugal(**{one.name: getattr(pipe, one.name) for one in fields(pipe)})
 
 
-def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Reference]:
+def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Answer]:
     """What a pipe answers, in words and in numbers: none where there is no such answer."""
     state = ""
     if quantity.name == "critical_speed" and pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0:
         state = "buckled at rest, "
-    none = Reference(Answer(np.zeros(0), f"{state}none"), 0.0, "")
+    none = Answer(np.zeros(0), f"{state}none")
     if quantity.name == "critical_speed" and pipe.centrifugal == 0.0 and pipe.flow == "ejecting":
         # The flow then changes no stiffness, and the free end only loses energy to it.
         return f"{state}no loss of stability at any speed", none
@@ -306,8 +306,8 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Ref
         if _growth(pipe, failure.u) > 0.0:  # one may be there that no search found
             raise
         return "no limit cycle, it rests", none
-    words, kind = _described(quantity, pipe, found.answer)
-    return state + words, replace(found, answer=replace(found.answer, kind=state + kind))
+    words, kind = _described(quantity, pipe, found)
+    return state + words, replace(found, kind=state + kind)
 
 
 def _described(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn.accuracy.convergence import FAMILIES
-from pipedyn.accuracy.reference import LEAST_ERROR, Answer, Reference
+from pipedyn.accuracy.reference import LEAST_ERROR, Answer
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
@@ -92,7 +92,7 @@ class Quantity(ABC):
         return float(shares.max(initial=0.0))
 
     @abstractmethod
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+    def reference(self, pipe: Pipe, tolerance: float) -> Answer:
         """The continuous pipe's answer, its error below a tolerance where that can be had."""
 
     def excluded(self, pipe: Pipe, family: str) -> str:
@@ -138,11 +138,11 @@ class CriticalSpeedOf(Quantity):
         error = found.error / found.speed if found.speed else 0.0
         return Answer(np.array([found.speed]), found.kind, error)
 
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+    def reference(self, pipe: Pipe, tolerance: float) -> Answer:
         """`Continuum`'s own answer, as exact as it is whatever the tolerance."""
         found = critical_speed(Continuum(pipe), min(self.max_speed, CONTINUUM_SPEED))
         answer, source = self._answer(found), f"Continuum, {found.size} Legendre functions"
-        return Reference(answer, max(answer.error, LEAST_ERROR), source)
+        return replace(answer, error=max(answer.error, LEAST_ERROR), source=source)
 
 
 class _Roots(Quantity):
@@ -173,7 +173,7 @@ class _Roots(Quantity):
             worst = max(worst, float(cost[linear_sum_assignment(cost)].max(initial=0.0)))
         return worst
 
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+    def reference(self, pipe: Pipe, tolerance: float) -> Answer:
         """The continuous pipe's: its basis grows until these roots converge, whatever others do."""
 
         def change(before: Answer, answer: Answer) -> float:
@@ -184,7 +184,7 @@ class _Roots(Quantity):
         least, first = min(max(tolerance, LEAST_TOLERANCE), 1e-6), max(16, 2 * self.count + 2)
         found = Continuum(pipe).converge(self.answer, change, least, first)
         source = f"Continuum, {found.size} Legendre functions"
-        return Reference(found.value, max(found.error, LEAST_ERROR), source)
+        return replace(found.value, error=max(found.error, LEAST_ERROR), source=source)
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ class _Integrated(Quantity):
         rtol = min(self.rtol, max(self.share * tolerance, self.least_rtol))
         return replace(self, rtol=rtol)  # type: ignore[type-var]
 
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+    def reference(self, pipe: Pipe, tolerance: float) -> Answer:
         """From Legendre functions, or from beam modes where those spoil the answer.
 
         Solved by turns with two tolerances: what the looser leaves is part of the difference.
@@ -330,7 +330,8 @@ class _Integrated(Quantity):
             if error <= tolerance:
                 break
         source = f"Galerkin, {sizes[len(answers) - 1]} {family.name} functions{failed}"
-        return Reference(answers[-1], max(error, LEAST_ERROR), source, family.name)
+        error = max(error, LEAST_ERROR)
+        return replace(answers[-1], error=error, source=source, family=family.name)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from pipedyn.accuracy.convergence import (
     fitted_law,
 )
 from pipedyn.accuracy.quantities import Quantity, checked_quantity
-from pipedyn.accuracy.reference import MARGIN, Reference
+from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.models.base import NotConverged, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -102,7 +102,7 @@ class Trade:
 
     pipe: Pipe
     quantity: Quantity
-    reference: Reference
+    reference: Answer
     rows: tuple[TradeRow, ...] = field(repr=False)
 
     def of(self, family: str) -> tuple[TradeRow, ...]:
@@ -277,7 +277,7 @@ def measured(
     quantity: Quantity,
     family: Family,
     size: int,
-    reference: Reference,
+    reference: Answer,
     repeats: int,
     patience: float = math.inf,
 ) -> TradeRow:
@@ -300,7 +300,7 @@ def measured(
     except Exception as failure:
         taken = clock() - begin
         return TradeRow(family.name, size, dof, math.nan, False, taken, math.nan, 0, 0, failure)
-    error = quantity.distance(answer, reference.answer)
+    error = quantity.distance(answer, reference)
     return TradeRow(
         family=family.name,
         size=size,
