@@ -23,7 +23,7 @@ from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.reference import LEAST_ERROR, Answer
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
-from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
+from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin
@@ -148,6 +148,9 @@ class CriticalSpeedOf(Quantity):
 class _Roots(Quantity):
     """Eigenvalues, each compared with its own; those that cluster at -1 / delta are left out."""
 
+    highest: ClassVar[float] = math.inf
+    """Share of 1 / delta up to which roots are compared."""
+
     count: int
 
     @property
@@ -157,8 +160,9 @@ class _Roots(Quantity):
 
     def compared(self, answer: Answer) -> NDArray[np.bool_]:
         """Which roots others are compared with."""
-        outside: NDArray[np.bool_] = np.abs(answer.damping * answer.values + 1.0) > 0.5
-        return outside
+        scaled = answer.damping * answer.values
+        compared: NDArray[np.bool_] = (np.abs(scaled + 1.0) > 0.5) & (np.abs(scaled) < self.highest)
+        return compared
 
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest difference of a root from its own, relative to that or, where it is less, 1."""
@@ -196,6 +200,7 @@ class Frequencies(_Roots):
     """
 
     name: ClassVar[str] = "frequencies"
+    highest: ClassVar[float] = BEFORE_CLUSTER
     u: float = 0.0
     count: int = 4
 
@@ -204,24 +209,14 @@ class Frequencies(_Roots):
         self._set(u=u, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
-        """The eigenvalues, shape (2 count,)."""
+        """The eigenvalues, shape (2 count,); NotConverged where all of them cluster."""
         # Roots of equal size may change places at the end of the row: two more are asked for.
-        found = modes(model, self.u, min(2 * self.count + 2, 2 * model.dof))
-        if not found.converged.all():
-            raise NotConverged(f"eigenvalues at u = {self.u:g} failed their residual check", found)
-        asked, damping = found.eigenvalues[: 2 * self.count], model.pipe.damping
-        return Answer(asked, damping=damping, candidates=found.eigenvalues)
-
-    def compared(self, answer: Answer) -> NDArray[np.bool_]:
-        """Those below the cluster; NotConverged where there are none."""
-        below = answer.damping * np.abs(answer.values) < BEFORE_CLUSTER
-        compared: NDArray[np.bool_] = below & super().compared(answer)
-        if not compared.any():
-            raise NotConverged(
-                f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta",
-                answer,
-            )
-        return compared
+        found = eigenvalues(model, self.u, min(2 * self.count + 2, 2 * model.dof))
+        answer = Answer(found[: 2 * self.count], damping=model.pipe.damping, candidates=found)
+        if not self.compared(answer).any():
+            reason = f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta"
+            raise NotConverged(reason, answer)
+        return answer
 
 
 @dataclass(frozen=True)
