@@ -326,8 +326,7 @@ class Model(OfPipe, ABC):
         Returns:
             dy/dt = [q', q''], of the shape of y.
         """
-        rates: Array = self.motion.rhs(t, y, u)
-        return rates
+        return self.motion.rhs(t, y, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
         """Derivative of `rhs` with respect to the state, analytic.
@@ -344,8 +343,7 @@ class Model(OfPipe, ABC):
             ValueError: also for more than 4000 segments of a chain.
         """
         self._check_dense()
-        derivative: Array = self.motion.jacobian(t, y, u)
-        return derivative
+        return self.motion.jacobian(t, y, u)
 
     @property
     def moving(self) -> int:
@@ -387,8 +385,7 @@ class Model(OfPipe, ABC):
 
         A number for a state y, shape (2 coordinates,), or shape (k,) for k, (2 coordinates, k).
         """
-        energy: float | Array = self.motion.energy(y)
-        return energy
+        return self.motion.energy(y)
 
     def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
         """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
@@ -451,8 +448,7 @@ class Model(OfPipe, ABC):
 
     def tip(self, q: ArrayLike) -> Array:
         """Position (x, y) of the free end, shape (2,)."""
-        tip: Array = self.shape(q, [1.0])[0]
-        return tip
+        return self.shape(q, [1.0])[0]
 
     def _check_dense(self) -> None:
         if self.dof > DENSE_LIMIT:

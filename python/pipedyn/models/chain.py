@@ -141,8 +141,7 @@ class Chain(Model):
         n = self.dof
         if rule == "consistent":
             inner = np.concatenate([[2.0 * self._base], self._lengths[:-1]])
-            springs: Array = 2.0 / (inner + self._lengths)
-            return springs
+            return 2.0 / (inner + self._lengths)
         if rule == "rayleigh":
             joints = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])
             joints[0] = 0.0  # a fixed part does not bend: the first angle is measured from the axis
@@ -220,13 +219,11 @@ class Chain(Model):
 
     @property
     def elastic_share(self) -> Array:
-        share: Array = self._springs * self.elastic_scale**2
-        return share
+        return self._springs * self.elastic_scale**2
 
     @property
     def stiffness_by_springs(self) -> Array | None:
-        derivative: Array = self.elastic_scale**2
-        return derivative
+        return self.elastic_scale**2
 
     @cached_property
     def resistances(self) -> Array:
@@ -260,8 +257,7 @@ class Chain(Model):
         joints = np.cumsum(self._lengths) - self._lengths
 
         def beyond(values: Array) -> Array:
-            result: Array = np.cumsum(values[::-1])[::-1]
-            return result
+            return np.cumsum(values[::-1])[::-1]
 
         moment = beyond(zeroth * joints + first)
         about = beyond(zeroth * joints**2 + 2.0 * first * joints + second + np.abs(own))
@@ -306,8 +302,7 @@ class Chain(Model):
         # Of each segment's joint, and of the point on the segment itself.
         across, down = (np.cumsum(steps * part, axis=0) - steps * part for part in (cosine, sine))
         reach = (self._drag_points * self._lengths)[:, None]
-        found: Array = across * cosine + down * sine + reach * pdot
-        return found
+        return across * cosine + down * sine + reach * pdot
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)
@@ -327,8 +322,7 @@ def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray
     nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
     j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
     part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)
-    result: NDArray[Any] = nodes[j] + (part * steps[j].T).T
-    return result
+    return nodes[j] + (part * steps[j].T).T
 
 
 def elastic_scale(springs: Array) -> Array:
@@ -338,8 +332,7 @@ def elastic_scale(springs: Array) -> Array:
     """
     mean = float(springs.mean())
     floor = 1e-3 * mean if mean > 1e-100 else float(springs.size)  # squares of the scale are taken
-    scale: Array = 1.0 / np.sqrt(np.maximum(springs, floor))
-    return scale
+    return 1.0 / np.sqrt(np.maximum(springs, floor))
 
 
 def _segment_count(n: int | None, **arrays: Any) -> int:

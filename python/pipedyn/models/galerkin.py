@@ -193,16 +193,14 @@ class Galerkin(Model):
     @cached_property
     def elastic_scale(self) -> Array:
         """Amplitude q_i of one elastic coordinate, shape (m,)."""
-        scale: Array = 1.0 / np.sqrt(self.core.elastic_stiffness())
-        return scale
+        return 1.0 / np.sqrt(self.core.elastic_stiffness())
 
     def elastic_operators(self) -> Operators:
         both = np.outer(self.elastic_scale, self.elastic_scale)
         return operators_from(self.core.operators(), self._pipe, both)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        result: NDArray[Any] = (self.elastic_scale * self._columns("z", z).T).T
-        return result
+        return (self.elastic_scale * self._columns("z", z).T).T
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)
@@ -256,8 +254,7 @@ class Galerkin(Model):
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)
-        result: NDArray[Any] = self.functions(at) @ self._displaced(q, at.size)
-        return result
+        return self.functions(at) @ self._displaced(q, at.size)
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:

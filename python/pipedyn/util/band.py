@@ -36,7 +36,6 @@ def band_solver(band: Rows, below: int, above: int) -> Callable[[Rows, bool], Ro
             return solve(rows.real, adjoint) + 1j * solve(rows.imag, adjoint)
         right = np.asarray(rows, dtype=lu.dtype, order="F")
         how = {"trans": 2 if adjoint else 0, "overwrite_b": True}
-        solution: Rows = substitute(lu, below, above, right, pivots, **how)[0]
-        return solution
+        return substitute(lu, below, above, right, pivots, **how)[0]
 
     return solve
