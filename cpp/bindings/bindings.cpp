@@ -165,7 +165,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
             return model.basis().evaluate(s, derivative);
           },
           "s"_a, "derivative"_a, Unlocked())
-      .def("term_stiffness", &Galerkin::term_stiffness, Unlocked())
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
   define_motion(galerkin);
 

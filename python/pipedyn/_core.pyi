@@ -159,7 +159,6 @@ class Galerkin:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def term_stiffness(self) -> float: ...
 
 class Pair:
     @property

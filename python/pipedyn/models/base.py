@@ -18,6 +18,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import core_terms
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.power_iteration import largest_stretch
 from pipedyn.util.result import result
 
 DENSE_LIMIT = 4000
@@ -205,10 +206,17 @@ class Model(OfPipe, ABC):
         """Whether a right-hand side costs O(dof), and a Jacobian dof times as much."""
         return False
 
-    @property
+    @cached_property
     def term_stiffness(self) -> float:
-        """Bound on the norm of what terms and modules add to the stiffness, elastic coordinates."""
-        return 0.0
+        """Norm of what K has besides the elastic stiffness, to some ten per cent; 0 without terms.
+
+        In elastic coordinates.
+        """
+        if not self.pipe.terms:
+            return 0.0
+        pencil, elastic = self.pencil(dense=False), self.elastic_share[:, None]
+        start = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
+        return largest_stretch(lambda x: pencil.stiffness(x) - elastic * x, start, 12)
 
     @property
     def rests_straight(self) -> bool:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from pipedyn import _core
 from pipedyn.models.base import (
@@ -27,6 +26,7 @@ from pipedyn.models.pencil import LONGEST_DENSE, ChainPencil, DensePencil, Penci
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.power_iteration import largest_stretch
 
 SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
 
@@ -142,31 +142,24 @@ class Chain(Model):
         if rule == "consistent":
             inner = np.concatenate([[2.0 * self._base], self._lengths[:-1]])
             return 2.0 / (inner + self._lengths)
+        if rule in ("uniform", "midpoint"):
+            return np.full(n, float(n))
+        bare = self._with_springs(np.ones(n), replace(self._pipe, terms=()))
+
+        def inertia(turns: Array) -> Array:
+            """Product with the mass matrix in joint angles, O(n)."""
+            return bare.joint_times(turns[:, None], square=1.0)[:, 0]
+
         if rule == "rayleigh":
             joints = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])
             joints[0] = 0.0  # a fixed part does not bend: the first angle is measured from the axis
             tip_load = joints**2 * (3.0 - joints)
             angles = np.diff(tip_load) / self._lengths
             turns = np.diff(angles, prepend=0.0)
-            bare = self._with_springs(np.ones(n), replace(self._pipe, terms=()))
-            kinetic = turns @ bare.joint_times(turns[:, None], square=1.0)[:, 0]
+            kinetic = turns @ inertia(turns)
             return np.full(n, FIRST_BEAM_EIGENVALUE * kinetic / (turns @ turns))
-        if rule == "frequency":
-            return np.full(n, FIRST_BEAM_EIGENVALUE * self._largest_compliance())
-        return np.full(n, float(n))  # "uniform" and "midpoint"
-
-    def _largest_compliance(self) -> float:
-        """1 / omega_1^2 of the chain with unit springs, by Lanczos in joint angles, O(n) a step."""
-        chain = self._with_springs(np.ones(self.dof), replace(self._pipe, terms=()))
-
-        def inertia(joint_angles: Array) -> Array:
-            return chain.joint_times(joint_angles.reshape(-1, 1), square=1.0)[:, 0]
-
-        if self.dof == 1:
-            return float(inertia(np.ones(1))[0])
-        operator = LinearOperator((self.dof, self.dof), matvec=inertia, dtype=np.float64)
-        start = np.linspace(1.0, 0.0, self.dof, endpoint=False)
-        return float(eigsh(operator, k=1, which="LA", v0=start, return_eigenvectors=False)[0])
+        # "frequency": with unit springs the largest inertia is 1 / omega_1^2.
+        return np.full(n, FIRST_BEAM_EIGENVALUE * largest_stretch(inertia, np.ones(n)))
 
     def _with_springs(self, springs: Array, pipe: Pipe | None = None) -> _core.Chain:
         return _core.Chain(
@@ -246,24 +239,6 @@ class Chain(Model):
     @property
     def recursion(self) -> dict[str, Any] | None:
         return {"chain": self.core, "scale": self.elastic_scale}
-
-    @cached_property
-    def term_stiffness(self) -> float:
-        # The trace of what is added, each part of it with its absolute value.
-        if not self.pipe.terms:
-            return 0.0
-        zeroth, first, second, _, _, _, own = self.resistances.T
-        added = self.core.bodies()[:, 0] - self._lengths
-        joints = np.cumsum(self._lengths) - self._lengths
-
-        def beyond(values: Array) -> Array:
-            return np.cumsum(values[::-1])[::-1]
-
-        moment = beyond(zeroth * joints + first)
-        about = beyond(zeroth * joints**2 + 2.0 * first * joints + second + np.abs(own))
-        about += joints * (joints * beyond(zeroth) - 2.0 * moment)
-        about += abs(self.pipe.gamma) * (beyond(added * joints) - joints * beyond(added))
-        return float(np.abs(about) @ self.elastic_scale**2)
 
     @property
     def stations(self) -> Array:

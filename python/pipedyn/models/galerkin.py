@@ -151,10 +151,6 @@ class Galerkin(Model):
         # Legendre's highest third is not the pipe's and heavily damped.
         return max(1, (2 * self.resolution) // 3) if self._basis == "legendre" else self.dof
 
-    @cached_property
-    def term_stiffness(self) -> float:
-        return self.core.term_stiffness()
-
     def with_pipe(self, pipe: Pipe) -> Galerkin:
         return enriched(Galerkin(pipe, self._size, self._basis), self._more)
 

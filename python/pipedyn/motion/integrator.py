@@ -17,6 +17,7 @@ from scipy.integrate import ode
 from pipedyn.models.base import Model
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
+from pipedyn.util.power_iteration import largest_stretch
 from pipedyn.util.progress import track
 
 NOT_FINITE = "the state or its rate is no longer finite"
@@ -301,17 +302,17 @@ def _strongest(model: Model, first: int) -> float:
     """Largest ratio of accelerations to coordinates (first 0) or velocities, by iteration."""
     size = model.moving
     rest = np.concatenate([model.resting(), np.zeros(size + 1)])
-    at_rest = model.motion.rhs_and_power(0.0, rest, 0.0)[size:-1]
-    moved = np.cos(math.pi * np.arange(size)) * np.linspace(1.0, 1.5, size)
-    strongest = 0.0
-    for _ in range(40):
-        largest = float(np.abs(moved).max())
-        if largest == 0.0:
-            break
-        moved *= 1e-6 / largest
+
+    def accelerations(moved: Array | float) -> Array:
         state = rest.copy()
         state[first : first + size] += moved
-        answer = model.motion.rhs_and_power(0.0, state, 0.0)[size:-1] - at_rest
-        strongest = float(np.linalg.norm(answer) / np.linalg.norm(moved))
-        moved = answer
-    return strongest
+        return model.motion.rhs_and_power(0.0, state, 0.0)[size:-1]
+
+    at_rest = accelerations(0.0)
+
+    def response(moved: Array) -> Array:
+        small = 1e-6 / float(np.abs(moved).max())  # so that motion is linear
+        return (accelerations(small * moved) - at_rest) / small
+
+    start = np.cos(math.pi * np.arange(size)) * np.linspace(1.0, 1.5, size)
+    return largest_stretch(response, start)

@@ -34,6 +34,7 @@ from pipedyn.models.pencil import Pencil
 from pipedyn.util.band import Rows, band_solver
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.power_iteration import largest_stretch
 
 if TYPE_CHECKING:
     from pipedyn.models.modular.assembly import Assembly
@@ -220,15 +221,8 @@ class ScenePencil(Pencil):
     @cached_property
     def added(self) -> float:
         """Norm of what K has besides the torsional springs, to some ten per cent."""
-        zeta = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
-        norm = 0.0
-        for _ in range(12):
-            zeta /= np.linalg.norm(zeta)
-            zeta = self.product("stiffness", zeta)
-            norm = float(np.linalg.norm(zeta))
-            if norm == 0.0:
-                break
-        return norm
+        start = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
+        return largest_stretch(partial(self.product, "stiffness"), start, 12)
 
     def operators(self, zeta: Array) -> Operators:
         """Dense matrices in coordinates of which zeta, shape (dof, dof), are the columns."""
