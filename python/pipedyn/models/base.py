@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.terms import core_terms
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
@@ -132,7 +131,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
-        terms=core_terms(pipe.terms),
+        terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
     )
 
 
@@ -146,7 +145,8 @@ def checked_pipe(pipe: Any) -> Pipe:
 class OfPipe:
     """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
 
-    _pipe: Pipe
+    def __init__(self, pipe: Pipe) -> None:
+        self._pipe = checked_pipe(pipe)
 
     @property
     def pipe(self) -> Pipe:
@@ -169,11 +169,21 @@ class OfPipe:
         return {name: value for name, value in self.__dict__.items() if name not in kept}
 
     def with_pipe(self, pipe: Pipe) -> Self:
-        """The same discretisation, if there is one, with its springs, of another pipe."""
+        """The same discretisation, if there is one, with its springs, of another pipe.
+
+        Raises:
+            ValueError: for terms that the model does not take, as when it is made.
+            TypeError: for what is no pipe.
+        """
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
-        other._pipe = checked_pipe(pipe)
+        OfPipe.__init__(other, pipe)
+        if pipe.terms != self._pipe.terms:
+            other._check_terms()
         return other
+
+    def _check_terms(self) -> None:
+        """Raises ValueError where the model does not take the pipe's terms."""
 
 
 class Model(OfPipe, ABC):
@@ -201,11 +211,6 @@ class Model(OfPipe, ABC):
         """What p is, in words: models of one kind can go on from each other's states."""
         return f"angles of {self.moving} segments"
 
-    @property
-    def linear_cost(self) -> bool:
-        """Whether a right-hand side costs O(dof), and a Jacobian dof times as much."""
-        return False
-
     @cached_property
     def term_stiffness(self) -> float:
         """Norm of what K has besides the elastic stiffness, to some ten per cent; 0 without terms.
@@ -219,13 +224,11 @@ class Model(OfPipe, ABC):
         return largest_stretch(lambda x: pencil.stiffness(x) - elastic * x, start, 12)
 
     @property
-    def rests_straight(self) -> bool:
-        """Whether linear questions are asked about the straight pipe."""
-        return True
-
-    @property
     def recursion(self) -> dict[str, Any] | None:
-        """What the core takes to find eigenvalues by recursion along a chain; None of others."""
+        """What the core takes to find eigenvalues by recursion along a chain; None of others.
+
+        The chain, and the joint angle of each elastic coordinate, scale (dof,).
+        """
         return None
 
     @property
@@ -237,11 +240,6 @@ class Model(OfPipe, ABC):
     def elastic_share(self) -> Array:
         """Elastic stiffness by the elastic coordinates: 1 each, less where a joint has none."""
         return np.ones(self.dof)
-
-    @property
-    def stiffness_by_springs(self) -> Array | None:
-        """Derivative of each elastic stiffness by its spring, (dof,); None without springs."""
-        return None
 
     @property
     def resolved_modes(self) -> int:
@@ -478,11 +476,7 @@ class Model(OfPipe, ABC):
         )
         if columns.ndim == 0 or columns.shape[0] != size or columns.size == 0:
             raise ValueError(f"{name} must have shape ({size}, ...), got {columns.shape}")
-        bad = np.argwhere(~np.isfinite(columns))
-        if bad.size:
-            where = tuple(bad[0].tolist())
-            index = where[0] if len(where) == 1 else where
-            raise ValueError(f"{name} must be finite, got {columns[where]} at index {index}")
+        check.entries(name, columns, np.isfinite(columns), "be finite")
         return columns
 
     def _configurations(self, name: str, given: ArrayLike) -> Array:

@@ -17,7 +17,6 @@ from pipedyn.models.base import (
     Model,
     Operators,
     arc_lengths,
-    checked_pipe,
     core_pipe,
     operators_from,
     stored,
@@ -92,7 +91,7 @@ class Chain(Model):
         drag_points: ArrayLike | None = None,
         base: float = 0.0,
     ) -> None:
-        self._pipe = checked_pipe(pipe)
+        super().__init__(pipe)
         rule = check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
         base = check.real("base", base, low=0.0, high=1.0, open_high=True)
         n = _segment_count(
@@ -185,10 +184,6 @@ class Chain(Model):
     def dof(self) -> int:
         return self._lengths.size
 
-    @property
-    def linear_cost(self) -> bool:
-        return True
-
     approximates_pipe = stored(
         *("_approximates", "Whether springs and inertia follow from the pipe, not from arrays.")
     )
@@ -213,10 +208,6 @@ class Chain(Model):
     @property
     def elastic_share(self) -> Array:
         return self._springs * self.elastic_scale**2
-
-    @property
-    def stiffness_by_springs(self) -> Array | None:
-        return self.elastic_scale**2
 
     @cached_property
     def resistances(self) -> Array:
@@ -256,9 +247,8 @@ class Chain(Model):
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         angles = self._coordinates(q)
         at = arc_lengths(s)
-        x = self._along(self._lengths * np.sin(angles), at)
-        y = self._along(self._lengths * np.cos(angles), at) + np.minimum(at, self._base)
-        return np.stack([x, y], axis=-1)
+        line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, at)
+        return np.stack([line.imag, line.real + np.minimum(at, self._base)], axis=-1)
 
     def tips(self, q: ArrayLike) -> Array:
         angles = self._configurations("q", q)
@@ -285,10 +275,8 @@ class Chain(Model):
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)
-        return self._along((self._lengths * self._displaced(q, at.size).T).T, at)
-
-    def _along(self, steps: NDArray[Any], s: Array) -> NDArray[Any]:
-        return along(steps, self._base, self._lengths, s)
+        steps = (self._lengths * self._displaced(q, at.size).T).T
+        return along(steps, self._base, self._lengths, at)
 
 
 def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:

@@ -11,9 +11,8 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.models.base import Model, NotConverged, OfPipe, checked_pipe
+from pipedyn.models.base import Model, NotConverged, OfPipe
 from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints, enriched
-from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 
 Answer = TypeVar("Answer")
@@ -54,9 +53,6 @@ class Continuum(OfPipe):
 
     Source: Gregory and Paidoussis (1966).
     """
-
-    def __init__(self, pipe: Pipe) -> None:
-        self._pipe = checked_pipe(pipe)
 
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"

@@ -18,7 +18,6 @@ from pipedyn.models.base import (
     Model,
     Operators,
     arc_lengths,
-    checked_pipe,
     core_pipe,
     operators_from,
     stored,
@@ -97,10 +96,13 @@ class Galerkin(Model):
     """
 
     def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
-        self._pipe = checked_pipe(pipe)
+        super().__init__(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
         self._basis = check.choice("basis", basis, BASES)
         self._more = 0
+        self._check_terms()
+
+    def _check_terms(self) -> None:
         if self._size < self.panels:
             raise ValueError(
                 f"m must be at least {self.panels}, the number of panels between terms, "
@@ -150,9 +152,6 @@ class Galerkin(Model):
     def resolved_modes(self) -> int:
         # Legendre's highest third is not the pipe's and heavily damped.
         return max(1, (2 * self.resolution) // 3) if self._basis == "legendre" else self.dof
-
-    def with_pipe(self, pipe: Pipe) -> Galerkin:
-        return enriched(Galerkin(pipe, self._size, self._basis), self._more)
 
     @cached_property
     def _joints(self) -> Array:
@@ -259,6 +258,6 @@ def enriched(model: Galerkin, more: int) -> Galerkin:
     Two models of growing size and growing `more` differ on every panel of the basis but those
     shorter than 0.003, so that the distance of their answers bounds what short panels miss, too.
     """
-    made = Galerkin(model.pipe, model.dof, model.basis)
+    made = model.with_pipe(model.pipe)
     made._more = more
     return made

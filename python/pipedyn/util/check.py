@@ -129,14 +129,18 @@ def array(
         raise ValueError(f"{name} must have from 1 to {longest} entries, got 0")
     with np.errstate(over="ignore"):  # of longer floats; infinity is refused
         values = np.array(raw, dtype=np.float64)
-    below = values <= low if open_low else values < low
-    bad = ~np.isfinite(values) | below | (values > high)
-    if bad.any():
-        where = int(np.argmax(bad))
-        rule = _rule(low, high, open_low, False)
-        raise ValueError(f"{name} must {rule}, got {float(values[where])!r} at index {where}")
+    good = (values > low if open_low else values >= low) & (values <= high)
+    entries(name, values, good & np.isfinite(values), _rule(low, high, open_low, False))
     values.flags.writeable = False
     return values
+
+
+def entries(name: str, values: NDArray[Any], good: NDArray[np.bool_], rule: str) -> None:
+    """Raises ValueError, with its place, for the first entry that is not good."""
+    if not good.all():
+        where = tuple(np.argwhere(~good)[0].tolist())
+        index = where[0] if len(where) == 1 else where
+        raise ValueError(f"{name} must {rule}, got {values[where]} at index {index}")
 
 
 def numbers(

@@ -19,7 +19,6 @@ from pipedyn.models.base import (
     NotConverged,
     Operators,
     arc_lengths,
-    checked_pipe,
     stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
@@ -102,7 +101,7 @@ class Assembly(Model):
     ) -> None:
         given = _parts("modules", modules, (Module, Term))
         terms = tuple(part for part in given if isinstance(part, Term))
-        self._pipe = checked_pipe(pipe)
+        super().__init__(pipe)
         if terms:
             self._pipe = replace(pipe, terms=(*pipe.terms, *terms))
         self._enforcement = check.choice("enforcement", enforcement, ENFORCEMENTS)
@@ -114,10 +113,10 @@ class Assembly(Model):
         self._customs = CustomForces(self._layout.customs, self._configuration(straight))
         for custom in self._customs.each:
             custom.validate(self._configuration(self._layout.rest)[custom.index])
-        self._refuse_massless()
+        self._check_terms()
         self._reference = straight if self._misses(straight) <= MET else None
 
-    def _refuse_massless(self) -> None:
+    def _check_terms(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
         rest = self._configuration(self._layout.rest)
         if not np.isfinite(self.core.rhs(0.0, np.append(rest, np.zeros_like(rest)), 0.0)).all():
@@ -175,10 +174,6 @@ class Assembly(Model):
     def term_stiffness(self) -> float:
         return self.linear.added
 
-    @property
-    def rests_straight(self) -> bool:
-        return self._reference is not None and not self._reference.any()
-
     @cached_property
     def resisted(self) -> bool:
         other = self.with_pipe(replace(self._pipe, damping=0.0))
@@ -227,17 +222,6 @@ class Assembly(Model):
         """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
         long = self.dof > LONGEST_DENSE if dense is None else not dense
         return self.linear if long else DensePencil(self)
-
-    def with_pipe(self, pipe: Pipe) -> Assembly:
-        """The same parts on another pipe, which has its own terms.
-
-        Raises:
-            ValueError: for a direction without inertia, where only a term of this pipe had any.
-        """
-        other = super().with_pipe(pipe)
-        if other._pipe.terms != self._pipe.terms:
-            other._refuse_massless()
-        return other
 
     def about(self, q: ArrayLike) -> Assembly:
         """The same scene, whose linear questions are asked about another configuration at rest.
