@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cached_property
 from operator import attrgetter
 from typing import Any, Self
@@ -111,15 +112,10 @@ class Power:
 
 def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
     """The core's matrices, each times a scale (dof, dof), with the pipe's two flow factors."""
-
-    def scaled(matrix: Array) -> Array:
-        return matrix if scale is None else scale * matrix
-
-    return Operators(
-        *(scaled(core.mass), scaled(core.gyroscopic), scaled(core.end_flux)),
-        *(scaled(core.damping), scaled(core.stiffness), scaled(core.flux)),
-        *(pipe.direction, pipe.centrifugal),
-    )
+    matrices = {field.name: getattr(core, field.name) for field in fields(Operators)[:6]}
+    if scale is not None:
+        matrices = {name: scale * matrix for name, matrix in matrices.items()}
+    return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.centrifugal)
 
 
 def core_pipe(pipe: Pipe) -> _core.Pipe:
@@ -419,16 +415,24 @@ class Model(OfPipe, ABC):
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
         """
 
-    @abstractmethod
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k)."""
+        return self._tips(self._configurations("q", q))
 
-    @abstractmethod
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
         """Velocities (x', y') of the free end in L / T, exact, (k, 2), for k states.
 
         Coordinates q and their rates have shape (coordinates, k) each.
         """
+        columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
+        if columns.shape != rates.shape:
+            raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
+        step = 1e-20  # along the imaginary axis: no difference is taken, and its square is lost
+        return self._tips(columns + 1j * step * rates).imag / step
+
+    @abstractmethod
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        """The positions, an analytic function of q, real or complex, (coordinates, k)."""
 
     def drag_velocities(self, p: Array, pdot: Array) -> Array:
         """Normal velocities of the points at which drag acts, (points, k), of states (moving, k).
@@ -487,13 +491,6 @@ class Model(OfPipe, ABC):
         if columns.dtype.kind == "c":
             raise TypeError(f"{name} must be real, got complex numbers")
         return columns
-
-    def _moving_columns(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
-        """Coordinates and rates of k states, (coordinates, k) each."""
-        columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
-        if columns.shape != rates.shape:
-            raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        return columns, rates
 
     def _displaced(self, q: ArrayLike, points: int) -> NDArray[Any]:
         """Coordinates to be displaced at so many points, shape (dof,) or (dof, k)."""

@@ -250,15 +250,9 @@ class Chain(Model):
         line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, at)
         return np.stack([line.imag, line.real + np.minimum(at, self._base)], axis=-1)
 
-    def tips(self, q: ArrayLike) -> Array:
-        angles = self._configurations("q", q)
-        down = self._base + self._lengths @ np.cos(angles)
-        return np.stack([self._lengths @ np.sin(angles), down], axis=-1)
-
-    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        angles, rates = self._moving_columns(q, qdot)
-        across = self._lengths @ (rates * np.cos(angles))
-        return np.stack([across, -self._lengths @ (rates * np.sin(angles))], axis=-1)
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        down = self._base + self._lengths @ np.cos(q)
+        return np.stack([self._lengths @ np.sin(q), down], axis=-1)
 
     def drag_velocities(self, p: Array, pdot: Array) -> Array:
         if self.pipe.drag == 0.0:

@@ -213,19 +213,10 @@ class Galerkin(Model):
                 line[piece, 1] += length * (np.cos(angles) @ weights)
         return line
 
-    def tips(self, q: ArrayLike) -> Array:
-        amplitudes = self._configurations("q", q)
-        nodes, weights = self._rule(self._count_for(amplitudes))
-        angles = self.core.basis(nodes, 1) @ amplitudes
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        nodes, weights = self._rule(self._count_for(q.real))
+        angles = self.core.basis(nodes, 1) @ q
         return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)
-
-    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        amplitudes, rates = self._moving_columns(q, qdot)
-        nodes, weights = self._rule(self._count_for(amplitudes))
-        slopes = self.core.basis(nodes, 1)
-        angles, turning = slopes @ amplitudes, slopes @ rates
-        across = weights @ (turning * np.cos(angles))
-        return np.stack([across, -weights @ (turning * np.sin(angles))], axis=-1)
 
     def _count_for(self, amplitudes: Array) -> int:
         """Nodes on each panel that integrate sine and cosine of the angle, for columns (m, k)."""

@@ -157,23 +157,19 @@ class Pipe:
                 "length, bending_stiffness, pipe_mass and fluid_mass must give finite units, "
                 f"got {units._asdict()}"
             )
-        values = {
-            "beta": fluid_mass / mass,
-            "gamma": gravity * length**3 * mass / stiffness,
-            "drag": math.prod(drag) * length / (2.0 * mass),
-            "damping": damping_time / time,
-        }
-        causes = {
-            "beta": "pipe_mass and fluid_mass",
-            "gamma": "gravity, length, pipe_mass, fluid_mass and bending_stiffness",
-            "drag": "drag_coefficient, external_diameter, external_density, length and the masses",
-            "damping": "damping_time, length, bending_stiffness and the masses",
+        every = "length, pipe_mass, fluid_mass and bending_stiffness"
+        outside = "drag_coefficient, external_diameter, external_density"
+        numbers = {
+            "beta": (fluid_mass / mass, "pipe_mass and fluid_mass"),
+            "gamma": (gravity * length**3 * mass / stiffness, f"gravity, {every}"),
+            "drag": (math.prod(drag) * length / (2.0 * mass), f"{outside}, length and the masses"),
+            "damping": (damping_time / time, f"damping_time, {every}"),
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
         return cls(
             **{
-                name: check.real(f"{name} from {causes[name]}", value, **RANGES[name])
-                for name, value in values.items()
+                name: check.real(f"{name} from {causes}", value, **RANGES[name])
+                for name, (value, causes) in numbers.items()
             },
             flow=flow,
             alpha=alpha,

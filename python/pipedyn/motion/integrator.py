@@ -17,8 +17,8 @@ from scipy.integrate import ode
 from pipedyn.models.base import Model
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
+from pipedyn.util.parallel import track
 from pipedyn.util.power_iteration import largest_stretch
-from pipedyn.util.progress import track
 
 NOT_FINITE = "the state or its rate is no longer finite"
 """Why a motion stops: its numbers overflowed, or a bend is beyond what a quadrature resolves."""

@@ -30,7 +30,7 @@ from pipedyn.motion.simulate import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
-from pipedyn.util.progress import track
+from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 
 Rates = Callable[[Array], Array]

@@ -103,10 +103,9 @@ def choice(name: str, value: Any, options: Collection[str]) -> str:
     listed = ", ".join(repr(option) for option in options)
     if not isinstance(value, str):
         raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
-    for option in options:
-        if value == option:
-            return option
-    raise ValueError(f"{name} must be one of {listed}, got {shown(value)}")
+    if value not in options:
+        raise ValueError(f"{name} must be one of {listed}, got {shown(value)}")
+    return str(value)
 
 
 def array(
@@ -162,11 +161,8 @@ def numbers(
     if isinstance(value, bytearray):  # numpy takes its letters for numbers
         raise wrong()
     if isinstance(value, list | tuple):
-        leaves = list(islice(_leaves(value), longest))
-        if any(issubclass(kind, NOT_NUMBERS) for kind in set(map(type, leaves))):
-            raise wrong()
-        for part in leaves if any(isinstance(leaf, np.ndarray) for leaf in leaves) else ():
-            if isinstance(part, np.ndarray) and part.dtype.kind == "b":
+        for part in islice(_leaves(value), longest):
+            if isinstance(part, NOT_NUMBERS) or getattr(part, "dtype", None) == np.bool_:
                 raise wrong()
             _refuse_masked(name, part)
     try:

@@ -513,12 +513,8 @@ class Assembly(Model):
         line[:, 1] += np.minimum(at, base)
         return line
 
-    def tips(self, q: ArrayLike) -> Array:
-        return np.array(self._configurations("q", q)[-3:-1].T)
-
-    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        _, rates = self._moving_columns(q, qdot)
-        return np.array(rates[-3:-1].T)
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        return np.array(q[-3:-1].T)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """As for `Model.bent`, of theta(s) at the segments' middles or close to it.
