@@ -170,7 +170,7 @@ class Continuation:
             check=self.problem.check,
         )
         assert last is not None
-        return found.state, last
+        return found, last
 
     def next(self, start: Point, step: float) -> tuple[Segment, float]:
         """The step to the next point, at most so long, and the length to try after it."""

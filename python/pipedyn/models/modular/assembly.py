@@ -349,7 +349,7 @@ class Assembly(Model):
             )
         except NewtonFailed as reason:
             raise NotConverged(f"no equilibrium was found at u = {u:g} near start") from reason
-        return self._configuration(found.state)
+        return self._configuration(found)
 
     # ------------------------------------------------------------------------------ linear motion
 
