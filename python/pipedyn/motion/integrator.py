@@ -189,15 +189,17 @@ class Watched(Guarded):
 
 
 def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
-    """States at the samples, (S, *start.shape), right-hand sides, and why it stopped early."""
+    """States, the start and then the samples, right-hand sides taken, and why it stopped early.
+
+    Shape of the states: (1 + S, *start.shape), with so many samples S as were reached.
+    """
     guarded = Watched(task)
     if task.method in COMPILED:
         advanced = compiled(guarded, task.start, task.method, task.rtol, task.atol)
         samples: Iterator[Array] = map(advanced, task.times)
     else:
         samples = _python_samples(task, guarded)
-    rows: list[Array] = []
-    why = None
+    rows, why = [task.start], None
     try:
         for row in track(samples, task.times.size, "motion", shown):
             rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
@@ -205,7 +207,7 @@ def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
         why = guarded.reason(stopped)
     evaluated(task.start[0].size * (guarded.calls + guarded.jacobians))
     factorised(guarded.factorisations)
-    return np.array(rows).reshape(-1, *task.start.shape), guarded.calls, why
+    return np.array(rows), guarded.calls, why
 
 
 def compiled(

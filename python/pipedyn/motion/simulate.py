@@ -329,27 +329,21 @@ def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
 
 
 def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
-    """The motion of a task of one state from its samples (S, 2 dof + 1)."""
+    """The motion of a task of one state from its start and samples, (1 + S, 2 moving + 1)."""
     model, size = task.model, task.model.moving
-
-    def recorded(samples: Array) -> tuple[Array, Array, Array]:
-        q, qdot = model.recorded(samples[:, :size], samples[:, size : 2 * size])
-        return q, qdot, np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
-
-    q, qdot, states = recorded(rows)
+    q, qdot = model.recorded(rows[:, :size], rows[:, size : 2 * size])
+    states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
     energy = np.asarray(model.energy(states))
-    at_rest = states.copy()
-    at_rest[model.coordinates :] = 0.0
-    kinetic = energy - np.asarray(model.energy(at_rest))
-    first = float(np.asarray(model.energy(recorded(task.start[None])[2]))[0])
-    scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
-    miss = float(np.abs(energy - first - rows[:, 2 * size]).max(initial=0.0))
+    states[model.coordinates :] = 0.0  # the same at rest
+    kinetic = energy - np.asarray(model.energy(states))
+    scale = float(max(np.abs(energy[1:]).max(initial=0.0), kinetic[1:].max(initial=0.0)))
+    miss = float(np.abs(energy - energy[0] - rows[:, 2 * size]).max())
     return Motion(
-        t=task.times[: len(rows)],
-        q=q,
-        qdot=qdot,
-        tip=model.tips(q.T) if len(rows) else np.zeros((0, 2)),
-        energy=energy,
+        t=task.times[: len(rows) - 1],
+        q=q[1:],
+        qdot=qdot[1:],
+        tip=model.tips(q.T)[1:],
+        energy=energy[1:],
         audit=miss / scale if scale else 0.0,
         u=float(task.u),
         method=task.method,
