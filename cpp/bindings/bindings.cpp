@@ -141,9 +141,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
              double velocity,
              double flux) { return chain.joint_times(x, {still, rate, square, velocity, flux}); },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
-          "flux"_a = 0.0, Unlocked())
-      .def("bodies", &Chain::bodies, Unlocked())
-      .def("resistances", &Chain::resistances, Unlocked());
+          "flux"_a = 0.0, Unlocked());
   define_motion(chain);
 
   py::class_<Galerkin> galerkin(m, "Galerkin");

@@ -384,17 +384,6 @@ Matrix Chain::loads(const Matrix& stations) const {
   return out;
 }
 
-Matrix Chain::resistances() const {
-  Matrix out(dof(), 7);
-  for (Index j = 0; j < dof(); ++j) {
-    const auto& [mass, k, c, turned, held] = linear_[static_cast<std::size_t>(j)];
-    const double own[] = {k.zeroth, k.first,  k.second,        c.zeroth,
-                          c.first,  c.second, turned[1] + held};
-    std::copy(std::begin(own), std::end(own), out.data() + 7 * j);
-  }
-  return out;
-}
-
 MotionModel Chain::motion() const {
   return {.links = links_.data(),
           .size = dof(),

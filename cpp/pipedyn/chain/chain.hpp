@@ -110,10 +110,6 @@ class Chain {
 
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
-  /// What the loads of each segment's terms resist about the straight pipe with, summed with powers
-  /// 0, 1, 2 of the arm: three columns of stiffness against a displacement, three of damping (n,
-  /// 6).
-  Matrix resistances() const;
 
   /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
   ImpedanceModel impedance() const;

@@ -209,23 +209,12 @@ class Chain(Model):
     def elastic_share(self) -> Array:
         return self._springs * self.elastic_scale**2
 
-    @cached_property
-    def resistances(self) -> Array:
-        """What the pipe's terms resist small motions of each segment with, shape (n, 7).
-
-        Sums over the places on the segment, with powers 0, 1, 2 of the distance from its joint:
-        three of stiffness against a transverse displacement, three of damping; and the stiffness
-        against the segment's own angle.
-        """
-        return _frozen(self.core.resistances())
-
     @property
     def loose_joints(self) -> NDArray[np.intp]:
-        free = np.flatnonzero((self._springs == 0.0) & (self._pipe.gamma == 0.0))
-        if self._pipe.terms and free.size:
-            held = np.flatnonzero(self.resistances[:, [0, 1, 2, 6]].any(axis=1))
-            free = free[free > held.max(initial=-1)]
-        return free
+        free = (self._springs == 0.0) & (self._pipe.gamma == 0.0)
+        # Where all of them turn the same way, a joint feels whatever resists beyond it.
+        moments = self.core.joint_times(free[:, None].astype(np.float64), still=1.0)[:, 0]
+        return np.flatnonzero(free & (moments == 0.0))
 
     @property
     def recursion(self) -> dict[str, Any] | None:
