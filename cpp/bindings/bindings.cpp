@@ -110,7 +110,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
            "terms"_a = std::vector<TermArguments>{})
-      .def_property_readonly("direction", &Pipe::direction)
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 

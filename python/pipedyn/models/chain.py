@@ -246,11 +246,11 @@ class Chain(Model):
     def drag_velocities(self, p: Array, pdot: Array) -> Array:
         if self.pipe.drag == 0.0:
             return super().drag_velocities(p, pdot)
-        steps, cosine, sine = self._lengths[:, None] * pdot, np.cos(p), np.sin(p)
-        # Of each segment's joint, and of the point on the segment itself.
-        across, down = (np.cumsum(steps * part, axis=0) - steps * part for part in (cosine, sine))
+        tangents = np.exp(1j * p)
+        steps = self._lengths[:, None] * pdot * tangents
+        joints = np.cumsum(steps, axis=0) - steps  # velocities where the segments begin
         reach = (self._drag_points * self._lengths)[:, None]
-        return across * cosine + down * sine + reach * pdot
+        return (joints * tangents.conj()).real + reach * pdot
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)

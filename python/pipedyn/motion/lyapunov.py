@@ -130,10 +130,9 @@ def lyapunov_exponent(
         raise ValueError(f"interval must cut the time into at most {MOST_INTERVALS} parts")
 
     def rates(y: Array) -> Array:
-        work = np.zeros((1, *y.shape[1:]))
         evaluated(y[0].size)
-        found: Array = model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)
-        return found[:-1]
+        work = np.zeros((1, *y.shape[1:]))
+        return model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
 
     def jacobian(y: Array) -> Array:
         evaluated(1)
