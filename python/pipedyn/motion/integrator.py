@@ -169,7 +169,7 @@ class Watched(Guarded):
     @cached_property
     def fastest(self) -> tuple[float, float]:
         """Highest frequency and fastest decay at rest, which only long motions need."""
-        return highest_frequency(self.task.model), fastest_decay(self.task.model)
+        return fastest_rates(self.task.model)
 
     def check(self, t: float) -> None:
         """Raises what stops an integration that needs too many calls or whose steps vanish."""
@@ -280,7 +280,7 @@ def choose_method(model: Model, rtol: float) -> str:
     """
     if not (model.pipe.damping or model.resisted) or model.moving > LARGEST_IMPLICIT:
         return "dop853"
-    fastest, decay, digits = highest_frequency(model), fastest_decay(model), -math.log10(rtol)
+    (fastest, decay), digits = fastest_rates(model), -math.log10(rtol)
     if model.recursion:  # a chain: a right-hand side costs O(dof), a Jacobian dof times as much
         share = CHAIN_DECAY * digits * max(1.0, model.moving / CHAIN_SEGMENTS)
         return "lsoda" if decay > share * fastest else "dop853"
@@ -288,16 +288,13 @@ def choose_method(model: Model, rtol: float) -> str:
     return "lsoda" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
 
 
-def highest_frequency(model: Model) -> float:
-    """Angular frequency of the fastest mode at rest, to some per cent, by power iteration."""
-    return math.sqrt(_strongest(model.with_pipe(replace(model.pipe, damping=0.0, drag=0.0)), 0))
-
-
-def fastest_decay(model: Model) -> float:
-    """Rate of the fastest decay of velocities at rest, likewise."""
+def fastest_rates(model: Model) -> tuple[float, float]:
+    """Highest frequency and fastest decay of velocities at rest, to some per cent."""
+    pipe = replace(model.pipe, drag=0.0)
+    frequency = math.sqrt(_strongest(model.with_pipe(replace(pipe, damping=0.0)), 0))
     if not model.resisted:
-        return model.pipe.damping * highest_frequency(model) ** 2
-    return _strongest(model.with_pipe(replace(model.pipe, drag=0.0)), model.moving)
+        return frequency, pipe.damping * frequency**2
+    return frequency, _strongest(model.with_pipe(pipe), model.moving)
 
 
 def _strongest(model: Model, first: int) -> float:
