@@ -190,13 +190,11 @@ class Pipe:
         return self.alpha if self.flow == "aspirating" else 1.0
 
     def __repr__(self) -> str:
-        parts = [f"beta={self.beta:.12g}"]
-        for item in fields(self)[1:-2]:
-            value = getattr(self, item.name)
-            if value != item.default:
-                parts.append(
-                    f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
-                )
+        parts = [
+            f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
+            for item in fields(self)[:-2]
+            if (value := getattr(self, item.name)) != item.default
+        ]
         if self.terms:
             parts.append(f"terms={self.terms!r}")
         if self.scales is not None:
