@@ -427,7 +427,7 @@ class Model(OfPipe, ABC):
         columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        step = 1e-20  # along the imaginary axis: no difference is taken, and its square is lost
+        step = 1e-20  # complex-step derivative: nothing is subtracted, and the square is lost
         return self._tips(columns + 1j * step * rates).imag / step
 
     @abstractmethod

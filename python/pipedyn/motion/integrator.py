@@ -189,9 +189,9 @@ class Watched(Guarded):
 
 
 def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
-    """States, the start and then the samples, right-hand sides taken, and why it stopped early.
+    """States (the start, then the samples), right-hand sides taken, and why it stopped early.
 
-    Shape of the states: (1 + S, *start.shape), with so many samples S as were reached.
+    Shape of the states: (1 + S, *start.shape), with as many samples S as were reached.
     """
     guarded = Watched(task)
     if task.method in COMPILED:
