@@ -184,9 +184,7 @@ class Chain(Model):
     def dof(self) -> int:
         return self._lengths.size
 
-    approximates_pipe = stored(
-        *("_approximates", "Whether springs and inertia follow from the pipe, not from arrays.")
-    )
+    approximates_pipe = stored("_approximates", "Whether springs and inertia are not from arrays.")
     rule = stored("_rule", "Name of the spring rule, None for springs of the user's own.")
     base = stored("_base", "Length of the fixed part at the clamp.")
     lengths = stored("_lengths", "l_j, shape (n,).")

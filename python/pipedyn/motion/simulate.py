@@ -255,28 +255,27 @@ def simulate_many(
         raise ValueError(f"speeds must ask for at most {LARGEST_ENSEMBLE} members, got {members}")
     check.executor("executor", executor)
     shown = check.flag("progress", progress)
-    tasks = []
-    methods: dict[int, str] = {}
+    tasks: list[Task] = []
+    members_of: dict[int, list[int]] = {}  # each model
     for i in range(members):
         model, u, start, rate = (values[i % len(values)] for values in given.values())
+        same = members_of.setdefault(id(model), [])
+        choice = tasks[same[0]].method if same else method
         try:
             task = checked_task(
-                *(model, u.item(), duration, start, rate),
-                *(samples, times, rtol, atol, methods.get(id(model), method), most),
+                *(model, u.item(), duration, start, rate, samples, times, rtol, atol, choice, most)
             )
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
-        methods[id(model)] = task.method
         tasks.append(task)
+        same.append(i)
     if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
         raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
-    groups: dict[tuple[int, str], list[int]] = {}
-    for i, task in enumerate(tasks):
-        groups.setdefault((id(task.model), task.method), []).append(i)
     blocks = []
-    for (_, method), group in groups.items():
-        parts = math.ceil(len(group) / BATCH) if method == "dop853" else len(group)
-        blocks += [part.tolist() for part in np.array_split(group, parts)]
+    for same in members_of.values():
+        together = tasks[same[0]].method == "dop853"
+        parts = math.ceil(len(same) / BATCH) if together else len(same)
+        blocks += [part.tolist() for part in np.array_split(same, parts)]
     jobs = [partial(_motions, [tasks[i] for i in block]) for block in blocks]
     answers = parallel(jobs, executor, label="batches", progress=shown)
     motions: list[Any] = [None] * members
@@ -414,8 +413,7 @@ def checked_task(
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
     start = np.append(model.start(model.bent(q0) if callable(q0) else q0, qdot0), 0.0)
     rtol = check.real("rtol", rtol, low=1e-13, high=0.1)
-    if atol is None:
-        atol = 0.01 * rtol
+    atol = 0.01 * rtol if atol is None else atol
     atol = check.real("atol", atol, low=0.0, high=1.0, open_low=True)
     most = check.real("most", most, low=1.0, high=1e18)
     method = check.choice("method", method, METHODS)
