@@ -231,7 +231,8 @@ class Assembly(Model):
             for part in self.modules
         )
         # Rows are of guides, pins and what has inertia besides the segments.
-        if not plain or not self.rests_straight or self.core.compliance.size:
+        straight = self._reference is not None and not self._reference.any()
+        if not plain or not straight or self.core.compliance.size:
             return None
         return Chain(
             self._pipe,
