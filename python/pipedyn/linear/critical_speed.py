@@ -13,7 +13,7 @@ import numpy as np
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, largest_speed
 from pipedyn.linear.sensitivity import Crossing, crossings_of
-from pipedyn.linear.special.weak_damping import extrapolated, is_weakly_damped, strengthened
+from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum, Converged, answered, checked_model
 from pipedyn.models.pipe import Pipe
