@@ -21,6 +21,7 @@ from independent import (
 
 import pipedyn as pp
 from pipedyn import _core
+from pipedyn.models.pencil import DensePencil
 
 ALL = (
     pp.PointMass(0.37, 0.4),
@@ -182,7 +183,7 @@ def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
 @pytest.mark.parametrize("n", [1, 5, 100])
 def test_products_are_those_of_the_matrices(n):
     chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=0.01, terms=ALL), n)
-    dense, long = chain.pencil(dense=True), chain.pencil(dense=False)
+    dense, long = DensePencil(chain), chain.pencil()
     x = np.random.default_rng(7).normal(size=(n, 2)) + 1j
     for product in ("mass", "velocity", "damping", "stiffness", "gravity", "by_damping", "flux"):
         found, expected = getattr(long, product)(x), getattr(dense, product)(x)

@@ -164,35 +164,18 @@ void define_linear(py::module_& m) {
           "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
       .def("factorisations", &Spectrum::factorisations);
 
-  py::class_<Operator, std::shared_ptr<Operator>>(m, "Operator");
-  py::class_<CalledOperator, Operator, std::shared_ptr<CalledOperator>>(m, "CalledOperator")
-      .def(py::init([](const decltype(CalledOperator::Functions::multiply)& multiply,
-                       const decltype(CalledOperator::Functions::by_speed)& by_speed,
-                       const decltype(CalledOperator::Functions::factor)& factor,
-                       const decltype(CalledOperator::Functions::inverse)& inverse, Index dof,
-                       double size) {
-             return std::make_shared<CalledOperator>(
-                 CalledOperator::Functions{multiply, by_speed, factor, inverse}, dof, size);
-           }),
-           "multiply"_a, "by_speed"_a, "factor"_a, "inverse"_a, "dof"_a, "size"_a);
   const Lapack lapack = scipy_lapack();
-  py::class_<DenseOperator, Operator, std::shared_ptr<DenseOperator>>(m, "DenseOperator")
+  py::class_<DenseOperator>(m, "DenseOperator")
       .def(py::init([lapack](DenseOperator::Matrices of, double size) {
-             return std::make_shared<DenseOperator>(lapack, std::move(of), size);
+             return std::make_unique<DenseOperator>(lapack, std::move(of), size);
            }),
            "matrices"_a, "size"_a)
       .def(
           "inverse",
           [](const DenseOperator& p, double shift, bool velocity_free, bool left) {
-            return p.inverse(shift, velocity_free, left, 2 * p.dof);
+            return p.inverse(shift, velocity_free, left);
           },
           py::call_guard<py::gil_scoped_release>(), "shift"_a, "velocity_free"_a, "left"_a);
-  py::class_<DenseOperators>(m, "DenseOperators")
-      .def(py::init([lapack](DenseOperator::Matrices of, double centrifugal, double size) {
-             return DenseOperators{lapack, std::move(of), centrifugal, size};
-           }),
-           "matrices"_a, "centrifugal"_a, "size"_a)
-      .def("__call__", &DenseOperators::operator(), "u"_a);
   py::class_<Traits>(m, "Traits")
       .def(py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
                        bool squared, bool free_at_rest) {
@@ -201,14 +184,12 @@ void define_linear(py::module_& m) {
            "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a,
            "free_at_rest"_a);
   py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
-      .def(py::init([](const Traits& traits, const DenseOperators& operators) {
-             return std::make_shared<Eigenproblem>(traits, operators, true);
+      .def(py::init([lapack](const Traits& traits, DenseOperator::Matrices of, double centrifugal,
+                             double size) {
+             return std::make_shared<Eigenproblem>(
+                 traits, Pencil{lapack, std::move(of), centrifugal, size});
            }),
-           "traits"_a, "operators"_a)
-      .def(py::init([](const Traits& traits, const Eigenproblem::At& operators) {
-             return std::make_shared<Eigenproblem>(traits, operators, false);
-           }),
-           "traits"_a, "operators"_a)
+           "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a)
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a,
            py::call_guard<py::gil_scoped_release>())
       .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a,

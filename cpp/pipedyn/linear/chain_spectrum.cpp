@@ -106,8 +106,7 @@ Values missing(const Chain& chain, double u, const Values& at, const Approximati
 }
 
 /// P of a chain in joint angles divided by scale; size: of K at rest.
-DenseOperators matrices(const Chain& chain, const Lapack& lapack, const Vector& scale,
-                        double size) {
+Pencil matrices(const Chain& chain, const Lapack& lapack, const Vector& scale, double size) {
   Operators ops = chain.joint_operators(scale);
   const ImpedanceModel flow = chain.impedance();
   const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
@@ -354,8 +353,8 @@ Pairs solved(const Chain& chain, const Vector& scale, double u, const Values& va
 
 ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Lapack& lapack,
                              Vector scale, double size)
-    : Eigenproblem(
-          traits, [=, &chain](double u) { return matrices(chain, lapack, scale, size)(u); }, true),
+    : Eigenproblem(traits,
+                   [=, &chain](double u) { return matrices(chain, lapack, scale, size)(u); }),
       chain_(chain),
       lapack_(lapack),
       scale_(std::move(scale)),

@@ -76,7 +76,7 @@ struct Row {
 
 /// The pair nearest to a good guess by two-sided Rayleigh quotient iteration, with its residual,
 /// which is infinite where the iteration ends with nothing. `steps` grows by those taken.
-Pair refine(const Operator& p, const Pair& guess, int& steps) {
+Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
   const ComplexVector seed = Eigen::VectorXd::LinSpaced(p.dof, 1.0, 0.5).cast<Complex>();
   Pair last{guess.value, guess.right.size() == 0 ? seed : guess.right, seed}, best = last;
   for (int step = 0; step < most_refinements; ++step) {
@@ -110,7 +110,7 @@ Pair refine(const Operator& p, const Pair& guess, int& steps) {
 /// On the right only damping and what the ends do is left, so that rounding is small against it,
 /// while that of lambda is eps |lambda|^2. The left vector obeys the same balance; where the two
 /// disagree, vectors are not exact.
-std::pair<Reals, Reals> growth(const Operator& p, const Pairs& pairs) {
+std::pair<Reals, Reals> growth(const DenseOperator& p, const Pairs& pairs) {
   const Index count = pairs.values.size();
   Reals rates(count), errors(count);
   for (const ComplexTable* const vectors : {&pairs.right, &pairs.left}) {
@@ -195,7 +195,7 @@ Pairs Pairs::take(const std::vector<Index>& which) const {
   return result;
 }
 
-const Operator& Eigenproblem::at(double u) {
+const DenseOperator& Eigenproblem::at(double u) {
   if (latest_ == nullptr || u != latest_speed_) {
     latest_ = at_(u);
     latest_speed_ = u;
@@ -227,54 +227,41 @@ Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
 /// By the inverse problem about a shift; none if that fails.
 std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bool left) {
   const bool free = is_squared(u);
-  const Index every = 2 * traits.dof;
-  for (Index asked = std::min(count + 6, every);; asked = std::min(2 * asked, traits.dof)) {
-    auto [mu, right, lefts] = at(u).inverse(shift, free, left, asked);
-    if (complete_) factorised_ += 2;
-    const Index size = mu.size();
-    if (size == 0) return std::nullopt;
-    // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
-    Values roots(free ? 2 * size : size);
-    for (Index i = 0; i < size; ++i) {
-      const Complex inverse = 1.0 / mu[i];
-      roots[i] = free ? std::sqrt(shift * shift + inverse) : shift + inverse;
-      if (free) roots[size + i] = -roots[i];
-    }
-    std::vector<Index> order = by_size(roots);
-    const Index there = static_cast<Index>(order.size());
-    if (!complete_ && there < every && asked < traits.dof) {
-      // All roots within `radius` of the shift are here, so all below radius - shift are.
-      const double radius = 1.0 / mu.abs().minCoeff() - (free ? shift * shift : shift);
-      const double reach = free ? std::sqrt(std::max(radius, 0.0)) : radius;
-      if (there < count || !(std::abs(roots[order[count - 1]]) <= reach)) continue;
-    }
-    order.resize(std::min(count, there));
-    std::vector<Index> from;
-    for (const Index i : order) from.push_back(i % size);
-    Pairs pairs = Pairs{mu, std::move(right), std::move(lefts)}.take(from);
-    const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
-    for (Index i = 0; i < pairs.size(); ++i) pairs.values[i] = roots[order[i]];
-    assess(u, pairs);
-    pairs.left = duals;
-    for (Index i = 0; i < pairs.size(); ++i) {
-      if (is_finite(pairs.values[i])) continue;
-      pairs.values[i] = std::numeric_limits<double>::quiet_NaN();
-      pairs.right.col(i).setZero();
-      pairs.residual[i] = infinite;
-    }
-    return pairs;
+  auto [mu, right, lefts] = at(u).inverse(shift, free, left);
+  factorised_ += 2;
+  const Index size = mu.size();
+  if (size == 0) return std::nullopt;
+  // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
+  Values roots(free ? 2 * size : size);
+  for (Index i = 0; i < size; ++i) {
+    const Complex inverse = 1.0 / mu[i];
+    roots[i] = free ? std::sqrt(shift * shift + inverse) : shift + inverse;
+    if (free) roots[size + i] = -roots[i];
   }
+  std::vector<Index> order = by_size(roots), from;
+  order.resize(std::min(count, roots.size()));
+  for (const Index i : order) from.push_back(i % size);
+  Pairs pairs = Pairs{mu, std::move(right), std::move(lefts)}.take(from);
+  const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
+  for (Index i = 0; i < pairs.size(); ++i) pairs.values[i] = roots[order[i]];
+  assess(u, pairs);
+  pairs.left = duals;
+  for (Index i = 0; i < pairs.size(); ++i) {
+    if (is_finite(pairs.values[i])) continue;
+    pairs.values[i] = std::numeric_limits<double>::quiet_NaN();
+    pairs.right.col(i).setZero();
+    pairs.residual[i] = infinite;
+  }
+  return pairs;
 }
 
-/// Refines pairs that failed, or lack left vectors, one by one (conjugates together).
+/// Refines pairs that failed, one by one (conjugates together).
 void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
-  const bool lefts = left && pairs.left.cols() == 0;
-  if (lefts) pairs.left = ComplexTable::Zero(traits.dof, pairs.values.size());
   const Values before = pairs.values;
   for (Index i = 0; i < before.size(); ++i) {
     const Complex value = before[i];
     if (!(value.imag() >= 0.0) || !is_finite(value)) continue;
-    if (is_good(pairs, i, high) && !lefts) continue;
+    if (is_good(pairs, i, high)) continue;
     const Pair better = near(u, {value, pairs.right.col(i)});
     if (!(std::abs(better.value - value) <= 1e-3 * std::abs(value) + 1e-6)) continue;
     if (better.residual <= pairs.residual[i] || better.converged()) {
@@ -296,7 +283,7 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
 }
 
 void Eigenproblem::assess(double u, Pairs& pairs) {
-  const Operator& p = at(u);
+  const DenseOperator& p = at(u);
   const Index count = pairs.values.size();
   const bool lefts = pairs.left.cols() > 0, given = pairs.residual.size() > 0;
   const Products products = p.multiply(pairs.right);
@@ -395,7 +382,7 @@ Sample Eigenproblem::sample(double u, Index count) {
 Pair Eigenproblem::near(double u, const Pair& guess) {
   int steps = 0;
   Pair result = refine(at(u), guess, steps);
-  if (complete_) factorised_ += steps;
+  factorised_ += steps;
   return result;
 }
 
@@ -409,9 +396,9 @@ Pair Eigenproblem::refined(double u, const Pair& guess) {
 }
 
 Pair Eigenproblem::null_pair(double u, const Pair& near) {
-  const Operator& p = at(u);
+  const DenseOperator& p = at(u);
   const Solver solve = p.factor(0.0);
-  factorised_ += complete_ ? 1 : 0;
+  ++factorised_;
   Pair result{0.0, near.right};
   if (result.right.size() == 0) {
     result.right = Eigen::VectorXd::LinSpaced(traits.dof, 1.0, 0.5).cast<Complex>();
@@ -431,7 +418,7 @@ Pair Eigenproblem::null_pair(double u, const Pair& near) {
 /// 1 / (d^T K^-1 b) has the determinant's zeros, and no pole near by if d and b are close to the
 /// null vectors.
 double Eigenproblem::determinant(double u, const Pair& near) {
-  factorised_ += complete_ ? 1 : 0;
+  ++factorised_;
   return 1.0 / near.right.dot(at(u).factor(0.0)(near.left, false).col(0)).real();
 }
 

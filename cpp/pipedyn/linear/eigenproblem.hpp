@@ -21,11 +21,9 @@ inline constexpr Index dense_limit = 2000;
 
 class Eigenproblem : public Spectrum {
  public:
-  using At = std::function<std::shared_ptr<Operator>(double u)>;
+  using At = std::function<std::shared_ptr<DenseOperator>(double u)>;
 
-  /// complete: whether the operators' inverse problems give all roots.
-  Eigenproblem(const Traits& known, At at, bool complete)
-      : Spectrum(known), at_(std::move(at)), complete_(complete) {}
+  Eigenproblem(const Traits& known, At at) : Spectrum(known), at_(std::move(at)) {}
 
   /// The `count` roots of least magnitude with right vectors, and with left ones if asked for.
   /// Pairs that fail the check of their residual are refined once; those that fail still are in the
@@ -51,15 +49,14 @@ class Eigenproblem : public Spectrum {
   virtual Reals rounding(const Pairs& pairs) const;
 
  private:
-  const Operator& at(double u);
+  const DenseOperator& at(double u);
   std::optional<Pairs> about(double u, double shift, Index count, bool left);
   void mend(double u, Pairs& pairs, bool left, bool high);
   Pair near(double u, const Pair& guess);
   void improve(double u, Pairs& pairs, Reals& uncertain);
 
   const At at_;
-  const bool complete_;
-  std::shared_ptr<Operator> latest_;
+  std::shared_ptr<DenseOperator> latest_;
   double latest_speed_ = -1.0;
 };
 

@@ -242,7 +242,7 @@ def _swept(
     scale = float(np.cbrt(1.0 + max(model.pipe.gamma, 0.0) / LARGE_GRAVITY))
     while True:
         if problem.is_long and not _some_are_cheaper(tracked, max_speed, problem.dof):
-            problem, tracked, count = problem.dense(), problem.dof, 2 * problem.dof
+            tracked, count = problem.dof, 2 * problem.dof
         with one_thread(problem.rows):
             swept = problem.spectrum().crossings(
                 max_speed=max_speed,

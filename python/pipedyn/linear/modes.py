@@ -25,7 +25,7 @@ from pipedyn.models.continuum import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-from pipedyn.util.progress import track
+from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
@@ -337,10 +337,9 @@ def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
     # Where the modes asked for are overdamped, half of their roots lie beyond the cluster at
-    # -1 / delta, which only a dense solve can pass.
+    # -1 / delta, which only a search for all roots can pass.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model)
-    problem = problem.dense() if overdamped else problem
     spectrum, every, taken = problem.spectrum(), 2 * problem.dof, 2 * count + 16
     taken = every if overdamped else taken
     done = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
