@@ -31,7 +31,6 @@ class Eigenproblem:
         self.pencil = pencil
         self.model, self.pipe, self.dof = pencil.model, pencil.pipe, pencil.dof
         self.is_damped, self.is_long = pencil.is_damped, pencil.is_long
-        self.centrifugal = pencil.centrifugal
 
     @property
     def rows(self) -> int:
