@@ -378,27 +378,14 @@ Matrix Chain::loads(const Matrix& stations) const {
   if (stations.rows() != static_cast<Index>(loads_.size()) || stations.cols() != 7) {
     throw std::invalid_argument("stations must have one row of 7 numbers a place");
   }
-  Matrix out(stations.rows(), 12);
+  Matrix out(stations.rows(), 2);
   for (Index i = 0; i < out.rows(); ++i) {
     const auto row = stations.row(i);
     const Station<double> at{row[0], row[1], row[2], row[3], row[4], row[5], row[6]};
     Laws::with(loads_[static_cast<std::size_t>(i)].term, [&](const auto& law) {
       const Load<double> load = law.load(at);
-      const auto [position, velocity, angle] = law.slopes(at);
-      out.row(i) << load.x, load.y, position[0][0], position[0][1], position[1][0], position[1][1],
-          velocity[0][0], velocity[0][1], velocity[1][0], velocity[1][1], angle[0], angle[1];
+      out.row(i) << load.x, load.y;
     });
-  }
-  return out;
-}
-
-Matrix Chain::resistances() const {
-  Matrix out(dof(), 6);
-  for (Index j = 0; j < dof(); ++j) {
-    const auto& [l, joint, force, across, turned, moment] =
-        impedance_sizes_[static_cast<std::size_t>(j)];
-    out.row(j) << force.still, across.still, moment.still - std::abs(link(j).weight), force.rate,
-        across.rate, moment.rate;
   }
   return out;
 }

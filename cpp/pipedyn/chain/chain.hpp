@@ -93,10 +93,6 @@ class Chain {
 
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
-  /// What the loads of each segment's terms resist about the straight pipe with, each part with its
-  /// absolute value: force by a displacement, moment about the joint by it, moment by an angle;
-  /// three columns of stiffness, three of damping (n, 6).
-  Matrix resistances() const;
 
   /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
   ImpedanceModel impedance() const;
@@ -106,9 +102,8 @@ class Chain {
 
   /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
   Matrix places() const;
-  /// The laws' answers there, without the weights, at stations (k, 7) with the columns of Station:
-  /// load and its derivatives by position, velocity (both by rows) and angle (k, 12). Throws
-  /// std::invalid_argument unless there is a station for each place.
+  /// The laws' loads there (k, 2), without the weights, at stations (k, 7) with the columns of
+  /// Station. Throws std::invalid_argument unless there is a station for each place.
   Matrix loads(const Matrix& stations) const;
 
   // Motion, with the vectors that the processor has (levels.hpp). A state y = [theta, theta'] has
