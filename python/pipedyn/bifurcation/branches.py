@@ -149,6 +149,9 @@ class CycleBranch:
     origin: Origin = "hopf"
     onset: float = math.nan
 
+    def __len__(self) -> int:
+        return len(self.speeds)
+
     def at(self, u: float) -> tuple[LimitCycle, ...]:
         """The cycles at one of the speeds given, in order along the branch."""
         u = check.real("u", u, low=0.0)
