@@ -484,15 +484,14 @@ class _Way:
             point = segment.at(s)
             return statics.growth(point.x, abs(point.p))
 
-        marked = [(turn, self._point("fold", segment.at(turn))) for turn in turns]
+        marked: list[tuple[float, Change]] = [(turn, "fold") for turn in turns]
         for before, beyond in sign_changes(growth, 0.0, until, 1e-10 * (1.0 + until)):
-            point = segment.at(beyond)
             if np.count_nonzero((growth(beyond) > 0.0) != (growth(before) > 0.0)) % 2 == 0:
-                marked.append((beyond, self._point("hopf", point)))
+                marked.append((beyond, "hopf"))
             elif all(abs(beyond - turn) > 1e-3 * ds for turn in turns):
-                kind: Change = "pitchfork" if statics.straight(point.x) else "branch point"
-                marked.append((beyond, self._point(kind, point)))
-        self.changes += [point for _, point in sorted(marked, key=lambda one: one[0])]
+                is_straight = statics.straight(segment.at(beyond).x)
+                marked.append((beyond, "pitchfork" if is_straight else "branch point"))
+        self.changes += [self._point(kind, segment.at(s)) for s, kind in sorted(marked)]
         self.growth.append(growth(until))
         if meeting is not None:
             b = Point(np.append(statics.resting, meeting), a.tangent)
