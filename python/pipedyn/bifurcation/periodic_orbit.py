@@ -149,14 +149,14 @@ class PeriodicOrbit:
             u=float(z[-1]),
         )
 
-    def doubled(self) -> PeriodicOrbit:
-        """A symmetric orbit as a whole one, a whole one run through twice."""
-        edges = np.append(self.edges, self.span + self.edges[1:])
+    def doubled(self, sign: float = 1.0) -> PeriodicOrbit:
+        """A symmetric orbit as a whole one, a whole one run through twice, then with that sign."""
+        edges, again = np.append(self.edges, self.span + self.edges[1:]), sign * self.mirror
         share = 1.0 if self.symmetric else 0.5
         return PeriodicOrbit(
             share * edges,
-            np.concatenate([self.starts, self.mirror * self.starts]),
-            np.concatenate([self.rates, self.mirror * self.rates]),
+            np.concatenate([self.starts, again * self.starts]),
+            np.concatenate([self.rates, again * self.rates]),
             share * self.frequency,
             self.u,
         )
