@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -99,10 +100,7 @@ class PeriodicOrbit:
 
     def stages(self) -> Array:
         """States at the stages, shape (M, s, 2 moving)."""
-        return self._states(
-            *(self.starts, self.rates, self.durations[:, None, None]),
-            *(NODES[:, None], ONCE, TWICE),
-        )
+        return self._states(slice(None), NODES[:, None], ONCE, TWICE)
 
     def states(self, phase: Array) -> Array:
         """[p, p'] at phases, shape (2 moving, k)."""
@@ -112,16 +110,13 @@ class PeriodicOrbit:
         where = np.minimum(where, len(self.starts) - 1)
         share = (inside - self.edges[where]) / np.diff(self.edges)[where]
         once, twice = integrals(share, 1)[:, None], integrals(share, 2)[:, None]
-        y = self._states(
-            *(self.starts[where], self.rates[where], self.durations[where, None, None]),
-            *(share[:, None, None], once, twice),
-        )
+        y = self._states(where, share[:, None, None], once, twice)
         return np.ascontiguousarray((self.mirror**turns)[:, None] * y[:, 0]).T
 
-    def _states(
-        self, starts: Array, rates: Array, h: Array, share: Array, once: Array, twice: Array
-    ) -> Array:
-        y = starts[:, None] + np.zeros((1, share.shape[-2], 1))
+    def _states(self, where: Any, share: Array, once: Array, twice: Array) -> Array:
+        """States at shares of some intervals, with weights of the rates in both integrals."""
+        starts, rates, h = self.starts[where], self.rates[where], self.durations[where, None, None]
+        y: Array = starts[:, None] + np.zeros((1, share.shape[-2], 1))
         y[..., : self.twice] += h * share * starts[:, None, self.twice : 2 * self.twice]
         y[..., : self.twice] += h**2 * (twice @ rates[..., : self.twice])
         y[..., self.twice :] += h * (once @ rates)
