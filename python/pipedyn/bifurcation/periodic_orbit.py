@@ -219,9 +219,8 @@ def refined(
 
 def divided(edges: Array, parts: NDArray[np.int_]) -> Array:
     """Edges of a mesh each interval of which is divided into so many."""
-    which = np.repeat(np.arange(parts.size), parts)
-    share = (np.arange(which.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[which]
-    return np.append(edges[which] + share * np.diff(edges)[which], edges[-1])
+    staying = np.append(0, np.cumsum(parts))  # which edges of the finer mesh are those given
+    return np.interp(np.arange(staying[-1] + 1), staying, edges)
 
 
 def _joined(edges: Array, turns: Array) -> Array:
@@ -235,8 +234,7 @@ def _joined(edges: Array, turns: Array) -> Array:
 
 def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Phases at which drag's second derivative jumps, shape (k,)."""
-    share = np.linspace(0.0, 1.0, 9)[:-1]
-    phase = np.append(orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share, orbit.span)
+    phase = divided(orbit.edges, np.full(len(orbit.starts), 8))
     velocities = motion.model.drag_velocities(*np.split(orbit.states(phase), 2))
     roots = CubicSpline(phase, velocities.T).roots(extrapolate=False) if velocities.size else []
     turns: Array = np.sort(np.concatenate([np.empty(0), *roots]))
