@@ -449,7 +449,7 @@ class _Follower:
                 continue
             for before, beyond in sign_changes(values, low, high, 1e-4 * length):
                 a, b = cycle(before), cycle(beyond)
-                _, roots, _ = floquet(self.motion, b.orbit)
+                roots = floquet(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
                 kind, multiplier = crossing_event(roots, b.symmetric)
                 if kind == "fold":
                     continue
