@@ -295,11 +295,12 @@ class _Follower:
     ) -> None:
         self.motion, self.start, self.begin, self.options = motion, start, begin, options
         self.failed = failed
-        self.onset, where, self.events = math.nan, "a motion", list[CycleEvent]()
+        self.onset, self.events = math.nan, list[CycleEvent]()
+        self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
         if begin is not None:
             self.onset, self.events = begin.speed, [begin]
-            where = "the onset" if begin.kind == "hopf" else f"the {begin.kind}"
-        self.how = f"followed from {where} at u = {start.orbit.u:.6g}"
+            where = "onset" if begin.kind == "hopf" else begin.kind
+            self.how = f"followed from the {where} at u = {begin.speed:.6g}"
         self.cycles: list[LimitCycle] = []
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
         self.end: CycleEvent | None = None
