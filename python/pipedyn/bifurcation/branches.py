@@ -448,7 +448,7 @@ class _Follower:
         for low, high in zip(ends[::2], ends[1::2], strict=True):
             if not low < high:
                 continue
-            for before, beyond in sign_changes(values, low, high, 1e-4 * length):
+            for before, beyond in sign_changes(values, low, high, 3e-5 * length):
                 a, b = cycle(before), cycle(beyond)
                 roots = floquet(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
                 kind, multiplier = crossing_event(roots, b.symmetric)
