@@ -11,14 +11,11 @@ import typing
 
 __all__: list[str] = [
     "AxisCrossing",
-    "CalledOperator",
     "Chain",
     "ChainSpectrum",
     "DenseOperator",
-    "DenseOperators",
     "Eigenproblem",
     "Galerkin",
-    "Operator",
     "Operators",
     "Pair",
     "Pairs",
@@ -27,6 +24,7 @@ __all__: list[str] = [
     "Scene",
     "Spectrum",
     "Sweep",
+    "Traits",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -50,8 +48,6 @@ class Pipe:
             ]
         ] = [],
     ) -> None: ...
-    @property
-    def direction(self) -> float: ...
     @property
     def resisted(self) -> bool: ...
 
@@ -80,7 +76,6 @@ class Chain:
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
@@ -97,9 +92,13 @@ class Chain:
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def loads(
+        self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def operators(
         self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
+    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
@@ -108,7 +107,6 @@ class Chain:
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
     ]: ...
-    def resistances(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def rhs(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -159,7 +157,6 @@ class Galerkin:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def term_stiffness(self) -> float: ...
 
 class Pair:
     @property
@@ -252,47 +249,7 @@ class Spectrum:
         row_done: typing.Any = None,
     ) -> RootLoci | None: ...
 
-class Operator:
-    pass
-
-class CalledOperator(Operator):
-    def __init__(
-        self,
-        multiply: collections.abc.Callable[
-            [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]],
-            tuple[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-            ],
-        ],
-        by_speed: collections.abc.Callable[
-            [
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-            ],
-            typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-        ],
-        factor: collections.abc.Callable[
-            [complex],
-            collections.abc.Callable[
-                [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"], bool],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-            ],
-        ],
-        inverse: collections.abc.Callable[
-            [float, bool, bool, int],
-            tuple[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-            ],
-        ],
-        dof: typing.SupportsInt | typing.SupportsIndex,
-        size: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> None: ...
-
-class DenseOperator(Operator):
+class DenseOperator:
     def __init__(
         self,
         matrices: typing.Annotated[
@@ -311,10 +268,22 @@ class DenseOperator(Operator):
         typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
     ]: ...
 
-class DenseOperators:
-    def __call__(self, u: typing.SupportsFloat | typing.SupportsIndex) -> Operator: ...
+class Traits:
     def __init__(
         self,
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        delta: typing.SupportsFloat | typing.SupportsIndex,
+        zero: typing.SupportsFloat | typing.SupportsIndex,
+        damped: bool,
+        conservative: bool,
+        squared: bool,
+        free_at_rest: bool,
+    ) -> None: ...
+
+class Eigenproblem(Spectrum):
+    def __init__(
+        self,
+        traits: Traits,
         matrices: typing.Annotated[
             collections.abc.Sequence[
                 typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
@@ -324,37 +293,13 @@ class DenseOperators:
         centrifugal: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-
-class Eigenproblem(Spectrum):
-    def __init__(
-        self,
-        dof: typing.SupportsInt | typing.SupportsIndex,
-        delta: typing.SupportsFloat | typing.SupportsIndex,
-        zero: typing.SupportsFloat | typing.SupportsIndex,
-        damped: bool,
-        conservative: bool,
-        squared: bool,
-        operators: DenseOperators | collections.abc.Callable[[float], Operator],
-        free_at_rest: bool,
-        complete: bool,
-        amend: collections.abc.Callable[
-            [
-                float,
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-                bool,
-            ],
-            tuple[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-            ],
-        ]
-        | None = None,
-        statics: Eigenproblem | None = None,
-    ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
+    def by_recursion(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        vectors: bool,
+    ) -> Pairs | None: ...
     def lowest(
         self,
         u: typing.SupportsFloat | typing.SupportsIndex,
@@ -366,23 +311,11 @@ class Eigenproblem(Spectrum):
 class ChainSpectrum(Eigenproblem):
     def __init__(
         self,
-        dof: typing.SupportsInt | typing.SupportsIndex,
-        delta: typing.SupportsFloat | typing.SupportsIndex,
-        zero: typing.SupportsFloat | typing.SupportsIndex,
-        damped: bool,
-        conservative: bool,
-        squared: bool,
-        operators: DenseOperators | collections.abc.Callable[[float], Operator],
-        free_at_rest: bool,
+        traits: Traits,
         chain: Chain,
         scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def by_recursion(
-        self,
-        u: typing.SupportsFloat | typing.SupportsIndex,
-        count: typing.SupportsInt | typing.SupportsIndex,
-        vectors: bool,
-    ) -> Pairs | None: ...
     def log_derivatives(
         self,
         u: typing.SupportsFloat | typing.SupportsIndex,
@@ -418,10 +351,6 @@ class Scene:
         u: typing.SupportsFloat | typing.SupportsIndex,
         moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def loads(
-        self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
@@ -454,19 +383,19 @@ class Scene:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def rows(
-        self,
-    ) -> tuple[
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
-    ]: ...
     def solve(
         self,
         theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
+    def chain(self) -> Chain: ...
+    @property
+    def compliance(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
     def coordinates(self) -> int: ...
+    @property
+    def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 def set_vector_level(name: str) -> None: ...
 def sincos(

@@ -67,9 +67,6 @@ class Galerkin {
   /// the forces of bending, gravity and terms and of the follower force. Throws
   /// std::invalid_argument unless q has m entries or none, and with q as what follows.
   Operators operators(const Vector& q = Vector()) const;
-  /// Bound on the norm of what terms add to the stiffness where each function has unit stiffness:
-  /// then |w(s)|^2 <= s^3 / 3 and |w'(s)|^2 <= s of all functions together.
-  double term_stiffness() const;
 
   // What follows throws std::invalid_argument where the basis is dependent to rounding.
 
@@ -86,9 +83,9 @@ class Galerkin {
   /// Kinetic, elastic, gravity's and terms' energy of each member, O(N Q + N m); 0 at rest on the
   /// straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, damping (joints), drag and terms (others) add to the energy in unit time; their sum
-  /// is dE/dtau.
-  void power(const Batch& batch, const PowerParts& out) const;
+  /// What flow, damping (joints), drag and terms (others) add to the energy in unit time, (4,
+  /// members); their sum is dE/dtau.
+  void power(const Batch& batch, double* out) const;
 
  private:
   const Grids& grids() const;

@@ -76,7 +76,7 @@ struct Row {
 
 /// The pair nearest to a good guess by two-sided Rayleigh quotient iteration, with its residual,
 /// which is infinite where the iteration ends with nothing. `steps` grows by those taken.
-Pair refine(const Operator& p, const Pair& guess, int& steps) {
+Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
   const ComplexVector seed = Eigen::VectorXd::LinSpaced(p.dof, 1.0, 0.5).cast<Complex>();
   Pair last{guess.value, guess.right.size() == 0 ? seed : guess.right, seed}, best = last;
   for (int step = 0; step < most_refinements; ++step) {
@@ -110,7 +110,7 @@ Pair refine(const Operator& p, const Pair& guess, int& steps) {
 /// On the right only damping and what the ends do is left, so that rounding is small against it,
 /// while that of lambda is eps |lambda|^2. The left vector obeys the same balance; where the two
 /// disagree, vectors are not exact.
-std::pair<Reals, Reals> growth(const Operator& p, const Pairs& pairs) {
+std::pair<Reals, Reals> growth(const DenseOperator& p, const Pairs& pairs) {
   const Index count = pairs.values.size();
   Reals rates(count), errors(count);
   for (const ComplexTable* const vectors : {&pairs.right, &pairs.left}) {
@@ -155,16 +155,7 @@ Pairs Pairs::take(const std::vector<Index>& which) const {
   return result;
 }
 
-Eigenproblem::Eigenproblem(const Traits& traits, At at, bool complete, bool free_at_rest,
-                           Amend amend, std::shared_ptr<Eigenproblem> statics)
-    : Spectrum(traits),
-      at_(std::move(at)),
-      complete_(complete),
-      free_at_rest_(free_at_rest),
-      amend_(std::move(amend)),
-      statics_(std::move(statics)) {}
-
-const Operator& Eigenproblem::at(double u) {
+const DenseOperator& Eigenproblem::at(double u) {
   if (latest_ == nullptr || u != latest_speed_) {
     latest_ = at_(u);
     latest_speed_ = u;
@@ -196,53 +187,39 @@ Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
 /// By the inverse problem about a shift; none if that fails.
 std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bool left) {
   const bool free = is_squared(u);
-  const Index every = 2 * traits.dof;
-  for (Index asked = std::min(count + 6, every);; asked = std::min(2 * asked, traits.dof)) {
-    auto [mu, right, lefts] = at(u).inverse(shift, free, left, asked);
-    if (complete_) factorised_ += 2;
-    const Index size = mu.size();
-    if (size == 0) return std::nullopt;
-    Pairs pairs{Complex(shift) + mu.inverse(), std::move(right), std::move(lefts)};
-    if (free) {
-      // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
-      const Values roots = (Complex(shift * shift) + mu.inverse()).sqrt();
-      pairs.values.resize(2 * size);
-      pairs.values << roots, -roots;
-      pairs.right = pairs.right.replicate(1, 2).eval();
-      pairs.left = pairs.left.replicate(1, 2).eval();
-    }
-    if (amend_) {
-      std::tie(pairs.values, pairs.right, pairs.left) =
-          amend_(u, pairs.values, pairs.right, pairs.left, free);
-    }
-    std::vector<Index> order(pairs.values.size());
-    std::iota(order.begin(), order.end(), 0);
-    const auto place = [&](Index i) {  // those that doubles do not hold are the last
-      const Complex value = pairs.values[i];
-      return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
-                              : std::tuple(infinite, 0.0, 0.0, i);
-    };
-    std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
-    const Index there = static_cast<Index>(order.size());
-    if (!complete_ && there < every && asked < traits.dof) {
-      // All roots within `radius` of the shift are here, so all below radius - shift are.
-      const double radius = mu.inverse().abs().maxCoeff() - (free ? shift * shift : shift);
-      const double reach = free ? std::sqrt(std::max(radius, 0.0)) : radius;
-      if (there < count || !(std::abs(pairs.values[order[count - 1]]) <= reach)) continue;
-    }
-    order.resize(std::min(count, there));
-    pairs = pairs.take(order);
-    const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
-    assess(u, pairs);
-    pairs.left = duals;
-    for (Index i = 0; i < pairs.values.size(); ++i) {
-      if (is_finite(pairs.values[i])) continue;
-      pairs.values[i] = std::numeric_limits<double>::quiet_NaN();
-      pairs.right.col(i).setZero();
-      pairs.residual[i] = infinite;
-    }
-    return pairs;
+  auto [mu, right, lefts] = at(u).inverse(shift, free, left);
+  factorised_ += 2;
+  const Index size = mu.size();
+  if (size == 0) return std::nullopt;
+  Pairs pairs{Complex(shift) + mu.inverse(), std::move(right), std::move(lefts)};
+  if (free) {
+    // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
+    const Values roots = (Complex(shift * shift) + mu.inverse()).sqrt();
+    pairs.values.resize(2 * size);
+    pairs.values << roots, -roots;
+    pairs.right = pairs.right.replicate(1, 2).eval();
+    pairs.left = pairs.left.replicate(1, 2).eval();
   }
+  std::vector<Index> order(pairs.values.size());
+  std::iota(order.begin(), order.end(), 0);
+  const auto place = [&](Index i) {  // those that doubles do not hold are the last
+    const Complex value = pairs.values[i];
+    return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
+                            : std::tuple(infinite, 0.0, 0.0, i);
+  };
+  std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
+  order.resize(std::min(count, static_cast<Index>(order.size())));
+  pairs = pairs.take(order);
+  const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
+  assess(u, pairs);
+  pairs.left = duals;
+  for (Index i = 0; i < pairs.values.size(); ++i) {
+    if (is_finite(pairs.values[i])) continue;
+    pairs.values[i] = std::numeric_limits<double>::quiet_NaN();
+    pairs.right.col(i).setZero();
+    pairs.residual[i] = infinite;
+  }
+  return pairs;
 }
 
 /// Refines pairs that failed, or lack left vectors, one by one (conjugates together).
@@ -275,7 +252,7 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
 }
 
 void Eigenproblem::assess(double u, Pairs& pairs) {
-  const Operator& p = at(u);
+  const DenseOperator& p = at(u);
   const Index count = pairs.values.size();
   const bool lefts = pairs.left.cols() > 0, given = pairs.residual.size() > 0;
   const Products products = p.multiply(pairs.right);
@@ -379,11 +356,21 @@ Sample Eigenproblem::sample(double u, Index count) {
           std::move(pairs.left)};
 }
 
+void Sample::drop(Index count) {
+  const Index left_over = std::max<Index>(size() - count, 0);
+  if (left_over == size()) return;
+  for (Values* const x : {&values, &slopes}) *x = x->tail(left_over).eval();
+  for (Reals* const x : {&residual, &uncertain, &noise, &slope_noise})
+    *x = x->tail(left_over).eval();
+  signatures = signatures.tail(left_over).eval();
+  for (ComplexTable* const x : {&right, &left}) *x = x->rightCols(left_over).eval();
+}
+
 /// The root next to a guess with vectors and residual.
 Pair Eigenproblem::near(double u, const Pair& guess) {
   int steps = 0;
   Pair result = refine(at(u), guess, steps);
-  if (complete_) factorised_ += steps;
+  factorised_ += steps;
   return result;
 }
 
@@ -401,10 +388,9 @@ Pair Eigenproblem::refined(double u, const Pair& guess) {
 }
 
 Pair Eigenproblem::null_pair(double u, const Pair& near) {
-  if (statics_ != nullptr) return statics_->null_pair(u, near);
-  const Operator& p = at(u);
+  const DenseOperator& p = at(u);
   const Solver solve = p.factor(0.0);
-  factorised_ += complete_ ? 1 : 0;
+  ++factorised_;
   Pair result{0.0, near.right};
   if (result.right.size() == 0) {
     result.right = Eigen::VectorXd::LinSpaced(traits.dof, 1.0, 0.5).cast<Complex>();
@@ -424,20 +410,8 @@ Pair Eigenproblem::null_pair(double u, const Pair& near) {
 /// 1 / (d^T K^-1 b) has the determinant's zeros, and no pole near by if d and b are close to the
 /// null vectors.
 double Eigenproblem::determinant(double u, const Pair& near) {
-  if (statics_ != nullptr) return statics_->determinant(u, near);
-  factorised_ += complete_ ? 1 : 0;
+  ++factorised_;
   return 1.0 / near.right.dot(at(u).factor(0.0)(near.left, false).col(0)).real();
-}
-
-Eigenproblem::At dense_operators(const Lapack& lapack, const DenseOperator::Matrices& matrices,
-                                 double centrifugal, double size) {
-  return [=](double u) -> std::shared_ptr<Operator> {
-    const auto& [mass, velocity, damping, stiffness, flux] = matrices;
-    const double thrust = centrifugal * u * u;
-    DenseOperator::Matrices there{mass, u * velocity + damping, stiffness + thrust * flux, velocity,
-                                  2.0 * centrifugal * u * flux};
-    return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust);
-  };
 }
 
 }  // namespace pipedyn

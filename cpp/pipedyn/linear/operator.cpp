@@ -21,10 +21,6 @@ ComplexTable complex_vectors(const Eigen::MatrixXd& vectors, const Reals& imag, 
 
 }  // namespace
 
-Reals Operator::hidden(const Values& values, const ComplexTable&, const ComplexTable&) const {
-  return Reals::Zero(values.size());
-}
-
 Eigen::MatrixXd DenseOperator::times(const Matrix& factor, const Eigen::MatrixXd& x) const {
   // The factor, row by row, is its transpose column by column.
   int n = static_cast<int>(dof), columns = static_cast<int>(x.cols());
@@ -81,6 +77,14 @@ Reals DenseOperator::hidden(const Values& values, const ComplexTable& right,
     result = result * values.abs() + y.cwiseProduct(rows).colwise().sum().transpose().array();
   }
   return result;
+}
+
+std::shared_ptr<DenseOperator> Pencil::operator()(double u) const {
+  const auto& [mass, velocity, damping, stiffness, flux] = matrices;
+  const double thrust = centrifugal * u * u;
+  DenseOperator::Matrices there{mass, u * velocity + damping, stiffness + thrust * flux, velocity,
+                                2.0 * centrifugal * u * flux};
+  return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust);
 }
 
 Inverse DenseOperator::inverse(double shift, bool velocity_free, char left, char right) const {

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies and solves with it.
+"""P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies with it.
 
-All is in a model's elastic coordinates, where the elastic stiffness is the identity. Small models
-are dense matrices; long chains and scenes multiply and solve in O(n).
+All is in a model's elastic coordinates, where the elastic stiffness is the identity. Chains
+multiply in O(n), all else by dense matrices.
 """
 
 from __future__ import annotations
@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
+from pipedyn import _core
 from pipedyn.models.pipe import Pipe
-from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
 
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
@@ -30,7 +28,7 @@ Product = Callable[[Vectors], Vectors]
 """Takes and gives (dof, r)."""
 
 LONGEST_DENSE = 64
-"""Chains and scenes up to this size are dense: measured, both ways take equal time near there."""
+"""Chains up to this size are dense: measured, both ways take equal time near there."""
 
 
 class Pencil:
@@ -44,9 +42,7 @@ class Pencil:
         damping: with D: delta times the elastic stiffness, and what else damps.
         stiffness: with K.
         flux: with A.
-        factor: solve(rows, adjoint=False) with P(value, u), or its conjugate transpose, from the
-            value and u.
-        is_long: whether products and solves are O(dof), and no matrices are there.
+        is_long: whether a few roots are found faster than all, in O(dof).
     """
 
     is_long = True
@@ -55,7 +51,6 @@ class Pencil:
     damping: Product
     stiffness: Product
     flux: Product
-    factor: Callable[[complex, float], Callable[..., Vectors]]
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -64,6 +59,10 @@ class Pencil:
         self.is_damped = model.pipe.damping != 0.0 or model.resisted
         self.direction = self.pipe.direction
         self.centrifugal = self.pipe.centrifugal
+
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        """Its eigenvalues as the core finds them. size: of K at rest."""
+        raise NotImplementedError
 
     def gravity(self, x: Vectors) -> Vectors:
         """dK/dgamma x; K is linear in gamma."""
@@ -90,53 +89,38 @@ class DensePencil(Pencil):
 
     def __init__(self, model: Model) -> None:
         super().__init__(model)
-        self.operators = ops = model.elastic_operators()
-        self.V: Array = self.direction * (ops.gyroscopic + ops.end_flux)
-        self.mass, self.velocity = partial(np.matmul, ops.mass), partial(np.matmul, self.V)
-        self.damping, self.flux = partial(np.matmul, ops.damping), partial(np.matmul, ops.flux)
-        self.stiffness = partial(np.matmul, ops.stiffness)
+        ops = model.elastic_operators()
+        velocity = self.direction * (ops.gyroscopic + ops.end_flux)
+        self.matrices = ops.mass, velocity, ops.damping, ops.stiffness, ops.flux
+        self.mass, self.velocity, self.damping, self.stiffness, self.flux = (
+            partial(np.matmul, matrix) for matrix in self.matrices
+        )
 
-    def matrices(self, u: float) -> tuple[Array, Array, Array]:
-        """(M, C, K) at speed u, each of shape (dof, dof)."""
-        ops = self.operators
-        stiffness = ops.stiffness + self.centrifugal * u**2 * ops.flux
-        return ops.mass, u * self.V + ops.damping, stiffness
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        mass, velocity, stiffness = self.matrices(u)
-        return lu_solver(value**2 * mass + value * velocity + stiffness)
-
-
-def lu_solver(matrix: Vectors) -> Callable[..., Vectors]:
-    """solve(rows, adjoint=False); of a singular matrix, with one that differs in rounding."""
-    lu, pivots, _ = lapack.zgetrf(matrix.astype(np.complex128))
-    factorised()
-    exact = np.flatnonzero(np.diag(lu) == 0.0)
-    lu[exact, exact] = np.finfo(float).eps
-
-    def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
-        solution: Vectors = lapack.zgetrs(lu, pivots, rows, trans=2 if adjoint else 0)[0]
-        return solution
-
-    return solve
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size)
 
 
 class ChainPencil(Pencil):
-    """A long chain, which multiplies in O(n); the core solves it by recursion."""
+    """A chain, which multiplies in O(n); the core solves it by recursion."""
 
     def __init__(self, model: Chain) -> None:
         super().__init__(model)
+        self.is_long = model.dof > LONGEST_DENSE
         self.core = model.core
-        self.scale = model.elastic_scale[:, None]
+        self.scale = model.elastic_scale
         self.mass = partial(self._times, square=1.0)
         self.velocity = partial(self._times, velocity=1.0)
         self.damping = partial(self._times, rate=1.0)
         self.stiffness = partial(self._times, still=1.0)
         self.flux = partial(self._times, flux=1.0)
 
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        return _core.ChainSpectrum(traits, self.core, self.scale, size)
+
     def _times(self, x: Vectors, **part: float) -> Vectors:
         """Complex columns as pairs of real ones."""
-        angles = np.ascontiguousarray(self.scale * x)
+        scale = self.scale[:, None]
+        angles = np.ascontiguousarray(scale * x)
         rows: Vectors = self.core.joint_times(angles.view(np.float64), **part)
-        result: Vectors = self.scale * rows.view(angles.dtype)
+        result: Vectors = scale * rows.view(angles.dtype)
         return result
