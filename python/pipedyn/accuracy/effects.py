@@ -13,7 +13,7 @@ import numpy as np
 
 from pipedyn.accuracy.quantities import Frequencies, Quantity, checked_quantity, conditions_of
 from pipedyn.accuracy.reference import MARGIN, Answer
-from pipedyn.bifurcation.cycles import NoCycle
+from pipedyn.bifurcation.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import modes
 from pipedyn.models.base import PipedynError, checked_pipe

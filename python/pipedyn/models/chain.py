@@ -230,11 +230,10 @@ class Chain(Model):
 
     @cached_property
     def resistances(self) -> Array:
-        """What the pipe's terms resist small motions of each segment with, shape (n, 7).
+        """What the pipe's terms resist small motions of each segment with, shape (n, 6).
 
-        Sums over the places on the segment, with powers 0, 1, 2 of the distance from its joint:
-        three of stiffness against a transverse displacement, three of damping; and the stiffness
-        against the segment's own angle.
+        Force by a transverse displacement, moment about the joint by it, moment by an angle: three
+        columns of stiffness and three of damping, each part with its absolute value.
         """
         return _frozen(self.core.resistances())
 
@@ -242,7 +241,7 @@ class Chain(Model):
     def loose_joints(self) -> NDArray[np.intp]:
         free = np.flatnonzero((self._springs == 0.0) & (self._pipe.gamma == 0.0))
         if self._pipe.terms and free.size:
-            held = np.flatnonzero(self.resistances[:, [0, 1, 2, 6]].any(axis=1))
+            held = np.flatnonzero(self.resistances[:, :3].any(axis=1))
             free = free[free > held.max(initial=-1)]
         return free
 
@@ -255,7 +254,7 @@ class Chain(Model):
         # The trace of what is added, each part of it with its absolute value.
         if not self.pipe.terms:
             return 0.0
-        zeroth, first, second, _, _, _, own = self.resistances.T
+        zeroth, first, second = self.resistances[:, :3].T
         added = self.core.bodies()[:, 0] - self._lengths
         joints = np.cumsum(self._lengths) - self._lengths
 
@@ -264,7 +263,7 @@ class Chain(Model):
             return result
 
         moment = beyond(zeroth * joints + first)
-        about = beyond(zeroth * joints**2 + 2.0 * first * joints + second + np.abs(own))
+        about = beyond(zeroth * joints**2 + 2.0 * first * joints + second)
         about += joints * (joints * beyond(zeroth) - 2.0 * moment)
         about += abs(self.pipe.gamma) * (beyond(added * joints) - joints * beyond(added))
         return float(np.abs(about) @ self.elastic_scale**2)

@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from pipedyn.bifurcation.branches import CycleBranch
-from pipedyn.bifurcation.cycles import LimitCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram
 from pipedyn.bifurcation.equilibria import EquilibriumBranch
-from pipedyn.bifurcation.events import UNIT, nontrivial
+from pipedyn.bifurcation.floquet import UNIT, nontrivial
+from pipedyn.bifurcation.limit_cycle import LimitCycle
 from pipedyn.plot import common
 from pipedyn.plot.motion import finer, path_of
 from pipedyn.util import check

@@ -26,7 +26,7 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, PPoly
 
-from pipedyn.bifurcation.cycles import LimitCycle
+from pipedyn.bifurcation.limit_cycle import LimitCycle
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
 from pipedyn.util import check
