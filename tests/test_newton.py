@@ -13,10 +13,8 @@ def root_of_two(x):
 
 
 def test_it_converges_to_rounding_in_a_few_steps():
-    found = newton(1.0, root_of_two, tolerance=1e-12)
-    assert found.state == pytest.approx(np.sqrt(2.0), rel=1e-15)
-    assert found.step < 1e-12
-    assert found.iterations < 7
+    found = newton(1.0, root_of_two, tolerance=1e-12, iterations=6)
+    assert found == pytest.approx(np.sqrt(2.0), rel=1e-15)
 
 
 def test_steps_are_shortened_to_the_longest_allowed():
@@ -37,21 +35,19 @@ def test_steps_that_only_rounding_keeps_up_end_it():
 
     with pytest.raises(NewtonFailed, match="did not converge"):
         newton(0.0, noisy, tolerance=1e-12)
-    assert newton(0.0, noisy, tolerance=1e-12, stagnation=1e-8).state == pytest.approx(1.0)
+    assert newton(0.0, noisy, tolerance=1e-12, stagnation=1e-8) == pytest.approx(1.0)
 
 
-def test_a_failure_says_why_and_keeps_the_last_iterate():
+def test_a_failure_says_why():
     def refuse(x):
         if x > 3.0:
-            raise NewtonFailed("too far", x)
+            raise NewtonFailed("too far")
 
-    with pytest.raises(NewtonFailed, match="too far") as caught:
+    with pytest.raises(NewtonFailed, match="too far"):
         newton(0.0, lambda x: (1.0, 1.0), tolerance=0.5, check=refuse)
-    assert caught.value.state == 4.0
     with pytest.raises(NewtonFailed, match="not finite"):
         newton(1.0, lambda x: (np.nan, np.nan), tolerance=1e-9)
     with pytest.raises(NewtonFailed, match="singular"):
         newton(np.ones(1), lambda x: (np.linalg.solve([[0.0]], x), 1.0), tolerance=1e-9)
-    with pytest.raises(NewtonFailed, match="did not converge") as caught:
+    with pytest.raises(NewtonFailed, match="did not converge"):
         newton(0.0, lambda x: (1.0, 1.0), tolerance=1e-9, patience=3)
-    assert caught.value.state == 3.0

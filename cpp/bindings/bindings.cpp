@@ -107,7 +107,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
            "terms"_a = std::vector<TermArguments>{})
-      .def_property_readonly("direction", &Pipe::direction)
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 
@@ -139,8 +138,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
              double flux) { return chain.joint_times(x, {still, rate, square, velocity, flux}); },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
           "flux"_a = 0.0, Unlocked())
-      .def("bodies", &Chain::bodies, Unlocked())
-      .def("resistances", &Chain::resistances, Unlocked())
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);
   define_motion(chain);
@@ -164,7 +161,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
             return model.basis().evaluate(s, derivative);
           },
           "s"_a, "derivative"_a, Unlocked())
-      .def("term_stiffness", &Galerkin::term_stiffness, Unlocked())
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
   define_motion(galerkin);
 

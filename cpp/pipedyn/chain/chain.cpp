@@ -390,17 +390,6 @@ Matrix Chain::loads(const Matrix& stations) const {
   return out;
 }
 
-Matrix Chain::resistances() const {
-  Matrix out(dof(), 6);
-  for (Index j = 0; j < dof(); ++j) {
-    const auto& [l, joint, force, across, turned, moment] =
-        impedance_sizes_[static_cast<std::size_t>(j)];
-    out.row(j) << force.still, across.still, moment.still - std::abs(link(j).weight), force.rate,
-        across.rate, moment.rate;
-  }
-  return out;
-}
-
 MotionModel Chain::motion() const {
   return {.links = links_.data(),
           .size = dof(),

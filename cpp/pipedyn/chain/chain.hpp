@@ -93,10 +93,6 @@ class Chain {
 
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
-  /// What the loads of each segment's terms resist about the straight pipe with, each part with its
-  /// absolute value: force by a displacement, moment about the joint by it, moment by an angle;
-  /// three columns of stiffness, three of damping (n, 6).
-  Matrix resistances() const;
 
   /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
   ImpedanceModel impedance() const;

@@ -372,25 +372,6 @@ Operators Galerkin::operators(const Vector& q) const {
                       Vector::Zero(dof()));
 }
 
-double Galerkin::term_stiffness() const {
-  const Quadrature rule(20);  // laws are smooth all along
-  double bound = 0.0;
-  for (const Term& term : pipe_.terms) {
-    Laws::with(term, [&]<class Law>(const Law& law) {
-      const auto add = [&](double s, double weight) {
-        const Station<double> straight{0.0, s, 0.0, 1.0, 0.0, 0.0, 0.0};
-        const Slopes slopes = law.slopes(straight);
-        const double pull = std::abs(pipe_.gamma) * law.mass() + std::abs(law.load(straight).y);
-        bound += weight * (std::abs(slopes.by_position[0][0]) * s * s * s / 3.0 +
-                           std::abs(slopes.by_angle[0]) * s * s + 0.5 * pull * s * s);
-      };
-      if (!Law::along) add(term.at, 1.0);
-      for (Index p = 0; Law::along && p < rule.size(); ++p) add(rule.node[p], rule.weight[p]);
-    });
-  }
-  return bound;
-}
-
 Index Galerkin::nodes(const Vector& q) const {
   require_amplitudes(q.size(), dof());
   return grids()[grids().choose(q.data(), 1)].tables.nodes;

@@ -67,9 +67,6 @@ class Galerkin {
   /// the forces of bending, gravity and terms and of the follower force. Throws
   /// std::invalid_argument unless q has m entries or none, and with q as what follows.
   Operators operators(const Vector& q = Vector()) const;
-  /// Bound on the norm of what terms add to the stiffness where each function has unit stiffness:
-  /// then |w(s)|^2 <= s^3 / 3 and |w'(s)|^2 <= s of all functions together.
-  double term_stiffness() const;
 
   // What follows throws std::invalid_argument where the basis is dependent to rounding.
 

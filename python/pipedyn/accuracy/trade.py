@@ -28,7 +28,7 @@ from pipedyn.models.base import NotConverged, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.counters import clock, counted, limited
-from pipedyn.util.progress import track
+from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 from pipedyn.util.table import Table
 

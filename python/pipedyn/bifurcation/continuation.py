@@ -165,7 +165,7 @@ class Continuation(ABC):
             check=self.check,
         )
         assert last is not None
-        return found.state, last
+        return found, last
 
     def next(self: Problem, start: Point, step: float) -> tuple[Segment[Problem], float]:
         """The step to the next point, at most so long, and the length to try after it."""

@@ -44,8 +44,7 @@ from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, sl
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import parallel
-from pipedyn.util.progress import track
+from pipedyn.util.parallel import parallel, track
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 

@@ -36,13 +36,11 @@ class VectorField:
         """Rates of the states in the columns, shape (2 moving, k)."""
         self._count(y.shape[1])
         work = np.zeros((1, y.shape[1]))
-        rates: Array = self.model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
-        return rates
+        return self.model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
 
     def jacobian(self, y: Array, u: float) -> Array:
         """df/dy of one state, shape (2 moving, 2 moving)."""
-        one: Array = self.jacobians(y[:, None], u)[0]
-        return one
+        return self.jacobians(y[:, None], u)[0]
 
     def jacobians(self, y: Array, u: float) -> Array:
         """df/dy of the states in the columns, shape (k, 2 moving, 2 moving).
@@ -109,5 +107,4 @@ class VectorField:
     def tip(self, y: Array) -> Array:
         """Transverse position of the free end of the states in the columns, shape (k,)."""
         q, _ = self.model.recorded(y[: self.half].T, y[self.half :].T)
-        across: Array = self.model.tips(q.T)[:, 0]
-        return across
+        return self.model.tips(q.T)[:, 0]

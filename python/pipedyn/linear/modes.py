@@ -25,7 +25,7 @@ from pipedyn.models.continuum import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-from pipedyn.util.progress import track
+from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 

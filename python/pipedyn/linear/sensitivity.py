@@ -108,7 +108,7 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     conservative pipe zero is a double root): there du/dp = -y^H P_p x / y^H P_u x.
     """
     pair, model, pencil = crossing.pair, problem.model, problem.pencil
-    if pair is None or not model.rests_straight:
+    if pair is None or model.resting().any():
         return None
     pipe, u, value = model.pipe, crossing.speed, crossing.value
     x, y = problem.original(u, pair.value, pair.right), pair.left
@@ -135,8 +135,8 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
         changes["beta"] = moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta))
     if pipe.flow == "aspirating":
         changes["alpha"] = moved(u**2 * pencil.flux(x))
-    if model.stiffness_by_springs is not None:
-        scale = model.stiffness_by_springs * (1.0 + pipe.damping * value)
+    if model.recursion:  # of a chain, whose joints have springs
+        scale = model.recursion["scale"] ** 2 * (1.0 + pipe.damping * value)
         changes["springs"] = -(y[:, 0].conj() * scale * x[:, 0]) / down
     speed: dict[str, Any] = {"beta": None, "alpha": 0.0}
     frequency = speed.copy()

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cached_property
 from operator import attrgetter
 from typing import Any, Self
@@ -15,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.terms import core_terms
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.power_iteration import largest_stretch
 from pipedyn.util.result import result
 
 DENSE_LIMIT = 4000
@@ -111,15 +112,10 @@ class Power:
 
 def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
     """The core's matrices, each times a scale (dof, dof), with the pipe's two flow factors."""
-
-    def scaled(matrix: Array) -> Array:
-        return matrix if scale is None else scale * matrix
-
-    return Operators(
-        *(scaled(core.mass), scaled(core.gyroscopic), scaled(core.end_flux)),
-        *(scaled(core.damping), scaled(core.stiffness), scaled(core.flux)),
-        *(pipe.direction, pipe.centrifugal),
-    )
+    matrices = {field.name: getattr(core, field.name) for field in fields(Operators)[:6]}
+    if scale is not None:
+        matrices = {name: scale * matrix for name, matrix in matrices.items()}
+    return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.centrifugal)
 
 
 def core_pipe(pipe: Pipe) -> _core.Pipe:
@@ -131,7 +127,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
-        terms=core_terms(pipe.terms),
+        terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
     )
 
 
@@ -145,7 +141,8 @@ def checked_pipe(pipe: Any) -> Pipe:
 class OfPipe:
     """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
 
-    _pipe: Pipe
+    def __init__(self, pipe: Pipe) -> None:
+        self._pipe = checked_pipe(pipe)
 
     @property
     def pipe(self) -> Pipe:
@@ -168,11 +165,21 @@ class OfPipe:
         return {name: value for name, value in self.__dict__.items() if name not in kept}
 
     def with_pipe(self, pipe: Pipe) -> Self:
-        """The same discretisation, if there is one, with its springs, of another pipe."""
+        """The same discretisation, if there is one, with its springs, of another pipe.
+
+        Raises:
+            ValueError: for terms that the model does not take, as when it is made.
+            TypeError: for what is no pipe.
+        """
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
-        other._pipe = checked_pipe(pipe)
+        OfPipe.__init__(other, pipe)
+        if pipe.terms != self._pipe.terms:
+            other._check_terms()
         return other
+
+    def _check_terms(self) -> None:
+        """Raises ValueError where the model does not take the pipe's terms."""
 
 
 class Model(OfPipe, ABC):
@@ -200,24 +207,24 @@ class Model(OfPipe, ABC):
         """What p is, in words: models of one kind can go on from each other's states."""
         return f"angles of {self.moving} segments"
 
-    @property
-    def linear_cost(self) -> bool:
-        """Whether a right-hand side costs O(dof), and a Jacobian dof times as much."""
-        return False
-
-    @property
+    @cached_property
     def term_stiffness(self) -> float:
-        """Bound on the norm of what terms and modules add to the stiffness, elastic coordinates."""
-        return 0.0
+        """Norm of what K has besides the elastic stiffness, to some ten per cent; 0 without terms.
 
-    @property
-    def rests_straight(self) -> bool:
-        """Whether linear questions are asked about the straight pipe."""
-        return True
+        In elastic coordinates.
+        """
+        if not self.pipe.terms:
+            return 0.0
+        pencil, elastic = self.pencil(dense=False), self.elastic_share[:, None]
+        start = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
+        return largest_stretch(lambda x: pencil.stiffness(x) - elastic * x, start, 12)
 
     @property
     def recursion(self) -> dict[str, Any] | None:
-        """What the core takes to find eigenvalues by recursion along a chain; None of others."""
+        """What the core takes to find eigenvalues by recursion along a chain; None of others.
+
+        The chain, and the joint angle of each elastic coordinate, scale (dof,).
+        """
         return None
 
     @property
@@ -229,11 +236,6 @@ class Model(OfPipe, ABC):
     def elastic_share(self) -> Array:
         """Elastic stiffness by the elastic coordinates: 1 each, less where a joint has none."""
         return np.ones(self.dof)
-
-    @property
-    def stiffness_by_springs(self) -> Array | None:
-        """Derivative of each elastic stiffness by its spring, (dof,); None without springs."""
-        return None
 
     @property
     def resolved_modes(self) -> int:
@@ -326,8 +328,7 @@ class Model(OfPipe, ABC):
         Returns:
             dy/dt = [q', q''], of the shape of y.
         """
-        rates: Array = self.motion.rhs(t, y, u)
-        return rates
+        return self.motion.rhs(t, y, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
         """Derivative of `rhs` with respect to the state, analytic.
@@ -344,8 +345,7 @@ class Model(OfPipe, ABC):
             ValueError: also for more than 4000 segments of a chain.
         """
         self._check_dense()
-        derivative: Array = self.motion.jacobian(t, y, u)
-        return derivative
+        return self.motion.jacobian(t, y, u)
 
     @property
     def moving(self) -> int:
@@ -387,8 +387,7 @@ class Model(OfPipe, ABC):
 
         A number for a state y, shape (2 coordinates,), or shape (k,) for k, (2 coordinates, k).
         """
-        energy: float | Array = self.motion.energy(y)
-        return energy
+        return self.motion.energy(y)
 
     def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
         """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
@@ -416,16 +415,24 @@ class Model(OfPipe, ABC):
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
         """
 
-    @abstractmethod
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k)."""
+        return self._tips(self._configurations("q", q))
 
-    @abstractmethod
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
         """Velocities (x', y') of the free end in L / T, exact, (k, 2), for k states.
 
         Coordinates q and their rates have shape (coordinates, k) each.
         """
+        columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
+        if columns.shape != rates.shape:
+            raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
+        step = 1e-20  # complex-step derivative: nothing is subtracted, and the square is lost
+        return self._tips(columns + 1j * step * rates).imag / step
+
+    @abstractmethod
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        """The positions, an analytic function of q, real or complex, (coordinates, k)."""
 
     def drag_velocities(self, p: Array, pdot: Array) -> Array:
         """Normal velocities of the points at which drag acts, (points, k), of states (moving, k).
@@ -451,8 +458,7 @@ class Model(OfPipe, ABC):
 
     def tip(self, q: ArrayLike) -> Array:
         """Position (x, y) of the free end, shape (2,)."""
-        tip: Array = self.shape(q, [1.0])[0]
-        return tip
+        return self.shape(q, [1.0])[0]
 
     def _check_dense(self) -> None:
         if self.dof > DENSE_LIMIT:
@@ -474,11 +480,7 @@ class Model(OfPipe, ABC):
         )
         if columns.ndim == 0 or columns.shape[0] != size or columns.size == 0:
             raise ValueError(f"{name} must have shape ({size}, ...), got {columns.shape}")
-        bad = np.argwhere(~np.isfinite(columns))
-        if bad.size:
-            where = tuple(bad[0].tolist())
-            index = where[0] if len(where) == 1 else where
-            raise ValueError(f"{name} must be finite, got {columns[where]} at index {index}")
+        check.entries(name, columns, np.isfinite(columns), "be finite")
         return columns
 
     def _configurations(self, name: str, given: ArrayLike) -> Array:
@@ -489,13 +491,6 @@ class Model(OfPipe, ABC):
         if columns.dtype.kind == "c":
             raise TypeError(f"{name} must be real, got complex numbers")
         return columns
-
-    def _moving_columns(self, q: ArrayLike, qdot: ArrayLike) -> tuple[Array, Array]:
-        """Coordinates and rates of k states, (coordinates, k) each."""
-        columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
-        if columns.shape != rates.shape:
-            raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        return columns, rates
 
     def _displaced(self, q: ArrayLike, points: int) -> NDArray[Any]:
         """Coordinates to be displaced at so many points, shape (dof,) or (dof, k)."""

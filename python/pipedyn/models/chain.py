@@ -11,14 +11,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from pipedyn import _core
 from pipedyn.models.base import (
     Model,
     Operators,
     arc_lengths,
-    checked_pipe,
     core_pipe,
     operators_from,
     stored,
@@ -27,6 +25,7 @@ from pipedyn.models.pencil import LONGEST_DENSE, ChainPencil, DensePencil, Penci
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.power_iteration import largest_stretch
 
 SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
 
@@ -92,7 +91,7 @@ class Chain(Model):
         drag_points: ArrayLike | None = None,
         base: float = 0.0,
     ) -> None:
-        self._pipe = checked_pipe(pipe)
+        super().__init__(pipe)
         rule = check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
         base = check.real("base", base, low=0.0, high=1.0, open_high=True)
         n = _segment_count(
@@ -141,33 +140,25 @@ class Chain(Model):
         n = self.dof
         if rule == "consistent":
             inner = np.concatenate([[2.0 * self._base], self._lengths[:-1]])
-            springs: Array = 2.0 / (inner + self._lengths)
-            return springs
+            return 2.0 / (inner + self._lengths)
+        if rule in ("uniform", "midpoint"):
+            return np.full(n, float(n))
+        bare = self._with_springs(np.ones(n), replace(self._pipe, terms=()))
+
+        def inertia(turns: Array) -> Array:
+            """Product with the mass matrix in joint angles, O(n)."""
+            return bare.joint_times(turns[:, None], square=1.0)[:, 0]
+
         if rule == "rayleigh":
             joints = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])
             joints[0] = 0.0  # a fixed part does not bend: the first angle is measured from the axis
             tip_load = joints**2 * (3.0 - joints)
             angles = np.diff(tip_load) / self._lengths
             turns = np.diff(angles, prepend=0.0)
-            bare = self._with_springs(np.ones(n), replace(self._pipe, terms=()))
-            kinetic = turns @ bare.joint_times(turns[:, None], square=1.0)[:, 0]
+            kinetic = turns @ inertia(turns)
             return np.full(n, FIRST_BEAM_EIGENVALUE * kinetic / (turns @ turns))
-        if rule == "frequency":
-            return np.full(n, FIRST_BEAM_EIGENVALUE * self._largest_compliance())
-        return np.full(n, float(n))  # "uniform" and "midpoint"
-
-    def _largest_compliance(self) -> float:
-        """1 / omega_1^2 of the chain with unit springs, by Lanczos in joint angles, O(n) a step."""
-        chain = self._with_springs(np.ones(self.dof), replace(self._pipe, terms=()))
-
-        def inertia(joint_angles: Array) -> Array:
-            return chain.joint_times(joint_angles.reshape(-1, 1), square=1.0)[:, 0]
-
-        if self.dof == 1:
-            return float(inertia(np.ones(1))[0])
-        operator = LinearOperator((self.dof, self.dof), matvec=inertia, dtype=np.float64)
-        start = np.linspace(1.0, 0.0, self.dof, endpoint=False)
-        return float(eigsh(operator, k=1, which="LA", v0=start, return_eigenvectors=False)[0])
+        # "frequency": with unit springs the largest inertia is 1 / omega_1^2.
+        return np.full(n, FIRST_BEAM_EIGENVALUE * largest_stretch(inertia, np.ones(n)))
 
     def _with_springs(self, springs: Array, pipe: Pipe | None = None) -> _core.Chain:
         return _core.Chain(
@@ -193,13 +184,7 @@ class Chain(Model):
     def dof(self) -> int:
         return self._lengths.size
 
-    @property
-    def linear_cost(self) -> bool:
-        return True
-
-    approximates_pipe = stored(
-        *("_approximates", "Whether springs and inertia follow from the pipe, not from arrays.")
-    )
+    approximates_pipe = stored("_approximates", "Whether springs and inertia are not from arrays.")
     rule = stored("_rule", "Name of the spring rule, None for springs of the user's own.")
     base = stored("_base", "Length of the fixed part at the clamp.")
     lengths = stored("_lengths", "l_j, shape (n,).")
@@ -220,53 +205,18 @@ class Chain(Model):
 
     @property
     def elastic_share(self) -> Array:
-        share: Array = self._springs * self.elastic_scale**2
-        return share
-
-    @property
-    def stiffness_by_springs(self) -> Array | None:
-        derivative: Array = self.elastic_scale**2
-        return derivative
-
-    @cached_property
-    def resistances(self) -> Array:
-        """What the pipe's terms resist small motions of each segment with, shape (n, 6).
-
-        Force by a transverse displacement, moment about the joint by it, moment by an angle: three
-        columns of stiffness and three of damping, each part with its absolute value.
-        """
-        return _frozen(self.core.resistances())
+        return self._springs * self.elastic_scale**2
 
     @property
     def loose_joints(self) -> NDArray[np.intp]:
-        free = np.flatnonzero((self._springs == 0.0) & (self._pipe.gamma == 0.0))
-        if self._pipe.terms and free.size:
-            held = np.flatnonzero(self.resistances[:, :3].any(axis=1))
-            free = free[free > held.max(initial=-1)]
-        return free
+        free = (self._springs == 0.0) & (self._pipe.gamma == 0.0)
+        # Where all of them turn the same way, a joint feels whatever resists beyond it.
+        moments = self.core.joint_times(free[:, None].astype(np.float64), still=1.0)[:, 0]
+        return np.flatnonzero(free & (moments == 0.0))
 
     @property
     def recursion(self) -> dict[str, Any] | None:
         return {"chain": self.core, "scale": self.elastic_scale}
-
-    @cached_property
-    def term_stiffness(self) -> float:
-        # The trace of what is added, each part of it with its absolute value.
-        if not self.pipe.terms:
-            return 0.0
-        zeroth, first, second = self.resistances[:, :3].T
-        added = self.core.bodies()[:, 0] - self._lengths
-        joints = np.cumsum(self._lengths) - self._lengths
-
-        def beyond(values: Array) -> Array:
-            result: Array = np.cumsum(values[::-1])[::-1]
-            return result
-
-        moment = beyond(zeroth * joints + first)
-        about = beyond(zeroth * joints**2 + 2.0 * first * joints + second)
-        about += joints * (joints * beyond(zeroth) - 2.0 * moment)
-        about += abs(self.pipe.gamma) * (beyond(added * joints) - joints * beyond(added))
-        return float(np.abs(about) @ self.elastic_scale**2)
 
     @property
     def stations(self) -> Array:
@@ -284,29 +234,21 @@ class Chain(Model):
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         angles = self._coordinates(q)
         at = arc_lengths(s)
-        x = self._along(self._lengths * np.sin(angles), at)
-        y = self._along(self._lengths * np.cos(angles), at) + np.minimum(at, self._base)
-        return np.stack([x, y], axis=-1)
+        line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, at)
+        return np.stack([line.imag, line.real + np.minimum(at, self._base)], axis=-1)
 
-    def tips(self, q: ArrayLike) -> Array:
-        angles = self._configurations("q", q)
-        down = self._base + self._lengths @ np.cos(angles)
-        return np.stack([self._lengths @ np.sin(angles), down], axis=-1)
-
-    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        angles, rates = self._moving_columns(q, qdot)
-        across = self._lengths @ (rates * np.cos(angles))
-        return np.stack([across, -self._lengths @ (rates * np.sin(angles))], axis=-1)
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        down = self._base + self._lengths @ np.cos(q)
+        return np.stack([self._lengths @ np.sin(q), down], axis=-1)
 
     def drag_velocities(self, p: Array, pdot: Array) -> Array:
         if self.pipe.drag == 0.0:
             return super().drag_velocities(p, pdot)
-        steps, cosine, sine = self._lengths[:, None] * pdot, np.cos(p), np.sin(p)
-        # Of each segment's joint, and of the point on the segment itself.
-        across, down = (np.cumsum(steps * part, axis=0) - steps * part for part in (cosine, sine))
+        tangents = np.exp(1j * p)
+        steps = self._lengths[:, None] * pdot * tangents
+        joints = np.cumsum(steps, axis=0) - steps  # velocities where the segments begin
         reach = (self._drag_points * self._lengths)[:, None]
-        found: Array = across * cosine + down * sine + reach * pdot
-        return found
+        return (joints * tangents.conj()).real + reach * pdot
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)
@@ -314,10 +256,8 @@ class Chain(Model):
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)
-        return self._along((self._lengths * self._displaced(q, at.size).T).T, at)
-
-    def _along(self, steps: NDArray[Any], s: Array) -> NDArray[Any]:
-        return along(steps, self._base, self._lengths, s)
+        steps = (self._lengths * self._displaced(q, at.size).T).T
+        return along(steps, self._base, self._lengths, at)
 
 
 def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
@@ -326,8 +266,7 @@ def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray
     nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
     j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
     part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)
-    result: NDArray[Any] = nodes[j] + (part * steps[j].T).T
-    return result
+    return nodes[j] + (part * steps[j].T).T
 
 
 def elastic_scale(springs: Array) -> Array:
@@ -337,8 +276,7 @@ def elastic_scale(springs: Array) -> Array:
     """
     mean = float(springs.mean())
     floor = 1e-3 * mean if mean > 1e-100 else float(springs.size)  # squares of the scale are taken
-    scale: Array = 1.0 / np.sqrt(np.maximum(springs, floor))
-    return scale
+    return 1.0 / np.sqrt(np.maximum(springs, floor))
 
 
 def _segment_count(n: int | None, **arrays: Any) -> int:

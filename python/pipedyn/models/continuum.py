@@ -11,9 +11,8 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.models.base import Model, NotConverged, OfPipe, checked_pipe
+from pipedyn.models.base import Model, NotConverged, OfPipe
 from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints, enriched
-from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 
 Answer = TypeVar("Answer")
@@ -55,9 +54,6 @@ class Continuum(OfPipe):
     Source: Gregory and Paidoussis (1966).
     """
 
-    def __init__(self, pipe: Pipe) -> None:
-        self._pipe = checked_pipe(pipe)
-
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"
 
@@ -97,9 +93,8 @@ class Continuum(OfPipe):
         size = smallest = min(smallest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS - 8)
         largest = min(largest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS)
         last = max(largest, smallest + 8)
-        before = question(self.frozen(size))
-        more = 0
-        while True:
+        before, more = question(self.frozen(size)), 0
+        while size < last:
             more += 1  # so that every panel has more functions than before
             step = max(8, inner + 1, size // 4)
             # The last step is no shorter than the others.
@@ -110,12 +105,10 @@ class Continuum(OfPipe):
                 raise TypeError(f"distance must return a number, got {check.shown(error)}")
             if error <= tolerance:
                 return Converged(answer, size, error)
-            if size == last:
-                raise NotConverged(
-                    f"the continuous pipe's answer still moves by {error:.1e} at {size} functions",
-                    answer,
-                )
             before = answer
+        raise NotConverged(
+            f"the continuous pipe's answer still moves by {error:.1e} at {size} functions", before
+        )
 
 
 AnyModel: TypeAlias = Model | Continuum

@@ -18,7 +18,6 @@ from pipedyn.models.base import (
     Model,
     Operators,
     arc_lengths,
-    checked_pipe,
     core_pipe,
     operators_from,
     stored,
@@ -97,10 +96,13 @@ class Galerkin(Model):
     """
 
     def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
-        self._pipe = checked_pipe(pipe)
+        super().__init__(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
         self._basis = check.choice("basis", basis, BASES)
         self._more = 0
+        self._check_terms()
+
+    def _check_terms(self) -> None:
         if self._size < self.panels:
             raise ValueError(
                 f"m must be at least {self.panels}, the number of panels between terms, "
@@ -152,13 +154,6 @@ class Galerkin(Model):
         return max(1, (2 * self.resolution) // 3) if self._basis == "legendre" else self.dof
 
     @cached_property
-    def term_stiffness(self) -> float:
-        return self.core.term_stiffness()
-
-    def with_pipe(self, pipe: Pipe) -> Galerkin:
-        return enriched(Galerkin(pipe, self._size, self._basis), self._more)
-
-    @cached_property
     def _joints(self) -> Array:
         """Inner ends of the basis' panels; the beam modes have none."""
         return basis_joints(self._pipe.terms if self._basis == "legendre" else ())
@@ -193,16 +188,14 @@ class Galerkin(Model):
     @cached_property
     def elastic_scale(self) -> Array:
         """Amplitude q_i of one elastic coordinate, shape (m,)."""
-        scale: Array = 1.0 / np.sqrt(self.core.elastic_stiffness())
-        return scale
+        return 1.0 / np.sqrt(self.core.elastic_stiffness())
 
     def elastic_operators(self) -> Operators:
         both = np.outer(self.elastic_scale, self.elastic_scale)
         return operators_from(self.core.operators(), self._pipe, both)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        result: NDArray[Any] = (self.elastic_scale * self._columns("z", z).T).T
-        return result
+        return (self.elastic_scale * self._columns("z", z).T).T
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)
@@ -220,19 +213,10 @@ class Galerkin(Model):
                 line[piece, 1] += length * (np.cos(angles) @ weights)
         return line
 
-    def tips(self, q: ArrayLike) -> Array:
-        amplitudes = self._configurations("q", q)
-        nodes, weights = self._rule(self._count_for(amplitudes))
-        angles = self.core.basis(nodes, 1) @ amplitudes
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        nodes, weights = self._rule(self._count_for(q.real))
+        angles = self.core.basis(nodes, 1) @ q
         return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)
-
-    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        amplitudes, rates = self._moving_columns(q, qdot)
-        nodes, weights = self._rule(self._count_for(amplitudes))
-        slopes = self.core.basis(nodes, 1)
-        angles, turning = slopes @ amplitudes, slopes @ rates
-        across = weights @ (turning * np.cos(angles))
-        return np.stack([across, -weights @ (turning * np.sin(angles))], axis=-1)
 
     def _count_for(self, amplitudes: Array) -> int:
         """Nodes on each panel that integrate sine and cosine of the angle, for columns (m, k)."""
@@ -256,8 +240,7 @@ class Galerkin(Model):
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)
-        result: NDArray[Any] = self.functions(at) @ self._displaced(q, at.size)
-        return result
+        return self.functions(at) @ self._displaced(q, at.size)
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:
@@ -266,6 +249,6 @@ def enriched(model: Galerkin, more: int) -> Galerkin:
     Two models of growing size and growing `more` differ on every panel of the basis but those
     shorter than 0.003, so that the distance of their answers bounds what short panels miss, too.
     """
-    made = Galerkin(model.pipe, model.dof, model.basis)
+    made = model.with_pipe(model.pipe)
     made._more = more
     return made

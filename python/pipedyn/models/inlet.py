@@ -54,19 +54,16 @@ def inlet_coefficient(
     radius = check.real("radius", radius, low=0.0, open_low=True)
     if section is not None:
         section = check.real("section", section, low=0.0, open_low=True)
-    if callable(velocity):
-        if radii is not None or areas is not None:
-            raise ValueError("radii and areas must go with samples, not with a function")
-        mean, square = _means_of_function(velocity, radius)
-        return _coefficient(mean, square, section, radius, math.pi * radius)
-    if radii is None and areas is None:
+    if [callable(velocity), radii is not None, areas is not None].count(True) != 1:
+        given = [name for name, of in (("radii", radii), ("areas", areas)) if of is not None]
         raise ValueError(
-            "velocity must be a function, or come with either radii or areas, "
-            f"got {check.shown(velocity)} alone"
+            "velocity must be a function, or samples with either radii or areas, "
+            f"got {check.shown(velocity)} with {' and '.join(given) or 'neither'}"
         )
-    if radii is not None and areas is not None:
-        raise ValueError("velocity must come with either radii or areas, got both")
-    if radii is not None:
+    if callable(velocity):
+        mean, square = _means_of_function(velocity, radius)
+        area = radius, math.pi * radius
+    elif radii is not None:
         at = check.array("radii", radii, low=0.0)
         samples = check.array("velocity", velocity, size=at.size)
         # A cubic's coefficients grow with the third power of the distance: 1e90 does not overflow.
@@ -82,15 +79,25 @@ def inlet_coefficient(
         nodes = x[:-1, None] + half * (1.0 + nodes)
         values, rings = profile(nodes), 2.0 * nodes * half * weights
         mean, square = float(np.sum(rings * values)), float(np.sum(rings * values**2))
-        return _coefficient(mean, square, section, float(at[-1]), math.pi * float(at[-1]))
-    patches = check.array("areas", areas, low=0.0, open_low=True)
-    samples = check.array("velocity", velocity, size=patches.size)
-    largest = float(patches.max())
-    parts = patches / largest
-    whole = float(parts.sum())
-    scaled = samples / _peak(samples)
-    mean, square = float(parts @ scaled) / whole, float(parts @ scaled**2) / whole
-    return _coefficient(mean, square, section, largest, whole)
+        area = float(at[-1]), math.pi * float(at[-1])
+    else:
+        patches = check.array("areas", areas, low=0.0, open_low=True)
+        samples = check.array("velocity", velocity, size=patches.size)
+        parts = patches / patches.max()
+        whole = float(parts.sum())
+        scaled = samples / _peak(samples)
+        mean, square = float(parts @ scaled) / whole, float(parts @ scaled**2) / whole
+        area = float(patches.max()), whole
+    if _vanishes(mean, square):
+        raise ValueError(f"velocity must carry fluid through the inlet, got a mean of {mean:.1e}")
+    # The inlet's area is left in two factors: their product may overflow or vanish.
+    part = 1.0 if section is None else section / area[0] / area[1]
+    alpha = part * (square / mean**2)
+    if not 0.0 < alpha < math.inf:
+        raise ValueError(
+            f"section must be comparable with the inlet's area, got {part!r} times that"
+        )
+    return alpha
 
 
 def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple[float, float]:
@@ -146,18 +153,3 @@ def _peak(velocity: Array) -> float:
 def _vanishes(mean: float, square: float) -> bool:
     """Whether the mean velocity is rounding of its root mean square, or NaN."""
     return not mean**2 > TOLERANCE**2 * square
-
-
-def _coefficient(
-    mean: float, square: float, section: float | None, length: float, width: float
-) -> float:
-    """Inlet coefficient from means of V and V^2 over an inlet of area length * width."""
-    if _vanishes(mean, square):
-        raise ValueError(f"velocity must carry fluid through the inlet, got a mean of {mean:.1e}")
-    part = 1.0 if section is None else section / length / width
-    alpha = part * (square / mean**2)
-    if not 0.0 < alpha < math.inf:
-        raise ValueError(
-            f"section must be comparable with the inlet's area, got {part!r} times that"
-        )
-    return alpha

@@ -157,23 +157,19 @@ class Pipe:
                 "length, bending_stiffness, pipe_mass and fluid_mass must give finite units, "
                 f"got {units._asdict()}"
             )
-        values = {
-            "beta": fluid_mass / mass,
-            "gamma": gravity * length**3 * mass / stiffness,
-            "drag": math.prod(drag) * length / (2.0 * mass),
-            "damping": damping_time / time,
-        }
-        causes = {
-            "beta": "pipe_mass and fluid_mass",
-            "gamma": "gravity, length, pipe_mass, fluid_mass and bending_stiffness",
-            "drag": "drag_coefficient, external_diameter, external_density, length and the masses",
-            "damping": "damping_time, length, bending_stiffness and the masses",
+        every = "length, pipe_mass, fluid_mass and bending_stiffness"
+        outside = "drag_coefficient, external_diameter, external_density"
+        numbers = {
+            "beta": (fluid_mass / mass, "pipe_mass and fluid_mass"),
+            "gamma": (gravity * length**3 * mass / stiffness, f"gravity, {every}"),
+            "drag": (math.prod(drag) * length / (2.0 * mass), f"{outside}, length and the masses"),
+            "damping": (damping_time / time, f"damping_time, {every}"),
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
         return cls(
             **{
-                name: check.real(f"{name} from {causes[name]}", value, **RANGES[name])
-                for name, value in values.items()
+                name: check.real(f"{name} from {causes}", value, **RANGES[name])
+                for name, (value, causes) in numbers.items()
             },
             flow=flow,
             alpha=alpha,
@@ -194,13 +190,11 @@ class Pipe:
         return self.alpha if self.flow == "aspirating" else 1.0
 
     def __repr__(self) -> str:
-        parts = [f"beta={self.beta:.12g}"]
-        for item in fields(self)[1:-2]:
-            value = getattr(self, item.name)
-            if value != item.default:
-                parts.append(
-                    f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
-                )
+        parts = [
+            f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
+            for item in fields(self)[:-2]
+            if (value := getattr(self, item.name)) != item.default
+        ]
         if self.terms:
             parts.append(f"terms={self.terms!r}")
         if self.scales is not None:

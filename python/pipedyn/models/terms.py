@@ -227,8 +227,3 @@ def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
     return tuple(
         term if term.place is None or term.place <= end else replace(term, at=end) for term in terms
     )
-
-
-def core_terms(terms: tuple[Term, ...]) -> list[tuple[str, float, list[float]]]:
-    """The terms as the core takes them: law, arc length (0 where it acts all along), numbers."""
-    return [(term.law, term.place or 0.0, list(term.numbers.values())) for term in terms]

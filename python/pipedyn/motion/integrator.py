@@ -17,7 +17,8 @@ from scipy.integrate import ode
 from pipedyn.models.base import Model
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
-from pipedyn.util.progress import track
+from pipedyn.util.parallel import track
+from pipedyn.util.power_iteration import largest_stretch
 
 NOT_FINITE = "the state or its rate is no longer finite"
 """Why a motion stops: its numbers overflowed, or a bend is beyond what a quadrature resolves."""
@@ -168,7 +169,7 @@ class Watched(Guarded):
     @cached_property
     def fastest(self) -> tuple[float, float]:
         """Highest frequency and fastest decay at rest, which only long motions need."""
-        return highest_frequency(self.task.model), fastest_decay(self.task.model)
+        return fastest_rates(self.task.model)
 
     def check(self, t: float) -> None:
         """Raises what stops an integration that needs too many calls or whose steps vanish."""
@@ -188,15 +189,17 @@ class Watched(Guarded):
 
 
 def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
-    """States at the samples, (S, *start.shape), right-hand sides, and why it stopped early."""
+    """States (the start, then the samples), right-hand sides taken, and why it stopped early.
+
+    Shape of the states: (1 + S, *start.shape), with as many samples S as were reached.
+    """
     guarded = Watched(task)
     if task.method in COMPILED:
         advanced = compiled(guarded, task.start, task.method, task.rtol, task.atol)
         samples: Iterator[Array] = map(advanced, task.times)
     else:
         samples = _python_samples(task, guarded)
-    rows: list[Array] = []
-    why = None
+    rows, why = [task.start], None
     try:
         for row in track(samples, task.times.size, "motion", shown):
             rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
@@ -204,7 +207,7 @@ def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
         why = guarded.reason(stopped)
     evaluated(task.start[0].size * (guarded.calls + guarded.jacobians))
     factorised(guarded.factorisations)
-    return np.array(rows).reshape(-1, *task.start.shape), guarded.calls, why
+    return np.array(rows), guarded.calls, why
 
 
 def compiled(
@@ -277,41 +280,38 @@ def choose_method(model: Model, rtol: float) -> str:
     """
     if not (model.pipe.damping or model.resisted) or model.moving > LARGEST_IMPLICIT:
         return "dop853"
-    fastest, decay, digits = highest_frequency(model), fastest_decay(model), -math.log10(rtol)
-    if model.linear_cost:
+    (fastest, decay), digits = fastest_rates(model), -math.log10(rtol)
+    if model.recursion:  # a chain: a right-hand side costs O(dof), a Jacobian dof times as much
         share = CHAIN_DECAY * digits * max(1.0, model.moving / CHAIN_SEGMENTS)
         return "lsoda" if decay > share * fastest else "dop853"
     stiff = max(fastest, decay) > REDUCED_RATE * digits
     return "lsoda" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
 
 
-def highest_frequency(model: Model) -> float:
-    """Angular frequency of the fastest mode at rest, to some per cent, by power iteration."""
-    return math.sqrt(_strongest(model.with_pipe(replace(model.pipe, damping=0.0, drag=0.0)), 0))
-
-
-def fastest_decay(model: Model) -> float:
-    """Rate of the fastest decay of velocities at rest, likewise."""
+def fastest_rates(model: Model) -> tuple[float, float]:
+    """Highest frequency and fastest decay of velocities at rest, to some per cent."""
+    pipe = replace(model.pipe, drag=0.0)
+    frequency = math.sqrt(_strongest(model.with_pipe(replace(pipe, damping=0.0)), 0))
     if not model.resisted:
-        return model.pipe.damping * highest_frequency(model) ** 2
-    return _strongest(model.with_pipe(replace(model.pipe, drag=0.0)), model.moving)
+        return frequency, pipe.damping * frequency**2
+    return frequency, _strongest(model.with_pipe(pipe), model.moving)
 
 
 def _strongest(model: Model, first: int) -> float:
     """Largest ratio of accelerations to coordinates (first 0) or velocities, by iteration."""
     size = model.moving
     rest = np.concatenate([model.resting(), np.zeros(size + 1)])
-    at_rest = model.motion.rhs_and_power(0.0, rest, 0.0)[size:-1]
-    moved = np.cos(math.pi * np.arange(size)) * np.linspace(1.0, 1.5, size)
-    strongest = 0.0
-    for _ in range(40):
-        largest = float(np.abs(moved).max())
-        if largest == 0.0:
-            break
-        moved *= 1e-6 / largest
+
+    def accelerations(moved: Array | float) -> Array:
         state = rest.copy()
         state[first : first + size] += moved
-        answer = model.motion.rhs_and_power(0.0, state, 0.0)[size:-1] - at_rest
-        strongest = float(np.linalg.norm(answer) / np.linalg.norm(moved))
-        moved = answer
-    return strongest
+        return model.motion.rhs_and_power(0.0, state, 0.0)[size:-1]
+
+    at_rest = accelerations(0.0)
+
+    def response(moved: Array) -> Array:
+        small = 1e-6 / float(np.abs(moved).max())  # so that motion is linear
+        return (accelerations(small * moved) - at_rest) / small
+
+    start = np.cos(math.pi * np.arange(size)) * np.linspace(1.0, 1.5, size)
+    return largest_stretch(response, start)

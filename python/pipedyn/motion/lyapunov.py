@@ -30,7 +30,7 @@ from pipedyn.motion.simulate import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
-from pipedyn.util.progress import track
+from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 
 Rates = Callable[[Array], Array]
@@ -130,10 +130,9 @@ def lyapunov_exponent(
         raise ValueError(f"interval must cut the time into at most {MOST_INTERVALS} parts")
 
     def rates(y: Array) -> Array:
-        work = np.zeros((1, *y.shape[1:]))
         evaluated(y[0].size)
-        found: Array = model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)
-        return found[:-1]
+        work = np.zeros((1, *y.shape[1:]))
+        return model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
 
     def jacobian(y: Array) -> Array:
         evaluated(1)

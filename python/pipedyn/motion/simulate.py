@@ -255,28 +255,27 @@ def simulate_many(
         raise ValueError(f"speeds must ask for at most {LARGEST_ENSEMBLE} members, got {members}")
     check.executor("executor", executor)
     shown = check.flag("progress", progress)
-    tasks = []
-    methods: dict[int, str] = {}
+    tasks: list[Task] = []
+    members_of: dict[int, list[int]] = {}  # each model
     for i in range(members):
         model, u, start, rate = (values[i % len(values)] for values in given.values())
+        same = members_of.setdefault(id(model), [])
+        choice = tasks[same[0]].method if same else method
         try:
             task = checked_task(
-                *(model, u.item(), duration, start, rate),
-                *(samples, times, rtol, atol, methods.get(id(model), method), most),
+                *(model, u.item(), duration, start, rate, samples, times, rtol, atol, choice, most)
             )
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
-        methods[id(model)] = task.method
         tasks.append(task)
+        same.append(i)
     if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
         raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
-    groups: dict[tuple[int, str], list[int]] = {}
-    for i, task in enumerate(tasks):
-        groups.setdefault((id(task.model), task.method), []).append(i)
     blocks = []
-    for (_, method), group in groups.items():
-        parts = math.ceil(len(group) / BATCH) if method == "dop853" else len(group)
-        blocks += [part.tolist() for part in np.array_split(group, parts)]
+    for same in members_of.values():
+        together = tasks[same[0]].method == "dop853"
+        parts = math.ceil(len(same) / BATCH) if together else len(same)
+        blocks += [part.tolist() for part in np.array_split(same, parts)]
     jobs = [partial(_motions, [tasks[i] for i in block]) for block in blocks]
     answers = parallel(jobs, executor, label="batches", progress=shown)
     motions: list[Any] = [None] * members
@@ -329,27 +328,21 @@ def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
 
 
 def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
-    """The motion of a task of one state from its samples (S, 2 dof + 1)."""
+    """The motion of a task of one state from its start and samples, (1 + S, 2 moving + 1)."""
     model, size = task.model, task.model.moving
-
-    def recorded(samples: Array) -> tuple[Array, Array, Array]:
-        q, qdot = model.recorded(samples[:, :size], samples[:, size : 2 * size])
-        return q, qdot, np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
-
-    q, qdot, states = recorded(rows)
+    q, qdot = model.recorded(rows[:, :size], rows[:, size : 2 * size])
+    states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
     energy = np.asarray(model.energy(states))
-    at_rest = states.copy()
-    at_rest[model.coordinates :] = 0.0
-    kinetic = energy - np.asarray(model.energy(at_rest))
-    first = float(np.asarray(model.energy(recorded(task.start[None])[2]))[0])
-    scale = max(float(np.abs(energy).max(initial=0.0)), float(kinetic.max(initial=0.0)))
-    miss = float(np.abs(energy - first - rows[:, 2 * size]).max(initial=0.0))
+    states[model.coordinates :] = 0.0  # the same at rest
+    kinetic = energy - np.asarray(model.energy(states))
+    scale = float(max(np.abs(energy[1:]).max(initial=0.0), kinetic[1:].max(initial=0.0)))
+    miss = float(np.abs(energy - energy[0] - rows[:, 2 * size]).max())
     return Motion(
-        t=task.times[: len(rows)],
-        q=q,
-        qdot=qdot,
-        tip=model.tips(q.T) if len(rows) else np.zeros((0, 2)),
-        energy=energy,
+        t=task.times[: len(rows) - 1],
+        q=q[1:],
+        qdot=qdot[1:],
+        tip=model.tips(q.T)[1:],
+        energy=energy[1:],
         audit=miss / scale if scale else 0.0,
         u=float(task.u),
         method=task.method,
@@ -420,8 +413,7 @@ def checked_task(
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
     start = np.append(model.start(model.bent(q0) if callable(q0) else q0, qdot0), 0.0)
     rtol = check.real("rtol", rtol, low=1e-13, high=0.1)
-    if atol is None:
-        atol = 0.01 * rtol
+    atol = 0.01 * rtol if atol is None else atol
     atol = check.real("atol", atol, low=0.0, high=1.0, open_low=True)
     most = check.real("most", most, low=1.0, high=1e18)
     method = check.choice("method", method, METHODS)

@@ -103,10 +103,9 @@ def choice(name: str, value: Any, options: Collection[str]) -> str:
     listed = ", ".join(repr(option) for option in options)
     if not isinstance(value, str):
         raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
-    for option in options:
-        if value == option:
-            return option
-    raise ValueError(f"{name} must be one of {listed}, got {shown(value)}")
+    if value not in options:
+        raise ValueError(f"{name} must be one of {listed}, got {shown(value)}")
+    return str(value)
 
 
 def array(
@@ -129,14 +128,18 @@ def array(
         raise ValueError(f"{name} must have from 1 to {longest} entries, got 0")
     with np.errstate(over="ignore"):  # of longer floats; infinity is refused
         values = np.array(raw, dtype=np.float64)
-    below = values <= low if open_low else values < low
-    bad = ~np.isfinite(values) | below | (values > high)
-    if bad.any():
-        where = int(np.argmax(bad))
-        rule = _rule(low, high, open_low, False)
-        raise ValueError(f"{name} must {rule}, got {float(values[where])!r} at index {where}")
+    good = (values > low if open_low else values >= low) & (values <= high)
+    entries(name, values, good & np.isfinite(values), _rule(low, high, open_low, False))
     values.flags.writeable = False
     return values
+
+
+def entries(name: str, values: NDArray[Any], good: NDArray[np.bool_], rule: str) -> None:
+    """Raises ValueError, with its place, for the first entry that is not good."""
+    if not good.all():
+        where = tuple(np.argwhere(~good)[0].tolist())
+        index = where[0] if len(where) == 1 else where
+        raise ValueError(f"{name} must {rule}, got {values[where]} at index {index}")
 
 
 def numbers(
@@ -158,11 +161,8 @@ def numbers(
     if isinstance(value, bytearray):  # numpy takes its letters for numbers
         raise wrong()
     if isinstance(value, list | tuple):
-        leaves = list(islice(_leaves(value), longest))
-        if any(issubclass(kind, NOT_NUMBERS) for kind in set(map(type, leaves))):
-            raise wrong()
-        for part in leaves if any(isinstance(leaf, np.ndarray) for leaf in leaves) else ():
-            if isinstance(part, np.ndarray) and part.dtype.kind == "b":
+        for part in islice(_leaves(value), longest):
+            if isinstance(part, NOT_NUMBERS) or getattr(part, "dtype", None) == np.bool_:
                 raise wrong()
             _refuse_masked(name, part)
     try:

@@ -1,17 +1,33 @@
 # SPDX-License-Identifier: MIT
-"""Independent jobs of a sweep, here or in an executor; one that fails leaves the others."""
+"""Independent jobs of a sweep, here or in an executor, and the progress of whatever takes long."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from typing import TypeVar
 
-from pipedyn.util.progress import track
-
+Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 Job = Callable[[], Answer]
 """What runs anywhere: it pickles, e.g. a `functools.partial` of a module's function."""
+
+
+def track(items: Iterable[Item], total: int, label: str, shown: bool) -> Iterator[Item]:
+    """The items, counted on stderr while they are taken: by tqdm where that is installed."""
+    if not shown:
+        yield from items
+        return
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        for done, item in enumerate(items, start=1):
+            yield item
+            print(f"\r{label}: {done}/{total}", end="", file=sys.stderr, flush=True)
+        print(file=sys.stderr)
+        return
+    yield from tqdm(items, total=total, desc=label)
 
 
 def parallel(
@@ -23,8 +39,9 @@ def parallel(
 ) -> Iterator[Answer | Exception]:
     """What each job returned, or the exception that it raised, in the order of the jobs.
 
-    Without an executor each runs when its answer is taken; an executor gets all at once, and those
-    that have not begun are cancelled where the caller takes no more answers.
+    A job that fails leaves the others. Without an executor each runs when its answer is taken; an
+    executor gets all at once, and those that have not begun are cancelled where the caller takes no
+    more answers.
     """
     futures = [] if executor is None else [executor.submit(job) for job in jobs]
     results: Iterable[Job[Answer]] = [future.result for future in futures] if futures else jobs

@@ -56,7 +56,7 @@ class Deflated(Eigenproblem):
         self.free = chain.loose_joints
         # Where no thrust ever acts each free joint has a null vector of its own.
         self.turned = self.free if self.centrifugal == 0.0 else self.free[:1]
-        damped = bool(chain.resistances[self.free[0] :, 3:6].any())
+        damped = self.pencil.operators.damping[self.free[0], self.free[0]] != 0.0
         # Without fluid mass nothing but inertia holds the free joint: zero is double.
         self.doubled = self.pipe.beta == 0.0 and not self.squared and not damped
         self.latest: tuple[float, Vectors, Vectors, Vectors, Vectors] | None = None

@@ -19,7 +19,6 @@ from pipedyn.models.base import (
     NotConverged,
     Operators,
     arc_lengths,
-    checked_pipe,
     stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale
@@ -105,7 +104,7 @@ class Assembly(Model):
     ) -> None:
         given = _parts("modules", modules, (Module, Term))
         terms = tuple(part for part in given if isinstance(part, Term))
-        self._pipe = checked_pipe(pipe)
+        super().__init__(pipe)
         if terms:
             self._pipe = replace(pipe, terms=(*pipe.terms, *terms))
         self._enforcement = check.choice("enforcement", enforcement, ENFORCEMENTS)
@@ -117,10 +116,10 @@ class Assembly(Model):
         self._customs = CustomForces(self._layout.customs, self._configuration(straight))
         for custom in self._customs.each:
             custom.validate(self._configuration(self._layout.rest)[custom.index])
-        self._refuse_massless()
+        self._check_terms()
         self._reference = straight if self._misses(straight) <= MET else None
 
-    def _refuse_massless(self) -> None:
+    def _check_terms(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
         rest = self._configuration(self._layout.rest)
         if not np.isfinite(self.core.rhs(0.0, np.append(rest, np.zeros_like(rest)), 0.0)).all():
@@ -178,10 +177,6 @@ class Assembly(Model):
     def term_stiffness(self) -> float:
         return float(np.linalg.norm(self._elastic.stiffness - np.eye(self.dof), 2))
 
-    @property
-    def rests_straight(self) -> bool:
-        return self._reference is not None and not self._reference.any()
-
     @cached_property
     def resisted(self) -> bool:
         still = np.split(self.state(self.resting()), 2)
@@ -236,7 +231,8 @@ class Assembly(Model):
             for part in self.modules
         )
         # Rows are of guides, pins and what has inertia besides the segments.
-        if not plain or not self.rests_straight or self.core.compliance.size:
+        straight = self._reference is not None and not self._reference.any()
+        if not plain or not straight or self.core.compliance.size:
             return None
         return Chain(
             self._pipe,
@@ -250,17 +246,6 @@ class Assembly(Model):
     def pencil(self, dense: bool | None = None) -> Pencil:
         """P(lambda) as for `Model.pencil`: of a scene that is a chain the chain's, else dense."""
         return DensePencil(self) if self.as_chain is None else self.as_chain.pencil(dense)
-
-    def with_pipe(self, pipe: Pipe) -> Assembly:
-        """The same parts on another pipe, which has its own terms.
-
-        Raises:
-            ValueError: for a direction without inertia, where only a term of this pipe had any.
-        """
-        other = super().with_pipe(pipe)
-        if other._pipe.terms != self._pipe.terms:
-            other._refuse_massless()
-        return other
 
     def about(self, q: ArrayLike) -> Assembly:
         """The same scene, whose linear questions are asked about another configuration at rest.
@@ -389,7 +374,7 @@ class Assembly(Model):
             )
         except NewtonFailed as reason:
             raise NotConverged(f"no equilibrium was found at u = {u:g} near start") from reason
-        return self._configuration(found.state)
+        return self._configuration(found)
 
     # ------------------------------------------------------------------------------ linear motion
 
@@ -558,12 +543,8 @@ class Assembly(Model):
         line[:, 1] += np.minimum(at, base)
         return line
 
-    def tips(self, q: ArrayLike) -> Array:
-        return np.array(self._configurations("q", q)[-3:-1].T)
-
-    def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        _, rates = self._moving_columns(q, qdot)
-        return np.array(rates[-3:-1].T)
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        return np.array(q[-3:-1].T)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """As for `Model.bent`, of theta(s) at the segments' middles or close to it.

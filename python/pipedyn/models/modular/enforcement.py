@@ -74,8 +74,7 @@ def by_orthonormal_basis(mass: Array, force: Array, groups: Sequence[Group]) -> 
     except np.linalg.LinAlgError:
         raise Mechanism("a direction that the constraints leave free has no inertia") from None
     rest = np.linalg.solve(factor, basis.T @ (force - mass @ particular))
-    accelerations: Array = particular + basis @ np.linalg.solve(factor.T, rest)
-    return accelerations
+    return particular + basis @ np.linalg.solve(factor.T, rest)
 
 
 def by_udwadia_kalaba(mass: Array, force: Array, groups: Sequence[Group]) -> Array:
@@ -110,8 +109,7 @@ def _pseudo_inverse(matrix: Array, size: float) -> Array:
     """Of a symmetric matrix whose eigenvalues below RANK of a size are rounding."""
     values, vectors = np.linalg.eigh(matrix)
     good = values > RANK * size
-    inverse: Array = vectors[:, good] @ (vectors[:, good] / values[good]).T
-    return inverse
+    return vectors[:, good] @ (vectors[:, good] / values[good]).T
 
 
 ENFORCEMENTS: dict[str, Enforce] = {
