@@ -229,8 +229,6 @@ class RootLociOver(_Roots):
 
     def __post_init__(self) -> None:
         at = check.array("speeds", self.speeds, low=0.0, high=CONTINUUM_SPEED, longest=10_000)
-        if np.any(np.diff(at) <= 0.0):
-            raise ValueError("speeds must be strictly increasing")
         self._set(speeds=at, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
@@ -264,8 +262,8 @@ class _Integrated(Quantity):
     u: float
     rtol: float
 
-    def _check_numbers(self, open_low: bool) -> None:
-        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=open_low)
+    def __post_init__(self) -> None:
+        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED)
         rtol = check.real("rtol", self.rtol, low=self.least_rtol, high=LOOSEST_RTOL)
         self._set(u=u, rtol=rtol)
 
@@ -348,7 +346,7 @@ class MotionOf(_Integrated):
     rates: Angle | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        self._check_numbers(open_low=False)
+        super().__post_init__()
         duration = check.real("duration", self.duration, low=1e-6, high=1e6)
         for name, given in (("start", self.start), ("rates", self.rates)):
             if given is not None and not callable(given):
@@ -420,9 +418,6 @@ class LimitCycleAt(_Integrated):
     noise: ClassVar[float] = 10.0
     u: float
     rtol: float = RTOL
-
-    def __post_init__(self) -> None:
-        self._check_numbers(open_low=True)
 
     def answer(self, model: Model) -> Answer:
         """Amplitude and frequency, shape (2,)."""
