@@ -215,7 +215,7 @@ class Model(OfPipe, ABC):
         """
         if not self.pipe.terms:
             return 0.0
-        pencil, elastic = self.pencil(dense=False), self.elastic_share[:, None]
+        pencil, elastic = self.pencil(), self.elastic_share[:, None]
         start = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
         return largest_stretch(lambda x: pencil.stiffness(x) - elastic * x, start, 12)
 
@@ -226,11 +226,6 @@ class Model(OfPipe, ABC):
         The chain, and the joint angle of each elastic coordinate, scale (dof,).
         """
         return None
-
-    @property
-    def loose_joints(self) -> NDArray[np.intp]:
-        """Free joints beyond which nothing, spring, gravity or term, resists a turn; of chains."""
-        return np.zeros(0, dtype=np.intp)
 
     @property
     def elastic_share(self) -> Array:
@@ -261,13 +256,8 @@ class Model(OfPipe, ABC):
                     f"force of {rest:.1e}; choose about(equilibrium(..., u))"
                 )
 
-    def pencil(self, dense: bool | None = None) -> Pencil:
-        """P(lambda) at any flow speed, in elastic coordinates.
-
-        Args:
-            dense: matrices, or products and solves in O(dof) where the model has them; where not
-                given what is the faster.
-        """
+    def pencil(self) -> Pencil:
+        """P(lambda) at any flow speed, in elastic coordinates."""
         return DensePencil(self)
 
     @property
