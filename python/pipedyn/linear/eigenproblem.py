@@ -101,7 +101,12 @@ class Eigenproblem:
 
     def size(self, u: float) -> float:
         """Size of the stiffness matrix, elastic stiffness being 1."""
-        return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.model.term_stiffness
+        return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.term_stiffness
+
+    @cached_property
+    def term_stiffness(self) -> float:
+        """As of the model."""
+        return self.model.term_stiffness(self.pencil)
 
     def by_speed(self, u: float, values: Complex, x: Vectors) -> Vectors:
         """(dP/du) x of each pair, shape (dof, r)."""

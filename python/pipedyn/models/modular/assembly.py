@@ -170,8 +170,7 @@ class Assembly(Model):
         """False: what the parts tend to is the user's."""
         return False
 
-    @property
-    def term_stiffness(self) -> float:
+    def term_stiffness(self, pencil: Pencil) -> float:
         return self.linear.added
 
     @cached_property
