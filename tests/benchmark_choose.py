@@ -24,7 +24,7 @@ import numpy as np
 import pipedyn as pp
 from pipedyn.accuracy.choose import DEFAULT
 from pipedyn.accuracy.convergence import FAMILIES, RULES
-from pipedyn.accuracy.reference import Answer, Reference
+from pipedyn.accuracy.reference import Answer
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import clock
 
@@ -119,15 +119,15 @@ def is_linear(name):
 def true_answer(case, quantity):
     """Of functions beyond those of the search, and its own error."""
     if quantity.name == "critical_speed":
-        return Reference(quantity.answer(pp.Continuum(case.pipe)), 0.0, "")
+        return replace(quantity.answer(pp.Continuum(case.pipe)), error=0.0)
     if quantity.name == "root_loci":
         sharp = pp.Galerkin(case.pipe, SHARP[True][-1], "legendre")
         loci = pp.root_loci(sharp, quantity.speeds, quantity.count)
-        return Reference(Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1)), 0.0, "")
+        return Answer(np.concatenate([loci.eigenvalues, loci.partners], axis=1))
     sizes = SHARP[is_linear(quantity.name)]
     sharp = quantity.solved_for(1e-2 * min(case.tolerances[-1], 1e-3))
     answers = [sharp.answer(pp.Galerkin(case.pipe, size, "legendre")) for size in sizes]
-    return Reference(answers[-1], quantity.distance(answers[0], answers[-1]), "")
+    return replace(answers[-1], error=quantity.distance(answers[0], answers[-1]))
 
 
 def least_by_hand(case, choice, truth, tolerance, most):
@@ -176,7 +176,7 @@ def hold(case, tally):
             why = f"{type(refused).__name__}: {refused} ({clock() - begun:.1f} s)"
             print(f"| {case.title} | {tolerance:g} | {why} | | | | | {case.pipe!r} |", flush=True)
             continue
-        error = quantity.distance(quantity.answer(choice.model), truth.answer)
+        error = quantity.distance(quantity.answer(choice.model), truth)
 
         def again(row, choice=choice):
             family = FAMILIES[row.family]

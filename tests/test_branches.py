@@ -12,7 +12,7 @@ import pytest
 import pipedyn as pp
 from pipedyn.bifurcation import branches as module
 from pipedyn.bifurcation.continuation import folds
-from pipedyn.bifurcation.events import crossing_event, growth, nontrivial
+from pipedyn.bifurcation.floquet import crossing_event, growth, nontrivial
 
 THREE = pp.Chain(pp.Pipe(0.2), 3)
 SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)

@@ -6,13 +6,12 @@ import pytest
 
 import pipedyn as pp
 from pipedyn.bifurcation.continuation import (
-    Continuation,
     Control,
     DenseProblem,
     folds,
     sign_changes,
 )
-from pipedyn.bifurcation.orbit_continuation import FINE, followed, from_hopf
+from pipedyn.bifurcation.orbit_continuation import FINE, followed, from_hopf, orbit_at
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.newton import NewtonFailed
 
@@ -24,7 +23,7 @@ def circle_equations(x, p):
 
 @pytest.fixture
 def circle():
-    return Continuation(DenseProblem(circle_equations, 2, 1.0), Control(longest=0.2))
+    return DenseProblem(circle_equations, 2, 1.0, Control(longest=0.2))
 
 
 def test_a_closed_curve_is_followed_around_both_folds(circle):
@@ -62,7 +61,7 @@ def test_where_a_curve_ends_continuation_fails():
         slope = np.full(2, 0.5 / np.sqrt(0.1 - p))
         return x - np.sqrt(0.1 - p), np.column_stack([np.eye(2), slope])
 
-    branch = Continuation(DenseProblem(ending, 2, 1.0), Control(longest=0.2, shortest=1e-3))
+    branch = DenseProblem(ending, 2, 1.0, Control(longest=0.2, shortest=1e-3))
     point, step = branch.point(np.append(np.full(2, np.sqrt(0.1)), 0.0), np.array([0, 0, 1.0])), 0.1
 
     def follow(point, step):
@@ -80,14 +79,14 @@ def test_meshes_of_orbits_are_refined_on_the_way_and_beyond_1000_unknowns():
     motion = VectorField(model)
     sizes, last = [], None
     for step in followed(motion, from_hopf(motion, pp.hopf(model)), FINE):
-        orbit = step.end
+        orbit = orbit_at(step, step.length)
         sizes.append(orbit.rates.size)
         assert orbit.defects().max() <= FINE.defect
         assert orbit.states(np.array([0.0])) == pytest.approx(
             -orbit.states(np.array([np.pi])), abs=1e-9 * np.abs(orbit.starts).max()
         )
-        if step.begin.u < 9.0 <= orbit.u:
-            last = step.problem.orbit(step.segment.where(9.0))
+        if step.begin.p < 9.0 <= orbit.u:
+            last = step.problem.orbit(step.where(9.0))
             break
     assert sizes[0] == 4 * 8 * 20
     assert sizes[-1] > 1000

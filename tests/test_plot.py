@@ -103,6 +103,25 @@ def test_a_picture_of_little_or_nothing_is_drawn(draw):
     ax.figure.canvas.draw()
 
 
+def test_a_folded_boundary_is_one_line_through_all_crossings():
+    """At gamma = 10 the critical speed folds near beta = 0.62: three crossings, one beside."""
+    betas = [0.55, 0.61, 0.62, 0.7]
+    curve = pp.stability_curve(
+        lambda beta: pp.Galerkin(pp.Pipe(beta, 10.0), 20, "legendre"), betas, max_speed=15.0
+    )
+    found = [plot.boundaries(crossings) for crossings in curve.crossings]
+    assert [len(column) for column in found] == [1, 3, 3, 1]
+    (line,) = plot.stability_map({"a": curve}, ax=axes()).lines
+    drawn = line.get_xydata()
+    for beta, column in zip(curve.values, found, strict=True):
+        for crossing in column:
+            assert np.abs(drawn - [beta, crossing.speed]).max(axis=1).min() < 1e-12
+    turns = np.diff(np.sign(np.diff(drawn[:, 0]))).nonzero()[0]
+    assert turns.size == 2  # the tips of the fold
+    assert drawn[:, 0].max() == 0.7
+    assert (np.diff(drawn[:, 1]) > 0.0).all()
+
+
 def test_convergence_of_no_model_leaves_axes_that_have_no_positive_data_as_they_are():
     ax = axes()
     ax.plot([-1.0, 0.0], [-2.0, 0.0])

@@ -55,9 +55,9 @@ def test_the_reference_of_a_critical_speed_is_a_root_of_the_determinant():
         reference = CriticalSpeedOf().reference(pp.Pipe(beta), 1e-10)
         near = pp.critical_speed(pp.Galerkin(pp.Pipe(beta), 12, "legendre"))
         speed, _ = determinant_crossing(beta, near.speed, near.frequency, digits=35)
-        assert abs(reference.answer.values[0] / speed - 1.0) <= reference.error <= 1e-9
+        assert abs(reference.values[0] / speed - 1.0) <= reference.error <= 1e-9
     reference = CriticalSpeedOf().reference(PIPE, 1e-10)
-    assert abs(reference.answer.values[0] / EXACT - 1.0) <= reference.error
+    assert abs(reference.values[0] / EXACT - 1.0) <= reference.error
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_the_reference_of_a_critical_speed_is_a_root_of_the_determinant():
 def test_where_no_root_crosses_the_axis_the_reference_is_the_continuous_pipes_too(pipe):
     reference = CriticalSpeedOf().reference(pipe, 1e-8)
     exact = pp.critical_speed(pp.Continuum(pipe))
-    assert abs(reference.answer.values[0] - exact.speed) <= reference.error * exact.speed
+    assert abs(reference.values[0] - exact.speed) <= reference.error * exact.speed
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-9])
@@ -81,19 +81,19 @@ def test_linear_references_bound_their_own_error(pipe, tolerance):
     """Against 48 functions, twice as many as any of these references takes."""
     for quantity in (Frequencies(u=6.0), RootLociOver(speeds=[0.0, 3.0, 6.0], count=2)):
         reference = quantity.reference(pipe, tolerance)
-        sharp = replace(quantity.answer(pp.Galerkin(pipe, 48, "legendre")), others=None)
+        sharp = replace(quantity.answer(pp.Galerkin(pipe, 48, "legendre")), candidates=None)
         assert reference.error <= tolerance
         # What 48 functions leave of the overdamped cluster is no better than 1e-12.
-        answer = replace(reference.answer, others=None)
+        answer = replace(reference, candidates=None)
         assert quantity.distance(answer, sharp) <= reference.error + 1e-12
 
 
 @pytest.mark.parametrize(
     ("pipe", "quantity", "larger"),
     [
-        (DAMPED, MotionOf(u=6.0, duration=2.0), 14),
-        (pp.Pipe(0.3, damping=1e-3, drag=1.0), MotionOf(u=8.0, duration=1.5), 16),
-        (DAMPED, LimitCycleAt(u=6.0), 13),
+        (DAMPED, MotionOf(u=6.0, duration=2.0, rtol=1e-2), 14),
+        (pp.Pipe(0.3, damping=1e-3, drag=1.0), MotionOf(u=8.0, duration=1.5, rtol=1e-2), 16),
+        (DAMPED, LimitCycleAt(u=6.0, rtol=1e-2), 13),
     ],
     ids=["motion", "motion under drag", "cycle"],
 )
@@ -103,7 +103,7 @@ def test_nonlinear_references_bound_their_own_error(pipe, quantity, larger):
     reference = asked.reference(pipe, 1e-4)
     sharp = asked.solved_for(1e-6).answer(pp.Galerkin(pipe, larger, "legendre"))
     assert reference.error <= 1e-4
-    assert asked.distance(reference.answer, sharp) <= reference.error
+    assert asked.distance(reference, sharp) <= reference.error
 
 
 def test_a_chain_pair_agrees_with_the_reference_of_a_motion_under_drag():

@@ -10,6 +10,7 @@
 #include <pybind11/typing.h>
 
 #include <cmath>
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -23,11 +24,6 @@ namespace py = pybind11;
 using Numbers = py::array_t<double, py::array::c_style>;
 
 constexpr double highest_speed = 1e100;  // its square is finite
-
-inline std::string shown(py::handle value) {
-  const std::string text = py::repr(value);
-  return text.size() <= 60 ? text : text.substr(0, 57) + "...";
-}
 
 inline std::string shape_of(const py::array& array) { return py::repr(array.attr("shape")); }
 
@@ -85,20 +81,15 @@ struct Speeds {
 
   /// A number, or where states is a batch also shape (members,).
   Speeds(const char* name, py::handle value, const States& states) {
-    if (PyFloat_Check(value.ptr())) {
-      one = PyFloat_AS_DOUBLE(value.ptr());
-    } else if (PyLong_Check(value.ptr()) && !PyBool_Check(value.ptr())) {
-      one = PyLong_AsDouble(value.ptr());
+    if (PyFloat_Check(value.ptr()) || PyLong_CheckExact(value.ptr())) {
+      one = PyFloat_AsDouble(value.ptr());
       if (PyErr_Occurred() != nullptr) {  // more than a double holds
         PyErr_Clear();
         one = HUGE_VAL;
       }
     } else {
-      const char* const kind = states.one ? "a real number" : "a real number or an array of them";
-      if (PyBool_Check(value.ptr())) {
-        throw py::type_error(std::string(name) + " must be " + kind + ", got " + shown(value));
-      }
-      each = numbers_argument(name, kind, value);
+      each = numbers_argument(
+          name, states.one ? "a real number" : "a real number or an array of them", value);
       if (each->ndim() == 0) {
         one = *each->data();
         each.reset();
@@ -155,38 +146,32 @@ inline NumberOrArray row_of(const Numbers& results, py::ssize_t i) {
 
 using Unlocked = py::call_guard<py::gil_scoped_release>;
 
-/// Works without the interpreter lock where the work outweighs giving it up and taking it again.
-/// amount: in units of one segment's share of a chain's rhs.
-template <class Work>
-void run(py::ssize_t amount, const Work& work) {
-  constexpr py::ssize_t worth_it = 64;
-  if (amount < worth_it) {
-    work();
-    return;
-  }
-  const py::gil_scoped_release unlocked;
-  work();
-}
+/// Gives up the interpreter lock where the work outweighs giving it up and taking it again. amount:
+/// in units of one segment's share of a chain's rhs.
+struct UnlockedFor {
+  std::optional<py::gil_scoped_release> unlocked;
 
-/// What work(batch, out) makes of states (rows,) or (rows, k) and their speeds: (results,) or
-/// (results, k). cost: of a member, as in `run`.
-template <class Work>
-Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost, const py::object& y,
-                   const py::object& u, const Work& work) {
+  explicit UnlockedFor(py::ssize_t amount) {
+    constexpr py::ssize_t worth_it = 64;
+    if (amount >= worth_it) unlocked.emplace();
+  }
+};
+
+/// What is done with a batch; writes its results (rows, members).
+using Work = std::function<void(const Batch&, double*)>;
+
+/// What work makes of states (rows,) or (rows, k) and their speeds: (results,) or (results, k).
+/// cost: of a member, as for `UnlockedFor`.
+inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
+                          const py::object& y, const py::object& u, const Work& work) {
   const States states("y", y, rows);
   const Speeds speeds("u", u, states);
   Numbers made = new_numbers(results, states.members, states.one);
   const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   double* const out = made.mutable_data();
-  run(cost * states.members, [&] { work(batch, out); });
+  const UnlockedFor unlocked(cost * states.members);
+  work(batch, out);
   return made;
-}
-
-/// The same of the states' shape.
-template <class Work>
-Numbers rates_of(py::ssize_t rows, py::ssize_t cost, const py::object& y, const py::object& u,
-                 const Work& work) {
-  return results_of(rows, rows, cost, y, u, work);
 }
 
 /// Energy of each member. rows, cost: as for `results_of`.
@@ -203,10 +188,7 @@ using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, Num
 template <class Model>
 Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
                const py::object& u) {
-  const auto work = [&](const Batch& batch, double* out) {
-    const py::ssize_t k = batch.members;
-    model.power(batch, {out, out + k, out + 2 * k, out + 3 * k});
-  };
+  const auto work = [&](const Batch& batch, double* out) { model.power(batch, out); };
   const Numbers parts = results_of(rows, 4, cost, y, u, work);
   return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2), row_of(parts, 3));
 }

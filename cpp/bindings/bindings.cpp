@@ -36,20 +36,6 @@ py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
 
 template <class Model>
-Numbers rhs(const Model& model, const py::object&, const py::object& y, const py::object& u) {
-  return pipedyn::rates_of(2 * model.dof(), work_of(model), y, u,
-                           [&](const Batch& batch, double* out) { model.rhs(batch, out); });
-}
-
-template <class Model>
-Numbers rhs_and_power(const Model& model, const py::object&, const py::object& y,
-                      const py::object& u) {
-  return pipedyn::rates_of(
-      2 * model.dof() + 1, work_of(model), y, u,
-      [&](const Batch& batch, double* out) { pipedyn::rhs_and_power(model, batch, out); });
-}
-
-template <class Model>
 Numbers jacobian(const Model& model, const py::object&, const py::object& y, const py::object& u) {
   const py::ssize_t rows = 2 * model.dof();
   const States states("y", y, rows, false);
@@ -57,27 +43,38 @@ Numbers jacobian(const Model& model, const py::object&, const py::object& y, con
   Numbers result({rows, rows});
   const double* const state = states.values.data();
   double* const out = result.mutable_data();
-  pipedyn::run(rows * work_of(model), [&] { model.jacobian(state, speeds.one, out); });
+  const pipedyn::UnlockedFor unlocked(rows * work_of(model));
+  model.jacobian(state, speeds.one, out);
   return result;
 }
 
 template <class Model>
-NumberOrArray energy(const Model& model, const py::object& y) {
-  return pipedyn::energy_of(model, 2 * model.dof(), work_of(model), y);
-}
-
-template <class Model>
-pipedyn::Parts power(const Model& model, const py::object& y, const py::object& u) {
-  return pipedyn::power_of(model, 2 * model.dof(), work_of(model), y, u);
-}
-
-template <class Model>
 void define_motion(py::class_<Model>& model) {
-  model.def("rhs", rhs<Model>, "t"_a, "y"_a, "u"_a)
-      .def("rhs_and_power", rhs_and_power<Model>, "t"_a, "y"_a, "u"_a)
+  using py::object;
+  // Rates of states that have so many rows besides [p, p'].
+  const auto rates = [](auto work, py::ssize_t more) {
+    return [work, more](const Model& of, const object&, const object& y, const object& u) {
+      const py::ssize_t rows = 2 * of.dof() + more;
+      return pipedyn::results_of(
+          rows, rows, work_of(of), y, u,
+          [&](const Batch& batch, double* out) { work(of, batch, out); });
+    };
+  };
+  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a)
+      .def("rhs_and_power", rates(pipedyn::rhs_and_power<Model>, 1), "t"_a, "y"_a, "u"_a)
       .def("jacobian", jacobian<Model>, "t"_a, "y"_a, "u"_a)
-      .def("energy", energy<Model>, "y"_a)
-      .def("power", power<Model>, "y"_a, "u"_a);
+      .def(
+          "energy",
+          [](const Model& of, const object& y) {
+            return pipedyn::energy_of(of, 2 * of.dof(), work_of(of), y);
+          },
+          "y"_a)
+      .def(
+          "power",
+          [](const Model& of, const object& y, const object& u) {
+            return pipedyn::power_of(of, 2 * of.dof(), work_of(of), y, u);
+          },
+          "y"_a, "u"_a);
 }
 
 }  // namespace
@@ -140,7 +137,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
              double velocity,
              double flux) { return chain.joint_times(x, {still, rate, square, velocity, flux}); },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
-          "flux"_a = 0.0, Unlocked());
+          "flux"_a = 0.0, Unlocked())
+      .def("places", &Chain::places)
+      .def("loads", &Chain::loads, "stations"_a);
   define_motion(chain);
 
   py::class_<Galerkin> galerkin(m, "Galerkin");

@@ -175,16 +175,6 @@ void define_linear(py::module_& m) {
       .def("factorisations", &Spectrum::factorisations);
 
   py::class_<Operator, std::shared_ptr<Operator>>(m, "Operator");
-  py::class_<CalledOperator, Operator, std::shared_ptr<CalledOperator>>(m, "CalledOperator")
-      .def(py::init([](const decltype(CalledOperator::Functions::multiply)& multiply,
-                       const decltype(CalledOperator::Functions::by_speed)& by_speed,
-                       const decltype(CalledOperator::Functions::factor)& factor,
-                       const decltype(CalledOperator::Functions::inverse)& inverse, Index dof,
-                       double size) {
-             return std::make_shared<CalledOperator>(
-                 CalledOperator::Functions{multiply, by_speed, factor, inverse}, dof, size);
-           }),
-           "multiply"_a, "by_speed"_a, "factor"_a, "inverse"_a, "dof"_a, "size"_a);
   const Lapack lapack = scipy_lapack();
   py::class_<DenseOperator, Operator, std::shared_ptr<DenseOperator>>(m, "DenseOperator")
       .def(py::init([lapack](DenseOperator::Matrices of, double size) {
@@ -194,7 +184,7 @@ void define_linear(py::module_& m) {
       .def(
           "inverse",
           [](const DenseOperator& p, double shift, bool velocity_free, bool left) {
-            return p.inverse(shift, velocity_free, left, 2 * p.dof);
+            return p.inverse(shift, velocity_free, left);
           },
           py::call_guard<py::gil_scoped_release>(), "shift"_a, "velocity_free"_a, "left"_a);
   py::class_<DenseOperators>(m, "DenseOperators")
@@ -210,14 +200,14 @@ void define_linear(py::module_& m) {
       .def(
           py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
                       bool squared, const std::variant<DenseOperators, Eigenproblem::At>& operators,
-                      bool free_at_rest, bool complete, const std::optional<Amend>& amend,
+                      bool free_at_rest, const std::optional<Amend>& amend,
                       const std::optional<std::shared_ptr<Eigenproblem>>& statics) {
             return std::make_shared<Eigenproblem>(
                 Traits{dof, delta, zero, damped, conservative, squared}, matrices_of(operators),
-                complete, free_at_rest, amend.value_or(nullptr), statics.value_or(nullptr));
+                free_at_rest, amend.value_or(nullptr), statics.value_or(nullptr));
           }),
           "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
-          "free_at_rest"_a, "complete"_a, "amend"_a = py::none(), "statics"_a = py::none())
+          "free_at_rest"_a, "amend"_a = py::none(), "statics"_a = py::none())
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a,
            py::call_guard<py::gil_scoped_release>())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a,

@@ -15,23 +15,9 @@ using namespace py::literals;
 
 namespace {
 
-/// From weights (m, 3 n).
-std::vector<Row> inertia_of(const Matrix& weights) {
-  std::vector<Row> made;
-  for (const auto& weight : weights.rowwise()) {
-    Row& row = made.emplace_back(Row{{}, {}, 1.0});
-    for (Index k = 0; k < weight.size(); ++k) {
-      if (weight[k] == 0.0) continue;
-      row.coordinate.push_back(k);
-      row.weight.push_back(weight[k]);
-    }
-  }
-  return made;
-}
-
 /// Work of a scene's state, in that of a chain's segment.
 py::ssize_t work_of(const Scene& scene) {
-  return scene.dof() * static_cast<py::ssize_t>(2 + 3 * scene.rows().size());
+  return scene.dof() * static_cast<py::ssize_t>(2 + 3 * scene.compliance().size());
 }
 
 /// Work on a batch of the states y, (rows,) or (rows, k), and of as many further moments, or none.
@@ -40,7 +26,7 @@ Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, c
                     const py::object& moments, const Work& work) {
   std::optional<States> further;
   if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
-  return rates_of(rows, work_of(scene), y, u, [&](Batch batch, double* out) {
+  return results_of(rows, rows, work_of(scene), y, u, [&](Batch batch, double* out) {
     if (further) {
       if (batch.members != further->members) {
         throw std::invalid_argument("moments must have as many columns as y, got " +
@@ -60,7 +46,7 @@ struct Redundant {
     const Matrix y = scene.angles(batch);
     scene.energy({y.data(), batch.u, batch.members, batch.u_step}, out);
   }
-  void power(const Batch& batch, const PowerParts& out) const {
+  void power(const Batch& batch, double* out) const {
     const Matrix y = scene.angles(batch);
     scene.power({y.data(), batch.u, batch.members, batch.u_step}, out);
   }
@@ -89,23 +75,10 @@ Matrix jacobian(const Scene& scene, const Vector& y, double u, const Vector& mom
   return made;
 }
 
-/// The weights of each row (rows, 3 n), and its compliance.
-std::pair<Matrix, Vector> rows(const Scene& scene) {
-  const auto count = static_cast<Index>(scene.rows().size());
-  Matrix weights = Matrix::Zero(count, scene.coordinates());
-  Vector compliance(count);
-  Index i = 0;
-  for (const auto& [coordinate, weight, own] : scene.rows()) {
-    for (std::size_t k = 0; k < weight.size(); ++k) weights(i, coordinate[k]) += weight[k];
-    compliance[i++] = own;
-  }
-  return {weights, compliance};
-}
-
 /// theta'' and the force along each row.
 std::pair<Vector, Vector> reactions(const Scene& scene, const Vector& y, double u,
                                     const Vector& moments) {
-  Vector rates(y.size()), multipliers(static_cast<Index>(scene.rows().size()));
+  Vector rates(y.size()), multipliers(scene.compliance().size());
   scene.rhs({y.data(), &u, 1, 0, moments.data()}, rates.data(), multipliers.data());
   return {rates.tail(scene.dof()), multipliers};
 }
@@ -122,18 +95,15 @@ void define_scene(py::module_& m) {
                                      std::move(gyration_radius), std::move(spring),
                                      std::move(drag_point),      base,
                                      std::move(damping),         std::move(rest_moment)};
-             return std::make_unique<Scene>(pipe, segments, inertia_of(inertia), held, value);
+             return std::make_unique<Scene>(pipe, segments, inertia, held, value);
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "damping"_a,
            "rest_moment"_a, "drag_point"_a, "base"_a, "inertia"_a, "held"_a, "value"_a)
       .def_property_readonly("coordinates", &Scene::coordinates)
-      .def("rows", rows)
+      .def_property_readonly("weights", &Scene::weights)
+      .def_property_readonly("compliance", &Scene::compliance)
       .def("bodies", &Scene::bodies)
-      .def("places", [](const Scene& scene) { return scene.chain().places(); })
-      .def(
-          "loads",
-          [](const Scene& scene, const Matrix& stations) { return scene.chain().loads(stations); },
-          "stations"_a)
+      .def_property_readonly("chain", &Scene::chain)
       .def("from_angles", from_angles, "theta"_a, "omega"_a)
       .def(
           "project",

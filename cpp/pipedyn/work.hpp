@@ -17,14 +17,11 @@ void rhs_and_power(const Model& model, const Batch& batch, double* rates) {
   const std::ptrdiff_t members = batch.members;
   thread_local std::vector<double> parts;
   if (parts.size() < static_cast<std::size_t>(4 * members)) parts.resize(4 * members);
-  double* const flow = parts.data();
-  double* const joints = flow + members;
-  double* const drag = joints + members;
-  double* const others = drag + members;
-  model.power(batch, {flow, joints, drag, others});
+  model.power(batch, parts.data());
   double* const total = rates + 2 * model.dof() * members;
   for (std::ptrdiff_t j = 0; j < members; ++j) {
-    total[j] = flow[j] + joints[j] + drag[j] + others[j];
+    const double* const of = parts.data() + j;
+    total[j] = of[0] + of[members] + of[2 * members] + of[3 * members];
   }
 }
 

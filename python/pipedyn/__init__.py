@@ -7,9 +7,8 @@ from types import ModuleType as _ModuleType
 from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
-from pipedyn.bifurcation.branches import CycleBranch
+from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.brute_force import Attractor
-from pipedyn.bifurcation.cycles import LimitCycle, NoCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
 from pipedyn.bifurcation.equilibria import (
     BranchPoint,
@@ -18,9 +17,8 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
-from pipedyn.bifurcation.events import CycleEvent
 from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, NoHopf, criticality_curve, hopf
-from pipedyn.bifurcation.limit_cycle import limit_cycle
+from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity

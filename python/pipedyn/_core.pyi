@@ -11,7 +11,6 @@ import typing
 
 __all__: list[str] = [
     "AxisCrossing",
-    "CalledOperator",
     "Chain",
     "ChainSpectrum",
     "DenseOperator",
@@ -50,8 +49,6 @@ class Pipe:
             ]
         ] = [],
     ) -> None: ...
-    @property
-    def direction(self) -> float: ...
     @property
     def resisted(self) -> bool: ...
 
@@ -96,9 +93,13 @@ class Chain:
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def loads(
+        self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def operators(
         self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
+    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
@@ -252,43 +253,6 @@ class Spectrum:
 class Operator:
     pass
 
-class CalledOperator(Operator):
-    def __init__(
-        self,
-        multiply: collections.abc.Callable[
-            [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]],
-            tuple[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-            ],
-        ],
-        by_speed: collections.abc.Callable[
-            [
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-            ],
-            typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-        ],
-        factor: collections.abc.Callable[
-            [complex],
-            collections.abc.Callable[
-                [typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"], bool],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-            ],
-        ],
-        inverse: collections.abc.Callable[
-            [float, bool, bool, int],
-            tuple[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-            ],
-        ],
-        dof: typing.SupportsInt | typing.SupportsIndex,
-        size: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> None: ...
-
 class DenseOperator(Operator):
     def __init__(
         self,
@@ -333,7 +297,6 @@ class Eigenproblem(Spectrum):
         squared: bool,
         operators: DenseOperators | collections.abc.Callable[[float], Operator],
         free_at_rest: bool,
-        complete: bool,
         amend: collections.abc.Callable[
             [
                 float,
@@ -415,10 +378,6 @@ class Scene:
         u: typing.SupportsFloat | typing.SupportsIndex,
         moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def loads(
-        self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
@@ -451,19 +410,19 @@ class Scene:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def rows(
-        self,
-    ) -> tuple[
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
-    ]: ...
     def solve(
         self,
         theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
+    def chain(self) -> Chain: ...
+    @property
+    def compliance(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
     def coordinates(self) -> int: ...
+    @property
+    def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 def set_vector_level(name: str) -> None: ...
 def sincos(

@@ -3,15 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <stdexcept>
 #include <string>
 #include <utility>
 
-#include "pipedyn/chain/places.hpp"
 #include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/levels.hpp"
-#include "pipedyn/vector/scratch.hpp"
 
 namespace pipedyn {
 
@@ -21,6 +18,33 @@ void require_rows(Index rows, Index dof) {
   if (rows != dof) {
     throw std::invalid_argument("expected one row a segment, " + std::to_string(dof) + ", got " +
                                 std::to_string(rows));
+  }
+}
+
+/// Calls body(law, term, segment, arm, weight) for each place where a term acts, segments counted
+/// from 0. The weight is 1, or the length that a Gauss point stands for: a law per length acts at
+/// two of each segment, which is exact where it is linear in position and velocity. What acts at a
+/// place of the fixed base moves nothing and is left out. base: length of that part.
+template <class Body>
+void for_each_place(const Terms& terms, const Vector& length, double base, const Body& body) {
+  const Index n = length.size();
+  for (const Term& term : terms) {
+    Laws::with(term, [&](const auto& law) {
+      if (law.along) {
+        const double gauss = 0.5 / std::sqrt(3.0);
+        for (Index j = 0; j < n; ++j) {
+          for (const double point : {0.5 - gauss, 0.5 + gauss}) {
+            body(law, term, j, point * length[j], 0.5 * length[j]);
+          }
+        }
+        return;
+      }
+      if (term.at <= base) return;
+      Index j = 0;
+      double start = base;
+      while (j + 1 < n && term.at > start + length[j]) start += length[j++];
+      body(law, term, j, std::min(term.at - start, length[j]), 1.0);
+    });
   }
 }
 
@@ -91,36 +115,27 @@ void Chain::linearise() {
   const Index n = dof();
   const Vector straight = Vector::Zero(n), one = Vector::Ones(n);
   const std::vector<LoadMoments> sums = loads_at(motion(), straight, one);
-  double tension = 0.0;
-  linear_.resize(sums.size());
+  double tension = 0.0;  // of loads along the pipe beyond
   impedances_.resize(sums.size());
   impedance_sizes_.resize(sums.size());
   for (Index j = n - 1; j >= 0; --j) {
     const Link& link = this->link(j);
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
-    const auto moments = [&slopes = slopes](double (Slopes::*by)[2][2]) {
-      return Moments{-(slopes[0].*by)[0][0], -(slopes[1].*by)[0][0], -(slopes[2].*by)[0][0]};
-    };
-    linear_[static_cast<std::size_t>(j)] = {
-        .mass = {link.mass, link.first_moment, link.inertia},
-        .stiffness = moments(&Slopes::by_position),
-        .damping = moments(&Slopes::by_velocity),
-        .turned = {-slopes[0].by_angle[0], -slopes[1].by_angle[0]},
-        .held = link.length * tension + load[1][1]};
+    const double held = link.length * tension + load[1][1] - slopes[1].by_angle[0];
     tension += load[0][1];
-    const auto& [mass, stiffness, damping, turned, held] = linear_[static_cast<std::size_t>(j)];
-    const double weight = pipe_.gamma * first_moment_[j];
-    const auto impedance = [&](const auto& term) {
-      const auto parts = [&](double Moments::* power, double own = 0.0, double more = 0.0) {
-        return ImpedanceParts{term(stiffness.*power) + term(own) + term(more), term(damping.*power),
-                              term(mass.*power)};
+    const auto impedance = [&, &slopes = slopes](const auto& term) {
+      // power: of the arm; own and weight: what an angle adds.
+      const auto parts = [&](int power, double mass, double own = 0.0, double weight = 0.0) {
+        const Slopes& loads = slopes[power];
+        return ImpedanceParts{term(-loads.by_position[0][0]) + term(own) + term(weight),
+                              term(-loads.by_velocity[0][0]), term(mass)};
       };
       return ImpedanceSegment{.length = link.length,
                               .joint = {link.spring, link.damping, 0.0},
-                              .force = parts(&Moments::zeroth),
-                              .across = parts(&Moments::first),
-                              .turned = parts(&Moments::first, turned[0]),
-                              .moment = parts(&Moments::second, turned[1] + held, weight)};
+                              .force = parts(0, link.mass),
+                              .across = parts(1, link.first_moment),
+                              .turned = parts(1, link.first_moment, -slopes[0].by_angle[0]),
+                              .moment = parts(2, link.inertia, held, link.weight)};
     };
     impedances_[static_cast<std::size_t>(j)] = impedance([](double x) { return x; });
     impedance_sizes_[static_cast<std::size_t>(j)] = impedance([](double x) { return std::abs(x); });
@@ -155,35 +170,28 @@ Chain Chain::coarser(Index segments) const {
   Vector compliance = Vector::Zero(groups), loss = compliance;  // of 1 / (k + c lambda)
   for (Index group = 0, j = 0; group < groups; ++group) {
     const Index start = j, end = ends[static_cast<std::size_t>(group)];
-    Moments mass;  // about the group's joint
+    double mass = 0.0, first = 0.0, second = 0.0;  // with powers of the distance from its joint
     double at = 0.0;
     const double length = l.segment(start, end - start).sum();
     for (; j < end; at += l[j], ++j) {
       const double middle = at + chi[j] * l[j], own = l[j];
-      mass.zeroth += own;
-      mass.first += own * middle;
-      mass.second += own * (middle * middle + eta[j] * eta[j]);
+      mass += own;
+      first += own * middle;
+      second += own * (middle * middle + eta[j] * eta[j]);
       // A joint beyond the middle moves what follows; beyond the last group's nothing does.
       const Index nearest = at <= 0.5 * length ? group : group + 1;
       if (nearest == groups) continue;
       compliance[nearest] += soft[j];
       loss[nearest] += own_damping[j] * soft[j] * soft[j];
     }
-    const double centre = mass.first / mass.zeroth;
+    const double centre = first / mass;
     joined.length[group] = length;
     joined.center[group] = centre / length;
-    joined.gyration_radius[group] =
-        std::sqrt(std::max(mass.second / mass.zeroth - centre * centre, 0.0));
+    joined.gyration_radius[group] = std::sqrt(std::max(second / mass - centre * centre, 0.0));
   }
   joined.spring = compliance.cwiseInverse();
   joined.damping = loss.cwiseProduct(joined.spring.cwiseAbs2());
   return Chain(pipe_, std::move(joined));
-}
-
-void Moments::before(double l, const Moments& own) {
-  second += 2.0 * l * first + l * l * zeroth + own.second;
-  first += l * zeroth + own.first;
-  zeroth += own.zeroth;
 }
 
 Operators Chain::operators(const Vector& angles) const {
@@ -267,31 +275,33 @@ Operators Chain::joint_operators(const Vector& scale) const {
   const Vector& l = segments_.length;
   const double sqrt_beta = pipe_.sqrt_beta();
   Operators ops(n);
-  Moments mass, stiffness, damping;  // of all beyond joint j, about joint j
-  double beyond = 0.0, held = 0.0, turned = 0.0, turning = 0.0;
+  ImpedanceSegment all{};  // all beyond joint j as one rigid segment
   for (Index j = n - 1; j >= 0; --j) {
-    const LinearSegment& own = linear_[static_cast<std::size_t>(j)];
-    mass.before(l[j], own.mass);
-    stiffness.before(l[j], own.stiffness);
-    damping.before(l[j], own.damping);
-    beyond += l[j];
-    held += own.held;
-    turning += l[j] * turned + own.turned[1];
-    turned += own.turned[0];
+    const ImpedanceSegment& own = impedances_[static_cast<std::size_t>(j)];
+    for (const auto of : {&ImpedanceParts::still, &ImpedanceParts::rate, &ImpedanceParts::square}) {
+      const double carried = l[j] * all.force.*of;
+      all.moment.*of +=
+          l[j] * (all.across.*of + all.turned.*of) + l[j] * l[j] * all.force.*of + own.moment.*of;
+      all.across.*of += carried + own.across.*of;
+      all.turned.*of += carried + own.turned.*of;
+      all.force.*of += own.force.*of;
+    }
+    const double beyond = all.length += l[j];
     double distance = 0.0;  // from joint i to joint j
     for (Index i = j; i >= 0; --i) {
       if (i < j) distance += l[i];
       const double s = scale[i] * scale[j];
-      ops.mass(i, j) = ops.mass(j, i) = s * (mass.second + distance * mass.first);
+      const auto coupling = [&](const ImpedanceParts& other, double ImpedanceParts::* part) {
+        return s * (all.moment.*part + distance * other.*part);
+      };
+      ops.mass(i, j) = ops.mass(j, i) = coupling(all.across, &ImpedanceParts::square);
+      ops.damping(i, j) = ops.damping(j, i) = coupling(all.across, &ImpedanceParts::rate);
+      ops.stiffness(i, j) = coupling(all.turned, &ImpedanceParts::still);
+      ops.stiffness(j, i) = coupling(all.across, &ImpedanceParts::still);
       ops.gyroscopic(i, j) = s * sqrt_beta * distance * beyond;
       ops.gyroscopic(j, i) = -ops.gyroscopic(i, j);
       ops.end_flux(i, j) = ops.end_flux(j, i) = s * sqrt_beta * (distance + beyond) * beyond;
       ops.flux(i, j) = s * distance;
-      ops.damping(i, j) = ops.damping(j, i) = s * (damping.second + distance * damping.first);
-      ops.stiffness(i, j) = ops.stiffness(j, i) =
-          s * pipe_.gamma * mass.first +
-          s * (stiffness.second + distance * stiffness.first + held + turning);
-      if (i < j) ops.stiffness(i, j) += s * distance * turned;
     }
     const double elastic = segments_.spring[j] * scale[j] * scale[j];
     ops.stiffness(j, j) += elastic;
@@ -349,11 +359,9 @@ Chain Chain::without_forces() const {
 
 Matrix Chain::bodies() const {
   Matrix out(dof(), 3);
-  for (Index j = 0; j < dof(); ++j) {
-    out(j, 0) = link(j).mass;
-    out(j, 1) = segments_.center[j];
-    out(j, 2) = segments_.gyration_radius[j];
-  }
+  for (Index j = 0; j < dof(); ++j) out(j, 0) = link(j).mass;
+  out.col(1) = segments_.center;
+  out.col(2) = segments_.gyration_radius;
   return out;
 }
 
@@ -370,15 +378,13 @@ Matrix Chain::loads(const Matrix& stations) const {
   if (stations.rows() != static_cast<Index>(loads_.size()) || stations.cols() != 7) {
     throw std::invalid_argument("stations must have one row of 7 numbers a place");
   }
-  Matrix out(stations.rows(), 12);
+  Matrix out(stations.rows(), 2);
   for (Index i = 0; i < out.rows(); ++i) {
     const auto row = stations.row(i);
     const Station<double> at{row[0], row[1], row[2], row[3], row[4], row[5], row[6]};
     Laws::with(loads_[static_cast<std::size_t>(i)].term, [&](const auto& law) {
       const Load<double> load = law.load(at);
-      const auto [position, velocity, angle] = law.slopes(at);
-      out.row(i) << load.x, load.y, position[0][0], position[0][1], position[1][0], position[1][1],
-          velocity[0][0], velocity[0][1], velocity[1][0], velocity[1][1], angle[0], angle[1];
+      out.row(i) << load.x, load.y;
     });
   }
   return out;
@@ -399,24 +405,19 @@ MotionModel Chain::motion() const {
 }
 
 void Chain::rhs(const Batch& batch, double* rates) const {
-  const MotionKernel& kernel = motion_kernel();
-  kernel.rhs(motion(), batch, rates, scratch(kernel.scratch_size(dof(), batch.members)));
+  motion_kernel().rhs(motion(), batch, rates);
 }
 
 void Chain::jacobian(const double* y, double u, double* out, const double* moments) const {
-  const MotionKernel& kernel = motion_kernel();
-  kernel.jacobian(motion(), {y, &u, 1, 0, moments}, out,
-                  scratch(kernel.jacobian_scratch_size(dof())));
+  motion_kernel().jacobian(motion(), {y, &u, 1, 0, moments}, out);
 }
 
 void Chain::energy(const Batch& batch, double* out) const {
-  const MotionKernel& kernel = motion_kernel();
-  kernel.energy(motion(), batch, out, scratch(kernel.scratch_size(dof(), batch.members)));
+  motion_kernel().energy(motion(), batch, out);
 }
 
-void Chain::power(const Batch& batch, const PowerParts& out) const {
-  const MotionKernel& kernel = motion_kernel();
-  kernel.power(motion(), batch, out, scratch(kernel.scratch_size(dof(), batch.members)));
+void Chain::power(const Batch& batch, double* out) const {
+  motion_kernel().power(motion(), batch, out);
 }
 
 }  // namespace pipedyn

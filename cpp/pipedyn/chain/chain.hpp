@@ -32,9 +32,9 @@
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = drag_k,
 // where the force -kappa l_j |v_j| v_j acts across each segment at its drag point; solved in O(n).
 //
-// The terms of the pipe (terms/) act where stations.hpp puts them. A mass on a segment changes the
-// segment's own mass, centre and radius of gyration: sum_{i>k} l_i in M and p_k becomes the mass
-// beyond, while the flow's terms keep the lengths. A load f at an arm a of segment j adds
+// The terms of the pipe (terms/) act at places of the segments (stations.hpp). A mass on a segment
+// changes the segment's own mass, centre and radius of gyration: sum_{i>k} l_i in M and p_k becomes
+// the mass beyond, while the flow's terms keep the lengths. A load f at an arm a of segment j adds
 // -n_k . f times l_k, k < j, or a, k = j, to row k.
 #pragma once
 
@@ -57,23 +57,6 @@ struct Segments {
   double base = 0.0;       // length of the fixed part at the clamp
   Vector damping{};        // c_j of the joints; where empty delta k_j
   Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
-};
-
-/// A sum over places of one segment or of all beyond a joint, with powers 0, 1, 2 of the distance
-/// from the joint.
-struct Moments {
-  double zeroth = 0.0, first = 0.0, second = 0.0;
-
-  /// About the joint of the segment of length l before this one, with what is on that segment.
-  void before(double l, const Moments& own);
-};
-
-/// What one segment and the loads on it add to the linear operators of the straight pipe.
-struct LinearSegment {
-  Moments mass;                // against acceleration across the pipe
-  Moments stiffness, damping;  // of the loads, against displacement and velocity
-  double turned[2];            // force and moment of the loads against the segment's own angle
-  double held;                 // moment against it of loads along the pipe, here and beyond
 };
 
 /// What multiplies the parts of P: stiffness, damping and inertia, and s (gyroscopic + end_flux)
@@ -119,9 +102,8 @@ class Chain {
 
   /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
   Matrix places() const;
-  /// The laws' answers there, without the weights, at stations (k, 7) with the columns of Station:
-  /// load and its derivatives by position, velocity (both by rows) and angle (k, 12). Throws
-  /// std::invalid_argument unless there is a station for each place.
+  /// The laws' loads there (k, 2), without the weights, at stations (k, 7) with the columns of
+  /// Station. Throws std::invalid_argument unless there is a station for each place.
   Matrix loads(const Matrix& stations) const;
 
   // Motion, with the vectors that the processor has (levels.hpp). A state y = [theta, theta'] has
@@ -135,8 +117,9 @@ class Chain {
   void jacobian(const double* y, double u, double* out, const double* moments = nullptr) const;
   /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, joints and drag add to the energy in unit time; their sum is dE/dtau.
-  void power(const Batch& batch, const PowerParts& out) const;
+  /// What flow, joints, drag and terms (others) add to the energy in unit time, (4, members); their
+  /// sum is dE/dtau.
+  void power(const Batch& batch, double* out) const;
 
  private:
   Pipe pipe_;
@@ -145,8 +128,7 @@ class Chain {
   bool damped_, bent_;   // any joint, the second at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
-  std::vector<LinearSegment> linear_;
-  std::vector<ImpedanceSegment> impedances_, impedance_sizes_;
+  std::vector<ImpedanceSegment> impedances_, impedance_sizes_;  // about the straight pipe
 
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();

@@ -115,9 +115,9 @@ void add_loads_to(Source& source, const LoadMoments& loads, const Frame& frame, 
   if (angle) {
     force = plus(force, times(loads.slopes[1].by_position, frame.n));
     about = plus(about, times(loads.slopes[2].by_position, frame.n));
-    force = plus(force, {loads.slopes[0].by_angle[0], loads.slopes[0].by_angle[1]});
-    about = plus(about, {loads.slopes[1].by_angle[0], loads.slopes[1].by_angle[1]});
-    source.moment -= dot(frame.t, {loads.load[1][0], loads.load[1][1]});
+    force = plus(force, plane(loads.slopes[0].by_angle));
+    about = plus(about, plane(loads.slopes[1].by_angle));
+    source.moment -= dot(frame.t, plane(loads.load[1]));
   }
   source.force_t -= dot(frame.t, force);
   source.force_n -= dot(frame.n, force);
@@ -157,8 +157,10 @@ struct Columns {
   Kept* kept;
   LoadMoments* loads;
 
-  Columns(double* scratch, Count n) {
-    bx = scratch;
+  explicit Columns(Count n) {
+    const Count numbers_kept = static_cast<Count>(
+        (2 * sizeof(Plane) + sizeof(Kept) + sizeof(LoadMoments)) / sizeof(double));
+    bx = pipedyn::scratch(16 * n + 2 * whole_packs(n) + Sweep<double>::size(n) + numbers_kept * n);
     by = bx + 2 * n;
     ax = by + 2 * n;
     ay = ax + 2 * n;
@@ -173,11 +175,6 @@ struct Columns {
     position_answer = answer + n;
     kept = reinterpret_cast<Kept*>(position_answer + n);
     loads = reinterpret_cast<LoadMoments*>(kept + n);
-  }
-  static Count size(Count n) {
-    const Count numbers_kept = static_cast<Count>(
-        (2 * sizeof(Plane) + sizeof(Kept) + sizeof(LoadMoments)) / sizeof(double));
-    return 16 * n + 2 * whole_packs(n) + Sweep<double>::size(n) + numbers_kept * n;
   }
   Frame frame(Count k) const { return Frame(sine[k], cosine[k]); }
 };
@@ -283,14 +280,13 @@ void columns_outward(const MotionModel& model, const Columns& columns, double* o
   }
 }
 
-Count jacobian_scratch_size(Count n) { return Columns::size(n); }
-
-void jacobian(const MotionModel& model, const Batch& one, double* out, double* scratch) {
+void jacobian(const MotionModel& model, const Batch& one, double* out) {
   const Count n = model.size;
   const double* const y = one.y;
   const double u = one.u[0];
-  const Columns columns(scratch, n);
-  accelerations_of<true>(model, Members<double>{one, 0, 1}, nullptr, columns.sweeps, columns.kept);
+  const Columns columns(n);
+  const Sweep<double> sweep(n, columns.sweeps);
+  accelerations_of<true>(model, Members<double>{one, 0, 1}, sweep, nullptr, columns.kept);
   double* const angles = columns.sweeps;
   for (Count j = 0; j < whole_packs(n); ++j) angles[j] = j < n ? y[j] : 0.0;
   sincos(angles, n, columns.sine, columns.cosine);

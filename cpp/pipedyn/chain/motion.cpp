@@ -17,8 +17,6 @@
 
 namespace {
 
-using pipedyn::PowerParts;
-
 /// Calls body(law, place, station) for each place with a load, of angles and rates that were read.
 template <class Real, class Body>
 void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Body& body) {
@@ -31,10 +29,14 @@ void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Bod
 }
 
 template <class Real>
-void energy_of(const MotionModel& model, const Members<Real>& members, double* out,
-               double* scratch) {
+void rhs_of(const MotionModel& model, const Members<Real>& members, double* rates) {
+  accelerations_of<false>(model, members, Sweep<Real>(model.size), rates, nullptr);
+}
+
+template <class Real>
+void energy_of(const MotionModel& model, const Members<Real>& members, double* out) {
   const Count n = model.size;
-  const Sweep<Real> sweep(scratch, n);
+  const Sweep<Real> sweep(n);
   Real twice{};
   if (model.gravity != 0.0) {  // 1 - cos theta = 2 sin^2 (theta / 2)
     for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, 0.5 * members.row(j));
@@ -59,14 +61,13 @@ void energy_of(const MotionModel& model, const Members<Real>& members, double* o
   for_each_load(model, sweep, [&](const auto& law, const SegmentTerm& place, const auto& at) {
     twice += (2.0 * place.weight) * law.energy(at);
   });
-  members.write(out + members.first, 0.5 * twice);
+  members.set_row(out, 0, 0.5 * twice);
 }
 
 template <class Real>
-void power_of(const MotionModel& model, const Members<Real>& members, const PowerParts& out,
-              double* scratch) {
+void power_of(const MotionModel& model, const Members<Real>& members, double* out) {
   const Count n = model.size;
-  const Sweep<Real> sweep(scratch, n);
+  const Sweep<Real> sweep(n);
   read_state(members, n, sweep);
   Real joints{}, drag{}, others{}, rate_before{}, vt, vn;
   for_each_velocity(
@@ -90,30 +91,24 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Powe
   const Real u = members.speed();
   const Real flow =
       -(model.coriolis * u) * (vt * vt + vn * vn) - (model.centrifugal * (u * u)) * vt;
-  members.write(out.flow + members.first, flow);
-  members.write(out.joints + members.first, joints);
-  members.write(out.drag + members.first, drag);
-  members.write(out.others + members.first, others);
+  members.set_row(out, 0, flow);
+  members.set_row(out, 1, joints);
+  members.set_row(out, 2, drag);
+  members.set_row(out, 3, others);
 }
 
 // ---------------------------------------------------------------------------------------- entry
 
-Count scratch_size(Count n, Count members) {
-  return members == 1 ? Sweep<double>::size(n) : Sweep<Pack>::size(n);
+void rhs(const MotionModel& model, const Batch& batch, double* rates) {
+  for_each_block(batch, [&](const auto& members) { rhs_of(model, members, rates); });
 }
 
-void rhs(const MotionModel& model, const Batch& batch, double* rates, double* scratch) {
-  for_each_block(batch, [&](const auto& members) {
-    accelerations_of<false>(model, members, rates, scratch, nullptr);
-  });
+void energy(const MotionModel& model, const Batch& batch, double* out) {
+  for_each_block(batch, [&](const auto& members) { energy_of(model, members, out); });
 }
 
-void energy(const MotionModel& model, const Batch& batch, double* out, double* scratch) {
-  for_each_block(batch, [&](const auto& members) { energy_of(model, members, out, scratch); });
-}
-
-void power(const MotionModel& model, const Batch& batch, const PowerParts& out, double* scratch) {
-  for_each_block(batch, [&](const auto& members) { power_of(model, members, out, scratch); });
+void power(const MotionModel& model, const Batch& batch, double* out) {
+  for_each_block(batch, [&](const auto& members) { power_of(model, members, out); });
 }
 
 bool all_finite(const double* x, Count count) {
@@ -150,8 +145,6 @@ namespace pipedyn {
 const MotionKernel PIPEDYN_NAMED(motion) = {
     .name = PIPEDYN_TEXT(PIPEDYN_LEVEL),
     .width = width,
-    .scratch_size = ::scratch_size,
-    .jacobian_scratch_size = ::jacobian_scratch_size,
     .rhs = ::rhs,
     .jacobian = ::jacobian,
     .energy = ::energy,

@@ -62,31 +62,19 @@ struct Batch {
   const double* moments = nullptr;  // further ones on the segments of a chain (n, members)
 };
 
-/// Power by what does the work; one entry a member in each.
-struct PowerParts {
-  double* flow;
-  double* joints;
-  double* drag;
-  double* others;  // terms of the pipe
-};
-
 struct GalerkinKernel;
 struct ImpedanceKernel;
 
-/// The functions of one vector level. scratch: as many numbers as its size says.
+/// The functions of one vector level. They use the thread's scratch (vector/scratch.hpp).
 struct MotionKernel {
+  using Function = void (*)(const MotionModel&, const Batch&, double* out);
+
   const char* name;
   std::ptrdiff_t width;
-  std::ptrdiff_t (*scratch_size)(std::ptrdiff_t n, std::ptrdiff_t members);
-  std::ptrdiff_t (*jacobian_scratch_size)(std::ptrdiff_t n);
-
-  /// dy/dtau (2 n, members).
-  void (*rhs)(const MotionModel&, const Batch&, double* rates, double* scratch);
-  /// d(dy/dtau)/dy (2 n, 2 n) of a batch of one state, row-major; its further moments are held.
-  void (*jacobian)(const MotionModel&, const Batch&, double* out, double* scratch);
-  /// Energy of each member.
-  void (*energy)(const MotionModel&, const Batch&, double* out, double* scratch);
-  void (*power)(const MotionModel&, const Batch&, const PowerParts& out, double* scratch);
+  Function rhs;       // dy/dtau (2 n, members)
+  Function jacobian;  // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major; further moments held
+  Function energy;    // of each member
+  Function power;     // of flow, joints, drag and the pipe's terms, (4, members)
 
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);

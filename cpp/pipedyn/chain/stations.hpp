@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
 // Where the terms of a pipe are on a chain. A place at arc length s lies on segment j at an arm a
-// from its joint; a law that acts per length has two Gauss points on each segment, exact for loads
-// linear in position and velocity. With r_j the joint of segment j and v_j its velocity,
+// from its joint. With r_j the joint of segment j and v_j its velocity,
 //   r = r_j + a t_j,   v = v_j + a theta_j' n_j.
 //
 // Local to each translation unit, like pack.hpp.

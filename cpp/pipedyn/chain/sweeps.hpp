@@ -31,6 +31,7 @@
 #include "pipedyn/chain/motion.hpp"
 #include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/scratch.hpp"
 
 namespace {
 
@@ -87,7 +88,8 @@ template <class Real>
 struct Sweep {
   double *turn, *rate, *sine, *cosine, *drag, *free, *along, *moment;
 
-  Sweep(double* scratch, Count n) {
+  explicit Sweep(Count n) : Sweep(n, pipedyn::scratch(size(n))) {}
+  Sweep(Count n, double* scratch) {
     const Count stride = whole_packs(n * lanes<Real>);
     turn = scratch;
     rate = turn + stride;
@@ -170,11 +172,10 @@ void add_loads(const MotionModel& model, const Members<Real>& members, const Swe
 /// What acts on the segments besides inertia, flow and joints.
 enum class Outer { nothing, drag, loads };  // loads: as in add_loads, with drag if there is any
 
-template <class Real, Outer outer, bool damped, bool flowing, bool keep>
-void accelerations(const MotionModel& model, const Members<Real>& members, double* rates,
-                   double* scratch, Kept* kept) {
+template <class Real, Outer outer, bool keep>
+void accelerations(const MotionModel& model, const Members<Real>& members, const Sweep<Real>& sweep,
+                   double* rates, Kept* kept) {
   const Count n = model.size;
-  const Sweep<Real> sweep(scratch, n);
   read_state(members, n, sweep);
 
   if constexpr (outer != Outer::nothing) {
@@ -194,29 +195,21 @@ void accelerations(const MotionModel& model, const Members<Real>& members, doubl
   }
   if constexpr (outer == Outer::loads) add_loads(model, members, sweep);
 
-  Real tt{}, tn{}, nn{}, bt{}, bn{}, moment_beyond{}, coriolis{};
-  if constexpr (flowing) {
-    const Real u = members.speed();
-    coriolis = model.coriolis * u;
-    bt = model.centrifugal * (u * u);
-  }
+  const Real u = members.speed(), coriolis = model.coriolis * u;
+  Real tt{}, tn{}, nn{}, bt = model.centrifugal * (u * u), bn{}, moment_beyond{};
   for (Count j = n - 1; j >= 0; --j) {
     const Link& link = model.links[j];
     const double l = link.length;
     const Real w = sweep.at(sweep.rate, j);
     Real moment = link.spring * sweep.at(sweep.turn, j);
-    if constexpr (damped) {
-      const Real before = j > 0 ? sweep.at(sweep.rate, j - 1) : Real{};
-      moment += link.damping * (w - before);
-    }
+    const Real before = j > 0 ? sweep.at(sweep.rate, j - 1) : Real{};
+    moment += link.damping * (w - before);
     Real tau = moment_beyond - moment;
     moment_beyond = moment;
+    const Real momentum = coriolis * (l * w);
+    tau -= l * momentum;
     Real across{};  // force that acts across the segment at its clamped side
-    if constexpr (flowing) {
-      const Real momentum = coriolis * (l * w);
-      tau -= l * momentum;
-      across += 2.0 * momentum;
-    }
+    across += 2.0 * momentum;
     if constexpr (outer != Outer::nothing) {
       const Real force = sweep.at(sweep.drag, j);
       if constexpr (outer == Outer::loads) {
@@ -286,29 +279,15 @@ void accelerations(const MotionModel& model, const Members<Real>& members, doubl
 }
 
 template <bool keep, class Real>
-void accelerations_of(const MotionModel& model, const Members<Real>& members, double* rates,
-                      double* scratch, Kept* kept) {
-  using Function = void (*)(const MotionModel&, const Members<Real>&, double*, double*, Kept*);
-  constexpr Outer nothing = Outer::nothing, drag = Outer::drag, loads = Outer::loads;
-  static constexpr Function table[9] = {accelerations<Real, nothing, false, false, keep>,
-                                        accelerations<Real, drag, false, false, keep>,
-                                        accelerations<Real, nothing, true, false, keep>,
-                                        accelerations<Real, drag, true, false, keep>,
-                                        accelerations<Real, nothing, false, true, keep>,
-                                        accelerations<Real, drag, false, true, keep>,
-                                        accelerations<Real, nothing, true, true, keep>,
-                                        accelerations<Real, drag, true, true, keep>,
-                                        accelerations<Real, loads, true, true, keep>};
-  const Batch& batch = members.batch;
-  const bool flow = model.coriolis != 0.0 || model.centrifugal != 0.0;
-  bool flowing = batch.u[0] != 0.0;
-  if (batch.u_step != 0) {
-    for (Count i = 0; i < members.used; ++i) flowing |= batch.u[members.first + i] != 0.0;
+void accelerations_of(const MotionModel& model, const Members<Real>& members,
+                      const Sweep<Real>& sweep, double* rates, Kept* kept) {
+  if (model.load_count > 0 || model.bent || members.batch.moments != nullptr) {
+    accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, kept);
+  } else if (model.drag) {
+    accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, kept);
+  } else {
+    accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, kept);
   }
-  const int plain = (model.drag ? 1 : 0) + (model.damped ? 2 : 0) + (flow && flowing ? 4 : 0);
-  const bool loaded = model.load_count > 0 || model.bent || batch.moments != nullptr;
-  const int which = loaded ? 8 : plain;
-  table[which](model, members, rates, scratch, kept);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/galerkin.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <limits>
 #include <stdexcept>
@@ -8,10 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "pipedyn/products.hpp"
 #include "pipedyn/terms/laws.hpp"
 #include "pipedyn/vector/levels.hpp"
-#include "pipedyn/vector/scratch.hpp"
 
 namespace pipedyn {
 
@@ -22,13 +21,12 @@ constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 
 /// Calls the kernel's function for blocks of members that take the same grid, one alone or as many
-/// as the vectors hold, and writes row i of its results, (rows, members of the block), to row(i);
-/// NaN for those that bend more than the largest grid resolves.
-template <class Row>
+/// as the vectors hold, and writes its results (results, members of the block) to all
+/// (results, members); NaN for those that bend more than the largest grid resolves.
 void evaluate(const GalerkinKernel::Function function, const Grids& grids,
-              const MotionEffects& effects, const Batch& batch, Index results, const Row& row) {
+              const MotionEffects& effects, const Batch& batch, Index results, double* all) {
   static thread_local std::vector<Index> grid_of, chosen;
-  const GalerkinKernel& kernel = pipedyn::kernel();
+  static thread_local std::vector<double> numbers;
   const Index state = 2 * grids.basis().size(), members = batch.members;
   grid_of.resize(static_cast<std::size_t>(members));
   Index lowest = grids.count(), highest = 0;
@@ -47,9 +45,8 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
     if (count == 0) continue;
     const Grid& grid = grids[number];
     const Index width = count == 1 ? 1 : motion_kernel().width;
-    const Index numbers = whole(kernel.scratch_size(grid.tables(), width), GridTables::widest);
-    double* const work = scratch(numbers + (state + 1 + results) * width);
-    double* const y = work + numbers;
+    numbers.resize(static_cast<std::size_t>((state + 1 + results) * width));
+    double* const y = numbers.data();
     double* const u = y + state * width;
     double* const out = u + width;
     const Batch block{y, u, width, 1};
@@ -61,15 +58,14 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
         u[b] = batch.u[k * batch.u_step];
         for (Index i = 0; i < state; ++i) y[i * width + b] = batch.y[i * members + k];
       }
-      function(grid.tables(), effects, block, out, work);
+      function(grid.tables, effects, block, out);
       for (Index i = 0; i < results; ++i) {
-        double* const to = row(i);
-        for (Index b = 0; b < used; ++b) to[member[b]] = out[i * width + b];
+        for (Index b = 0; b < used; ++b) all[i * members + member[b]] = out[i * width + b];
       }
     }
     for (const Index k : chosen) {
       if (grids.resolves(number, batch.y + k, members)) continue;
-      for (Index i = 0; i < results; ++i) row(i)[k] = not_a_number;
+      for (Index i = 0; i < results; ++i) all[i * members + k] = not_a_number;
     }
   }
 }
@@ -99,7 +95,8 @@ Matrix inner_of_both(const Slab& a, const Eigen::Ref<const Vector>& weight, cons
 
 /// What the virtual work is about a state, with all that it is made of: matrices of one shape, so
 /// that they are allocated once. Rows belong to virtual displacements along the functions that the
-/// tables call orthonormal, columns of the system to the basis.
+/// tables call orthonormal, columns of the system to the basis. Reads the thread's scratch from
+/// `move` on.
 class Linearisation {
  public:
   Matrix system;  // derivatives of all forces but bending's, inertia's at fixed q'', by q, then by
@@ -110,10 +107,7 @@ class Linearisation {
             const double* y, double u, double* acceleration) {
     grid_ = &grid;
     tables_ = tables;
-    const Index own = whole(kernel().scratch_size(tables, 1), GridTables::widest);
-    double* const work = scratch_(own + kernel().integrals_scratch_size(tables, 2 * tables.padded));
-    integrals_ = work + own;
-    line_ = kernel().kinematics(tables, effects, {y, &u, 1, 0}, acceleration, work);
+    line_ = kernel().kinematics(tables, effects, {y, &u, 1, 0}, acceleration);
   }
 
   /// The straight pipe's displacements (N, m), to more digits than as integrals of the slopes.
@@ -130,7 +124,7 @@ class Linearisation {
   /// Mass matrix, its columns like its rows, (m, m).
   Matrix mass() const {
     const auto xy = position_derivatives();
-    return inner_of_both(xy, grid_->mass().head(tables_.heavy), xy, tables_.functions);
+    return inner_of_both(xy, grid_->mass.head(tables_.heavy), xy, tables_.functions);
   }
 
   /// Derivatives of the position at the points by the rows' coordinates, x then y (N, 2 padded).
@@ -140,33 +134,35 @@ class Linearisation {
 
  private:
   const double* columns(Index p) const { return line_.columns + p * line_.row; }
-  void integrate_beyond(const Matrix& f, Matrix& out) const;
+  void integrate_beyond();
   void add_terms(const MotionEffects& effects);
 
   const Grid* grid_ = nullptr;
   GridTables tables_{};
-  Scratch scratch_;
-  double* integrals_ = nullptr;  // scratch of integrals
   Kinematics line_{};
-  Matrix force_, beyond_force_;       // each point's load in its measure, and what is beyond (N, 2)
+  /// Of each point, in its measure: derivatives of the inertia by the virtual displacements, those
+  /// by x before those by y (2 padded); at `force_`, x and y of the load; at `resisted_`, where
+  /// there is drag or a term, derivatives of their resistance by the velocities (2 padded). Then
+  /// all beyond each node.
+  Matrix loads_, beyond_;
+  Index force_ = 0, resisted_ = 0;
   Matrix by_position_, by_velocity_;  // of terms' loads, times the virtual displacements, (N, 2
                                       // padded): by x, then by y
   Matrix by_angle_, by_rate_, across_, swept_;
-  Matrix integrand_, beyond_;
   Vector spin_, own_acceleration_, pressure_, dragged_;
 };
 
-/// Of loads f, each in its point's measure, all beyond each node, in its weight. The quadrature's
+/// Of the loads, each in its point's measure, all beyond each node, in its weight. The quadrature's
 /// integration by parts, S^T W = w w^T - W S, gives those of the nodes.
-void Linearisation::integrate_beyond(const Matrix& f, Matrix& out) const {
-  const Index points = f.rows(), columns = f.cols(), block = tables_.nodes + 1;
-  out.resize(points, columns);
-  kernel().integrate(tables_, f.data(), columns, out.data(), integrals_);
-  Vector all = out.row(points - 1);
+void Linearisation::integrate_beyond() {
+  const Index points = loads_.rows(), columns = loads_.cols(), block = tables_.nodes + 1;
+  beyond_.resize(points, columns);
+  kernel().integrate(tables_, columns, loads_.data(), beyond_.data());
+  Vector all = beyond_.row(points - 1);
   for (Index p = points - 1; p >= 0; --p) {
     const double weight = tables_.weight[p];
-    const double* const here = f.data() + p * columns;
-    double* const beyond = row(out, p);
+    const double* const here = row(loads_, p);
+    double* const beyond = row(beyond_, p);
     const bool end = (p + 1) % block == 0;
     for (Index i = 0; i < columns; ++i) {
       if (end) all[i] += here[i];
@@ -191,8 +187,8 @@ void Linearisation::add_terms(const MotionEffects& effects) {
         const Station<double> at{position[0], position[1], line_.sine[p], line_.cosine[p],
                                  velocity[0], velocity[1], line_.omega[p]};
         const Load<double> load = law.load(at);
-        force_(p, 0) -= load.x;
-        force_(p, 1) -= load.y;
+        loads_(p, force_) -= load.x;
+        loads_(p, force_ + 1) -= load.y;
         const Slopes slopes = law.slopes(at);
         for (Index i = 0; i < padded; ++i) {
           const auto along = [&](double by_x, double by_y) { return by_x * x[i] + by_y * y[i]; };
@@ -202,7 +198,7 @@ void Linearisation::add_terms(const MotionEffects& effects) {
             by_velocity_(p, c * padded + i) +=
                 along(slopes.by_velocity[0][c], slopes.by_velocity[1][c]);
           }
-          by_angle_(p, i) -= grid_->measure()[p] * along(slopes.by_angle[0], slopes.by_angle[1]);
+          by_angle_(p, i) -= grid_->measure[p] * along(slopes.by_angle[0], slopes.by_angle[1]);
         }
       }
     });
@@ -213,20 +209,21 @@ void Linearisation::derive(const MotionEffects& effects, double u, const Vector&
                            const Orthonormal& functions) {
   const Index m = tables_.functions, padded = tables_.padded;
   const Index points = tables_.points, last = points - 1;
-  const Vector& measure = grid_->measure();
+  const Vector& measure = grid_->measure;
   const double *const weight = tables_.weight, *const omega = line_.omega;
   const double *const sine = line_.sine, *const cosine = line_.cosine;
   const double coriolis = effects.coriolis * u, thrust = effects.centrifugal * u * u;
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
-  const Slab slope = grid_->slope().leftCols(m);
-  multiply(spin_, slope, acceleration);  // second derivative of the angle
-  multiply(own_acceleration_, functions.inverse, acceleration);
+  const Slab slope = grid_->slope.leftCols(m), inverse = functions.inverse;
+  spin_.noalias() = slope * acceleration;  // second derivative of the angle
+  own_acceleration_.noalias() = inverse * acceleration;
 
-  // Load of each point, in its measure: inertia less the forces; and the inertia's derivatives by
-  // the virtual displacements.
-  force_.resize(points, 2);
-  integrand_.resize(points, 2 * padded);
+  force_ = 2 * padded;
+  resisted_ = force_ + GridTables::widest;
+  loads_.setZero(points, drags || loads ? resisted_ + 2 * padded : resisted_);
+  across_.resize(points, padded);
   pressure_.setZero(points);
+  dragged_.setZero(points);
   for (Index p = 0; p < points; ++p) {
     const double *const x = columns(p), *const y = x + padded;
     const double density = tables_.mass[p] / measure[p];
@@ -237,68 +234,59 @@ void Linearisation::derive(const MotionEffects& effects, double u, const Vector&
     }
     if (drags) pressure_[p] = effects.drag * line_.weight[p] * (line_.normal[p] * line_.normal[p]);
     const double across = (coriolis * weight[p] * omega[p] + pressure_[p]) / measure[p];
-    force_(p, 0) = density * a_x + across * cosine[p];
-    force_(p, 1) = density * (a_y - effects.gamma) - across * sine[p];
-    double* const inertia = row(integrand_, p);
-    for (Index i = 0; i < 2 * padded; ++i) inertia[i] = density * x[i];
+    double *const load = row(loads_, p), *const n = row(across_, p);
+    load[force_] = density * a_x + across * cosine[p];
+    load[force_ + 1] = density * (a_y - effects.gamma) - across * sine[p];
+    for (Index i = 0; i < 2 * padded; ++i) load[i] = density * x[i];
+    for (Index i = 0; i < padded; ++i) n[i] = x[i] * cosine[p] - y[i] * sine[p];
+    if (!drags) continue;
+    dragged_[p] = 2.0 * effects.drag * line_.weight[p] * line_.normal[p];
+    const double by_x = dragged_[p] * cosine[p] / measure[p];
+    const double by_y = -dragged_[p] * sine[p] / measure[p];
+    for (Index i = 0; i < padded; ++i) {
+      load[resisted_ + i] = by_x * n[i];
+      load[resisted_ + padded + i] = by_y * n[i];
+    }
   }
-  integrate_beyond(integrand_, beyond_);
   by_angle_.setZero(points, padded);
-  if (loads) add_terms(effects);
-  integrate_beyond(force_, beyond_force_);
+  if (loads) {
+    add_terms(effects);
+    loads_.rightCols(2 * padded) -= by_velocity_;
+  }
+  integrate_beyond();
 
   // Row i of the derivatives is the sum over points of these times Theta_j.
   by_rate_.resize(points, padded);
-  across_.resize(points, padded);
-  dragged_.setZero(points);
   for (Index p = 0; p < points; ++p) {
     const double c = cosine[p], s = sine[p], w = omega[p], square = w * w, spin = spin_[p];
     const double *const x = columns(p), *const y = x + padded, *const velocity = y + padded + 2;
-    const double load_x = beyond_force_(p, 0) + thrust * sine[last] * weight[p];
-    const double load_y = beyond_force_(p, 1) + thrust * cosine[last] * weight[p];
+    const double* const beyond_x = row(beyond_, p);
+    const double load_x = beyond_x[force_] + thrust * sine[last] * weight[p];
+    const double load_y = beyond_x[force_ + 1] + thrust * cosine[last] * weight[p];
     const double bent = -s * load_x - c * load_y, flow = coriolis * weight[p];
     const double forward = flow * w + pressure_[p];  // load across the pipe, turned along it
     double sideways = p == last ? thrust : 0.0;
-    if (drags) {
-      dragged_[p] = 2.0 * effects.drag * line_.weight[p] * line_.normal[p];
-      sideways -= dragged_[p] * (s * velocity[0] + c * velocity[1]);
-    }
-    const double *const theta = tables_.orthonormal + p * padded, *const beyond_x = row(beyond_, p);
-    const double* const beyond_y = beyond_x + padded;
+    if (drags) sideways -= dragged_[p] * (s * velocity[0] + c * velocity[1]);
+    const double *const theta = tables_.orthonormal + p * padded, *const n = row(across_, p);
+    const double *const beyond_y = beyond_x + padded, *const resisted_x = beyond_x + resisted_;
     double *const angle = row(by_angle_, p), *const rate = row(by_rate_, p);
-    double* const n = row(across_, p);
     for (Index i = 0; i < padded; ++i) {
       const double along = x[i] * s + y[i] * c;
-      n[i] = x[i] * c - y[i] * s;
       const double beyond_t = beyond_x[i] * s + beyond_y[i] * c;
       const double beyond_n = beyond_x[i] * c - beyond_y[i] * s;
       angle[i] += theta[i] * bent - beyond_t * spin - beyond_n * square;
       angle[i] += n[i] * sideways - along * forward;
       rate[i] = beyond_t * (-2.0 * w) + n[i] * flow;
     }
+    if (!drags && !loads) continue;
+    for (Index i = 0; i < padded; ++i) {
+      angle[i] -= resisted_x[i] * (s * w) + resisted_x[padded + i] * (c * w);
+    }
   }
 
   system.setZero(m, 2 * m);
   WritableSlab by_q = system.leftCols(m), by_qdot = system.rightCols(m);
   if (drags || loads) {
-    for (Index p = 0; p < points; ++p) {
-      const double by_x = dragged_[p] * cosine[p] / measure[p];
-      const double by_y = -dragged_[p] * sine[p] / measure[p];
-      const double* const n = row(across_, p);
-      double* const x = row(integrand_, p);
-      for (Index i = 0; i < padded; ++i) {
-        x[i] = by_x * n[i];
-        x[padded + i] = by_y * n[i];
-      }
-    }
-    if (loads) integrand_ -= by_velocity_;
-    integrate_beyond(integrand_, beyond_);
-    for (Index p = 0; p < points; ++p) {
-      const double turn_x = sine[p] * omega[p], turn_y = cosine[p] * omega[p];
-      const double *const x = row(beyond_, p), *const y = x + padded;
-      double* const angle = row(by_angle_, p);
-      for (Index i = 0; i < padded; ++i) angle[i] -= x[i] * turn_x + y[i] * turn_y;
-    }
     const Slab across = across_.leftCols(m);
     swept_ = inner(across, -dragged_, across);
     if (loads) {
@@ -316,7 +304,7 @@ void Linearisation::derive(const MotionEffects& effects, double u, const Vector&
 /// Operators about a configuration q at rest.
 Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects& effects,
                        double sqrt_beta, const Vector& q) {
-  const Index m = q.size(), last = grid.tables().points - 1;
+  const Index m = q.size(), last = grid.tables.points - 1;
   const Orthonormal functions(m);
   const Vector still = Vector::Zero(m);
   Vector y(2 * m);
@@ -324,17 +312,20 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   MotionEffects rest = effects;  // what does not depend on the flow; drag has no linear part
   rest.coriolis = rest.centrifugal = rest.drag = 0.0;
   const MotionEffects flow{.coriolis = 2.0 * sqrt_beta, .centrifugal = 1.0};
+  GridTables in_basis = grid.tables;  // the basis' functions for the orthonormal ones
+  in_basis.orthonormal = grid.slope.data();
+  in_basis.to_basis = nullptr;
   Linearisation about;
-  about.move(grid, grid.tables_in_basis(), rest, y.data(), 1.0, nullptr);
-  if (q.isZero(0.0)) about.set_displacements(basis.evaluate(grid.places(), 0));
+  about.move(grid, in_basis, rest, y.data(), 1.0, nullptr);
+  if (q.isZero(0.0)) about.set_displacements(basis.evaluate(grid.places, 0));
   Operators ops(m);
   about.derive(rest, 1.0, still, functions);
   ops.mass = about.mass();
   ops.stiffness = -about.system.leftCols(m);
   ops.damping = -about.system.rightCols(m);
   for (Index i = 0; i < m; ++i) {
-    ops.stiffness(i, i) += grid.tables().stiffness[i];
-    ops.damping(i, i) += effects.damping * grid.tables().stiffness[i];
+    ops.stiffness(i, i) += in_basis.stiffness[i];
+    ops.damping(i, i) += effects.damping * in_basis.stiffness[i];
   }
   about.derive(flow, 1.0, still, functions);
   ops.flux = -about.system.leftCols(m);
@@ -383,51 +374,56 @@ Operators Galerkin::operators(const Vector& q) const {
 
 Index Galerkin::nodes(const Vector& q) const {
   require_amplitudes(q.size(), dof());
-  return grids()[grids().choose(q.data(), 1)].nodes();
+  return grids()[grids().choose(q.data(), 1)].tables.nodes;
 }
 
 void Galerkin::rhs(const Batch& batch, double* rates) const {
   const Index m = dof(), members = batch.members;
   std::copy(batch.y + m * members, batch.y + 2 * m * members, rates);
   evaluate(kernel().accelerations, grids(), effects_of(pipe_, grids().panels()), batch, m,
-           [&](Index i) { return rates + (m + i) * members; });
+           rates + m * members);
 }
 
 void Galerkin::energy(const Batch& batch, double* out) const {
-  evaluate(kernel().energy, grids(), effects_of(pipe_, grids().panels()), batch, 1,
-           [&](Index) { return out; });
+  evaluate(kernel().energy, grids(), effects_of(pipe_, grids().panels()), batch, 1, out);
 }
 
-void Galerkin::power(const Batch& batch, const PowerParts& out) const {
-  double* const parts[] = {out.flow, out.joints, out.drag, out.others};
-  evaluate(kernel().power, grids(), effects_of(pipe_, grids().panels()), batch, 4,
-           [&](Index i) { return parts[i]; });
+void Galerkin::power(const Batch& batch, double* out) const {
+  evaluate(kernel().power, grids(), effects_of(pipe_, grids().panels()), batch, 4, out);
 }
 
 void Galerkin::jacobian(const double* y, double u, double* out) const {
   static thread_local Linearisation at;
   static thread_local Vector acceleration;
-  static thread_local Cholesky factors;
+  static thread_local Eigen::LLT<Matrix> factors;
   const Index m = dof(), number = grids().choose(y, 1);
   const Grid& grid = grids()[number];
   const Orthonormal& functions = grids().orthonormal();
   const MotionEffects effects = effects_of(pipe_, grids().panels());
   acceleration.resize(m);
-  at.move(grid, grid.tables(), effects, y, u, acceleration.data());
+  at.move(grid, grid.tables, effects, y, u, acceleration.data());
   at.derive(effects, u, acceleration, functions);
   for (Index i = 0; i < m; ++i) {
     for (Index j = 0; j < m; ++j) {
-      const double elastic = functions.to_basis(j, i) * grid.tables().stiffness[j];
+      const double elastic = functions.to_basis(j, i) * grid.tables.stiffness[j];
       at.system(i, j) -= elastic;
       at.system(i, m + j) -= effects.damping * elastic;
     }
   }
-  const bool positive = solve_positive(factors, at.mass(), at.system);
-  std::fill_n(out, 2 * m * m, 0.0);
-  for (Index i = 0; i < m; ++i) out[i * 2 * m + m + i] = 1.0;
-  double* const rows = out + 2 * m * m;
-  multiply_upper(rows, functions.to_basis, at.system);
-  if (!positive || !grids().resolves(number, y, 1)) std::fill_n(rows, 2 * m * m, not_a_number);
+  factors.compute(at.mass());
+  factors.solveInPlace(at.system);
+  const bool known = factors.info() == Eigen::Success && grids().resolves(number, y, 1);
+  Eigen::Map<Matrix> whole(out, 2 * m, 2 * m);
+  whole.setZero();
+  for (Index i = 0; i < m; ++i) {
+    whole(i, m + i) = 1.0;
+    double* const to = out + (m + i) * 2 * m;
+    for (Index j = i; j < m; ++j) {
+      const double factor = known ? functions.to_basis(i, j) : not_a_number;
+      const double* const from = row(at.system, j);
+      for (Index k = 0; k < 2 * m; ++k) to[k] += factor * from[k];
+    }
+  }
 }
 
 }  // namespace pipedyn

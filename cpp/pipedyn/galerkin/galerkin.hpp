@@ -83,9 +83,9 @@ class Galerkin {
   /// Kinetic, elastic, gravity's and terms' energy of each member, O(N Q + N m); 0 at rest on the
   /// straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, damping (joints), drag and terms (others) add to the energy in unit time; their sum
-  /// is dE/dtau.
-  void power(const Batch& batch, const PowerParts& out) const;
+  /// What flow, damping (joints), drag and terms (others) add to the energy in unit time, (4,
+  /// members); their sum is dE/dtau.
+  void power(const Batch& batch, double* out) const;
 
  private:
   const Grids& grids() const;

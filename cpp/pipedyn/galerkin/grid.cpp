@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/grid.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <numbers>
 #include <stdexcept>
 #include <string>
 #include <utility>
 
-#include "pipedyn/products.hpp"
 #include "pipedyn/terms/laws.hpp"
 
 namespace pipedyn {
@@ -77,16 +77,6 @@ std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
   return tests;
 }
 
-/// Whether amplitudes q with the given stride pass one of the tests, O(m) a test.
-bool passes(const std::vector<NodeTest>& tests, const double* q, Index stride) {
-  for (const NodeTest& test : tests) {
-    double cost = 0.0;
-    for (Index i = 0; i < test.cost.size(); ++i) cost += std::abs(q[i * stride]) * test.cost[i];
-    if (cost <= test.budget) return true;
-  }
-  return false;
-}
-
 }  // namespace
 
 Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family::beam) {
@@ -100,7 +90,10 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family
     const Matrix value = basis.evaluate(low + length * rule.node.array(), 0);
     mass += inner(value, length * rule.weight, value);
   }
-  if (!factor_positive(mass, inverse, to_basis)) {
+  const Eigen::LLT<Matrix> factors(mass);
+  inverse = factors.matrixU();
+  factors.matrixU().solveInPlace(to_basis);
+  if (factors.info() != Eigen::Success) {
     throw std::invalid_argument("m must be smaller for a motion: the mass matrix of " +
                                 std::to_string(m) + " functions is singular to rounding");
   }
@@ -137,82 +130,74 @@ double Panels::mass_beyond(double s) const {
 }
 
 Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes)
-    : length_(panels.count()), arc_(nodes + 1), stiffness_(basis.stiffness()) {
-  const Quadrature rule(nodes);
+    : rule_(nodes), length_(panels.count()), arc_(nodes + 1), stiffness_(basis.stiffness()) {
   const Index m = basis.size(), block = nodes + 1, half = block / 2, middle = half - 1;
   const Index points = panels.count() * block;
   const Index stride = whole(points, GridTables::widest);
-  places_.resize(points);
-  weight_ = measure_ = mass_ = beyond_ = Vector::Zero(points);
+  places.resize(points);
+  weight_ = measure = mass = beyond_ = Vector::Zero(points);
   for (Index panel = 0; panel < panels.count(); ++panel) {
     const Index first = panel * block, end = first + nodes;
     length_[panel] = panels.ends[panel + 1] - panels.ends[panel];
     for (Index k = 0; k < nodes; ++k) {
       const Index p = first + k;
-      places_[p] = panels.ends[panel] + length_[panel] * rule.node[k];
-      weight_[p] = measure_[p] = length_[panel] * rule.weight[k];
-      mass_[p] = (1.0 + panels.mass_per_length) * weight_[p];
+      places[p] = panels.ends[panel] + length_[panel] * rule_.node[k];
+      weight_[p] = measure[p] = length_[panel] * rule_.weight[k];
+      mass[p] = (1.0 + panels.mass_per_length) * weight_[p];
     }
-    places_[end] = panels.ends[panel + 1];
-    measure_[end] = 1.0;
-    mass_[end] = panels.mass[panel];
+    places[end] = panels.ends[panel + 1];
+    measure[end] = 1.0;
+    mass[end] = panels.mass[panel];
   }
-  for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(places_[p]);
-  slope_ = Matrix::Zero(points, whole(m, GridTables::multiple));
-  slope_.leftCols(m) = basis.evaluate(places_, 1);
+  for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(places[p]);
+  slope = Matrix::Zero(points, whole(m, GridTables::multiple));
+  slope.leftCols(m) = basis.evaluate(places, 1);
   slope_by_function_ = Matrix::Zero(m, stride);
-  slope_by_function_.leftCols(points) = slope_.leftCols(m).transpose();
-  orthonormal_ = slope_;
+  slope_by_function_.leftCols(points) = slope.leftCols(m).transpose();
+  orthonormal_ = slope;
   if (!orthonormal.identity) {
     orthonormal_.setZero();
     add_inner(orthonormal_.leftCols(m), 1.0, slope_by_function_.leftCols(points),
               orthonormal.to_basis);
   }
   // What is integrated to a node's mirror image is the whole less what lies beyond it.
-  const Matrix integral = rule.integral_to(rule.node.head(half));
+  const Matrix integral = rule_.integral_to(rule_.node.head(half));
   from_sums_ = from_differences_ = Matrix::Zero(half, half);
   for (Index p = 0; p < half; ++p) {
     for (Index k = 0; k < half; ++k) {
       const double here = integral(p, k), mirrored = integral(p, nodes - 1 - k);
-      const double odd = p < middle ? here + mirrored - rule.weight[k] : rule.weight[k];
+      const double odd = p < middle ? here + mirrored - rule_.weight[k] : rule_.weight[k];
       from_sums_(p, k) = (k < middle ? 0.5 : 0.25) * odd;  // the middle is its own mirror image
       from_differences_(p, k) = 0.5 * (here - mirrored);
     }
   }
-  expansion_ = Matrix::Zero(nodes, block);
+  recurrence_.resize(nodes, 3);
   for (Index k = 0; k < nodes; ++k) {
-    arc_[k] = rule.node[k];
-    for (Index p = 0; p < nodes; ++p) expansion_(k, p) = rule.expansion(k, p);
+    const double order = static_cast<double>(k), twice = 2.0 * order + 1.0;
+    recurrence_.row(k) << twice / (order + 1.0), order / (order + 1.0), 0.5 / twice;
+    arc_[k] = rule_.node[k];
   }
   arc_[nodes] = 1.0;
-  recurrence_ = legendre_recurrence(nodes);
-  tables_ = {.functions = m,
-             .padded = orthonormal_.cols(),
-             .panels = panels.count(),
-             .nodes = nodes,
-             .points = points,
-             .stride = stride,
-             .heavy = mass_[points - 1] != 0.0 ? points : points - 1,
-             .slope_by_function = slope_by_function_.data(),
-             .orthonormal = orthonormal_.data(),
-             .to_basis = orthonormal.identity ? nullptr : orthonormal.to_basis.data(),
-             .from_sums = from_sums_.data(),
-             .from_differences = from_differences_.data(),
-             .length = length_.data(),
-             .weight = weight_.data(),
-             .mass = mass_.data(),
-             .beyond = beyond_.data(),
-             .arc = arc_.data(),
-             .expansion = expansion_.data(),
-             .recurrence = recurrence_.data(),
-             .stiffness = stiffness_.data()};
-}
-
-GridTables Grid::tables_in_basis() const {
-  GridTables tables = tables_;
-  tables.orthonormal = slope_.data();
-  tables.to_basis = nullptr;
-  return tables;
+  tables = {.functions = m,
+            .padded = orthonormal_.cols(),
+            .panels = panels.count(),
+            .nodes = nodes,
+            .points = points,
+            .stride = stride,
+            .heavy = mass[points - 1] != 0.0 ? points : points - 1,
+            .slope_by_function = slope_by_function_.data(),
+            .orthonormal = orthonormal_.data(),
+            .to_basis = orthonormal.identity ? nullptr : orthonormal.to_basis.data(),
+            .from_sums = from_sums_.data(),
+            .from_differences = from_differences_.data(),
+            .length = length_.data(),
+            .weight = weight_.data(),
+            .mass = mass.data(),
+            .beyond = beyond_.data(),
+            .arc = arc_.data(),
+            .expansion = rule_.expansion.data(),
+            .recurrence = recurrence_.data(),
+            .stiffness = stiffness_.data()};
 }
 
 Grids::Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes)
@@ -228,11 +213,14 @@ Grids::Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes)
   // Points, the nodes and a panel's end, come in whole multiples.
   for (Index points = whole_points(std::max({basis_.most_on_a_panel(), least_nodes, least}) + 1);;
        points = whole_points(points + std::max<Index>(4, points / 6))) {
-    std::vector<std::vector<NodeTest>> tests;
-    for (const Matrix& one : series) tests.push_back(node_tests(one, points - 1, drag));
     const bool last = points - 1 >= largest;
+    std::vector<std::vector<NodeTest>> tests;
+    for (const Matrix& one : series) {
+      tests.push_back(node_tests(one, points - 1, drag));
+      if (tests.back().empty() && last) tests.back().push_back({0.0, Vector::Zero(m)});
+    }
     const auto serves_none = [](const std::vector<NodeTest>& of) { return of.empty(); };
-    if (std::any_of(tests.begin(), tests.end(), serves_none) && !last) continue;
+    if (std::any_of(tests.begin(), tests.end(), serves_none)) continue;
     Slot& slot = slots_.emplace_back();
     slot.nodes = points - 1;
     slot.tests = std::move(tests);
@@ -240,20 +228,24 @@ Grids::Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes)
   }
 }
 
-Index Grids::choose(const double* q, Index stride) const {
-  const auto serves = [&](const Slot& slot) {
-    return std::all_of(slot.tests.begin(), slot.tests.end(),
-                       [&](const auto& tests) { return passes(tests, q, stride); });
+bool Grids::Slot::resolves(const double* q, Index stride) const {
+  const auto passes = [&](const NodeTest& test) {
+    double cost = 0.0;
+    for (Index i = 0; i < test.cost.size(); ++i) cost += std::abs(q[i * stride]) * test.cost[i];
+    return cost <= test.budget;
   };
+  return std::all_of(tests.begin(), tests.end(), [&](const std::vector<NodeTest>& of_panel) {
+    return std::any_of(of_panel.begin(), of_panel.end(), passes);
+  });
+}
+
+Index Grids::choose(const double* q, Index stride) const {
+  const auto serves = [&](const Slot& slot) { return slot.resolves(q, stride); };
   return std::find_if(slots_.begin(), slots_.end() - 1, serves) - slots_.begin();
 }
 
 bool Grids::resolves(Index number, const double* q, Index stride) const {
-  if (number + 1 < count()) return true;
-  const auto& tests = slots_.back().tests;
-  return std::all_of(tests.begin(), tests.end(), [&](const std::vector<NodeTest>& of) {
-    return of.empty() || passes(of, q, stride);
-  });
+  return number + 1 < count() || slots_.back().resolves(q, stride);
 }
 
 const Grid& Grids::operator[](Index number) const {

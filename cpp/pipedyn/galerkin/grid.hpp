@@ -65,23 +65,20 @@ struct Panels {
 };
 
 /// One rule on each panel with the slopes at its points, each panel's nodes and its end. Immutable.
-class Grid {
- public:
-  Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes);
+struct Grid {
+  Vector places;      // arc lengths of the points, (N,)
+  Vector measure;     // weight, and 1 at panels' ends
+  Vector mass;        // at each point, (N,)
+  Matrix slope;       // Theta_i, (N, m padded)
+  GridTables tables;  // of these and of what follows
 
-  Index nodes() const { return tables_.nodes; }       // of each panel
-  const Vector& places() const { return places_; }    // arc lengths of the points, (N,)
-  const Vector& measure() const { return measure_; }  // weight, and 1 at panels' ends
-  const Vector& mass() const { return mass_; }        // at each point, (N,)
-  const Matrix& slope() const { return slope_; }      // Theta_i, (N, m padded)
-  const GridTables& tables() const { return tables_; }
-  GridTables tables_in_basis() const;  // with the basis' functions for the orthonormal ones
+  Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes);
+  Grid(const Grid&) = delete;
 
  private:
-  Matrix slope_, slope_by_function_, orthonormal_;
-  Matrix from_sums_, from_differences_, expansion_, recurrence_;
-  Vector places_, length_, arc_, weight_, measure_, mass_, beyond_, stiffness_;
-  GridTables tables_;
+  Quadrature rule_;
+  Matrix slope_by_function_, orthonormal_, from_sums_, from_differences_, recurrence_;
+  Vector length_, arc_, weight_, beyond_, stiffness_;
 };
 
 /// Grids of growing size, each built when it is first taken. Serves many threads.
@@ -111,6 +108,9 @@ class Grids {
     std::vector<std::vector<NodeTest>> tests;  // of each panel
     std::once_flag built;
     std::unique_ptr<const Grid> grid;
+
+    /// Whether amplitudes q with the given stride pass a test of each panel, O(m) a test.
+    bool resolves(const double* q, Index stride) const;
   };
 
   Basis basis_;

@@ -104,8 +104,8 @@ void integrate_panel(const GridTables& grid, double length, bool first, Count ro
 }
 
 /// Integrals from the clamp to each point (N, row_length) of what f (N, row_length) is at the
-/// nodes; rows of whole packs, f is overwritten.
-void integrate(const GridTables& grid, Count row_length, double* f, double* out) {
+/// nodes; rows of whole packs.
+void integrate(const GridTables& grid, Count row_length, const double* f, double* out) {
   const Count all_packs = row_length / width;
   for (Count panel = 0; panel < grid.panels; ++panel) {
     const Count start = panel * (grid.nodes + 1) * row_length;
@@ -123,24 +123,6 @@ void integrate(const GridTables& grid, Count row_length, double* f, double* out)
         c += 3;
       }
     }
-  }
-}
-
-Count integrals_scratch_size(const GridTables& grid, Count columns) {
-  return 2 * grid.points * whole_packs(columns);
-}
-
-void integrate_columns(const GridTables& grid, const double* f, Count columns, double* out,
-                       double* scratch) {
-  const Count row = whole_packs(columns);
-  double* const integrals = scratch + grid.points * row;
-  for (Count p = 0; p < grid.points; ++p) {
-    double* const to = scratch + p * row;
-    for (Count i = 0; i < row; ++i) to[i] = i < columns ? f[p * columns + i] : 0.0;
-  }
-  integrate(grid, row, scratch, integrals);
-  for (Count p = 0; p < grid.points; ++p) {
-    for (Count i = 0; i < columns; ++i) out[p * columns + i] = integrals[p * row + i];
   }
 }
 

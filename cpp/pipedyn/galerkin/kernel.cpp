@@ -5,10 +5,13 @@
 // a lane.
 #include "pipedyn/galerkin/kernel.hpp"
 
+#include <type_traits>
+
 #include "pipedyn/galerkin/integrals.hpp"
 #include "pipedyn/galerkin/signed_weights.hpp"
 #include "pipedyn/terms/laws.hpp"
 #include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/scratch.hpp"
 
 namespace {
 
@@ -16,22 +19,13 @@ using pipedyn::Batch, pipedyn::Kinematics, pipedyn::MotionEffects, pipedyn::Pane
 
 // ---------------------------------------------------------------------------------------- block
 
-/// What a vector of a sum holds: of one member numbers along the pipe or the functions, of several
-/// members one number of each.
-template <bool alone>
-struct Along {
-  using Numbers = double;
-};
-template <>
-struct Along<true> {
-  using Numbers = Pack;
-};
-
 /// Members side by side, as many as a Real holds, with what is computed of them.
 template <class Real>
 struct Block {
   static constexpr bool alone = lanes<Real> == 1;
-  using Numbers = typename Along<alone>::Numbers;
+  // What a vector of a sum holds: of one member numbers along the pipe or the functions, of several
+  // members one number of each.
+  using Numbers = std::conditional_t<alone, Pack, double>;
   static constexpr Count step = lanes<Numbers>;  // points or functions in a vector
   static constexpr Count tile = alone ? 1 : 4;   // vectors at a time
   const GridTables& grid;
@@ -53,14 +47,8 @@ struct Block {
   /// Of a row of the mass matrix: single rows are written by whole packs.
   Count mass_stride() const { return alone ? whole_packs(padded) : padded; }
 
-  Block(const GridTables& tables, const MotionEffects& present, double* scratch)
-      : grid(tables), effects(present) {
-    lay_out(scratch);
-  }
-
-  static Count size(const GridTables& tables) {
-    const MotionEffects none{};
-    return Block(tables, none, nullptr).lay_out(nullptr);
+  Block(const GridTables& tables, const MotionEffects& present) : grid(tables), effects(present) {
+    lay_out(pipedyn::scratch(lay_out(nullptr)));
   }
 
   /// Numbers used; without scratch it only counts them.
@@ -394,47 +382,37 @@ struct Block {
 
 // ---------------------------------------------------------------------------------------- entry
 
-Count scratch_size(const GridTables& grid, Count members) {
-  return members == 1 ? Block<double>::size(grid) : Block<Pack>::size(grid);
-}
-
 /// Calls body with the block of a batch, one member or as many as a pack holds.
 template <class Body>
 void with_block(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                double* scratch, const Body& body) {
+                const Body& body) {
   if (batch.members == 1) {
-    body(Block<double>(grid, effects, scratch));
+    body(Block<double>(grid, effects));
   } else {
-    body(Block<Pack>(grid, effects, scratch));
+    body(Block<Pack>(grid, effects));
   }
 }
 
 void accelerations(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                   double* out, double* scratch) {
-  with_block(grid, effects, batch, scratch,
+                   double* out) {
+  with_block(grid, effects, batch,
              [&](auto&& block) { block.accelerations(batch, block.kinematics(batch), out); });
 }
 
 Kinematics kinematics(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                      double* accelerations, double* scratch) {
-  Block<double> one(grid, effects, scratch);
+                      double* accelerations) {
+  Block<double> one(grid, effects);
   const Count row = one.kinematics(batch);
   if (accelerations != nullptr) one.accelerations(batch, row, accelerations);
   return {one.sine, one.cosine, one.omega, one.velocity, one.weighted, one.moments, row};
 }
 
-void energy(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out,
-            double* scratch) {
-  with_block(grid, effects, batch, scratch, [&](auto&& block) { store(out, block.energy(batch)); });
+void energy(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
+  with_block(grid, effects, batch, [&](auto&& block) { store(out, block.energy(batch)); });
 }
 
-void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out,
-           double* scratch) {
-  with_block(grid, effects, batch, scratch, [&](auto&& block) { block.power(batch, out); });
-}
-
-void signed_weights(const GridTables& grid, const double* v, double* weights, double* scratch) {
-  signed_weights_of<double>(grid, v, weights, scratch);
+void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
+  with_block(grid, effects, batch, [&](auto&& block) { block.power(batch, out); });
 }
 
 }  // namespace
@@ -442,14 +420,11 @@ void signed_weights(const GridTables& grid, const double* v, double* weights, do
 namespace pipedyn {
 
 const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
-    .scratch_size = ::scratch_size,
     .accelerations = ::accelerations,
     .energy = ::energy,
     .power = ::power,
     .kinematics = ::kinematics,
-    .integrals_scratch_size = ::integrals_scratch_size,
-    .integrate = ::integrate_columns,
-    .signed_weights = ::signed_weights,
+    .integrate = ::integrate,
 };
 
 }  // namespace pipedyn

@@ -41,7 +41,7 @@ struct GridTables {
   const double* mass;               // of the pipe and its terms at each point, (N,)
   const double* beyond;             // mass beyond each point, (N,)
   const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)
-  const double* expansion;          // of Quadrature, (Q, Q + 1)
+  const double* expansion;          // of Quadrature, (Q, Q)
   const double* recurrence;         // (2 k + 1) / (k + 1), k / (k + 1), 1 / (4 k + 2), (Q, 3)
   const double* stiffness;          // k_i, (m,)
 };
@@ -61,7 +61,7 @@ struct MotionEffects {
   std::ptrdiff_t load_count = 0;
 };
 
-/// The centreline of one member at the points, in the scratch of the call that computed it.
+/// The centreline of one member at the points, in the thread's scratch.
 struct Kinematics {
   const double *sine, *cosine, *omega;  // (N,)
   const double *normal, *weight;  // v_n and drag's weights, where there are drag and q'', (N,)
@@ -73,13 +73,9 @@ struct Kinematics {
 };
 
 /// The functions of one vector level. A batch here is a block: one member or the level's width,
-/// each with a speed of its own. scratch: as many numbers as its size says, on a boundary of 64
-/// bytes.
+/// each with a speed of its own. They use the thread's scratch (vector/scratch.hpp).
 struct GalerkinKernel {
-  std::ptrdiff_t (*scratch_size)(const GridTables&, std::ptrdiff_t members);
-
-  using Function = void (*)(const GridTables&, const MotionEffects&, const Batch&, double* out,
-                            double* scratch);
+  using Function = void (*)(const GridTables&, const MotionEffects&, const Batch&, double* out);
 
   /// q'' (m, members), O(N Q m + N m^2 + m^3) a member. NaN where a member's mass matrix is not
   /// positive definite to rounding.
@@ -90,19 +86,11 @@ struct GalerkinKernel {
   Function power;
   /// Of one member; also its q'' (m,), unless that is null.
   Kinematics (*kinematics)(const GridTables&, const MotionEffects&, const Batch&,
-                           double* accelerations, double* scratch);
+                           double* accelerations);
 
-  /// Integrals from 0 to each point (N, columns) of what f (N, columns) is at the nodes.
-  std::ptrdiff_t (*integrals_scratch_size)(const GridTables&, std::ptrdiff_t columns);
-  void (*integrate)(const GridTables&, const double* f, std::ptrdiff_t columns, double* out,
-                    double* scratch);
-
-  /// Weights (N,) that integrate sign(v) f for a smooth f, given v at the points: each panel is cut
-  /// at the zeros of v, each found on the cubic through the four points around it. Where f has a
-  /// double zero with v, as |v| v has, a zero's error enters by its cube. A zero between a panel's
-  /// start and its first node is not seen, which counts by the cube of that distance, 1e-9 at 31
-  /// nodes. O(N), and O(Q^2) a panel with zeros. scratch holds 3 Q numbers.
-  void (*signed_weights)(const GridTables&, const double* v, double* weights, double* scratch);
+  /// Integrals from 0 to each point (N, columns) of what f (N, columns) is at the nodes; columns a
+  /// multiple of GridTables::widest.
+  void (*integrate)(const GridTables&, std::ptrdiff_t columns, const double* f, double* out);
 };
 
 extern const GalerkinKernel galerkin_baseline, galerkin_avx2, galerkin_avx512;

@@ -7,6 +7,17 @@
 
 namespace pipedyn {
 
+void add_inner(WritableSlab out, double factor, const Slab& a, const Slab& b) {
+  out.noalias() += factor * a.transpose() * b;
+}
+
+Matrix inner(const Slab& a, const Eigen::Ref<const Vector>& weight, const Slab& b) {
+  const Matrix weighted = weight.asDiagonal() * b;
+  Matrix out = Matrix::Zero(a.cols(), b.cols());
+  add_inner(out, 1.0, a, weighted);
+  return out;
+}
+
 Quadrature::Quadrature(Index count) {
   if (count < 1) throw std::invalid_argument("a quadrature must have at least one node");
   node.resize(count);
@@ -39,15 +50,6 @@ Quadrature::Quadrature(Index count) {
 
 Matrix Quadrature::integral_to(const Vector& s) const {
   return legendre_integrals(legendre_values(s, size() + 1), s) * expansion;
-}
-
-Matrix legendre_recurrence(Index count) {
-  Matrix recurrence(count, 3);
-  for (Index k = 0; k < count; ++k) {
-    const double order = static_cast<double>(k), twice = 2.0 * order + 1.0;
-    recurrence.row(k) << twice / (order + 1.0), order / (order + 1.0), 0.5 / twice;
-  }
-  return recurrence;
 }
 
 void legendre_values(double x, Index count, double* out) {

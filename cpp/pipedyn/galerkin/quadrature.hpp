@@ -15,6 +15,15 @@
 
 namespace pipedyn {
 
+using Slab = Eigen::Ref<const Matrix, 0, Eigen::OuterStride<>>;
+using WritableSlab = Eigen::Ref<Matrix, 0, Eigen::OuterStride<>>;
+
+/// out += factor a^T b; out overlaps neither. Compiled once, not for each pair of expressions.
+void add_inner(WritableSlab out, double factor, const Slab& a, const Slab& b);
+
+/// a^T diag(weight) b: of functions at a rule's nodes, one a column, the integrals of products.
+Matrix inner(const Slab& a, const Eigen::Ref<const Vector>& weight, const Slab& b);
+
 struct Quadrature {
   Vector node;       // s_p, ascending, shape (count,)
   Vector weight;     // w_p, shape (count,)
@@ -28,10 +37,6 @@ struct Quadrature {
   /// Weights of the integral from 0 to each point, shape (len(s), count), O(len(s) count^2).
   Matrix integral_to(const Vector& s) const;
 };
-
-/// Of P_{k+1} = r_0 x P_k - r_1 P_{k-1} and I_k = r_2 (P_{k+1} - P_{k-1}): r for k < count,
-/// (count, 3).
-Matrix legendre_recurrence(Index count);
 
 /// P_k(x) for k < count, written to out; or of x = 2 s - 1, (len(s), count).
 void legendre_values(double x, Index count, double* out);

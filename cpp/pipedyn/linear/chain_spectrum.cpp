@@ -355,7 +355,7 @@ struct Sums {
 
 ChainSpectrum::ChainSpectrum(const Traits& traits, At by_matrices, bool free_at_rest,
                              const Chain& chain, const Lapack& lapack, Vector scale)
-    : Eigenproblem(traits, std::move(by_matrices), true, free_at_rest),
+    : Eigenproblem(traits, std::move(by_matrices), free_at_rest),
       chain_(chain),
       lapack_(lapack),
       scale_(std::move(scale)) {}

@@ -155,11 +155,10 @@ Pairs Pairs::take(const std::vector<Index>& which) const {
   return result;
 }
 
-Eigenproblem::Eigenproblem(const Traits& traits, At at, bool complete, bool free_at_rest,
-                           Amend amend, std::shared_ptr<Eigenproblem> statics)
+Eigenproblem::Eigenproblem(const Traits& traits, At at, bool free_at_rest, Amend amend,
+                           std::shared_ptr<Eigenproblem> statics)
     : Spectrum(traits),
       at_(std::move(at)),
-      complete_(complete),
       free_at_rest_(free_at_rest),
       amend_(std::move(amend)),
       statics_(std::move(statics)) {}
@@ -196,53 +195,43 @@ Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
 /// By the inverse problem about a shift; none if that fails.
 std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bool left) {
   const bool free = is_squared(u);
-  const Index every = 2 * traits.dof;
-  for (Index asked = std::min(count + 6, every);; asked = std::min(2 * asked, traits.dof)) {
-    auto [mu, right, lefts] = at(u).inverse(shift, free, left, asked);
-    if (complete_) factorised_ += 2;
-    const Index size = mu.size();
-    if (size == 0) return std::nullopt;
-    Pairs pairs{Complex(shift) + mu.inverse(), std::move(right), std::move(lefts)};
-    if (free) {
-      // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
-      const Values roots = (Complex(shift * shift) + mu.inverse()).sqrt();
-      pairs.values.resize(2 * size);
-      pairs.values << roots, -roots;
-      pairs.right = pairs.right.replicate(1, 2).eval();
-      pairs.left = pairs.left.replicate(1, 2).eval();
-    }
-    if (amend_) {
-      std::tie(pairs.values, pairs.right, pairs.left) =
-          amend_(u, pairs.values, pairs.right, pairs.left, free);
-    }
-    std::vector<Index> order(pairs.values.size());
-    std::iota(order.begin(), order.end(), 0);
-    const auto place = [&](Index i) {  // those that doubles do not hold are the last
-      const Complex value = pairs.values[i];
-      return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
-                              : std::tuple(infinite, 0.0, 0.0, i);
-    };
-    std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
-    const Index there = static_cast<Index>(order.size());
-    if (!complete_ && there < every && asked < traits.dof) {
-      // All roots within `radius` of the shift are here, so all below radius - shift are.
-      const double radius = mu.inverse().abs().maxCoeff() - (free ? shift * shift : shift);
-      const double reach = free ? std::sqrt(std::max(radius, 0.0)) : radius;
-      if (there < count || !(std::abs(pairs.values[order[count - 1]]) <= reach)) continue;
-    }
-    order.resize(std::min(count, there));
-    pairs = pairs.take(order);
-    const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
-    assess(u, pairs);
-    pairs.left = duals;
-    for (Index i = 0; i < pairs.values.size(); ++i) {
-      if (is_finite(pairs.values[i])) continue;
-      pairs.values[i] = std::numeric_limits<double>::quiet_NaN();
-      pairs.right.col(i).setZero();
-      pairs.residual[i] = infinite;
-    }
-    return pairs;
+  auto [mu, right, lefts] = at(u).inverse(shift, free, left);
+  factorised_ += 2;
+  const Index size = mu.size();
+  if (size == 0) return std::nullopt;
+  Pairs pairs{Complex(shift) + mu.inverse(), std::move(right), std::move(lefts)};
+  if (free) {
+    // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
+    const Values roots = (Complex(shift * shift) + mu.inverse()).sqrt();
+    pairs.values.resize(2 * size);
+    pairs.values << roots, -roots;
+    pairs.right = pairs.right.replicate(1, 2).eval();
+    pairs.left = pairs.left.replicate(1, 2).eval();
   }
+  if (amend_) {
+    std::tie(pairs.values, pairs.right, pairs.left) =
+        amend_(u, pairs.values, pairs.right, pairs.left, free);
+  }
+  std::vector<Index> order(pairs.values.size());
+  std::iota(order.begin(), order.end(), 0);
+  const auto place = [&](Index i) {  // those that doubles do not hold are the last
+    const Complex value = pairs.values[i];
+    return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
+                            : std::tuple(infinite, 0.0, 0.0, i);
+  };
+  std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
+  order.resize(std::min(count, static_cast<Index>(order.size())));
+  pairs = pairs.take(order);
+  const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
+  assess(u, pairs);
+  pairs.left = duals;
+  for (Index i = 0; i < pairs.values.size(); ++i) {
+    if (is_finite(pairs.values[i])) continue;
+    pairs.values[i] = std::numeric_limits<double>::quiet_NaN();
+    pairs.right.col(i).setZero();
+    pairs.residual[i] = infinite;
+  }
+  return pairs;
 }
 
 /// Refines pairs that failed, or lack left vectors, one by one (conjugates together).
@@ -383,7 +372,7 @@ Sample Eigenproblem::sample(double u, Index count) {
 Pair Eigenproblem::near(double u, const Pair& guess) {
   int steps = 0;
   Pair result = refine(at(u), guess, steps);
-  if (complete_) factorised_ += steps;
+  factorised_ += steps;
   return result;
 }
 
@@ -404,7 +393,7 @@ Pair Eigenproblem::null_pair(double u, const Pair& near) {
   if (statics_ != nullptr) return statics_->null_pair(u, near);
   const Operator& p = at(u);
   const Solver solve = p.factor(0.0);
-  factorised_ += complete_ ? 1 : 0;
+  ++factorised_;
   Pair result{0.0, near.right};
   if (result.right.size() == 0) {
     result.right = Eigen::VectorXd::LinSpaced(traits.dof, 1.0, 0.5).cast<Complex>();
@@ -425,7 +414,7 @@ Pair Eigenproblem::null_pair(double u, const Pair& near) {
 /// null vectors.
 double Eigenproblem::determinant(double u, const Pair& near) {
   if (statics_ != nullptr) return statics_->determinant(u, near);
-  factorised_ += complete_ ? 1 : 0;
+  ++factorised_;
   return 1.0 / near.right.dot(at(u).factor(0.0)(near.left, false).col(0)).real();
 }
 

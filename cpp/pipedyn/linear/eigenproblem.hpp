@@ -37,11 +37,10 @@ class Eigenproblem : public Spectrum {
  public:
   using At = std::function<std::shared_ptr<Operator>(double u)>;
 
-  /// complete: whether the operators' inverse problems give all roots.
   /// free_at_rest: whether lambda enters only as lambda^2 at u = 0.
   /// statics: whose stiffness is singular where a real root passes zero, and only there; this if
   /// null.
-  Eigenproblem(const Traits& traits, At at, bool complete, bool free_at_rest, Amend amend = nullptr,
+  Eigenproblem(const Traits& traits, At at, bool free_at_rest, Amend amend = nullptr,
                std::shared_ptr<Eigenproblem> statics = nullptr);
 
   /// The `count` roots of least magnitude with right vectors, and with left ones if asked for.
@@ -72,7 +71,7 @@ class Eigenproblem : public Spectrum {
   void improve(double u, Pairs& pairs, Reals& uncertain);
 
   const At at_;
-  const bool complete_, free_at_rest_;
+  const bool free_at_rest_;
   const Amend amend_;
   const std::shared_ptr<Eigenproblem> statics_;
   std::shared_ptr<Operator> latest_;

@@ -21,10 +21,6 @@ ComplexTable complex_vectors(const Eigen::MatrixXd& vectors, const Reals& imag, 
 
 }  // namespace
 
-Reals Operator::hidden(const Values& values, const ComplexTable&, const ComplexTable&) const {
-  return Reals::Zero(values.size());
-}
-
 Eigen::MatrixXd DenseOperator::times(const Matrix& factor, const Eigen::MatrixXd& x) const {
   // The factor, row by row, is its transpose column by column.
   int n = static_cast<int>(dof), columns = static_cast<int>(x.cols());

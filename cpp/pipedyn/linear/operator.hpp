@@ -52,12 +52,11 @@ class Operator {
   /// (dP/du) x of each root.
   virtual ComplexTable by_speed(const Values& values, const ComplexTable& x) const = 0;
   virtual Solver factor(Complex value) const = 0;
-  /// At least those of the largest |mu| that `count` roots have; none where P(shift) is singular or
-  /// overflows, or the iteration does not end.
-  virtual Inverse inverse(double shift, bool velocity_free, bool left, Index count) const = 0;
+  /// All of them; none where P(shift) is singular or overflows, or the iteration does not end.
+  virtual Inverse inverse(double shift, bool velocity_free, bool left) const = 0;
   /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
   virtual Reals hidden(const Values& values, const ComplexTable& right,
-                       const ComplexTable& left) const;
+                       const ComplexTable& left) const = 0;
 
   const Index dof;
   const double size;  // of K, the elastic stiffness being 1
@@ -76,8 +75,7 @@ class DenseOperator : public Operator {
   Products multiply(const ComplexTable& x) const override;
   ComplexTable by_speed(const Values& values, const ComplexTable& x) const override;
   Solver factor(Complex value) const override;
-  /// All of them.
-  Inverse inverse(double shift, bool velocity_free, bool left, Index) const override {
+  Inverse inverse(double shift, bool velocity_free, bool left) const override {
     return inverse(shift, velocity_free, left ? 'V' : 'N', 'V');
   }
   Reals hidden(const Values& values, const ComplexTable& right,
@@ -95,32 +93,6 @@ class DenseOperator : public Operator {
 
   const Lapack lapack_;
   const Matrices matrices_;
-};
-
-/// Of a long model, by functions that do the same.
-class CalledOperator : public Operator {
- public:
-  struct Functions {
-    std::function<Products(const ComplexTable&)> multiply;
-    std::function<ComplexTable(const Values&, const ComplexTable&)> by_speed;
-    std::function<Solver(Complex)> factor;
-    std::function<Inverse(double, bool, bool, Index)> inverse;
-  };
-
-  CalledOperator(Functions functions, Index rows, double stiffness_size)
-      : Operator(rows, stiffness_size), call_(std::move(functions)) {}
-
-  Products multiply(const ComplexTable& x) const override { return call_.multiply(x); }
-  ComplexTable by_speed(const Values& values, const ComplexTable& x) const override {
-    return call_.by_speed(values, x);
-  }
-  Solver factor(Complex value) const override { return call_.factor(value); }
-  Inverse inverse(double shift, bool velocity_free, bool left, Index count) const override {
-    return call_.inverse(shift, velocity_free, left, count);
-  }
-
- private:
-  const Functions call_;
 };
 
 }  // namespace pipedyn

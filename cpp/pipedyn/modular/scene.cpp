@@ -95,34 +95,34 @@ bool solve_rows(Matrix& s, Matrix& right, Index positive) {
 
 }  // namespace
 
-Scene::Scene(const Pipe& pipe, const Segments& segments, std::vector<Row> rows,
+Scene::Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
              const std::vector<Index>& held, const Vector& value)
     : length_(segments.length),
       base_(segments.base),
       lends_(lacks_own_inertia(Chain(pipe, segments), segments.length)),
       chain_(pipe, lends_ ? lend_inertia(segments) : segments),
       inertia_(chain_.without_forces()),
-      rows_(std::move(rows)),
-      held_from_(static_cast<Index>(rows_.size())),
+      held_from_(inertia.rows()),
       value_(value) {
-  require("value", value.size(), static_cast<Index>(held.size()));
-  for (const Index coordinate : held) {
-    if (coordinate % 3 == 2) throw std::invalid_argument("what is held must be nodes'");
-    rows_.push_back({{coordinate}, {1.0}, 0.0});
-  }
   if (!(length_.minCoeff() > 0.0)) throw std::invalid_argument("length must be positive");
+  require("value", value.size(), static_cast<Index>(held.size()));
+  if (held_from_ > 0) require("a row of inertia", inertia.cols(), coordinates());
+  const Index count = held_from_ + value.size() + (lends_ ? 1 : 0);
+  weights_ = Matrix::Zero(count, coordinates());
+  compliance_ = Vector::Zero(count);
+  compliance_.head(held_from_).setOnes();
+  if (held_from_ > 0) weights_.topRows(held_from_) = inertia;
+  Index row = held_from_;
+  for (const Index coordinate : held) {
+    if (coordinate < 0 || coordinate >= coordinates() || coordinate % 3 == 2) {
+      throw std::invalid_argument("what is held must be nodes' coordinates");
+    }
+    weights_(row++, coordinate) = 1.0;
+  }
   if (lends_) {  // w . q is the angle, the sum of the joints'
     const double last = length_[dof() - 1];
-    Row& lent = rows_.emplace_back();
-    for (Index j = 0; j < dof(); ++j) lent.coordinate.push_back(3 * j + 2);
-    lent.weight.assign(lent.coordinate.size(), std::sqrt(last * last * last));
-    lent.compliance = -1.0;
-  }
-  for (const Row& row : rows_) {
-    for (const Index coordinate : row.coordinate) {
-      if (coordinate >= 0 && coordinate < coordinates()) continue;
-      throw std::invalid_argument("rows must lie on the scene's coordinates");
-    }
+    for (Index j = 0; j < dof(); ++j) weights_(row, 3 * j + 2) = std::sqrt(last * last * last);
+    compliance_[row] = -1.0;
   }
 }
 
@@ -173,12 +173,13 @@ struct Scene::Reached {
 };
 
 /// Adds R to by_angles, of which each entry is `stride` after the one before.
-Scene::Reached Scene::reach(const Row& row, const double* sine, const double* cosine,
+Scene::Reached Scene::reach(Index row, const double* sine, const double* cosine,
                             const double* omega, double* by_angles, Index stride) const {
   Reached sum;
-  for (std::size_t i = 0; i < row.weight.size(); ++i) {
-    const Index node = row.coordinate[i] / 3, axis = row.coordinate[i] % 3;
-    const double weight = row.weight[i];
+  for (Index i = 0; i < coordinates(); ++i) {
+    const Index node = i / 3, axis = i % 3;
+    const double weight = weights_(row, i);
+    if (weight == 0.0) continue;
     if (axis == 2) {
       by_angles[node * stride] += weight;
       if (node > 0) by_angles[(node - 1) * stride] -= weight;
@@ -200,7 +201,7 @@ Scene::Reached Scene::reach(const Row& row, const double* sine, const double* co
 
 void Scene::rhs(const Batch& batch, double* rates, double* multipliers) const {
   chain_.rhs(batch, rates);
-  const Index n = dof(), members = batch.members, count = static_cast<Index>(rows_.size());
+  const Index n = dof(), members = batch.members, count = compliance_.size();
   if (count == 0) return;
   constexpr Index most = 64;  // columns of X at once: whole packs, and what they need is cached
   const Index block = std::max<Index>(1, most / count);
@@ -216,8 +217,8 @@ void Scene::rhs(const Batch& batch, double* rates, double* multipliers) const {
       for (Index i = 0; i < count; ++i) {
         const Index column = k * count + i;
         theta.col(column) = state.col(0).head(n);
-        drift(i, k) = reach(rows_[static_cast<std::size_t>(i)], sine.data(), cosine.data(),
-                            state.data() + n, by_angles.data() + column, columns)
+        drift(i, k) = reach(i, sine.data(), cosine.data(), state.data() + n,
+                            by_angles.data() + column, columns)
                           .drift;
       }
     }
@@ -230,7 +231,7 @@ void Scene::rhs(const Batch& batch, double* rates, double* multipliers) const {
       for (Index i = 0; i < count; ++i) {
         mu(i) = -drift(i, k) - own.col(i).dot(acceleration);
         for (Index m = 0; m <= i; ++m) system(i, m) = system(m, i) = own.col(i).dot(x.col(m));
-        system(i, i) += rows_[static_cast<std::size_t>(i)].compliance;
+        system(i, i) += compliance_[i];
       }
       if (!solve_rows(system, mu, positive)) {
         mu.setConstant(std::numeric_limits<double>::quiet_NaN());
@@ -288,15 +289,15 @@ void Scene::energy(const Batch& batch, double* out) const {
   chain_.energy(batch, out);
   const Index n = dof();
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, batch.members);
-  for (Index k = 0; k < batch.members && !rows_.empty(); ++k) {
+  for (Index k = 0; k < batch.members && compliance_.size() > 0; ++k) {
     const Matrix state = y.col(k);
     const auto [sine, cosine] = Turned(state.topRows(n));
-    for (const Row& row : rows_) {
-      if (row.compliance == 0.0) continue;
+    for (Index row = 0; row < compliance_.size(); ++row) {
+      if (compliance_[row] == 0.0) continue;
       Vector by_angles = Vector::Zero(n);
       reach(row, sine.data(), cosine.data(), state.data() + n, by_angles.data(), 1);
       const double rate = by_angles.dot(state.col(0).tail(n));
-      out[k] += 0.5 * rate * rate / row.compliance;
+      out[k] += 0.5 * rate * rate / compliance_[row];
     }
   }
 }
@@ -326,9 +327,9 @@ double Scene::project_one(Vector& theta, Vector& omega) const {
     Matrix by_angles = Matrix::Zero(held, n), system(held, held);
     Matrix lacking(held, 2);  // how far each coordinate is off its place, and its rate
     for (Index i = 0; i < held; ++i) {
-      const Row& row = rows_[static_cast<std::size_t>(held_from_ + i)];
       auto own = by_angles.row(i);
-      const Reached at = reach(row, sine.data(), cosine.data(), omega.data(), own.data(), 1);
+      const Reached at =
+          reach(held_from_ + i, sine.data(), cosine.data(), omega.data(), own.data(), 1);
       lacking(i, 0) = at.place - value_[i];
       lacking(i, 1) = own.dot(omega);
       for (Index k = 0; k <= i; ++k) system(i, k) = system(k, i) = own.dot(by_angles.row(k));

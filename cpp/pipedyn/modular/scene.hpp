@@ -25,27 +25,21 @@
 
 namespace pipedyn {
 
-/// Weights of redundant coordinates.
-struct Row {
-  std::vector<Index> coordinate;
-  std::vector<double> weight;
-  double compliance;
-};
-
 /// Immutable; one scene may serve many threads. A state is [theta, theta'], or redundant [q, q'].
 class Scene {
  public:
-  /// rows: what has inertia besides the chain. held: x or y of nodes that guides or pins hold, each
-  /// once, at value. Throws std::invalid_argument where arrays differ in length, a length is not
-  /// positive or a coordinate is not the scene's.
-  Scene(const Pipe& pipe, const Segments& segments, std::vector<Row> rows,
+  /// inertia: rows of what has inertia besides the chain (rows, 3 n). held: x or y of nodes that
+  /// guides or pins hold, each once, at value. Throws std::invalid_argument where arrays differ in
+  /// length, a length is not positive or a coordinate is not the scene's.
+  Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
         const std::vector<Index>& held, const Vector& value);
 
   const Chain& chain() const { return chain_; }
   Index dof() const { return length_.size(); }
   Index coordinates() const { return 3 * dof(); }
-  /// Inertia first, then what is held, then what is lent.
-  const std::vector<Row>& rows() const { return rows_; }
+  /// The weights of each row (rows, 3 n): inertia first, then what is held, then what is lent.
+  const Matrix& weights() const { return weights_; }
+  const Vector& compliance() const { return compliance_; }
   /// As Chain::bodies, without the inertia that is lent.
   Matrix bodies() const;
 
@@ -69,7 +63,7 @@ class Scene {
   /// Energy of states [theta, theta']; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
   /// What flow, joints, drag and the pipe's terms add to it in unit time.
-  void power(const Batch& batch, const PowerParts& out) const { chain_.power(batch, out); }
+  void power(const Batch& batch, double* out) const { chain_.power(batch, out); }
 
   /// M^-1 times moments (n, k) where the angles are theta (n, k).
   Matrix solve(const Matrix& theta, const Matrix& moments) const;
@@ -88,12 +82,13 @@ class Scene {
   double base_;
   bool lends_;
   Chain chain_, inertia_;  // the second without forces
-  std::vector<Row> rows_;
-  Index held_from_;  // the first row that is held
-  Vector value_;     // of what is held
+  Index held_from_;        // the first row that is held
+  Vector value_;           // of what is held
+  Matrix weights_;
+  Vector compliance_;
 
   struct Reached;
-  Reached reach(const Row& row, const double* sine, const double* cosine, const double* omega,
+  Reached reach(Index row, const double* sine, const double* cosine, const double* omega,
                 double* by_angles, Index stride) const;
   double project_one(Vector& theta, Vector& omega) const;
 };

@@ -5,6 +5,8 @@
 #include <cstdlib>
 #include <stdexcept>
 
+#include "pipedyn/vector/scratch.hpp"
+
 namespace pipedyn {
 
 namespace {
@@ -57,5 +59,15 @@ std::string vector_level() { return motion_kernel().name; }
 void set_vector_level(const std::string& name) { current() = named(name); }
 
 const MotionKernel& motion_kernel() { return *current().load(std::memory_order_relaxed); }
+
+double* scratch(std::ptrdiff_t count) {
+  struct alignas(64) Line {
+    double numbers[8];
+  };
+  thread_local std::vector<Line> kept(1);
+  const std::size_t needed = static_cast<std::size_t>(count + 7) / 8;
+  if (kept.size() < needed) kept = std::vector<Line>(needed);
+  return kept.data()->numbers;
+}
 
 }  // namespace pipedyn

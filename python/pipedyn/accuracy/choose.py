@@ -6,7 +6,7 @@ The search: in each family a ladder of sizes, then bisection.
 The families of fastest convergence come first. A ladder goes up, to twice the size at the most, to
 the first one that serves. A size that fails does not end it, as errors need not fall
 monotonically. Between the last size that fails and the first that serves, bisection finds two
-neighbours. The size measured next is extrapolated from the errors at two others.
+neighbours. The size measured next is extrapolated from the last by the family's order.
 
 The ladder of the first family starts at a small size. That of each further one starts at as many
 degrees of freedom as the best model so far, and ends where its order of convergence shows that it
@@ -29,12 +29,11 @@ from numpy.typing import NDArray
 
 from pipedyn.accuracy.convergence import FAMILIES, Family, checked_families, fitted_law
 from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
-from pipedyn.accuracy.reference import MARGIN, Reference
+from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
-from pipedyn.util.counters import clock
 from pipedyn.util.result import result
 
 DEFAULT = ("legendre", "beam", "consistent", "midpoint")
@@ -87,7 +86,7 @@ class Choice:
     row: TradeRow
     tolerance: float | None
     budget: float | None
-    reference: Reference
+    reference: Answer
     steady: bool | None
     tried: tuple[Tried, ...] = field(repr=False)
     seconds: float
@@ -202,18 +201,16 @@ def choose(
         ValueError, TypeError: for bad arguments.
     """
     pipe = checked_pipe(pipe)
-    asked = checked_quantity(quantity, conditions)
     if tolerance is None and budget is None:
         raise ValueError("tolerance or budget must be given")
     if tolerance is not None:
         tolerance = check.real("tolerance", tolerance, low=1e-10, high=0.5)
     if budget is not None:
         budget = check.real("budget", budget, low=0.0, high=1e6, open_low=True)
+    asked = checked_quantity(quantity, conditions, tolerance)
     families = checked_families("among", among, DEFAULT)
     repeats = check.count("repeats", repeats, high=1000)
     start = time.perf_counter()
-    if tolerance is not None:
-        asked = asked.solved_for(tolerance)
     asked = asked.prepared(pipe)
     reference = asked.reference(pipe, (FINEST if tolerance is None else tolerance) / MARGIN)
     if tolerance is not None and reference.error > tolerance:
@@ -286,12 +283,11 @@ class Search:
 
     pipe: Pipe
     quantity: Quantity
-    reference: Reference
+    reference: Answer
     families: list[Family]  # of fastest convergence first
     repeats: int
     rows: dict[tuple[str, int], TradeRow] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
-    _seconds: dict[tuple[str, int], float] = field(default_factory=dict)
 
     def cheapest(self, tolerance: float) -> TradeRow | None:
         """The row of least time among the smallest of each family that meet a tolerance."""
@@ -316,7 +312,7 @@ class Search:
         aim = max(MARGIN * self.reference.error, self.quantity.floor)
 
         def is_enough(row: TradeRow) -> bool:
-            return self._seconds[row.family, row.size] > budget or row.error <= aim
+            return row.seconds > budget or row.error <= aim
 
         for family in self.families:
             best = self._within(budget)
@@ -329,8 +325,8 @@ class Search:
         return self._within(budget)
 
     def _within(self, budget: float) -> TradeRow | None:
-        rows = [row for row in self.rows.values() if row.seconds <= budget]
-        return min(rows, key=self.bound, default=None)
+        good = [row for row in self.rows.values() if row.failure is None and row.seconds <= budget]
+        return min(good, key=self.bound, default=None)
 
     def is_robust(self, row: TradeRow, tolerance: float) -> bool:
         """Whether the next larger size meets the tolerance too."""
@@ -355,9 +351,8 @@ class Search:
         """The row of one model."""
         key = (family.name, size)
         if key not in self.rows:
-            start, given = clock(), (self.reference, self.repeats, patience)
-            self.rows[key] = row = measured(self.pipe, self.quantity, family, size, *given)
-            self._seconds[key] = row.seconds if row.failure is None else clock() - start
+            given = (self.reference, self.repeats, patience)
+            self.rows[key] = measured(self.pipe, self.quantity, family, size, *given)
         return self.rows[key]
 
     def _climb(
@@ -389,60 +384,53 @@ class Search:
         size = min(max(dof // family.dof(1), least) + more, largest)
         while good - bad > 1:
             row = self._measure(family, size, patience)
-            before = bad
-            if serves(row):
-                good = size
-            else:
-                bad = size
-            if good <= largest:
-                if self._seconds.get((family.name, bad), 0.0) >= limit:
+            bad, good = (bad, size) if serves(row) else (size, good)
+            if good > largest:
+                if self._is_hopeless(family, row, largest, target, limit):
                     return None
-                size = (bad + good) // 2
-                if cuts < 3:  # of errors that fall by a law two guesses are enough
-                    size = self._guess(family, bad, good, target, size)
-                size, cuts = min(max(size, bad + 1), good - 1), cuts + 1
-            elif self._is_hopeless(family, row, largest, target, limit):
-                return None
+                size = min(max(self._needed(family, row, target) or largest, bad + 1), 2 * bad)
+                size = min(size, largest)
             else:
-                size = self._guess(family, before, bad, target, 2 * bad)
-                size = min(max(size, bad + 1), 2 * bad, largest)
+                failed = self.rows.get((family.name, bad))
+                if failed is not None and failed.seconds >= limit:
+                    return None
+                # Of errors that fall by a law two guesses are enough.
+                guess = self._needed(family, row, target) if cuts < 3 else None
+                size = min(max(guess or (bad + good) // 2, bad + 1), good - 1)
+                cuts += 1
         return self.rows.get((family.name, good))
 
-    def _guess(self, family: Family, a: int, b: int, target: float, otherwise: int) -> int:
-        """The size at which the error meets a target, extrapolated from those at two sizes."""
-        rows = [self.rows.get((family.name, size)) for size in (a, b)]
-        errors = [max(self.bound(row), 1e-16) if row else math.inf for row in rows]
-        if not errors[1] < errors[0] < 1.0 or target == math.inf:
-            return otherwise
-        share = math.log(errors[0] / target) / math.log(errors[0] / errors[1])
-        if family.order == math.inf:
-            return math.ceil(a + share * (b - a))
-        return math.ceil(a * math.pow(b / a, min(share, 10.0)))
+    def _needed(self, family: Family, row: TradeRow, target: float) -> int | None:
+        """The size at which the error meets a target as it falls by the family's order from a row.
+
+        None where no power law holds. The paper's springs have order 2 up to their other limit.
+        """
+        error = self.bound(row)
+        if math.inf in (error, target, family.order):
+            return None
+        return math.ceil(row.size * math.pow(error / target, 1.0 / (family.order or 2.0)))
 
     def _is_hopeless(
         self, family: Family, row: TradeRow, most: int, target: float, limit: float
     ) -> bool:
         """Whether no larger size of a family is worth asking after one that does not serve."""
-        seconds, error = self._seconds[family.name, row.size], self.bound(row)
-        ratio = error / target if error < math.inf else 1.0
-        growth = ratio ** (1.0 / (family.order or 2.0))  # the paper's: 2 up to its limit
+        error, needed = self.bound(row), self._needed(family, row, target) or row.size
         # An answer's time grows at the least with the size, at the most with its cube.
-        if error > target and seconds * growth > limit:
+        if error > target and row.seconds * needed / row.size > limit:
             return True
-        if 8.0 * seconds > PATIENCE:
+        if 8.0 * row.seconds > PATIENCE:
             self.reasons[family.name] = "one of twice the size would take more than a minute"
             return True
-        rows = [row for row in self.rows.values() if row.family == family.name]
-        rows = [row for row in rows if self.bound(row) < math.inf]
-        if len(rows) < 4 or error == math.inf:
+        known = {r.size: self.bound(r) for r in self.rows.values() if r.family == family.name}
+        known = {size: bound for size, bound in known.items() if bound < math.inf}
+        if len(known) < 4 or error == math.inf:
             return False
-        sizes, errors = [float(row.size) for row in rows], [self.bound(row) for row in rows]
-        law = fitted_law(np.array(sizes), np.array(errors))
-        if law.law == "flat" and abs(law.limit) - law.spread > target:
+        law = fitted_law(np.array([*known], dtype=np.float64), np.array([*known.values()]))
+        if family.order == 0.0 and law.law == "flat" and abs(law.limit) - law.spread > target:
             self.reasons[family.name] = (
                 f"larger ones tend to an error of {abs(law.limit):.3g}: it has another limit"
             )
-        elif growth * row.size > most:
+        elif needed > most:
             self.reasons[family.name] = f"none up to {most} would serve, as its errors fall"
         return bool(self.reasons[family.name])
 

@@ -15,7 +15,7 @@ from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import FUNCTIONS_A_JOINT
-from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin
+from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -63,9 +63,7 @@ class Family:
 
     def for_terms(self, pipe: Pipe) -> int:
         """Functions that a Legendre basis takes on top, where terms divide the pipe into panels."""
-        if self.order < math.inf or not pipe.terms:
-            return 0
-        return FUNCTIONS_A_JOINT * (Galerkin(pipe, LARGEST_BASIS, "legendre").panels - 1)
+        return FUNCTIONS_A_JOINT * basis_joints(pipe.terms).size if self.order == math.inf else 0
 
     def beyond(self, size: int) -> int:
         """The next size, at which an error that is small only by a change of sign is not."""

@@ -6,14 +6,14 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from pipedyn.accuracy.quantities import Frequencies, Quantity, checked_quantity, conditions_of
 from pipedyn.accuracy.reference import MARGIN, Answer
-from pipedyn.bifurcation.cycles import NoCycle
+from pipedyn.bifurcation.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import modes
 from pipedyn.models.base import PipedynError, checked_pipe
@@ -206,7 +206,7 @@ def relevant(
     if "u" in conditions_of(quantity):
         conditions = {"u": u, **conditions}
     asked = checked_quantity(quantity, conditions).prepared(pipe)
-    full = _outcome(asked, pipe, tolerance)
+    words, full = _outcome(asked, pipe, tolerance)
     strengths = _strengths(pipe)
     if asked.name == "critical_speed":
         del strengths["flow"]
@@ -219,24 +219,21 @@ def relevant(
         simpler = _without(pipe, names)
         growth = _growth(simpler, u)
         try:
-            found = _outcome(asked, simpler, tolerance)
+            without, found = _outcome(asked, simpler, tolerance)
         except PipedynError as failure:
             unknown = (None, math.nan, math.nan, growth)
             return Effect(name, strength, "not found", *unknown, "relevant", str(failure.args[0]))
-        size, error = math.inf, 0.0
-        if found.kind == full.kind:
-            size = 0.0
-            if found.answer is not None and full.answer is not None:
-                size = asked.distance(found.answer, full.answer)
-            error = found.error + full.error if size > 0.0 else 0.0
+        size = asked.distance(found, full)
+        error = found.error + full.error if 0.0 < size < math.inf else 0.0
         note = ""
         undamped = pipe.damping == 0.0 and pipe.flow == "ejecting"
         if names == ("Coriolis",) and asked.name == "critical_speed" and undamped:
             with suppress(PipedynError):
-                limit = _outcome(asked, replace(pipe, beta=LIMIT_BETA), tolerance)
-                note = f"as beta tends to 0 the pipe's is {limit.words}, not that at 0"
+                limit, _ = _outcome(asked, replace(pipe, beta=LIMIT_BETA), tolerance)
+                note = f"as beta tends to 0 the pipe's is {limit}, not that at 0"
         verdict = "negligible" if size + error <= tolerance else "relevant"
-        return Effect(name, strength, found.words, found.answer, size, error, growth, verdict, note)
+        answer = found if found.values.size else None
+        return Effect(name, strength, without, answer, size, error, growth, verdict, note)
 
     def rank(effect: Effect) -> tuple[bool, float]:
         # Absent ones last; of the others the largest first, and the unknown with the infinite.
@@ -248,7 +245,7 @@ def relevant(
         pipe=pipe,
         u=u,
         quantity=asked,
-        full=full.words,
+        full=words,
         growth=_growth(pipe, u),
         tolerance=tolerance,
         effects=tuple(effects),
@@ -291,36 +288,26 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     return _WithoutCentrifugal(**{one.name: getattr(pipe, one.name) for one in fields(pipe)})
 
 
-@dataclass(frozen=True)
-class _Outcome:
-    """What a pipe answered: words, what must agree, and numbers with their error if there are."""
-
-    words: str
-    kind: str
-    answer: Answer | None = None
-    error: float = 0.0
-
-
-def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> _Outcome:
-    """What a pipe answers, where "there is none" is an answer too."""
+def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Answer]:
+    """What a pipe answers, in words and in numbers: none where there is no such answer."""
     state = ""
-    if quantity.name == "critical_speed":
-        if pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0:
-            state = "buckled at rest, "
-        if pipe.centrifugal == 0.0 and pipe.flow == "ejecting":
-            # The flow then changes no stiffness, and the free end only loses energy to it.
-            return _Outcome(f"{state}no loss of stability at any speed", f"{state}none")
+    if quantity.name == "critical_speed" and pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0:
+        state = "buckled at rest, "
+    none = Answer(np.zeros(0), f"{state}none")
+    if quantity.name == "critical_speed" and pipe.centrifugal == 0.0 and pipe.flow == "ejecting":
+        # The flow then changes no stiffness, and the free end only loses energy to it.
+        return f"{state}no loss of stability at any speed", none
     try:
         # With a tenth of the tolerance each, a change of one tolerance is known to a fifth.
         found = quantity.reference(pipe, tolerance / MARGIN)
-    except NoCrossing as none:
-        return _Outcome(f"{state}{none.args[0]}", f"{state}none")
-    except NoCycle as none:
-        if _growth(pipe, none.u) > 0.0:  # one may be there that no search found
+    except NoCrossing as failure:
+        return f"{state}{failure.args[0]}", none
+    except NoCycle as failure:
+        if _growth(pipe, failure.u) > 0.0:  # one may be there that no search found
             raise
-        return _Outcome("no limit cycle, it rests", "none")
-    words, kind = _described(quantity, pipe, found.answer)
-    return _Outcome(state + words, state + kind, found.answer, found.error)
+        return "no limit cycle, it rests", none
+    words, kind = _described(quantity, pipe, found)
+    return state + words, replace(found, kind=state + kind)
 
 
 def _described(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
@@ -367,11 +354,11 @@ def _growth(pipe: Pipe, u: float) -> float:
         growth = float(values.real[np.abs(values) <= largest].max(initial=-math.inf))
         return growth if abs(growth) > ROUNDING * largest else 0.0
 
-    def distance(a: float, b: float) -> float:
-        return abs(a - b) / max(abs(b), 1.0)
-
     first = min(max(16, 2 * half_waves), LARGEST)
     try:
-        return Continuum(pipe).converge(least_damped, distance, 1e-8, first).value
+        found = Continuum(pipe).converge(
+            least_damped, lambda a, b: abs(a - b) / max(abs(b), 1.0), 1e-8, first
+        )
+        return found.value
     except PipedynError:
         return math.nan

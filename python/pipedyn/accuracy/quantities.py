@@ -20,10 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn.accuracy.convergence import FAMILIES
-from pipedyn.accuracy.reference import LEAST_ERROR, Answer, Reference
+from pipedyn.accuracy.reference import LEAST_ERROR, Answer
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
-from pipedyn.linear.modes import CONTINUUM_SPEED, modes, root_loci
+from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin
@@ -49,8 +49,9 @@ functions take 1 s, of 27 beam modes 4, so that only what does not converge meet
 LEAST_TOLERANCE = 1e-10
 """Least change to which a basis grows, as for `Continuum`: rounding leaves less."""
 
-RTOL = 1e-8
-"""Relative tolerance of a motion or a cycle where none is given: it leaves errors of 2e-7."""
+RTOL, LOOSEST_RTOL = 1e-8, 1e-2
+"""Relative tolerance of a motion or a cycle where none is given: it leaves errors of 2e-7. The
+loosest, which leaves errors of a tenth or more."""
 
 
 class Quantity(ABC):
@@ -91,7 +92,7 @@ class Quantity(ABC):
         return float(shares.max(initial=0.0))
 
     @abstractmethod
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+    def reference(self, pipe: Pipe, tolerance: float) -> Answer:
         """The continuous pipe's answer, its error below a tolerance where that can be had."""
 
     def excluded(self, pipe: Pipe, family: str) -> str:
@@ -109,11 +110,11 @@ class Quantity(ABC):
     def extrapolated(self, coarse: Answer, fine: Answer, order: float) -> Answer:
         """Richardson's value from models of one and of twice the size."""
         if coarse.kind != fine.kind or coarse.values.shape != fine.values.shape:
-            return replace(fine, values=np.full_like(fine.values, np.nan), others=None)
+            return replace(fine, values=np.full_like(fine.values, np.nan), candidates=None)
         share = 2.0**order - 1.0
         error = fine.error + (fine.error + coarse.error) / share
         values = fine.values + (fine.values - coarse.values) / share
-        return replace(fine, values=values, error=error, others=None)
+        return replace(fine, values=values, error=error, candidates=None)
 
 
 # ------------------------------------------------------------------------------- linear questions
@@ -137,15 +138,18 @@ class CriticalSpeedOf(Quantity):
         error = found.error / found.speed if found.speed else 0.0
         return Answer(np.array([found.speed]), found.kind, error)
 
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+    def reference(self, pipe: Pipe, tolerance: float) -> Answer:
         """`Continuum`'s own answer, as exact as it is whatever the tolerance."""
         found = critical_speed(Continuum(pipe), min(self.max_speed, CONTINUUM_SPEED))
         answer, source = self._answer(found), f"Continuum, {found.size} Legendre functions"
-        return Reference(answer, max(answer.error, LEAST_ERROR), source)
+        return replace(answer, error=max(answer.error, LEAST_ERROR), source=source)
 
 
 class _Roots(Quantity):
     """Eigenvalues, each compared with its own; those that cluster at -1 / delta are left out."""
+
+    highest: ClassVar[float] = math.inf
+    """Share of 1 / delta up to which roots are compared."""
 
     count: int
 
@@ -156,12 +160,14 @@ class _Roots(Quantity):
 
     def compared(self, answer: Answer) -> NDArray[np.bool_]:
         """Which roots others are compared with."""
-        outside: NDArray[np.bool_] = np.abs(answer.damping * answer.values + 1.0) > 0.5
-        return outside
+        scaled = answer.damping * answer.values
+        compared: NDArray[np.bool_] = (np.abs(scaled + 1.0) > 0.5) & (np.abs(scaled) < self.highest)
+        return compared
 
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest difference of a root from its own, relative to that or, where it is less, 1."""
-        both = np.atleast_2d(answer.candidates), np.atleast_2d(other.values)
+        roots = answer.values if answer.candidates is None else answer.candidates
+        both = np.atleast_2d(roots), np.atleast_2d(other.values)
         worst = 0.0
         for row, exact, mask in zip(*both, np.atleast_2d(self.compared(other)), strict=True):
             own = exact[mask][:, None]
@@ -171,7 +177,7 @@ class _Roots(Quantity):
             worst = max(worst, float(cost[linear_sum_assignment(cost)].max(initial=0.0)))
         return worst
 
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+    def reference(self, pipe: Pipe, tolerance: float) -> Answer:
         """The continuous pipe's: its basis grows until these roots converge, whatever others do."""
 
         def change(before: Answer, answer: Answer) -> float:
@@ -182,7 +188,7 @@ class _Roots(Quantity):
         least, first = min(max(tolerance, LEAST_TOLERANCE), 1e-6), max(16, 2 * self.count + 2)
         found = Continuum(pipe).converge(self.answer, change, least, first)
         source = f"Continuum, {found.size} Legendre functions"
-        return Reference(found.value, max(found.error, LEAST_ERROR), source)
+        return replace(found.value, error=max(found.error, LEAST_ERROR), source=source)
 
 
 @dataclass(frozen=True)
@@ -194,6 +200,7 @@ class Frequencies(_Roots):
     """
 
     name: ClassVar[str] = "frequencies"
+    highest: ClassVar[float] = BEFORE_CLUSTER
     u: float = 0.0
     count: int = 4
 
@@ -202,24 +209,14 @@ class Frequencies(_Roots):
         self._set(u=u, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
-        """The eigenvalues, shape (2 count,)."""
+        """The eigenvalues, shape (2 count,); NotConverged where all of them cluster."""
         # Roots of equal size may change places at the end of the row: two more are asked for.
-        found = modes(model, self.u, min(2 * self.count + 2, 2 * model.dof))
-        if not found.converged.all():
-            raise NotConverged(f"eigenvalues at u = {self.u:g} failed their residual check", found)
-        asked, others = np.split(found.eigenvalues, [2 * self.count])
-        return Answer(asked, damping=model.pipe.damping, others=others)
-
-    def compared(self, answer: Answer) -> NDArray[np.bool_]:
-        """Those below the cluster; NotConverged where there are none."""
-        below = answer.damping * np.abs(answer.values) < BEFORE_CLUSTER
-        compared: NDArray[np.bool_] = below & super().compared(answer)
-        if not compared.any():
-            raise NotConverged(
-                f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta",
-                answer,
-            )
-        return compared
+        found = eigenvalues(model, self.u, min(2 * self.count + 2, 2 * model.dof))
+        answer = Answer(found[: 2 * self.count], damping=model.pipe.damping, candidates=found)
+        if not self.compared(answer).any():
+            reason = f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta"
+            raise NotConverged(reason, answer)
+        return answer
 
 
 @dataclass(frozen=True)
@@ -242,12 +239,9 @@ class RootLociOver(_Roots):
         loci = root_loci(model, self.speeds, count)
         if not loci.converged.all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
-        upper, lower = loci.eigenvalues, loci.partners
-        asked, others = (
-            np.concatenate([upper[:, part], lower[:, part]], axis=1)
-            for part in (slice(self.count), slice(self.count, None))
-        )
-        return Answer(asked, damping=model.pipe.damping, others=others)
+        pairs = np.stack([loci.eigenvalues, loci.partners], axis=1)  # (S, 2, count)
+        every, asked = (part.reshape(len(part), -1) for part in (pairs, pairs[..., : self.count]))
+        return Answer(asked, damping=model.pipe.damping, candidates=every)
 
 
 # ---------------------------------------------------------------------------- nonlinear questions
@@ -259,8 +253,8 @@ Angle: TypeAlias = Callable[[Array], ArrayLike]
 class _Integrated(Quantity):
     """A motion or a cycle, integrated with a relative tolerance, rtol.
 
-    Where it is not given rtol is a `share` of the tolerance asked for, but not below `least_rtol`,
-    or 1e-8 where none is asked for. It leaves an error of `noise` times rtol.
+    For a tolerance of the answer a `share` of it is enough, but not below `least_rtol`. What is
+    left is an error of `noise` times rtol.
     """
 
     least_rtol: ClassVar[float]
@@ -268,31 +262,24 @@ class _Integrated(Quantity):
     noise: ClassVar[float]
 
     u: float
-    rtol: float | None
+    rtol: float
 
     def _check_numbers(self, open_low: bool) -> None:
         u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED, open_low=open_low)
-        rtol = self.rtol
-        if rtol is not None:
-            rtol = check.real("rtol", rtol, low=self.least_rtol, high=1e-2)
+        rtol = check.real("rtol", self.rtol, low=self.least_rtol, high=LOOSEST_RTOL)
         self._set(u=u, rtol=rtol)
 
     @property
     def floor(self) -> float:  # type: ignore[override]
         """The integration's part."""
-        return self.noise * (self.rtol or RTOL)
+        return self.noise * self.rtol
 
     def solved_for(self, tolerance: float) -> Self:
         """With a share of the tolerance, but no looser than it is."""
-        loosest = 1e-2 if self.rtol is None else self.rtol
-        rtol = min(loosest, max(self.share * tolerance, self.least_rtol))
+        rtol = min(self.rtol, max(self.share * tolerance, self.least_rtol))
         return replace(self, rtol=rtol)  # type: ignore[type-var]
 
-    def prepared(self, pipe: Pipe) -> Self:
-        """With the relative tolerance that holds where none is given."""
-        return replace(self, rtol=self.rtol or RTOL)  # type: ignore[type-var]
-
-    def reference(self, pipe: Pipe, tolerance: float) -> Reference:
+    def reference(self, pipe: Pipe, tolerance: float) -> Answer:
         """From Legendre functions, or from beam modes where those spoil the answer.
 
         Solved by turns with two tolerances: what the looser leaves is part of the difference.
@@ -301,7 +288,6 @@ class _Integrated(Quantity):
             NotConverged: if the second model has no answer in half a minute.
             PipedynError: if one of the first two models fails.
         """
-        assert self.rtol is not None
         tolerance = max(tolerance, self.rtol)
         # Errors fall exponentially; under drag, as |v| v has a kink, like the third power of the
         # size, of beam modes like the fourth: the last step then moves less than what remains.
@@ -339,7 +325,8 @@ class _Integrated(Quantity):
             if error <= tolerance:
                 break
         source = f"Galerkin, {sizes[len(answers) - 1]} {family.name} functions{failed}"
-        return Reference(answers[-1], max(error, LEAST_ERROR), source, family.name)
+        error = max(error, LEAST_ERROR)
+        return replace(answers[-1], error=error, source=source, family=family.name)
 
 
 @dataclass(frozen=True)
@@ -360,7 +347,7 @@ class MotionOf(_Integrated):
     duration: float
     start: Angle | None = field(default=None, repr=False)
     samples: int = 201
-    rtol: float | None = None
+    rtol: float = RTOL
     rates: Angle | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -380,7 +367,6 @@ class MotionOf(_Integrated):
     def answer(self, model: Model) -> Answer:
         """The free end's positions, shape (samples, 2)."""
         assert self.start is not None
-        assert self.rtol is not None
         motion = simulate(
             *(model, self.u, self.duration, self.start),
             qdot0=None if self.rates is None else model.bent(self.rates),
@@ -391,14 +377,13 @@ class MotionOf(_Integrated):
 
     def prepared(self, pipe: Pipe) -> MotionOf:
         """With its start: the least damped mode where none is given."""
-        asked = super().prepared(pipe)
         more = LEGENDRE.for_terms(pipe)
         if self.start is not None:
             straight = LEGENDRE.make(pipe, FIRST + more)
             bends = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
             if np.abs(bends).max() < 1e-12:  # rounding
                 raise ValueError("start must bend the pipe: a straight one at rest does not move")
-            return asked
+            return self
         # 24 functions have the mode and its neighbours exactly.
         model = Galerkin(pipe, max(24, math.ceil(self.u)) + more, "legendre")
         found = modes(model, self.u, 8)
@@ -406,7 +391,7 @@ class MotionOf(_Integrated):
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode(np.ones(1))[0]  # 2 % of such a motion is nonlinear
         angle = partial(_slope, model, q.real.copy())
-        return replace(asked, start=angle, rates=partial(_slope, model, (mode.eigenvalue * q).real))
+        return replace(self, start=angle, rates=partial(_slope, model, (mode.eigenvalue * q).real))
 
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest distance of the free end, in the other's largest excursion."""
@@ -437,14 +422,13 @@ class LimitCycleAt(_Integrated):
     share: ClassVar[float] = 0.1
     noise: ClassVar[float] = 10.0
     u: float
-    rtol: float | None = None
+    rtol: float = RTOL
 
     def __post_init__(self) -> None:
         self._check_numbers(open_low=True)
 
     def answer(self, model: Model) -> Answer:
         """Amplitude and frequency, shape (2,)."""
-        assert self.rtol is not None
         cycle = limit_cycle(model, self.u, rtol=self.rtol)
         return Answer(np.array([cycle.amplitude, cycle.frequency]), "", cycle.error)
 
@@ -462,8 +446,13 @@ def conditions_of(quantity: Any) -> dict[str, inspect.Parameter]:
     return dict(inspect.signature(kind).parameters)
 
 
-def checked_quantity(quantity: Any, settings: dict[str, Any]) -> Quantity:
-    """A quantity by its name, with conditions; TypeError for those it does not take, or lacks."""
+def checked_quantity(
+    quantity: Any, settings: dict[str, Any], tolerance: float | None = None
+) -> Quantity:
+    """A quantity by its name, with conditions; TypeError for those it does not take, or lacks.
+
+    With a tolerance it is solved as well as that needs and as settings ask for.
+    """
     known = conditions_of(quantity)
     for name in settings:
         if name not in known:
@@ -475,4 +464,7 @@ def checked_quantity(quantity: Any, settings: dict[str, Any]) -> Quantity:
     ]
     if missing:
         raise TypeError(f"{quantity!r} takes {', '.join(known)}, and lacks {', '.join(missing)}")
-    return QUANTITIES[quantity](**settings)
+    if tolerance is None:
+        return QUANTITIES[quantity](**settings)
+    loosest = {"rtol": LOOSEST_RTOL} if "rtol" in known else {}
+    return QUANTITIES[quantity](**loosest | settings).solved_for(tolerance)

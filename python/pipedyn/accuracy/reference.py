@@ -6,10 +6,9 @@ Reduced models grow until two answers agree; by how much they differ bounds the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.util.result import result
@@ -24,42 +23,24 @@ LEAST_ERROR = 1e-14
 
 @result
 class Answer:
-    """What a model answered.
+    """What a model answered, or of the continuous pipe: a reference.
 
     Attributes:
         values: numbers, real or complex, of a shape that the quantity sets.
         kind: what must agree besides numbers, as that a loss of stability is flutter.
-        error: the solver's own, relative.
+        error: relative: the solver's own; of a reference a bound, what the last growth of the model
+            changed in it.
         damping: delta, if these are roots: those that cluster at -1 / delta are not compared.
-        others: roots beyond those asked for, of which another model may count one among them.
+        candidates: roots among which another model's are looked for, where they are more than those
+            asked for: beyond these may be one that the other model counts among them.
+        source: of a reference, which model gave it.
+        family: of a reference, the models that it grew from, if it did.
     """
 
-    values: NDArray[Any]
+    values: NDArray[Any] = field(repr=False)
     kind: str = ""
     error: float = 0.0
     damping: float = 0.0
-    others: NDArray[Any] | None = None
-
-    @property
-    def candidates(self) -> NDArray[Any]:
-        """All roots, those asked for first."""
-        if self.others is None:
-            return self.values
-        return np.concatenate([self.values, self.others], axis=-1)
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The continuous pipe's answer.
-
-    Attributes:
-        answer: the numbers.
-        error: bound on their error, relative: by what the last growth of the model moved them.
-        source: which model gave it.
-        family: of the models that it grew from, if it did.
-    """
-
-    answer: Answer = field(repr=False)
-    error: float
-    source: str
+    candidates: NDArray[Any] | None = field(default=None, repr=False)
+    source: str = ""
     family: str = ""

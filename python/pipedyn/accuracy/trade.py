@@ -23,7 +23,7 @@ from pipedyn.accuracy.convergence import (
     fitted_law,
 )
 from pipedyn.accuracy.quantities import Quantity, checked_quantity
-from pipedyn.accuracy.reference import MARGIN, Reference
+from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.models.base import NotConverged, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -53,7 +53,7 @@ class TradeRow:
         dof: degrees of freedom; of a pair the sum.
         error: of the answer, relative, as measured against the reference; NaN where it failed.
         resolved: whether it is at least ten times the reference's own error.
-        seconds: least processor time of an answer from models freshly made.
+        seconds: least processor time of an answer from models freshly made, or up to its failure.
         spread: the longest of the repeated times over the least, less 1.
         right_hand_sides, factorisations: counts of one answer.
         failure: what was raised, None where all went well.
@@ -102,7 +102,7 @@ class Trade:
 
     pipe: Pipe
     quantity: Quantity
-    reference: Reference
+    reference: Answer
     rows: tuple[TradeRow, ...] = field(repr=False)
 
     def of(self, family: str) -> tuple[TradeRow, ...]:
@@ -277,13 +277,13 @@ def measured(
     quantity: Quantity,
     family: Family,
     size: int,
-    reference: Reference,
+    reference: Answer,
     repeats: int,
     patience: float = math.inf,
 ) -> TradeRow:
     """One model's error and cost; it fails where an answer takes longer than some seconds."""
     times: list[float] = []
-    dof = 0
+    dof, begin = 0, clock()
     try:
         while len(times) < repeats and sum(times) < LONGEST:
             models = family.models(pipe, size)
@@ -298,8 +298,9 @@ def measured(
                     answer = quantity.extrapolated(answers[0], answers[1], 0.5 * family.order)
                 times.append(clock() - start)
     except Exception as failure:
-        return TradeRow(family.name, size, dof, math.nan, False, math.nan, math.nan, 0, 0, failure)
-    error = quantity.distance(answer, reference.answer)
+        taken = clock() - begin
+        return TradeRow(family.name, size, dof, math.nan, False, taken, math.nan, 0, 0, failure)
+    error = quantity.distance(answer, reference)
     return TradeRow(
         family=family.name,
         size=size,

@@ -13,45 +13,49 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import pairwise
 from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.brute_force import Fail
-from pipedyn.bifurcation.continuation import Segment, folds, sign_changes
-from pipedyn.bifurcation.cycles import (
+from pipedyn.bifurcation.brute_force import Failed
+from pipedyn.bifurcation.continuation import folds, sign_changes
+from pipedyn.bifurcation.equilibria import BALANCED, BranchPoint, EquilibriumBranch
+from pipedyn.bifurcation.floquet import EventKind, crossing_event, floquet, growth
+from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
+from pipedyn.bifurcation.limit_cycle import (
     LimitCycle,
     NoCycle,
     amplitude_of,
     finished,
-    floquet,
     on_branch,
 )
-from pipedyn.bifurcation.equilibria import EquilibriumBranch, Statics
-from pipedyn.bifurcation.events import SAME, CycleEvent, EventKind, crossing_event, growth
-from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
-    OrbitStep,
+    Step,
+    both_ways,
     breaking_part,
     followed,
     from_branch_point,
     from_hopf,
-    from_orbit,
+    orbit_at,
 )
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
+
+SAME = 1e-4
+"""Relative difference below which two cycles, or the speeds of two events, are the same: measured,
+orbits on a coarse mesh (`orbit_continuation.COARSE`) are off by 4e-6 at most."""
 
 NEAR_FOLD = 0.02
 """Share of a step around a fold in which its multiplier is too near to the trivial one: measured at
@@ -75,6 +79,39 @@ GENERATIONS = 2
 ones, since their number may grow without end (a cascade of period doublings)."""
 
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
+
+
+@result
+class CycleEvent:
+    """Where the stability of a branch of cycles changes, or the branch turns or ends.
+
+    Attributes:
+        kind: "fold" (the branch turns back), "pitchfork" (a cycle that is its own mirror image
+            meets two that are not), "period doubling" (it meets one of twice its period: a
+            multiplier passes -1), "torus" (a pair passes the unit circle), "hopf" (its
+            amplitude falls to 0), "infinite period" (the frequency falls towards 0, as where a
+            cycle meets an equilibrium) or "end" (it was not followed further).
+        speed: u.
+        error: half the interval of speeds that is known to hold it.
+        multiplier: the one that passes, where it does, on the unit circle: 1 at a fold and a
+            pitchfork, as where the branch begins or ends, -1 at a doubling.
+        amplitude: of the cycle.
+    """
+
+    kind: EventKind
+    speed: float
+    error: float
+    multiplier: complex
+    amplitude: float
+
+    def same(self, other: CycleEvent) -> bool:
+        """Whether two branches meet in one event; raises TypeError for what is no event."""
+        if not isinstance(other, CycleEvent):
+            raise TypeError(f"other must be a CycleEvent, got {check.shown(other)}")
+        apart = abs(self.speed - other.speed)
+        near = SAME * self.speed + 3.0 * (self.error + other.error)
+        equal = abs(self.amplitude - other.amplitude) <= 0.1 * self.amplitude
+        return self.kind == other.kind and apart <= near and equal
 
 
 @result
@@ -112,22 +149,10 @@ class CycleBranch:
     origin: Origin = "hopf"
     onset: float = math.nan
 
-    def __len__(self) -> int:
-        return len(self.speeds)
-
     def at(self, u: float) -> tuple[LimitCycle, ...]:
         """The cycles at one of the speeds given, in order along the branch."""
         u = check.real("u", u, low=0.0)
         return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
-
-    def passes(self, u: float) -> bool:
-        """Whether it has cycles on both sides of a speed, or at it."""
-        u = check.real("u", u, low=0.0)
-        return bool(self.speeds.min() <= u <= self.speeds.max())
-
-
-Failed = tuple[float, Exception]
-"""A flow speed and what was raised there."""
 
 
 @dataclass(frozen=True)
@@ -161,33 +186,28 @@ class Traced:
 
 
 def hopf_points(
-    model: Model, branches: tuple[EquilibriumBranch, ...], highest: float, fail: Fail
+    model: Model, branches: tuple[EquilibriumBranch, ...], highest: float, failed: list[Failed]
 ) -> list[HopfPoint]:
     """Hopf points of equilibria up to a speed, of mirror images one.
 
     Where the straight pipe is an equilibrium all its onsets count, on branches followed or not.
     """
-    motion, statics = VectorField(model), Statics(model)
-    points: list[tuple[float, float, Array]] = []
-    if statics.rests(highest):
+    motion = VectorField(model)
+    points: list[Crossing | BranchPoint] = []
+    if model.unbalanced(highest) <= BALANCED:
         try:
-            onsets = [c for c in crossings(model, highest) if c.kind == "flutter"]
-            points += [(c.speed, c.frequency, statics.resting) for c in onsets]
+            points += [c for c in crossings(model, highest) if c.kind == "flutter"]
         except PipedynError as error:
-            fail(highest, error)
-    for branch in branches:
-        if not branch.straight:
-            bent = [point for point in branch.points if point.kind == "hopf"]
-            points += [(p.speed, p.frequency, statics.from_start("q", p.q)) for p in bent]
+            failed.append((highest, error))
+    points += [p for b in branches if not b.straight for p in b.points if p.kind == "hopf"]
     found: list[HopfPoint] = []
-    for u, frequency, x in points:
-        known = (np.allclose((u, frequency), (p.speed, p.frequency), rtol=1e-6) for p in found)
-        if u > 0.0 and not any(known):
+    for new in points:
+        same = (np.isclose((p.speed, p.frequency), (new.speed, new.frequency), 1e-6) for p in found)
+        if new.speed > 0.0 and not any(map(np.all, same)):
             try:
-                rest = np.concatenate([x, np.zeros(motion.half)])
-                found.append(hopf_point(motion, rest, u, frequency))
+                found.append(hopf_point(motion, new))
             except (PipedynError, ValueError) as error:
-                fail(u, error)
+                failed.append((new.speed, error))
     return found
 
 
@@ -213,30 +233,18 @@ def traced(
                 break
         found.append(_joined(ways))
         for event, orbit, stable in [fork for way in ways for fork in way.forks]:
-            followed = generations == GENERATIONS or (stable and generations > 0)
             ends = (end for other in found for end in (other.begin, other.end))
-            if not followed or any(end is not None and event.same(end) for end in ends):
+            if any(end is not None and event.same(end) for end in ends):
                 continue
-            try:
-                leaving = [from_branch_point(motion, orbit)]
-            except NewtonFailed as reason:
-                kind, u = event.kind, event.speed
-                report = f"no cycles were found that leave the {kind} at u = {u:g}: {reason}"
-                failed.append((u, NoCycle(report, u)))
-                continue
-            trace(leaving, event, generations - 1)
+            if generations == GENERATIONS or (stable and generations > 0):
+                trace([from_branch_point(motion, orbit)], event, generations - 1)
 
     with one_thread(motion.size):
-        event, u = None, begin.u if isinstance(begin, PeriodicOrbit) else begin.speed
-        try:
-            if isinstance(begin, PeriodicOrbit):
-                starts = [from_orbit(motion, begin, sign) for sign in (-1.0, 1.0)]
-            else:
-                starts = [from_hopf(motion, begin)]
-                event = CycleEvent("hopf", u, 1e-6, 1.0 + 0j, 0.0)
-        except NewtonFailed as reason:
-            return [], [(u, NoCycle(f"no cycle was found near u = {u:g}: {reason}", u))]
-        trace(starts, event, GENERATIONS)
+        if isinstance(begin, PeriodicOrbit):
+            trace(both_ways(motion, begin), None, GENERATIONS)
+        else:
+            onset = CycleEvent("hopf", begin.speed, 1e-6, 1.0 + 0j, 0.0)
+            trace([from_hopf(motion, begin)], onset, GENERATIONS)
         return found, failed
 
 
@@ -261,7 +269,7 @@ def _joined(ways: list[_Follower]) -> Traced:
         events=tuple(event for event in events if way.options.holds(event.speed)),
         cycles=tuple(cycles),
         mirrored=not cycles[0].symmetric and way.motion.is_odd(cycles[0].u),
-        origin=way.origin,
+        origin=cast(Origin, way.begin.kind) if way.begin is not None else "motion",
         onset=way.onset,
     )
     return Traced(branch, begin, way.end)
@@ -284,17 +292,13 @@ class _Follower:
     ) -> None:
         self.motion, self.start, self.begin, self.options = motion, start, begin, options
         self.failed = failed
-        self.origin: Origin = "motion"
-        self.onset = math.nan
-        self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
+        self.onset, where, self.events = math.nan, "a motion", list[CycleEvent]()
         if begin is not None:
-            self.origin, self.onset = cast(Origin, begin.kind), begin.speed
-            where = "onset" if begin.kind == "hopf" else begin.kind
-            self.how = f"followed from the {where} at u = {begin.speed:.6g}"
-        self.events = [] if begin is None else [begin]
+            self.onset, self.events = begin.speed, [begin]
+            where = "the onset" if begin.kind == "hopf" else f"the {begin.kind}"
+        self.how = f"followed from {where} at u = {start.orbit.u:.6g}"
         self.cycles: list[LimitCycle] = []
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
-        self.frequencies: list[float] = []
         self.end: CycleEvent | None = None
         self.closed = False
 
@@ -304,24 +308,24 @@ class _Follower:
         Beyond the speeds given multipliers are not computed.
         """
         here, beyond, last = self.start.orbit, 0, None
-        speeds, frequencies = self.options.speeds, self.frequencies
+        speeds, frequencies = self.options.speeds, list[float]()
         lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
         highest = max(float(speeds[-1]), here.u) * BEYOND
         try:
             steps = followed(self.motion, self.start, FINE)
-            if self.start.base is None:
-                last = self._finished(here.u, here)
+            if self.begin is None:
+                last = self._finished(here)
                 if last is not None:
-                    self._keep(last)
+                    self._take([(0.0, last, None)])
             else:  # up to its first orbit
                 first = next(steps)
-                self._take(self._at_speeds(first, first.segment))
+                self._take(self._at_speeds(first, first))
             for step in steps:
                 if self._vanishes(step):
                     return
-                here = step.end
+                here = orbit_at(step, step.length)
                 frequencies.append(here.frequency)
-                low, high = sorted((step.begin.u, here.u))
+                low, high = sorted((step.begin.p, here.u))
                 if low <= speeds[-1] and high >= speeds[0]:
                     last, beyond = self._noted(step, last), 0
                     if last.multiplier_error > LARGEST_ERROR:
@@ -351,135 +355,122 @@ class _Follower:
         self.events.append(CycleEvent(kind, orbit.u, error, 1.0 + 0j, size))
         self.end = self.events[-1] if kind != "end" else None
 
-    def _finished(self, u: float, orbit: PeriodicOrbit) -> LimitCycle | None:
+    def _finished(self, orbit: PeriodicOrbit) -> LimitCycle | None:
         """The cycle of the orbit at one of the speeds given; None where there is none.
 
         What fails to meet the tolerance is a failure, and kept for what it is.
         """
         try:
             return finished(self.motion, orbit, self.options.rtol, SAMPLES, self.how)
-        except PipedynError as error:
-            self.failed.append((u, error))
-            if isinstance(error, NotConverged) and isinstance(error.result, LimitCycle):
-                return error.result
-        return None
+        except NotConverged as error:
+            self.failed.append((orbit.u, error))
+            reached: LimitCycle | None = error.result
+            return reached
 
-    def _keep(self, cycle: LimitCycle) -> None:
-        """Takes a cycle whose multipliers are accurate enough."""
-        if cycle.multiplier_error <= LARGEST_ERROR:
-            self.cycles.append(cycle)
-
-    def _vanishes(self, step: OrbitStep) -> bool:
+    def _vanishes(self, step: Step) -> bool:
         """Whether the branch meets within a step an equilibrium, or cycles of more symmetry."""
-        orbit = step.begin
-        kinds: list[EventKind] = ["hopf"] if orbit.symmetric else ["hopf", "period doubling"]
-        if not orbit.symmetric and self.motion.is_odd(orbit.u):
+        begin, end = orbit_at(step, 0.0), orbit_at(step, step.length)
+        kinds: list[EventKind] = ["hopf"] if begin.symmetric else ["hopf", "period doubling"]
+        if not begin.symmetric and self.motion.is_odd(begin.u):
             kinds.append("pitchfork")
         for kind in kinds:
-            here, there = (breaking_part(orbit, kind) for orbit in (step.begin, step.end))
+            here, there = (breaking_part(orbit, kind) for orbit in (begin, end))
             if float(np.sum(here * there)) >= 0.0:
                 continue
             before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
-            share = before / (before + after)
+            # The speed changes with the square of what vanishes.
+            meeting = step.length * before / (before + after)
+            near, last = (orbit_at(step, share * meeting) for share in (0.6, 0.85))
+            left, size = (float(np.sum(breaking_part(one, kind) ** 2)) for one in (near, last))
+            rough, u = (
+                last.u + size * (last.u - other.u) / (square - size)
+                for other, square in ((begin, before**2), (near, left))
+            )
+            error = abs(u - rough) + 1e-9
             if kind == "hopf":
-                u = orbit.u + share * (step.end.u - orbit.u)
                 others = [onset for onset in self.options.onsets if onset != self.onset]
                 onset = min(others, key=lambda onset: abs(onset - u), default=math.inf)
-                known = abs(onset - u) < 0.01 * u
-                error = 1e-6 if known else abs(orbit.u - u)
-                orbit = replace(orbit, u=onset if known else u)
-            else:
-                # The speed changes with the square of what vanishes.
-                near, orbit = (step.at(k * share * step.length) for k in (0.6, 0.85))
-                left, size = (float(np.sum(breaking_part(one, kind) ** 2)) for one in (near, orbit))
-                rough, u = (
-                    orbit.u + size * (orbit.u - other.u) / (square - size)
-                    for other, square in ((step.begin, before**2), (near, left))
-                )
-                error = abs(u - rough) + 1e-9
-                orbit = replace(orbit, u=u)
-            self._ends(kind, orbit, error)
+                u, error = (onset, 1e-6) if abs(onset - u) < 0.01 * u else (u, error)
+            self._ends(kind, replace(last, u=u), error)
             return True
         return False
 
-    def _noted(self, step: OrbitStep, last: LimitCycle | None) -> LimitCycle:
+    def _noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
         """Keeps what lies on a step and its events; the cycle at its end.
 
         `last` is the cycle at its beginning, if that is known and kept.
         """
-        segment, length = step.segment, step.length
 
         @cache
         def cycle(s: float) -> LimitCycle:
             if s == 0.0 and last is not None:
                 return last
-            orbit = step.begin if s == 0.0 else step.end if s == length else step.at(s)
-            return on_branch(self.motion, orbit, FINE.defect, SAMPLES, self.how)
+            return on_branch(self.motion, orbit_at(step, s), FINE.defect, SAMPLES, self.how)
 
-        if last is None:
-            self._keep(cycle(0.0))
-        found: list[Found] = [(length, cycle(length), None)]
-        if max(cycle(s).multiplier_error for s in (0.0, length)) > LARGEST_ERROR:
-            self._keep(cycle(length))
-            return cycle(length)
-        turns = folds(segment, 1e-5)  # the speed of a fold is known to the square of that
-        for s in turns:
-            u = cycle(s).u
-            error = max(abs(step.at(s + 1e-3 * length).u - u), 1e-9)
-            event = CycleEvent("fold", u, error, 1.0 + 0j, cycle(s).amplitude)
-            found.append((s, cycle(s), event))
-        lows = [0.0, *(min(s + NEAR_FOLD * length, length) for s in turns)]
-        highs = [*(s - NEAR_FOLD * length for s in turns), length]
-        for low, high in zip(lows, highs, strict=True):
-            if low < high:
-                found += self._events(step, cycle, low, high)
-        points = [segment.begin, *(segment.at(s) for s in turns), segment.end]
-        for a, b in pairwise(points):
-            found += self._at_speeds(step, replace(segment, begin=a, end=b))
+        length = step.length
+        found: list[Found] = [] if last is not None else [(0.0, cycle(0.0), None)]
+        found.append((length, cycle(length), None))
+        if max(cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
+            turns = folds(step, 1e-5)  # the speed of a fold is known to the square of that
+            found += self._events(step, turns, cycle)
+            for part in step.parts(turns):
+                found += self._at_speeds(step, part)
         self._take(found)
         return cycle(length)
 
     def _take(self, found: Iterable[Found]) -> None:
-        """Keeps what lies on a step, in order along the branch."""
+        """Keeps events on a step, and cycles known well enough, in order along the branch."""
         for _, cycle, event in sorted(found, key=lambda place: place[0]):
-            self._keep(cycle)
+            if cycle.multiplier_error <= LARGEST_ERROR:
+                self.cycles.append(cycle)
             if event is not None:
                 self.events.append(event)
 
     def _events(
-        self, step: OrbitStep, cycle: Callable[[float], LimitCycle], low: float, high: float
+        self, step: Step, turns: list[float], cycle: Callable[[float], LimitCycle]
     ) -> Iterator[Found]:
-        """Where multipliers cross the unit circle between two lengths, but for folds."""
-        passed = sign_changes(lambda s: growth(cycle(s).multipliers), low, high, 1e-4 * step.length)
-        for before, beyond in passed:
-            orbit = step.at(beyond)
-            _, roots, _ = floquet(self.motion, orbit)
-            kind, multiplier = crossing_event(roots, orbit.symmetric)
-            if kind == "fold":
-                continue
-            a, b = cycle(before), cycle(beyond)
-            speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
-            event = CycleEvent(kind, speed, error, multiplier, 0.5 * (a.amplitude + b.amplitude))
-            if kind != "torus" and self.options.holds(speed):
-                self.forks.append((event, orbit, a.stable or b.stable))
-            yield beyond, b, event
+        """Folds, at known lengths, and where multipliers cross the unit circle between them."""
+        length = step.length
 
-    def _at_speeds(self, step: OrbitStep, part: Segment) -> Iterator[Found]:
-        """The cycles at the speeds given on a part of a step."""
+        def values(s: float) -> Array:
+            return growth(cycle(s).multipliers)
+
+        for s in turns:
+            a = cycle(s)
+            error = max(abs(step.at(s + 1e-3 * length).p - a.u), 1e-9)
+            yield s, a, CycleEvent("fold", a.u, error, 1.0 + 0j, a.amplitude)
+        near = NEAR_FOLD * length
+        ends = [0.0, *(s + side for s in turns for side in (-near, near)), length]
+        for low, high in zip(ends[::2], ends[1::2], strict=True):
+            if not low < high:
+                continue
+            for before, beyond in sign_changes(values, low, high, 1e-4 * length):
+                a, b = cycle(before), cycle(beyond)
+                _, roots, _ = floquet(self.motion, b.orbit)
+                kind, multiplier = crossing_event(roots, b.symmetric)
+                if kind == "fold":
+                    continue
+                speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
+                event = CycleEvent(
+                    kind, speed, error, multiplier, 0.5 * (a.amplitude + b.amplitude)
+                )
+                if kind != "torus" and self.options.holds(speed):
+                    self.forks.append((event, b.orbit, a.stable or b.stable))
+                yield beyond, b, event
+
+    def _at_speeds(self, step: Step, part: Step) -> Iterator[Found]:
+        """The cycles at the speeds given on a part of a step, but for its beginning."""
         low, high = sorted((part.begin.p, part.end.p))
         speeds = self.options.speeds
-        passed = (speeds >= low) & (speeds <= high) & (speeds != part.begin.p)
-        if len(self.frequencies) == 1 and self.start.base is None:  # the first is kept already
-            passed &= ~np.isclose(speeds, self.start.orbit.u, rtol=1e-7, atol=0.0)
-        for u in map(float, speeds[passed]):
+        for u in speeds[(speeds >= low) & (speeds <= high) & (speeds != part.begin.p)].tolist():
             try:
                 z = part.where(u)
             except NewtonFailed as reason:
                 self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
                 continue
-            cycle = self._finished(u, step.problem.orbit(z))
+            cycle = self._finished(step.problem.orbit(z))
             if cycle is not None:
-                yield step.segment.reach(z), cycle, None
+                yield step.reach(z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)
 
     def _is_first(self, cycle: LimitCycle) -> bool:

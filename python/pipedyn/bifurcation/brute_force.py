@@ -8,7 +8,6 @@ is none, a cycle leaves a few values, a torus or chaos many.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -26,8 +25,8 @@ from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
 
-Fail = Callable[[float, Exception], None]
-"""Takes note of what was raised at a flow speed."""
+Failed = tuple[float, Exception]
+"""A flow speed and what was raised there."""
 
 Ending = Literal["rest", "periodic", "settling", "irregular", "failed"]
 
@@ -109,15 +108,14 @@ def attractors(
     speeds: Array,
     starts: list[Array],
     options: MotionOptions,
-    fail: Fail,
+    failed: list[Failed],
     executor: Executor | None,
     shown: bool,
 ) -> tuple[Attractor, ...]:
     """Where motions end, from each start at each speed."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
-    indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
-    parts = [[members[i] for i in part] for part in indices]
+    parts = [members[i : i + most] for i in range(0, len(members), most)]
     found: list[Attractor] = []
     jobs = [partial(_batch, model, part, starts, options) for part in parts]
     answers = parallel(jobs, executor, label="brute force", progress=shown)
@@ -126,7 +124,7 @@ def attractors(
             answer = [answer] * len(part)
         for (u, k), one in zip(part, answer, strict=True):
             if isinstance(one, Exception):
-                fail(u, one)
+                failed.append((u, one))
                 one = Attractor(u, k, "failed", 0, np.zeros(0), np.zeros(0))
             found.append(one)
     if options.exponents:
@@ -138,7 +136,7 @@ def attractors(
         results = parallel(exponents, executor, label="exponents", progress=shown)
         for i, exponent in zip(irregular, results, strict=True):
             if isinstance(exponent, Exception):
-                fail(found[i].speed, exponent)
+                failed.append((found[i].speed, exponent))
             else:
                 found[i] = replace(found[i], exponent=exponent)
     return tuple(found)

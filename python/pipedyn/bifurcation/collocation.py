@@ -10,7 +10,7 @@ digits. The cost is linear in the number of intervals.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from pipedyn.bifurcation.continuation import Continuation, Control
 from pipedyn.bifurcation.periodic_orbit import (
     NODES,
     ONCE,
+    PROBES,
     STAGES,
     TWICE,
     PeriodicOrbit,
@@ -222,18 +223,37 @@ def through(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
 # ----------------------------------------------------------------------------- Newton's method
 
 
-class OrbitProblem:
-    """The collocation equations on one mesh, for pseudo-arclength continuation from an orbit.
+@dataclass(frozen=True)
+class OrbitControl(Control):
+    """The same for orbits, which are costly: a tangent that turns by 37 degrees will do."""
+
+    shortest: float = 1e-4
+    turn: float = math.acos(0.8)
+    patience: int | None = 3  # a good start takes 2 to 4 iterations
+    longest_change: float = 0.5
+    defect: float = math.inf  # the largest of an orbit
+
+
+class OrbitProblem(Continuation):
+    """The collocation equations on one mesh, for continuation from near an orbit.
 
     Lengths are measured in L of the free end, and relative in frequency and speed; `unit` is the
-    root mean square of the positions p for each L of the free end's amplitude.
+    root mean square of the positions p for each L of the free end's amplitude, on the orbit unless
+    it is given.
     """
 
-    def __init__(self, motion: VectorField, start: PeriodicOrbit, unit: float = 1.0) -> None:
-        self.motion, self.start, self.unit = motion, start, unit
-        self.weights = np.zeros(start.starts.size + start.rates.size + 2)
+    def __init__(
+        self,
+        motion: VectorField,
+        start: PeriodicOrbit,
+        control: Control,
+        unit: float | None = None,
+    ) -> None:
+        super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
+        self.motion, self.start = motion, start
+        self.unit = _unit_of(motion, start) if unit is None else unit
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
-        by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * unit**2)
+        by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
         self.weights[-2:] = start.frequency**-2, start.u**-2
         # The least change: none of it along the motion, which is a mere shift of the phase.
         row = np.zeros_like(self.weights)
@@ -266,30 +286,20 @@ class OrbitProblem:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
 
 
-def control(longest: float, tolerance: float) -> Control:
-    """How orbits are solved for: steps are measured as by `OrbitProblem`.
-
-    Orbits are costly: a tangent that turns by 37 degrees will do, and one linearisation serves the
-    last correction and the tangent. A good start takes 2 to 4 iterations.
-    """
-    return Control(
-        longest=longest,
-        shortest=1e-4,
-        turn=math.acos(0.8),
-        tolerance=tolerance,
-        stagnation=1e3 * tolerance,
-        patience=3,
-        longest_change=0.5,
-        farthest=math.inf,
-        fresh=False,
-    )
+def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
+    """The unit of `OrbitProblem` on an orbit."""
+    states = orbit.states(PROBES)
+    positions, across = states[: motion.half], motion.tip(states)
+    centred = positions - positions.mean(axis=1, keepdims=True)
+    size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
+    return size / max(0.5 * float(np.ptp(across)), 0.01 * size)  # a free end may be held
 
 
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
-    problem = OrbitProblem(motion, orbit)
-    branch = Continuation(problem, replace(control(math.inf, tolerance), patience=None))
-    return problem.orbit(branch.fixed(orbit.packed(), orbit.u))
+    control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
+    problem = OrbitProblem(motion, orbit, control, unit=1.0)
+    return problem.orbit(problem.fixed(orbit.packed(), orbit.u))
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

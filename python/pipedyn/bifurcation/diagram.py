@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from pipedyn.bifurcation.branches import (
     BranchOptions,
     CycleBranch,
-    Failed,
     Traced,
     hopf_points,
     same_cycle,
@@ -23,12 +22,11 @@ from pipedyn.bifurcation.brute_force import (
     RECURRENCE,
     SAMPLES_A_TIME,
     Attractor,
-    Fail,
+    Failed,
     MotionOptions,
     attractors,
     initial_bends,
 )
-from pipedyn.bifurcation.cycles import NoCycle, amplitude_of
 from pipedyn.bifurcation.equilibria import (
     LARGEST,
     EquilibriumBranch,
@@ -37,7 +35,7 @@ from pipedyn.bifurcation.equilibria import (
     equilibrium_branch,
     lies_on,
 )
-from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, cycle_from
+from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
@@ -164,27 +162,25 @@ def bifurcation_diagram(
     check.executor("executor", executor)
     shown = check.flag("progress", progress)
 
-    failures: list[Failure] = []
-
-    def fail(u: float, error: Exception) -> None:
-        places = np.flatnonzero(at == u)
-        failures.append(Failure(int(places[0]) if places.size else -1, u, error))
-
-    branches, resting = equilibrium_branches(model, at, fail, shown)
-    found = _Cycles(model, BranchOptions(at, options.rtol, steps), fail)
+    failed: list[Failed] = []
+    branches, resting = equilibrium_branches(model, at, failed, shown)
+    found = _Cycles(model, BranchOptions(at, options.rtol, steps), failed)
     if steps:
         found.from_onsets(branches, executor, shown)
     motions: tuple[Attractor, ...] = ()
     if count:
         starts = initial_bends(model, count, seed)
-        motions = attractors(model, at, starts, options, fail, executor, shown)
+        motions = attractors(model, at, starts, options, failed, executor, shown)
     if steps:
         found.from_motions(motions)
         for u in seeds(at):
-            if u > 0.0 and u not in resting and not any(one.passes(u) for one in found.branches):
+            passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
+            if u > 0.0 and u not in resting and not any(passed):
                 found.through(u, model.bent(slight_bend))
-    failures.sort(key=lambda failure: failure.value)
-    return BifurcationDiagram(at, branches, tuple(found.branches), motions, tuple(failures), model)
+    failed.sort(key=lambda one: one[0])
+    places = {u: place for place, u in enumerate(at.tolist())}
+    failures = tuple(Failure(places.get(u, -1), u, error) for u, error in failed)
+    return BifurcationDiagram(at, branches, tuple(found.branches), motions, failures, model)
 
 
 def seeds(speeds: Array) -> list[float]:
@@ -196,7 +192,7 @@ def seeds(speeds: Array) -> list[float]:
 
 
 def equilibrium_branches(
-    model: Model, speeds: Array, fail: Fail, shown: bool
+    model: Model, speeds: Array, failed: list[Failed], shown: bool
 ) -> tuple[tuple[EquilibriumBranch, ...], set[float]]:
     """Branches through the equilibria at three of the speeds, each once.
 
@@ -209,7 +205,7 @@ def equilibrium_branches(
         try:
             found = equilibria(model, u)
         except PipedynError as error:
-            fail(u, error)
+            failed.append((u, error))
             continue
         if found.stable.any():
             stable.add(u)
@@ -221,7 +217,7 @@ def equilibrium_branches(
             try:
                 branches.append(equilibrium_branch(model, q, u, ends))
             except PipedynError as error:
-                fail(u, error)
+                failed.append((u, error))
     return tuple(branches), stable
 
 
@@ -231,8 +227,8 @@ def equilibrium_branches(
 class _Cycles:
     """Branches of cycles that were found so far, each once."""
 
-    def __init__(self, model: Model, options: BranchOptions, fail: Fail) -> None:
-        self.model, self.options, self.fail = model, options, fail
+    def __init__(self, model: Model, options: BranchOptions, failed: list[Failed]) -> None:
+        self.model, self.options, self.failed = model, options, failed
         self.found: list[Traced] = []
 
     @property
@@ -240,9 +236,8 @@ class _Cycles:
         return [one.branch for one in self.found if one.branch is not None]
 
     def add(self, found: list[Traced], failed: list[Failed]) -> None:
-        """Takes the branches of one beginning, and the speeds that failed."""
-        for u, error in failed:
-            self.fail(u, error)
+        """Takes the branches of one beginning, and what failed on them."""
+        self.failed += failed
         for one in found:
             if not any(one.is_reverse(other) for other in self.found):
                 self.found.append(one)
@@ -253,13 +248,13 @@ class _Cycles:
         """From the onsets of flutter."""
         highest = 1.5 * float(self.options.speeds[-1])  # cycles from beyond may come back
         with one_thread(self.model.dof):
-            onsets = hopf_points(self.model, equilibria, highest, self.fail)
+            onsets = hopf_points(self.model, equilibria, highest, self.failed)
         self.options = replace(self.options, onsets=tuple(point.speed for point in onsets))
         jobs = [partial(traced, self.model, point, self.options) for point in onsets]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
         for point, answer in zip(onsets, answers, strict=True):
             if isinstance(answer, Exception):
-                self.fail(point.speed, answer)
+                self.failed.append((point.speed, answer))
             else:
                 self.add(*answer)
 
@@ -270,15 +265,14 @@ class _Cycles:
             with one_thread(motion.size):
                 orbit, _ = cycle_from(motion, u, state)
                 amplitude, _ = amplitude_of(motion, orbit)
+            known = (cycle for branch in self.branches for cycle in branch.at(u))
+            if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
+                self.add(*traced(self.model, orbit, self.options))
         except NewtonFailed as reason:
-            self.fail(u, NoCycle(f"the cycle at u = {u:g} was not followed: {reason}", u))
-            return
+            report = f"the cycle at u = {u:g} was not followed: {reason}"
+            self.failed.append((u, NoCycle(report, u)))
         except PipedynError as error:
-            self.fail(u, error)
-            return
-        known = (cycle for branch in self.branches for cycle in branch.at(u))
-        if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
-            self.add(*traced(self.model, orbit, self.options))
+            self.failed.append((u, error))
 
     def from_motions(self, motions: tuple[Attractor, ...]) -> None:
         """Through cycles on which motions end and that lie on no branch."""
@@ -292,7 +286,7 @@ class _Cycles:
                 continue
             if followed == MOST_FROM_MOTIONS:
                 many = f"motions end on more than {MOST_FROM_MOTIONS} cycles that lie on no branch"
-                self.fail(one.speed, NotConverged(many))
+                self.failed.append((one.speed, NotConverged(many)))
                 return
             followed += 1
             self.through(one.speed, one.end)

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from pipedyn.bifurcation.continuation import (
-    Continuation,
     Control,
     DenseProblem,
     Point,
@@ -161,6 +160,8 @@ class Statics:
         self.size = model.moving
         self.motion = VectorField(model)
         self.resting = np.array(model.resting(), dtype=np.float64)
+        # Forces are affine in the square of the speed: balanced at two, they are so at any.
+        self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
 
     def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
         """Rates and accelerations of [x, 0], (moving,) each; rates are 0 but where guides are."""
@@ -179,8 +180,10 @@ class Statics:
 
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
         """`residual`, affine in the square of the speed, and its derivative by x and the speed."""
-        by_speed = 2.0 * p * (self.residual(x, 1.0) - self.residual(x, 0.0))
-        return self.residual(x, p), np.column_stack([self.jacobian(x, p), by_speed])
+        still = self.residual(x, 0.0)
+        by_square = self.residual(x, 1.0) - still
+        derivative = np.column_stack([self.jacobian(x, p), 2.0 * p * by_square])
+        return still + p**2 * by_square, derivative
 
     def at_rest(self, x: Array, p: float) -> tuple[Array, Array]:
         """X = rest, as equations: the straight pipe's, regular also where other branches leave."""
@@ -191,9 +194,8 @@ class Statics:
         # Steps are shortened to a tenth of 1 rad plus the size of x, so that they lead to one near
         # the start: at 0.2 a bent pipe in a guide became straight. 100 lead to thousands of rad.
         control = Control(longest=math.inf, longest_change=0.1, iterations=100)
-        return Continuation(DenseProblem(self.equations, self.size, 1.0), control).fixed(
-            np.append(x, u), u
-        )[:-1]
+        problem = DenseProblem(self.equations, self.size, 1.0, control)
+        return problem.fixed(np.append(x, u), u)[:-1]
 
     def unbalanced(self, x: Array, u: float) -> float:
         """Largest force left, in units of 1 + |gamma| + a u^2, and how far guides are missed."""
@@ -211,10 +213,8 @@ class Statics:
         mass, velocity, stiffness = self.model.operators(x).at(u)
         n = len(mass)
         half = scipy.linalg.solve_triangular(np.linalg.cholesky(mass), np.eye(n), lower=True)
-        companion = np.zeros((2 * n, 2 * n))
-        companion[:n, n:] = np.eye(n)
-        companion[n:, :n], companion[n:, n:] = -half @ stiffness @ half.T, -half @ velocity @ half.T
-        return np.asarray(scipy.linalg.eigvals(companion))
+        turning = -np.hstack([half @ stiffness @ half.T, half @ velocity @ half.T])
+        return np.asarray(scipy.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), turning])))
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues beyond rounding, the largest first."""
@@ -241,34 +241,11 @@ class Statics:
         """Whether a configuration is that of the straight pipe, its own mirror image."""
         return not self.resting.any() and self.rms(x) < 1e-9
 
-    def rests(self, u: float) -> bool:
-        """Whether the configuration at rest is an equilibrium."""
-        return self.unbalanced(self.resting, u) <= BALANCED
-
 
 def rounding(eigenvalues: Complex) -> float:
     """Real part up to which an eigenvalue counts as neutral."""
     largest = float(np.abs(eigenvalues).max())
     return 1e-10 + min(4.0 * float(np.finfo(float).eps) * largest**2, 1e-6)
-
-
-# ------------------------------------------------------------------------------------ where to look
-
-
-def pitchforks(statics: Statics, highest: float) -> list[float]:
-    """Speeds up to the highest at which branches leave the straight pipe.
-
-    Accelerations there are affine in the square of the speed.
-    """
-    if not (statics.rests(0.0) and statics.rests(1.0)):
-        return []
-    a = statics.jacobian(statics.resting, 0.0)
-    b = statics.jacobian(statics.resting, 1.0) - a
-    top, bottom = scipy.linalg.eig(a, -b, right=False, homogeneous_eigvals=True)
-    good = np.abs(bottom) > 1e-12 * np.abs(top)  # b has a small rank: the others lie at infinity
-    values = top[good] / bottom[good]
-    real = np.sort(values.real[np.abs(values.imag) <= 1e-9 * np.abs(values)])
-    return [math.sqrt(w) for w in real if 0.0 < w <= highest**2]
 
 
 def _solutions(statics: Statics, u: float, starts: list[Array]) -> Iterator[Array]:
@@ -415,23 +392,18 @@ def equilibrium_branch(
                 f"that lies {away:.3g} rad away, more than {NEAR:g}"
             )
         equations = statics.equations
-        if statics.rms(x - statics.resting) < 1e-9 and statics.rests(0.0) and statics.rests(1.0):
+        if statics.always_rests and statics.rms(x - statics.resting) < 1e-9:
             x, equations = statics.resting, statics.at_rest
-        problem = DenseProblem(equations, statics.size, 0.1 * (high - low))
-        branch = Continuation(problem, Control(longest=step))
+        branch = DenseProblem(equations, statics.size, 0.1 * (high - low), Control(longest=step))
         try:
             down = branch.point(np.append(x, u0), np.append(np.zeros_like(x), -1.0))
         except NewtonFailed as error:
             raise NotConverged(f"the equilibrium at u = {u0:g} is a branch point") from error
         up = Point(down.z, -down.tangent)
-        first, second = (_Way(statics, branch, point, (low, high)) for point in (down, up))
-        ends = (first.run(), "closed")
-        points, growth, changes = first.points, first.growth, first.changes
-        if ends[0] != "closed":
-            ends = (ends[0], second.run())
-            points = points[:0:-1] + second.points
-            growth = growth[:0:-1] + second.growth
-            changes = changes[::-1] + second.changes
+        back, ahead = (_Way(statics, branch, point, (low, high)) for point in (down, up))
+        end = back.run()
+        ends = end, "closed" if end == "closed" else ahead.run()
+    points, growth = back.points[:0:-1] + ahead.points, back.growth[:0:-1] + ahead.growth
     q = statics.recorded(np.array([point.x for point in points]))
     unstable = np.array([np.count_nonzero(one > 0.0) for one in growth])
     return EquilibriumBranch(
@@ -440,7 +412,7 @@ def equilibrium_branch(
         stable=unstable == 0,
         unstable=unstable,
         tips=model.tips(q.T),
-        points=tuple(changes),
+        points=tuple(back.changes[::-1] + ahead.changes),
         ends=ends,
         model=model,
     )
@@ -450,7 +422,7 @@ class _Way:
     """A branch from one of its points on, one way."""
 
     def __init__(
-        self, statics: Statics, branch: Continuation, start: Point, ends: tuple[float, float]
+        self, statics: Statics, branch: DenseProblem, start: Point, ends: tuple[float, float]
     ) -> None:
         self.statics, self.branch, self.ends = statics, branch, ends
         self.longest = branch.control.longest
@@ -488,7 +460,7 @@ class _Way:
                 return "closed"
         return "points"
 
-    def _record(self, segment: Segment) -> bool:
+    def _record(self, segment: Segment[DenseProblem]) -> bool:
         """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
 
         Undamped, an eigenvalue is the square root of the distance to a fold, so that by rounding
@@ -509,7 +481,7 @@ class _Way:
         def growth(s: float) -> Array:
             if s == 0.0:
                 return self.growth[-1]
-            point = b if s == ds else segment.at(s)
+            point = segment.at(s)
             return statics.growth(point.x, abs(point.p))
 
         marked = [(turn, self._point("fold", segment.at(turn))) for turn in turns]
@@ -529,10 +501,19 @@ class _Way:
         return meeting is not None
 
     def _pitchfork(self, u: float) -> float | None:
-        """Speed of the pitchfork of the straight pipe nearest to a speed, if one is near."""
-        near = 0.02 * (1.0 + u)
-        found = [p for p in pitchforks(self.statics, u + near) if abs(p - u) < near]
-        return min(found, key=lambda p: abs(p - u), default=None)
+        """Speed of the pitchfork of the straight pipe nearest to a speed, if one is near.
+
+        Accelerations there are affine in the square of the speed.
+        """
+        rest, jacobian = self.statics.resting, self.statics.jacobian
+        if not self.statics.always_rests:
+            return None
+        slope = jacobian(rest, 1.0) - jacobian(rest, 0.0)
+        squares = scipy.linalg.eigvals(jacobian(rest, 0.0), -slope)  # infinite without flux
+        real = (squares.real > 0.0) & (np.abs(squares.imag) <= 1e-9 * np.abs(squares))
+        found = np.sqrt(squares.real[real])
+        near = found[np.abs(found - u) < 0.02 * (1.0 + u)]
+        return min(near.tolist(), key=lambda p: abs(p - u), default=None)
 
     def _point(self, kind: Change, point: Point) -> BranchPoint:
         statics = self.statics

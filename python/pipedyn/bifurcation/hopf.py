@@ -142,32 +142,29 @@ def vectors(
 
     Raises as `normal_form` does.
     """
-    size = a.shape[0]
-    # Rates are about omega times coordinates: balanced, both are of one size.
-    balance, (scaling, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+    # Rates in units of the frequency are of the size of coordinates, whatever other modes' are.
+    unit = np.ones(len(a))
+    unit[len(a) // 2 :] = frequency
+    scaled = a * unit / unit[:, None]
     shift = 1j * frequency * (1.0 + 1e-12) + 1e-11 * frequency
     factorised()
-    factors = scipy.linalg.lu_factor(balance - shift * np.eye(size))
-    start = np.cos(np.arange(size)) + 1.5j
+    factors = scipy.linalg.lu_factor(scaled - shift * np.eye(len(a)))
+    start = np.cos(np.arange(len(a))) + 1.5j
     right, left = start, start.conj()
     for _ in range(4):
         right = scipy.linalg.lu_solve(factors, right)
         left = scipy.linalg.lu_solve(factors, left, trans=2)
         right, left = right / np.linalg.norm(right), left / np.linalg.norm(left)
-    value = complex(right.conj() @ (balance @ right))
+    value = complex(right.conj() @ (scaled @ right))
     if abs(value - 1j * frequency) > 1e-5 * frequency:
         raise ValueError(
             f"crossing must be one of the model's: no eigenvalue lies at {frequency:g} i, "
             f"the nearest at {value:g}"
         )
-    right, left = scaling * right, left / scaling
-    # Rates in units of the frequency, so that the angle does not depend on other modes' sizes.
-    unit = np.ones(size)
-    unit[size // 2 :] = frequency
-    lengths = np.linalg.norm(right / unit) * np.linalg.norm(left * unit)
     # Where two pairs meet, p and q are orthogonal up to the square root of rounding.
-    if abs(complex(left.conj() @ right)) < 3e-5 * lengths:
+    if abs(complex(left.conj() @ right)) < 3e-5:
         raise NoHopf("two pairs meet on the axis at the onset")
+    right, left = unit * right, left / unit
     share = scale(right)
     if abs(share) <= 1e-9 * float(np.abs(right).max()) / (1.0 + frequency):
         raise NoHopf("the free end does not move in the mode that flutters")
@@ -204,10 +201,21 @@ class HopfPoint:
     rest: Array = field(repr=False, compare=False, kw_only=True)
 
 
-def hopf_point(motion: VectorField, rest: Array, u: float, frequency: float) -> HopfPoint:
-    """The pair on the axis at an equilibrium, shape (2 moving,); raises as `vectors` does."""
-    mode, _ = vectors(motion.jacobian(rest, u), frequency, lambda q: _tip_of(motion, rest, q))
-    return HopfPoint(u, frequency, mode=mode, rest=rest)
+def hopf_point(motion: VectorField, crossing: Crossing | BranchPoint) -> HopfPoint:
+    """That of a flutter, of the straight pipe or a bent one; raises as `vectors` does."""
+    u, rest = crossing.speed, _rest_at(motion, crossing)
+    jacobian = motion.jacobian(rest, u)
+    mode, _ = vectors(jacobian, crossing.frequency, lambda q: _tip_of(motion, rest, q))
+    return HopfPoint(u, crossing.frequency, mode=mode, rest=rest)
+
+
+def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
+    """The equilibrium that flutters, an integrated state; raises ValueError if there is none."""
+    if isinstance(crossing, BranchPoint):
+        start = Statics(motion.model).from_start("crossing", crossing.q)
+        return np.concatenate([start, np.zeros(motion.half)])
+    motion.model.require_equilibrium(crossing.speed)
+    return motion.resting()
 
 
 @result
@@ -374,12 +382,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
             "belongs to one of them"
         )
     motion = VectorField(model)
-    if isinstance(crossing, BranchPoint):
-        start = Statics(model).from_start("crossing", crossing.q)
-        rest = np.concatenate([start, np.zeros(motion.half)])
-    else:
-        model.require_equilibrium(u)
-        rest = motion.resting()
+    rest = _rest_at(motion, crossing)
     smooth = with_drag(model, 0.0) if model.pipe.drag else motion
     with one_thread(motion.size):
         try:
@@ -474,11 +477,9 @@ def _mean_drag(
 def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
     """Transverse displacement of the free end to first order: its velocity if p' is the mode."""
     half, model = motion.half, motion.model
-    parts = []
-    for part in (mode.real, mode.imag):
-        q, rates = model.recorded(rest[None, :half], part[None, :half])
-        parts.append(float(model.tip_velocities(q.T, rates.T)[0, 0]))
-    return complex(*parts)
+    parts = np.stack([mode.real, mode.imag])[:, :half]
+    q, rates = model.recorded(np.stack([rest[:half]] * 2), parts)
+    return complex(*model.tip_velocities(q.T, rates.T)[:, 0])
 
 
 # ----------------------------------------------------------------------- against a parameter

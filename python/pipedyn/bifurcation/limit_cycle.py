@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Limit cycles, stable or not, as periodic boundary-value problems: where the search begins.
+"""Limit cycles, stable or not, as periodic boundary-value problems.
 
-A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle, and refined there.
+A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle. It is refined until
+amplitude and frequency converge and the trivial multiplier is 1. Mesh intervals are short where the
+motion asks for it; modes that decay far faster than the cycle turns need no shorter ones, as
+Radau's method is L-stable.
 """
 
 from __future__ import annotations
@@ -9,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -17,19 +20,21 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
-from pipedyn.bifurcation.collocation import solved
-from pipedyn.bifurcation.cycles import LimitCycle, NoCycle, finished, floquet
+from pipedyn.bifurcation.collocation import residual, solved
+from pipedyn.bifurcation.floquet import floquet, nontrivial
 from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
-from pipedyn.bifurcation.orbit_continuation import breaking_part, continued
-from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
+from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, continued, solved_anew
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,
     Start,
+    Trajectory,
     check_coordinates,
     checked_model_in_motion,
     simulate,
@@ -40,26 +45,105 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_CYCLE = 100
 """Degrees of freedom. An undamped chain of 20 takes 0.8 s, of 40 ten, of 60 a minute, nearly all
 for the multipliers, whose mesh resolves the fastest mode that persists."""
 
-FIRST_DEFECT, FIRST_STEP = 1e-3, 1e-5
-"""Largest defect of the orbit and last step of Newton's method where a cycle is looked for: near
-enough for Newton's method on the finer mesh."""
-
 SEARCH, SEARCH_FACTOR = 300_000, 6
 """Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments. Up
 to 6 degrees of freedom, where they are cheap, it may take more by this factor: near a fold of
 cycles a motion takes long to converge."""
+
+MOST_INTERVALS = 2000
+"""Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
+
+CHECKS = 3
+"""Meshes on which the multipliers are asked for, each for a hundredth of the defect of the last: by
+the third that is 1e-7 of rtol, where rounding is all that is left."""
+
+TRIVIAL, SHARE_OF_NEXT = 1e-6, 0.01
+"""How far the trivial multiplier may be from 1: the tolerance to which users ask for cycles or, if
+that is more, this share of the distance from 1 of the next multiplier. What moves the one moves the
+other about as far, and up to a hundredth the next one's side of 1 is certain."""
 
 CycleStart: TypeAlias = "LimitCycle | Hopf | Motion | Start | None"
 """Where the search for a cycle begins."""
 
 KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a state [q, q']"
 """What a start may be."""
+
+
+@result
+class LimitCycle(Trajectory):
+    """One period of a periodic motion.
+
+    Attributes:
+        amplitude: half the peak-to-peak transverse motion of the free end, in L.
+        frequency: angular, in 1 / T.
+        period: in T.
+        multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first; the
+            trivial one, 1, among them.
+        stable: whether all others are smaller than 1 in modulus.
+        t: times from 0, where the free end is farthest to positive x, to the period, shape (S,).
+        q, qdot: coordinates and rates, shape (S, coordinates).
+        u: flow speed.
+        model: the model.
+        error: of amplitude and frequency, relative, estimated by refinement: what the last
+            halving of mesh intervals changed.
+        multiplier_error: distance of the trivial multiplier from 1, or what halving the mesh
+            intervals changes in the worst, relative if above 1, or rounding, whichever is most.
+        residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
+            solved, relative to the largest |f|, of the accelerations.
+        symmetric: whether the second half of the period was taken as the mirror image of the first.
+        phases: number of states solved for.
+        evaluations: right-hand sides and Jacobians.
+        method: how it was found.
+        orbit: the solution of the collocation equations, from which other searches set out.
+    """
+
+    amplitude: float
+    frequency: float
+    period: float
+    multipliers: Complex = field(repr=False)
+    stable: bool
+    t: Array = field(repr=False)
+    q: Array = field(repr=False)
+    qdot: Array = field(repr=False)
+    u: float
+    model: Model
+    error: float
+    multiplier_error: float
+    residual: float
+    symmetric: bool
+    phases: int
+    evaluations: int
+    method: str
+    orbit: PeriodicOrbit = field(repr=False, compare=False)
+
+    @property
+    def tip(self) -> Array:
+        """Position (x, y) of the free end, shape (S, 2)."""
+        return self.model.tips(self.q.T)
+
+    @property
+    def others(self) -> Complex:
+        """Multipliers without the trivial one, shape (2 dof - 1,)."""
+        return nontrivial(self.multipliers)
+
+
+class NoCycle(PipedynError):
+    """No limit cycle was found.
+
+    Attributes:
+        u: flow speed.
+    """
+
+    def __init__(self, message: str, u: float) -> None:
+        super().__init__(message, u)
+        self.u = u
 
 
 def limit_cycle(
@@ -127,12 +211,9 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
         if isinstance(start, LimitCycle):
             orbit = start.orbit
             symmetric = orbit.symmetric and motion.is_odd(u)
-            guess = resolved(motion, orbit.states, orbit.frequency, u, symmetric, FIRST_DEFECT)
-            return solved(motion, guess, FIRST_STEP), "from a cycle"
-        last_period = _last_period(motion, u, start)
-        if last_period is None:
-            raise NoCycle("the motion to start from does not come back to an earlier state", u)
-        return _as_symmetric(motion, solved(motion, last_period, FIRST_STEP)), "from a motion"
+            return solved_anew(motion, orbit, u, symmetric, COARSE), "from a cycle"
+        orbit = solved(motion, _last_period(motion, u, start), COARSE.tolerance)
+        return _as_symmetric(motion, orbit), "from a motion"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
@@ -206,7 +287,7 @@ def _check_own(motion: VectorField, onset: Hopf) -> None:
     own = onset.model.coordinate_kind == motion.model.coordinate_kind
     with suppress(PipedynError, ValueError):
         if own:
-            hopf_point(motion, onset.rest, onset.speed, onset.frequency)
+            hopf_point(motion, onset.crossing)
             return
     raise ValueError(f"start must be an onset of the model, got one of {onset.model!r}")
 
@@ -228,7 +309,7 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
         raise NewtonFailed(f"with damping of {damping:.2g} no onset is found") from reason
     orbit = continued(damped, onset, u)
     motion.evaluations += damped.evaluations
-    return solved(motion, orbit, FIRST_STEP)
+    return solved(motion, orbit, COARSE.tolerance)
 
 
 # ------------------------------------------------------------------------------ from a motion
@@ -236,7 +317,7 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
 
 def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH) -> PeriodicOrbit:
     """The cycle on which the motion from a state [p, p'] ends."""
-    model, reason = motion.model, "the motion does not come back to an earlier state"
+    model, reason = motion.model, "the motion does not converge"
     states = np.stack([start, motion.resting()])
     (q0, q_rest), (qdot0, _) = model.recorded(states[:, : motion.half], states[:, motion.half :])
     evaluations, time, passed = 0, 0.0, None
@@ -258,13 +339,9 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
         if moves < 1e-4 and moves <= 1.01 * before:
             where = "rest" if np.abs(q0 - q_rest).max() < 1e-2 else "a bent pipe at rest"
             raise NoCycle(f"no limit cycle at u = {u:g} by simulation: it ends in {where}", u)
-        guess = _last_period(motion, u, going)
-        if guess is None:
-            stretch = min(2.0 * stretch, 32.0)  # two of the longest periods
-            continue
         try:
-            found = solved(motion, guess, FIRST_STEP)
-            reason = "the motion does not converge"
+            guess = _last_period(motion, u, going)
+            found = solved(motion, guess, COARSE.tolerance)
             # An orbit far from the motion may be any; by one that repels a motion only passes.
             away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
             known = passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6
@@ -274,7 +351,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
                     return _as_symmetric(motion, found)
                 passed = found
         except NewtonFailed as failure:
-            reason = str(failure)
+            reason, stretch = str(failure), min(2.0 * stretch, 32.0)  # two of the longest periods
     if passed is not None:
         return _as_symmetric(motion, passed)
     raise NoCycle(f"no limit cycle at u = {u:g} by simulation: {reason}", u)
@@ -289,20 +366,20 @@ def _as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
         return orbit
     if np.abs(breaking_part(orbit, "pitchfork")).max() > 1e-6 * orbit.size:
         return orbit
-    half = resolved(motion, orbit.states, orbit.frequency, orbit.u, True, FIRST_DEFECT)
-    return solved(motion, half, FIRST_STEP)
+    return solved_anew(motion, orbit, orbit.u, True, COARSE)
 
 
-def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit | None:
-    """The last period of a motion; None if it does not come back to within a tenth of its size."""
+def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit:
+    """The last period of a motion; NewtonFailed unless it comes back to a tenth of its size."""
     t, tip, half = going.t, going.tip[:, 0], motion.half
+    lost = NewtonFailed("the motion does not come back to an earlier state")
     if t.size < 16:
-        return None
+        raise lost
     late = slice(t.size // 2, None)
     across = tip - 0.5 * (tip[late].max() + tip[late].min())
     up = np.flatnonzero((across[:-1] < 0.0) & (across[1:] >= 0.0))
     if up.size < 2:
-        return None
+        raise lost
     p = np.concatenate([going.q, going.qdot], axis=1)
     if p.shape[1] != motion.size:
         start = going.model.start
@@ -317,7 +394,7 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit 
     back = np.abs((states[:-1] - states[-1]) / scale).max(axis=1)[::-1][:LONGEST_PERIOD]
     turns = int(np.flatnonzero(back <= max(2.0 * float(back.min()), 0.01))[0])
     if back[turns] > 0.1:
-        return None
+        raise lost
     begin = times[-2 - turns]
     period = float(times[-1] - begin)
     omega = 2.0 * math.pi / period
@@ -325,4 +402,150 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit 
     def through(phase: Array) -> Array:
         return np.ascontiguousarray(spline(begin + phase / omega).T)
 
-    return resolved(motion, through, omega, u, False, FIRST_DEFECT)
+    return resolved(motion, through, omega, u, False, COARSE.defect)
+
+
+# -------------------------------------------------------------- what it is, and how well known
+
+
+def finished(
+    motion: VectorField, orbit: PeriodicOrbit, rtol: float, samples: int, how: str
+) -> LimitCycle:
+    """The cycle, refined until its amplitude and frequency converge and its multipliers are right.
+
+    Raises:
+        NotConverged: if the tolerance is out of reach; `result` holds what was reached.
+    """
+    # Defects with which the first answer mostly meets rtol: the mesh follows the kinks of drag.
+    largest = rtol * (1e-1 if motion.model.pipe.drag else 1e-3)
+    tolerance = min(1e-7, 1e-2 * rtol)
+    for _ in range(CHECKS):
+        orbit, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
+        try:
+            result = described(motion, orbit, error, samples, how)
+        except NewtonFailed as failure:
+            raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
+        if error > rtol:
+            raise NotConverged(
+                f"the cycle at u = {orbit.u:g} is known to {error:.1e} only: {reason}", result
+            )
+        if result.multiplier_error <= max(rtol, _allowed(result.others)):
+            return result
+        largest *= 0.01  # the multipliers need a finer mesh
+    raise NotConverged(
+        f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of which "
+        f"should be 1, are known to {result.multiplier_error:.1e} only",
+        result,
+    )
+
+
+def _allowed(others: Complex) -> float:
+    """Error of the trivial multiplier that the nearest of the others accounts for.
+
+    A change of the equations by eps moves a multiplier by eps / d if another lies d away.
+    """
+    apart = float(np.abs(others - 1.0).min(initial=1.0))
+    return max(TRIVIAL, min(SHARE_OF_NEXT * apart, TRIVIAL / apart))
+
+
+def _refined(
+    motion: VectorField, orbit: PeriodicOrbit, largest: float, rtol: float, tolerance: float
+) -> tuple[PeriodicOrbit, float, str]:
+    """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
+
+    Refined are the intervals with a large defect, and all of them where there is none, until what
+    is left of the defects is rounding, which halving does not lessen.
+    """
+    # Under drag two answers may agree by chance: an error falls by the fourth power of h at most.
+    measured, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
+    last = math.inf if motion.model.pipe.drag else 0.0
+    while True:
+        defects = orbit.defects()
+        coarse, coarsest, worst = defects > largest, worst, float(defects.max())
+        if error <= 0.5 * rtol and (not coarse.any() or worst > 0.5 * coarsest):
+            return orbit, error, ""
+        if not coarse.any():
+            coarse[:] = True
+        if len(orbit.starts) + np.count_nonzero(coarse) > MOST_INTERVALS:
+            return orbit, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
+        try:
+            finer = solved(motion, refined(motion, orbit, 1 + coarse, turning=True), tolerance)
+        except NewtonFailed as failure:
+            return orbit, error, str(failure)
+        before, measured = measured, amplitude_of(motion, finer)[0]
+        change = max(abs(measured / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
+        change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
+        error, last = max(change, last / 16.0), change
+        orbit = finer
+
+
+def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
+    """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
+    count = 2048  # fine enough for the polynomial that then goes through the extremes
+    apart = 2.0 * math.pi / count
+    across = motion.tip(orbit.states(apart * np.arange(float(count))))
+    greatest, where = _peak(across)
+    least, _ = _peak(-across)
+    return 0.5 * (greatest + least), apart * where
+
+
+def _peak(values: Array) -> tuple[float, float]:
+    """Maximum of a periodic function and its place, by the polynomial through five samples."""
+    i = int(np.argmax(values))
+    near = values[np.arange(i - 2, i + 3) % values.size]
+    line = np.polynomial.Polynomial.fit(np.arange(-2.0, 3.0), near, 4)
+    turns = line.deriv().roots()
+    inner = turns.real[(np.abs(turns.imag) < 1e-9) & (np.abs(turns.real) <= 1.0)]
+    if inner.size == 0:
+        return float(values[i]), float(i)
+    heights = line(inner)
+    return float(heights.max()), i + float(inner[int(np.argmax(heights))])
+
+
+def on_branch(
+    motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
+) -> LimitCycle:
+    """The cycle of an orbit on a branch: its error is given, its multipliers are checked."""
+    result = described(motion, orbit, error, samples, how)
+    if result.multiplier_error <= 1e-4:  # a tenth of what ends a branch
+        return result
+    with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
+        finer = refined(motion, orbit, np.full(len(orbit.starts), 2), turning=True)
+        better = described(motion, solved(motion, finer, 1e-9), result.error, samples, how)
+        return min(result, better, key=lambda cycle: cycle.multiplier_error)
+    return result
+
+
+def described(
+    motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
+) -> LimitCycle:
+    """The cycle of an orbit on its mesh; raises `NewtonFailed` as `floquet` does."""
+    amplitude, first = amplitude_of(motion, orbit)
+    period = 2.0 * math.pi / orbit.frequency
+    t = np.linspace(0.0, period, samples)
+    y = orbit.states(first + orbit.frequency * t)
+    q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
+    multipliers, _, change = floquet(motion, orbit)
+    # Rounding of eigenvalues of matrices of so many rows leaves about as much.
+    change = max(change, multipliers.size * float(np.finfo(float).eps))
+    others = np.abs(nontrivial(multipliers))
+    return LimitCycle(
+        amplitude=amplitude,
+        frequency=orbit.frequency,
+        period=period,
+        multipliers=multipliers,
+        stable=bool(others.max(initial=0.0) < 1.0),
+        t=t,
+        q=np.ascontiguousarray(q),
+        qdot=np.ascontiguousarray(qdot),
+        u=orbit.u,
+        model=motion.model,
+        error=error,
+        multiplier_error=max(float(np.abs(multipliers - 1.0).min()), change),
+        residual=residual(motion, orbit),
+        symmetric=orbit.symmetric,
+        phases=orbit.rates.shape[0] * orbit.rates.shape[1],
+        evaluations=motion.evaluations,
+        method=f"collocation, {how}",
+        orbit=orbit,
+    )

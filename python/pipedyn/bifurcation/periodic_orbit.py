@@ -22,6 +22,9 @@ times as long to 1e-6 with 6 stages, and about as long with 10 and 12."""
 COARSEST = 4
 """Intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd harmonics."""
 
+PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
+"""Phases at which orbits are compared: enough for the harmonics that matter for a sign."""
+
 _X: Array = np.sort(legendre.legroots([0.0] * (STAGES - 1) + [-1.0, 1.0]).real)
 _X[-1] = 1.0
 NODES: Array = 0.5 * (_X + 1.0)

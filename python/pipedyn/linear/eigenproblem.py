@@ -2,8 +2,7 @@
 """P(lambda, u) x = 0 of any model, for the core, which solves it: see `cpp/pipedyn/linear`.
 
 The products come from `model.pencil()`; all is done in elastic coordinates, where the elastic
-stiffness is the identity. Chains are solved by recursion along them, other small problems by their
-matrices, long scenes by products and sparse matrices, see `arnoldi`.
+stiffness is the identity. Chains are solved by recursion along them, others by their matrices.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.linear.arnoldi import AtSpeed
 from pipedyn.models.base import Model
 from pipedyn.models.pencil import DensePencil, Pencil, Vectors
 
@@ -33,29 +31,13 @@ class Eigenproblem:
     def __init__(self, pencil: Pencil) -> None:
         self.pencil = pencil
         self.model, self.pipe, self.dof = pencil.model, pencil.pipe, pencil.dof
-        self.mass, self.velocity = pencil.mass, pencil.velocity
-        self.stiffness, self.flux = pencil.stiffness, pencil.flux
         self.is_damped, self.is_long = pencil.is_damped, pencil.is_long
         self.centrifugal = pencil.centrifugal
 
     @property
     def rows(self) -> int:
-        """Rows of the largest matrix that a solve hands to LAPACK; a band has none to speak of."""
+        """Rows of the largest matrix that a solve hands to LAPACK; recursion has none."""
         return 1 if self.is_long else 2 * self.dof
-
-    def damped(self, u: float, x: Vectors) -> Vectors:
-        """(u V + D) x."""
-        result = self.velocity(x) * u
-        return result + self.pencil.damping(x) if self.is_damped else result
-
-    def stiffened(self, u: float, x: Vectors) -> Vectors:
-        """(K + a u^2 A) x."""
-        result: Vectors = self.stiffness(x) + self.centrifugal * u**2 * self.flux(x)
-        return result
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        """solve(rows, adjoint=False) with P(value, u), or its conjugate transpose."""
-        return self.pencil.factor(value, u)
 
     @cached_property
     def is_conservative(self) -> bool:
@@ -73,9 +55,8 @@ class Eigenproblem:
             size = float(np.abs(x * product(y)).sum()) + self.dof  # springs have stiffness 1
             return abs(one - sign * other) > 1e-11 * size
 
-        return not (
-            differ(self.velocity, -1.0) or differ(self.stiffness, 1.0) or (differ(self.flux, 1.0))
-        )
+        of = self.pencil
+        return not (differ(of.velocity, -1.0) or differ(of.stiffness, 1.0) or differ(of.flux, 1.0))
 
     @cached_property
     def zero_tolerance(self) -> float:
@@ -108,19 +89,11 @@ class Eigenproblem:
         """As of the model."""
         return self.model.term_stiffness(self.pencil)
 
-    def by_speed(self, u: float, values: Complex, x: Vectors) -> Vectors:
-        """(dP/du) x of each pair, shape (dof, r)."""
-        result: Vectors = values * self.velocity(x) + 2.0 * self.centrifugal * u * self.flux(x)
-        return result
-
     @property
     def operators(self) -> _core.DenseOperators | Callable[[float], _core.Operator]:
-        """P at each speed as the core takes it."""
-        if self.is_long and self.model.recursion:
+        """P at each speed as the core takes it; of long chains made where recursion fails."""
+        if not isinstance(self.pencil, DensePencil):
             return lambda u: self.in_matrices(u)
-        if self.is_long:
-            return lambda u: AtSpeed(self, u).operator()
-        assert isinstance(self.pencil, DensePencil)
         ops = self.pencil.operators
         matrices = ops.mass, self.pencil.V, ops.damping, ops.stiffness, ops.flux
         return _core.DenseOperators(matrices, self.centrifugal, self.size(0.0))
@@ -148,7 +121,7 @@ class Eigenproblem:
         """For the core: what it computes is the same from call to call, but not kept here."""
         if self.model.recursion:
             return _core.ChainSpectrum(**self.known, **self.model.recursion)
-        return _core.Eigenproblem(**self.known, complete=not self.is_long)
+        return _core.Eigenproblem(**self.known)
 
 
 def eigenproblem(model: Model, dense: bool | None = None) -> Eigenproblem:

@@ -129,18 +129,14 @@ def swept(
     at = check.array("values", values, longest=100_000)
     check.executor("executor", executor)
     shown = check.flag("progress", progress)
-    answers: list[Answer | None] = [None] * at.size
-    models, failed = dict[int, AnyModel](), dict[int, Exception]()
-    for i, value in enumerate(at):
-        try:
-            models[i] = checked_model(make_model(float(value)))
-        except Exception as error:
-            failed[i] = error
-    jobs = [partial(solve, model) for model in models.values()]
-    outcomes = parallel(jobs, executor, label=label, progress=shown)
-    for i, outcome in zip(models, outcomes, strict=True):
-        if isinstance(outcome, Exception):
-            failed[i] = outcome
-        else:
-            answers[i] = outcome
-    return at, answers, tuple(Failure(i, float(at[i]), failed[i]) for i in sorted(failed))
+
+    def model_at(value: float) -> AnyModel:
+        return checked_model(make_model(value))
+
+    made = [*parallel([partial(model_at, value) for value in at.tolist()])]
+    jobs = [partial(solve, one) for one in made if not isinstance(one, Exception)]
+    solved = iter([*parallel(jobs, executor, label=label, progress=shown)])
+    outcomes = [one if isinstance(one, Exception) else next(solved) for one in made]
+    answers = [None if isinstance(one, Exception) else one for one in outcomes]
+    errors = [(i, one) for i, one in enumerate(outcomes) if isinstance(one, Exception)]
+    return at, answers, tuple(Failure(i, float(at[i]), error) for i, error in errors)

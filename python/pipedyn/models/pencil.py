@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies and solves with it.
+"""P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies with it.
 
-All is in a model's elastic coordinates, where the elastic stiffness is the identity. Small models
-are dense matrices; long chains and scenes multiply and solve in O(n).
+All is in a model's elastic coordinates, where the elastic stiffness is the identity. Long chains
+multiply in O(n), all else by dense matrices.
 """
 
 from __future__ import annotations
@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
 
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
@@ -30,7 +28,7 @@ Product = Callable[[Vectors], Vectors]
 """Takes and gives (dof, r)."""
 
 LONGEST_DENSE = 64
-"""Chains and scenes up to this size are dense: measured, both ways take equal time near there."""
+"""Chains up to this size are dense: measured, both ways take equal time near there."""
 
 
 class Pencil:
@@ -44,9 +42,7 @@ class Pencil:
         damping: with D: delta times the elastic stiffness, and what else damps.
         stiffness: with K.
         flux: with A.
-        factor: solve(rows, adjoint=False) with P(value, u), or its conjugate transpose, from the
-            value and u.
-        is_long: whether products and solves are O(dof), and no matrices are there.
+        is_long: whether products are O(dof), and no matrices are there.
     """
 
     is_long = True
@@ -55,7 +51,6 @@ class Pencil:
     damping: Product
     stiffness: Product
     flux: Product
-    factor: Callable[[complex, float], Callable[..., Vectors]]
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -101,24 +96,6 @@ class DensePencil(Pencil):
         ops = self.operators
         stiffness = ops.stiffness + self.centrifugal * u**2 * ops.flux
         return ops.mass, u * self.V + ops.damping, stiffness
-
-    def factor(self, value: complex, u: float) -> Callable[..., Vectors]:
-        mass, velocity, stiffness = self.matrices(u)
-        return lu_solver(value**2 * mass + value * velocity + stiffness)
-
-
-def lu_solver(matrix: Vectors) -> Callable[..., Vectors]:
-    """solve(rows, adjoint=False); of a singular matrix, with one that differs in rounding."""
-    lu, pivots, _ = lapack.zgetrf(matrix.astype(np.complex128))
-    factorised()
-    exact = np.flatnonzero(np.diag(lu) == 0.0)
-    lu[exact, exact] = np.finfo(float).eps
-
-    def solve(rows: Vectors, adjoint: bool = False) -> Vectors:
-        solution: Vectors = lapack.zgetrs(lu, pivots, rows, trans=2 if adjoint else 0)[0]
-        return solution
-
-    return solve
 
 
 class ChainPencil(Pencil):

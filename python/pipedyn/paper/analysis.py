@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: MIT
 """The paper's modal analysis: all results that its figures and its table show.
 
-They are computed on a few processes. What fails is left out and named; the rest is kept.
+What fails is left out and named; the rest is kept.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor, Executor
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -97,9 +97,7 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
         """What each job returned, or None and the reason; failures are recorded."""
         outcomes = {}
         answers = parallel([*jobs.values()], executor, label="models", progress=progress)
-        for (name, job), answer in zip(jobs.items(), answers, strict=True):
-            if isinstance(answer, BrokenExecutor):  # a job whose process died runs here
-                (answer,) = parallel([job])
+        for name, answer in zip(jobs, answers, strict=True):
             failed = isinstance(answer, Exception)
             outcomes[name] = (None, _remark(answer)) if failed else (answer, "")
             if failed and not isinstance(answer, NoCrossing):

@@ -13,12 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from pipedyn.bifurcation.branches import CycleBranch
-from pipedyn.bifurcation.cycles import LimitCycle
 from pipedyn.bifurcation.diagram import BifurcationDiagram
 from pipedyn.bifurcation.equilibria import EquilibriumBranch
-from pipedyn.bifurcation.events import UNIT, nontrivial
+from pipedyn.bifurcation.floquet import UNIT, nontrivial
+from pipedyn.bifurcation.limit_cycle import LimitCycle
 from pipedyn.plot import common
-from pipedyn.plot.motion import finer, first_component, tip_of
+from pipedyn.plot.motion import finer, path_of
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -148,7 +148,7 @@ def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> 
             raise ValueError(f"cycles[{i}] must have at least 8 samples, got {cycle.t.size}")
     ax = common.axes(ax, (4.8, 4.2), xlabel=common.TIP_LABEL, ylabel=common.TIP_RATE_LABEL)
     for cycle, look in zip(shown, repeated(common.CURVE_STYLES), strict=False):
-        x, t = first_component(tip_of(cycle)), finer(cycle.t)
+        x, t = path_of(cycle), finer(cycle.t)
         word = "stable" if cycle.stable else "unstable"
         line = {"color": look["color"], **STABILITY_STYLES[word]}
         ax.plot(x(t), x(t, 1), label=f"$u = {cycle.u:.6g}$, {word}", **line)

@@ -26,7 +26,7 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, PPoly
 
-from pipedyn.bifurcation.cycles import LimitCycle
+from pipedyn.bifurcation.limit_cycle import LimitCycle
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
 from pipedyn.util import check
@@ -104,10 +104,7 @@ def _signals(named: dict[str, Motion], index: int | None, rates_shown: bool) -> 
     """
     curves = []
     for name, motion in named.items():
-        if index is None:
-            curve = first_component(tip_of(motion))
-        else:
-            curve = CubicHermiteSpline(motion.t, motion.q[:, index], motion.qdot[:, index])
+        curve = path_of(motion, index)
         refuse_coarse(name, curve, rates_shown=rates_shown)
         curves.append(curve)
     motions = list(named.values())
@@ -376,30 +373,20 @@ def checked_motions(motions: Any) -> dict[str, Motion]:
     return {f"motions[{i}]": checked_motion(m, f"motions[{i}]") for i, m in enumerate(several)}
 
 
-def tip_of(motion: Motion | LimitCycle) -> CubicHermiteSpline:
+def path_of(motion: Motion | LimitCycle, index: int | None = None) -> CubicHermiteSpline:
+    """Transverse position of the free end, or a coordinate, at any time between two samples."""
+    shown = (motion.tip, motion.tip_velocity) if index is None else (motion.q, motion.qdot)
+    return CubicHermiteSpline(motion.t, *(values[:, index or 0] for values in shown))
+
+
+def tip_of(motion: Motion) -> CubicHermiteSpline:
     """Position (x, y) of the free end at any time between two samples."""
     return CubicHermiteSpline(motion.t, motion.tip, motion.tip_velocity)
-
-
-def first_component(curve: CubicHermiteSpline) -> PPoly:
-    """Of a position (x, y) the transverse one alone."""
-    return PPoly(curve.c[..., 0], curve.x)
 
 
 def coordinates_at(motion: Motion, times: Array) -> Array:
     """Coordinates at times within the motion's, shape (len(times), coordinates)."""
     return np.asarray(CubicHermiteSpline(motion.t, motion.q, motion.qdot)(times))
-
-
-def _observed(motion: Motion) -> CubicHermiteSpline:
-    """What cycles are found from: the position of the free end.
-
-    Where that is held, it is all coordinates, the one that moves most first.
-    """
-    if np.ptp(motion.tip[:, 0]) > ROUNDING:
-        return tip_of(motion)
-    order = np.argsort(-np.ptp(motion.q, axis=0))
-    return CubicHermiteSpline(motion.t, motion.q[:, order], motion.qdot[:, order])
 
 
 def refuse_coarse(
@@ -411,16 +398,15 @@ def refuse_coarse(
     velocity if velocities are shown. Six samples a cycle meet this; a sine is then known to 0.4 %
     from all samples.
     """
-    t, positions, velocities = curve.x, curve(curve.x), curve(curve.x, 1)
+    t = curve.x[: curve.x.size - 1 + curve.x.size % 2]  # ends with a sample that is kept
+    positions, velocities = curve(t), curve(t, 1)
     if np.ptp(positions, axis=0).max() < ROUNDING:
         return
-    kept = slice(0, None, 2) if t.size % 2 else slice(0, -1, 2)
-    left = slice(1, 2 * t[kept].size - 1, 2)
-    every_other = CubicHermiteSpline(t[kept], positions[kept], velocities[kept])
-    missed = np.abs(every_other(t[left]) - positions[left]).max()
-    missed_rate = np.abs(every_other(t[left], 1) - velocities[left]).max()
+    every_other = CubicHermiteSpline(t[::2], positions[::2], velocities[::2])
+    missed = np.abs(every_other(t) - positions).max()
+    missed_rate = np.abs(every_other(t, 1) - velocities).max()
     # One sample a cycle always finds the same position: only the velocities show that it is wrong.
-    missed = max(missed, 0.125 * missed_rate * np.diff(t[kept]).max())
+    missed = max(missed, 0.125 * missed_rate * np.diff(t[::2]).max())
     lost = missed > max(invisible, 0.05 * np.ptp(positions, axis=0).max())
     if lost or (rates_shown and missed_rate > 0.25 * np.abs(velocities).max()):
         raise ValueError(
@@ -432,37 +418,32 @@ def refuse_coarse(
 def last_cycle(motion: Motion) -> tuple[float, float] | None:
     """Start and end of the last whole cycle, or None if there is none.
 
-    It ends at the last upward crossing, and starts at the latest earlier one with the same state:
-    a curve that misses its start by 3 % looks closed. Where there is none, as in growing motion, it
-    starts at the crossing before.
+    It ends where the free end last rises through its middle, its median in the last quarter of
+    time, and starts at the latest earlier such crossing with the same state: a curve that misses
+    its start by 3 % looks closed. Where there is none, as in growing motion, it starts at the
+    crossing before. Where the free end is held, the coordinate that moves most stands for it.
     """
-    late = motion.t[motion.t >= motion.t[-1] - 0.25 * np.ptp(motion.t)]
-    observed = _observed(motion)
-    if np.ptp(observed(late)[:, 0]) < 1e-6:  # at rest but for errors of integration
+    curve = tip_of(motion)
+    if np.ptp(motion.tip[:, 0]) <= ROUNDING:
+        order = np.argsort(-np.ptp(motion.q, axis=0))
+        curve = CubicHermiteSpline(motion.t, motion.q[:, order], motion.qdot[:, order])
+    late = np.linspace(motion.t[-1] - 0.25 * np.ptp(motion.t), motion.t[-1], POINTS)
+    x = PPoly(curve.c[..., 0], curve.x)
+    if np.ptp(x(late)) < 1e-6:  # at rest but for errors of integration
         return None
-    crossings = _upward_crossings(first_component(observed))[-51:]  # of more, none is periodic
-    if crossings.size < 2:
-        return None
-    rates = observed(crossings, 1) / np.abs(observed(late, 1)).max()
-    states = np.column_stack([observed(crossings)[:, 1:], rates])
-    same = np.flatnonzero(np.abs(states[:-1] - states[-1]).max(axis=1) < 0.03)
-    return float(crossings[same[-1] if same.size else -2]), float(crossings[-1])
-
-
-def _upward_crossings(x: PPoly) -> Array:
-    """Times at which a curve rises through its middle, its median in the last quarter of time.
-
-    A crossing counts if the curve swings by a tenth of its late range before the next one, as does
-    the last: a smaller swing is a ripple, not a cycle.
-    """
-    t = x.x
-    late = x(np.linspace(t[-1] - 0.25 * (t[-1] - t[0]), t[-1], POINTS))
-    crossings = np.asarray(x.solve(float(np.median(late)), extrapolate=False))
+    crossings = x.solve(float(np.median(x(late))), extrapolate=False)
     crossings = crossings[x(crossings, 1) > 0.0]  # drops NaN, too: a piece at rest
-    between = np.split(x(t), np.searchsorted(t, crossings))[1:]
+    between = np.split(x(motion.t), np.searchsorted(motion.t, crossings))[1:]
     swings = np.array([np.ptp(part) if part.size else 0.0 for part in between])
     swings[-1:] = math.inf
-    return np.asarray(crossings[swings > 0.1 * np.ptp(late)])
+    # A smaller swing is a ripple, not a cycle; of more than 51 crossings none is periodic.
+    crossings = crossings[swings > 0.1 * np.ptp(x(late))][-51:]
+    if crossings.size < 2:
+        return None
+    rates = curve(crossings, 1) / np.abs(curve(late, 1)).max()
+    states = np.column_stack([curve(crossings)[:, 1:], rates])
+    same = np.flatnonzero(np.abs(states[:-1] - states[-1]).max(axis=1) < 0.03)
+    return float(crossings[same[-1] if same.size else -2]), float(crossings[-1])
 
 
 def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:

@@ -3,14 +3,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from itertools import cycle, pairwise, product
+from itertools import cycle
 
 import numpy as np
 from matplotlib.axes import Axes
-from scipy.interpolate import BPoly, CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import linear_sum_assignment
 
 from pipedyn.linear.critical_speed import CriticalSpeed
@@ -29,9 +27,8 @@ def stability_map(
 ) -> Axes:
     """Stability boundaries: flow speed against a parameter, folds included.
 
-    Crossings at neighbouring parameters are joined if their frequency and direction agree. Two
-    crossings that vanish together are joined by a parabola round the tip of their fold. Its slopes
-    come from the sensitivities by beta.
+    Crossings at neighbouring parameters are joined, and those of one parameter round the tip of a
+    fold, by cubics whose slopes come from the sensitivities by beta.
 
     Args:
         curves: stability curves by label, made over beta with a `max_speed`, so that they hold
@@ -88,116 +85,49 @@ def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
     return [c for c in crossings if min(c.unstable_before, c.unstable_after) == 0]
 
 
-@dataclass(eq=False)
-class _Point:
-    """A crossing at (parameter, speed), and what continues its boundary left (-1) and right (1).
-
-    That is another point, the side of it, and the curve from here to there, shape (k, 2).
-    """
-
-    at: Array
-    crossing: Crossing
-    joined: dict[int, tuple[_Point, int, Array]] = field(default_factory=dict)
-
-    def join(self, side: int, other: _Point, other_side: int, curve: Array) -> None:
-        """Continue the boundary to another point."""
-        self.joined[side] = other, other_side, curve
-        other.joined[other_side] = self, side, curve[::-1]
-
-    @property
-    def slopes(self) -> tuple[float, float]:
-        """d(speed)/dbeta and d(frequency)/dbeta; 0 where there is no sensitivity."""
-        known = self.crossing.sensitivity
-        if known is None or known.speed.beta is None or known.frequency.beta is None:
-            return 0.0, 0.0
-        return known.speed.beta, known.frequency.beta
-
-
 def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
-    """Stability boundaries as polylines (parameter, speed), each of shape (k, 2), and kinds."""
+    """Stability boundaries as polylines (parameter, speed), each of shape (k, 2), and kinds.
+
+    A boundary has the stable side on its right: it runs to larger parameters through crossings that
+    destabilise, to smaller ones through the others. Between two neighbouring parameters each
+    crossing that it leaves is joined with one at which it arrives, at the tip of a fold of the same
+    parameter, so that all these steps together are short and turn little.
+    """
     failed = {failure.index for failure in curve.failures}
     taken = [i for i in np.argsort(curve.values) if i not in failed]
-    columns = [
-        [_Point(np.array([curve.values[i], c.speed]), c) for c in boundaries(curve.crossings[i])]
-        for i in taken
-    ]
-    points = [point for column in columns for point in column]
-    scale = max((point.crossing.speed for point in points), default=0.0) or 1.0
-    for (left, right), step in zip(pairwise(columns), np.diff(curve.values[taken]), strict=True):
-        for a, b in _pairs(left, right, step, scale):
-            a.join(1, b, -1, _arc(a, b, scale))
-        for column, side in ((left, 1), (right, -1)):
-            _join_folds([point for point in column if side not in point.joined], side, step)
+    points = [(k, c) for k, i in enumerate(taken) for c in boundaries(curve.crossings[i])]
+    scale = max((c.speed for _, c in points), default=0.0) or 1.0  # to 1, which beta spans
+    column = np.array([k for k, _ in points], dtype=np.intp)
+    at = curve.values[taken][column] + 1j / scale * np.array([c.speed for _, c in points])
+    rightwards = np.array([c.destabilising for _, c in points], dtype=np.bool_)
+    kinds = np.array([c.kind for _, c in points])
+    # Where no slope is known the tangent is 0, with which a cubic is a straight line.
+    known = [None if c.sensitivity is None else c.sensitivity.speed.beta for _, c in points]
+    angles = np.arctan(np.array(known, dtype=np.float64) / scale)
+    tangents = np.where(rightwards, 1.0, -1.0) * np.nan_to_num(np.exp(1j * angles))
+    following: dict[int, int] = {}
+    for k in range(len(taken) - 1):
+        left = np.flatnonzero(column == np.where(rightwards, k, k + 1))
+        entered = np.flatnonzero(column == np.where(rightwards, k + 1, k))
+        steps = at[entered] - at[left, None]
+        ahead = (steps * (tangents[entered] + tangents[left, None]).conj()).real
+        possible = (kinds[entered] == kinds[left, None]) & (ahead >= 0.0)
+        # A step counts once if it goes straight on, three times if it turns by 90 degrees twice.
+        cost = np.where(possible, 3.0 * np.abs(steps) - ahead, 1e3)
+        pairs = zip(*linear_sum_assignment(cost), strict=True)
+        following |= {int(left[i]): int(entered[j]) for i, j in pairs if possible[i, j]}
     lines: list[tuple[Array, str]] = []
-    seen = set()
-    open_first = sorted(product(points, (-1, 1)), key=lambda start: start[1] in start[0].joined)
-    for first, side in open_first:
-        if first in seen:
-            continue
-        point, line = first, [first.at[None]]
-        while point not in seen and -side in point.joined:
-            seen.add(point)
-            point, side, arc = point.joined[-side]
-            line.append(arc[1:])
-        seen.add(point)
-        lines.append((np.concatenate(line), first.crossing.kind))
+    ends = set(range(at.size)) - set(following.values())
+    for first in (*ends, *(following.keys() - ends)):  # closed ones have no end: they come last
+        here, line = first, [at[[first]]]
+        while here in following:
+            both = [here, following.pop(here)]
+            slopes = np.abs(np.diff(at[both])) * tangents[both]
+            cubic = CubicHermiteSpline([0.0, 1.0], at[both], slopes)
+            line.append(cubic(np.linspace(0.0, 1.0, 17))[1:])
+            here = both[1]
+        if first in ends or len(line) > 1:
+            places = np.concatenate(line)
+            polyline = np.column_stack([places.real, scale * places.imag])
+            lines.append((polyline, points[first][1].kind))
     return lines
-
-
-def _pairs(
-    left: list[_Point], right: list[_Point], step: float, scale: float
-) -> list[tuple[_Point, _Point]]:
-    """Which crossing of the right column continues which of the left, at the least total distance.
-
-    The distance of two is that of their speeds, in the highest speed, and a fifth of that of their
-    frequencies, relative. Values as they are, or extrapolated along the slopes: the smaller counts.
-    Direction along a branch changes only at the tip of a fold.
-    """
-    cost = np.full((len(left), len(right)), math.inf)
-    for (j, p), (k, q) in product(enumerate(left), enumerate(right)):
-        a, b = p.crossing, q.crossing
-        if a.kind != b.kind or a.destabilising != b.destabilising:
-            continue
-        weight = 0.2 / (1.0 + max(a.frequency, b.frequency))
-        plain = abs(a.speed - b.speed) / scale + weight * abs(a.frequency - b.frequency)
-        (ua, wa), (ub, wb) = p.slopes, q.slopes
-        speeds = a.speed - b.speed + 0.5 * step * (ua + ub)
-        frequencies = a.frequency - b.frequency + 0.5 * step * (wa + wb)
-        cost[j, k] = min(plain, abs(speeds) / scale + weight * abs(frequencies))
-    # A distance is at most 1.2, so the least sum holds no 1000 that it can avoid.
-    assigned = zip(*linear_sum_assignment(np.minimum(cost, 1e3)), strict=True)
-    # Neighbours were at most 0.062 apart on eight maps, ejecting, gravity -10 to 100, with and
-    # without damping.
-    return [(left[j], right[k]) for j, k in assigned if cost[j, k] < 0.15]
-
-
-def _arc(a: _Point, b: _Point, scale: float) -> Array:
-    """Hermite cubic by arc length between two crossings, shape (k, 2); beta spans 1."""
-    ends = np.array([a.at, b.at])
-    if a.crossing.sensitivity is None or b.crossing.sensitivity is None:
-        return ends
-    tangents = np.array([[1.0, a.slopes[0]], [1.0, b.slopes[0]]])
-    stretch = np.array([scale, 1.0])
-    length = np.linalg.norm((b.at - a.at) * stretch)
-    tangents *= length / np.linalg.norm(tangents * stretch, axis=1, keepdims=True)
-    return np.asarray(CubicHermiteSpline([0.0, 1.0], ends, tangents)(np.linspace(0.0, 1.0, 9)))
-
-
-def _join_folds(single: list[_Point], side: int, step: float) -> None:
-    """Join neighbours of a column that end together before the next column on a side."""
-    order = sorted(single, key=lambda point: point.crossing.speed)
-    while len(order) > 1:
-        nearest = int(np.argmin(np.diff([point.crossing.speed for point in order])))
-        p, q = order.pop(nearest), order.pop(nearest)
-        a, b, (slope_a, _), (slope_b, _) = p.crossing, q.crossing, p.slopes, q.slopes
-        if a.kind != b.kind or a.destabilising == b.destabilising or slope_a == slope_b:
-            continue
-        # A parabola's tangents meet twice as far off as its vertex.
-        reach = (b.speed - a.speed) / (slope_a - slope_b)
-        if reach * side <= 0.0:
-            continue
-        reach = math.copysign(min(abs(reach), 2.0 * step), side)
-        corner = 0.5 * (a.speed + b.speed + reach * (slope_a + slope_b))
-        control = np.array([p.at[0] + reach, min(max(corner, a.speed), b.speed)])
-        parabola = BPoly(np.array([p.at, control, q.at])[:, None], [0.0, 1.0])
-        p.join(side, q, side, parabola(np.linspace(0.0, 1.0, 17)))

@@ -36,9 +36,10 @@ MOVED = 4.321
 
 def sweeping_problem(model: Model, dense: bool | None = None) -> Eigenproblem:
     """The model's eigenproblem, deflated where a root stays at zero at every speed."""
-    if model.loose_joints.size:
-        return Deflated(cast(Chain, model))
-    return eigenproblem(model, dense)
+    problem = eigenproblem(model, dense)
+    if problem.model.loose_joints.size:
+        return Deflated(cast(Chain, problem.model))
+    return problem
 
 
 class Deflated(Eigenproblem):
@@ -72,27 +73,17 @@ class Deflated(Eigenproblem):
             turned = self.turned
             loads = np.zeros((self.dof, turned.size))
             loads[turned, np.arange(turned.size)] = 1.0 / self.chain.elastic_scale[turned]
-            braced = self.pencil.matrices(u)[2]
+            mass, velocity, braced = self.pencil.matrices(u)
             braced[self.free, self.free] += 1.0
             x = np.linalg.solve(braced, loads)
             dual = x @ np.linalg.inv(x.T @ x)
-            inertia = MOVED * self.mass(x)
+            inertia = MOVED * mass @ x
             if self.squared:
                 latest = u, x, dual, np.zeros_like(x), inertia
             else:
-                latest = u, x, dual, inertia, MOVED * super().damped(u, x)
+                latest = u, x, dual, inertia, MOVED * velocity @ x
             self.latest = latest
         return latest[1:]
-
-    def damped(self, u: float, x: Vectors) -> Vectors:
-        _, dual, added, _ = self.deflating(u)
-        result: Vectors = super().damped(u, x) + added @ (dual.T @ x)
-        return result
-
-    def stiffened(self, u: float, x: Vectors) -> Vectors:
-        _, dual, _, added = self.deflating(u)
-        result: Vectors = super().stiffened(u, x) + added @ (dual.T @ x)
-        return result
 
     def velocity_free(self, u: float) -> bool:
         """The same at every speed, lest the deflation change at rest."""
@@ -104,7 +95,7 @@ class Deflated(Eigenproblem):
             # P(lambda) X(a u^2 / (1 + delta lambda)) = lambda^2 M X: damping moves no crossing.
             undamped = self.chain.with_pipe(replace(self.pipe, damping=0.0))
             statics = Deflated(undamped).spectrum()
-        return _core.Eigenproblem(**self.known, complete=True, amend=self.amended, statics=statics)
+        return _core.Eigenproblem(**self.known, amend=self.amended, statics=statics)
 
     def amended(
         self, u: float, values: Complex, right: Complex, left: Complex, squared: bool
@@ -119,13 +110,6 @@ class Deflated(Eigenproblem):
         right, left = (x[:, mine] if x.size else x for x in (right, left))
         return values[mine], right, left
 
-    def by_speed(self, u: float, values: Complex, x: Vectors) -> Complex:
-        """By central differences, to 1e-9."""
-        h = 1e-5 * (1.0 + u)
-        change = values * (self.damped(u + h, x) - self.damped(u - h, x))
-        result: Complex = change + self.stiffened(u + h, x) - self.stiffened(u - h, x)
-        return result / (2.0 * h)
-
     def original(self, u: float, value: complex, x: Vectors) -> Vectors | None:
         if value == 0.0:
             return None  # zero is double there: no derivative by gravity or the free spring
@@ -137,7 +121,7 @@ class Deflated(Eigenproblem):
     @property
     def operators(self) -> Callable[[float], _core.DenseOperator]:
         def at(u: float) -> _core.DenseOperator:
-            h = 1e-5 * (1.0 + u)
+            h = 1e-5 * (1.0 + u)  # central differences, to 1e-9
             after, before = self.matrices(u + h)[1:], self.matrices(u - h)[1:]
             rates = [(a - b) / (2.0 * h) for a, b in zip(after, before, strict=True)]
             return _core.DenseOperator((*self.matrices(u), *rates), self.size(u))

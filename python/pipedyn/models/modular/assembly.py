@@ -21,14 +21,16 @@ from pipedyn.models.base import (
     arc_lengths,
     stored,
 )
-from pipedyn.models.chain import LARGEST_CHAIN, along, elastic_scale
+from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.enforcement import ENFORCEMENTS, projection
 from pipedyn.models.modular.layout import CONSTRAINTS, MODULES, SAME, Layout
-from pipedyn.models.modular.linearisation import ScenePencil
+from pipedyn.models.modular.linearisation import SmallMotions
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.models.modular.parts import (
     Constraint,
+    Drag,
+    InternalFlow,
     Module,
     Part,
     Segment,
@@ -36,7 +38,7 @@ from pipedyn.models.modular.parts import (
     described,
 )
 from pipedyn.models.modular.redundant import RedundantForm
-from pipedyn.models.pencil import LONGEST_DENSE, DensePencil, Pencil
+from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
 from pipedyn.util import check
@@ -70,7 +72,8 @@ class Assembly(Model):
     Operators live in the degrees of freedom that the constraints leave: the angles of the segments,
     theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
     orthonormal basis of what these leave. Methods that take a configuration take the angles, shape
-    (n,), or redundant coordinates, shape (3 n,), that meet the constraints.
+    (n,), or redundant coordinates, shape (3 n,), that meet the constraints. Linear questions cost
+    O(n^3), but of a scene that is a `Chain` with terms what they cost of that.
 
     Immutable; `plus` makes another.
 
@@ -171,13 +174,14 @@ class Assembly(Model):
         return False
 
     def term_stiffness(self, pencil: Pencil) -> float:
-        return self.linear.added
+        return float(np.linalg.norm(self._elastic.stiffness - np.eye(self.dof), 2))
 
     @cached_property
     def resisted(self) -> bool:
-        other = self.with_pipe(replace(self._pipe, damping=0.0))
-        _, by_rate = other.motion.form.resistances(self._configuration(self.resting()))
-        return bool(by_rate.count_nonzero())
+        still = np.split(self.state(self.resting()), 2)
+        own_damping = self._layout.joint_damping(replace(self._pipe, damping=0.0)).any()
+        _, by_rate = self._customs.derivatives(*still)
+        return bool(super().resisted or own_damping or by_rate.count_nonzero())
 
     @property
     def elastic_share(self) -> Array:
@@ -217,10 +221,30 @@ class Assembly(Model):
             more._reference = chosen
         return more
 
+    @cached_property
+    def as_chain(self) -> Chain | None:
+        """The chain that the scene is, if it is one about the straight pipe."""
+        layout = self._layout
+        plain = layout.has_flow and all(
+            isinstance(part, Segment | InternalFlow | Drag) or _is_plain_spring(part)
+            for part in self.modules
+        )
+        # Rows are of guides, pins and what has inertia besides the segments.
+        straight = self._reference is not None and not self._reference.any()
+        if not plain or not straight or self.core.compliance.size:
+            return None
+        return Chain(
+            self._pipe,
+            springs=layout.springs,
+            lengths=layout.lengths,
+            centers=layout.centers,
+            gyration_radii=layout.gyration_radii,
+            base=layout.base,
+        )
+
     def pencil(self, dense: bool | None = None) -> Pencil:
-        """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
-        long = self.dof > LONGEST_DENSE if dense is None else not dense
-        return self.linear if long else DensePencil(self)
+        """P(lambda) as for `Model.pencil`: of a scene that is a chain the chain's, else dense."""
+        return DensePencil(self) if self.as_chain is None else self.as_chain.pencil(dense)
 
     def about(self, q: ArrayLike) -> Assembly:
         """The same scene, whose linear questions are asked about another configuration at rest.
@@ -331,8 +355,9 @@ class Assembly(Model):
             given = np.cumsum(given[2::3])
 
         def correction(theta: Array) -> tuple[Array, float]:
-            linear = ScenePencil(self, theta)
-            step = linear.factor(0.0, u)(linear.unbalanced(u))
+            linear = SmallMotions(self.motion.form, theta)
+            _, _, stiffness = linear.elastic_operators().at(u)
+            step = np.linalg.lstsq(stiffness, linear.unbalanced(u))[0]
             turn = np.cumsum(linear.joint_angles(step)[:, 0])
             return turn, float(np.abs(turn).max())
 
@@ -353,9 +378,11 @@ class Assembly(Model):
     # ------------------------------------------------------------------------------ linear motion
 
     @cached_property
-    def linear(self) -> ScenePencil:
+    def linear(self) -> SmallMotions:
         """Small motions about the configuration of `about`, else the straight pipe."""
-        return ScenePencil(self)
+        if self.as_chain is None:
+            self._check_dense()
+        return SmallMotions(self.motion.form, self.reference)
 
     @property
     def reference(self) -> Array:
@@ -372,7 +399,7 @@ class Assembly(Model):
         return self._reference
 
     def unbalanced(self, u: float) -> float:
-        size = 1.0 + abs(self._pipe.gamma) + self.linear.centrifugal * u**2
+        size = 1.0 + abs(self._pipe.gamma) + self._pipe.centrifugal * u**2
         return float(np.abs(self.linear.unbalanced(u)).max()) / size
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
@@ -391,10 +418,7 @@ class Assembly(Model):
                 of freedom.
             TypeError: for what is no array of real numbers.
         """
-        linear = self._linear_at(q)
-        basis = linear.angle_basis.spread(np.eye(linear.dof))
-        zeta = linear.basis.gather(np.diff(basis, axis=0, prepend=0.0) / linear.scale)
-        return linear.operators(zeta)
+        return self._linear_at(q).operators()
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
@@ -403,26 +427,32 @@ class Assembly(Model):
 
         Args, Raises: as for `operators`.
         """
-        linear = self._linear_at(q)
-        return linear.angle_basis.spread(np.eye(linear.dof))
+        basis: Array = self._linear_at(q).basis @ np.eye(self.dof)
+        return basis
 
     def free_directions(self, p: Array) -> Array:
         return self.basis(p)
 
-    def _linear_at(self, q: ArrayLike | None) -> ScenePencil:
+    def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
         """Small motions about q, or the reference, if dense operators can be made."""
         self._check_dense()
-        return self.linear if q is None else ScenePencil(self, self._angles_of("q", q))
+        if q is None:
+            return self.linear
+        return SmallMotions(self.motion.form, self._angles_of("q", q))
 
     def elastic_operators(self) -> Operators:
         """The same operators in elastic coordinates, see `pipedyn.models.modular.linearisation`."""
-        return self._linear_at(None).operators(np.eye(self.dof))
+        return self._elastic
+
+    @cached_property
+    def _elastic(self) -> Operators:
+        return self.linear.elastic_operators()
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         columns, linear = self._columns("z", z), self.linear
-        theta = np.cumsum(linear.joint_angles(columns.reshape(self.dof, -1)), axis=0)
-        result: NDArray[Any] = linear.angle_basis.gather(theta).reshape(columns.shape)
-        return result
+        joints = linear.joint_angles(columns.reshape(self.dof, -1))
+        result: NDArray[Any] = linear.basis.T @ np.cumsum(joints, axis=0)
+        return result.reshape(columns.shape)
 
     # -------------------------------------------------------------------------- nonlinear motion
 
@@ -529,8 +559,9 @@ class Assembly(Model):
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at, linear, layout = arc_lengths(s), self.linear, self._layout
         given = self._displaced(q, at.size)
-        theta = linear.angle_basis.spread(given.reshape(self.dof, -1))
-        moved = along(linear.tree.across * theta, layout.base, layout.lengths, at)
+        theta = linear.basis @ given.reshape(self.dof, -1)
+        across = layout.lengths * np.cos(linear.theta)
+        moved = along(across[:, None] * theta, layout.base, layout.lengths, at)
         return moved.reshape(at.size, *given.shape[1:])
 
     # ----------------------------------------------------------------------------------- arguments

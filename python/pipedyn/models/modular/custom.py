@@ -15,9 +15,6 @@ from scipy import sparse
 from pipedyn.models.modular.parts import Custom, Function
 from pipedyn.util.check import Array
 
-MASSLESS = 1e-10
-"""Inertia below this share of the largest is what rounding leaves of a semidefinite one."""
-
 COMPLEX_STEP = 1e-30
 """A complex step has no difference that cancels; its square is lost next to any number."""
 
@@ -32,16 +29,6 @@ The differences err by some 1e-10; a wrong derivative seldom agrees to four digi
 
 TRIAL_SIZES = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
 """Displacements at which functions are checked, in L and rad: both sides of a wall show there."""
-
-
-def inertia_rows(module: Custom) -> Array:
-    """Rows W of a module's mass W^T W, of as many entries as it touches coordinates."""
-    if module.mass is None:
-        return np.zeros((0, module.size))
-    values, vectors = np.linalg.eigh(np.array(module.mass, dtype=np.float64))
-    inert = values > MASSLESS * values[-1]
-    rows: Array = np.sqrt(values[inert])[:, None] * vectors[:, inert].T
-    return rows
 
 
 class CustomForce:

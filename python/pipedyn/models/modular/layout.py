@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
-from pipedyn.models.modular.custom import inertia_rows
-from pipedyn.models.modular.linearisation import Tree
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
@@ -67,19 +65,21 @@ class Layout:
 
     def __init__(self, modules: Sequence[Module], constraints: Sequence[Constraint]) -> None:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
-        self.segments = _of(modules, Segment)
+        segments = _of(modules, Segment)
         self.customs = _of(modules, Custom)
-        self.size = len(self.segments)
+        self.size = len(segments)
         if self.size == 0:
             raise ValueError("modules must hold at least one Segment, got none")
         self._check_places()
         self.base = self._checked_base()
-        self.lengths = np.array([segment.length for segment in self.segments])
+        self.lengths = np.array([segment.length for segment in segments])
         total = self.base + math.fsum(self.lengths)
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"the base and the segments' lengths must add up to 1, got {total!r}")
         self.ends = self.base + np.concatenate([[0.0], np.cumsum(self.lengths)])
-        self.drag_points = np.array([segment.drag_point for segment in self.segments])
+        self.centers = np.array([segment.center for segment in segments])
+        self.gyration_radii = np.array([segment.gyration_radius for segment in segments])
+        self.drag_points = np.array([segment.drag_point for segment in segments])
         self.springs, self.rest_moments = np.zeros(self.size), np.zeros(self.size)
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
@@ -182,10 +182,7 @@ class Layout:
 
     def _found_inertia(self) -> Array:
         """Rows W of all custom modules' mass W^T W, shape (m, 3 n)."""
-        own = [inertia_rows(custom) for custom in self.customs]
-        rows = [np.zeros((len(of), 3 * self.size)) for of in own]
-        for custom, whole, of in zip(self.customs, rows, own, strict=True):
-            whole[:, custom.index] = of
+        rows = [custom.inertia_rows(3 * self.size) for custom in self.customs]
         return np.concatenate([np.zeros((0, 3 * self.size)), *rows])
 
     # ------------------------------------------------------------------------------- configurations
@@ -200,9 +197,21 @@ class Layout:
         found[1:] = columns.reshape(self.size, 3, *columns.shape[1:])[:, :2]
         return found
 
+    def moments(self, theta: Array, forces: Array) -> Array:
+        """Moments on the segments, shape (n, r), of forces on the coordinates, shape (3 n, r).
+
+        The angles have the shape (n,), or (n, r): one a column.
+        """
+        columns = theta.reshape(self.size, -1)
+        across, along = (self.lengths[:, None] * of(columns) for of in (np.cos, np.sin))
+        beyond_x, beyond_y = (np.cumsum(forces[k::3][::-1], axis=0)[::-1] for k in (0, 1))
+        moments: Array = across * beyond_x - along * beyond_y + forces[2::3]
+        moments[:-1] -= forces[5::3]
+        return moments
+
     def rows(self, theta: Array) -> Array:
         """Derivative of the coordinates that are held by the angles, shape (n, c)."""
-        return Tree(self.lengths, theta).gather_angles(self.unit_loads)
+        return self.moments(theta, self.unit_loads)
 
     def closed(self, core: _core.Scene, theta: Array) -> tuple[Array, float]:
         """Angles close to those given that meet guides and pins, and how far they still miss.
@@ -272,15 +281,15 @@ class Layout:
             damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
         return damping
 
-    def compiled(self, pipe: Pipe) -> _core.Scene:
-        """The scene as the core takes it, on a pipe."""
+    def compiled(self, pipe: Pipe, sprung: bool = True) -> _core.Scene:
+        """The scene as the core takes it, on a pipe, with or without what acts at the joints."""
         return _core.Scene(
             pipe=core_pipe(self.acting(pipe)),
             length=self.lengths,
-            center=[s.center for s in self.segments],
-            gyration_radius=[s.gyration_radius or 0.0 for s in self.segments],
-            spring=self.springs,
-            damping=self.joint_damping(pipe),
+            center=self.centers,
+            gyration_radius=self.gyration_radii,
+            spring=sprung * self.springs,
+            damping=sprung * self.joint_damping(pipe),
             rest_moment=self.rest_moments,
             drag_point=self.drag_points,
             base=self.base,
@@ -288,6 +297,21 @@ class Layout:
             held=self.held.tolist(),
             value=self.held_values,
         )
+
+
+def nodes_by_angles(steps: Array, theta: Array) -> Array:
+    """Derivative of the coordinates of nodes, sums of steps, by their angles, shape (3 n, n)."""
+    derivative = np.zeros((3 * theta.size, theta.size))
+    derivative[0::3] = np.tri(theta.size) * (steps * np.cos(theta))
+    derivative[1::3] = -np.tri(theta.size) * (steps * np.sin(theta))
+    return derivative
+
+
+def coordinates_by_angles(lengths: Array, theta: Array) -> Array:
+    """Derivative of the redundant coordinates by the angles of the segments, shape (3 n, n)."""
+    derivative = nodes_by_angles(lengths, theta)
+    derivative[2::3] = np.eye(theta.size) - np.eye(theta.size, k=-1)
+    return derivative
 
 
 def _of(parts: Iterable[Part], kind: type[P]) -> list[P]:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from pipedyn.models.modular.enforcement import Enforce, Group
-from pipedyn.models.modular.linearisation import Tree
+from pipedyn.models.modular.layout import coordinates_by_angles, nodes_by_angles
 from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -65,7 +65,7 @@ class SceneMotion:
 
     def enforced(self, enforce: Enforce, y: Array, u: float) -> Array:
         """Accelerations of one state by a dense recursion, shape (3 n,)."""
-        return enforce(self.form.mass.toarray(), self.form.forces(y, u), self.groups(y))
+        return enforce(self.form.mass, self.form.forces(y, u), self.groups(y))
 
     def groups(self, y: Array) -> list[Group]:
         """A_r and b_r of each constraint at a state, as given."""
@@ -83,9 +83,8 @@ class SceneMotion:
 
     def _moments(self, q: Array, rates: Array) -> Array:
         """Moments of custom modules on the segments, shape (n,) or (n, k)."""
-        tree = Tree(self.layout.lengths, np.cumsum(q[2::3], axis=0))
-        forces = self.customs.force(q, rates)
-        return tree.moments(forces.reshape(len(forces), -1)).reshape(-1, *q.shape[1:])
+        theta, forces = np.cumsum(q[2::3], axis=0), self.customs.force(q, rates)
+        return self.layout.moments(theta, forces.reshape(len(forces), -1)).reshape(theta.shape)
 
     def energy(self, y: Any) -> float | Array:
         """Energy of redundant states [q, q'], a number or shape (k,)."""
@@ -135,42 +134,28 @@ class SceneMotion:
         With the force along each row of weights (see the core) as a load that is held, the chain's
         own derivative lacks what this load's moments and the rows themselves change by.
         """
-        core, customs, lengths = self.core, self.customs, self.layout.lengths
-        n = lengths.size
+        core, lengths, n = self.core, self.layout.lengths, self.layout.size
         theta, omega = np.split(y, 2)
-        q, rates = np.split(core.from_angles(theta, omega), 2)
-        joints = np.eye(n) - np.eye(n, k=-1)
-        tree = Tree(lengths, theta)
-        q_by_angle = tree.spread(joints)
 
-        def turned(steps: Array, angle: float) -> Array:
-            """Derivative by the angles of sums of steps at these angles and a further one."""
-            rows = Tree(steps, theta + angle).spread(joints)
-            rows[2::3] = 0.0
-            return rows
+        def moments(force: Array) -> Array:
+            return self.layout.moments(theta, force[:, None])[:, 0]
 
-        rate_by_angle = turned(lengths * omega, 0.5 * math.pi)
-        force = customs.force(q, rates)
-        accelerations, multipliers = core.reactions(y, u, tree.moments(force[:, None])[:, 0])
-        rows, compliance = core.rows()
+        force = self.customs.force(*np.split(core.from_angles(theta, omega), 2))
+        accelerations, multipliers = core.reactions(y, u, moments(force))
+        rows, compliance = core.weights, core.compliance
         force = force + rows.T @ multipliers
-        by_state = core.jacobian(y, u, tree.moments(force[:, None])[:, 0])[n:]
-        change, every = (
-            np.zeros((n, 2 * n)),
-            np.repeat(theta[:, None], max(2 * n, len(rows)), axis=1),
-        )
-        change[:, :n] = -np.diag(tree.stiffening(force[:, None])[:, 0])
-        if customs:
-            by_q, by_rate = customs.derivatives(q, rates)
-            more = np.hstack([by_q @ q_by_angle + by_rate @ rate_by_angle, by_rate @ q_by_angle])
-            change += tree.moments(more)
-        if customs or rows.size:
-            by_state = by_state + core.solve(every, change)
+        by_state = core.jacobian(y, u, moments(force))[n:]
+        every = np.repeat(theta[:, None], max(2 * n, len(rows)), axis=1)
+        if self.customs or rows.size:
+            change = self.form.moments_by_state(theta, omega, force)
+            by_state = by_state + core.solve(every[:, : 2 * n], change)
+        q_by_angle = coordinates_by_angles(lengths, theta)
+        across, inward = theta + 0.5 * math.pi, theta + math.pi
         drift = np.hstack(
             [
-                turned(lengths * accelerations, 0.5 * math.pi)
-                + turned(lengths * omega**2, math.pi),
-                2.0 * rate_by_angle,
+                nodes_by_angles(lengths * accelerations, across)
+                + nodes_by_angles(lengths * omega**2, inward),
+                2.0 * nodes_by_angles(lengths * omega, across),
             ]
         )
         if rows.size:

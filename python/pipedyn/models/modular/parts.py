@@ -23,6 +23,9 @@ from pipedyn.util.check import Array
 MOST_MASS = 1e6
 """Largest mass of a Custom, as of the terms of a pipe."""
 
+MASSLESS = 1e-10
+"""Inertia below this share of the largest is what rounding leaves of a semidefinite one."""
+
 RANGES: dict[str, dict[str, Any]] = {
     "length": {"low": 1e-7, "high": 1.0},
     "center": {"low": 0.0, "high": 1.0},
@@ -203,6 +206,16 @@ class Custom(Module):
         if np.linalg.eigvalsh(raw)[0] < -1e-12 * size:
             raise ValueError(f"{name} must be positive semidefinite")
         return raw
+
+    def inertia_rows(self, coordinates: int) -> Array:
+        """Rows W of its mass W^T W among so many redundant coordinates."""
+        if self.mass is None:
+            return np.zeros((0, coordinates))
+        values, vectors = np.linalg.eigh(np.array(self.mass, dtype=np.float64))
+        inert = values > MASSLESS * values[-1]
+        rows = np.zeros((np.count_nonzero(inert), coordinates))
+        rows[:, self.index] = np.sqrt(values[inert])[:, None] * vectors[:, inert].T
+        return rows
 
     @property
     def size(self) -> int:

@@ -18,12 +18,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pipedyn import _core
 from pipedyn.models.modular.custom import CustomForces
-from pipedyn.models.modular.layout import Layout
-from pipedyn.models.modular.linearisation import matrix
+from pipedyn.models.modular.layout import Layout, coordinates_by_angles, nodes_by_angles
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
 
@@ -42,13 +40,18 @@ class RedundantForm:
         self, pipe: Pipe, layout: Layout, core: _core.Scene, customs: CustomForces
     ) -> None:
         self.layout, self.customs = layout, customs
-        self.core, self._pipe = core, pipe
+        self.core, self.pipe = core, pipe
+
+    @cached_property
+    def unsprung(self) -> _core.Chain:
+        """The chain without springs and dampers at its joints, for linear operators."""
+        return self.layout.compiled(self.pipe, sprung=False).chain
 
     # ------------------------------------------------------------------------------------- modules
 
     @cached_property
-    def mass(self) -> Any:
-        """M, sparse, (3 n, 3 n).
+    def mass(self) -> Array:
+        """M, shape (3 n, 3 n).
 
         A segment has the kinetic energy m (|r*'|^2 + (eta / l)^2 |r_j' - r_{j-1}'|^2) / 2, with the
         masses on it, r* = (1 - chi) r_{j-1} + chi r_j.
@@ -58,38 +61,20 @@ class RedundantForm:
         own = mass * (chi**2 + turning)
         own[:-1] += (mass * ((1.0 - chi) ** 2 + turning))[1:]
         between = (mass * (chi * (1.0 - chi) - turning))[1:]
-        nodes = in_nodes(own, between, between)
-        if not self.customs:
-            return nodes
-        rows = sparse.csr_array(self.layout.inertia)
-        return nodes + rows.T @ rows
-
-    @cached_property
-    def velocity(self) -> Any:
-        """Derivative of minus the flow's forces by the rates, for U = 1, sparse, (3 n, 3 n).
-
-        They are -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment,
-        and -sqrt(beta) U r_n' on the end.
-        """
-        coriolis = np.full(self.layout.size, math.sqrt(self._pipe.beta))
-        end = np.append(np.zeros(self.layout.size - 1), coriolis[-1])
-        return in_nodes(end, coriolis[1:], -coriolis[1:])
-
-    @cached_property
-    def flux(self) -> Any:
-        """The same by the coordinates, for a U^2 = 1, of -a U^2 (r_n - r_{n-1}) / l_n."""
-        end = np.zeros(self.layout.size)
-        end[-1] = self.layout.has_flow / self.layout.lengths[-1]
-        return in_nodes(end, 0.0 * end[1:], -end[1:])
+        coupled = np.diag(np.kron(between, [1.0, 1.0, 0.0]), 3)
+        nodes = np.diag(np.kron(own, [1.0, 1.0, 0.0])) + coupled + coupled.T
+        whole: Array = nodes + self.layout.inertia.T @ self.layout.inertia
+        return whole
 
     def forces(self, y: Array, u: float) -> Array:
         """Forces of all modules at a state [q, q'], shape (3 n,).
 
-        Besides the flow's: weights; -k (phi - psi) - c phi' of joints, psi the rest angle;
-        -kappa l |v| v n at a segment's drag point, v = n . r', n = (t_y, -t_x); those of terms and
-        custom modules.
+        Of the flow -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment,
+        and on the end -sqrt(beta) U r_n' - a U^2 t; weights; -k (phi - psi) - c phi' of joints, psi
+        the rest angle; -kappa l |v| v n at a segment's drag point, v = n . r', n = (t_y, -t_x);
+        those of terms and custom modules.
         """
-        layout, pipe, lengths = self.layout, self._pipe, self.layout.lengths
+        layout, pipe, lengths = self.layout, self.pipe, self.layout.lengths
         q, rates = np.split(y, 2)
         along, velocities = np.diff(layout.nodes(q), axis=0), layout.nodes(rates, order=1)
         on_nodes = np.zeros_like(velocities)
@@ -104,59 +89,52 @@ class RedundantForm:
         point, normal = layout.drag_points, _across(along) / lengths[:, None]
         v = np.sum(normal * _between(velocities, point, every), axis=1)
         add(point, normal * (-pipe.drag * lengths * np.abs(v) * v)[:, None], every)
-        segment, share, _, answers = self._terms(q, rates)
-        add(share, answers[:, :2], segment)
-        on_nodes[-1] -= pipe.centrifugal * u**2 * along[-1] / lengths[-1]
+        add(*self._terms(q, rates))
+        momentum = math.sqrt(pipe.beta) * pipe.direction * u * velocities
+        on_nodes[:-1] -= momentum[1:]
+        on_nodes[1:] += momentum[:-1]
+        on_nodes[-1] -= momentum[-1] + pipe.centrifugal * u**2 * along[-1] / lengths[-1]
 
-        total: Array = self.customs.force(q, rates) - pipe.direction * u * (self.velocity @ rates)
+        total = self.customs.force(q, rates)
         total[0::3] += on_nodes[1:, 0]
         total[1::3] += on_nodes[1:, 1]
         total[2::3] += layout.rest_moments - layout.springs * q[2::3]
         total[2::3] -= layout.joint_damping(pipe) * rates[2::3]
         return total
 
-    def resistances(self, q: Array) -> tuple[Any, Any]:
-        """Derivatives of minus the forces at rest by q and q', without springs and flow, sparse."""
-        still = np.zeros_like(q)
-        by_q, by_rate = self.customs.derivatives(q, still)
-        segment, share, turning, answers = self._terms(q, still)
-        if segment.size:
-            # By x and y of the nodes at both ends of the segment, of which node 0 stays.
-            coordinates = 3 * segment[:, None] + np.array([-3, -2, 0, 1], dtype=np.intp)
-            shares = np.stack([1.0 - share, share], axis=1)
-            at = np.einsum("kn,ij->kinj", shares, np.eye(2)).reshape(-1, 2, 4)
-            position, velocity = (answers[:, i : i + 4].reshape(-1, 2, 2) for i in (2, 6))
-            turns = np.stack([-turning, turning], axis=1).reshape(-1, 1, 4)
-            by_place = position @ at + answers[:, 10:, None] * turns
-            by_q = by_q + self._placed(coordinates, at.transpose(0, 2, 1) @ by_place)
-            by_rate = by_rate + self._placed(coordinates, at.transpose(0, 2, 1) @ velocity @ at)
-        joints = np.kron(self.layout.joint_damping(self._pipe), [0.0, 0.0, 1.0])
-        return -by_q, sparse.diags_array(joints) - by_rate
+    def moments_by_state(self, theta: Array, omega: Array, force: Array) -> Array:
+        """Derivative by [theta, theta'] of the moments on the segments of a force, shape (n, 2 n).
 
-    def _terms(self, q: Array, rates: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
-        """Of the places where terms act: segment, share of its length, and turning.
-
-        Turning is the derivative of the segment's angle by the difference of its ends, shape (k,
-        2). Fourth, the answers of the laws as of the core's `loads`, times the weights.
+        The force, shape (3 n,), is that of the custom modules and of loads that stay.
         """
-        place, arm, weight = self.core.places().T
+        n, layout = theta.size, self.layout
+        change = np.zeros((n, 2 * n))
+        if self.customs:
+            q, rates = np.split(self.core.from_angles(theta, omega), 2)
+            by_q, by_rate = self.customs.derivatives(q, rates)
+            turning = coordinates_by_angles(layout.lengths, theta)
+            swinging = nodes_by_angles(layout.lengths * omega, theta + 0.5 * math.pi)
+            change = layout.moments(
+                theta, np.hstack([by_q @ turning + by_rate @ swinging, by_rate @ turning])
+            )
+        on_nodes = force[:, None].copy()
+        on_nodes[2::3] = 0.0
+        change[:, :n] += np.diag(layout.moments(theta + 0.5 * math.pi, on_nodes)[:, 0])
+        return change
+
+    def _terms(self, q: Array, rates: Array) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Of the places where terms act: share of its segment's length, load, and the segment."""
+        place, arm, weight = self.core.chain.places().T
         j = place.astype(np.intp)
         share = arm / self.layout.lengths[j]
         nodes, velocities = self.layout.nodes(q), self.layout.nodes(rates, order=1)
         along = nodes[j + 1] - nodes[j]
         length = np.hypot(*along.T)[:, None]
-        turning = _across(along) / length**2
-        rate = np.sum(turning * (velocities[j + 1] - velocities[j]), axis=1)
+        turning = velocities[j + 1] - velocities[j]
+        rate = np.sum(_across(along) / length**2 * turning, axis=1)
         where, moving = _between(nodes, share, j), _between(velocities, share, j)
-        answers = self.core.loads(np.column_stack([where, along / length, moving, rate]))
-        return j, share, turning, weight[:, None] * answers
-
-    def _placed(self, coordinates: NDArray[np.intp], blocks: Array) -> Any:
-        """A sparse matrix (3 n, 3 n) of blocks (k, m, m) at coordinates (k, m), none below 0."""
-        rows, columns = np.broadcast_arrays(coordinates[:, :, None], coordinates[:, None, :])
-        kept = (rows >= 0) & (columns >= 0)
-        size = self.core.coordinates
-        return matrix((rows[kept], columns[kept], blocks[kept]), size, size)
+        stations = np.column_stack([where, along / length, moving, rate])
+        return share, weight[:, None] * self.core.chain.loads(stations), j
 
     # --------------------------------------------------------------------------------- constraints
 
@@ -190,15 +168,6 @@ class RedundantForm:
         a = np.diff(x + 1j * y, axis=0)
         d = a / self.layout.lengths[:, None]
         return a, np.concatenate([np.full_like(d[:1], 1j * (1.0 - order)), d[:-1]])
-
-
-def in_nodes(own: Array, after: Array, before: Array) -> Any:
-    """A sparse matrix (3 n, 3 n) for x and y of nodes alike, by a node itself and its neighbours.
-
-    Of shape (n,), and (n - 1,) by the node after and the one before.
-    """
-    diagonals = [np.kron(of, [1.0, 1.0, 0.0]) for of in (own, after, before)]
-    return sparse.diags_array(diagonals, offsets=[0, 3, -3]).tocsr()
 
 
 def _between(values: Array, share: Array, segment: NDArray[np.intp]) -> Array:
