@@ -27,6 +27,9 @@ DENSE_LIMIT = 4000
 LARGEST_RESULT = 1_000_000_000
 """Numbers in one result: 8 GB, and twice that if they are complex."""
 
+COMPLEX_STEP = 1e-30
+"""A complex step has no difference that cancels; its square is lost next to any number."""
+
 LARGEST_ANGLE = 1e6
 """Coordinates of a shape; sine and cosine of greater angles lose their digits."""
 
@@ -426,8 +429,7 @@ class Model(OfPipe, ABC):
         columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        step = 1e-20  # complex-step derivative: nothing is subtracted, and the square is lost
-        return self._tips(columns + 1j * step * rates).imag / step
+        return self._tips(columns + 1j * COMPLEX_STEP * rates).imag / COMPLEX_STEP
 
     @abstractmethod
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:

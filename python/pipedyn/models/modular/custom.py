@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from pipedyn.models.base import COMPLEX_STEP
 from pipedyn.models.modular.parts import Custom, Function
 from pipedyn.util.check import Array
-
-COMPLEX_STEP = 1e-30
-"""A complex step has no difference that cancels; its square is lost next to any number."""
 
 STRIDE = 1e-3
 """Step of the differences of a complex-step gradient: of order 4, they err by some 1e-12."""
