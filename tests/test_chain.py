@@ -14,6 +14,7 @@ from scipy.linalg import eigvalsh
 
 import pipedyn as pp
 from pipedyn.linear.eigenproblem import eigenproblem
+from pipedyn.models.pencil import DensePencil
 
 FIRST_BEAM_FREQUENCY = 1.8751040687119612**2
 """First root of cos(k) cosh(k) = -1, squared (textbooks: k = 1.8751040687)."""
@@ -187,7 +188,7 @@ def test_an_elastic_coordinate_holds_half_a_unit_of_energy(chain):
 def test_sweeps_along_the_chain_multiply_like_its_matrices(chain, data):
     draw = st.lists(st.floats(-1.0, 1.0), min_size=2 * chain.dof, max_size=2 * chain.dof)
     x = np.array(data.draw(draw)).reshape(chain.dof, 2)
-    dense, band = chain.pencil(dense=True), chain.pencil(dense=False)
+    dense, band = DensePencil(chain), chain.pencil()
     for vectors in (x, x + 1j * x[::-1]):
         for name in ("mass", "velocity", "damping", "stiffness", "flux"):
             expected = getattr(dense, name)(vectors)

@@ -21,6 +21,7 @@ from independent import (
 
 import pipedyn as pp
 from pipedyn import _core
+from pipedyn.models.pencil import DensePencil
 
 ALL = (
     pp.PointMass(0.37, 0.4),
@@ -182,7 +183,7 @@ def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
 @pytest.mark.parametrize("n", [1, 5, 100])
 def test_products_are_those_of_the_matrices(n):
     chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=0.01, terms=ALL), n)
-    dense, long = chain.pencil(dense=True), chain.pencil(dense=False)
+    dense, long = DensePencil(chain), chain.pencil()
     x = np.random.default_rng(7).normal(size=(n, 2)) + 1j
     for product in ("mass", "velocity", "damping", "stiffness", "gravity", "by_damping", "flux"):
         found, expected = getattr(long, product)(x), getattr(dense, product)(x)
@@ -259,7 +260,7 @@ def test_crossings_are_exact_with_their_sensitivities(n):
 def test_a_root_stands_at_zero_unless_a_spring_holds_what_is_beyond_the_free_joint(
     terms, standing, n, monkeypatch
 ):
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.pencil.LONGEST_DENSE", 20)
     springs = np.full(n, float(n))
     springs[2 * n // 5] = 0.0
     chain = pp.Chain(pp.Pipe(0.3, terms=terms), springs=springs)

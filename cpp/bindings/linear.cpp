@@ -9,7 +9,6 @@
 #include <pybind11/typing.h>
 
 #include <chrono>
-#include <variant>
 
 #include "arguments.hpp"
 #include "pipedyn/linear/chain_spectrum.hpp"
@@ -37,16 +36,6 @@ Lapack scipy_lapack() {
   set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   return lapack;
-}
-
-/// The operators of a model in matrices, made without Python.
-struct DenseOperators {
-  Eigenproblem::At at;
-};
-
-Eigenproblem::At matrices_of(const std::variant<DenseOperators, Eigenproblem::At>& operators) {
-  const auto* const dense = std::get_if<DenseOperators>(&operators);
-  return dense != nullptr ? dense->at : std::get<1>(operators);
 }
 
 /// Tells Python every so often what was done, so that it counts and can stop it: by a signal, or by
@@ -174,11 +163,10 @@ void define_linear(py::module_& m) {
           "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
       .def("factorisations", &Spectrum::factorisations);
 
-  py::class_<Operator, std::shared_ptr<Operator>>(m, "Operator");
   const Lapack lapack = scipy_lapack();
-  py::class_<DenseOperator, Operator, std::shared_ptr<DenseOperator>>(m, "DenseOperator")
+  py::class_<DenseOperator>(m, "DenseOperator")
       .def(py::init([lapack](DenseOperator::Matrices of, double size) {
-             return std::make_shared<DenseOperator>(lapack, std::move(of), size);
+             return std::make_unique<DenseOperator>(lapack, std::move(of), size);
            }),
            "matrices"_a, "size"_a)
       .def(
@@ -187,44 +175,32 @@ void define_linear(py::module_& m) {
             return p.inverse(shift, velocity_free, left);
           },
           py::call_guard<py::gil_scoped_release>(), "shift"_a, "velocity_free"_a, "left"_a);
-  py::class_<DenseOperators>(m, "DenseOperators")
-      .def(py::init([lapack](const std::array<Matrix, 5>& of, double centrifugal, double size) {
-             return DenseOperators{
-                 dense_operators(lapack, {of[0], of[1], of[2], of[3], of[4]}, centrifugal, size)};
+  py::class_<Traits>(m, "Traits")
+      .def(py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
+                       bool squared, bool free_at_rest) {
+             return Traits{dof, delta, zero, damped, conservative, squared, free_at_rest};
            }),
-           "matrices"_a, "centrifugal"_a, "size"_a)
-      .def(
-          "__call__", [](const DenseOperators& operators, double u) { return operators.at(u); },
-          "u"_a);
+           "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a,
+           "free_at_rest"_a);
   py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
-      .def(
-          py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
-                      bool squared, const std::variant<DenseOperators, Eigenproblem::At>& operators,
-                      bool free_at_rest, const std::optional<Amend>& amend,
-                      const std::optional<std::shared_ptr<Eigenproblem>>& statics) {
-            return std::make_shared<Eigenproblem>(
-                Traits{dof, delta, zero, damped, conservative, squared}, matrices_of(operators),
-                free_at_rest, amend.value_or(nullptr), statics.value_or(nullptr));
-          }),
-          "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
-          "free_at_rest"_a, "amend"_a = py::none(), "statics"_a = py::none())
+      .def(py::init([lapack](const Traits& traits, DenseOperator::Matrices of, double centrifugal,
+                             double size) {
+             return std::make_shared<Eigenproblem>(
+                 traits, Pencil{lapack, std::move(of), centrifugal, size});
+           }),
+           "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a)
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a,
+           py::call_guard<py::gil_scoped_release>())
+      .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a,
            py::call_guard<py::gil_scoped_release>())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a,
            py::call_guard<py::gil_scoped_release>());
   py::class_<ChainSpectrum, Eigenproblem, std::shared_ptr<ChainSpectrum>>(m, "ChainSpectrum")
-      .def(py::init([lapack](Index dof, double delta, double zero, bool damped, bool conservative,
-                             bool squared,
-                             const std::variant<DenseOperators, Eigenproblem::At>& operators,
-                             bool free_at_rest, const Chain& chain, const Vector& scale) {
-             return std::make_shared<ChainSpectrum>(
-                 Traits{dof, delta, zero, damped, conservative, squared}, matrices_of(operators),
-                 free_at_rest, chain, lapack, scale);
+      .def(py::init([lapack](const Traits& traits, const Chain& chain, const Vector& scale,
+                             double size) {
+             return std::make_shared<ChainSpectrum>(traits, chain, lapack, scale, size);
            }),
-           "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "operators"_a,
-           "free_at_rest"_a, "chain"_a, "scale"_a, py::keep_alive<1, 10>())
-      .def("by_recursion", &ChainSpectrum::by_recursion, "u"_a, "count"_a, "vectors"_a,
-           py::call_guard<py::gil_scoped_release>())
+           "traits"_a, "chain"_a, "scale"_a, "size"_a, py::keep_alive<1, 3>())
       .def("log_derivatives", &ChainSpectrum::log_derivatives, "u"_a, "values"_a);
 }
 

@@ -14,10 +14,8 @@ __all__: list[str] = [
     "Chain",
     "ChainSpectrum",
     "DenseOperator",
-    "DenseOperators",
     "Eigenproblem",
     "Galerkin",
-    "Operator",
     "Operators",
     "Pair",
     "Pairs",
@@ -26,6 +24,7 @@ __all__: list[str] = [
     "Scene",
     "Spectrum",
     "Sweep",
+    "Traits",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -250,10 +249,7 @@ class Spectrum:
         row_done: typing.Any = None,
     ) -> RootLoci | None: ...
 
-class Operator:
-    pass
-
-class DenseOperator(Operator):
+class DenseOperator:
     def __init__(
         self,
         matrices: typing.Annotated[
@@ -272,10 +268,22 @@ class DenseOperator(Operator):
         typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
     ]: ...
 
-class DenseOperators:
-    def __call__(self, u: typing.SupportsFloat | typing.SupportsIndex) -> Operator: ...
+class Traits:
     def __init__(
         self,
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        delta: typing.SupportsFloat | typing.SupportsIndex,
+        zero: typing.SupportsFloat | typing.SupportsIndex,
+        damped: bool,
+        conservative: bool,
+        squared: bool,
+        free_at_rest: bool,
+    ) -> None: ...
+
+class Eigenproblem(Spectrum):
+    def __init__(
+        self,
+        traits: Traits,
         matrices: typing.Annotated[
             collections.abc.Sequence[
                 typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
@@ -285,36 +293,13 @@ class DenseOperators:
         centrifugal: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-
-class Eigenproblem(Spectrum):
-    def __init__(
-        self,
-        dof: typing.SupportsInt | typing.SupportsIndex,
-        delta: typing.SupportsFloat | typing.SupportsIndex,
-        zero: typing.SupportsFloat | typing.SupportsIndex,
-        damped: bool,
-        conservative: bool,
-        squared: bool,
-        operators: DenseOperators | collections.abc.Callable[[float], Operator],
-        free_at_rest: bool,
-        amend: collections.abc.Callable[
-            [
-                float,
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-                typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-                bool,
-            ],
-            tuple[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-                typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
-            ],
-        ]
-        | None = None,
-        statics: Eigenproblem | None = None,
-    ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
+    def by_recursion(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        vectors: bool,
+    ) -> Pairs | None: ...
     def lowest(
         self,
         u: typing.SupportsFloat | typing.SupportsIndex,
@@ -326,23 +311,11 @@ class Eigenproblem(Spectrum):
 class ChainSpectrum(Eigenproblem):
     def __init__(
         self,
-        dof: typing.SupportsInt | typing.SupportsIndex,
-        delta: typing.SupportsFloat | typing.SupportsIndex,
-        zero: typing.SupportsFloat | typing.SupportsIndex,
-        damped: bool,
-        conservative: bool,
-        squared: bool,
-        operators: DenseOperators | collections.abc.Callable[[float], Operator],
-        free_at_rest: bool,
+        traits: Traits,
         chain: Chain,
         scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def by_recursion(
-        self,
-        u: typing.SupportsFloat | typing.SupportsIndex,
-        count: typing.SupportsInt | typing.SupportsIndex,
-        vectors: bool,
-    ) -> Pairs | None: ...
     def log_derivatives(
         self,
         u: typing.SupportsFloat | typing.SupportsIndex,

@@ -270,43 +270,19 @@ void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) 
 }
 
 Operators Chain::joint_operators(const Vector& scale) const {
-  const Index n = dof();
-  require_rows(scale.size(), n);
-  const Vector& l = segments_.length;
-  const double sqrt_beta = pipe_.sqrt_beta();
-  Operators ops(n);
-  ImpedanceSegment all{};  // all beyond joint j as one rigid segment
-  for (Index j = n - 1; j >= 0; --j) {
-    const ImpedanceSegment& own = impedances_[static_cast<std::size_t>(j)];
-    for (const auto of : {&ImpedanceParts::still, &ImpedanceParts::rate, &ImpedanceParts::square}) {
-      const double carried = l[j] * all.force.*of;
-      all.moment.*of +=
-          l[j] * (all.across.*of + all.turned.*of) + l[j] * l[j] * all.force.*of + own.moment.*of;
-      all.across.*of += carried + own.across.*of;
-      all.turned.*of += carried + own.turned.*of;
-      all.force.*of += own.force.*of;
-    }
-    const double beyond = all.length += l[j];
-    double distance = 0.0;  // from joint i to joint j
-    for (Index i = j; i >= 0; --i) {
-      if (i < j) distance += l[i];
-      const double s = scale[i] * scale[j];
-      const auto coupling = [&](const ImpedanceParts& other, double ImpedanceParts::* part) {
-        return s * (all.moment.*part + distance * other.*part);
-      };
-      ops.mass(i, j) = ops.mass(j, i) = coupling(all.across, &ImpedanceParts::square);
-      ops.damping(i, j) = ops.damping(j, i) = coupling(all.across, &ImpedanceParts::rate);
-      ops.stiffness(i, j) = coupling(all.turned, &ImpedanceParts::still);
-      ops.stiffness(j, i) = coupling(all.across, &ImpedanceParts::still);
-      ops.gyroscopic(i, j) = s * sqrt_beta * distance * beyond;
-      ops.gyroscopic(j, i) = -ops.gyroscopic(i, j);
-      ops.end_flux(i, j) = ops.end_flux(j, i) = s * sqrt_beta * (distance + beyond) * beyond;
-      ops.flux(i, j) = s * distance;
-    }
-    const double elastic = segments_.spring[j] * scale[j] * scale[j];
-    ops.stiffness(j, j) += elastic;
-    ops.damping(j, j) += link(j).damping * scale[j] * scale[j];
-  }
+  require_rows(scale.size(), dof());
+  const Matrix columns = scale.asDiagonal();
+  const auto part = [&](const LinearPart& of) -> Matrix {
+    return scale.asDiagonal() * joint_times(columns, of);
+  };
+  Operators ops(dof());
+  ops.mass = part({.square = 1.0});
+  ops.damping = part({.rate = 1.0});
+  ops.stiffness = part({.still = 1.0});
+  ops.flux = part({.flux = 1.0});
+  const Matrix velocity = pipe_.direction() * part({.velocity = 1.0});
+  ops.gyroscopic = 0.5 * (velocity - velocity.transpose());
+  ops.end_flux = velocity - ops.gyroscopic;
   return ops;
 }
 
@@ -314,29 +290,27 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
   const Index n = dof(), columns = x.cols();
   require_rows(x.rows(), n);
   const double coriolis = part.velocity * pipe_.sqrt_beta() * pipe_.direction();
-  Matrix out(n, columns);
-  for (Index c = 0; c < columns; ++c) {
-    const auto sum = [&](const ImpedanceParts& of) {
-      return part.still * of.still + part.rate * of.rate + part.square * of.square;
-    };
-    Vector force(n);
-    double angle = 0.0, place = 0.0;
-    for (Index j = 0; j < n; ++j) {
-      const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
-      const double l = at.length;
-      angle += x(j, c);
-      force[j] = sum(at.force) * place + (sum(at.turned) + 2.0 * l * coriolis) * angle;
-      out(j, c) =
-          sum(at.across) * place + (sum(at.moment) + l * l * coriolis - l * part.flux) * angle;
-      place += l * angle;
-    }
-    double beyond = part.flux * angle, moment = 0.0;
-    for (Index j = n - 1; j >= 0; --j) {
-      const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
-      moment += out(j, c) + at.length * beyond;
-      beyond += force[j];
-      out(j, c) = moment + sum(at.joint) * x(j, c);
-    }
+  const auto sum = [&](const ImpedanceParts& of) {
+    return part.still * of.still + part.rate * of.rate + part.square * of.square;
+  };
+  using Row = Eigen::RowVectorXd;
+  Matrix out(n, columns), force(n, columns);
+  Row angle = Row::Zero(columns), place = angle, moment = angle;
+  for (Index j = 0; j < n; ++j) {
+    const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
+    const double l = at.length;
+    angle += x.row(j);
+    force.row(j) = sum(at.force) * place + (sum(at.turned) + 2.0 * l * coriolis) * angle;
+    out.row(j) =
+        sum(at.across) * place + (sum(at.moment) + l * l * coriolis - l * part.flux) * angle;
+    place += l * angle;
+  }
+  Row beyond = part.flux * angle;
+  for (Index j = n - 1; j >= 0; --j) {
+    const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
+    moment += out.row(j) + at.length * beyond;
+    beyond += force.row(j);
+    out.row(j) = moment + sum(at.joint) * x.row(j);
   }
   return out;
 }

@@ -79,9 +79,8 @@ class Chain {
   /// unless there is one angle a segment.
   Operators operators(const Vector& angles = Vector()) const;
 
-  /// Operators in the joint angles divided by scale, phi = scale * z, O(n^2). Every entry is a sum
-  /// of terms of one sign, so none loses digits to cancellation. Throws std::invalid_argument
-  /// unless scale has one entry a segment.
+  /// Operators in the joint angles divided by scale, phi = scale * z, O(n^2). Throws
+  /// std::invalid_argument unless scale has one entry a segment.
   Operators joint_operators(const Vector& scale) const;
 
   /// Product with a part of the operators in the joint angles, in O(n); x and the result (n, k).

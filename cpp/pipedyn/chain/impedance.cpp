@@ -40,12 +40,13 @@ struct Factors {
   Pack still;           // 1, or 0 in a derivative
   Number rate, square;  // lambda, lambda^2
   Number coriolis;      // sqrt(beta) U lambda
-  Pack thrust;          // a U^2
+  double thrust;        // a U^2
 };
 
 template <class Number>
 struct Coefficients {
   Number elastic, force, across, turned, moment;  // e k, z, f, t, g
+  double thrust;                                  // a U^2
 };
 
 inline Lanes combined(const ImpedanceParts& part, const Factors<Lanes>& by) {
@@ -56,18 +57,16 @@ inline Lanes combined(const ImpedanceParts& part, const Factors<Lanes>& by) {
 inline Pack combined(const ImpedanceParts& part, const Factors<Pack>& by) {
   return part.square * by.square + part.rate * by.rate + part.still * by.still;
 }
-inline void add_real(Lanes& to, const Pack& x) { to.re += x; }
-inline void add_real(Pack& to, const Pack& x) { to += x; }
 
 template <class Number>
 inline Coefficients<Number> coefficients(const ImpedanceSegment& at, const Factors<Number>& by) {
   const double l = at.length;
-  Coefficients<Number> result{combined(at.joint, by), combined(at.force, by),
-                              combined(at.across, by),
-                              combined(at.turned, by) + (2.0 * l) * by.coriolis,
-                              combined(at.moment, by) + (l * l) * by.coriolis};
-  add_real(result.moment, -l * by.thrust);
-  return result;
+  return {combined(at.joint, by),
+          combined(at.force, by),
+          combined(at.across, by),
+          combined(at.turned, by) + (2.0 * l) * by.coriolis,
+          combined(at.moment, by) + (l * l) * by.coriolis,
+          by.thrust};
 }
 
 /// Factors of T, its derivatives, and of the sizes of its entries' terms.
@@ -79,11 +78,11 @@ struct Problem {
     const Pack one = all<Pack>(1.0), none{};
     const double c = model.coriolis, a = model.centrifugal;
     const Lanes unit{one, none}, zero{};
-    whole = {one, lambda, lambda * lambda, (c * u) * lambda, all<Pack>(a * u * u)};
-    by_lambda = {none, unit, 2.0 * lambda, (c * u) * unit, none};
-    by_u = {none, zero, zero, c * lambda, all<Pack>(2.0 * a * u)};
+    whole = {one, lambda, lambda * lambda, (c * u) * lambda, a * u * u};
+    by_lambda = {none, unit, 2.0 * lambda, (c * u) * unit, 0.0};
+    by_u = {none, zero, zero, c * lambda, 2.0 * a * u};
     const Pack size = size_of(lambda);
-    sizes = {one, size, size * size, std::fabs(c) * u * size, -whole.thrust};
+    sizes = {one, size, size * size, std::fabs(c) * u * size, whole.thrust};
   }
 };
 
@@ -94,7 +93,7 @@ struct Impedance {
 
 /// What eliminates a segment.
 struct Step {
-  Lanes g, r, w, h, p;
+  Lanes g, r, w, h, pushed, p;
 
   Step(double l, const Impedance& beyond, const Coefficients<Lanes>& at) {
     const Lanes carried = l * beyond.a;
@@ -102,6 +101,8 @@ struct Step {
     r = at.moment + beyond.d + l * (beyond.c + g);
     w = at.across + beyond.c + carried;
     h = g + at.turned;
+    pushed = h;
+    pushed.re += at.thrust;
     p = at.elastic + r;
   }
 };
@@ -130,7 +131,6 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
     Impedance at, by;  // and its derivative by lambda
-    at.b.re = problem.whole.thrust;
     Lanes sum;
     for (Count j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
@@ -142,9 +142,11 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
       const Lanes w = step.w * share, r = step.r * share, e = own.elastic * share;
       const Lanes dw = moved.w * share - w * relative, dr = moved.r * share - r * relative,
                   de = change.elastic * share - e * relative;
-      by = {by.a + change.force - (moved.h * w + step.h * dw), moved.h * e + step.h * de,
-            change.elastic * w + own.elastic * dw, change.elastic * r + own.elastic * dr};
-      at = {at.a + own.force - step.h * w, step.h * e, own.elastic * w, own.elastic * r};
+      by = {by.a + change.force - (moved.h * w + step.pushed * dw),
+            moved.h * e + step.h * de - own.thrust * dr, change.elastic * w + own.elastic * dw,
+            change.elastic * r + own.elastic * dr};
+      at = {at.a + own.force - step.pushed * w, step.h * e - own.thrust * r, own.elastic * w,
+            own.elastic * r};
     }
     put(out, points, first, sum);
   }
@@ -175,7 +177,8 @@ struct Load {
 inline Lanes work(const Coefficients<Lanes>& at, const Motion& virtual_, const Motion& motion) {
   return at.elastic * (virtual_.turn * motion.turn) +
          virtual_.angle * (at.moment * motion.angle + at.across * motion.joint) +
-         virtual_.joint * (at.force * motion.joint + at.turned * motion.angle);
+         virtual_.joint *
+             (at.force * motion.joint + at.turned * motion.angle + at.thrust * motion.turn);
 }
 
 /// What the way back needs of a segment: the impedance of all beyond, 1 / p, and what the loads of
@@ -192,7 +195,6 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
     Impedance at;
-    at.b.re = problem.whole.thrust;
     Load load, dual;
     double part = 0.5;
     for (Count j = n - 1; j >= 0; --j) {
@@ -205,14 +207,15 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
         const Lanes moment{part * (size_of(own.elastic) + size_of(own.moment)), {}};
         load.turned = (moment - load.moment - l * load.force) * share;
         dual.turned = (moment - dual.moment - l * dual.force) * share;
-        load.force += step.h * load.turned;
+        load.force += step.pushed * load.turned;
         dual.force += step.w * dual.turned;
         load.moment = Lanes{} - own.elastic * load.turned;
         dual.moment = Lanes{} - own.elastic * dual.turned;
         part += part < 1.0 ? 0.382 : -0.618;  // in no order
       }
       segments[j] = {at, share, load.turned, dual.turned};
-      at = {at.a + own.force - step.h * (step.w * share), step.h * e, step.w * e, step.r * e};
+      at = {at.a + own.force - step.pushed * (step.w * share),
+            step.h * e - own.thrust * (step.r * share), step.w * e, step.r * e};
     }
     const Lanes free{all<Pack>(out.loaded ? 0.0 : 1.0), {}};  // 1 / p may be infinite
     Motion x, y;
@@ -228,6 +231,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       const Motion x_before = x, y_before = y;
       const Step step(l, at, own);
       const Lanes rest_of_p = own.elastic + own.moment + at.d;
+      const Lanes pressed{all<Pack>(l * own.thrust), {}};
       if (j == 0) {
         x.turn = x.angle = out.loaded ? load_of : free;
         y.turn = y.angle = out.loaded ? dual_of : free;
@@ -235,7 +239,8 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
         y.end = l * y.turn;
       } else {
         x.move(l, share, own.elastic, step.r, step.w, rest_of_p + l * (at.b - own.across), load_of);
-        y.move(l, share, own.elastic, step.r, step.h, rest_of_p + l * (at.c - own.turned), dual_of);
+        y.move(l, share, own.elastic, step.r, step.pushed,
+               rest_of_p + l * (at.c - own.turned) - pressed, dual_of);
       }
       const Lanes force = at.a * x.end + at.b * x.angle, dual_force = at.a * y.end + at.c * y.angle;
       by_lambda += work(change, y, x);
@@ -244,24 +249,26 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       by_right += work(change, mirrored, x);
       // |Y|^T |T X|; the joint's moment of the segment before is complete now.
       const Lanes elastic = own.elastic * x.turn;
-      const Pack held = size_of(own.elastic * y.turn), pulled = size_of(dual_force),
+      const Lanes dual_moment = own.elastic * y.turn + own.thrust * y.joint;
+      const Pack held = size_of(dual_moment), pulled = size_of(dual_force),
                  joint = size_of(y.joint), angle = size_of(y.angle);
       const auto add = [&](const Lanes& dual_row, const Lanes& row) {
         value += dual_row * row;
         rest += size_of(dual_row) * size_of(row);
       };
       add(y_before.angle, missing - elastic);
-      add(own.elastic * y.turn, x.angle - x_before.angle - x.turn);
+      add(dual_moment, x.angle - x_before.angle - x.turn);
       add(Lanes{} - dual_force, x.end - x.joint - l * x.angle);
       if (j > 0) {
-        add(y.joint, own.force * x.joint + own.turned * x.angle + force - force_before);
+        add(y.joint, own.force * x.joint + own.turned * x.angle + own.thrust * x.turn + force -
+                         force_before);
       }
       missing = elastic + own.moment * x.angle + own.across * x.joint + l * force;
       // What Y^T T X sums, and what theta, w and their duals are sums of.
       const Pack turns = size_of(x.turn), angles = size_of(x.angle), joints = size_of(x.joint);
       entries += terms.elastic * size_of(y.turn) * turns +
                  angle * (terms.moment * angles + terms.across * joints) +
-                 joint * (terms.force * joints + terms.turned * angles);
+                 joint * (terms.force * joints + terms.turned * angles + terms.thrust * turns);
       sums += held * (turns + angles + size_of(x_before.angle)) +
               pulled * (size_of(x.end) + joints + l * angles) +
               size_of(elastic) * (angle + size_of(y_before.angle)) +
@@ -272,7 +279,6 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
     }
     value += y.angle * missing;
     rest += size_of(y.angle) * size_of(missing);
-    by_u += Lanes{problem.by_u.thrust, {}} * (y.end * x.angle);
     put(out.value, points, first, value);
     put(out.by_lambda, points, first, by_lambda);
     put(out.by_u, points, first, by_u);

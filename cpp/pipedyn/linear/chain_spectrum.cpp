@@ -38,6 +38,10 @@ constexpr int most_near = 15;
 constexpr double meeting = 1e-4;
 /// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
 constexpr double wide = 0.05;
+/// lambda at which roots at zero are counted and solved for: there a joint that nothing holds gives
+/// a pivot of the order of lambda or lambda^2, with all its digits, and no other root is as small,
+/// as rounding moves each by far more.
+constexpr double beside_zero = 1e-30;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments.
 constexpr Index refinement = 20;
 /// Most segments of a problem solved dense: 4,000 rows take LAPACK a minute.
@@ -91,22 +95,25 @@ Values missing(const Chain& chain, double u, const Values& at, const Approximati
   return at * rest;
 }
 
+/// P of a chain in joint angles divided by scale; size: of K at rest.
+Pencil matrices(const Chain& chain, const Lapack& lapack, const Vector& scale, double size) {
+  Operators ops = chain.joint_operators(scale);
+  const ImpedanceModel flow = chain.impedance();
+  const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
+  return {lapack,
+          {std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux), std::move(ops.damping),
+           std::move(ops.stiffness), std::move(ops.flux)},
+          flow.centrifugal,
+          size};
+}
+
 /// LAPACK's roots of a chain at one speed, the lower of conjugates left out.
 Approximations dense_roots(const Chain& chain, const Lapack& lapack, const Vector& scale, double u,
                            bool squared) {
-  const Operators ops = chain.joint_operators(scale);
-  const ImpedanceModel flow = chain.impedance();
-  const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
-  const DenseOperator p(lapack,
-                        {ops.mass,
-                         u * sign * (ops.gyroscopic + ops.end_flux) + ops.damping,
-                         ops.stiffness + flow.centrifugal * u * u * ops.flux,
-                         {},
-                         {}},
-                        1.0);
+  const auto p = matrices(chain, lapack, scale, 1.0)(u);
   Approximations roots;
   for (const double shift : shifts) {
-    for (const Complex mu : p.roots(shift, squared)) {
+    for (const Complex mu : p->roots(shift, squared)) {
       if (mu == 0.0) continue;
       Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
       if (squared && root.imag() == 0.0) roots.push_back({-root, true});
@@ -117,6 +124,24 @@ Approximations dense_roots(const Chain& chain, const Lapack& lapack, const Vecto
   }
   sort_by_size(roots);
   return roots;
+}
+
+/// Number of roots that are zero: near zero det P is lambda to that power.
+Index roots_at_zero(const Chain& chain, double u) {
+  if (chain.springs().minCoeff() > 0.0) return 0;
+  const Values at = Values::Constant(1, beside_zero);
+  return std::lround((at * log_derivatives(chain, u, at))[0].real());
+}
+
+/// Puts so many zeros in place of the least of sorted roots.
+void put_zeros(Approximations& roots, Index count) {
+  Approximations result(count, {0.0, true, true});
+  for (const Approximation& one : roots) {
+    const Index size = one.alone ? 1 : 2;
+    if (count < size) result.push_back(count == 0 ? one : Approximation{one.value.real(), true});
+    count = std::max<Index>(count - size, 0);
+  }
+  roots = std::move(result);
 }
 
 /// Adds starts of the stiff roots, where roots are counted: of those below |lambda| = r there are
@@ -143,10 +168,11 @@ void add_stiff(const Chain& chain, double u, Approximations& roots) {
 /// Those near the real axis without the symmetry that keeps two real roots from being found.
 Approximations parted(const Approximations& starts) {
   Approximations roots;
-  for (const auto& [value, alone, _] : starts) {
+  for (const Approximation& start : starts) {
+    const auto& [value, alone, settled] = start;
     const double shift = 1e-3 * static_cast<double>(roots.size() % 7 + 1);
-    if (!alone && std::abs(value.imag()) >= 0.3 * std::abs(value)) {
-      roots.push_back({value, false});
+    if (settled || (!alone && std::abs(value.imag()) >= 0.3 * std::abs(value))) {
+      roots.push_back(start);
       continue;
     }
     roots.push_back({value * Complex(1.0 + shift, 3.0 * shift), true});
@@ -157,8 +183,10 @@ Approximations parted(const Approximations& starts) {
 
 /// Ehrlich's and Aberth's corrections of all roots until each is as good as rounding lets it.
 bool correct(const Chain& chain, double u, Approximations& roots, int most = most_corrections) {
-  std::vector<std::size_t> active(roots.size());
-  std::iota(active.begin(), active.end(), 0);
+  std::vector<std::size_t> active;
+  for (std::size_t k = 0; k < roots.size(); ++k) {
+    if (!roots[k].settled) active.push_back(k);
+  }
   std::vector<double> last(roots.size(), infinite);
   for (int step = 0; step < most && !active.empty(); ++step) {
     Values at(active.size());
@@ -294,7 +322,8 @@ struct Sums {
        bool loaded) {
     const Index n = vectors ? chain.dof() : 0, count = at.size();
     const MotionKernel& kernel = motion_kernel();
-    const Reals parts = (Reals(2 * count) << at.real(), at.imag()).finished();
+    const Values points = (at == Complex(0.0)).select(Complex(beside_zero), at);
+    const Reals parts = (Reals(2 * count) << points.real(), points.imag()).finished();
     Eigen::ArrayXXd out(count, 11);
     std::vector<double> turns(4 * n * count);
     const auto part = [&](Index k) { return out.col(k).data(); };
@@ -353,29 +382,36 @@ struct Sums {
 
 }  // namespace
 
-ChainSpectrum::ChainSpectrum(const Traits& traits, At by_matrices, bool free_at_rest,
-                             const Chain& chain, const Lapack& lapack, Vector scale)
-    : Eigenproblem(traits, std::move(by_matrices), free_at_rest),
+ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Lapack& lapack,
+                             Vector scale, double size)
+    : Eigenproblem(traits,
+                   [=, &chain](double u) { return matrices(chain, lapack, scale, size)(u); }),
       chain_(chain),
       lapack_(lapack),
-      scale_(std::move(scale)) {}
+      scale_(std::move(scale)),
+      zeros_at_rest_(pipedyn::roots_at_zero(chain, 0.0)),
+      zeros_in_flow_(pipedyn::roots_at_zero(chain, shifts[0])) {}
 
 Pairs ChainSpectrum::at(double u, const Values& values, bool vectors, Values* corrections) const {
   const Sums sums(chain_, scale_, u, values, vectors, false);
   Pairs found = sums.pairs(values);
   if (corrections != nullptr) *corrections = sums.corrections();
-  std::vector<Index> poor;
-  for (Index i = 0; i < values.size(); ++i) {
-    if (!(found.residual[i] <= small_residual)) poor.push_back(i);
-  }
-  if (poor.empty()) return found;
-  const Values again = values(poor);
-  const Sums loaded(chain_, scale_, u, again, vectors, true);
-  const Pairs other = loaded.pairs(again);
-  for (Index k = 0; k < again.size(); ++k) {
-    if (!(other.residual[k] < found.residual[poor[k]])) continue;
-    put(found, poor[k], other, k, false);
-    if (corrections != nullptr) (*corrections)[poor[k]] = loaded.corrections()[k];
+  for (const double aside : {0.0, 1e-12}) {  // where a pivot is 0 at a root, beside it
+    std::vector<Index> poor;
+    for (Index i = 0; i < values.size(); ++i) {
+      const bool good = aside == 0.0 ? found.residual[i] <= small_residual && values[i] != 0.0
+                                     : std::isfinite(found.residual[i]);
+      if (!good) poor.push_back(i);
+    }
+    if (poor.empty()) break;
+    const Values again = values(poor), points = again + aside * (1.0 + again.abs());
+    const Sums loaded(chain_, scale_, u, points, vectors, true);
+    const Pairs other = loaded.pairs(again);
+    for (Index k = 0; k < again.size(); ++k) {
+      if (again[k] != 0.0 && !(other.residual[k] < found.residual[poor[k]])) continue;
+      put(found, poor[k], other, k, false);
+      if (corrections != nullptr) (*corrections)[poor[k]] = loaded.corrections()[k];
+    }
   }
   return found;
 }
@@ -393,6 +429,9 @@ Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vector
     if ((corrections == Complex(0.0)).all()) break;
     values += corrections;
     found = at(u, values, vectors, &corrections);
+  }
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    if (roots[i].settled && roots[i].value == 0.0) found.residual[i] = found.uncertain[i] = 0.0;
   }
   // By symmetry roots without partner are real, or on the imaginary axis.
   for (std::size_t i = 0; i < roots.size(); ++i) {
@@ -445,14 +484,17 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   auto found = with_conjugates(polished(u, lowest, vectors), lowest, count);
   if (found) {
     roots_ = std::move(roots);
+    for (Approximation& one : roots_) one.settled = one.value == 0.0;
     roots_speed_ = u;
   }
   return found;
 }
 
 std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vectors) {
-  const Index n = chain_.dof();
-  if (std::abs(u - roots_speed_) <= near_speed) {
+  const Index n = chain_.dof(), zeros = roots_at_zero(u);
+  const Index before = std::count_if(roots_.begin(), roots_.end(),
+                                     [](const Approximation& one) { return one.settled; });
+  if (std::abs(u - roots_speed_) <= near_speed && zeros == before) {
     if (auto found = from(roots_, u, count, vectors, most_near)) return found;
   }
   for (Index segments = std::max<Index>(10, count + 4);; segments *= 3) {
@@ -461,6 +503,7 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
     Approximations starts;
     if (own) {
       starts = dense_roots(chain_, lapack_, scale_, u, is_squared(u));
+      put_zeros(starts, zeros);
       add_stiff(chain_, u, starts);
     } else {
       const Chain coarse = chain_.coarser(segments);
@@ -468,6 +511,7 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
       const Vector scale = k.cwiseMax(1e-3 * k.mean() + 1e-300).cwiseSqrt().cwiseInverse();
       starts = dense_roots(coarse, lapack_, scale, u, is_squared(u));
       while (roots_in(starts) > count + 6) starts.pop_back();
+      put_zeros(starts, zeros);
       for (Index finer = refinement * segments; refinement * finer < 2 * n; finer *= refinement) {
         correct(chain_.coarser(finer), u, starts);
       }
@@ -533,27 +577,48 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
 }
 
 Pair ChainSpectrum::null_pair(double u, const Pair&) {
+  Pair result{0.0};
+  if (roots_at_zero(u) > 0) {
+    // Vectors are those of the roots at zero. A determinant that vanishes at u has its rounding at
+    // speeds close by.
+    const double apart = 1e-6 * (1.0 + u), near = eps * (1.0 + u);
+    result.slope = (determinant(u + apart, {}) - determinant(u - apart, {})) / (2.0 * apart);
+    result.residual = result.uncertain = 0.0;
+    for (int k = -4; k <= 4; ++k) {
+      result.uncertain = std::max(result.uncertain, std::abs(determinant(u + k * near, {})));
+    }
+    return result;
+  }
   const Sums found(chain_, scale_, u, Values::Zero(1), true, false);
-  Pair result{0.0, found.right.col(0), found.left.col(0)};
+  result.right = found.right.col(0);
+  result.left = found.left.col(0);
   result.residual = found.rest[0] / found.size[0];
   result.uncertain = found.rest[0] + found.rounding[0];
   result.slope = found.by_u[0];
   return result;
 }
 
-double ChainSpectrum::determinant(double u, const Pair&) {
+/// In that at rest, and in the power of lambda that the roots at zero give.
+double ChainSpectrum::determinant(double u, const Pair& near) {
   const ImpedanceModel model = chain_.impedance();
-  const auto logarithm = [&](double thrust, double& sign) {
-    double a = 0.0, b = thrust, c = 0.0, d = 0.0, sum = 0.0;
+  const auto logarithm = [&](double speed, double& sign) {
+    const double thrust = model.centrifugal * speed * speed;
+    const double coriolis = model.coriolis * speed * beside_zero;
+    const auto still = [](const ImpedanceParts& of) {
+      return of.still + beside_zero * (of.rate + beside_zero * of.square);
+    };
+    double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
+    double sum = -static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
     for (Index j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& at = model.segments[j];
-      const double l = at.length, k = at.joint.still, g = l * a + b;
-      const double r = at.moment.still - l * thrust + d + l * (c + g);
-      const double w = at.across.still + c + l * a, h = g + at.turned.still, p = k + r;
+      const double l = at.length, k = still(at.joint), g = l * a + b;
+      const double r = still(at.moment) + l * l * coriolis + d + l * (c + g);
+      const double w = still(at.across) + c + l * a, p = k + r;
+      const double h = g + still(at.turned) + 2.0 * l * coriolis;
       if (p < 0.0) sign = -sign;
       sum += std::log(std::abs(p));
-      a += at.force.still - h * w / p;
-      b = h * k / p;
+      a += still(at.force) - (h + thrust) * w / p;
+      b = (h * k - thrust * r) / p;
       c = w * k / p;
       d = r * k / p;
     }
@@ -561,8 +626,9 @@ double ChainSpectrum::determinant(double u, const Pair&) {
   };
   double at_rest = 1.0, sign = 1.0;
   const double unit = logarithm(0.0, at_rest);
-  const double size = logarithm(model.centrifugal * u * u, sign) - unit;
-  return sign * std::exp(size);
+  const double size = logarithm(u, sign) - (std::isfinite(unit) ? unit : 0.0);
+  // Of a pivot that is 0 the speed next by has none.
+  return std::isnan(size) ? determinant(u + eps * (1.0 + u), near) : sign * std::exp(size);
 }
 
 }  // namespace pipedyn

@@ -30,21 +30,19 @@ using Approximations = std::vector<Approximation>;
 
 class ChainSpectrum : public Eigenproblem {
  public:
-  /// by_matrices: the operators of the same chain, for what recursion does not find.
-  /// The chain must outlive it. scale: joint angles of the elastic coordinates, (n).
-  ChainSpectrum(const Traits& traits, At by_matrices, bool free_at_rest, const Chain& chain,
-                const Lapack& lapack, Vector scale);
+  /// The chain must outlive it. scale: joint angles of the elastic coordinates, (n); size: of K at
+  /// rest in these.
+  ChainSpectrum(const Traits& traits, const Chain& chain, const Lapack& lapack, Vector scale,
+                double size);
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
-  /// The same, with vectors or without; none where roots could not be told from one another, or
-  /// where some may be missing.
-  std::optional<Pairs> by_recursion(double u, Index count, bool vectors);
+  std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
   /// d log det P / dlambda.
   Values log_derivatives(double u, const Values& values) const;
   void assess(double u, Pairs& pairs) override;
+  Index standing() const override { return zeros_in_flow_; }
   Pair refined(double u, const Pair& guess) override;
   Pair null_pair(double u, const Pair& near) override;
-  /// In that at rest.
   double determinant(double u, const Pair& near) override;
 
  protected:
@@ -54,6 +52,7 @@ class ChainSpectrum : public Eigenproblem {
   const Chain& chain_;
   const Lapack lapack_;
   const Vector scale_;
+  const Index zeros_at_rest_, zeros_in_flow_;
 
   Approximations roots_;
   double roots_speed_ = -1.0;
@@ -62,6 +61,7 @@ class ChainSpectrum : public Eigenproblem {
                             int most_corrections);
   Pairs at(double u, const Values& values, bool vectors, Values* corrections = nullptr) const;
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
+  Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   bool has_all(double u, const Approximations& roots) const;
   bool has_all_within(double u, const Approximations& roots, std::size_t least) const;
 };

@@ -126,16 +126,20 @@ class Search {
   }
 
  private:
-  /// The sample at a speed; at rest zero is exact, and without damping the axis.
+  /// The sample at a speed, but for roots that never leave zero, lest one that passes be taken for
+  /// them; at rest zero is exact, and without damping the axis.
   SharedSample take(double u) {
     Sample at = spectrum_.sample(u, range_.count);
+    at.drop(spectrum_.standing());
     report_();
     if (traits_.squared) {
       Sample half{u, Values(at.size()), Values(at.size())};
       Index count = 0;
+      bool twin = true;  // of two zeros the second
       for (Index i = 0; i < at.size(); ++i) {
         const Complex value = at.values[i];
-        const bool on_axis = value.real() == 0.0 && value.imag() > 0.0;
+        if (value == 0.0) twin = !twin;
+        const bool on_axis = value.real() == 0.0 && (value.imag() > 0.0 || (value == 0.0 && !twin));
         if (!(value.real() > 0.0 || on_axis)) continue;
         half.values[count] = value * value;
         if (on_axis || value.imag() == 0.0) half.values[count].imag(0.0);

@@ -76,7 +76,7 @@ struct Row {
 
 /// The pair nearest to a good guess by two-sided Rayleigh quotient iteration, with its residual,
 /// which is infinite where the iteration ends with nothing. `steps` grows by those taken.
-Pair refine(const Operator& p, const Pair& guess, int& steps) {
+Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
   const ComplexVector seed = Eigen::VectorXd::LinSpaced(p.dof, 1.0, 0.5).cast<Complex>();
   Pair last{guess.value, guess.right.size() == 0 ? seed : guess.right, seed}, best = last;
   for (int step = 0; step < most_refinements; ++step) {
@@ -110,7 +110,7 @@ Pair refine(const Operator& p, const Pair& guess, int& steps) {
 /// On the right only damping and what the ends do is left, so that rounding is small against it,
 /// while that of lambda is eps |lambda|^2. The left vector obeys the same balance; where the two
 /// disagree, vectors are not exact.
-std::pair<Reals, Reals> growth(const Operator& p, const Pairs& pairs) {
+std::pair<Reals, Reals> growth(const DenseOperator& p, const Pairs& pairs) {
   const Index count = pairs.values.size();
   Reals rates(count), errors(count);
   for (const ComplexTable* const vectors : {&pairs.right, &pairs.left}) {
@@ -155,15 +155,7 @@ Pairs Pairs::take(const std::vector<Index>& which) const {
   return result;
 }
 
-Eigenproblem::Eigenproblem(const Traits& traits, At at, bool free_at_rest, Amend amend,
-                           std::shared_ptr<Eigenproblem> statics)
-    : Spectrum(traits),
-      at_(std::move(at)),
-      free_at_rest_(free_at_rest),
-      amend_(std::move(amend)),
-      statics_(std::move(statics)) {}
-
-const Operator& Eigenproblem::at(double u) {
+const DenseOperator& Eigenproblem::at(double u) {
   if (latest_ == nullptr || u != latest_speed_) {
     latest_ = at_(u);
     latest_speed_ = u;
@@ -207,10 +199,6 @@ std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bo
     pairs.values << roots, -roots;
     pairs.right = pairs.right.replicate(1, 2).eval();
     pairs.left = pairs.left.replicate(1, 2).eval();
-  }
-  if (amend_) {
-    std::tie(pairs.values, pairs.right, pairs.left) =
-        amend_(u, pairs.values, pairs.right, pairs.left, free);
   }
   std::vector<Index> order(pairs.values.size());
   std::iota(order.begin(), order.end(), 0);
@@ -264,7 +252,7 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
 }
 
 void Eigenproblem::assess(double u, Pairs& pairs) {
-  const Operator& p = at(u);
+  const DenseOperator& p = at(u);
   const Index count = pairs.values.size();
   const bool lefts = pairs.left.cols() > 0, given = pairs.residual.size() > 0;
   const Products products = p.multiply(pairs.right);
@@ -368,6 +356,16 @@ Sample Eigenproblem::sample(double u, Index count) {
           std::move(pairs.left)};
 }
 
+void Sample::drop(Index count) {
+  const Index left_over = std::max<Index>(size() - count, 0);
+  if (left_over == size()) return;
+  for (Values* const x : {&values, &slopes}) *x = x->tail(left_over).eval();
+  for (Reals* const x : {&residual, &uncertain, &noise, &slope_noise})
+    *x = x->tail(left_over).eval();
+  signatures = signatures.tail(left_over).eval();
+  for (ComplexTable* const x : {&right, &left}) *x = x->rightCols(left_over).eval();
+}
+
 /// The root next to a guess with vectors and residual.
 Pair Eigenproblem::near(double u, const Pair& guess) {
   int steps = 0;
@@ -390,8 +388,7 @@ Pair Eigenproblem::refined(double u, const Pair& guess) {
 }
 
 Pair Eigenproblem::null_pair(double u, const Pair& near) {
-  if (statics_ != nullptr) return statics_->null_pair(u, near);
-  const Operator& p = at(u);
+  const DenseOperator& p = at(u);
   const Solver solve = p.factor(0.0);
   ++factorised_;
   Pair result{0.0, near.right};
@@ -413,20 +410,8 @@ Pair Eigenproblem::null_pair(double u, const Pair& near) {
 /// 1 / (d^T K^-1 b) has the determinant's zeros, and no pole near by if d and b are close to the
 /// null vectors.
 double Eigenproblem::determinant(double u, const Pair& near) {
-  if (statics_ != nullptr) return statics_->determinant(u, near);
   ++factorised_;
   return 1.0 / near.right.dot(at(u).factor(0.0)(near.left, false).col(0)).real();
-}
-
-Eigenproblem::At dense_operators(const Lapack& lapack, const DenseOperator::Matrices& matrices,
-                                 double centrifugal, double size) {
-  return [=](double u) -> std::shared_ptr<Operator> {
-    const auto& [mass, velocity, damping, stiffness, flux] = matrices;
-    const double thrust = centrifugal * u * u;
-    DenseOperator::Matrices there{mass, u * velocity + damping, stiffness + thrust * flux, velocity,
-                                  2.0 * centrifugal * u * flux};
-    return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust);
-  };
 }
 
 }  // namespace pipedyn

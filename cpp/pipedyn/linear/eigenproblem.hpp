@@ -27,27 +27,20 @@ struct Pairs {
   Pairs take(const std::vector<Index>& which) const;
 };
 
-/// Values, right and left vectors of the roots found at a speed, by the same and whether they were
-/// found as lambda^2: those that are the model's.
-using Amended = std::tuple<Values, ComplexTable, ComplexTable>;
-using Amend = std::function<Amended(double u, const Values&, const ComplexTable&,
-                                    const ComplexTable&, bool squared)>;
-
 class Eigenproblem : public Spectrum {
  public:
-  using At = std::function<std::shared_ptr<Operator>(double u)>;
+  using At = std::function<std::shared_ptr<DenseOperator>(double u)>;
 
-  /// free_at_rest: whether lambda enters only as lambda^2 at u = 0.
-  /// statics: whose stiffness is singular where a real root passes zero, and only there; this if
-  /// null.
-  Eigenproblem(const Traits& traits, At at, bool free_at_rest, Amend amend = nullptr,
-               std::shared_ptr<Eigenproblem> statics = nullptr);
+  Eigenproblem(const Traits& known, At at) : Spectrum(known), at_(std::move(at)) {}
 
   /// The `count` roots of least magnitude with right vectors, and with left ones if asked for.
   /// Pairs that fail the check of their residual are refined once; those that fail still are in the
   /// result, as are NaNs where doubles hold no root. Without `high`, modes so high that rounding
   /// explains any residual are left as they are.
   virtual Pairs lowest(double u, Index count, bool left, bool high);
+  /// The same of a chain, with vectors or without; none where roots could not be told from one
+  /// another, or where some may be missing.
+  virtual std::optional<Pairs> by_recursion(double, Index, bool) { return {}; }
 
   /// Finds what is not known of pairs: the residual, and with left vectors all else.
   virtual void assess(double u, Pairs& pairs);
@@ -59,28 +52,20 @@ class Eigenproblem : public Spectrum {
 
  protected:
   /// Whether lambda enters only as lambda^2 at a speed.
-  bool is_squared(double u) const { return traits.squared || (free_at_rest_ && u == 0.0); }
+  bool is_squared(double u) const { return traits.squared || (traits.free_at_rest && u == 0.0); }
   /// How far rounding may have moved the roots of a sample.
   virtual Reals rounding(const Pairs& pairs) const;
 
  private:
-  const Operator& at(double u);
+  const DenseOperator& at(double u);
   std::optional<Pairs> about(double u, double shift, Index count, bool left);
   void mend(double u, Pairs& pairs, bool left, bool high);
   Pair near(double u, const Pair& guess);
   void improve(double u, Pairs& pairs, Reals& uncertain);
 
   const At at_;
-  const bool free_at_rest_;
-  const Amend amend_;
-  const std::shared_ptr<Eigenproblem> statics_;
-  std::shared_ptr<Operator> latest_;
+  std::shared_ptr<DenseOperator> latest_;
   double latest_speed_ = -1.0;
 };
-
-/// The operators of a model in matrices: M, V, D, K and A of
-/// P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A. size: of K at rest.
-Eigenproblem::At dense_operators(const Lapack& lapack, const DenseOperator::Matrices& matrices,
-                                 double centrifugal, double size);
 
 }  // namespace pipedyn

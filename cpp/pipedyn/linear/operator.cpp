@@ -79,6 +79,14 @@ Reals DenseOperator::hidden(const Values& values, const ComplexTable& right,
   return result;
 }
 
+std::shared_ptr<DenseOperator> Pencil::operator()(double u) const {
+  const auto& [mass, velocity, damping, stiffness, flux] = matrices;
+  const double thrust = centrifugal * u * u;
+  DenseOperator::Matrices there{mass, u * velocity + damping, stiffness + thrust * flux, velocity,
+                                2.0 * centrifugal * u * flux};
+  return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust);
+}
+
 Inverse DenseOperator::inverse(double shift, bool velocity_free, char left, char right) const {
   const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate] = matrices_;
   int n = static_cast<int>(dof), size = velocity_free ? n : 2 * n, info = 0;

@@ -5,6 +5,8 @@
 #pragma once
 
 #include <functional>
+#include <memory>
+#include <vector>
 
 #include "pipedyn/linear/spectrum.hpp"
 #include "pipedyn/pipe.hpp"
@@ -43,47 +45,34 @@ using Solver = std::function<ComplexTable(const ComplexTable& x, bool adjoint)>;
 /// vector.
 using Inverse = std::tuple<Values, ComplexTable, ComplexTable>;
 
-class Operator {
- public:
-  Operator(Index rows, double stiffness_size) : dof(rows), size(stiffness_size) {}
-  virtual ~Operator() = default;
-
-  virtual Products multiply(const ComplexTable& x) const = 0;
-  /// (dP/du) x of each root.
-  virtual ComplexTable by_speed(const Values& values, const ComplexTable& x) const = 0;
-  virtual Solver factor(Complex value) const = 0;
-  /// All of them; none where P(shift) is singular or overflows, or the iteration does not end.
-  virtual Inverse inverse(double shift, bool velocity_free, bool left) const = 0;
-  /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
-  virtual Reals hidden(const Values& values, const ComplexTable& right,
-                       const ComplexTable& left) const = 0;
-
-  const Index dof;
-  const double size;  // of K, the elastic stiffness being 1
-};
-
-class DenseOperator : public Operator {
+class DenseOperator {
  public:
   /// M, C and K, and the derivatives of C and K by u; each (dof, dof).
   using Matrices = std::array<Matrix, 5>;
 
   DenseOperator(const Lapack& lapack, Matrices matrices, double stiffness_size)
-      : Operator(matrices[0].rows(), stiffness_size),
+      : dof(matrices[0].rows()),
+        size(stiffness_size),
         lapack_(lapack),
         matrices_(std::move(matrices)) {}
 
-  Products multiply(const ComplexTable& x) const override;
-  ComplexTable by_speed(const Values& values, const ComplexTable& x) const override;
-  Solver factor(Complex value) const override;
-  Inverse inverse(double shift, bool velocity_free, bool left) const override {
+  Products multiply(const ComplexTable& x) const;
+  /// (dP/du) x of each root.
+  ComplexTable by_speed(const Values& values, const ComplexTable& x) const;
+  Solver factor(Complex value) const;
+  /// All of them; none where P(shift) is singular or overflows, or the iteration does not end.
+  Inverse inverse(double shift, bool velocity_free, bool left) const {
     return inverse(shift, velocity_free, left ? 'V' : 'N', 'V');
   }
-  Reals hidden(const Values& values, const ComplexTable& right,
-               const ComplexTable& left) const override;
   /// mu alone.
   Values roots(double shift, bool velocity_free) const {
     return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
   }
+  /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
+  Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;
+
+  const Index dof;
+  const double size;  // of K, the elastic stiffness being 1
 
  private:
   /// With those vectors of which 'V' is given, as LAPACK is asked for them.
@@ -93,6 +82,17 @@ class DenseOperator : public Operator {
 
   const Lapack lapack_;
   const Matrices matrices_;
+};
+
+/// P of a model at each speed, in matrices: M, V, D, K and A of
+/// P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A.
+struct Pencil {
+  Lapack lapack;
+  DenseOperator::Matrices matrices;
+  double centrifugal;  // a
+  double size;         // of K at rest
+
+  std::shared_ptr<DenseOperator> operator()(double u) const;
 };
 
 }  // namespace pipedyn

@@ -58,6 +58,8 @@ struct Sample {
   ComplexTable right = {}, left = {};  // (dof, r), or empty
 
   Index size() const { return values.size(); }
+  /// Takes away the lowest.
+  void drop(Index count);
 };
 
 /// Of a model, the same at every speed.
@@ -68,6 +70,7 @@ struct Traits {
   bool damped;        // whether any force but the flow's takes energy
   bool conservative;  // whether roots come in fours, lambda, -lambda and conjugates, by symmetry
   bool squared;       // whether lambda enters only as lambda^2
+  bool free_at_rest;  // whether it does at u = 0
 };
 
 class Spectrum {
@@ -78,6 +81,9 @@ class Spectrum {
   /// The `count` roots of least |lambda|; all if there are no more. Throws NotConverged where
   /// doubles do not hold them.
   virtual Sample sample(double u, Index count) = 0;
+
+  /// How many roots are zero, exactly, at every speed.
+  virtual Index standing() const { return 0; }
 
   /// The root next to a guess, of which value and, if known, right vector are used; with vectors.
   virtual Pair refined(double u, const Pair& guess) = 0;

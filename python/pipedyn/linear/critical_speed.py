@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, largest_speed
 from pipedyn.linear.sensitivity import Crossing, crossings_of
-from pipedyn.linear.special.deflation import sweeping_problem
-from pipedyn.linear.special.weak_damping import extrapolated, is_weakly_damped, strengthened
+from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum, Converged, answered, checked_model
 from pipedyn.models.pipe import Pipe
@@ -141,9 +141,9 @@ def first_loss(
     # cheaper the search first ends sooner: without weight pipes flutter below 12 if beta < 0.68,
     # below 30 at any beta, and gamma = 1000 takes the speed to 20 .. 80.
     ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed]
-    if ends and isinstance(model, Model):
-        long = model.pencil().is_long
-        ends = [e for e in ends if long and _some_are_cheaper(_modes_within(e), e, model.dof)]
+    if isinstance(model, Model):
+        ends = [end for end in ends if _some_are_cheaper(_modes_within(end), end, model.dof)]
+        ends = ends if ends and model.pencil().is_long else []
     for end in [*ends, max_speed]:
         critical, found = all_losses(model, end, until_unstable=True)
         if critical is not None:
@@ -226,7 +226,7 @@ def _swept(
     Of a long chain only as many modes are tracked as can meet the flow: a mode of wave number k
     does where k is comparable to u. If a root beyond that turns unstable, more are tracked.
     """
-    problem = sweeping_problem(model)
+    problem = eigenproblem(model)
     tracked, count = problem.dof, 2 * problem.dof
     if problem.is_long:
         tracked = _modes_within(max_speed)
@@ -242,7 +242,7 @@ def _swept(
     scale = float(np.cbrt(1.0 + max(model.pipe.gamma, 0.0) / LARGE_GRAVITY))
     while True:
         if problem.is_long and not _some_are_cheaper(tracked, max_speed, problem.dof):
-            problem, tracked, count = problem.dense(), problem.dof, 2 * problem.dof
+            tracked, count = problem.dof, 2 * problem.dof
         with one_thread(problem.rows):
             swept = problem.spectrum().crossings(
                 max_speed=max_speed,

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import Model
-from pipedyn.models.pencil import DensePencil, Pencil, Vectors
+from pipedyn.models.pencil import Pencil, Vectors
 
 Complex = NDArray[np.complex128]
 
@@ -72,14 +71,6 @@ class Eigenproblem:
         """Whether P holds lambda only as lambda^2: no damping, and no flow or no fluid mass."""
         return not self.is_damped and (u == 0.0 or self.pipe.beta == 0.0)
 
-    def dense(self) -> Eigenproblem:
-        """The same problem in matrices."""
-        return type(self)(self.model.pencil(dense=True))
-
-    def original(self, u: float, value: complex, x: Vectors) -> Vectors | None:
-        """The model's own vector, where the problem is deflated; None where it has no slope."""
-        return x
-
     def size(self, u: float) -> float:
         """Size of the stiffness matrix, elastic stiffness being 1."""
         return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.term_stiffness
@@ -89,41 +80,20 @@ class Eigenproblem:
         """As of the model."""
         return self.model.term_stiffness(self.pencil)
 
-    @property
-    def operators(self) -> _core.DenseOperators | Callable[[float], _core.Operator]:
-        """P at each speed as the core takes it; of long chains made where recursion fails."""
-        if not isinstance(self.pencil, DensePencil):
-            return lambda u: self.in_matrices(u)
-        ops = self.pencil.operators
-        matrices = ops.mass, self.pencil.V, ops.damping, ops.stiffness, ops.flux
-        return _core.DenseOperators(matrices, self.centrifugal, self.size(0.0))
-
-    @cached_property
-    def in_matrices(self) -> Any:
-        """The operators of the same problem in matrices."""
-        return self.dense().operators
-
-    @property
-    def known(self) -> dict[str, Any]:
-        """What the core is told of the problem, by name."""
-        return {
-            "dof": self.dof,
-            "delta": self.pipe.damping,
-            "zero": self.zero_tolerance,
-            "damped": self.is_damped,
-            "conservative": self.is_conservative,
-            "squared": self.velocity_free(1.0),
-            "operators": self.operators,
-            "free_at_rest": self.velocity_free(0.0),
-        }
-
     def spectrum(self) -> _core.Eigenproblem:
         """For the core: what it computes is the same from call to call, but not kept here."""
-        if self.model.recursion:
-            return _core.ChainSpectrum(**self.known, **self.model.recursion)
-        return _core.Eigenproblem(**self.known)
+        traits = _core.Traits(
+            dof=self.dof,
+            delta=self.pipe.damping,
+            zero=self.zero_tolerance,
+            damped=self.is_damped,
+            conservative=self.is_conservative,
+            squared=self.velocity_free(1.0),
+            free_at_rest=self.velocity_free(0.0),
+        )
+        return self.pencil.spectrum(traits, self.size(0.0))
 
 
-def eigenproblem(model: Model, dense: bool | None = None) -> Eigenproblem:
-    """The model's eigenproblem; `dense` as for `Model.pencil`."""
-    return Eigenproblem(model.pencil(dense))
+def eigenproblem(model: Model) -> Eigenproblem:
+    """The model's eigenproblem."""
+    return Eigenproblem(model.pencil())

@@ -70,9 +70,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     u, count = _checked_question(model, u, count)
     if isinstance(model, Model) and model.recursion:
         asked = 2 * model.dof if count is None else count
-        spectrum = eigenproblem(model).spectrum()
-        assert isinstance(spectrum, _core.ChainSpectrum)
-        pairs = spectrum.by_recursion(u, asked, vectors=False)
+        pairs = eigenproblem(model).spectrum().by_recursion(u, asked, vectors=False)
         if pairs is not None and pairs.converged.all():
             values: Complex = pairs.values
             return values
@@ -340,10 +338,11 @@ def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
     # Where the modes asked for are overdamped, half of their roots lie beyond the cluster at
-    # -1 / delta, which only a dense solve can pass.
+    # -1 / delta, which only a search for all roots can pass.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
-    problem = eigenproblem(model, dense=True if overdamped else None)
+    problem = eigenproblem(model)
     spectrum, every, taken = problem.spectrum(), 2 * problem.dof, 2 * count + 16
+    taken = every if overdamped else taken
     done = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
     row_done = (lambda: next(done, None)) if shown else None
     while True:

@@ -111,9 +111,7 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     if pair is None or model.resting().any():
         return None
     pipe, u, value = model.pipe, crossing.speed, crossing.value
-    x, y = problem.original(u, pair.value, pair.right), pair.left
-    if x is None:
-        return None
+    x, y = pair.right, pair.left
     if value:
         rate = 2.0 * value * pencil.mass(x) + u * pencil.velocity(x) + pencil.damping(x)
         down, slope = complex(np.sum(y.conj() * rate)), pair.slope

@@ -230,11 +230,6 @@ class Model(OfPipe, ABC):
         return None
 
     @property
-    def loose_joints(self) -> NDArray[np.intp]:
-        """Free joints beyond which nothing, spring, gravity or term, resists a turn; of chains."""
-        return np.zeros(0, dtype=np.intp)
-
-    @property
     def elastic_share(self) -> Array:
         """Elastic stiffness by the elastic coordinates: 1 each, less where a joint has none."""
         return np.ones(self.dof)
@@ -263,13 +258,8 @@ class Model(OfPipe, ABC):
                     f"force of {rest:.1e}; choose about(equilibrium(..., u))"
                 )
 
-    def pencil(self, dense: bool | None = None) -> Pencil:
-        """P(lambda) at any flow speed, in elastic coordinates.
-
-        Args:
-            dense: matrices, or products and solves in O(dof) where the model has them; where not
-                given what is the faster.
-        """
+    def pencil(self) -> Pencil:
+        """P(lambda) at any flow speed, in elastic coordinates."""
         return DensePencil(self)
 
     @property

@@ -21,7 +21,7 @@ from pipedyn.models.base import (
     operators_from,
     stored,
 )
-from pipedyn.models.pencil import LONGEST_DENSE, ChainPencil, DensePencil, Pencil
+from pipedyn.models.pencil import ChainPencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -193,10 +193,8 @@ class Chain(Model):
     gyration_radii = stored("_gyration_radii", "eta_j, shape (n,).")
     drag_points = stored("_drag_points", "xi_j, shape (n,).")
 
-    def pencil(self, dense: bool | None = None) -> Pencil:
-        """P(lambda) as for `Model.pencil`, by default dense up to 64 degrees of freedom."""
-        long = self.dof > LONGEST_DENSE if dense is None else not dense
-        return ChainPencil(self) if long else DensePencil(self)
+    def pencil(self) -> Pencil:
+        return ChainPencil(self)
 
     @cached_property
     def elastic_scale(self) -> Array:
@@ -206,13 +204,6 @@ class Chain(Model):
     @property
     def elastic_share(self) -> Array:
         return self._springs * self.elastic_scale**2
-
-    @property
-    def loose_joints(self) -> NDArray[np.intp]:
-        free = (self._springs == 0.0) & (self._pipe.gamma == 0.0)
-        # Where all of them turn the same way, a joint feels whatever resists beyond it.
-        moments = self.core.joint_times(free[:, None].astype(np.float64), still=1.0)[:, 0]
-        return np.flatnonzero(free & (moments == 0.0))
 
     @property
     def recursion(self) -> dict[str, Any] | None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies with it.
 
-All is in a model's elastic coordinates, where the elastic stiffness is the identity. Long chains
+All is in a model's elastic coordinates, where the elastic stiffness is the identity. Chains
 multiply in O(n), all else by dense matrices.
 """
 
@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.models.pipe import Pipe
-from pipedyn.util.check import Array
 
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
@@ -42,7 +42,7 @@ class Pencil:
         damping: with D: delta times the elastic stiffness, and what else damps.
         stiffness: with K.
         flux: with A.
-        is_long: whether products are O(dof), and no matrices are there.
+        is_long: whether a few roots are found faster than all, in O(dof).
     """
 
     is_long = True
@@ -59,6 +59,10 @@ class Pencil:
         self.is_damped = model.pipe.damping != 0.0 or model.resisted
         self.direction = self.pipe.direction
         self.centrifugal = self.pipe.centrifugal
+
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        """Its eigenvalues as the core finds them. size: of K at rest."""
+        raise NotImplementedError
 
     def gravity(self, x: Vectors) -> Vectors:
         """dK/dgamma x; K is linear in gamma."""
@@ -85,35 +89,38 @@ class DensePencil(Pencil):
 
     def __init__(self, model: Model) -> None:
         super().__init__(model)
-        self.operators = ops = model.elastic_operators()
-        self.V: Array = self.direction * (ops.gyroscopic + ops.end_flux)
-        self.mass, self.velocity = partial(np.matmul, ops.mass), partial(np.matmul, self.V)
-        self.damping, self.flux = partial(np.matmul, ops.damping), partial(np.matmul, ops.flux)
-        self.stiffness = partial(np.matmul, ops.stiffness)
+        ops = model.elastic_operators()
+        velocity = self.direction * (ops.gyroscopic + ops.end_flux)
+        self.matrices = ops.mass, velocity, ops.damping, ops.stiffness, ops.flux
+        self.mass, self.velocity, self.damping, self.stiffness, self.flux = (
+            partial(np.matmul, matrix) for matrix in self.matrices
+        )
 
-    def matrices(self, u: float) -> tuple[Array, Array, Array]:
-        """(M, C, K) at speed u, each of shape (dof, dof)."""
-        ops = self.operators
-        stiffness = ops.stiffness + self.centrifugal * u**2 * ops.flux
-        return ops.mass, u * self.V + ops.damping, stiffness
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size)
 
 
 class ChainPencil(Pencil):
-    """A long chain, which multiplies in O(n); the core solves it by recursion."""
+    """A chain, which multiplies in O(n); the core solves it by recursion."""
 
     def __init__(self, model: Chain) -> None:
         super().__init__(model)
+        self.is_long = model.dof > LONGEST_DENSE
         self.core = model.core
-        self.scale = model.elastic_scale[:, None]
+        self.scale = model.elastic_scale
         self.mass = partial(self._times, square=1.0)
         self.velocity = partial(self._times, velocity=1.0)
         self.damping = partial(self._times, rate=1.0)
         self.stiffness = partial(self._times, still=1.0)
         self.flux = partial(self._times, flux=1.0)
 
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        return _core.ChainSpectrum(traits, self.core, self.scale, size)
+
     def _times(self, x: Vectors, **part: float) -> Vectors:
         """Complex columns as pairs of real ones."""
-        angles = np.ascontiguousarray(self.scale * x)
+        scale = self.scale[:, None]
+        angles = np.ascontiguousarray(scale * x)
         rows: Vectors = self.core.joint_times(angles.view(np.float64), **part)
-        result: Vectors = self.scale * rows.view(angles.dtype)
+        result: Vectors = scale * rows.view(angles.dtype)
         return result

@@ -38,7 +38,7 @@ from pipedyn.models.modular.parts import (
     described,
 )
 from pipedyn.models.modular.redundant import RedundantForm
-from pipedyn.models.pencil import DensePencil, Pencil
+from pipedyn.models.pencil import Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
 from pipedyn.util import check
@@ -241,9 +241,9 @@ class Assembly(Model):
             base=layout.base,
         )
 
-    def pencil(self, dense: bool | None = None) -> Pencil:
-        """P(lambda) as for `Model.pencil`: of a scene that is a chain the chain's, else dense."""
-        return DensePencil(self) if self.as_chain is None else self.as_chain.pencil(dense)
+    def pencil(self) -> Pencil:
+        """P(lambda) as for `Model.pencil`: of a scene that is a chain the chain's."""
+        return super().pencil() if self.as_chain is None else self.as_chain.pencil()
 
     def about(self, q: ArrayLike) -> Assembly:
         """The same scene, whose linear questions are asked about another configuration at rest.
