@@ -31,7 +31,6 @@ class Eigenproblem:
         self.pencil = pencil
         self.model, self.pipe, self.dof = pencil.model, pencil.pipe, pencil.dof
         self.is_damped, self.is_long = pencil.is_damped, pencil.is_long
-        self.centrifugal = pencil.centrifugal
 
     @property
     def rows(self) -> int:
@@ -71,15 +70,6 @@ class Eigenproblem:
         """Whether P holds lambda only as lambda^2: no damping, and no flow or no fluid mass."""
         return not self.is_damped and (u == 0.0 or self.pipe.beta == 0.0)
 
-    def size(self, u: float) -> float:
-        """Size of the stiffness matrix, elastic stiffness being 1."""
-        return 1.0 + abs(self.pipe.gamma) + self.centrifugal * u**2 + self.term_stiffness
-
-    @cached_property
-    def term_stiffness(self) -> float:
-        """As of the model."""
-        return self.model.term_stiffness(self.pencil)
-
     def spectrum(self) -> _core.Eigenproblem:
         """For the core: what it computes is the same from call to call, but not kept here."""
         traits = _core.Traits(
@@ -91,7 +81,9 @@ class Eigenproblem:
             squared=self.velocity_free(1.0),
             free_at_rest=self.velocity_free(0.0),
         )
-        return self.pencil.spectrum(traits, self.size(0.0))
+        # Of the stiffness at rest; that of springs is 1.
+        size = 1.0 + abs(self.pipe.gamma) + self.model.term_stiffness(self.pencil)
+        return self.pencil.spectrum(traits, size)
 
 
 def eigenproblem(model: Model) -> Eigenproblem:

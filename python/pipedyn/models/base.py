@@ -222,12 +222,9 @@ class Model(OfPipe, ABC):
         return largest_stretch(lambda x: pencil.stiffness(x) - elastic * x, start, 4)
 
     @property
-    def recursion(self) -> dict[str, Any] | None:
-        """What the core takes to find eigenvalues by recursion along a chain; None of others.
-
-        The chain, and the joint angle of each elastic coordinate, scale (dof,).
-        """
-        return None
+    def linear_cost(self) -> bool:
+        """Whether a right-hand side and an eigenvalue cost O(dof), as of chains."""
+        return False
 
     @property
     def elastic_share(self) -> Array:
