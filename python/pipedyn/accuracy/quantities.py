@@ -161,8 +161,7 @@ class _Roots(Quantity):
     def compared(self, answer: Answer) -> NDArray[np.bool_]:
         """Which roots others are compared with."""
         scaled = answer.damping * answer.values
-        compared: NDArray[np.bool_] = (np.abs(scaled + 1.0) > 0.5) & (np.abs(scaled) < self.highest)
-        return compared
+        return (np.abs(scaled + 1.0) > 0.5) & (np.abs(scaled) < self.highest)
 
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest difference of a root from its own, relative to that or, where it is less, 1."""

@@ -165,8 +165,7 @@ class Linearised:
         found = self._restored(ends, np.concatenate([[[share, 0.0, 0.0]], known[n:]]))
         rows = np.stack([phase, row]) @ found
         shares = np.linalg.solve(rows[:, 1:], np.array([shift, gap]) - rows[:, 0])
-        combined: Array = found[:, 0] + found[:, 1:] @ shares
-        return combined
+        return found[:, 0] + found[:, 1:] @ shares
 
     def neutral(self) -> Array:
         """The change at one speed that comes nearest to dy(span) = -mirror * dy(0).
@@ -176,8 +175,7 @@ class Linearised:
         opposite = self._first - self.orbit.mirror * self._last
         y = np.linalg.svd(opposite)[2][-1]
         ends = np.stack([y, -self.orbit.mirror * y])
-        change: Array = self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
-        return change
+        return self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
 
     def _restored(self, ends: Array, factors: Array) -> Array:
         """All unknowns, from states at both ends, (2, n, k), and factors of what acts, (3, k).

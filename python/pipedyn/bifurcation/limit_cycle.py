@@ -267,7 +267,7 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     ways: dict[str, Callable[[], PeriodicOrbit]] = {"simulation": simulated}
     if alone:
         damped = {"followed from a damped pipe's": partial(_from_damped_pipe, motion, u)}
-        ways = ways | damped if model.recursion else damped | ways
+        ways = ways | damped if model.linear_cost else damped | ways
     failed = list[str]()
     for how, search in ways.items():
         try:

@@ -40,8 +40,7 @@ _INTEGRATED = [0.5**k * legendre.legint(TO_LEGENDRE, k, lbnd=-1.0) for k in (0, 
 def integrals(at: Array, times: int) -> Array:
     """Values, or integrals from 0 once or twice, of the polynomial through stages, shape (k, s)."""
     basis = legendre.legvander(2.0 * at - 1.0, STAGES - 1 + times)
-    found: Array = basis @ _INTEGRATED[times]
-    return found
+    return basis @ _INTEGRATED[times]
 
 
 ONCE = integrals(NODES, 1)
@@ -126,8 +125,7 @@ class PeriodicOrbit:
         """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""
         last = np.abs(TO_LEGENDRE[-2:] @ self.rates[:, :, -self.half :])
         velocity = np.abs(self.starts[:, self.half :]).max()
-        shares: Array = self.durations * last.sum(axis=1).max(axis=1) / velocity
-        return shares
+        return self.durations * last.sum(axis=1).max(axis=1) / velocity
 
     def packed(self) -> Array:
         """Unknowns: states, rates, frequency and speed, shape (M (2 moving + s width) + 2,)."""
@@ -168,8 +166,7 @@ def coarsest_mesh(symmetric: bool) -> Array:
 
 def stage_phases(edges: Array) -> Array:
     """Phases of the stages, shape (M, s)."""
-    phases: Array = edges[:-1, None] + np.diff(edges)[:, None] * NODES
-    return phases
+    return edges[:-1, None] + np.diff(edges)[:, None] * NODES
 
 
 def interpolated(
