@@ -1069,7 +1069,6 @@ def _results() -> Iterator[Target]:
     at = Kind(one_of(SPEED, CYCLE.u), real((1.0, 2.0), -1.0).bad)
     yield Target("BifurcationDiagram.at", DIAGRAM.at, {"u": at})
     yield Target("CycleBranch.at", BRANCH.at, {"u": at})
-    yield Target("CycleBranch.passes", BRANCH.passes, {"u": at})
     event = BRANCH.events[0]
     yield Target("CycleEvent.same", event.same, {"other": of(event)})
     yield Target("Trade.of", TRADE.of, {"family": word("beam")})

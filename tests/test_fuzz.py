@@ -18,7 +18,7 @@ MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
 CALLED_WITH_CHECKED = {"braced", "motion_jacobian", "recorded", "require_equilibrium", "start"}
 CALLED_WITH_CHECKED |= {"drag_velocities", "free_directions", "largest_angle", "pencil"}
-CALLED_WITH_CHECKED |= {"unbalanced"}
+CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced"}
 """Methods that integrators and searches call, with what they have checked."""
 
 

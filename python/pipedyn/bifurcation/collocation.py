@@ -94,10 +94,10 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
 # -------------------------------------------------------------------------------- all intervals
 
 
-def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[tuple[Array, Array]]]:
+def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[list[Array]]]:
     """[L | R | C] of L x(begin) + R x(end) = C over all intervals, in units of the state, (n, .).
 
-    For each doubling of the intervals also triangles T and [L | R | C] of the states x between, in
+    For each doubling of the intervals also triangles T, L, R and C of the states x between, in
     T x = C - L x(begin) - R x(end).
     """
     n, between = units.size, []
@@ -113,9 +113,9 @@ def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[tup
         of_a, of_b = (q[:, part].transpose(0, 2, 1) for part in (slice(n), slice(n, None)))
         first, last = of_a @ a[:, :, :n], of_b @ b[:, :, n : 2 * n]
         known = of_a @ a[:, :, 2 * n :] + of_b @ b[:, :, 2 * n :]
-        turned = np.concatenate([first, last, known], axis=2)
-        between.append((triangles[:, :n], turned[:, :n]))
-        relations = np.concatenate([turned[:, n:], relations[even:]])
+        turned = np.concatenate([first, last, known], axis=2)[:, n:]
+        between.append([part[:, :n] for part in (triangles, first, last, known)])
+        relations = np.concatenate([turned, relations[even:]])
     return relations[0], between
 
 
@@ -165,8 +165,7 @@ class Linearised:
         found = self._restored(ends, np.concatenate([[[share, 0.0, 0.0]], known[n:]]))
         rows = np.stack([phase, row]) @ found
         shares = np.linalg.solve(rows[:, 1:], np.array([shift, gap]) - rows[:, 0])
-        combined: Array = found[:, 0] + found[:, 1:] @ shares
-        return combined
+        return found[:, 0] + found[:, 1:] @ shares
 
     def neutral(self) -> Array:
         """The change at one speed that comes nearest to dy(span) = -mirror * dy(0).
@@ -176,19 +175,15 @@ class Linearised:
         opposite = self._first - self.orbit.mirror * self._last
         y = np.linalg.svd(opposite)[2][-1]
         ends = np.stack([y, -self.orbit.mirror * y])
-        change: Array = self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
-        return change
+        return self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
 
     def _restored(self, ends: Array, factors: Array) -> Array:
         """All unknowns, from states at both ends, (2, n, k), and factors of what acts, (3, k).
 
         What acts is the residual, a change of the frequency and one of the speed.
         """
-        for triangles, relations in reversed(self._between):
+        for triangles, first, last, right in reversed(self._between):
             pairs = len(triangles)
-            first, last, right = np.split(
-                relations, [len(self._first), 2 * len(self._first)], axis=2
-            )
             known = right @ factors - (first @ ends[:pairs] + last @ ends[1 : pairs + 1])
             more = np.empty((len(ends) + pairs, *ends.shape[1:]))
             more[0 : 2 * pairs + 1 : 2] = ends[: pairs + 1]

@@ -90,8 +90,7 @@ def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
                 raise FloatingPointError
         except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
             raise NewtonFailed("its Floquet multipliers overflow") from error
-    found: Complex = orbit.mirror * np.asarray(values, dtype=np.complex128)
-    return found
+    return orbit.mirror * np.asarray(values, dtype=np.complex128)
 
 
 def _fine_enough(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:

@@ -82,7 +82,7 @@ class Eigenproblem:
             free_at_rest=self.velocity_free(0.0),
         )
         # Of the stiffness at rest, elastic stiffness being 1.
-        size = 1.0 + abs(self.pipe.gamma) + self.model.term_stiffness
+        size = 1.0 + abs(self.pipe.gamma) + self.model.term_stiffness(self.pencil)
         return self.pencil.spectrum(traits, size)
 
 

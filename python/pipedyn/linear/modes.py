@@ -67,12 +67,11 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     the inverse problem, see `cpp/pipedyn/linear/operator.hpp`.
     """
     u, count = _checked_question(model, u, count)
-    if isinstance(model, Model) and model.recursion:
+    if isinstance(model, Model) and model.linear_cost:
         asked = 2 * model.dof if count is None else count
         pairs = eigenproblem(model).spectrum().by_recursion(u, asked, vectors=False)
         if pairs is not None and pairs.converged.all():
-            values: Complex = pairs.values
-            return values
+            return pairs.values
     found = modes(model, u, count)
     bad = np.flatnonzero(~found.converged)
     if bad.size:

@@ -11,6 +11,7 @@ import numpy as np
 
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Eigenproblem
+from pipedyn.models.pencil import ChainPencil
 from pipedyn.util.check import Array
 from pipedyn.util.result import result
 
@@ -133,8 +134,8 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
         changes["beta"] = moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta))
     if pipe.flow == "aspirating":
         changes["alpha"] = moved(u**2 * pencil.flux(x))
-    if model.recursion:  # of a chain, whose joints have springs
-        scale = model.recursion["scale"] ** 2 * (1.0 + pipe.damping * value)
+    if isinstance(pencil, ChainPencil):  # its joints have springs
+        scale = pencil.scale**2 * (1.0 + pipe.damping * value)
         changes["springs"] = -(y[:, 0].conj() * scale * x[:, 0]) / down
     speed: dict[str, Any] = {"beta": None, "alpha": 0.0}
     frequency = speed.copy()

@@ -206,8 +206,8 @@ class Chain(Model):
         return self._springs * self.elastic_scale**2
 
     @property
-    def recursion(self) -> dict[str, Any] | None:
-        return {"chain": self.core, "scale": self.elastic_scale}
+    def linear_cost(self) -> bool:
+        return True
 
     @property
     def stations(self) -> Array:

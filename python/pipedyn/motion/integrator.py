@@ -281,7 +281,7 @@ def choose_method(model: Model, rtol: float) -> str:
     if not (model.pipe.damping or model.resisted) or model.moving > LARGEST_IMPLICIT:
         return "dop853"
     (fastest, decay), digits = fastest_rates(model), -math.log10(rtol)
-    if model.recursion:  # a chain: a right-hand side costs O(dof), a Jacobian dof times as much
+    if model.linear_cost:  # a Jacobian takes dof times as much
         share = CHAIN_DECAY * digits * max(1.0, model.moving / CHAIN_SEGMENTS)
         return "lsoda" if decay > share * fastest else "dop853"
     stiff = max(fastest, decay) > REDUCED_RATE * digits

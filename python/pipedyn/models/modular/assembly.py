@@ -173,8 +173,7 @@ class Assembly(Model):
         """False: what the parts tend to is the user's."""
         return False
 
-    @cached_property
-    def term_stiffness(self) -> float:
+    def term_stiffness(self, pencil: Pencil) -> float:
         return float(np.linalg.norm(self._elastic.stiffness - np.eye(self.dof), 2))
 
     @cached_property
@@ -187,8 +186,7 @@ class Assembly(Model):
     @property
     def elastic_share(self) -> Array:
         springs = self._layout.springs
-        share: Array = springs * elastic_scale(springs) ** 2
-        return share
+        return springs * elastic_scale(springs) ** 2
 
     @property
     def stations(self) -> Array:
@@ -286,8 +284,7 @@ class Assembly(Model):
 
     def _configuration(self, theta: Array) -> Array:
         """Redundant coordinates of angles, shape (3 n,)."""
-        q: Array = self.core.from_angles(theta, np.zeros_like(theta))[: self.coordinates]
-        return q
+        return self.core.from_angles(theta, np.zeros_like(theta))[: self.coordinates]
 
     def _misses(self, theta: Array) -> float:
         """How far a configuration is from meeting the constraints."""
@@ -309,8 +306,7 @@ class Assembly(Model):
         size = self.coordinates
         raw = check.numbers("y", y, "an array of real numbers", longest=LARGEST_RESULT)
         given = self._columns("y", raw, 2 * size if raw.shape[:1] == (2 * size,) else size)
-        theta: Array = np.cumsum(given[2:size:3], axis=0)
-        return theta
+        return np.cumsum(given[2:size:3], axis=0)
 
     def closed(self, angles: ArrayLike) -> Array:
         """Angles close to those given at which guides and pins are met.
@@ -428,8 +424,7 @@ class Assembly(Model):
 
         Args, Raises: as for `operators`.
         """
-        basis: Array = self._linear_at(q).basis @ np.eye(self.dof)
-        return basis
+        return self._linear_at(q).basis @ np.eye(self.dof)
 
     def free_directions(self, p: Array) -> Array:
         return self.basis(p)

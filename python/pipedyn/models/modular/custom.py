@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from pipedyn.models.base import COMPLEX_STEP
 from pipedyn.models.modular.parts import Custom, Function
 from pipedyn.util.check import Array
-
-COMPLEX_STEP = 1e-30
-"""A complex step has no difference that cancels; its square is lost next to any number."""
 
 STRIDE = 1e-3
 """Step of the differences of a complex-step gradient: of order 4, they err by some 1e-12."""
@@ -50,8 +48,7 @@ class CustomForce:
         """Generalized force, shape (k,)."""
         if self.module.force is None:
             return -self._gradient(q)
-        force: Array = self._call("force", q.shape, q, qdot)
-        return force
+        return self._call("force", q.shape, q, qdot)
 
     def work(self, q: Array, qdot: Array) -> float:
         """Power of the force beyond what its energy loses."""
@@ -89,8 +86,7 @@ class CustomForce:
             moved = at.astype(np.complex128)
             moved[i] += 1j * COMPLEX_STEP
             columns.append(self._call(name, shape, *arguments(moved), kind="c").imag)
-        derivative: Array = np.stack(columns, axis=-1) / COMPLEX_STEP
-        return derivative
+        return np.stack(columns, axis=-1) / COMPLEX_STEP
 
     def _call(
         self, name: str, shape: tuple[int, ...], *arguments: NDArray[Any], kind: str = "f"
@@ -202,8 +198,7 @@ class CustomForces:
 
     def energy(self, q: Array) -> float | Array:
         """Potential energy, a number or shape (k,)."""
-        total: float | Array = self._summed(CustomForce.energy, q) - self._straight_energy
-        return total
+        return self._summed(CustomForce.energy, q) - self._straight_energy
 
     @cached_property
     def _straight_energy(self) -> Any:
@@ -211,8 +206,7 @@ class CustomForces:
 
     def work(self, q: Array, qdot: Array) -> float | Array:
         """Power of the forces beyond what their energy loses, a number or shape (k,)."""
-        work: float | Array = self._summed(CustomForce.work, q, qdot)
-        return work
+        return self._summed(CustomForce.work, q, qdot)
 
     def _summed(self, function: Callable[..., float], *states: Array) -> Any:
         """Sum of a function over the modules, a number or shape (k,)."""

@@ -50,20 +50,15 @@ class SmallMotions:
     def _elastic_loads(self, forces: Array) -> Array:
         """Loads on the joints in units of the elastic coordinates, of forces (3 n, r)."""
         moments = self.layout.moments(self.theta, forces)
-        loads: Array = self.scale * np.cumsum(moments[::-1], axis=0)[::-1]
-        return loads
+        return self.scale * np.cumsum(moments[::-1], axis=0)[::-1]
 
     def unbalanced(self, u: float) -> Array:
         """Force at rest that nothing balances, shape (dof, 1); 0 at an equilibrium."""
-        unbalanced: Array = self.elastic.T @ self._elastic_loads(
-            self.form.forces(self.still, u)[:, None]
-        )
-        return unbalanced
+        return self.elastic.T @ self._elastic_loads(self.form.forces(self.still, u)[:, None])
 
     def joint_angles(self, zeta: NDArray[Any]) -> NDArray[Any]:
         """Phi, shape (n, r), of elastic coordinates."""
-        angles: NDArray[Any] = self.scale * (self.elastic @ zeta)
-        return angles
+        return self.scale * (self.elastic @ zeta)
 
     def operators(self) -> Operators:
         """In the degrees of freedom of `basis`."""
@@ -79,12 +74,10 @@ class SmallMotions:
         chain, angles = form.unsprung.operators(theta), np.cumsum(joints, axis=0)
 
         def of_angles(matrix: Array) -> Array:
-            product: Array = angles.T @ matrix @ angles
-            return product
+            return angles.T @ matrix @ angles
 
         def of_joints(values: Array) -> Array:
-            product: Array = joints.T @ (values[:, None] * joints)
-            return product
+            return joints.T @ (values[:, None] * joints)
 
         compliance = form.core.compliance
         inert = compliance != 0.0

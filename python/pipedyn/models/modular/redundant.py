@@ -63,8 +63,7 @@ class RedundantForm:
         between = (mass * (chi * (1.0 - chi) - turning))[1:]
         coupled = np.diag(np.kron(between, [1.0, 1.0, 0.0]), 3)
         nodes = np.diag(np.kron(own, [1.0, 1.0, 0.0])) + coupled + coupled.T
-        whole: Array = nodes + self.layout.inertia.T @ self.layout.inertia
-        return whole
+        return nodes + self.layout.inertia.T @ self.layout.inertia
 
     def forces(self, y: Array, u: float) -> Array:
         """Forces of all modules at a state [q, q'], shape (3 n,).
@@ -173,14 +172,12 @@ class RedundantForm:
 def _between(values: Array, share: Array, segment: NDArray[np.intp]) -> Array:
     """Values on segments, a share of their length from the clamped side, of those at nodes."""
     before = values[segment]
-    between: Array = before + share[:, None] * (values[segment + 1] - before)
-    return between
+    return before + share[:, None] * (values[segment + 1] - before)
 
 
 def _across(along: Array) -> Array:
     """Vectors l n = (l t_y, -l t_x) of l t, each a row."""
-    across: Array = along[:, ::-1] * [1.0, -1.0]
-    return across
+    return along[:, ::-1] * [1.0, -1.0]
 
 
 def _listed(of_joints: NDArray[Any], held: Array) -> Array:
