@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Pseudo-arclength continuation: on curves that are known, and of orbits on meshes that change."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from pipedyn.bifurcation.continuation import (
     folds,
     sign_changes,
 )
+from pipedyn.bifurcation.equilibria import _Way
 from pipedyn.bifurcation.orbit_continuation import FINE, followed, from_hopf, orbit_at
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.newton import NewtonFailed
@@ -38,6 +41,30 @@ def test_a_closed_curve_is_followed_around_both_folds(circle):
         # With this metric the curve is the unit circle: its tangent is across the radius.
         assert circle.product(point.tangent, point.z) == pytest.approx(0.0, abs=1e-12)
     assert turns == pytest.approx([1.0, -1.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("u0", [2.2, 3.0, 3.3])
+@pytest.mark.parametrize("step", [0.05, 1.0])
+def test_a_closed_branch_of_equilibria_is_followed_once_around(step, u0):
+    """A circle about u = 3 in place of a pipe's equilibria, none of them straight."""
+    statics = SimpleNamespace(
+        resting=np.array([9.0, 9.0]),
+        always_rests=False,
+        model=SimpleNamespace(tips=lambda q: np.zeros((q.shape[1], 2))),
+        growth=lambda x, u: np.array([-1.0, -2.0]),
+        rms=lambda x: float(np.linalg.norm(x)),
+        straight=lambda x: False,
+        recorded=lambda xs: xs,
+    )
+    problem = DenseProblem(lambda x, p: circle_equations(x, p - 3.0), 2, 1.0, Control(step))
+    x = np.full(2, np.sqrt(1.0 - (u0 - 3.0) ** 2))
+    way = _Way(
+        statics, problem, problem.point(np.append(x, u0), np.array([0, 0, -1.0])), (0.0, 6.0)
+    )
+    assert way.run() == "closed"
+    assert [(point.kind, point.speed) for point in way.changes] == [
+        *(("fold", pytest.approx(2.0, abs=1e-9)), ("fold", pytest.approx(4.0, abs=1e-9)))
+    ]
 
 
 def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):

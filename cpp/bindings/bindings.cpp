@@ -26,11 +26,6 @@ namespace {
 /// Name of the law, arc length, the law's numbers.
 using TermArguments = std::tuple<std::string, double, std::vector<double>>;
 
-Basis basis_of(bool legendre, pipedyn::Index size, const pipedyn::Vector& joints,
-               pipedyn::Index more) {
-  return Basis(legendre ? Family::legendre : Family::beam, size, joints, more);
-}
-
 /// Work of a state, in that of a chain's segment.
 py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
@@ -55,9 +50,8 @@ void define_motion(py::class_<Model>& model) {
   const auto rates = [](auto work, py::ssize_t more) {
     return [work, more](const Model& of, const object&, const object& y, const object& u) {
       const py::ssize_t rows = 2 * of.dof() + more;
-      return pipedyn::results_of(
-          rows, rows, work_of(of), y, u,
-          [&](const Batch& batch, double* out) { work(of, batch, out); });
+      return pipedyn::results_of(rows, rows, work_of(of), y, u,
+                                 [&](const Batch& batch, double* out) { work(of, batch, out); });
     };
   };
   model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a)
@@ -147,7 +141,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
                        const pipedyn::Vector& joints, pipedyn::Index more,
                        pipedyn::Index least_nodes) {
-             return std::make_unique<Galerkin>(pipe, basis_of(legendre, size, joints, more),
+             const Family family = legendre ? Family::legendre : Family::beam;
+             return std::make_unique<Galerkin>(pipe, Basis(family, size, joints, more),
                                                least_nodes);
            }),
            "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,

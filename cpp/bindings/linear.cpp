@@ -74,6 +74,7 @@ void define_linear(py::module_& m) {
       py::set_error(py::module_::import("pipedyn.models.base").attr("NotConverged"), error.what());
     }
   });
+  m.attr("dense_limit") = dense_limit;
   py::class_<Pair>(m, "Pair")
       .def_readonly("value", &Pair::value)
       .def_readonly("slope", &Pair::slope)
@@ -90,7 +91,7 @@ void define_linear(py::module_& m) {
       .def_readonly("left", &Pairs::left)
       .def_readonly("residuals", &Pairs::residual)
       .def_readonly("uncertain", &Pairs::uncertain)
-      .def_readonly("slopes", &Pairs::slope)
+      .def_readonly("slopes", &Pairs::slopes)
       .def_property_readonly("converged", [](const Pairs& pairs) {
         Eigen::Array<bool, Eigen::Dynamic, 1> good(pairs.values.size());
         for (Index i = 0; i < good.size(); ++i) {

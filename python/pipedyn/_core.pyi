@@ -25,6 +25,7 @@ __all__: list[str] = [
     "Spectrum",
     "Sweep",
     "Traits",
+    "dense_limit",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -403,3 +404,5 @@ def sincos(
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
+
+dense_limit: int = 2000

@@ -2,20 +2,21 @@
 //
 // The linear problem T(lambda, u) X = 0 of a straight chain, nothing eliminated, in the unknowns
 // (phi_j, theta_j, w_j, Q_j) of each segment: joint angle, angle, transverse displacement of the
-// end, and the force that all beyond the end exerts. Four equations a segment:
+// end, and the force that all beyond the end exerts, less a U^2 theta_j. Four equations a segment:
 //   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,
 //   e k_j phi_j - e k_{j+1} phi_{j+1} + g_j theta_j + f_j w_{j-1} + l_j Q_j = 0   (row j of P),
 //   Q_{j-1} = Q_j + z_j w_{j-1} + t_j theta_j + a U^2 phi_j,   Q_n = 0,
-// e k_j being k_j + c_j lambda. No entry is a difference of nearly equal numbers. What lies beyond
+// e k_j being k_j + c_j lambda. No entry is a difference of nearly equal numbers; beyond a joint
+// that nothing holds all is of the order of lambda, with all its digits. What lies beyond
 // segment j answers a motion of its end by Q_j = A w_j + B theta_j and -e k_{j+1} phi_{j+1} = C w_j
 // + D theta_j. With
 //   G = l A + B,  R = g + D + l (C + G),  W = f + C + l A,  H = G + t,  p = e k + R
 // row j says phi_j = -(R theta_{j-1} + W w_{j-1}) / p, and before the segment
-//   A + z - H W / p,   H e k / p,   e k W / p,   e k R / p
+//   A + z - (H + a U^2) W / p,   (H e k - a U^2 R) / p,   e k W / p,   e k R / p
 // stand in place of A, B, C, D. det P is the product of the pivots p; without damping and flow the
 // negative ones are as many as roots lie below |lambda|. The left vector Y, in psi_j = y_j -
-// y_{j-1}, obeys the same with W and H exchanged. O(n) for each lambda, without pivoting: the
-// residual of T, and what rounding does to its entries, say how good a root is.
+// y_{j-1}, obeys the same with W and H + a U^2 exchanged. O(n) for each lambda, without pivoting:
+// the residual of T, and what rounding does to its entries, say how good a root is.
 #pragma once
 
 #include <cstddef>

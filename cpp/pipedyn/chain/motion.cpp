@@ -29,14 +29,9 @@ void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Bod
 }
 
 template <class Real>
-void rhs_of(const MotionModel& model, const Members<Real>& members, double* rates) {
-  accelerations_of<false>(model, members, Sweep<Real>(model.size), rates, nullptr);
-}
-
-template <class Real>
-void energy_of(const MotionModel& model, const Members<Real>& members, double* out) {
+void energy_of(const MotionModel& model, const Members<Real>& members, const Sweep<Real> sweep,
+               double* out) {
   const Count n = model.size;
-  const Sweep<Real> sweep(n);
   Real twice{};
   if (model.gravity != 0.0) {  // 1 - cos theta = 2 sin^2 (theta / 2)
     for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, 0.5 * members.row(j));
@@ -65,9 +60,9 @@ void energy_of(const MotionModel& model, const Members<Real>& members, double* o
 }
 
 template <class Real>
-void power_of(const MotionModel& model, const Members<Real>& members, double* out) {
+void power_of(const MotionModel& model, const Members<Real>& members, const Sweep<Real> sweep,
+              double* out) {
   const Count n = model.size;
-  const Sweep<Real> sweep(n);
   read_state(members, n, sweep);
   Real joints{}, drag{}, others{}, rate_before{}, vt, vn;
   for_each_velocity(
@@ -100,15 +95,21 @@ void power_of(const MotionModel& model, const Members<Real>& members, double* ou
 // ---------------------------------------------------------------------------------------- entry
 
 void rhs(const MotionModel& model, const Batch& batch, double* rates) {
-  for_each_block(batch, [&](const auto& members) { rhs_of(model, members, rates); });
+  for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
+    accelerations_of<false>(model, members, sweep, rates, nullptr);
+  });
 }
 
 void energy(const MotionModel& model, const Batch& batch, double* out) {
-  for_each_block(batch, [&](const auto& members) { energy_of(model, members, out); });
+  for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
+    energy_of(model, members, sweep, out);
+  });
 }
 
 void power(const MotionModel& model, const Batch& batch, double* out) {
-  for_each_block(batch, [&](const auto& members) { power_of(model, members, out); });
+  for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
+    power_of(model, members, sweep, out);
+  });
 }
 
 bool all_finite(const double* x, Count count) {

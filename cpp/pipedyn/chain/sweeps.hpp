@@ -68,27 +68,11 @@ struct Members {
   Real speed() const { return batch.u_step == 0 ? all<Real>(batch.u[0]) : read(batch.u + first); }
 };
 
-/// Calls body for a member alone or for every block of members; the last one overlaps its neighbour
-/// to be whole.
-template <class Body>
-void for_each_block(const Batch& batch, const Body& body) {
-  const Count members = batch.members;
-  if (members == 1) body(Members<double>{batch, 0, 1});
-  for (Count first = 0; members > 1 && first < members; first += width) {
-    if (members < width) {
-      body(Members<Pack>{batch, 0, members});
-    } else {
-      body(Members<Pack>{batch, first + width <= members ? first : members - width, width});
-    }
-  }
-}
-
 /// Scratch of the sweeps, one Real a segment in each; two serve twice.
 template <class Real>
 struct Sweep {
   double *turn, *rate, *sine, *cosine, *drag, *free, *along, *moment;
 
-  explicit Sweep(Count n) : Sweep(n, pipedyn::scratch(size(n))) {}
   Sweep(Count n, double* scratch) {
     const Count stride = whole_packs(n * lanes<Real>);
     turn = scratch;
@@ -106,6 +90,21 @@ struct Sweep {
   static Real at(const double* array, Count j) { return load<Real>(array + j * lanes<Real>); }
   static void set(double* array, Count j, const Real& x) { store(array + j * lanes<Real>, x); }
 };
+
+/// Calls body(members, sweep) for a member alone or for every block of members; the last one
+/// overlaps its neighbour to be whole.
+template <class Body>
+void for_each_block(const MotionModel& model, const Batch& batch, const Body& body) {
+  const Count members = batch.members, n = model.size;
+  double* const scratch = pipedyn::scratch(Sweep<Pack>::size(n));
+  if (members == 1) body(Members<double>{batch, 0, 1}, Sweep<double>(n, scratch));
+  for (Count first = 0; members > 1 && first < members; first += width) {
+    const Count whole = first + width <= members ? first : members - width;
+    const Members<Pack> block{batch, members < width ? 0 : whole,
+                              members < width ? members : width};
+    body(block, Sweep<Pack>(n, scratch));
+  }
+}
 
 /// What the derivative needs of the sweeps: A_j and b_j . t_j, a_{j-1} and the velocities.
 struct Kept {
@@ -173,7 +172,7 @@ void add_loads(const MotionModel& model, const Members<Real>& members, const Swe
 enum class Outer { nothing, drag, loads };  // loads: as in add_loads, with drag if there is any
 
 template <class Real, Outer outer, bool keep>
-void accelerations(const MotionModel& model, const Members<Real>& members, const Sweep<Real>& sweep,
+void accelerations(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
                    double* rates, Kept* kept) {
   const Count n = model.size;
   read_state(members, n, sweep);
@@ -279,8 +278,8 @@ void accelerations(const MotionModel& model, const Members<Real>& members, const
 }
 
 template <bool keep, class Real>
-void accelerations_of(const MotionModel& model, const Members<Real>& members,
-                      const Sweep<Real>& sweep, double* rates, Kept* kept) {
+void accelerations_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
+                      double* rates, Kept* kept) {
   if (model.load_count > 0 || model.bent || members.batch.moments != nullptr) {
     accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, kept);
   } else if (model.drag) {

@@ -112,10 +112,7 @@ Matrix Basis::evaluate(const Vector& s, int derivative) const {
   if (derivative < 0 || derivative > 2) {
     throw std::invalid_argument("derivative must be 0, 1 or 2");
   }
-  if (family_ == Family::legendre) {
-    return numbers_.size() > 1 ? evaluate_panels(s, derivative)
-                               : legendre_functions(s, size_, derivative);
-  }
+  if (family_ == Family::legendre) return evaluate_panels(s, derivative);
   Matrix out(s.size(), size_);
   for (Index i = 0; i < size_; ++i) {
     const double kappa = roots_[i];

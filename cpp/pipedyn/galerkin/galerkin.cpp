@@ -141,11 +141,10 @@ class Linearisation {
   GridTables tables_{};
   Kinematics line_{};
   /// Of each point, in its measure: derivatives of the inertia by the virtual displacements, those
-  /// by x before those by y (2 padded); at `force_`, x and y of the load; at `resisted_`, where
-  /// there is drag or a term, derivatives of their resistance by the velocities (2 padded). Then
-  /// all beyond each node.
+  /// by x before those by y (2 padded); of the resistance by the velocities, where there is drag or
+  /// a term (2 padded); at `force_`, x and y of the load. Then all beyond each node.
   Matrix loads_, beyond_;
-  Index force_ = 0, resisted_ = 0;
+  Index force_ = 0;
   Matrix by_position_, by_velocity_;  // of terms' loads, times the virtual displacements, (N, 2
                                       // padded): by x, then by y
   Matrix by_angle_, by_rate_, across_, swept_;
@@ -155,9 +154,9 @@ class Linearisation {
 /// Of the loads, each in its point's measure, all beyond each node, in its weight. The quadrature's
 /// integration by parts, S^T W = w w^T - W S, gives those of the nodes.
 void Linearisation::integrate_beyond() {
-  const Index points = loads_.rows(), columns = loads_.cols(), block = tables_.nodes + 1;
-  beyond_.resize(points, columns);
-  kernel().integrate(tables_, columns, loads_.data(), beyond_.data());
+  const Index points = loads_.rows(), columns = force_ + 2, block = tables_.nodes + 1;
+  beyond_.resize(points, loads_.cols());
+  kernel().integrate(tables_, loads_.cols(), columns, loads_.data(), beyond_.data());
   Vector all = beyond_.row(points - 1);
   for (Index p = points - 1; p >= 0; --p) {
     const double weight = tables_.weight[p];
@@ -218,9 +217,9 @@ void Linearisation::derive(const MotionEffects& effects, double u, const Vector&
   spin_.noalias() = slope * acceleration;  // second derivative of the angle
   own_acceleration_.noalias() = inverse * acceleration;
 
-  force_ = 2 * padded;
-  resisted_ = force_ + GridTables::widest;
-  loads_.setZero(points, drags || loads ? resisted_ + 2 * padded : resisted_);
+  const Index resisted = 2 * padded;
+  force_ = drags || loads ? 2 * resisted : resisted;
+  loads_.resize(points, force_ + GridTables::widest);
   across_.resize(points, padded);
   pressure_.setZero(points);
   dragged_.setZero(points);
@@ -235,23 +234,24 @@ void Linearisation::derive(const MotionEffects& effects, double u, const Vector&
     if (drags) pressure_[p] = effects.drag * line_.weight[p] * (line_.normal[p] * line_.normal[p]);
     const double across = (coriolis * weight[p] * omega[p] + pressure_[p]) / measure[p];
     double *const load = row(loads_, p), *const n = row(across_, p);
+    std::fill_n(load + force_, GridTables::widest, 0.0);
     load[force_] = density * a_x + across * cosine[p];
     load[force_ + 1] = density * (a_y - effects.gamma) - across * sine[p];
     for (Index i = 0; i < 2 * padded; ++i) load[i] = density * x[i];
     for (Index i = 0; i < padded; ++i) n[i] = x[i] * cosine[p] - y[i] * sine[p];
-    if (!drags) continue;
-    dragged_[p] = 2.0 * effects.drag * line_.weight[p] * line_.normal[p];
+    if (!drags && !loads) continue;
+    if (drags) dragged_[p] = 2.0 * effects.drag * line_.weight[p] * line_.normal[p];
     const double by_x = dragged_[p] * cosine[p] / measure[p];
     const double by_y = -dragged_[p] * sine[p] / measure[p];
     for (Index i = 0; i < padded; ++i) {
-      load[resisted_ + i] = by_x * n[i];
-      load[resisted_ + padded + i] = by_y * n[i];
+      load[resisted + i] = by_x * n[i];
+      load[resisted + padded + i] = by_y * n[i];
     }
   }
   by_angle_.setZero(points, padded);
   if (loads) {
     add_terms(effects);
-    loads_.rightCols(2 * padded) -= by_velocity_;
+    loads_.middleCols(resisted, 2 * padded) -= by_velocity_;
   }
   integrate_beyond();
 
@@ -268,7 +268,7 @@ void Linearisation::derive(const MotionEffects& effects, double u, const Vector&
     double sideways = p == last ? thrust : 0.0;
     if (drags) sideways -= dragged_[p] * (s * velocity[0] + c * velocity[1]);
     const double *const theta = tables_.orthonormal + p * padded, *const n = row(across_, p);
-    const double *const beyond_y = beyond_x + padded, *const resisted_x = beyond_x + resisted_;
+    const double *const beyond_y = beyond_x + padded, *const resisted_x = beyond_x + resisted;
     double *const angle = row(by_angle_, p), *const rate = row(by_rate_, p);
     for (Index i = 0; i < padded; ++i) {
       const double along = x[i] * s + y[i] * c;

@@ -103,10 +103,11 @@ void integrate_panel(const GridTables& grid, double length, bool first, Count ro
   for (int c = 0; c < packs; ++c) set_entry(nodes, c, start[c] + entry(out, nodes, c));
 }
 
-/// Integrals from the clamp to each point (N, row_length) of what f (N, row_length) is at the
-/// nodes; rows of whole packs.
-void integrate(const GridTables& grid, Count row_length, const double* f, double* out) {
-  const Count all_packs = row_length / width;
+/// Integrals from the clamp to each point of what the first columns of f are at the nodes; both (N,
+/// row_length), rows of whole packs.
+void integrate(const GridTables& grid, Count row_length, Count columns, const double* f,
+               double* out) {
+  const Count all_packs = whole_packs(columns) / width;
   for (Count panel = 0; panel < grid.panels; ++panel) {
     const Count start = panel * (grid.nodes + 1) * row_length;
     const double length = grid.length[panel];

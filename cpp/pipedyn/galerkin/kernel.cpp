@@ -304,7 +304,7 @@ struct Block {
     set_slopes(row);
     set_acceleration(row, bias);
     if (drags || loads) set_velocity(row, bias + 2);
-    integrate(grid, row, integrands, moments);
+    integrate(grid, row, row, integrands, moments);
     return row;
   }
 
@@ -322,7 +322,7 @@ struct Block {
     angles(batch.y);
     for (Count i = 0; i < points * row; ++i) integrands[i] = 0.0;
     set_velocity(row, 0);
-    integrate(grid, row, integrands, moments);
+    integrate(grid, row, row, integrands, moments);
     return row;
   }
 

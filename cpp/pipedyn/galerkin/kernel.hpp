@@ -88,9 +88,10 @@ struct GalerkinKernel {
   Kinematics (*kinematics)(const GridTables&, const MotionEffects&, const Batch&,
                            double* accelerations);
 
-  /// Integrals from 0 to each point (N, columns) of what f (N, columns) is at the nodes; columns a
-  /// multiple of GridTables::widest.
-  void (*integrate)(const GridTables&, std::ptrdiff_t columns, const double* f, double* out);
+  /// Integrals from 0 to each point of what the first columns of f are at the nodes; both (N,
+  /// row_length), a multiple of GridTables::widest.
+  void (*integrate)(const GridTables&, std::ptrdiff_t row_length, std::ptrdiff_t columns,
+                    const double* f, double* out);
 };
 
 extern const GalerkinKernel galerkin_baseline, galerkin_avx2, galerkin_avx512;

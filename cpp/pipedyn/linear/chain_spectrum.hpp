@@ -8,8 +8,9 @@
 //   1 / (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)),
 // so that no two end on one root. That none is missing is checked by the same expression without
 // the root itself: it vanishes if all roots are there, and its mean over a circle, times lambda,
-// is the number of those missing inside. What fails a check is solved by matrices, up to 2,000
-// segments.
+// is the number of those missing inside. Roots that are zero by structure, where nothing holds a
+// joint, are counted by the power of lambda in the determinant and are exact. What fails a check is
+// solved by matrices, up to 2,000 segments.
 #pragma once
 
 #include <optional>
@@ -24,7 +25,7 @@ namespace pipedyn {
 struct Approximation {
   Complex value;
   bool alone = false;
-  bool settled = false;  // better known than its vectors would make it
+  bool settled = false;  // zero by structure, or better known than its vectors would make it
 };
 using Approximations = std::vector<Approximation>;
 
@@ -59,7 +60,7 @@ class ChainSpectrum : public Eigenproblem {
 
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
                             int most_corrections);
-  Pairs at(double u, const Values& values, bool vectors, Values* corrections = nullptr) const;
+  Pairs at(double u, const Values& values, bool vectors) const;
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   bool has_all(double u, const Approximations& roots) const;

@@ -130,10 +130,12 @@ class Search {
   /// them; at rest zero is exact, and without damping the axis.
   SharedSample take(double u) {
     Sample at = spectrum_.sample(u, range_.count);
-    at.drop(spectrum_.standing());
+    std::vector<Index> moving;
+    for (Index i = spectrum_.standing(); i < at.size(); ++i) moving.push_back(i);
+    if (spectrum_.standing() > 0) at = {at.take(moving), u};
     report_();
     if (traits_.squared) {
-      Sample half{u, Values(at.size()), Values(at.size())};
+      Sample half{{.values = Values(at.size()), .slopes = Values(at.size())}, u};
       Index count = 0;
       bool twin = true;  // of two zeros the second
       for (Index i = 0; i < at.size(); ++i) {
@@ -147,8 +149,7 @@ class Search {
       }
       half.values.conservativeResize(count);
       half.slopes.conservativeResize(count);
-      half.noise = half.slope_noise = Reals::Zero(count);
-      half.signatures = Eigen::ArrayXi::Zero(count);
+      half.noise = half.slope_noise = half.signatures = Reals::Zero(count);
       at = std::move(half);
     }
     for (Index i = 0; u == 0.0 && i < at.size(); ++i) {
@@ -494,7 +495,7 @@ class Search {
     if (astray()) {
       u = bisected(step, root);
       const SharedSample at = take(u);
-      pair = spectrum_.pair(*at, nearest(*at, step.expected(root, u))[0]);
+      pair = at->pair(nearest(*at, step.expected(root, u))[0]);
     }
     if (!pair.converged()) {
       throw refusal(

@@ -141,17 +141,57 @@ bool has_converged(Complex value, double residual) {
   return passable(value, residual) && residual <= largest_residual;
 }
 
-Pairs Pairs::take(const std::vector<Index>& which) const {
-  const Index count = static_cast<Index>(which.size()), rows = right.rows();
-  const bool lefts = left.cols() > 0, residuals = residual.size() > 0;
-  Pairs result{Values(count), ComplexTable(rows, count), ComplexTable(rows, lefts ? count : 0),
-               Reals(residuals ? count : 0)};
-  for (Index i = 0; i < count; ++i) {
-    result.values[i] = values[which[i]];
-    result.right.col(i) = right.col(which[i]);
-    if (lefts) result.left.col(i) = left.col(which[i]);
-    if (residuals) result.residual[i] = residual[which[i]];
+namespace {
+
+constexpr ComplexTable Pairs::* tables[] = {&Pairs::right, &Pairs::left};
+constexpr Values Pairs::* complexes[] = {&Pairs::values, &Pairs::slopes, &Pairs::by_left,
+                                         &Pairs::by_right, &Pairs::corrections};
+constexpr Reals Pairs::* reals[] = {&Pairs::residual, &Pairs::uncertain, &Pairs::noise,
+                                    &Pairs::slope_noise, &Pairs::signatures};
+
+}  // namespace
+
+std::vector<Index> by_size(const Values& values) {
+  const auto place = [&](Index i) {
+    const Complex value = values[i];
+    return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
+                            : std::tuple(infinite, 0.0, 0.0, i);
+  };
+  std::vector<Index> order(values.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
+  return order;
+}
+
+Pair Pairs::pair(Index i) const {
+  return {values[i], right.col(i), left.col(i), residual[i], uncertain[i], slopes[i]};
+}
+
+void Pairs::put(Index k, const Pairs& others, Index i) {
+  for (const auto of : tables) {
+    if ((others.*of).cols() > 0) (this->*of).col(k) = (others.*of).col(i);
   }
+  for (const auto of : complexes) {
+    if ((others.*of).size() > 0) (this->*of)[k] = (others.*of)[i];
+  }
+  for (const auto of : reals) {
+    if ((others.*of).size() > 0) (this->*of)[k] = (others.*of)[i];
+  }
+}
+
+Pairs Pairs::take(const std::vector<Index>& which) const {
+  const Index count = static_cast<Index>(which.size());
+  Pairs result;
+  for (const auto of : tables) {
+    if ((this->*of).cols() > 0) (result.*of).resize((this->*of).rows(), count);
+  }
+  for (const auto of : complexes) {
+    if ((this->*of).size() > 0) (result.*of).resize(count);
+  }
+  for (const auto of : reals) {
+    if ((this->*of).size() > 0) (result.*of).resize(count);
+  }
+  for (Index k = 0; k < count; ++k) result.put(k, *this, which[k]);
   return result;
 }
 
@@ -191,29 +231,22 @@ std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bo
   factorised_ += 2;
   const Index size = mu.size();
   if (size == 0) return std::nullopt;
-  Pairs pairs{Complex(shift) + mu.inverse(), std::move(right), std::move(lefts)};
-  if (free) {
-    // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
-    const Values roots = (Complex(shift * shift) + mu.inverse()).sqrt();
-    pairs.values.resize(2 * size);
-    pairs.values << roots, -roots;
-    pairs.right = pairs.right.replicate(1, 2).eval();
-    pairs.left = pairs.left.replicate(1, 2).eval();
+  // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
+  Values roots(free ? 2 * size : size);
+  for (Index i = 0; i < size; ++i) {
+    const Complex inverse = 1.0 / mu[i];
+    roots[i] = free ? std::sqrt(shift * shift + inverse) : shift + inverse;
+    if (free) roots[size + i] = -roots[i];
   }
-  std::vector<Index> order(pairs.values.size());
-  std::iota(order.begin(), order.end(), 0);
-  const auto place = [&](Index i) {  // those that doubles do not hold are the last
-    const Complex value = pairs.values[i];
-    return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
-                            : std::tuple(infinite, 0.0, 0.0, i);
-  };
-  std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
-  order.resize(std::min(count, static_cast<Index>(order.size())));
-  pairs = pairs.take(order);
+  std::vector<Index> order = by_size(roots), from;
+  order.resize(std::min(count, roots.size()));
+  for (const Index i : order) from.push_back(i % size);
+  Pairs pairs = Pairs{mu, std::move(right), std::move(lefts)}.take(from);
   const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
+  for (Index i = 0; i < pairs.size(); ++i) pairs.values[i] = roots[order[i]];
   assess(u, pairs);
   pairs.left = duals;
-  for (Index i = 0; i < pairs.values.size(); ++i) {
+  for (Index i = 0; i < pairs.size(); ++i) {
     if (is_finite(pairs.values[i])) continue;
     pairs.values[i] = std::numeric_limits<double>::quiet_NaN();
     pairs.right.col(i).setZero();
@@ -222,15 +255,13 @@ std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bo
   return pairs;
 }
 
-/// Refines pairs that failed, or lack left vectors, one by one (conjugates together).
+/// Refines pairs that failed, one by one (conjugates together).
 void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
-  const bool lefts = left && pairs.left.cols() == 0;
-  if (lefts) pairs.left = ComplexTable::Zero(traits.dof, pairs.values.size());
   const Values before = pairs.values;
   for (Index i = 0; i < before.size(); ++i) {
     const Complex value = before[i];
     if (!(value.imag() >= 0.0) || !is_finite(value)) continue;
-    if (is_good(pairs, i, high) && !lefts) continue;
+    if (is_good(pairs, i, high)) continue;
     const Pair better = near(u, {value, pairs.right.col(i)});
     if (!(std::abs(better.value - value) <= 1e-3 * std::abs(value) + 1e-6)) continue;
     if (better.residual <= pairs.residual[i] || better.converged()) {
@@ -263,7 +294,7 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
     hidden = p.hidden(pairs.values, pairs.right, pairs.left);
     by_speed = p.by_speed(pairs.values, pairs.right);
     pairs.uncertain.resize(count);
-    for (Values* const one : {&pairs.slope, &pairs.by_left, &pairs.by_right}) one->resize(count);
+    for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) one->resize(count);
   }
   for (Index i = 0; i < count; ++i) {
     const Complex value = pairs.values[i];
@@ -275,7 +306,7 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
       const double lost = pairs.residual[i] * row.size + eps * (row.size + hidden[i]);
       const double uncertain = lost / std::abs(by_left) + eps * std::abs(value);
       pairs.uncertain[i] = std::isfinite(uncertain) ? uncertain : infinite;
-      pairs.slope[i] = -y.dot(by_speed.col(i)) / by_left;
+      pairs.slopes[i] = -y.dot(by_speed.col(i)) / by_left;
       pairs.by_left[i] = by_left;
       pairs.by_right[i] = pairs.right.col(i).dot(row.rate);
     }
@@ -323,47 +354,28 @@ Sample Eigenproblem::sample(double u, Index count) {
   }
   assess(u, pairs);
   const Reals size = pairs.values.abs();
-  Reals noise = rounding(pairs);
-  Reals slope_noise = Reals::Zero(size.size());
-  Eigen::ArrayXi signatures = Eigen::ArrayXi::Zero(size.size());
+  pairs.noise = rounding(pairs);
+  pairs.slope_noise = pairs.signatures = Reals::Zero(size.size());
   for (Index i = 0; i < size.size(); ++i) {
-    if (!is_finite(pairs.slope[i])) pairs.slope[i] = 0.0;
+    if (!is_finite(pairs.slopes[i])) pairs.slopes[i] = 0.0;
     if (!traits.conservative || traits.squared || pairs.values[i].imag() == 0.0) continue;
-    if (std::abs(pairs.values[i].real()) > noise[i] + on_axis * size[i]) continue;
+    if (std::abs(pairs.values[i].real()) > pairs.noise[i] + on_axis * size[i]) continue;
     // What is on the axis is there exactly, and moves along it.
     pairs.values[i].real(0.0);
-    pairs.slope[i].real(0.0);
+    pairs.slopes[i].real(0.0);
     // The sign of x^H (2 omega M - i G) x, a mode's energy by its frequency.
     const double energy = pairs.by_right[i].imag();
-    signatures[i] = (energy > 0.0) - (energy < 0.0);
+    pairs.signatures[i] = (energy > 0.0) - (energy < 0.0);
   }
   if (!traits.conservative && !traits.squared) {
-    const Reals before = noise;
-    improve(u, pairs, noise);
-    for (Index i = 0; i < noise.size(); ++i) {
-      if (noise[i] < before[i] || u == 0.0) slope_noise[i] = slope_rounding * noise[i];
+    const Reals before = pairs.noise;
+    improve(u, pairs, pairs.noise);
+    for (Index i = 0; i < size.size(); ++i) {
+      const double noise = pairs.noise[i];
+      if (noise < before[i] || u == 0.0) pairs.slope_noise[i] = slope_rounding * noise;
     }
   }
-  return {u,
-          std::move(pairs.values),
-          std::move(pairs.slope),
-          std::move(pairs.residual),
-          std::move(pairs.uncertain),
-          std::move(noise),
-          std::move(slope_noise),
-          std::move(signatures),
-          std::move(pairs.right),
-          std::move(pairs.left)};
-}
-
-void Sample::drop(Index count) {
-  const Index left_over = std::max<Index>(size() - count, 0);
-  if (left_over == size()) return;
-  for (Values* const x : {&values, &slopes}) *x = x->tail(left_over).eval();
-  for (Reals* const x : {&residual, &uncertain, &noise, &slope_noise})
-    *x = x->tail(left_over).eval();
-  signatures = signatures.tail(left_over).eval();
-  for (ComplexTable* const x : {&right, &left}) *x = x->rightCols(left_over).eval();
+  return {std::move(pairs), u};
 }
 
 /// The root next to a guess with vectors and residual.
@@ -375,16 +387,12 @@ Pair Eigenproblem::near(double u, const Pair& guess) {
 }
 
 Pair Eigenproblem::refined(double u, const Pair& guess) {
-  Pair result = near(u, guess);
-  Pairs pair{Values::Constant(1, result.value), result.right, result.left,
-             Reals::Constant(1, result.residual)};
-  assess(u, pair);
-  Reals uncertain = pair.uncertain;
-  improve(u, pair, uncertain);
-  result.value = pair.values[0];
-  result.uncertain = uncertain[0];
-  result.slope = pair.slope[0];
-  return result;
+  const Pair found = near(u, guess);
+  Pairs pairs{Values::Constant(1, found.value), found.right, found.left,
+              Reals::Constant(1, found.residual)};
+  assess(u, pairs);
+  improve(u, pairs, pairs.uncertain);
+  return pairs.pair(0);
 }
 
 Pair Eigenproblem::null_pair(double u, const Pair& near) {

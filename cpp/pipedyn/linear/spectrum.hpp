@@ -11,6 +11,7 @@
 #include <limits>
 #include <stdexcept>
 #include <utility>
+#include <vector>
 
 namespace pipedyn {
 
@@ -43,23 +44,36 @@ struct Pair {
   bool converged() const { return has_converged(value, residual); }
 };
 
-/// The lowest roots at one speed, sorted by |lambda|, of conjugates the upper first; (r) of each.
-struct Sample {
-  double u;
-  Values values = {}, slopes = {};      // lambda, finite; d lambda / du, 0 where there is none
+/// Several roots, of each what is known; tables have no columns, and arrays no entries, of what is
+/// not.
+struct Pairs {
+  Values values = {};                   // lambda, (r)
+  ComplexTable right = {}, left = {};   // (dof, r)
   Reals residual = {}, uncertain = {};  // as of a `Pair`
-  Reals noise = {};                     // how far rounding may have moved lambda, to search by
-  /// The same of Re d lambda / du; beyond rest 0 where it does not matter, since lambda itself is
-  /// no better known.
-  Reals slope_noise = {};
+  Values slopes = {}, by_left = {},
+         by_right = {};     // the latter y^H P' x, x^H P' x, P' = dP/dlambda
+  Values corrections = {};  // of lambda by its vectors, 0 where they say no more than rounding
+  Reals noise = {};         // how far rounding may have moved lambda, to search by
+  Reals slope_noise = {};   // the same of Re d lambda / du; beyond rest 0 where it does not matter,
+                            // since lambda itself is no better known
   /// Krein's, -1 or 1, on the imaginary axis of a conservative system, 0 elsewhere: two roots of
   /// one signature pass through each other and stay on the axis.
-  Eigen::ArrayXi signatures = {};
-  ComplexTable right = {}, left = {};  // (dof, r), or empty
+  Reals signatures = {};
 
   Index size() const { return values.size(); }
-  /// Takes away the lowest.
-  void drop(Index count);
+  Pair pair(Index i) const;
+  /// Puts one of others, with all that is known of it, at place k.
+  void put(Index k, const Pairs& others, Index i);
+  Pairs take(const std::vector<Index>& which) const;
+};
+
+/// Places of values by |lambda|, of conjugates the upper first; the last do not hold numbers.
+std::vector<Index> by_size(const Values& values);
+
+/// The lowest roots at one speed, sorted by |lambda|, of conjugates the upper first. lambda is
+/// finite, and slopes are 0 where there are none.
+struct Sample : Pairs {
+  double u;
 };
 
 /// Of a model, the same at every speed.
@@ -87,12 +101,6 @@ class Spectrum {
 
   /// The root next to a guess, of which value and, if known, right vector are used; with vectors.
   virtual Pair refined(double u, const Pair& guess) = 0;
-
-  /// One root of a sample with its vectors.
-  virtual Pair pair(const Sample& at, Index i) {
-    return {at.values[i],   at.right.col(i), at.left.col(i),
-            at.residual[i], at.uncertain[i], at.slopes[i]};
-  }
 
   /// Null vectors of K(u), or of the least singular value, from those near by if there are any;
   /// value 0. `slope` is d kappa / du = y^H (dK/du) x of the eigenvalue of K that passes zero and

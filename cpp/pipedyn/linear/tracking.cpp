@@ -151,8 +151,8 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
     const Complex a = step.start(i), b = step.end(i);
     zero[i] = std::abs(a) < cluster.zero && std::abs(b) < cluster.zero;
     clustered[i] = cluster.holds(a) && cluster.holds(b);
-    const int before = left.signatures[i], after = right.signatures[step.onto[i]];
-    signature[i] = before != 0 && after != 0 ? 3 * before + after : 0;
+    const double before = left.signatures[i], after = right.signatures[step.onto[i]];
+    signature[i] = before != 0.0 && after != 0.0 ? static_cast<int>(3.0 * before + after) : 0;
   }
   std::vector<std::pair<Index, Index>> near;
   for (const Index i : tracked) {

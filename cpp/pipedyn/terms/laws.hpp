@@ -20,12 +20,7 @@ struct LawTable {
     static_cast<void>(((row++ == term.law ? (body(Rows(term)), true) : false) || ...));
   }
 
-  /// Row of a name, -1 where there is none.
-  template <class Same>
-  static int row_of(const Same& same) {
-    int row = 0;
-    return ((same(Rows::name) || (++row, false)) || ...) ? row : -1;
-  }
+  static constexpr const char* names[] = {Rows::name...};
 };
 
 using Laws = LawTable<PointMass,  //

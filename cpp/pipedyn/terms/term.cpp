@@ -10,14 +10,15 @@
 namespace pipedyn {
 
 Term make_term(const std::string& law, double at, const std::vector<double>& numbers) {
-  Term term;
-  term.law = Laws::row_of([&](const char* name) { return law == name; });
-  if (term.law < 0) throw std::invalid_argument("no law of force has the name '" + law + "'");
+  const auto row = std::find(std::begin(Laws::names), std::end(Laws::names), law);
+  if (row == std::end(Laws::names)) {
+    throw std::invalid_argument("no law of force has the name '" + law + "'");
+  }
+  Term term{.law = static_cast<int>(row - Laws::names), .at = at};
   if (numbers.size() > std::size(term.numbers)) {
     throw std::invalid_argument("a term must have at most 3 numbers, got " +
                                 std::to_string(numbers.size()));
   }
-  term.at = at;
   std::copy(numbers.begin(), numbers.end(), term.numbers);
   Laws::with(term, [&](const auto& which) {
     if (!which.along && !(at > 0.0 && at <= 1.0)) {

@@ -374,13 +374,9 @@ class Search:
         more = family.for_terms(self.pipe)
         largest = min((family.largest or most) + more, most // 2 if family.paired else most)
         self.reasons[family.name] = self.quantity.excluded(self.pipe, family.name)
-        if largest < least:
-            self.reasons[family.name] = (
-                f"the question takes {least} degrees of freedom, models have up to {most}"
-            )
         if self.reasons[family.name]:
             return None
-        bad, good, cuts = least - 1, largest + 1, 0
+        bad, good, cuts = min(least, largest) - 1, largest + 1, 0
         size = min(max(dof // family.dof(1), least) + more, largest)
         while good - bad > 1:
             row = self._measure(family, size, patience)

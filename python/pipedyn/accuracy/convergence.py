@@ -164,14 +164,11 @@ def fitted_law(sizes: Array, errors: Array) -> ConvergenceLaw:
         return unknown
     # An error that lasts: c_0 of c_0 + c_1 / n + c_2 / n^2 + ..., if it converges.
     count = min(5, sizes.size)
-    limits = []
-    for k in (count, count - 1):
-        powers = (1.0 / sizes[-k:])[:, None] ** np.arange(k)
-        limits.append(float(np.linalg.solve(powers, errors[-k:])[0]))
-    spread = abs(limits[0] - limits[1])
+    limits = [np.polyfit(1.0 / sizes[-k:], errors[-k:], k - 1)[-1] for k in (count, count - 1)]
+    spread = float(abs(limits[0] - limits[1]))
     near = abs(limits[0]) < 2.0 * abs(errors[-1])  # fast decay is extrapolated to anything
     if near and abs(limits[0]) > max(0.3 * abs(errors[-1]), 5.0 * spread):
-        return ConvergenceLaw("flat", math.nan, limits[0], spread, sizes[-5:])
+        return ConvergenceLaw("flat", math.nan, float(limits[0]), spread, sizes[-5:])
     last = sizes >= min(sizes[-1] / 2.0, sizes[-4])
     sizes, logs = sizes[last], np.log(np.abs(errors[last]))
     power, power_misfit = _line(np.log(sizes), logs)

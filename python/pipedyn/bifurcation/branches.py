@@ -149,6 +149,9 @@ class CycleBranch:
     origin: Origin = "hopf"
     onset: float = math.nan
 
+    def __len__(self) -> int:
+        return len(self.speeds)
+
     def at(self, u: float) -> tuple[LimitCycle, ...]:
         """The cycles at one of the speeds given, in order along the branch."""
         u = check.real("u", u, low=0.0)
@@ -292,11 +295,12 @@ class _Follower:
     ) -> None:
         self.motion, self.start, self.begin, self.options = motion, start, begin, options
         self.failed = failed
-        self.onset, where, self.events = math.nan, "a motion", list[CycleEvent]()
+        self.onset, self.events = math.nan, list[CycleEvent]()
+        self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
         if begin is not None:
             self.onset, self.events = begin.speed, [begin]
-            where = "the onset" if begin.kind == "hopf" else f"the {begin.kind}"
-        self.how = f"followed from {where} at u = {start.orbit.u:.6g}"
+            where = "onset" if begin.kind == "hopf" else begin.kind
+            self.how = f"followed from the {where} at u = {begin.speed:.6g}"
         self.cycles: list[LimitCycle] = []
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
         self.end: CycleEvent | None = None
@@ -444,9 +448,9 @@ class _Follower:
         for low, high in zip(ends[::2], ends[1::2], strict=True):
             if not low < high:
                 continue
-            for before, beyond in sign_changes(values, low, high, 1e-4 * length):
+            for before, beyond in sign_changes(values, low, high, 3e-5 * length):
                 a, b = cycle(before), cycle(beyond)
-                _, roots, _ = floquet(self.motion, b.orbit)
+                roots = floquet(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
                 kind, multiplier = crossing_event(roots, b.symmetric)
                 if kind == "fold":
                     continue

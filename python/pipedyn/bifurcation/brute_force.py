@@ -115,7 +115,8 @@ def attractors(
     """Where motions end, from each start at each speed."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
-    parts = [members[i : i + most] for i in range(0, len(members), most)]
+    indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
+    parts = [[members[i] for i in part] for part in indices]
     found: list[Attractor] = []
     jobs = [partial(_batch, model, part, starts, options) for part in parts]
     answers = parallel(jobs, executor, label="brute force", progress=shown)

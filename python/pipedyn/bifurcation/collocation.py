@@ -94,10 +94,10 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
 # -------------------------------------------------------------------------------- all intervals
 
 
-def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[tuple[Array, Array]]]:
+def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[list[Array]]]:
     """[L | R | C] of L x(begin) + R x(end) = C over all intervals, in units of the state, (n, .).
 
-    For each doubling of the intervals also triangles T and [L | R | C] of the states x between, in
+    For each doubling of the intervals also triangles T, L, R and C of the states x between, in
     T x = C - L x(begin) - R x(end).
     """
     n, between = units.size, []
@@ -113,9 +113,9 @@ def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[tup
         of_a, of_b = (q[:, part].transpose(0, 2, 1) for part in (slice(n), slice(n, None)))
         first, last = of_a @ a[:, :, :n], of_b @ b[:, :, n : 2 * n]
         known = of_a @ a[:, :, 2 * n :] + of_b @ b[:, :, 2 * n :]
-        turned = np.concatenate([first, last, known], axis=2)
-        between.append((triangles[:, :n], turned[:, :n]))
-        relations = np.concatenate([turned[:, n:], relations[even:]])
+        turned = np.concatenate([first, last, known], axis=2)[:, n:]
+        between.append([part[:, :n] for part in (triangles, first, last, known)])
+        relations = np.concatenate([turned, relations[even:]])
     return relations[0], between
 
 
@@ -182,11 +182,8 @@ class Linearised:
 
         What acts is the residual, a change of the frequency and one of the speed.
         """
-        for triangles, relations in reversed(self._between):
+        for triangles, first, last, right in reversed(self._between):
             pairs = len(triangles)
-            first, last, right = np.split(
-                relations, [len(self._first), 2 * len(self._first)], axis=2
-            )
             known = right @ factors - (first @ ends[:pairs] + last @ ends[1 : pairs + 1])
             more = np.empty((len(ends) + pairs, *ends.shape[1:]))
             more[0 : 2 * pairs + 1 : 2] = ends[: pairs + 1]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Executor
 from dataclasses import field, replace
 from functools import partial
@@ -30,10 +31,8 @@ from pipedyn.bifurcation.brute_force import (
 from pipedyn.bifurcation.equilibria import (
     LARGEST,
     EquilibriumBranch,
-    Statics,
     equilibria,
     equilibrium_branch,
-    lies_on,
 )
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
 from pipedyn.bifurcation.vector_field import VectorField
@@ -173,7 +172,7 @@ def bifurcation_diagram(
         motions = attractors(model, at, starts, options, failed, executor, shown)
     if steps:
         found.from_motions(motions)
-        for u in seeds(at):
+        for u in sorted(seeds(at)):
             passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
             if u > 0.0 and u not in resting and not any(passed):
                 found.through(u, model.bent(slight_bend))
@@ -184,8 +183,8 @@ def bifurcation_diagram(
 
 
 def seeds(speeds: Array) -> list[float]:
-    """Where to look for what lies on no branch: the first, the middle and the last speed."""
-    return [float(speeds[i]) for i in sorted({0, speeds.size // 2, speeds.size - 1})]
+    """Where to look for what lies on no branch: the middle, the first and the last speed."""
+    return [float(speeds[i]) for i in dict.fromkeys([speeds.size // 2, 0, speeds.size - 1])]
 
 
 # --------------------------------------------------------------------------------------- equilibria
@@ -198,7 +197,7 @@ def equilibrium_branches(
 
     The second answer is at which of the three an equilibrium is stable.
     """
-    statics, ends = Statics(model), (float(speeds[0]), float(speeds[-1]))
+    ends = float(speeds[0]), float(speeds[-1])
     branches: list[EquilibriumBranch] = []
     stable = set[float]()
     for u in track(seeds(speeds), len(seeds(speeds)), "equilibria", shown):
@@ -210,10 +209,10 @@ def equilibrium_branches(
         if found.stable.any():
             stable.add(u)
         for q in found.q:
-            with one_thread(model.dof):
-                x = statics.from_start("q", q)
-                if any(lies_on(statics, branch, x, u) for branch in branches):
-                    continue
+            # Branches have points at both ends and at the speed at which they were begun.
+            passing = np.concatenate([q[None] + math.inf, *(b.q[b.speeds == u] for b in branches)])
+            if np.abs(passing - q).max(axis=1).min() < 1e-5 * (1.0 + np.abs(q).max()):
+                continue
             try:
                 branches.append(equilibrium_branch(model, q, u, ends))
             except PipedynError as error:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
 from functools import cache
-from itertools import pairwise, product
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -419,12 +419,16 @@ def equilibrium_branch(
 
 
 class _Way:
-    """A branch from one of its points on, one way."""
+    """A branch from one of its points on, one way.
+
+    It has points at the lowest and highest speed and wherever it passes that of its beginning.
+    """
 
     def __init__(
         self, statics: Statics, branch: DenseProblem, start: Point, ends: tuple[float, float]
     ) -> None:
-        self.statics, self.branch, self.ends = statics, branch, ends
+        self.statics, self.branch = statics, branch
+        self.marks = ends[0], start.p, ends[1]
         self.longest = branch.control.longest
         self.points, self.growth = [start], [statics.growth(start.x, abs(start.p))]
         self.changes: list[BranchPoint] = []
@@ -432,8 +436,7 @@ class _Way:
     def run(self) -> str:
         """Follows the branch, and says why it ends."""
         step = 0.2 * self.longest
-        low, high = self.ends
-        length = 0.0
+        low, first, high = self.marks
         while len(self.points) < MOST_POINTS // 2:
             a = self.points[-1]
             if (a.p <= low and a.tangent[-1] < 0.0) or (a.p >= high and a.tangent[-1] > 0.0):
@@ -441,22 +444,19 @@ class _Way:
             try:
                 segment, step = self.branch.next(a, step)
                 end = segment.end.p
-                if not low <= end <= high and a.p != (edge := min(max(end, low), high)):
-                    point = self.branch.point(segment.where(edge), a.tangent)
+                passed = [(abs(u - a.p), u) for u in self.marks if (u - a.p) * (end - u) > 0.0]
+                if passed:
+                    point = self.branch.point(segment.where(min(passed)[1]), a.tangent)
                     segment = replace(segment, end=point)
                 joined = self._record(segment)
             except NewtonFailed:
                 return "not converged"
             if joined:
                 return "pitchfork"
-            found, ds = segment.end, segment.length
-            length += ds
-            if float(np.abs(found.x).max()) > FAR:
+            b = segment.end
+            if float(np.abs(b.x).max()) > FAR:
                 return "far"
-            start = self.points[0]
-            back = self.branch.length(found.z - start.z) <= ds
-            same_way = self.branch.product(found.tangent, start.tangent) > 0.9
-            if length > 10.0 * self.longest and back and same_way:
+            if b.p == first and float(np.abs(b.x - self.points[0].x).max()) < DISTINCT:
                 return "closed"
         return "points"
 
@@ -484,15 +484,14 @@ class _Way:
             point = segment.at(s)
             return statics.growth(point.x, abs(point.p))
 
-        marked = [(turn, self._point("fold", segment.at(turn))) for turn in turns]
+        marked: list[tuple[float, Change]] = [(turn, "fold") for turn in turns]
         for before, beyond in sign_changes(growth, 0.0, until, 1e-10 * (1.0 + until)):
-            point = segment.at(beyond)
             if np.count_nonzero((growth(beyond) > 0.0) != (growth(before) > 0.0)) % 2 == 0:
-                marked.append((beyond, self._point("hopf", point)))
+                marked.append((beyond, "hopf"))
             elif all(abs(beyond - turn) > 1e-3 * ds for turn in turns):
-                kind: Change = "pitchfork" if statics.straight(point.x) else "branch point"
-                marked.append((beyond, self._point(kind, point)))
-        self.changes += [point for _, point in sorted(marked, key=lambda one: one[0])]
+                is_straight = statics.straight(segment.at(beyond).x)
+                marked.append((beyond, "pitchfork" if is_straight else "branch point"))
+        self.changes += [self._point(kind, segment.at(s)) for s, kind in sorted(marked)]
         self.growth.append(growth(until))
         if meeting is not None:
             b = Point(np.append(statics.resting, meeting), a.tangent)
@@ -529,16 +528,3 @@ class _Way:
             speed = self._pitchfork(speed) or speed
         q = statics.recorded(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])
-
-
-def lies_on(statics: Statics, branch: EquilibriumBranch, x: Array, u: float) -> bool:
-    """Whether an equilibrium at a speed is one of a branch's."""
-    near = 1e-5 * (1.0 + float(np.abs(x).max()))
-    xs = [statics.from_start("q", q) for q in branch.q]
-    for (a, u_a), (b, u_b) in pairwise(zip(xs, branch.speeds, strict=True)):
-        if min(u_a, u_b) <= u <= max(u_a, u_b):
-            share = (u - u_a) / (u_b - u_a) if u_a != u_b else 0.0
-            with suppress(NewtonFailed):
-                if float(np.abs(statics.solved(a + share * (b - a), u) - x).max()) < near:
-                    return True
-    return False

@@ -142,7 +142,7 @@ def vectors(
 
     Raises as `normal_form` does.
     """
-    # Rates in units of the frequency are of the size of coordinates, whatever other modes' are.
+    # Rates in units of the frequency: in this mode they are as large as coordinates.
     unit = np.ones(len(a))
     unit[len(a) // 2 :] = frequency
     scaled = a * unit / unit[:, None]

@@ -317,10 +317,10 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
 
 def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH) -> PeriodicOrbit:
     """The cycle on which the motion from a state [p, p'] ends."""
-    model, reason = motion.model, "the motion does not converge"
+    model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
     states = np.stack([start, motion.resting()])
     (q0, q_rest), (qdot0, _) = model.recorded(states[:, : motion.half], states[:, motion.half :])
-    evaluations, time, passed = 0, 0.0, None
+    evaluations, time, passed, reason = 0, 0.0, None, "the motion does not converge"
     limit *= SEARCH_FACTOR if model.dof <= 6 else 1
     stretch = 4.0  # of time, after which the motion is looked at
     while evaluations < limit:
@@ -328,9 +328,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             samples = math.ceil(250 * stretch) + 1
             going = simulate(model, u, stretch, q0, qdot0, rtol=1e-6, samples=samples, most=limit)
         except MotionStopped as stopped:
-            raise NoCycle(
-                f"no limit cycle at u = {u:g} by simulation: after a time of {time:g}, {stopped}", u
-            ) from None
+            raise NoCycle(f"{none}: after a time of {time:g}, {stopped}", u) from None
         time += stretch
         evaluations += going.evaluations
         motion.evaluations += going.evaluations
@@ -338,7 +336,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
         before, moves = (float(np.ptp(q, axis=0).max()) for q in np.array_split(going.q, 2))
         if moves < 1e-4 and moves <= 1.01 * before:
             where = "rest" if np.abs(q0 - q_rest).max() < 1e-2 else "a bent pipe at rest"
-            raise NoCycle(f"no limit cycle at u = {u:g} by simulation: it ends in {where}", u)
+            raise NoCycle(f"{none}: it ends in {where}", u)
         try:
             guess = _last_period(motion, u, going)
             found = solved(motion, guess, COARSE.tolerance)
@@ -354,7 +352,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             reason, stretch = str(failure), min(2.0 * stretch, 32.0)  # two of the longest periods
     if passed is not None:
         return _as_symmetric(motion, passed)
-    raise NoCycle(f"no limit cycle at u = {u:g} by simulation: {reason}", u)
+    raise NoCycle(f"{none}: {reason}", u)
 
 
 def _as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
@@ -429,7 +427,10 @@ def finished(
             raise NotConverged(
                 f"the cycle at u = {orbit.u:g} is known to {error:.1e} only: {reason}", result
             )
-        if result.multiplier_error <= max(rtol, _allowed(result.others)):
+        # A change of the equations by eps moves a multiplier by eps / d if another lies d away.
+        apart = float(np.abs(result.others - 1.0).min(initial=1.0))
+        allowed = max(TRIVIAL, min(SHARE_OF_NEXT * apart, TRIVIAL / apart))
+        if result.multiplier_error <= max(rtol, allowed):
             return result
         largest *= 0.01  # the multipliers need a finer mesh
     raise NotConverged(
@@ -437,15 +438,6 @@ def finished(
         f"should be 1, are known to {result.multiplier_error:.1e} only",
         result,
     )
-
-
-def _allowed(others: Complex) -> float:
-    """Error of the trivial multiplier that the nearest of the others accounts for.
-
-    A change of the equations by eps moves a multiplier by eps / d if another lies d away.
-    """
-    apart = float(np.abs(others - 1.0).min(initial=1.0))
-    return max(TRIVIAL, min(SHARE_OF_NEXT * apart, TRIVIAL / apart))
 
 
 def _refined(

@@ -109,14 +109,9 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
     It is left in its neutral direction.
     """
     equations = OrbitProblem(motion, orbit, FINE).linearised(orbit.packed())
-    neutral = orbit.unpacked(np.append(equations.neutral()[:-2], [1.0, 0.0]))
-    base = orbit.doubled()
     # After the first half the perturbation is the opposite of what the orbit itself does.
-    halves = (
-        np.concatenate([part, -orbit.mirror * part]).ravel()
-        for part in (neutral.starts, neutral.rates)
-    )
-    direction = np.concatenate([*halves, [0.0, 0.0]])
+    direction = orbit.unpacked(equations.neutral()).doubled(-1.0).packed()
+    base = orbit.doubled()
     length = OrbitProblem(motion, base, FINE).length(direction)
     return BranchStart(base, SMALL / length * direction)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -98,10 +99,7 @@ class PeriodicOrbit:
 
     def stages(self) -> Array:
         """States at the stages, shape (M, s, 2 moving)."""
-        return self._states(
-            *(self.starts, self.rates, self.durations[:, None, None]),
-            *(NODES[:, None], ONCE, TWICE),
-        )
+        return self._states(slice(None), NODES[:, None], ONCE, TWICE)
 
     def states(self, phase: Array) -> Array:
         """[p, p'] at phases, shape (2 moving, k)."""
@@ -111,16 +109,13 @@ class PeriodicOrbit:
         where = np.minimum(where, len(self.starts) - 1)
         share = (inside - self.edges[where]) / np.diff(self.edges)[where]
         once, twice = integrals(share, 1)[:, None], integrals(share, 2)[:, None]
-        y = self._states(
-            *(self.starts[where], self.rates[where], self.durations[where, None, None]),
-            *(share[:, None, None], once, twice),
-        )
+        y = self._states(where, share[:, None, None], once, twice)
         return np.ascontiguousarray((self.mirror**turns)[:, None] * y[:, 0]).T
 
-    def _states(
-        self, starts: Array, rates: Array, h: Array, share: Array, once: Array, twice: Array
-    ) -> Array:
-        y = starts[:, None] + np.zeros((1, share.shape[-2], 1))
+    def _states(self, where: Any, share: Array, once: Array, twice: Array) -> Array:
+        """States at shares of some intervals, with weights of the rates in both integrals."""
+        starts, rates, h = self.starts[where], self.rates[where], self.durations[where, None, None]
+        y: Array = starts[:, None] + np.zeros((1, share.shape[-2], 1))
         y[..., : self.twice] += h * share * starts[:, None, self.twice : 2 * self.twice]
         y[..., : self.twice] += h**2 * (twice @ rates[..., : self.twice])
         y[..., self.twice :] += h * (once @ rates)
@@ -147,14 +142,14 @@ class PeriodicOrbit:
             u=float(z[-1]),
         )
 
-    def doubled(self) -> PeriodicOrbit:
-        """A symmetric orbit as a whole one, a whole one run through twice."""
-        edges = np.append(self.edges, self.span + self.edges[1:])
+    def doubled(self, sign: float = 1.0) -> PeriodicOrbit:
+        """A symmetric orbit as a whole one, a whole one run through twice, then with that sign."""
+        edges, again = np.append(self.edges, self.span + self.edges[1:]), sign * self.mirror
         share = 1.0 if self.symmetric else 0.5
         return PeriodicOrbit(
             share * edges,
-            np.concatenate([self.starts, self.mirror * self.starts]),
-            np.concatenate([self.rates, self.mirror * self.rates]),
+            np.concatenate([self.starts, again * self.starts]),
+            np.concatenate([self.rates, again * self.rates]),
             share * self.frequency,
             self.u,
         )
@@ -221,9 +216,8 @@ def refined(
 
 def divided(edges: Array, parts: NDArray[np.int_]) -> Array:
     """Edges of a mesh each interval of which is divided into so many."""
-    which = np.repeat(np.arange(parts.size), parts)
-    share = (np.arange(which.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[which]
-    return np.append(edges[which] + share * np.diff(edges)[which], edges[-1])
+    staying = np.append(0, np.cumsum(parts))  # which edges of the finer mesh are those given
+    return np.interp(np.arange(staying[-1] + 1), staying, edges)
 
 
 def _joined(edges: Array, turns: Array) -> Array:
@@ -237,8 +231,7 @@ def _joined(edges: Array, turns: Array) -> Array:
 
 def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Phases at which drag's second derivative jumps, shape (k,)."""
-    share = np.linspace(0.0, 1.0, 9)[:-1]
-    phase = np.append(orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share, orbit.span)
+    phase = divided(orbit.edges, np.full(len(orbit.starts), 8))
     velocities = motion.model.drag_velocities(*np.split(orbit.states(phase), 2))
     roots = CubicSpline(phase, velocities.T).roots(extrapolate=False) if velocities.size else []
     turns: Array = np.sort(np.concatenate([np.empty(0), *roots]))

@@ -33,9 +33,8 @@ LARGEST_SPEED = 1e4
 """Flow speeds beyond are refused: the thrust u^2 is then 1e8 times the elastic stiffness, and
 rounding takes half of the digits."""
 
-LARGEST_FULL = 2000
-"""Degrees of freedom up to which all eigenvalues are computed at once: a matrix of 4,000 rows,
-which takes a minute (measured: 1,600 rows 3.4 s)."""
+LARGEST_FULL = _core.dense_limit
+"""Degrees of freedom up to which all eigenvalues are computed at once."""
 
 LARGEST_TABLE = 10_000_000
 """Eigenvalues times degrees of freedom beyond which vectors are refused: 1 GB at work."""

@@ -90,14 +90,15 @@ def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
 
     A boundary has the stable side on its right: it runs to larger parameters through crossings that
     destabilise, to smaller ones through the others. Between two neighbouring parameters each
-    crossing that it leaves is joined with one at which it arrives, at the tip of a fold of the same
-    parameter, so that all these steps together are short and turn little.
+    crossing from which one sets out is joined with one at which one arrives, at the tip of a fold
+    of the same parameter, so that all these steps together are short and turn little.
     """
     failed = {failure.index for failure in curve.failures}
     taken = [i for i in np.argsort(curve.values) if i not in failed]
     points = [(k, c) for k, i in enumerate(taken) for c in boundaries(curve.crossings[i])]
     scale = max((c.speed for _, c in points), default=0.0) or 1.0  # to 1, which beta spans
     column = np.array([k for k, _ in points], dtype=np.intp)
+    # Places and directions in this plane are complex numbers.
     at = curve.values[taken][column] + 1j / scale * np.array([c.speed for _, c in points])
     rightwards = np.array([c.destabilising for _, c in points], dtype=np.bool_)
     kinds = np.array([c.kind for _, c in points])
@@ -107,15 +108,16 @@ def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
     tangents = np.where(rightwards, 1.0, -1.0) * np.nan_to_num(np.exp(1j * angles))
     following: dict[int, int] = {}
     for k in range(len(taken) - 1):
-        left = np.flatnonzero(column == np.where(rightwards, k, k + 1))
-        entered = np.flatnonzero(column == np.where(rightwards, k + 1, k))
-        steps = at[entered] - at[left, None]
-        ahead = (steps * (tangents[entered] + tangents[left, None]).conj()).real
-        possible = (kinds[entered] == kinds[left, None]) & (ahead >= 0.0)
-        # A step counts once if it goes straight on, three times if it turns by 90 degrees twice.
+        origins = np.flatnonzero(column == np.where(rightwards, k, k + 1))
+        targets = np.flatnonzero(column == np.where(rightwards, k + 1, k))
+        steps = at[targets] - at[origins, None]
+        ahead = (steps * (tangents[targets] + tangents[origins, None]).conj()).real
+        possible = (kinds[targets] == kinds[origins, None]) & (ahead >= 0.0)
+        # A step counts once if it goes straight on, three times if it turns by 90 degrees twice;
+        # what is impossible costs more than all others.
         cost = np.where(possible, 3.0 * np.abs(steps) - ahead, 1e3)
         pairs = zip(*linear_sum_assignment(cost), strict=True)
-        following |= {int(left[i]): int(entered[j]) for i, j in pairs if possible[i, j]}
+        following |= {int(origins[i]): int(targets[j]) for i, j in pairs if possible[i, j]}
     lines: list[tuple[Array, str]] = []
     ends = set(range(at.size)) - set(following.values())
     for first in (*ends, *(following.keys() - ends)):  # closed ones have no end: they come last
