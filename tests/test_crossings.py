@@ -390,8 +390,8 @@ def first_of(model, kind):
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("kind", MODELS)
 def test_sensitivity_meets_differences(scene, kind):
-    pipe, passage = SCENES[scene]
-    crossing = first_of(MODELS[kind](pipe), passage)
+    pipe, lost_by = SCENES[scene]
+    crossing = first_of(MODELS[kind](pipe), lost_by)
     steps = {"beta": 1e-4, "gamma": 2e-3, "damping": 5e-6}
     if pipe.flow == "aspirating":
         steps["alpha"] = 2e-4  # for an ejecting pipe see below
@@ -430,9 +430,9 @@ def test_sensitivity_of_a_long_chain_meets_differences(monkeypatch):
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_sensitivity_to_each_spring_meets_differences(scene):
-    pipe, passage = SCENES[scene]
+    pipe, lost_by = SCENES[scene]
     springs = np.array([8.0, 4.0, 4.0, 5.0])
-    crossing = first_of(MODELS["chain"](pipe), passage)
+    crossing = first_of(MODELS["chain"](pipe), lost_by)
     found = crossing.sensitivity
     assert found.speed.springs.shape == found.frequency.springs.shape == (4,)
     for j in range(4):

@@ -41,9 +41,9 @@ def test_motions_end_on_stable_equilibria_where_there_are_some(diagram):
     for u in (0.5, 1.0, 2.0, 3.0):
         found = pp.equilibria(TWO, u)
         stable = found.tips[found.stable, 0]
-        ended = diagram.at(u)
-        assert [one.start for one in ended] == [0, 1, 2, 3]
-        for one in ended:
+        attractors = diagram.at(u)
+        assert [one.start for one in attractors] == [0, 1, 2, 3]
+        for one in attractors:
             assert one.ending in ("rest", "settling")
             assert np.abs(stable - one.turnings[-1]).min() < 1e-2
 

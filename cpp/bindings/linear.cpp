@@ -39,7 +39,7 @@ Lapack scipy_lapack() {
 }
 
 /// Tells Python every so often what was done, so that it counts and can stop it: by a signal, or by
-/// an exception of what is told.
+/// an exception of what counts.
 class Report {
  public:
   Report(Spectrum& spectrum, const py::object& factorised)
@@ -146,12 +146,12 @@ void define_linear(py::module_& m) {
           [](Spectrum& spectrum, const std::vector<double>& speeds, Index count, Index taken,
              const py::object& factorised, const py::object& row_done) {
             Report report(spectrum, factorised);
-            Index told = 1;  // the first speed is where tracking starts
+            Index counted = 1;  // the first speed is where tracking starts
             const auto sampled = [&](Index rows) {
               report();
-              if (row_done.is_none() || rows == told) return;
+              if (row_done.is_none() || rows == counted) return;
               const py::gil_scoped_acquire locked;
-              for (; told < rows; ++told) row_done();
+              for (; counted < rows; ++counted) row_done();
             };
             std::optional<RootLoci> found;
             {

@@ -83,12 +83,12 @@ struct Scan {
   Flags leaving;      // of the left sample's, which leave the axis at rest to the right
   Flags after;        // the same, which are unstable at the right end
   bool clear = true;  // whether the step shows all
-  struct Passage {
+  struct Predicted {
     Index root;
     double at;  // fraction of the step
     bool rising;
   };
-  std::vector<Passage> passages;  // in order along each root
+  std::vector<Predicted> predicted;  // of crossings, in order along each root
 };
 
 class Search {
@@ -347,7 +347,7 @@ class Search {
         // Without a change of sign one end lies in the noise.
         const double nearer = std::abs(low) < std::abs(high) ? last : point.at;
         const double at = low * high < 0.0 ? zero_between(cubic, last, point.at, 1e-15) : nearer;
-        found.passages.push_back({i, at, point.positive});
+        found.predicted.push_back({i, at, point.positive});
       }
       positive = point.positive;
       last = point.at;
@@ -383,10 +383,10 @@ class Search {
     Scan& scan = scanned_;
     std::vector<AxisCrossing> found;
     if (!scan.clear) {  // a shortest step: the states at its ends
-      scan.passages.clear();
+      scan.predicted.clear();
       for (const Index i : scan.roots) {
         const bool before = unstable_[i] || scan.leaving[i], after = scan.after[i];
-        if (before != after && step.meets[i] < 0) scan.passages.push_back({i, 0.5, after});
+        if (before != after && step.meets[i] < 0) scan.predicted.push_back({i, 0.5, after});
       }
     }
     for (const Index i : scan.roots) {
@@ -399,13 +399,11 @@ class Search {
       }
       found.push_back({0.0, value, change, modes_[i], error});
     }
-    for (const Scan::Passage& passage : scan.passages) {
-      const bool off_axis =
-          (passage.rising ? step.end(passage.root) : step.start(passage.root)).imag() != 0.0;
+    for (const Scan::Predicted& one : scan.predicted) {
+      const bool off_axis = (one.rising ? step.end(one.root) : step.start(one.root)).imag() != 0.0;
       std::optional<AxisCrossing> met;
-      if (off_axis && traits_.conservative)
-        met = meeting(step, passage.root, passage.rising ? 2 : -2);
-      found.push_back(met ? *met : polished(step, passage));
+      if (off_axis && traits_.conservative) met = meeting(step, one.root, one.rising ? 2 : -2);
+      found.push_back(met ? *met : polished(step, one));
     }
     for (const Index i : scan.roots) {
       const Index k = step.meets[i];
@@ -467,19 +465,19 @@ class Search {
   }
 
   /// A crossing to rounding, by Newton's method on the model itself.
-  AxisCrossing polished(const Step& step, const Scan::Passage& passage) {
-    const Index root = passage.root, mode = modes_[root];
+  AxisCrossing polished(const Step& step, const Scan::Predicted& predicted) {
+    const Index root = predicted.root, mode = modes_[root];
     const bool real = traits_.squared || step.start(root).imag() == 0.0;
-    const int change = (real ? 1 : 2) * (passage.rising ? 1 : -1);
+    const int change = (real ? 1 : 2) * (predicted.rising ? 1 : -1);
     if (real) {
-      if (auto found = divergence(step, passage.at, change, mode)) return *found;
+      if (auto found = divergence(step, predicted.at, change, mode)) return *found;
     }
     if (traits_.squared) {
       const double u = bisected(step, root);
       return {u, 0.0, change, mode,
               u == step.left->u || u == step.right->u ? step.length() : 4e-16 * (1.0 + u)};
     }
-    const double at = step.left->u + passage.at * step.length();
+    const double at = step.left->u + predicted.at * step.length();
     const double slack = 1e-9 * (1.0 + at) + 0.1 * step.length();
     Pair guess{step.expected(root, at)};
     if (step.left->right.size() > 0) guess.right = step.left->right.col(root);
@@ -489,7 +487,7 @@ class Search {
     const auto astray = [&] {
       const double tolerance = 1e-6 * (1.0 + std::abs(pair.value));
       const double off = std::abs(pair.value - step.expected(root, u));
-      return (pair.slope.real() > 0.0) != passage.rising ||
+      return (pair.slope.real() > 0.0) != predicted.rising ||
              off > 4.0 * step.error[root] + tolerance || std::abs(pair.value.real()) > tolerance;
     };
     if (astray()) {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of results. Every picture is drawn on the matplotlib Axes `ax`, and returns it.
+"""Pictures of results. Every picture is made on the matplotlib Axes `ax`, and returns it.
 
 `ax` is the last argument; where it is not given, the picture makes a new figure. `animate` returns
 the animation. Colours of magnitudes grow in lightness. Whatever colour distinguishes, line style,
