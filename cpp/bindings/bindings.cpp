@@ -116,13 +116,17 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   chain
       .def(py::init([](const Pipe& pipe, pipedyn::Vector length, pipedyn::Vector center,
                        pipedyn::Vector gyration_radius, pipedyn::Vector spring,
-                       pipedyn::Vector drag_point, double base) {
-             return Chain(pipe,
-                          Segments{std::move(length), std::move(center), std::move(gyration_radius),
-                                   std::move(spring), std::move(drag_point), base});
+                       pipedyn::Vector drag_point, double base, std::vector<bool> held) {
+             return Chain(pipe, Segments{.length = std::move(length),
+                                         .center = std::move(center),
+                                         .gyration_radius = std::move(gyration_radius),
+                                         .spring = std::move(spring),
+                                         .drag_point = std::move(drag_point),
+                                         .base = base,
+                                         .held = std::move(held)});
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
-           "base"_a)
+           "base"_a, "held"_a = std::vector<bool>())
       .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def(

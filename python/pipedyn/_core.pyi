@@ -13,6 +13,7 @@ __all__: list[str] = [
     "AxisCrossing",
     "Chain",
     "ChainSpectrum",
+    "Complement",
     "DenseOperator",
     "Eigenproblem",
     "Galerkin",
@@ -76,6 +77,7 @@ class Chain:
         spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
+        held: collections.abc.Sequence[bool] = [],
     ) -> None: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
@@ -309,11 +311,23 @@ class Eigenproblem(Spectrum):
         high: bool,
     ) -> Pairs: ...
 
+class Complement:
+    def __init__(
+        self, columns: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> None: ...
+    def gathered(
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def spread(
+        self, z: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+
 class ChainSpectrum(Eigenproblem):
     def __init__(
         self,
         traits: Traits,
         chain: Chain,
+        left: Complement,
         scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...

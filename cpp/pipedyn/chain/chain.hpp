@@ -49,14 +49,16 @@ namespace pipedyn {
 
 /// The segments of a chain, one entry a segment, from the clamp to the free end.
 struct Segments {
-  Vector length;           // l_j; with the base they sum to 1
-  Vector center;           // chi_j, centre of mass as a fraction of the length
-  Vector gyration_radius;  // eta_j, about the centre of mass
-  Vector spring;           // k_j, joint at the segment's clamped side
-  Vector drag_point;       // xi_j, as a fraction of the length
-  double base = 0.0;       // length of the fixed part at the clamp
-  Vector damping{};        // c_j of the joints; where empty delta k_j
-  Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
+  Vector length;             // l_j; with the base they sum to 1
+  Vector center;             // chi_j, centre of mass as a fraction of the length
+  Vector gyration_radius;    // eta_j, about the centre of mass
+  Vector spring;             // k_j, joint at the segment's clamped side
+  Vector drag_point;         // xi_j, as a fraction of the length
+  double base = 0.0;         // length of the fixed part at the clamp
+  Vector damping{};          // c_j of the joints; where empty delta k_j
+  Vector rest_moment{};      // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
+  std::vector<bool> held{};  // ends that guides hold, for the recursion in impedance.hpp alone;
+                             // where empty none
 };
 
 /// What multiplies the parts of P: stiffness, damping and inertia, and s (gyroscopic + end_flux)
@@ -96,7 +98,10 @@ class Chain {
   /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
   ImpedanceModel impedance() const;
   const Vector& springs() const { return segments_.spring; }
-  /// A chain of about so many segments that moves like this one: neighbours joined.
+  /// Displacements of the held ends by joint angles in units of scale (n), (n, how many).
+  Eigen::MatrixXd held_rows(const Vector& scale) const;
+  /// A chain of about so many segments, and more where ends are held, that moves like this one:
+  /// neighbours joined.
   Chain coarser(Index segments) const;
 
   /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).

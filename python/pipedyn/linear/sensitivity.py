@@ -135,8 +135,8 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     if pipe.flow == "aspirating":
         changes["alpha"] = moved(u**2 * pencil.flux(x))
     if isinstance(pencil, ChainPencil):  # its joints have springs
-        scale = pencil.scale**2 * (1.0 + pipe.damping * value)
-        changes["springs"] = -(y[:, 0].conj() * scale * x[:, 0]) / down
+        turns = pencil.joint_angles(x) * pencil.joint_angles(y).conj()
+        changes["springs"] = -(1.0 + pipe.damping * value) * turns[:, 0] / down
     speed: dict[str, Any] = {"beta": None, "alpha": 0.0}
     frequency = speed.copy()
     for name, change in changes.items():
