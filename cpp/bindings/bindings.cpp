@@ -116,17 +116,13 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   chain
       .def(py::init([](const Pipe& pipe, pipedyn::Vector length, pipedyn::Vector center,
                        pipedyn::Vector gyration_radius, pipedyn::Vector spring,
-                       pipedyn::Vector drag_point, double base, std::vector<bool> held) {
-             return Chain(pipe, Segments{.length = std::move(length),
-                                         .center = std::move(center),
-                                         .gyration_radius = std::move(gyration_radius),
-                                         .spring = std::move(spring),
-                                         .drag_point = std::move(drag_point),
-                                         .base = base,
-                                         .held = std::move(held)});
+                       pipedyn::Vector drag_point, double base) {
+             return Chain(pipe,
+                          Segments{std::move(length), std::move(center), std::move(gyration_radius),
+                                   std::move(spring), std::move(drag_point), base});
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
-           "base"_a, "held"_a = std::vector<bool>())
+           "base"_a)
       .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def(
@@ -136,6 +132,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
              double flux) { return chain.joint_times(x, {still, rate, square, velocity, flux}); },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
           "flux"_a = 0.0, Unlocked())
+      .def("guided", &Chain::guided, "held"_a)
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);
   define_motion(chain);

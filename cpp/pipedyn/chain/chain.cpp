@@ -59,11 +59,11 @@ std::vector<LoadMoments> loads_at(const MotionModel& model, const Vector& sine,
 }  // namespace
 
 Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::move(segments)) {
-  auto& [l, chi, eta, spring, xi, base, damping, rest_moment, held] = segments_;
+  auto& [l, chi, eta, spring, xi, base, damping, rest_moment] = segments_;
   const Index n = dof();
   if (damping.size() == 0) damping = pipe_.damping * spring;
   if (rest_moment.size() == 0) rest_moment = Vector::Zero(spring.size());
-  held.resize(static_cast<std::size_t>(n));
+  held_.resize(static_cast<std::size_t>(n));
   if (n < 1 || chi.size() != n || eta.size() != n || spring.size() != n || xi.size() != n ||
       damping.size() != n || rest_moment.size() != n) {
     throw std::invalid_argument("segments must have one entry a segment in every array");
@@ -137,7 +137,7 @@ void Chain::linearise() {
                               .across = parts(1, link.first_moment),
                               .turned = parts(1, link.first_moment, -slopes[0].by_angle[0]),
                               .moment = parts(2, link.inertia, pulled, link.weight),
-                              .held = segments_.held[static_cast<std::size_t>(j)]};
+                              .held = held_[static_cast<std::size_t>(j)]};
     };
     impedances_[static_cast<std::size_t>(j)] = impedance([](double x) { return x; });
     impedance_sizes_[static_cast<std::size_t>(j)] = impedance([](double x) { return std::abs(x); });
@@ -157,7 +157,7 @@ Eigen::MatrixXd Chain::held_rows(const Vector& scale) const {
   require_rows(scale.size(), n);
   std::vector<Index> ends;
   for (Index j = 0; j < n; ++j) {
-    if (segments_.held[static_cast<std::size_t>(j)]) ends.push_back(j);
+    if (held_[static_cast<std::size_t>(j)]) ends.push_back(j);
   }
   Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(n, static_cast<Index>(ends.size()));
   for (Index k = 0; k < rows.cols(); ++k) {
@@ -172,7 +172,7 @@ Eigen::MatrixXd Chain::held_rows(const Vector& scale) const {
 
 Chain Chain::coarser(Index segments) const {
   // Cut where length and compliance together have grown by equal parts.
-  const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment, held] = segments_;
+  const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment] = segments_;
   const Index n = dof();
   const Vector soft = spring.cwiseMax(1e-6 * spring.mean() + 1e-300).cwiseInverse();
   const Vector measure = l / l.sum() + soft / soft.sum();
@@ -182,7 +182,7 @@ Chain Chain::coarser(Index segments) const {
   Index parts = 1;
   for (Index j = 0; j < n; ++j) {
     grown += measure[j];
-    const bool is_held = held[static_cast<std::size_t>(j)];
+    const bool is_held = held_[static_cast<std::size_t>(j)];
     const double next = j + 1 < n ? 0.5 * measure[j + 1] : 0.0;
     const bool due =
         grown + next >= 2.0 * static_cast<double>(parts) / static_cast<double>(segments);
@@ -197,8 +197,7 @@ Chain Chain::coarser(Index segments) const {
                   .gyration_radius = Vector::Zero(groups),
                   .spring = Vector::Zero(groups),
                   .drag_point = Vector::Constant(groups, 0.5),
-                  .base = base,
-                  .held = std::move(held_ends)};
+                  .base = base};
   Vector compliance = Vector::Zero(groups), loss = compliance;  // of 1 / (k + c lambda)
   for (Index group = 0, j = 0; group < groups; ++group) {
     const Index start = j, end = ends[static_cast<std::size_t>(group)];
@@ -223,7 +222,7 @@ Chain Chain::coarser(Index segments) const {
   }
   joined.spring = compliance.cwiseInverse();
   joined.damping = loss.cwiseProduct(joined.spring.cwiseAbs2());
-  return Chain(pipe_, std::move(joined));
+  return Chain(pipe_, std::move(joined)).guided(std::move(held_ends));
 }
 
 Operators Chain::operators(const Vector& angles) const {
@@ -359,6 +358,14 @@ Chain Chain::without_forces() const {
   for (Link& link : made.links_) {
     link.spring = link.damping = link.rest_moment = link.drag = link.weight = 0.0;
   }
+  made.linearise();
+  return made;
+}
+
+Chain Chain::guided(std::vector<bool> held) const {
+  require_rows(static_cast<Index>(held.size()), dof());
+  Chain made = *this;
+  made.held_ = std::move(held);
   made.linearise();
   return made;
 }

@@ -49,16 +49,14 @@ namespace pipedyn {
 
 /// The segments of a chain, one entry a segment, from the clamp to the free end.
 struct Segments {
-  Vector length;             // l_j; with the base they sum to 1
-  Vector center;             // chi_j, centre of mass as a fraction of the length
-  Vector gyration_radius;    // eta_j, about the centre of mass
-  Vector spring;             // k_j, joint at the segment's clamped side
-  Vector drag_point;         // xi_j, as a fraction of the length
-  double base = 0.0;         // length of the fixed part at the clamp
-  Vector damping{};          // c_j of the joints; where empty delta k_j
-  Vector rest_moment{};      // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
-  std::vector<bool> held{};  // ends that guides hold, for the recursion in impedance.hpp alone;
-                             // where empty none
+  Vector length;           // l_j; with the base they sum to 1
+  Vector center;           // chi_j, centre of mass as a fraction of the length
+  Vector gyration_radius;  // eta_j, about the centre of mass
+  Vector spring;           // k_j, joint at the segment's clamped side
+  Vector drag_point;       // xi_j, as a fraction of the length
+  double base = 0.0;       // length of the fixed part at the clamp
+  Vector damping{};        // c_j of the joints; where empty delta k_j
+  Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
 };
 
 /// What multiplies the parts of P: stiffness, damping and inertia, and s (gyroscopic + end_flux)
@@ -91,6 +89,9 @@ class Chain {
 
   /// The same masses without any force: its rates under further moments f are theta'' = M^-1 f.
   Chain without_forces() const;
+
+  /// The same with guides at the ends of those segments that are held (n), in `impedance` alone.
+  Chain guided(std::vector<bool> held) const;
 
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
@@ -129,7 +130,8 @@ class Chain {
   Pipe pipe_;
   Segments segments_;    // centre and radius with the masses of terms
   Vector first_moment_;  // p_k
-  bool damped_, bent_;   // any joint, the second at rest
+  std::vector<bool> held_;
+  bool damped_, bent_;  // any joint, the second at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
   std::vector<ImpedanceSegment> impedances_, impedance_sizes_;  // about the straight pipe

@@ -495,7 +495,7 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
       const Vector scale = k.cwiseMax(1e-3 * k.mean() + 1e-300).cwiseSqrt().cwiseInverse();
       const Complement left(coarse.held_rows(scale));
       starts = dense_roots(coarse, left, lapack_, scale, u, is_squared(u));
-      while (roots_in(starts) > count + 6) starts.pop_back();
+      while (roots_in(starts) > count + 6 + 2 * spans) starts.pop_back();
       put_zeros(starts, zeros);
       for (Index finer = refinement * segments; refinement * finer < 2 * n; finer *= refinement) {
         correct(chain_.coarser(finer), u, starts);

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -160,9 +160,7 @@ class Chain(Model):
         # "frequency": with unit springs the largest inertia is 1 / omega_1^2.
         return np.full(n, FIRST_BEAM_EIGENVALUE * largest_stretch(inertia, np.ones(n)))
 
-    def _with_springs(
-        self, springs: Array, pipe: Pipe | None = None, held: Sequence[bool] = ()
-    ) -> _core.Chain:
+    def _with_springs(self, springs: Array, pipe: Pipe | None = None) -> _core.Chain:
         return _core.Chain(
             pipe=core_pipe(self._pipe if pipe is None else pipe),
             length=self._lengths,
@@ -171,12 +169,7 @@ class Chain(Model):
             spring=springs,
             drag_point=self._drag_points,
             base=self._base,
-            held=held,
         )
-
-    def guided(self, held: NDArray[np.bool_]) -> _core.Chain:
-        """The compiled chain with guides at the ends of some segments, for linear questions."""
-        return self._with_springs(self._springs, held=held.tolist())
 
     @cached_property
     def core(self) -> _core.Chain:

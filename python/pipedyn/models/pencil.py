@@ -125,7 +125,7 @@ class ChainPencil(Pencil):
         super().__init__(model)
         self.held = held
         self.left = _core.Complement(np.zeros((model.dof, 0))) if left is None else left
-        self.core = model.core if held is None else model.guided(held)
+        self.core = model.core if held is None else model.core.guided(held.tolist())
         self.dof -= 0 if held is None else int(held.sum())
         self.is_long = self.dof > LONGEST_DENSE
         self.scale = model.elastic_scale
@@ -156,6 +156,7 @@ class ChainPencil(Pencil):
 
 def real_columns(product: Product, x: Vectors) -> Vectors:
     """A real product with complex columns, each as two real ones."""
-    columns = np.ascontiguousarray(x)
+    kind = np.complex128 if np.iscomplexobj(x) else np.float64
+    columns = np.ascontiguousarray(x, dtype=kind)
     result: Vectors = product(columns.view(np.float64)).view(columns.dtype)
     return result
