@@ -150,8 +150,13 @@ class ChainPencil(Pencil):
         return result
 
     def _times(self, x: Vectors, **part: float) -> Vectors:
-        rows = real_columns(partial(self.core.joint_times, **part), self.joint_angles(x))
-        return real_columns(self.left.gathered, self.scale[:, None] * rows)
+        scale = self.scale[:, None]
+
+        def product(z: Vectors) -> Vectors:
+            rows = self.core.joint_times(scale * self.left.spread(z), **part)
+            return self.left.gathered(scale * rows)
+
+        return real_columns(product, x)
 
 
 def real_columns(product: Product, x: Vectors) -> Vectors:
