@@ -561,10 +561,11 @@ def chain_newton_step(chain, value, u, digits=30):
     after another; an eigenvalue lets a combination of two such shapes meet the clamp.
     """
     with mpmath.workdps(digits):
-        value, step = mpmath.mpmathify(complex(value)), mpmath.mpf(10) ** -(digits // 3)
+        value = mpmath.mpmathify(complex(value))
+        step = (value or 1) * mpmath.mpf(10) ** -(digits // 3)
         here = clamp_misfit(chain, value, u)
-        there = clamp_misfit(chain, value * (1 + step), u)
-        return complex(-here * value * step / (there - here))
+        there = clamp_misfit(chain, value + step, u)
+        return complex(-here * step / (there - here))
 
 
 def chain_crossing(chain, u, omega, digits=30):

@@ -83,6 +83,22 @@ def test_crossings_of_a_chain_with_a_free_joint_account_for_every_unstable_root(
         assert unstable_in_many_digits(chain, u) == (passed[-1] if passed else 0)
 
 
+@pytest.mark.parametrize("springs", [[1, 0, 2], [0, 3, 0, 1], 5 * [40.0] + [0.0] + 3000 * [5e3]])
+def test_roots_that_a_free_joint_keeps_at_zero_are_zero_exactly(springs):
+    springs = np.array(springs, dtype=float)
+    free = np.count_nonzero(springs == 0.0)
+    still = {"beta": 0.3, "flow": "aspirating", "alpha": 0.0}
+    for flow, u, due in (
+        ({"beta": 0.3}, 0.0, 2 * free),  # without forces lambda^2 M is all that moves a joint
+        ({"beta": 0.3}, 1.0, 1),
+        ({"beta": 0.0}, 1.0, 2),
+        (still, 1.0, free),  # no thrust: each free joint has its own
+    ):
+        found = pp.eigenvalues(pp.Chain(pp.Pipe(**flow), springs=springs), u, 6)
+        assert np.count_nonzero(found == 0.0) == due
+        assert (np.abs(found[due:]) > 1e-3).all()
+
+
 def test_a_chain_diverges_at_its_free_joint_where_the_flow_no_longer_damps_it():
     # Two segments, the second hinged freely: K(u) x = 0 for x = (u^2 / 2, k), in the joint angles,
     # and K^T y = 0 for y = (0, 1), so that y^T (G + F) x = 0 at u^2 = 2 k by hand.

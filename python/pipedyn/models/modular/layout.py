@@ -182,7 +182,7 @@ class Layout:
 
     def _found_inertia(self) -> Array:
         """Rows W of all custom modules' mass W^T W, shape (m, 3 n)."""
-        rows = [custom.inertia_rows(3 * self.size) for custom in self.customs]
+        rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
         return np.concatenate([np.zeros((0, 3 * self.size)), *rows])
 
     # ------------------------------------------------------------------------------- configurations

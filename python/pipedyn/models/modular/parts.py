@@ -207,7 +207,7 @@ class Custom(Module):
             raise ValueError(f"{name} must be positive semidefinite")
         return raw
 
-    def inertia_rows(self, coordinates: int) -> Array:
+    def _inertia_rows(self, coordinates: int) -> Array:
         """Rows W of its mass W^T W among so many redundant coordinates."""
         if self.mass is None:
             return np.zeros((0, coordinates))
