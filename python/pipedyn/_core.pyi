@@ -327,7 +327,7 @@ class ChainSpectrum(Eigenproblem):
         self,
         traits: Traits,
         chain: Chain,
-        left: Complement,
+        complement: Complement,
         scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...

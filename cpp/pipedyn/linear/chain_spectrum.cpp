@@ -106,7 +106,7 @@ Values missing(const Chain& chain, double u, const Values& at, const Approximati
 }
 
 /// P of a chain in what guides leave of the joint angles divided by scale; size: of K at rest.
-Pencil matrices(const Chain& chain, const Complement& left, const Lapack& lapack,
+Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
                 const Vector& scale, double size) {
   Operators ops = chain.joint_operators(scale);
   const ImpedanceModel flow = chain.impedance();
@@ -114,19 +114,19 @@ Pencil matrices(const Chain& chain, const Complement& left, const Lapack& lapack
   DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
                                std::move(ops.damping), std::move(ops.stiffness),
                                std::move(ops.flux)};
-  if (left.dof() < left.size()) {
+  if (complement.dof() < complement.size()) {
     for (Matrix& of : made) {
-      const Matrix columns = left.gathered(of).transpose();
-      of = left.gathered(columns).transpose();
+      const Matrix columns = complement.gathered(of).transpose();
+      of = complement.gathered(columns).transpose();
     }
   }
   return {lapack, std::move(made), flow.centrifugal, size};
 }
 
 /// LAPACK's roots of a chain at one speed, the lower of conjugates left out.
-Approximations dense_roots(const Chain& chain, const Complement& left, const Lapack& lapack,
+Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,
                            const Vector& scale, double u, bool squared) {
-  const auto p = matrices(chain, left, lapack, scale, 1.0)(u);
+  const auto p = matrices(chain, complement, lapack, scale, 1.0)(u);
   Approximations roots;
   for (const double shift : shifts) {
     for (const Complex mu : p->roots(shift, squared)) {
@@ -309,7 +309,7 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
 }
 
 /// What the kernel says of roots, with unit vectors or without.
-Pairs solved(const Chain& chain, const Complement& left, const Vector& scale, double u,
+Pairs solved(const Chain& chain, const Complement& complement, const Vector& scale, double u,
              const Values& values, bool vectors, bool loaded) {
   const Index n = vectors ? chain.dof() : 0, count = values.size();
   const MotionKernel& kernel = motion_kernel();
@@ -337,8 +337,8 @@ Pairs solved(const Chain& chain, const Complement& left, const Vector& scale, do
       found.left(j, i) = Complex(y[0], -y[count]) / scale[j];
     }
   }
-  found.right = vectors ? left.gathered(found.right) : found.right;
-  found.left = vectors ? left.gathered(found.left) : found.left;
+  found.right = vectors ? complement.gathered(found.right) : found.right;
+  found.left = vectors ? complement.gathered(found.left) : found.left;
   for (Index i = 0; i < count; ++i) {
     const double length = vectors ? found.right.col(i).norm() : 1.0;
     const double dual = vectors ? found.left.col(i).norm() : 1.0, both = length * dual;
@@ -361,19 +361,21 @@ Pairs solved(const Chain& chain, const Complement& left, const Vector& scale, do
 
 }  // namespace
 
-ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Complement& left,
+ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Complement& complement,
                              const Lapack& lapack, Vector scale, double size)
-    : Eigenproblem(traits, [=, &chain, &left](
-                               double u) { return matrices(chain, left, lapack, scale, size)(u); }),
+    : Eigenproblem(traits,
+                   [=, &chain, &complement](double u) {
+                     return matrices(chain, complement, lapack, scale, size)(u);
+                   }),
       chain_(chain),
-      left_(left),
+      complement_(complement),
       lapack_(lapack),
       scale_(std::move(scale)),
       zeros_at_rest_(pipedyn::roots_at_zero(chain, 0.0)),
       zeros_in_flow_(pipedyn::roots_at_zero(chain, shifts[0])) {}
 
 Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
-  Pairs found = solved(chain_, left_, scale_, u, values, vectors, false);
+  Pairs found = solved(chain_, complement_, scale_, u, values, vectors, false);
   // Where a pivot is 0 at a root, so far beside it: as in inverse iteration vectors lose as much.
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index> poor;
@@ -387,7 +389,7 @@ Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
     }
-    const Pairs other = solved(chain_, left_, scale_, u, again, vectors, true);
+    const Pairs other = solved(chain_, complement_, scale_, u, again, vectors, true);
     for (std::size_t k = 0; k < poor.size(); ++k) {
       const Index i = poor[k];
       if (values[i] == 0.0 || other.residual[k] < found.residual[i]) found.put(i, other, k);
@@ -486,15 +488,15 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
     if ((own ? n : segments) > dense_limit) return std::nullopt;
     Approximations starts;
     if (own) {
-      starts = dense_roots(chain_, left_, lapack_, scale_, u, is_squared(u));
+      starts = dense_roots(chain_, complement_, lapack_, scale_, u, is_squared(u));
       put_zeros(starts, zeros);
       add_stiff(chain_, traits.dof, u, starts);
     } else {
       const Chain coarse = chain_.coarser(segments);
       const Vector& k = coarse.springs();
       const Vector scale = k.cwiseMax(1e-3 * k.mean() + 1e-300).cwiseSqrt().cwiseInverse();
-      const Complement left(coarse.held_rows(scale));
-      starts = dense_roots(coarse, left, lapack_, scale, u, is_squared(u));
+      const Complement complement(coarse.held_rows(scale));
+      starts = dense_roots(coarse, complement, lapack_, scale, u, is_squared(u));
       while (roots_in(starts) > count + 6 + 2 * spans) starts.pop_back();
       put_zeros(starts, zeros);
       for (Index finer = refinement * segments; refinement * finer < 2 * n; finer *= refinement) {
@@ -573,7 +575,7 @@ Pair ChainSpectrum::null_pair(double u, const Pair&) {
     }
     return result;
   }
-  Pairs found = solved(chain_, left_, scale_, u, Values::Zero(1), true, false);
+  Pairs found = solved(chain_, complement_, scale_, u, Values::Zero(1), true, false);
   found.uncertain *= found.by_left.abs();
   found.slopes *= -found.by_left;
   return found.pair(0);

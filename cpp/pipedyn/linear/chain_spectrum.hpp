@@ -33,9 +33,9 @@ using Approximations = std::vector<Approximation>;
 
 class ChainSpectrum : public Eigenproblem {
  public:
-  /// Chain and complement must outlive it. left: what guides leave of the elastic coordinates;
-  /// scale: joint angles of these, (n); size: of K at rest in them.
-  ChainSpectrum(const Traits& traits, const Chain& chain, const Complement& left,
+  /// Chain and complement must outlive it. complement: what guides leave of the elastic
+  /// coordinates; scale: joint angles of these, (n); size: of K at rest in them.
+  ChainSpectrum(const Traits& traits, const Chain& chain, const Complement& complement,
                 const Lapack& lapack, Vector scale, double size);
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
@@ -53,7 +53,7 @@ class ChainSpectrum : public Eigenproblem {
 
  private:
   const Chain& chain_;
-  const Complement& left_;
+  const Complement& complement_;
   const Lapack lapack_;
   const Vector scale_;
   const Index zeros_at_rest_, zeros_in_flow_;

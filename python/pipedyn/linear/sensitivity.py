@@ -28,7 +28,8 @@ class Derivatives:
     Attributes:
         beta: None at beta = 0 (below 1e-300), where the square root of beta has no derivative.
         gamma, damping, alpha: alpha 0 for an ejecting pipe.
-        springs: by each k_j, shape (n,), the others held; None for reduced models and scenes.
+        springs: by each k_j, shape (n,), the others held; None for reduced models and scenes that
+            matrices solve, see `Assembly`.
     """
 
     beta: float | None

@@ -112,19 +112,21 @@ class DensePencil(Pencil):
 class ChainPencil(Pencil):
     """A chain, which multiplies in O(n); the core solves it by recursion.
 
-    Guides hold the ends of some segments (`held`, a bool each); `left` is what they leave of the
-    chain's elastic coordinates.
+    Guides hold the ends of some segments (`held`, a bool each); `complement` is what they leave of
+    the chain's elastic coordinates.
     """
 
     def __init__(
         self,
         model: Chain,
         held: NDArray[np.bool_] | None = None,
-        left: _core.Complement | None = None,
+        complement: _core.Complement | None = None,
     ) -> None:
         super().__init__(model)
         self.held = held
-        self.left = _core.Complement(np.zeros((model.dof, 0))) if left is None else left
+        self.complement = (
+            _core.Complement(np.zeros((model.dof, 0))) if complement is None else complement
+        )
         self.core = model.core if held is None else model.core.guided(held.tolist())
         self.dof -= 0 if held is None else int(held.sum())
         self.is_long = self.dof > LONGEST_DENSE
@@ -136,25 +138,25 @@ class ChainPencil(Pencil):
         self.flux = partial(self._times, flux=1.0)
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.ChainSpectrum(traits, self.core, self.left, self.scale, size)
+        return _core.ChainSpectrum(traits, self.core, self.complement, self.scale, size)
 
     def elastic(self, x: Vectors) -> Vectors:
-        result: Vectors = super().elastic(real_columns(self.left.spread, x))
-        return real_columns(self.left.gathered, result)
+        result: Vectors = super().elastic(real_columns(self.complement.spread, x))
+        return real_columns(self.complement.gathered, result)
 
     def _of(self, model: Any) -> Pencil:
-        return ChainPencil(model, self.held, self.left)
+        return ChainPencil(model, self.held, self.complement)
 
     def joint_angles(self, x: Vectors) -> Vectors:
-        result: Vectors = self.scale[:, None] * real_columns(self.left.spread, x)
+        result: Vectors = self.scale[:, None] * real_columns(self.complement.spread, x)
         return result
 
     def _times(self, x: Vectors, **part: float) -> Vectors:
         scale = self.scale[:, None]
 
         def product(z: Vectors) -> Vectors:
-            rows = self.core.joint_times(scale * self.left.spread(z), **part)
-            return self.left.gathered(scale * rows)
+            rows = self.core.joint_times(scale * self.complement.spread(z), **part)
+            return self.complement.gathered(scale * rows)
 
         return real_columns(product, x)
 

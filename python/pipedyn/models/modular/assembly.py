@@ -73,7 +73,8 @@ class Assembly(Model):
     theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
     orthonormal basis of what these leave. Methods that take a configuration take the angles, shape
     (n,), or redundant coordinates, shape (3 n,), that meet the constraints. Linear questions cost
-    O(n^3), but of a scene that is a `Chain` with terms what they cost of that.
+    O(n^3), but of a scene that is a `Chain` with terms, free or held by guides, about the straight
+    pipe what they cost of that.
 
     Immutable; `plus` makes another.
 
