@@ -15,6 +15,7 @@ from pipedyn.models.pencil import ChainPencil, DensePencil
 
 EJECTING = pp.Pipe(0.3, 5.0, drag=0.5)
 TERMS = (
+    pp.Damper(at=0.6, coefficient=0.5),
     pp.PointMass(at=0.37, mass=0.3),
     pp.Spring(at=0.8, stiffness=30.0),
     pp.PointMass(at=1.0, mass=0.5),
@@ -24,7 +25,8 @@ PIPES = {
     "damped": pp.Pipe(0.5, damping=0.02),
     "beta 0": pp.Pipe(0.0, -3.0),
     "aspirating": pp.Pipe(0.3, 5.0, "aspirating", 0.8, damping=0.01),
-    "terms": pp.Pipe(0.4, 2.0, terms=TERMS),
+    "terms": pp.Pipe(0.4, 2.0, terms=TERMS[1:]),
+    "damper": pp.Pipe(0.4, 2.0, terms=TERMS),
 }
 HELD = [
     (3, (1,)),
@@ -105,6 +107,21 @@ def test_root_loci_are_those_of_the_matrices(
     monkeypatch.setattr(md.Assembly, "as_chain", None)
     theirs = pp.root_loci(guided(EJECTING, 12, nodes), speeds, 3)
     assert (np.abs(mine.eigenvalues - theirs.eigenvalues) <= mine.errors + theirs.errors).all()
+
+
+@pytest.mark.parametrize("nodes", [(), (4,), (2,)])
+def test_a_last_segment_may_have_the_inertia_of_a_term_alone(nodes: tuple[int, ...]) -> None:
+    """`Chain` refuses it: matrices answer, as of a segment with next to none of its own."""
+
+    def found(gyration_radius: float) -> np.ndarray:
+        segments = [md.Segment(0.25, 0.5, 0.07)] * 3 + [md.Segment(0.25, 0.0, gyration_radius)]
+        springs = [md.TorsionalSpring(j, 4.0) for j in range(1, 5)]
+        ties = [md.Clamp(), *(md.Joint(j) for j in (2, 3, 4)), *map(md.Guide, nodes)]
+        pipe = pp.Pipe(0.2, terms=[pp.PointMass(at=1.0, mass=0.3)])
+        scene = md.Assembly(pipe, [*segments, *springs, md.InternalFlow()], ties)
+        return pp.eigenvalues(scene, 2.0, 2)
+
+    np.testing.assert_allclose(found(0.0), found(1e-6), rtol=1e-8)
 
 
 def test_shapes_do_not_pass_through_the_guides() -> None:

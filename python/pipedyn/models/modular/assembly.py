@@ -233,14 +233,17 @@ class Assembly(Model):
         straight = self._reference is not None and not self._reference.any()
         if not plain or not straight or self.core.compliance.any():
             return None
-        return Chain(
-            self._pipe,
-            springs=layout.springs,
-            lengths=layout.lengths,
-            centers=layout.centers,
-            gyration_radii=layout.gyration_radii,
-            base=layout.base,
-        )
+        try:
+            return Chain(
+                self._pipe,
+                springs=layout.springs,
+                lengths=layout.lengths,
+                centers=layout.centers,
+                gyration_radii=layout.gyration_radii,
+                base=layout.base,
+            )
+        except ValueError:  # its last segment has no inertia but that of a term
+            return None
 
     def pencil(self) -> Pencil:
         """P(lambda) as for `Model.pencil`: of a scene that is a chain the chain's."""
