@@ -79,7 +79,10 @@ def test_joints_without_springs_may_be_held_or_not(nodes: tuple[int, ...], u: fl
 
 
 @pytest.mark.parametrize("name", PIPES)
-@pytest.mark.parametrize(("n", "nodes"), [(4, (1,)), (10, (10,)), (16, (5, 16)), (70, (35, 70))])
+@pytest.mark.parametrize(
+    ("n", "nodes"),
+    [(4, (1,)), (4, (2, 3)), (4, (2, 4, 3)), (10, (10,)), (16, (5, 16)), (70, (35, 70))],
+)
 def test_crossings_are_those_of_the_matrices(
     name: str, n: int, nodes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -346,7 +346,9 @@ Pairs solved(const Chain& chain, const Complement& complement, const Vector& sca
     found.left.col(i) /= dual;
     const auto number = [&](Index k) { return Complex(out(i, k), out(i, k + 1)); };
     const auto known = [](double x) { return std::isfinite(x) ? x : infinite; };
-    const Complex by_lambda = number(0) / both, value = number(2) / both;
+    // Exactly 0 where two roots are zero: null_pair takes back what is divided by it.
+    const Complex by_lambda = number(0) == 0.0 ? beside_zero : number(0) / both;
+    const Complex value = number(2) / both;
     const double rest = out(i, 8) / both, size = (out(i, 9) + out(i, 10)) / both;
     const double rounding = (entry_rounding * out(i, 9) + eps * out(i, 10)) / both;
     found.residual[i] = known(rest / size);
@@ -576,6 +578,8 @@ Pair ChainSpectrum::null_pair(double u, const Pair&) {
     return result;
   }
   Pairs found = solved(chain_, complement_, scale_, u, Values::Zero(1), true, false);
+  // Beyond a clamp of two guides nothing moves with what starts at the first.
+  if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
   found.uncertain *= found.by_left.abs();
   found.slopes *= -found.by_left;
   return found.pair(0);
