@@ -128,10 +128,10 @@ class Chain {
 
  private:
   Pipe pipe_;
-  Segments segments_;    // centre and radius with the masses of terms
-  Vector first_moment_;  // p_k
-  std::vector<bool> held_;
-  bool damped_, bent_;  // any joint, the second at rest
+  Segments segments_;       // centre and radius with the masses of terms
+  Vector first_moment_;     // p_k
+  std::vector<bool> held_;  // see `guided`
+  bool damped_, bent_;      // any joint, the second at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
   std::vector<ImpedanceSegment> impedances_, impedance_sizes_;  // about the straight pipe

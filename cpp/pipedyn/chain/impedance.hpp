@@ -16,8 +16,8 @@
 // stand in place of A, B, C, D. Where a guide holds the end, w_j = 0, its force is unknown and
 // theta_j = -w_{j-1} / l; what stands before is the limit for a stiff spring there,
 //   (e k + D + g) / l^2 - (f + t + a U^2) / l + z,   e k / l - a U^2,   e k / l,   e k.
-// det P is the product of the other segments' pivots p; without damping and flow the
-// negative ones are as many as roots lie below |lambda|. The left vector Y, in psi_j = y_j -
+// det P is the product of the other segments' pivots p; without damping and flow the negative ones
+// are as many as roots lie below |lambda|. The left vector Y, in psi_j = y_j -
 // y_{j-1}, obeys the same with W and H + a U^2 exchanged. O(n) for each lambda, without pivoting:
 // the residual of T, and what rounding does to its entries, say how good a root is.
 #pragma once
