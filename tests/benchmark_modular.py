@@ -79,12 +79,16 @@ def linear() -> None:
         error = abs(mine.speed / theirs.speed - 1.0)
         print(f"{n:6} {'critical speed':24} {plain:9.4f} {cost:9.4f} {error:9.1e}")
         check("critical speed", error, 1e-9)
-    for n in (50, 100, 200):  # what is no chain is dense
+    for n in (50, 100, 200, 1000):
         guided = md.chain(pp.Pipe(0.2), n).plus(md.Guide(n))
         cost, held = clocked(pp.critical_speed, guided, least=0.0)
         error = abs(held.speed / 4.493409457909064 - 1.0)
         print(f"{n:6} {'the same, guided end':24} {'':9} {cost:9.4f} {error:9.1e}")
         check("guided end", error, 4.0 / n**2)
+    for n in (50, 100, 200):  # what is no chain is dense
+        other = md.chain(pp.Pipe(0.2), n).plus(md.TorsionalSpring(n, 1.0, damping=0.0))
+        cost, _ = clocked(pp.critical_speed, other, least=0.0)
+        print(f"{n:6} {'the same, by matrices':24} {'':9} {cost:9.4f}")
 
 
 def motion() -> None:

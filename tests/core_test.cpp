@@ -19,6 +19,7 @@
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/quadrature.hpp"
+#include "pipedyn/linear/complement.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
 #include "pipedyn/linear/tracking.hpp"
@@ -188,6 +189,59 @@ void check_terms(const Pipe& pipe, const Chain& chain, Dice& dice) {
   const Operators dense = chain.operators();
   check_joint_operators(chain, dense, dice);
   check_products(pipe, chain, dense, dice);
+}
+
+/// d log det P / dlambda = tr(P^-1 dP/dlambda), in what guides leave of the joint angles.
+void check_log_derivative(const Chain& chain, double u, Dice& dice) {
+  using pipedyn::Complex, pipedyn::ComplexTable;
+  const Vector scale = dice.vector(chain.dof(), 0.3, 3.0);
+  const pipedyn::ImpedanceModel model = chain.impedance();
+  const pipedyn::Complement complement(chain.held_rows(scale));
+  const Matrix basis = complement.spread(Matrix::Identity(complement.dof(), complement.dof()));
+  check_close(complement.gathered(basis), Matrix::Identity(basis.cols(), basis.cols()), 1e-14,
+              "the basis is orthonormal");
+  const Operators ops = chain.joint_operators(scale);
+  const auto reduced = [&](const Matrix& of) -> ComplexTable {
+    return (basis.transpose() * of * basis).cast<Complex>();
+  };
+  const Matrix velocity = ops.gyroscopic + ops.end_flux;
+  const ComplexTable mass = reduced(ops.mass);
+  const ComplexTable rate = reduced((model.coriolis < 0.0 ? -u : u) * velocity + ops.damping);
+  const ComplexTable still = reduced(ops.stiffness + model.centrifugal * u * u * ops.flux);
+  const double re[] = {0.3, -2.0, 0.1}, im[] = {1.5, 7.0, 90.0};
+  double found[6];
+  pipedyn::motion_kernel().impedance->log_derivative(model, {u, 3, re, im}, found);
+  for (Index i = 0; i < 3; ++i) {
+    const Complex at(re[i], im[i]);
+    const ComplexTable p = at * at * mass + at * rate + still;
+    const Complex expected = p.partialPivLu().solve(ComplexTable(2.0 * at * mass + rate)).trace();
+    const double error = std::abs(Complex(found[i], found[3 + i]) / expected - 1.0);
+    check(error < 1e-9, "log derivative of the determinant, error " + std::to_string(error));
+  }
+}
+
+/// Chains with the ends of some segments held.
+void check_guides() {
+  Dice dice;
+  const std::string chosen = pipedyn::vector_level();
+  for (const std::string& level : pipedyn::vector_levels()) {
+    pipedyn::set_vector_level(level);
+    for (const Index n : {1, 2, 3, 12}) {
+      for (const Index every : {100, 3, 2, 1}) {
+        for (const bool aspirating : {false, true}) {
+          scene =
+              level + ": chain of " + std::to_string(n) + ", guides 1 in " + std::to_string(every);
+          std::vector<bool> held(static_cast<std::size_t>(n));
+          for (Index j = 0; j < n; ++j) held[j] = j % every == every - 1 && j != n / 2;
+          Pipe pipe = dice.pipe(aspirating);
+          pipe.terms = dice.terms();
+          check_log_derivative(Chain(pipe, dice.segments(n)).guided(held), 2.0, dice);
+        }
+      }
+    }
+  }
+  pipedyn::set_vector_level(chosen);
+  check_refused([&] { Chain(Pipe{}, dice.segments(3)).guided({true}); }, "guides of another chain");
 }
 
 void check_chains() {
@@ -1131,6 +1185,7 @@ void check_mending() {
 
 int main() {
   check_chains();
+  check_guides();
   check_motion();
   check_refusals();
   check_bases();

@@ -132,6 +132,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
              double flux) { return chain.joint_times(x, {still, rate, square, velocity, flux}); },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
           "flux"_a = 0.0, Unlocked())
+      .def("guided", &Chain::guided, "held"_a)
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);
   define_motion(chain);

@@ -196,12 +196,17 @@ void define_linear(py::module_& m) {
            py::call_guard<py::gil_scoped_release>())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a,
            py::call_guard<py::gil_scoped_release>());
+  py::class_<Complement>(m, "Complement")
+      .def(py::init<const Eigen::MatrixXd&>(), "columns"_a)
+      .def("spread", &Complement::spread, "z"_a)
+      .def("gathered", py::overload_cast<Matrix>(&Complement::gathered, py::const_), "x"_a);
   py::class_<ChainSpectrum, Eigenproblem, std::shared_ptr<ChainSpectrum>>(m, "ChainSpectrum")
-      .def(py::init([lapack](const Traits& traits, const Chain& chain, const Vector& scale,
-                             double size) {
-             return std::make_shared<ChainSpectrum>(traits, chain, lapack, scale, size);
+      .def(py::init([lapack](const Traits& traits, const Chain& chain, const Complement& complement,
+                             const Vector& scale, double size) {
+             return std::make_shared<ChainSpectrum>(traits, chain, complement, lapack, scale, size);
            }),
-           "traits"_a, "chain"_a, "scale"_a, "size"_a, py::keep_alive<1, 3>())
+           "traits"_a, "chain"_a, "complement"_a, "scale"_a, "size"_a, py::keep_alive<1, 3>(),
+           py::keep_alive<1, 4>())
       .def("log_derivatives", &ChainSpectrum::log_derivatives, "u"_a, "values"_a);
 }
 

@@ -13,6 +13,7 @@ __all__: list[str] = [
     "AxisCrossing",
     "Chain",
     "ChainSpectrum",
+    "Complement",
     "DenseOperator",
     "Eigenproblem",
     "Galerkin",
@@ -78,6 +79,7 @@ class Chain:
         base: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def guided(self, held: collections.abc.Sequence[bool]) -> Chain: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -309,11 +311,23 @@ class Eigenproblem(Spectrum):
         high: bool,
     ) -> Pairs: ...
 
+class Complement:
+    def __init__(
+        self, columns: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> None: ...
+    def gathered(
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def spread(
+        self, z: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+
 class ChainSpectrum(Eigenproblem):
     def __init__(
         self,
         traits: Traits,
         chain: Chain,
+        complement: Complement,
         scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...

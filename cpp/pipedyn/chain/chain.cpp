@@ -63,6 +63,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   const Index n = dof();
   if (damping.size() == 0) damping = pipe_.damping * spring;
   if (rest_moment.size() == 0) rest_moment = Vector::Zero(spring.size());
+  held_.resize(static_cast<std::size_t>(n));
   if (n < 1 || chi.size() != n || eta.size() != n || spring.size() != n || xi.size() != n ||
       damping.size() != n || rest_moment.size() != n) {
     throw std::invalid_argument("segments must have one entry a segment in every array");
@@ -121,7 +122,7 @@ void Chain::linearise() {
   for (Index j = n - 1; j >= 0; --j) {
     const Link& link = this->link(j);
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
-    const double held = link.length * tension + load[1][1] - slopes[1].by_angle[0];
+    const double pulled = link.length * tension + load[1][1] - slopes[1].by_angle[0];
     tension += load[0][1];
     const auto impedance = [&, &slopes = slopes](const auto& term) {
       // power: of the arm; own and weight: what an angle adds.
@@ -135,7 +136,8 @@ void Chain::linearise() {
                               .force = parts(0, link.mass),
                               .across = parts(1, link.first_moment),
                               .turned = parts(1, link.first_moment, -slopes[0].by_angle[0]),
-                              .moment = parts(2, link.inertia, held, link.weight)};
+                              .moment = parts(2, link.inertia, pulled, link.weight),
+                              .held = held_[static_cast<std::size_t>(j)]};
     };
     impedances_[static_cast<std::size_t>(j)] = impedance([](double x) { return x; });
     impedance_sizes_[static_cast<std::size_t>(j)] = impedance([](double x) { return std::abs(x); });
@@ -150,6 +152,24 @@ ImpedanceModel Chain::impedance() const {
           .centrifugal = pipe_.centrifugal};
 }
 
+Eigen::MatrixXd Chain::held_rows(const Vector& scale) const {
+  const Index n = dof();
+  require_rows(scale.size(), n);
+  std::vector<Index> ends;
+  for (Index j = 0; j < n; ++j) {
+    if (held_[static_cast<std::size_t>(j)]) ends.push_back(j);
+  }
+  Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(n, static_cast<Index>(ends.size()));
+  for (Index k = 0; k < rows.cols(); ++k) {
+    double apart = 0.0;
+    for (Index j = ends[static_cast<std::size_t>(k)]; j >= 0; --j) {
+      apart += segments_.length[j];
+      rows(j, k) = apart * scale[j];
+    }
+  }
+  return rows;
+}
+
 Chain Chain::coarser(Index segments) const {
   // Cut where length and compliance together have grown by equal parts.
   const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment] = segments_;
@@ -157,16 +177,27 @@ Chain Chain::coarser(Index segments) const {
   const Vector soft = spring.cwiseMax(1e-6 * spring.mean() + 1e-300).cwiseInverse();
   const Vector measure = l / l.sum() + soft / soft.sum();
   std::vector<Index> ends;  // one past the last of each group
+  std::vector<bool> held_ends;
   double grown = 0.0;
+  Index parts = 1;
   for (Index j = 0; j < n; ++j) {
     grown += measure[j];
+    const bool is_held = held_[static_cast<std::size_t>(j)];
     const double next = j + 1 < n ? 0.5 * measure[j + 1] : 0.0;
-    const double due = 2.0 * static_cast<double>(ends.size() + 1) / static_cast<double>(segments);
-    if (j + 1 == n || grown + next >= due) ends.push_back(j + 1);
+    const bool due =
+        grown + next >= 2.0 * static_cast<double>(parts) / static_cast<double>(segments);
+    if (j + 1 < n && !due && !is_held) continue;
+    parts += due;
+    ends.push_back(j + 1);
+    held_ends.push_back(is_held);
   }
   const Index groups = static_cast<Index>(ends.size());
-  Segments joined{Vector::Zero(groups), Vector::Zero(groups),          Vector::Zero(groups),
-                  Vector::Zero(groups), Vector::Constant(groups, 0.5), base};
+  Segments joined{.length = Vector::Zero(groups),
+                  .center = Vector::Zero(groups),
+                  .gyration_radius = Vector::Zero(groups),
+                  .spring = Vector::Zero(groups),
+                  .drag_point = Vector::Constant(groups, 0.5),
+                  .base = base};
   Vector compliance = Vector::Zero(groups), loss = compliance;  // of 1 / (k + c lambda)
   for (Index group = 0, j = 0; group < groups; ++group) {
     const Index start = j, end = ends[static_cast<std::size_t>(group)];
@@ -191,7 +222,7 @@ Chain Chain::coarser(Index segments) const {
   }
   joined.spring = compliance.cwiseInverse();
   joined.damping = loss.cwiseProduct(joined.spring.cwiseAbs2());
-  return Chain(pipe_, std::move(joined));
+  return Chain(pipe_, std::move(joined)).guided(std::move(held_ends));
 }
 
 Operators Chain::operators(const Vector& angles) const {
@@ -327,6 +358,14 @@ Chain Chain::without_forces() const {
   for (Link& link : made.links_) {
     link.spring = link.damping = link.rest_moment = link.drag = link.weight = 0.0;
   }
+  made.linearise();
+  return made;
+}
+
+Chain Chain::guided(std::vector<bool> held) const {
+  require_rows(static_cast<Index>(held.size()), dof());
+  Chain made = *this;
+  made.held_ = std::move(held);
   made.linearise();
   return made;
 }

@@ -90,13 +90,19 @@ class Chain {
   /// The same masses without any force: its rates under further moments f are theta'' = M^-1 f.
   Chain without_forces() const;
 
+  /// The same with guides at the ends of those segments that are held (n), in `impedance` alone.
+  Chain guided(std::vector<bool> held) const;
+
   /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
   Matrix bodies() const;
 
   /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
   ImpedanceModel impedance() const;
   const Vector& springs() const { return segments_.spring; }
-  /// A chain of about so many segments that moves like this one: neighbours joined.
+  /// Displacements of the held ends by joint angles in units of scale (n), (n, how many).
+  Eigen::MatrixXd held_rows(const Vector& scale) const;
+  /// A chain of about so many segments, and more where ends are held, that moves like this one:
+  /// neighbours joined.
   Chain coarser(Index segments) const;
 
   /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
@@ -122,9 +128,10 @@ class Chain {
 
  private:
   Pipe pipe_;
-  Segments segments_;    // centre and radius with the masses of terms
-  Vector first_moment_;  // p_k
-  bool damped_, bent_;   // any joint, the second at rest
+  Segments segments_;       // centre and radius with the masses of terms
+  Vector first_moment_;     // p_k
+  std::vector<bool> held_;  // see `guided`
+  bool damped_, bent_;      // any joint, the second at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
   std::vector<ImpedanceSegment> impedances_, impedance_sizes_;  // about the straight pipe

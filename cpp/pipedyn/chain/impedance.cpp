@@ -107,6 +107,19 @@ struct Step {
   }
 };
 
+/// Before a segment whose end is held; linear in what it takes.
+inline Impedance before_held(double l, const Impedance& beyond, const Coefficients<Lanes>& at) {
+  const double share = 1.0 / l;
+  Impedance found;
+  found.d = at.elastic;
+  found.b = found.c = share * at.elastic;
+  found.b.re -= all<Pack>(at.thrust);
+  found.a =
+      share * (share * (at.elastic + beyond.d + at.moment) - at.across - at.turned) + at.force;
+  found.a.re -= all<Pack>(share * at.thrust);
+  return found;
+}
+
 Lanes taken(const ImpedancePoints& points, Count first) {
   double re[width], im[width];
   for (Count i = 0; i < width; ++i) {  // the last stands in for what is missing
@@ -136,6 +149,11 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
       const ImpedanceSegment& segment = model.segments[j];
       const auto own = coefficients(segment, problem.whole);
       const auto change = coefficients(segment, problem.by_lambda);
+      if (segment.held) {  // its pivot is constant
+        by = before_held(segment.length, by, change);
+        at = before_held(segment.length, at, own);
+        continue;
+      }
       const Step step(segment.length, at, own), moved(segment.length, by, change);
       const Lanes share = inverse(step.p), relative = moved.p * share;
       sum += relative;
@@ -165,6 +183,13 @@ struct Motion {
     end = l * loaded + (by_end * joint + l * (elastic * angle)) * share;
     angle = loaded + (elastic * angle - by_joint * joint) * share;
   }
+  /// The same where the end is held.
+  void move_to_guide(double l) {
+    joint = end;
+    end = {};
+    turn = (-1.0 / l) * joint - angle;
+    angle = (-1.0 / l) * joint;
+  }
 };
 
 /// Of loads on all beyond a segment: the force and the moment that they add to its impedance, and
@@ -191,6 +216,8 @@ struct Segment {
 void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const ImpedancePairs& out,
            double* scratch) {
   const Count n = model.size;
+  Count start = 0;  // the first segment that moves
+  while (model.segments[start].held) ++start;
   Segment* const segments = reinterpret_cast<Segment*>(scratch);
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
@@ -201,6 +228,13 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
       const auto own = coefficients(segment, problem.whole);
+      if (segment.held) {  // the guide takes forces, and moments as forces
+        segments[j].beyond = at;
+        at = before_held(l, at, own);
+        load = {(-1.0 / l) * load.moment, {}, {}};
+        dual = {(-1.0 / l) * dual.moment, {}, {}};
+        continue;
+      }
       const Step step(l, at, own);
       const Lanes share = inverse(step.p), e = own.elastic * share;
       if (out.loaded) {
@@ -221,7 +255,11 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
     Motion x, y;
     Lanes value, by_lambda, by_u, by_right, missing, force_before;
     Pack rest{}, entries{}, sums{};
-    for (Count j = 0; j < n; ++j) {
+    for (Count j = 0; j < start; ++j) {
+      if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
+      if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, y.turn);
+    }
+    for (Count j = start; j < n; ++j) {
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
       const auto own = coefficients(segment, problem.whole);
@@ -232,7 +270,10 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       const Step step(l, at, own);
       const Lanes rest_of_p = own.elastic + own.moment + at.d;
       const Lanes pressed{all<Pack>(l * own.thrust), {}};
-      if (j == 0) {
+      if (segment.held) {
+        x.move_to_guide(l);
+        y.move_to_guide(l);
+      } else if (j == start) {
         x.turn = x.angle = out.loaded ? load_of : free;
         y.turn = y.angle = out.loaded ? dual_of : free;
         x.end = l * x.turn;
@@ -242,7 +283,6 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
         y.move(l, share, own.elastic, step.r, step.pushed,
                rest_of_p + l * (at.c - own.turned) - pressed, dual_of);
       }
-      const Lanes force = at.a * x.end + at.b * x.angle, dual_force = at.a * y.end + at.c * y.angle;
       by_lambda += work(change, y, x);
       by_u += work(coefficients(segment, problem.by_u), y, x);
       const Motion mirrored{conjugate(x.turn), conjugate(x.angle), conjugate(x.joint), {}};
@@ -250,6 +290,12 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       // |Y|^T |T X|; the joint's moment of the segment before is complete now.
       const Lanes elastic = own.elastic * x.turn;
       const Lanes dual_moment = own.elastic * y.turn + own.thrust * y.joint;
+      Lanes force = at.a * x.end + at.b * x.angle, dual_force = at.a * y.end + at.c * y.angle;
+      if (segment.held) {  // with the guide's
+        const Lanes turned = own.moment + at.d;
+        force = (-1.0 / l) * (elastic + turned * x.angle + own.across * x.joint);
+        dual_force = (-1.0 / l) * (dual_moment + turned * y.angle + own.turned * y.joint);
+      }
       const Pack held = size_of(dual_moment), pulled = size_of(dual_force),
                  joint = size_of(y.joint), angle = size_of(y.angle);
       const auto add = [&](const Lanes& dual_row, const Lanes& row) {
@@ -259,7 +305,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       add(y_before.angle, missing - elastic);
       add(dual_moment, x.angle - x_before.angle - x.turn);
       add(Lanes{} - dual_force, x.end - x.joint - l * x.angle);
-      if (j > 0) {
+      if (j > start) {
         add(y.joint, own.force * x.joint + own.turned * x.angle + own.thrust * x.turn + force -
                          force_before);
       }

@@ -13,8 +13,11 @@
 //   G = l A + B,  R = g + D + l (C + G),  W = f + C + l A,  H = G + t,  p = e k + R
 // row j says phi_j = -(R theta_{j-1} + W w_{j-1}) / p, and before the segment
 //   A + z - (H + a U^2) W / p,   (H e k - a U^2 R) / p,   e k W / p,   e k R / p
-// stand in place of A, B, C, D. det P is the product of the pivots p; without damping and flow the
-// negative ones are as many as roots lie below |lambda|. The left vector Y, in psi_j = y_j -
+// stand in place of A, B, C, D. Where a guide holds the end, w_j = 0, its force is unknown and
+// theta_j = -w_{j-1} / l; what stands before is the limit for a stiff spring there,
+//   (e k + D + g) / l^2 - (f + t + a U^2) / l + z,   e k / l - a U^2,   e k / l,   e k.
+// det P is the product of the other segments' pivots p; without damping and flow the negative ones
+// are as many as roots lie below |lambda|. The left vector Y, in psi_j = y_j -
 // y_{j-1}, obeys the same with W and H + a U^2 exchanged. O(n) for each lambda, without pivoting:
 // the residual of T, and what rounding does to its entries, say how good a root is.
 #pragma once
@@ -36,6 +39,7 @@ struct ImpedanceSegment {
   ImpedanceParts across;  // f: moment about the joint, by its displacement
   ImpedanceParts turned;  // t: force on all beyond the joint, by the angle
   ImpedanceParts moment;  // g: moment about the joint, by the angle
+  bool held;              // whether a guide holds its end
 };
 
 struct ImpedanceModel {

@@ -105,22 +105,28 @@ Values missing(const Chain& chain, double u, const Values& at, const Approximati
   return at * rest;
 }
 
-/// P of a chain in joint angles divided by scale; size: of K at rest.
-Pencil matrices(const Chain& chain, const Lapack& lapack, const Vector& scale, double size) {
+/// P of a chain in what guides leave of the joint angles divided by scale; size: of K at rest.
+Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
+                const Vector& scale, double size) {
   Operators ops = chain.joint_operators(scale);
   const ImpedanceModel flow = chain.impedance();
   const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
-  return {lapack,
-          {std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux), std::move(ops.damping),
-           std::move(ops.stiffness), std::move(ops.flux)},
-          flow.centrifugal,
-          size};
+  DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
+                               std::move(ops.damping), std::move(ops.stiffness),
+                               std::move(ops.flux)};
+  if (complement.dof() < complement.size()) {
+    for (Matrix& of : made) {
+      const Matrix columns = complement.gathered(of).transpose();
+      of = complement.gathered(columns).transpose();
+    }
+  }
+  return {lapack, std::move(made), flow.centrifugal, size};
 }
 
 /// LAPACK's roots of a chain at one speed, the lower of conjugates left out.
-Approximations dense_roots(const Chain& chain, const Lapack& lapack, const Vector& scale, double u,
-                           bool squared) {
-  const auto p = matrices(chain, lapack, scale, 1.0)(u);
+Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,
+                           const Vector& scale, double u, bool squared) {
+  const auto p = matrices(chain, complement, lapack, scale, 1.0)(u);
   Approximations roots;
   for (const double shift : shifts) {
     for (const Complex mu : p->roots(shift, squared)) {
@@ -156,9 +162,9 @@ void put_zeros(Approximations& roots, Index count) {
 
 /// Adds starts of the stiff roots, where roots are counted: of those below |lambda| = r there are
 /// about Re(lambda d log det P / dlambda).
-void add_stiff(const Chain& chain, double u, Approximations& roots) {
+void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
   std::erase_if(roots, [](const Approximation& one) { return !(std::abs(one.value) < no_start); });
-  const Index known = roots_in(roots), stiff = 2 * chain.dof() - known;
+  const Index known = roots_in(roots), stiff = 2 * dof - known;
   Reals low = Reals::Constant(stiff, std::log(no_start) - 3.0);
   Reals high = Reals::Constant(stiff, std::log(1e45));  // greater |lambda| overflow
   const Reals wanted = Reals::LinSpaced(stiff, known + 0.5, known + stiff - 0.5);
@@ -303,8 +309,8 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
 }
 
 /// What the kernel says of roots, with unit vectors or without.
-Pairs solved(const Chain& chain, const Vector& scale, double u, const Values& values, bool vectors,
-             bool loaded) {
+Pairs solved(const Chain& chain, const Complement& complement, const Vector& scale, double u,
+             const Values& values, bool vectors, bool loaded) {
   const Index n = vectors ? chain.dof() : 0, count = values.size();
   const MotionKernel& kernel = motion_kernel();
   Reals parts = parts_of(values);
@@ -330,13 +336,19 @@ Pairs solved(const Chain& chain, const Vector& scale, double u, const Values& va
       found.right(j, i) = Complex(x[0], x[count]) / scale[j];
       found.left(j, i) = Complex(y[0], -y[count]) / scale[j];
     }
+  }
+  found.right = vectors ? complement.gathered(found.right) : found.right;
+  found.left = vectors ? complement.gathered(found.left) : found.left;
+  for (Index i = 0; i < count; ++i) {
     const double length = vectors ? found.right.col(i).norm() : 1.0;
     const double dual = vectors ? found.left.col(i).norm() : 1.0, both = length * dual;
     found.right.col(i) /= length;
     found.left.col(i) /= dual;
     const auto number = [&](Index k) { return Complex(out(i, k), out(i, k + 1)); };
     const auto known = [](double x) { return std::isfinite(x) ? x : infinite; };
-    const Complex by_lambda = number(0) / both, value = number(2) / both;
+    // Exactly 0 where two roots are zero: null_pair takes back what is divided by it.
+    const Complex by_lambda = number(0) == 0.0 ? beside_zero : number(0) / both;
+    const Complex value = number(2) / both;
     const double rest = out(i, 8) / both, size = (out(i, 9) + out(i, 10)) / both;
     const double rounding = (entry_rounding * out(i, 9) + eps * out(i, 10)) / both;
     found.residual[i] = known(rest / size);
@@ -351,18 +363,21 @@ Pairs solved(const Chain& chain, const Vector& scale, double u, const Values& va
 
 }  // namespace
 
-ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Lapack& lapack,
-                             Vector scale, double size)
+ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Complement& complement,
+                             const Lapack& lapack, Vector scale, double size)
     : Eigenproblem(traits,
-                   [=, &chain](double u) { return matrices(chain, lapack, scale, size)(u); }),
+                   [=, &chain, &complement](double u) {
+                     return matrices(chain, complement, lapack, scale, size)(u);
+                   }),
       chain_(chain),
+      complement_(complement),
       lapack_(lapack),
       scale_(std::move(scale)),
       zeros_at_rest_(pipedyn::roots_at_zero(chain, 0.0)),
       zeros_in_flow_(pipedyn::roots_at_zero(chain, shifts[0])) {}
 
 Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
-  Pairs found = solved(chain_, scale_, u, values, vectors, false);
+  Pairs found = solved(chain_, complement_, scale_, u, values, vectors, false);
   // Where a pivot is 0 at a root, so far beside it: as in inverse iteration vectors lose as much.
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index> poor;
@@ -376,7 +391,7 @@ Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
     }
-    const Pairs other = solved(chain_, scale_, u, again, vectors, true);
+    const Pairs other = solved(chain_, complement_, scale_, u, again, vectors, true);
     for (std::size_t k = 0; k < poor.size(); ++k) {
       const Index i = poor[k];
       if (values[i] == 0.0 || other.residual[k] < found.residual[i]) found.put(i, other, k);
@@ -447,7 +462,7 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   Approximations lowest;
   while (next < roots.size() && roots_in(lowest) < count) lowest.push_back(roots[next++]);
   if (roots_in(lowest) < count) return std::nullopt;
-  const bool all = roots_in(roots) >= 2 * chain_.dof();
+  const bool all = roots_in(roots) >= 2 * traits.dof;
   if (all ? !has_all(u, roots) : !has_all_within(u, roots, next)) return std::nullopt;
   // Those of equal size, which rounding may have sorted otherwise.
   const double size = std::abs(lowest.back().value) * (1.0 + 1e-6);
@@ -469,20 +484,22 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
   if (std::abs(u - roots_speed_) <= near_speed && zeros == before) {
     if (auto found = from(roots_, u, count, vectors, most_near)) return found;
   }
-  for (Index segments = std::max<Index>(10, count + 4);; segments *= 3) {
+  const Index spans = n - traits.dof;  // with four segments each their lowest modes are known
+  for (Index segments = std::max<Index>(10, count + 4) + 4 * spans;; segments *= 3) {
     const bool own = 2 * segments > n;
     if ((own ? n : segments) > dense_limit) return std::nullopt;
     Approximations starts;
     if (own) {
-      starts = dense_roots(chain_, lapack_, scale_, u, is_squared(u));
+      starts = dense_roots(chain_, complement_, lapack_, scale_, u, is_squared(u));
       put_zeros(starts, zeros);
-      add_stiff(chain_, u, starts);
+      add_stiff(chain_, traits.dof, u, starts);
     } else {
       const Chain coarse = chain_.coarser(segments);
       const Vector& k = coarse.springs();
       const Vector scale = k.cwiseMax(1e-3 * k.mean() + 1e-300).cwiseSqrt().cwiseInverse();
-      starts = dense_roots(coarse, lapack_, scale, u, is_squared(u));
-      while (roots_in(starts) > count + 6) starts.pop_back();
+      const Complement complement(coarse.held_rows(scale));
+      starts = dense_roots(coarse, complement, lapack_, scale, u, is_squared(u));
+      while (roots_in(starts) > count + 6 + 2 * spans) starts.pop_back();
       put_zeros(starts, zeros);
       for (Index finer = refinement * segments; refinement * finer < 2 * n; finer *= refinement) {
         correct(chain_.coarser(finer), u, starts);
@@ -504,7 +521,7 @@ Pairs ChainSpectrum::lowest(double u, Index count, bool left, bool high) {
     }
     return sum;
   };
-  count = std::min(count, 2 * chain_.dof());
+  count = std::min(count, 2 * traits.dof);
   factorised_ += 2;
   std::optional<Pairs> found = by_recursion(u, count, true);
   // At rest nothing grows without damping; elsewhere these roots are as good as any balance.
@@ -560,7 +577,9 @@ Pair ChainSpectrum::null_pair(double u, const Pair&) {
     }
     return result;
   }
-  Pairs found = solved(chain_, scale_, u, Values::Zero(1), true, false);
+  Pairs found = solved(chain_, complement_, scale_, u, Values::Zero(1), true, false);
+  // Beyond a clamp of two guides nothing moves with what starts at the first.
+  if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
   found.uncertain *= found.by_left.abs();
   found.slopes *= -found.by_left;
   return found.pair(0);
@@ -580,6 +599,15 @@ double ChainSpectrum::determinant(double u, const Pair&) {
     for (Index j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& at = model.segments[j];
       const double l = at.length, k = still(at.joint), g = l * a + b;
+      if (at.held) {
+        const double moment = still(at.moment) + l * l * coriolis;
+        const double force = still(at.across) + still(at.turned) + 2.0 * l * coriolis + thrust;
+        a = ((k + d + moment) / l - force) / l + still(at.force);
+        b = k / l - thrust;
+        c = k / l;
+        d = k;
+        continue;
+      }
       const double r = still(at.moment) + l * l * coriolis + d + l * (c + g);
       const double w = still(at.across) + c + l * a, p = k + r;
       const double h = g + still(at.turned) + 2.0 * l * coriolis;

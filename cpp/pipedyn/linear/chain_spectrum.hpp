@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Roots of a straight chain by the recursion of chain/impedance.hpp, O(n) for one of them.
+// Roots of a straight chain, free or held by guides, by the recursion of chain/impedance.hpp, O(n)
+// for one of them.
 //
 // Starts are LAPACK's roots of the chain, or for few of a long one those of a coarser chain. All
 // are corrected at once by the method of Ehrlich and Aberth, Newton's on what the others leave of
@@ -17,6 +18,7 @@
 #include <vector>
 
 #include "pipedyn/chain/chain.hpp"
+#include "pipedyn/linear/complement.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
 
 namespace pipedyn {
@@ -31,10 +33,10 @@ using Approximations = std::vector<Approximation>;
 
 class ChainSpectrum : public Eigenproblem {
  public:
-  /// The chain must outlive it. scale: joint angles of the elastic coordinates, (n); size: of K at
-  /// rest in these.
-  ChainSpectrum(const Traits& traits, const Chain& chain, const Lapack& lapack, Vector scale,
-                double size);
+  /// Chain and complement must outlive it. complement: what guides leave of the elastic
+  /// coordinates; scale: joint angles of these, (n); size: of K at rest in them.
+  ChainSpectrum(const Traits& traits, const Chain& chain, const Complement& complement,
+                const Lapack& lapack, Vector scale, double size);
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
   std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
@@ -51,6 +53,7 @@ class ChainSpectrum : public Eigenproblem {
 
  private:
   const Chain& chain_;
+  const Complement& complement_;
   const Lapack lapack_;
   const Vector scale_;
   const Index zeros_at_rest_, zeros_in_flow_;

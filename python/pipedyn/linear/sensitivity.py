@@ -28,7 +28,8 @@ class Derivatives:
     Attributes:
         beta: None at beta = 0 (below 1e-300), where the square root of beta has no derivative.
         gamma, damping, alpha: alpha 0 for an ejecting pipe.
-        springs: by each k_j, shape (n,), the others held; None for reduced models and scenes.
+        springs: by each k_j, shape (n,), the others held; None for reduced models and scenes that
+            matrices solve, see `Assembly`.
     """
 
     beta: float | None
@@ -135,8 +136,8 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     if pipe.flow == "aspirating":
         changes["alpha"] = moved(u**2 * pencil.flux(x))
     if isinstance(pencil, ChainPencil):  # its joints have springs
-        scale = pencil.scale**2 * (1.0 + pipe.damping * value)
-        changes["springs"] = -(y[:, 0].conj() * scale * x[:, 0]) / down
+        turns = pencil.joint_angles(x) * pencil.joint_angles(y).conj()
+        changes["springs"] = -(1.0 + pipe.damping * value) * turns[:, 0] / down
     speed: dict[str, Any] = {"beta": None, "alpha": 0.0}
     frequency = speed.copy()
     for name, change in changes.items():

@@ -217,9 +217,8 @@ class Model(OfPipe, ABC):
         """
         if not self.pipe.terms:
             return 0.0
-        elastic = self.elastic_share[:, None]
-        start = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
-        return largest_stretch(lambda x: pencil.stiffness(x) - elastic * x, start, 4)
+        start = np.cos(np.arange(1.0, pencil.dof + 1.0))[:, None]
+        return largest_stretch(lambda x: pencil.stiffness(x) - pencil.elastic(x), start, 4)
 
     @property
     def linear_cost(self) -> bool:

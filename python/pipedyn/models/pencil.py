@@ -64,6 +64,11 @@ class Pencil:
         """Its eigenvalues as the core finds them. size: of K at rest."""
         raise NotImplementedError
 
+    def elastic(self, x: Vectors) -> Vectors:
+        """Product with the elastic stiffness, the identity but where joints have no spring."""
+        result: Vectors = self.model.elastic_share[:, None] * x
+        return result
+
     def gravity(self, x: Vectors) -> Vectors:
         """dK/dgamma x; K is linear in gamma."""
         return self._derivative("gamma", "stiffness", x)
@@ -77,9 +82,13 @@ class Pencil:
         value = getattr(self.pipe, number)
         step = 1.0 if value < 1.0 else -1.0
         pipe: Pipe = replace(self.pipe, **{number: value + step})
-        other = type(self)(self.model.with_pipe(pipe))
+        other = self._of(self.model.with_pipe(pipe))
         result: Vectors = step * (getattr(other, product)(x) - getattr(self, product)(x))
         return result
+
+    def _of(self, model: Any) -> Pencil:
+        """The same of another model."""
+        return type(self)(model)
 
 
 class DensePencil(Pencil):
@@ -101,12 +110,26 @@ class DensePencil(Pencil):
 
 
 class ChainPencil(Pencil):
-    """A chain, which multiplies in O(n); the core solves it by recursion."""
+    """A chain, which multiplies in O(n); the core solves it by recursion.
 
-    def __init__(self, model: Chain) -> None:
+    Guides hold the ends of some segments (`held`, a bool each); `complement` is what they leave of
+    the chain's elastic coordinates.
+    """
+
+    def __init__(
+        self,
+        model: Chain,
+        held: NDArray[np.bool_] | None = None,
+        complement: _core.Complement | None = None,
+    ) -> None:
         super().__init__(model)
-        self.is_long = model.dof > LONGEST_DENSE
-        self.core = model.core
+        self.held = held
+        self.complement = (
+            _core.Complement(np.zeros((model.dof, 0))) if complement is None else complement
+        )
+        self.core = model.core if held is None else model.core.guided(held.tolist())
+        self.dof -= 0 if held is None else int(held.sum())
+        self.is_long = self.dof > LONGEST_DENSE
         self.scale = model.elastic_scale
         self.mass = partial(self._times, square=1.0)
         self.velocity = partial(self._times, velocity=1.0)
@@ -115,12 +138,32 @@ class ChainPencil(Pencil):
         self.flux = partial(self._times, flux=1.0)
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.ChainSpectrum(traits, self.core, self.scale, size)
+        return _core.ChainSpectrum(traits, self.core, self.complement, self.scale, size)
+
+    def elastic(self, x: Vectors) -> Vectors:
+        result: Vectors = super().elastic(real_columns(self.complement.spread, x))
+        return real_columns(self.complement.gathered, result)
+
+    def _of(self, model: Any) -> Pencil:
+        return ChainPencil(model, self.held, self.complement)
+
+    def joint_angles(self, x: Vectors) -> Vectors:
+        result: Vectors = self.scale[:, None] * real_columns(self.complement.spread, x)
+        return result
 
     def _times(self, x: Vectors, **part: float) -> Vectors:
-        """Complex columns as pairs of real ones."""
         scale = self.scale[:, None]
-        angles = np.ascontiguousarray(scale * x)
-        rows: Vectors = self.core.joint_times(angles.view(np.float64), **part)
-        result: Vectors = scale * rows.view(angles.dtype)
-        return result
+
+        def product(z: Vectors) -> Vectors:
+            rows = self.core.joint_times(scale * self.complement.spread(z), **part)
+            return self.complement.gathered(scale * rows)
+
+        return real_columns(product, x)
+
+
+def real_columns(product: Product, x: Vectors) -> Vectors:
+    """A real product with complex columns, each as two real ones."""
+    kind = np.complex128 if np.iscomplexobj(x) else np.float64
+    columns = np.ascontiguousarray(x, dtype=kind)
+    result: Vectors = product(columns.view(np.float64)).view(columns.dtype)
+    return result

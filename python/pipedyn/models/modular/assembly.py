@@ -38,7 +38,7 @@ from pipedyn.models.modular.parts import (
     described,
 )
 from pipedyn.models.modular.redundant import RedundantForm
-from pipedyn.models.pencil import Pencil
+from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
 from pipedyn.util import check
@@ -73,7 +73,8 @@ class Assembly(Model):
     theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
     orthonormal basis of what these leave. Methods that take a configuration take the angles, shape
     (n,), or redundant coordinates, shape (3 n,), that meet the constraints. Linear questions cost
-    O(n^3), but of a scene that is a `Chain` with terms what they cost of that.
+    O(n^3), but of a scene that is a `Chain` with terms, free or held by guides, about the straight
+    pipe what they cost of that.
 
     Immutable; `plus` makes another.
 
@@ -222,28 +223,38 @@ class Assembly(Model):
 
     @cached_property
     def as_chain(self) -> Chain | None:
-        """The chain that the scene is, if it is one about the straight pipe."""
+        """The chain that the scene is but for its guides, if it is one about the straight pipe."""
         layout = self._layout
         plain = layout.has_flow and all(
             isinstance(part, Segment | InternalFlow | Drag) or _is_plain_spring(part)
             for part in self.modules
         )
-        # Rows are of guides, pins and what has inertia besides the segments.
+        # Compliance is 0 but of what has inertia besides the segments.
         straight = self._reference is not None and not self._reference.any()
-        if not plain or not straight or self.core.compliance.size:
+        if not plain or not straight or self.core.compliance.any():
             return None
-        return Chain(
-            self._pipe,
-            springs=layout.springs,
-            lengths=layout.lengths,
-            centers=layout.centers,
-            gyration_radii=layout.gyration_radii,
-            base=layout.base,
-        )
+        try:
+            return Chain(
+                self._pipe,
+                springs=layout.springs,
+                lengths=layout.lengths,
+                centers=layout.centers,
+                gyration_radii=layout.gyration_radii,
+                base=layout.base,
+            )
+        except ValueError:  # its last segment has no inertia but that of a term
+            return None
 
     def pencil(self) -> Pencil:
         """P(lambda) as for `Model.pencil`: of a scene that is a chain the chain's."""
-        return super().pencil() if self.as_chain is None else self.as_chain.pencil()
+        plain, layout = self.as_chain, self._layout
+        if plain is None:
+            return super().pencil()
+        if not layout.independent.size:
+            return plain.pencil()
+        held = np.zeros(self.moving, dtype=np.bool_)
+        held[layout.held[layout.independent] // 3] = True  # on the straight pipe all are x_j
+        return ChainPencil(plain, held, self.linear.elastic)
 
     def about(self, q: ArrayLike) -> Assembly:
         """The same scene, whose linear questions are asked about another configuration at rest.
@@ -424,7 +435,7 @@ class Assembly(Model):
 
         Args, Raises: as for `operators`.
         """
-        return self._linear_at(q).basis @ np.eye(self.dof)
+        return self._linear_at(q).basis.spread(np.eye(self.dof))
 
     def free_directions(self, p: Array) -> Array:
         return self.basis(p)
@@ -447,8 +458,8 @@ class Assembly(Model):
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         columns, linear = self._columns("z", z), self.linear
         joints = linear.joint_angles(columns.reshape(self.dof, -1))
-        result: NDArray[Any] = linear.basis.T @ np.cumsum(joints, axis=0)
-        return result.reshape(columns.shape)
+        angles = real_columns(linear.basis.gathered, np.cumsum(joints, axis=0))
+        return angles.reshape(columns.shape)
 
     # -------------------------------------------------------------------------- nonlinear motion
 
@@ -555,7 +566,7 @@ class Assembly(Model):
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at, linear, layout = arc_lengths(s), self.linear, self._layout
         given = self._displaced(q, at.size)
-        theta = linear.basis @ given.reshape(self.dof, -1)
+        theta = real_columns(linear.basis.spread, given.reshape(self.dof, -1))
         across = layout.lengths * np.cos(linear.theta)
         moved = along(across[:, None] * theta, layout.base, layout.lengths, at)
         return moved.reshape(at.size, *given.shape[1:])

@@ -16,13 +16,13 @@ import math
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
-from scipy import sparse
 
+from pipedyn import _core
 from pipedyn.models.base import Operators
 from pipedyn.models.chain import elastic_scale
 from pipedyn.models.modular.redundant import RedundantForm
+from pipedyn.models.pencil import real_columns
 from pipedyn.util.check import Array
 
 
@@ -34,7 +34,8 @@ class SmallMotions:
         theta: angles of the segments that meet guides and pins, shape (n,).
 
     Attributes:
-        basis: angles of the segments by the degrees of freedom, orthonormal columns, (n, dof).
+        basis: orthonormal, of the angles of the segments by the degrees of freedom, (n, dof).
+        elastic: the same of the chain's elastic coordinates.
     """
 
     def __init__(self, form: RedundantForm, theta: Array) -> None:
@@ -42,9 +43,9 @@ class SmallMotions:
         self.still = form.core.from_angles(theta, np.zeros_like(theta))
         self.scale = elastic_scale(self.layout.springs)[:, None]
         self.held = self.layout.unit_loads[:, self.layout.independent]
-        self.basis = _complement(self.layout.moments(theta, self.held))
+        self.basis = _core.Complement(self.layout.moments(theta, self.held))
         self.rows = self._elastic_loads(self.held)
-        self.elastic = _complement(self.rows)
+        self.elastic = _core.Complement(self.rows)
         self.dof = theta.size - self.held.shape[1]
 
     def _elastic_loads(self, forces: Array) -> Array:
@@ -54,15 +55,16 @@ class SmallMotions:
 
     def unbalanced(self, u: float) -> Array:
         """Force at rest that nothing balances, shape (dof, 1); 0 at an equilibrium."""
-        return self.elastic.T @ self._elastic_loads(self.form.forces(self.still, u)[:, None])
+        return self.elastic.gathered(self._elastic_loads(self.form.forces(self.still, u)[:, None]))
 
     def joint_angles(self, zeta: NDArray[Any]) -> NDArray[Any]:
         """Phi, shape (n, r), of elastic coordinates."""
-        return self.scale * (self.elastic @ zeta)
+        result: NDArray[Any] = self.scale * real_columns(self.elastic.spread, zeta)
+        return result
 
     def operators(self) -> Operators:
         """In the degrees of freedom of `basis`."""
-        return self._operators(np.diff(self.basis @ np.eye(self.dof), axis=0, prepend=0.0))
+        return self._operators(np.diff(self.basis.spread(np.eye(self.dof)), axis=0, prepend=0.0))
 
     def elastic_operators(self) -> Operators:
         """In elastic coordinates."""
@@ -108,11 +110,3 @@ class SmallMotions:
         multipliers, *_ = np.linalg.lstsq(self.rows, loads)
         reaction, by_thrust = -(self.held @ multipliers).T
         return reaction, by_thrust
-
-
-def _complement(columns: Array) -> Any:
-    """An orthonormal basis of what is orthogonal to columns (n, c) of full rank."""
-    n, count = columns.shape
-    if count == 0:
-        return sparse.eye_array(n)
-    return scipy.linalg.qr(columns)[0][:, count:]

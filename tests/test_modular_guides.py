@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: MIT
+"""Chains held by guides: by recursion along them, against their matrices and known answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+from pipedyn import modular as md
+from pipedyn.linear.eigenproblem import Eigenproblem
+from pipedyn.models.pencil import ChainPencil, DensePencil
+
+EJECTING = pp.Pipe(0.3, 5.0, drag=0.5)
+TERMS = (
+    pp.Damper(at=0.6, coefficient=0.5),
+    pp.PointMass(at=0.37, mass=0.3),
+    pp.Spring(at=0.8, stiffness=30.0),
+    pp.PointMass(at=1.0, mass=0.5),
+)
+PIPES = {
+    "ejecting": EJECTING,
+    "damped": pp.Pipe(0.5, damping=0.02),
+    "beta 0": pp.Pipe(0.0, -3.0),
+    "aspirating": pp.Pipe(0.3, 5.0, "aspirating", 0.8, damping=0.01),
+    "terms": pp.Pipe(0.4, 2.0, terms=TERMS[1:]),
+    "damper": pp.Pipe(0.4, 2.0, terms=TERMS),
+}
+HELD = [
+    (3, (1,)),
+    (3, (3,)),
+    (3, (1, 2)),
+    (6, (2, 3, 4, 5, 6)),
+    (6, (1, 2, 3, 4, 6)),
+    (10, (4, 5, 6)),
+    (10, (10,)),
+    (20, (7, 20)),
+    (40, (40, 20)),
+]
+LOOSE = np.where(np.isin(np.arange(10), [2, 3, 5]), 0.0, 10.0)
+
+
+def guided(pipe: pp.Pipe, n: int, nodes: tuple[int, ...], **chain: object) -> md.Assembly:
+    return md.chain(pipe, n, **chain).plus(*map(md.Guide, nodes))
+
+
+def compared(scene: md.Assembly, u: float, recursion_alone: bool = True) -> None:
+    """All eigenvalues are the dense ones within the errors that both state."""
+    mine, theirs = Eigenproblem(scene.pencil()), Eigenproblem(DensePencil(scene))
+    assert isinstance(mine.pencil, ChainPencil)
+    assert (mine.dof, mine.is_conservative) == (theirs.dof, theirs.is_conservative)
+    found, dense = (p.spectrum().lowest(u, 2 * p.dof, True, True) for p in (mine, theirs))
+    for problem, pairs in ((mine, found), (theirs, dense)):
+        problem.spectrum().assess(u, pairs)
+    if recursion_alone:
+        values = mine.spectrum().by_recursion(u, 2 * mine.dof, vectors=True).values
+        np.testing.assert_array_equal(values, found.values)
+        assert found.residuals.max() < 1e-12
+    left = list(range(dense.values.size))
+    for value, error in zip(found.values, found.uncertain, strict=True):
+        i = min(left, key=lambda k: abs(dense.values[k] - value))
+        left.remove(i)
+        assert abs(dense.values[i] - value) <= 2.0 * (error + dense.uncertain[i]) + 1e-13
+
+
+@pytest.mark.parametrize("name", PIPES)
+@pytest.mark.parametrize(("n", "nodes"), HELD)
+def test_recursion_finds_what_the_matrices_have(name: str, n: int, nodes: tuple[int, ...]) -> None:
+    for u in (0.0, 3.0, 7.0):
+        compared(guided(PIPES[name], n, nodes), u)
+
+
+@pytest.mark.parametrize("nodes", [(10,), (4,), (3,), (2, 6), (7,), (5, 10)])
+@pytest.mark.parametrize("u", [0.0, 3.0])
+def test_joints_without_springs_may_be_held_or_not(nodes: tuple[int, ...], u: float) -> None:
+    compared(guided(EJECTING, 10, nodes, springs=LOOSE), u, recursion_alone=False)
+
+
+@pytest.mark.parametrize("name", PIPES)
+@pytest.mark.parametrize(
+    ("n", "nodes"),
+    [(4, (1,)), (10, (10,)), (16, (5, 16)), (70, (35, 70))],
+)
+def test_crossings_are_those_of_the_matrices(
+    name: str, n: int, nodes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = pp.crossings(guided(PIPES[name], n, nodes), 11.0)
+    monkeypatch.setattr(md.Assembly, "as_chain", None)
+    theirs = pp.crossings(guided(PIPES[name], n, nodes), 11.0)
+    assert [(c.kind, c.mode, c.unstable_after) for c in mine] == [
+        (c.kind, c.mode, c.unstable_after) for c in theirs
+    ]
+    for a, b in zip(mine, theirs, strict=True):
+        assert abs(a.speed - b.speed) <= a.error + b.error + 1e-12
+        assert a.frequency == pytest.approx(b.frequency, rel=1e-6)
+        assert (a.sensitivity is None) == (b.sensitivity is None)
+        for part in ("beta", "gamma", "damping", "alpha") if a.sensitivity else ():
+            of = [getattr(c.sensitivity.speed, part) for c in (a, b)]
+            assert of[0] == pytest.approx(of[1], rel=1e-5, abs=1e-7), part
+
+
+@pytest.mark.parametrize("name", ["ejecting", "terms", "damper"])
+@pytest.mark.parametrize("nodes", [(2, 3), (2, 4, 3)])
+def test_a_span_that_neighbouring_guides_clamp_diverges(name: str, nodes: tuple[int, ...]) -> None:
+    """Nothing beyond moves with it, and nothing takes its energy: zero is a double root."""
+    scene = guided(PIPES[name], 4, nodes)
+    critical = pp.critical_speed(scene, 11.0)
+    assert critical.kind == "divergence"
+    assert critical.error < 1e-12
+    below, above = (
+        np.linalg.det(scene.operators().at(critical.speed + step)[2]) for step in (-1e-9, 1e-9)
+    )
+    assert below * above < 0.0
+
+
+@pytest.mark.parametrize("nodes", [(12,), (5, 6), (3, 9)])
+def test_root_loci_are_those_of_the_matrices(
+    nodes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    speeds = np.linspace(0.0, 6.0, 13)
+    mine = pp.root_loci(guided(EJECTING, 12, nodes), speeds, 3)
+    monkeypatch.setattr(md.Assembly, "as_chain", None)
+    theirs = pp.root_loci(guided(EJECTING, 12, nodes), speeds, 3)
+    assert (np.abs(mine.eigenvalues - theirs.eigenvalues) <= mine.errors + theirs.errors).all()
+
+
+@pytest.mark.parametrize("nodes", [(), (4,), (2,)])
+def test_a_last_segment_may_have_the_inertia_of_a_term_alone(nodes: tuple[int, ...]) -> None:
+    """`Chain` refuses it: matrices answer, as of a segment with next to none of its own."""
+
+    def found(gyration_radius: float) -> np.ndarray:
+        segments = [md.Segment(0.25, 0.5, 0.07)] * 3 + [md.Segment(0.25, 0.0, gyration_radius)]
+        springs = [md.TorsionalSpring(j, 4.0) for j in range(1, 5)]
+        ties = [md.Clamp(), *(md.Joint(j) for j in (2, 3, 4)), *map(md.Guide, nodes)]
+        pipe = pp.Pipe(0.2, terms=[pp.PointMass(at=1.0, mass=0.3)])
+        scene = md.Assembly(pipe, [*segments, *springs, md.InternalFlow()], ties)
+        return pp.eigenvalues(scene, 2.0, 2)
+
+    np.testing.assert_allclose(found(0.0), found(1e-6), rtol=1e-8)
+
+
+def test_shapes_do_not_pass_through_the_guides() -> None:
+    scene = guided(EJECTING, 30, (11, 12, 30))
+    found = pp.modes(scene, 4.0, 8)
+    operators = scene.operators()
+    for value, shape in zip(found.eigenvalues, found.shapes, strict=True):
+        across = np.abs(shape(np.array([11.0, 12.0, 30.0]) / 30.0))
+        assert across.max() < 1e-12
+        mass, velocity, stiffness = operators.at(4.0)
+        rest = (value**2 * mass + value * velocity + stiffness) @ shape.coordinates
+        assert np.linalg.norm(rest) < 1e-9 * np.linalg.norm(stiffness @ shape.coordinates)
+
+
+def test_what_moves_a_guided_crossing_is_its_difference() -> None:
+    springs = 6.0 + np.arange(6.0)
+
+    def speed(k: np.ndarray) -> float:
+        return pp.critical_speed(guided(EJECTING, 6, (2,), springs=k)).speed
+
+    by_springs = pp.critical_speed(guided(EJECTING, 6, (2,), springs=springs)).sensitivity
+    for j in range(6):
+        step = 1e-4 * np.eye(6)[j]
+        slope = (speed(springs + step) - speed(springs - step)) / 2e-4
+        assert by_springs.speed.springs[j] == pytest.approx(slope, rel=1e-5, abs=1e-8)
+
+
+def clamped_clamped(n: int) -> tuple[float, float]:
+    """Fixed beyond the last joint: a beam of the length 1 - 1 / n, its frequency as of length 1."""
+    springs = np.full(n, float(n))
+    springs[[0, -1]] *= 2.0
+    scene = guided(pp.Pipe(0.0), n, (n - 1, n), springs=springs)
+    return abs(pp.eigenvalues(scene, 0.0, 2)[0]) * (1.0 - 1.0 / n) ** 2, 4.7300407448627040**2
+
+
+def clamped_pinned(n: int) -> tuple[float, float]:
+    scene = guided(pp.Pipe(0.3), n, (n,))
+    return abs(pp.eigenvalues(scene, 0.0, 2)[0]), 3.9266023120479187**2
+
+
+def buckling(n: int) -> tuple[float, float]:
+    """Where tan u = u."""
+    return pp.critical_speed(guided(pp.Pipe(0.3), n, (n,))).speed, 4.493409457909064
+
+
+@pytest.mark.parametrize("number", [clamped_clamped, clamped_pinned, buckling])
+def test_long_chains_tend_to_the_beam(number: Callable[[int], tuple[float, float]]) -> None:
+    sizes = np.array([50, 100, 200, 400])
+    errors = [abs(found / exact - 1.0) for found, exact in map(number, sizes.tolist())]
+    assert -np.polyfit(np.log(sizes), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.03)
+    found, exact = number(2000)
+    assert found == pytest.approx(exact, rel=2e-6)
+
+
+def test_a_guided_chain_of_any_length_has_eigenvalues() -> None:
+    """Far beyond what matrices can hold."""
+    scene = guided(pp.Pipe(0.2), 20_000, (6_000, 20_000))
+    found = pp.modes(scene, 3.0, 4)
+    finer = pp.eigenvalues(guided(pp.Pipe(0.2), 1_000, (300, 1_000)), 3.0, 4)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.eigenvalues, finer, rtol=1e-5)
