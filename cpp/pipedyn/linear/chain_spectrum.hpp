@@ -15,21 +15,10 @@
 #pragma once
 
 #include <optional>
-#include <vector>
 
-#include "pipedyn/chain/chain.hpp"
-#include "pipedyn/linear/complement.hpp"
-#include "pipedyn/linear/eigenproblem.hpp"
+#include "pipedyn/linear/chain_roots.hpp"
 
 namespace pipedyn {
-
-/// A root with its conjugate, or (`alone`) one of which no conjugate is implied.
-struct Approximation {
-  Complex value;
-  bool alone = false;
-  bool settled = false;  // zero by structure, or better known than its vectors would make it
-};
-using Approximations = std::vector<Approximation>;
 
 class ChainSpectrum : public Eigenproblem {
  public:

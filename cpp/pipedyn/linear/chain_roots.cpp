@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/linear/chain_roots.hpp"
+
+#include <algorithm>
+
+#include "pipedyn/vector/levels.hpp"
+
+namespace pipedyn {
+
+namespace {
+
+/// Joint angles lose eps |lambda|^2 of a root: LAPACK's beyond this |lambda| are no starts.
+constexpr double no_start = 1e7;
+/// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
+constexpr double meeting = 1e-4;
+/// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
+constexpr double wide = 0.05;
+
+/// sum_k 1 / (z - lambda_k), but for the root itself, if it is one of them.
+Complex poles(Complex z, const Approximations& roots, std::size_t itself = SIZE_MAX) {
+  double real = 0.0, imag = 0.0;
+  const auto add = [&](double x, double y) {
+    const double share = 1.0 / std::max(x * x + y * y, 1e-300);
+    real += x * share;
+    imag -= y * share;
+  };
+  for (std::size_t k = 0; k < roots.size(); ++k) {
+    const Complex other = roots[k].value;
+    if (k != itself) add(z.real() - other.real(), z.imag() - other.imag());
+    if (!roots[k].alone) add(z.real() - other.real(), z.imag() + other.imag());
+  }
+  return {real, imag};
+}
+
+}  // namespace
+
+Reals parts_of(const Values& values) {
+  Reals parts(2 * values.size());
+  for (Index i = 0; i < values.size(); ++i) {
+    parts[i] = values[i].real();
+    parts[values.size() + i] = values[i].imag();
+  }
+  return parts;
+}
+
+Values log_derivatives(const Chain& chain, double u, const Values& at) {
+  const Index count = at.size();
+  const Reals parts = parts_of(at);
+  Reals out(2 * count);
+  const ImpedancePoints points{u, count, parts.data(), parts.data() + count};
+  motion_kernel().impedance->log_derivative(chain.impedance(), points, out.data());
+  Values result(count);
+  for (Index i = 0; i < count; ++i) result[i] = {out[i], out[count + i]};
+  return result;
+}
+
+Index roots_in(const Approximations& all) {
+  Index count = 0;
+  for (const Approximation& one : all) count += one.alone ? 1 : 2;
+  return count;
+}
+
+void sort_by_size(Approximations& all) {
+  Values values(all.size());
+  for (std::size_t i = 0; i < all.size(); ++i) values[i] = all[i].value;
+  Approximations sorted;
+  for (const Index i : by_size(values)) sorted.push_back(all[i]);
+  all = std::move(sorted);
+}
+
+Values missing(const Chain& chain, double u, const Values& at, const Approximations& roots) {
+  Values rest = log_derivatives(chain, u, at);
+  for (Index i = 0; i < at.size(); ++i) rest[i] -= poles(at[i], roots);
+  return at * rest;
+}
+
+Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
+                const Vector& scale, double size) {
+  Operators ops = chain.joint_operators(scale);
+  const ImpedanceModel flow = chain.impedance();
+  const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
+  DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
+                               std::move(ops.damping), std::move(ops.stiffness),
+                               std::move(ops.flux)};
+  if (complement.dof() < complement.size()) {
+    for (Matrix& of : made) {
+      const Matrix columns = complement.gathered(of).transpose();
+      of = complement.gathered(columns).transpose();
+    }
+  }
+  return {lapack, std::move(made), flow.centrifugal, size};
+}
+
+Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,
+                           const Vector& scale, double u, bool squared) {
+  const auto p = matrices(chain, complement, lapack, scale, 1.0)(u);
+  Approximations roots;
+  for (const double shift : shifts) {
+    for (const Complex mu : p->roots(shift, squared)) {
+      if (mu == 0.0) continue;
+      Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
+      if (squared && root.imag() == 0.0) roots.push_back({-root, true});
+      if (squared && root.imag() < 0.0) root = -root;
+      if (root.imag() >= 0.0) roots.push_back({root, root.imag() == 0.0});
+    }
+    if (!roots.empty()) break;
+  }
+  sort_by_size(roots);
+  return roots;
+}
+
+Index roots_at_zero(const Chain& chain, double u) {
+  if (chain.springs().minCoeff() > 0.0) return 0;
+  const Values at = Values::Constant(1, beside_zero);
+  return std::lround((at * log_derivatives(chain, u, at))[0].real());
+}
+
+void put_zeros(Approximations& roots, Index count) {
+  Approximations result(count, {0.0, true, true});
+  for (const Approximation& one : roots) {
+    const Index size = one.alone ? 1 : 2;
+    if (count < size) result.push_back(count == 0 ? one : Approximation{one.value.real(), true});
+    count = std::max<Index>(count - size, 0);
+  }
+  roots = std::move(result);
+}
+
+void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
+  std::erase_if(roots, [](const Approximation& one) { return !(std::abs(one.value) < no_start); });
+  const Index known = roots_in(roots), stiff = 2 * dof - known;
+  Reals low = Reals::Constant(stiff, std::log(no_start) - 3.0);
+  Reals high = Reals::Constant(stiff, std::log(1e45));  // greater |lambda| overflow
+  const Reals wanted = Reals::LinSpaced(stiff, known + 0.5, known + stiff - 0.5);
+  for (int halving = 0; halving < 30 && stiff > 0; ++halving) {
+    const Reals middle = 0.5 * (low + high);
+    const Values at = std::polar(1.0, ray) * middle.exp().cast<Complex>();
+    const Reals below = (at * log_derivatives(chain, u, at)).real();
+    low = (below < wanted).select(middle, low);
+    high = (below < wanted).select(high, middle);
+  }
+  for (Index i = 0; i < stiff; ++i) {
+    const double turned = (i % 2 == 0 ? 1.0 : -1.0) * (1.7 + 0.01 * static_cast<double>(i % 7));
+    roots.push_back({std::polar(std::exp(low[i]), turned), true});
+  }
+}
+
+Approximations parted(const Approximations& starts) {
+  Approximations roots;
+  for (const Approximation& start : starts) {
+    const auto& [value, alone, settled] = start;
+    const double shift = 1e-3 * static_cast<double>(roots.size() % 7 + 1);
+    if (settled || (!alone && std::abs(value.imag()) >= 0.3 * std::abs(value))) {
+      roots.push_back(start);
+      continue;
+    }
+    roots.push_back({value * Complex(1.0 + shift, 3.0 * shift), true});
+    if (!alone) roots.push_back({std::conj(value) * Complex(1.0 - shift, 2.0 * shift), true});
+  }
+  return roots;
+}
+
+bool correct(const Chain& chain, double u, Approximations& roots, int most) {
+  std::vector<std::size_t> active;
+  for (std::size_t k = 0; k < roots.size(); ++k) {
+    if (!roots[k].settled) active.push_back(k);
+  }
+  std::vector<double> last(roots.size(), infinite);
+  for (int step = 0; step < most && !active.empty(); ++step) {
+    Values at(active.size());
+    for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
+    const Values found = log_derivatives(chain, u, at);
+    std::vector<std::size_t> moving;
+    for (std::size_t i = 0; i < active.size(); ++i) {
+      const std::size_t k = active[i];
+      const Complex change = 1.0 / (found[i] - poles(at[i], roots, k));
+      if (std::isnan(std::abs(found[i]))) {  // a pivot is 0: at this root, or beside it
+        if (last[k] < 0.0) continue;
+        last[k] = -1.0;
+        roots[k].value *= 1.0 + 1e-9;
+        moving.push_back(k);
+        continue;
+      }
+      if (!std::isfinite(std::norm(change))) return false;
+      const double share = std::abs(change) / (std::abs(at[i]) + 1e-30);
+      if (share >= last[k] && last[k] < 1e-6 && last[k] >= 0.0) continue;  // rounding
+      const bool quadratic = share < 1e-8 && share < 1e-3 * std::abs(last[k]);
+      roots[k].value = at[i] - change;
+      last[k] = std::copysign(share, last[k]);
+      if (!quadratic && share > 1e-13 && std::abs(change) > 1e-16) moving.push_back(k);
+    }
+    active = std::move(moving);
+  }
+  return active.empty();
+}
+
+void separate(const Chain& chain, double u, bool squared, Approximations& roots) {
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    for (std::size_t other = i + 1; other < roots.size(); ++other) {
+      const Complex one = roots[i].value, twin = roots[other].value, centre = 0.5 * (one + twin);
+      if (roots[i].alone || roots[other].alone) continue;
+      if (!(std::abs(one - twin) < meeting * std::abs(one.imag()))) continue;
+      Approximations rest{{std::conj(one), true}, {std::conj(twin), true}};
+      for (std::size_t k = 0; k < roots.size(); ++k) {
+        if (k != i && k != other) rest.push_back(roots[k]);
+      }
+      Values arms(circle_points);
+      for (Index k = 0; k < circle_points; ++k) {
+        const double turn = 2.0 * M_PI * (static_cast<double>(k) + 0.5) / circle_points;
+        arms[k] = std::polar(wide * std::abs(centre), turn);
+      }
+      Values found = arms * log_derivatives(chain, u, centre + arms);
+      for (Index k = 0; k < circle_points; ++k) found[k] -= arms[k] * poles(centre + arms[k], rest);
+      if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
+      const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
+      Complex middle = centre + 0.5 * sum, square = 2.0 * squares - sum * sum;
+      if (squared) {  // both on the axis, or symmetric about it
+        middle.real(0.0);
+        square.imag(0.0);
+      }
+      roots[i] = {middle + 0.5 * std::sqrt(square), false, true};
+      roots[other] = {middle - 0.5 * std::sqrt(square), false, true};
+    }
+  }
+}
+
+}  // namespace pipedyn

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: MIT
+//
+// Roots of a straight chain's determinant: starts, their simultaneous corrections, and what counts
+// them. See chain_spectrum.hpp.
+#pragma once
+
+#include <vector>
+
+#include "pipedyn/chain/chain.hpp"
+#include "pipedyn/linear/complement.hpp"
+#include "pipedyn/linear/eigenproblem.hpp"
+
+namespace pipedyn {
+
+/// Where the log-derivative counts roots: this far from the real axis, in rad, near which the
+/// unstable ones of a buckled pipe lie, and from the imaginary one.
+inline constexpr double ray = 0.3;
+/// Points on the upper half of a circle that counts roots inside: a root outside by a quarter
+/// adds 1.25^-32 = 1e-3.
+inline constexpr Index circle_points = 16;
+/// Of starts: six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where
+/// it lies, took up to 150.
+inline constexpr int most_corrections = 300;
+/// lambda at which roots at zero are counted and solved for: there a joint that nothing holds gives
+/// a pivot of the order of lambda or lambda^2, with all its digits, and no other root is as small,
+/// as rounding moves each by far more.
+inline constexpr double beside_zero = 1e-30;
+
+/// A root with its conjugate, or (`alone`) one of which no conjugate is implied.
+struct Approximation {
+  Complex value;
+  bool alone = false;
+  bool settled = false;  // zero by structure, or better known than its vectors would make it
+};
+using Approximations = std::vector<Approximation>;
+
+/// Real parts, then imaginary ones.
+Reals parts_of(const Values& values);
+
+/// d log det P / dlambda.
+Values log_derivatives(const Chain& chain, double u, const Values& at);
+
+/// Number of roots, with the conjugates that are implied.
+Index roots_in(const Approximations& all);
+
+/// As `by_size` does.
+void sort_by_size(Approximations& all);
+
+/// lambda (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)).
+Values missing(const Chain& chain, double u, const Values& at, const Approximations& roots);
+
+/// P of a chain in what guides leave of the joint angles divided by scale; size: of K at rest.
+Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
+                const Vector& scale, double size);
+
+/// LAPACK's roots of a chain at one speed, the lower of conjugates left out.
+Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,
+                           const Vector& scale, double u, bool squared);
+
+/// Number of roots that are zero: near zero det P is lambda to that power.
+Index roots_at_zero(const Chain& chain, double u);
+
+/// Puts so many zeros in place of the least of sorted roots.
+void put_zeros(Approximations& roots, Index count);
+
+/// Adds starts of the stiff roots, where roots are counted: of those below |lambda| = r there are
+/// about Re(lambda d log det P / dlambda).
+void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots);
+
+/// Those near the real axis without the symmetry that keeps two real roots from being found.
+Approximations parted(const Approximations& starts);
+
+/// Ehrlich's and Aberth's corrections of all roots until each is as good as rounding lets it.
+bool correct(const Chain& chain, double u, Approximations& roots, int most = most_corrections);
+
+/// Two oscillating roots about to meet, each of which scatters by the square root of rounding, from
+/// their sum and that of their squares, which do not: moments of d log det P / dlambda on a circle
+/// about both.
+void separate(const Chain& chain, double u, bool squared, Approximations& roots);
+
+}  // namespace pipedyn
