@@ -14,10 +14,10 @@ namespace pipedyn {
 
 namespace {
 
-/// Logarithm of an integrand's relative tolerance; the powers of G counted; nodes at least. Measured
-/// with both bases, 4 to 24 functions and random states up to amplitudes of 2: rates differ by 4e-13
-/// from those of three times the nodes and, with drag, whose integrand has kinks, by 9e-8;
-/// tests/benchmark_motion.py holds 1e-10 and 1e-6.
+/// Logarithm of an integrand's relative tolerance; the powers of G counted; nodes at least.
+/// Measured with both bases, 4 to 24 functions and random states up to amplitudes of 2: rates
+/// differ by 4e-13 from those of three times the nodes and, with drag, whose integrand has kinks,
+/// by 9e-8; tests/benchmark_motion.py holds 1e-10 and 1e-6.
 struct Demand {
   double log_tolerance, growths;
   Index least_nodes;
