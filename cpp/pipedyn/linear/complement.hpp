@@ -4,8 +4,6 @@
 // O(n c) for c constraints on n coordinates.
 #pragma once
 
-#include <Eigen/QR>
-
 #include "pipedyn/linear/spectrum.hpp"
 #include "pipedyn/pipe.hpp"
 
@@ -14,39 +12,20 @@ namespace pipedyn {
 /// An orthonormal basis Z of all that is orthogonal to columns (n, c) of full rank, c < n.
 class Complement {
  public:
-  explicit Complement(const Eigen::MatrixXd& columns)
-      : size_(columns.rows()), held_(columns.cols()) {
-    if (held_ > 0) reflections_.compute(columns);
-  }
+  explicit Complement(const Eigen::MatrixXd& columns);
 
-  Index size() const { return size_; }
-  Index dof() const { return size_ - held_; }
+  Index size() const { return packed_.rows(); }
+  Index dof() const { return size() - packed_.cols(); }
 
   /// Z z, of z (dof, r).
-  Matrix spread(const Matrix& z) const {
-    if (held_ == 0) return z;
-    Matrix x = Matrix::Zero(size_, z.cols());
-    x.bottomRows(dof()) = z;
-    x.applyOnTheLeft(reflections_.householderQ());
-    return x;
-  }
+  Matrix spread(const Matrix& z) const;
   /// Z^T x, of x (n, r).
-  Matrix gathered(Matrix x) const {
-    if (held_ == 0) return x;
-    x.applyOnTheLeft(reflections_.householderQ().transpose());
-    return x.bottomRows(dof());
-  }
-  ComplexTable gathered(const ComplexTable& x) const {
-    if (held_ == 0) return x;
-    ComplexTable z(dof(), x.cols());
-    z.real() = gathered(Matrix(x.real()));
-    z.imag() = gathered(Matrix(x.imag()));
-    return z;
-  }
+  Matrix gathered(Matrix x) const;
+  ComplexTable gathered(const ComplexTable& x) const;
 
  private:
-  Index size_, held_;
-  Eigen::HouseholderQR<Eigen::MatrixXd> reflections_;
+  Eigen::MatrixXd packed_;  // the reflections' vectors below the diagonal
+  Vector factors_;          // and their factors
 };
 
 }  // namespace pipedyn
