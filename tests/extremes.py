@@ -227,7 +227,7 @@ def eigenvalues_of_the_pipe(level: int) -> Iterator[Row]:
 
 
 def eigenvalues_of_chains(level: int) -> Iterator[Row]:
-    """The lowest two pairs of chains, dense up to 64 segments and sparse beyond."""
+    """The lowest two pairs of chains, by recursion."""
     plain = pp.Pipe(0.2)
     yield eigenvalue_row(pp.Chain(plain, 1), 6.0, "u=6", [0])
     for n in (10, 200, *((1000, 10_000) if level >= FULL else ())):

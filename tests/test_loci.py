@@ -235,7 +235,7 @@ def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(
         assert steps.max() < 0.15 * np.abs(loci.eigenvalues).max()
 
 
-@pytest.mark.parametrize("n", [6, 30])  # dense and sparse
+@pytest.mark.parametrize("n", [6, 30])  # all roots, and a few of them
 @pytest.mark.parametrize("pipe", [PIPE, pp.Pipe(0.5, gamma=300.0), pp.Pipe(0.3, damping=0.02)])
 def test_the_errors_of_a_chains_branches_cover_their_distance_to_exact_roots(pipe, n, monkeypatch):
     """Newton's corrections of the chain's equations in 40 digits."""

@@ -231,8 +231,9 @@ def _swept(
     if problem.is_long:
         tracked = _modes_within(max_speed)
         count = 2 * tracked + 16
-        # Those before the cluster at -1 / delta, which no Krylov space can pass, may be enough:
-        # modes with (delta omega)^2 < 0.9, four fewer as the search looks beyond those tracked.
+        # Those before the cluster at -1 / delta, which a search for a few roots does not pass, may
+        # be enough: modes with (delta omega)^2 < 0.9, four fewer as the search looks beyond those
+        # tracked.
         delta = model.pipe.damping
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else tracked
         if max_speed / math.pi + 1.0 <= before < tracked:
