@@ -4,7 +4,7 @@
 import math
 import re
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 from functools import cache
 
 import numpy as np
@@ -516,7 +516,7 @@ def test_a_choice_says_what_was_tried_and_why_the_others_were_not_chosen():
         assert any(one.family == family for one in choice.tried)
     assert all(one.why for one in choice.tried if one.row is not choice.row)
     assert [one.family for one in choice.tried if not one.why] == [choice.family]
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(FrozenInstanceError):
         choice.steady = True
 
 
