@@ -197,7 +197,7 @@ void define_linear(py::module_& m) {
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a,
            py::call_guard<py::gil_scoped_release>());
   py::class_<Complement>(m, "Complement")
-      .def(py::init<const Eigen::MatrixXd&>(), "columns"_a)
+      .def(py::init<Matrix>(), "columns"_a)
       .def("spread", &Complement::spread, "z"_a)
       .def("gathered", py::overload_cast<Matrix>(&Complement::gathered, py::const_), "x"_a);
   py::class_<ChainSpectrum, Eigenproblem, std::shared_ptr<ChainSpectrum>>(m, "ChainSpectrum")

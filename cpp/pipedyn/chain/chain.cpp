@@ -152,14 +152,14 @@ ImpedanceModel Chain::impedance() const {
           .centrifugal = pipe_.centrifugal};
 }
 
-Eigen::MatrixXd Chain::held_rows(const Vector& scale) const {
+Matrix Chain::held_rows(const Vector& scale) const {
   const Index n = dof();
   require_rows(scale.size(), n);
   std::vector<Index> ends;
   for (Index j = 0; j < n; ++j) {
     if (held_[static_cast<std::size_t>(j)]) ends.push_back(j);
   }
-  Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(n, static_cast<Index>(ends.size()));
+  Matrix rows = Matrix::Zero(n, static_cast<Index>(ends.size()));
   for (Index k = 0; k < rows.cols(); ++k) {
     double apart = 0.0;
     for (Index j = ends[static_cast<std::size_t>(k)]; j >= 0; --j) {

@@ -100,7 +100,7 @@ class Chain {
   ImpedanceModel impedance() const;
   const Vector& springs() const { return segments_.spring; }
   /// Displacements of the held ends by joint angles in units of scale (n), (n, how many).
-  Eigen::MatrixXd held_rows(const Vector& scale) const;
+  Matrix held_rows(const Vector& scale) const;
   /// A chain of about so many segments, and more where ends are held, that moves like this one:
   /// neighbours joined.
   Chain coarser(Index segments) const;

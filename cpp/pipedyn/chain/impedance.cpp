@@ -194,7 +194,7 @@ struct Motion {
 
 /// Of loads on all beyond a segment: the force and the moment that they add to its impedance, and
 /// by what angle they turn it.
-struct Load {
+struct LoadBeyond {
   Lanes force, moment, turned;
 };
 
@@ -222,7 +222,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
     Impedance at;
-    Load load, dual;
+    LoadBeyond load, dual;
     double part = 0.5;
     for (Count j = n - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];

@@ -1,33 +1,45 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/complement.hpp"
 
-#include <Eigen/QR>
+#include <cmath>
 
 namespace pipedyn {
 
-Complement::Complement(const Eigen::MatrixXd& columns) : packed_(columns) {
-  if (columns.cols() == 0) return;
-  const Eigen::HouseholderQR<Eigen::MatrixXd> reflections(columns);
-  packed_ = reflections.matrixQR();
-  factors_ = reflections.hCoeffs();
+namespace {
+
+/// Every column of x reflected in the plane across v, a unit vector that is zero before row first.
+template <class Columns>
+void reflect(const Vector& v, Index first, Columns&& x) {
+  Eigen::RowVectorXd along = Eigen::RowVectorXd::Zero(x.cols());
+  for (Index i = first; i < v.size(); ++i) along += (2.0 * v[i]) * x.row(i);
+  for (Index i = first; i < v.size(); ++i) x.row(i) -= v[i] * along;
+}
+
+}  // namespace
+
+Complement::Complement(Matrix columns) : size_(columns.rows()), reflected_(columns.cols()) {
+  for (Index j = 0; j < columns.cols(); ++j) {  // each moves its column into the axis j
+    Vector& v = reflected_[j] = columns.col(j);
+    v.head(j).setZero();
+    v[j] += std::copysign(v.norm(), v[j]);
+    v.normalize();
+    reflect(v, j, columns);
+  }
 }
 
 Matrix Complement::spread(const Matrix& z) const {
-  if (packed_.cols() == 0) return z;
-  Matrix x = Matrix::Zero(size(), z.cols());
+  Matrix x = Matrix::Zero(size_, z.cols());
   x.bottomRows(dof()) = z;
-  x.applyOnTheLeft(Eigen::householderSequence(packed_, factors_));
+  for (Index j = size_ - dof() - 1; j >= 0; --j) reflect(reflected_[j], j, x);
   return x;
 }
 
 Matrix Complement::gathered(Matrix x) const {
-  if (packed_.cols() == 0) return x;
-  x.applyOnTheLeft(Eigen::householderSequence(packed_, factors_).transpose());
+  for (Index j = 0; j < size_ - dof(); ++j) reflect(reflected_[j], j, x);
   return x.bottomRows(dof());
 }
 
 ComplexTable Complement::gathered(const ComplexTable& x) const {
-  if (packed_.cols() == 0) return x;
   ComplexTable z(dof(), x.cols());
   z.real() = gathered(Matrix(x.real()));
   z.imag() = gathered(Matrix(x.imag()));

@@ -4,6 +4,8 @@
 // O(n c) for c constraints on n coordinates.
 #pragma once
 
+#include <vector>
+
 #include "pipedyn/linear/spectrum.hpp"
 #include "pipedyn/pipe.hpp"
 
@@ -12,10 +14,10 @@ namespace pipedyn {
 /// An orthonormal basis Z of all that is orthogonal to columns (n, c) of full rank, c < n.
 class Complement {
  public:
-  explicit Complement(const Eigen::MatrixXd& columns);
+  explicit Complement(Matrix columns);
 
-  Index size() const { return packed_.rows(); }
-  Index dof() const { return size() - packed_.cols(); }
+  Index size() const { return size_; }
+  Index dof() const { return size_ - static_cast<Index>(reflected_.size()); }
 
   /// Z z, of z (dof, r).
   Matrix spread(const Matrix& z) const;
@@ -24,8 +26,8 @@ class Complement {
   ComplexTable gathered(const ComplexTable& x) const;
 
  private:
-  Eigen::MatrixXd packed_;  // the reflections' vectors below the diagonal
-  Vector factors_;          // and their factors
+  Index size_;
+  std::vector<Vector> reflected_;  // the unit vector of each reflection
 };
 
 }  // namespace pipedyn
