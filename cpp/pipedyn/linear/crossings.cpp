@@ -322,7 +322,7 @@ class Search {
     // Of a conservative system tracking shows where two roots meet and leave the axis.
     const double largest =
         std::max({std::abs(a), std::abs(b), std::abs(slope), std::abs(end_slope)});
-    if (hidden || (traits_.conservative && largest <= noise)) band = 0.0;
+    if (hidden || largest <= noise) band = 0.0;
 
     struct Point {
       double at;
@@ -531,7 +531,8 @@ class Search {
     // Rounding of the roots enters through the slope of the squared difference.
     const double lost = 1e-14 * std::norm(centre);
     const double error = (slope > 0.0 ? lost / slope : step.length()) + tolerance;
-    const Index mode = other < 0 ? modes_[root] : std::max(modes_[root], modes_[other]);
+    const Index twin = other < 0 ? step.reflected(root, change > 0) : other;
+    const Index mode = twin < 0 ? modes_[root] : std::max(modes_[root], modes_[twin]);
     const double frequency =
         traits_.squared ? std::sqrt(std::max(-centre.real(), 0.0)) : std::abs(centre.imag());
     return AxisCrossing{u, {0.0, frequency}, change, mode, error};

@@ -188,6 +188,16 @@ bool Step::lost(Index root) const {
   return shortest() && std::abs(end(root) - from) > jump * (1.0 + std::abs(from));
 }
 
+Index Step::reflected(Index root, bool at_end) const {
+  const auto place = [&](Index i) { return at_end ? end(i) : start(i); };
+  for (Index i = 0; i < left->size(); ++i) {
+    if (i == root || (at_end && onto[i] < 0)) continue;
+    const double apart = std::abs(place(i) + std::conj(place(root)));
+    if (apart < std::abs(place(root).real())) return i;
+  }
+  return -1;
+}
+
 Complex Step::at(Index root, double t) const {
   const double s = 1.0 - t;
   return start(root) * ((1.0 + 2.0 * t) * s * s) + end(root) * ((3.0 - 2.0 * t) * t * t) +

@@ -57,6 +57,9 @@ struct Step {
   bool shortest() const;
   /// Whether a root has left the eigenvalues computed and was matched to another.
   bool lost(Index root) const;
+  /// The root that at the step's end, or at its start, lies where this one is reflected in the
+  /// imaginary axis; -1 if none does.
+  Index reflected(Index root, bool at_end) const;
   /// The cubic of a root at a fraction of the step.
   Complex at(Index root, double t) const;
   /// The same at a speed.
