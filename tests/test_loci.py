@@ -130,6 +130,13 @@ def test_branches_are_roots_at_every_speed_and_partners_make_up_the_pair():
         assert not partners[~complex_ones].imag.any()
 
 
+def test_a_model_with_fewer_modes_than_four_has_all_its_branches():
+    assert pp.root_loci(pp.Chain(PIPE, 2), [0.0, 1.0]).eigenvalues.shape == (2, 2)
+    assert pp.root_loci(LONG, [0.0, 1.0]).eigenvalues.shape == (2, 4)
+    with pytest.raises(ValueError, match="count must be from 1 to 2, got 4"):
+        pp.root_loci(pp.Chain(PIPE, 2), [0.0, 1.0], count=4)
+
+
 def test_sorting_would_have_exchanged_the_branches():
     """Between u = 8 and 9 the second branch passes the third, by magnitude and by frequency."""
     loci = pp.root_loci(pp.Continuum(PIPE), [0.0, 8.0, 9.0], count=3)

@@ -101,11 +101,14 @@ def test_crossings_are_those_of_the_matrices(
             assert of[0] == pytest.approx(of[1], rel=1e-5, abs=1e-7), part
 
 
-@pytest.mark.parametrize("name", ["ejecting", "terms", "damper"])
-@pytest.mark.parametrize("nodes", [(2, 3), (2, 4, 3)])
-def test_a_span_that_neighbouring_guides_clamp_diverges(name: str, nodes: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("name", ["ejecting", "terms", "damper", "idle damper"])
+@pytest.mark.parametrize(("n", "nodes"), [(4, (2, 3)), (4, (2, 4, 3)), (5, (3, 4)), (12, (10, 11))])
+def test_a_span_that_neighbouring_guides_clamp_diverges(
+    name: str, n: int, nodes: tuple[int, ...]
+) -> None:
     """Nothing beyond moves with it, and nothing takes its energy: zero is a double root."""
-    scene = guided(PIPES[name], 4, nodes)
+    pipe = PIPES.get(name, pp.Pipe(0.3, terms=[pp.Damper(at=1.0, coefficient=0.5)]))
+    scene = guided(pipe, n, (*nodes, n) if name == "idle damper" and n not in nodes else nodes)
     critical = pp.critical_speed(scene, 11.0)
     assert critical.kind == "divergence"
     assert critical.error < 1e-12

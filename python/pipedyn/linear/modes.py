@@ -272,7 +272,7 @@ class RootLoci:
 
 
 def root_loci(
-    model: AnyModel, speeds: ArrayLike, count: int = 4, progress: bool = False
+    model: AnyModel, speeds: ArrayLike, count: int | None = None, progress: bool = False
 ) -> RootLoci:
     """Branches of eigenvalues tracked along the flow speed, not sorted.
 
@@ -281,7 +281,8 @@ def root_loci(
     Args:
         model: chain, reduced model or `Continuum`.
         speeds: flow speeds u >= 0, strictly increasing, shape (S,).
-        count: number of branches, the lowest pairs at the first speed.
+        count: number of branches, the lowest pairs at the first speed. By default four, or all of
+            a model that has fewer.
         progress: show progress on stderr.
 
     Returns:
@@ -295,6 +296,8 @@ def root_loci(
     at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
     if np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be strictly increasing")
+    if count is None:
+        count = 4 if isinstance(model, Continuum) else min(4, model.dof)
     count = _checked_count(count, model, 1)
     shown = check.flag("progress", progress)
     smallest = max(16, 3 * count, math.ceil(at[-1]))
