@@ -436,9 +436,8 @@ def test_of_chains_the_size_that_a_budget_pays_for_is_found(monkeypatch):
     choice = pp.choose(PIPE, "frequencies", budget=0.1, among=("midpoint", "uniform"), u=5.0)
     assert 0.07 <= choice.cost <= 0.1
     assert choice.family == "midpoint"
-    assert (
-        len(sizes) <= 9
-    )  # rungs that double up to 128, a size between two of them, another family
+    # Rungs that double up to 128, a size between two of them, another family.
+    assert len(sizes) <= 9
 
 
 def test_a_tolerance_and_a_budget_must_both_be_met():
