@@ -737,7 +737,12 @@ def _questions() -> Iterator[Target]:
     yield Target(
         "root_loci",
         pp.root_loci,
-        {"model": STRAIGHT, "speeds": speeds, "count": count(1, 2, 1001), "progress": FLAG},
+        {
+            "model": STRAIGHT,
+            "speeds": speeds,
+            "count": optional(count(1, 2, 1001)),
+            "progress": FLAG,
+        },
         slow=True,
     )
     ends = real((1.0, 9.0), 0.0, 1e9)
