@@ -319,7 +319,8 @@ class Search {
     const auto cubic = [=](double t) { return a + t * (slope + t * (c + t * d)); };
     // The real part's own error; a little of the imaginary part's keeps it from being 0.
     double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + 1e-4 * step.error[i];
-    // Of a conservative system tracking shows where two roots meet and leave the axis.
+    // On the axis all along, as in a span that guides part from all that takes energy: there two
+    // roots meet and leave it, which tracking shows.
     const double largest =
         std::max({std::abs(a), std::abs(b), std::abs(slope), std::abs(end_slope)});
     if (hidden || largest <= noise) band = 0.0;
