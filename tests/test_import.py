@@ -49,6 +49,25 @@ def printed():
     return done.stdout.splitlines()
 
 
+HEAVY = {
+    *("matplotlib", "multiprocessing", "concurrent.futures.process", "threadpoolctl"),
+    *(f"scipy.{name}" for name in ("integrate", "interpolate", "linalg", "optimize")),
+    *(f"scipy.{name}" for name in ("sparse", "spatial", "special", "stats")),
+}
+"""What takes 0.01 to 0.3 s to import each; scipy imports its own where `scipy.name` is first used,
+so that the package says `import scipy` and no `from scipy.name import function`."""
+
+
+def test_the_package_imports_nothing_that_takes_long():
+    """Nor do pipes and terms need it; the first model or search that does brings it along."""
+    program = "import sys, pipedyn as pp\npp.Chain(pp.Pipe(0.2), 3)\nprint(*sys.modules)"
+    words = [sys.executable, "-c", program]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    imported = set(done.stdout.split())
+    assert "scipy" in imported
+    assert not HEAVY & imported
+
+
 def test_neither_the_package_nor_any_effect_needs_pictures_progress_bars_or_other_options():
     """Each is used, and none of the optional packages nor matplotlib is imported on the way."""
     assert printed()[0] == "imported:"

@@ -136,7 +136,7 @@ def test_a_profile_that_does_not_settle_is_refused(monkeypatch):
     def sooner(*given, **settings):  # it gives up with fewer panels than for others
         return quad_vec(*given, **settings | {"limit": 2000})
 
-    monkeypatch.setattr("pipedyn.models.inlet.quad_vec", sooner)
+    monkeypatch.setattr("scipy.integrate.quad_vec", sooner)
     noise = np.random.default_rng(1)
     with pytest.raises(ValueError, match=r"^velocity must be a profile that can be integrated"):
         pp.inlet_coefficient(lambda r: noise.random())

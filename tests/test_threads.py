@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import scipy.linalg
+import threadpoolctl
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import pipedyn as pp
@@ -91,7 +92,7 @@ def test_large_matrices_keep_their_threads():
 
 def test_libraries_are_searched_once(pools, monkeypatch):
     searched = []
-    monkeypatch.setattr(threads, "ThreadpoolController", lambda: searched.append(1))
+    monkeypatch.setattr(threadpoolctl, "ThreadpoolController", lambda: searched.append(1))
     for pool in pools:
         do(pool, lambda: pp.critical_speed(pp.Chain(pp.Pipe(0.2), 3)))
     assert not searched

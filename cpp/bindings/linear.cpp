@@ -3,6 +3,7 @@
 #include <pybind11/complex.h>
 #include <pybind11/eigen.h>
 #include <pybind11/functional.h>
+#include <pybind11/gil_safe_call_once.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -22,7 +23,7 @@ using namespace py::literals;
 namespace {
 
 /// SciPy's BLAS and LAPACK, by the addresses that it publishes for Cython.
-Lapack scipy_lapack() {
+Lapack found_lapack() {
   Lapack lapack{};
   const auto set = [](const char* library, const char* name, auto& routine) {
     const py::dict all = py::module_::import(library).attr("__pyx_capi__");
@@ -36,6 +37,12 @@ Lapack scipy_lapack() {
   set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   return lapack;
+}
+
+/// Looked up by the first dense problem: importing scipy.linalg takes longer than numpy.
+const Lapack& scipy_lapack() {
+  PYBIND11_CONSTINIT static py::gil_safe_call_once_and_store<Lapack> found;
+  return found.call_once_and_store_result(found_lapack).get_stored();
 }
 
 /// Tells Python every so often what was done, so that it counts and can stop it: by a signal, or by
@@ -164,10 +171,9 @@ void define_linear(py::module_& m) {
           "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
       .def("factorisations", &Spectrum::factorisations);
 
-  const Lapack lapack = scipy_lapack();
   py::class_<DenseOperator>(m, "DenseOperator")
-      .def(py::init([lapack](DenseOperator::Matrices of, double size) {
-             return std::make_unique<DenseOperator>(lapack, std::move(of), size);
+      .def(py::init([](DenseOperator::Matrices of, double size) {
+             return std::make_unique<DenseOperator>(scipy_lapack(), std::move(of), size);
            }),
            "matrices"_a, "size"_a)
       .def(
@@ -184,10 +190,10 @@ void define_linear(py::module_& m) {
            "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a,
            "free_at_rest"_a);
   py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
-      .def(py::init([lapack](const Traits& traits, DenseOperator::Matrices of, double centrifugal,
-                             double size) {
+      .def(py::init([](const Traits& traits, DenseOperator::Matrices of, double centrifugal,
+                       double size) {
              return std::make_shared<Eigenproblem>(
-                 traits, Pencil{lapack, std::move(of), centrifugal, size});
+                 traits, Pencil{scipy_lapack(), std::move(of), centrifugal, size});
            }),
            "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a)
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a,
@@ -201,9 +207,10 @@ void define_linear(py::module_& m) {
       .def("spread", &Complement::spread, "z"_a)
       .def("gathered", py::overload_cast<Matrix>(&Complement::gathered, py::const_), "x"_a);
   py::class_<ChainSpectrum, Eigenproblem, std::shared_ptr<ChainSpectrum>>(m, "ChainSpectrum")
-      .def(py::init([lapack](const Traits& traits, const Chain& chain, const Complement& complement,
-                             const Vector& scale, double size) {
-             return std::make_shared<ChainSpectrum>(traits, chain, complement, lapack, scale, size);
+      .def(py::init([](const Traits& traits, const Chain& chain, const Complement& complement,
+                       const Vector& scale, double size) {
+             return std::make_shared<ChainSpectrum>(traits, chain, complement, scipy_lapack(),
+                                                    scale, size);
            }),
            "traits"_a, "chain"_a, "complement"_a, "scale"_a, "size"_a, py::keep_alive<1, 3>(),
            py::keep_alive<1, 4>())

@@ -16,8 +16,8 @@ from functools import partial
 from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linear_sum_assignment
 
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.reference import LEAST_ERROR, Answer
@@ -173,7 +173,8 @@ class _Roots(Quantity):
             cost = np.abs(own - row) / np.maximum(np.abs(own), 1.0)
             if own.size > row.size or not np.isfinite(cost).all():
                 return math.inf
-            worst = max(worst, float(cost[linear_sum_assignment(cost)].max(initial=0.0)))
+            pairs = scipy.optimize.linear_sum_assignment(cost)
+            worst = max(worst, float(cost[pairs].max(initial=0.0)))
         return worst
 
     def reference(self, pipe: Pipe, tolerance: float) -> Answer:

@@ -16,7 +16,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+import scipy
 
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
@@ -180,7 +180,8 @@ def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
     where x is smooth, and 8 times across the kinks of drag, so that a quarter of their difference
     bounds the errors of two values.
     """
-    curve, coarse = (CubicHermiteSpline(t[::k], x[::k], velocity[::k]) for k in (1, 2))
+    spline = scipy.interpolate.CubicHermiteSpline
+    curve, coarse = (spline(t[::k], x[::k], velocity[::k]) for k in (1, 2))
     at = curve.derivative().roots(discontinuity=False, extrapolate=False)
     at = at[np.isfinite(at)]
     turnings: Array = curve(at)

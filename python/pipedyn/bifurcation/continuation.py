@@ -21,9 +21,8 @@ from itertools import pairwise
 from typing import Generic, TypeVar
 
 import numpy as np
+import scipy
 from numpy.linalg import LinAlgError
-from scipy.interpolate import CubicHermiteSpline
-from scipy.optimize import brentq
 
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -210,11 +209,11 @@ class Segment(Generic[Problem]):
         return self.problem.product(self.begin.tangent, z - self.begin.z)
 
     @cached_property
-    def guess(self) -> CubicHermiteSpline:
+    def guess(self) -> scipy.interpolate.CubicHermiteSpline:
         """The cubic through both ends with their tangents, a function of arc length."""
         onward = self.end.tangent / self.problem.product(self.begin.tangent, self.end.tangent)
         ends, slopes = [self.begin.z, self.end.z], [self.begin.tangent, onward]
-        return CubicHermiteSpline([0.0, self.length], ends, slopes)
+        return scipy.interpolate.CubicHermiteSpline([0.0, self.length], ends, slopes)
 
     def at(self, s: float) -> Point:
         """The point at an arc length."""
@@ -229,7 +228,7 @@ class Segment(Generic[Problem]):
     def where(self, p: float) -> Array:
         """The solution at a value of the parameter between those at the ends."""
         ends = {0.0: self.begin.p, self.length: self.end.p}
-        s = brentq(lambda s: ends.get(s, self.guess(s)[-1]) - p, 0.0, self.length)
+        s = scipy.optimize.brentq(lambda s: ends.get(s, self.guess(s)[-1]) - p, 0.0, self.length)
         found = self.problem.fixed(self.guess(s), p)
         if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
@@ -278,7 +277,7 @@ def sign_changes(
         if first == last:
             return
         passing = first - (last < first)
-        root = brentq(lambda s, which: values(s)[which], low, high, (passing,), xtol=tolerance)
+        root = scipy.optimize.brentq(lambda s, i: values(s)[i], low, high, (passing,), tolerance)
         width = tolerance  # more where rounding hides the change
         while count(max(low, root - width)) == count(min(root + width, high)):
             width *= 2.0

@@ -17,9 +17,8 @@ from itertools import product
 from typing import Any, Literal
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import root
 
 from pipedyn.bifurcation.continuation import (
     Control,
@@ -262,7 +261,7 @@ def _solutions(statics: Statics, u: float, starts: list[Array]) -> Iterator[Arra
             starts.append(statics.from_start("q0", modal_bend(parts)))
     for start in starts:
         with suppress(NewtonFailed, ValueError):
-            found = root(statics.residual, start, args=(u,), jac=statics.jacobian, method="hybr")
+            found = scipy.optimize.root(statics.residual, start, (u,), "hybr", statics.jacobian)
             if float(np.abs(found.x).max()) <= FAR:
                 yield statics.solved(found.x, u)
 

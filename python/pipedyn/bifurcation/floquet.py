@@ -14,9 +14,8 @@ import math
 from typing import Literal
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment
 
 from pipedyn.bifurcation.collocation import through
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined
@@ -66,7 +65,7 @@ def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, Complex
         coarser, roots = values, _eigenvalues(motion, orbit)
         values = roots**2 if orbit.symmetric else roots
         moved = np.abs(coarser[:, None] - values) / np.maximum(np.abs(values), 1.0)
-        last, error = error, left * float(moved[linear_sum_assignment(moved)].max())
+        last, error = error, left * float(moved[scipy.optimize.linear_sum_assignment(moved)].max())
         if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
             break
     # Rounded, as the moduli of a pair differ by rounding.

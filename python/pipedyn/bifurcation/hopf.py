@@ -43,7 +43,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation.equilibria import BranchPoint, Statics

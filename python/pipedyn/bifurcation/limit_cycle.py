@@ -17,7 +17,7 @@ from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+import scipy
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import residual, solved
@@ -384,7 +384,7 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit:
         p = np.array([start(*pair) for pair in zip(going.q, going.qdot, strict=True)])
     # With constraints f gives another rate of p than p'.
     rates = np.concatenate([p[:, half:], motion(np.ascontiguousarray(p.T), u)[half:].T], axis=1)
-    spline = CubicHermiteSpline(t, p, rates)
+    spline = scipy.interpolate.CubicHermiteSpline(t, p, rates)
     times = t[up] - across[up] * (t[up + 1] - t[up]) / (across[up + 1] - across[up])
     states = spline(times)
     scale = np.ptp(p[late], axis=0)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
@@ -233,6 +233,8 @@ def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Phases at which drag's second derivative jumps, shape (k,)."""
     phase = divided(orbit.edges, np.full(len(orbit.starts), 8))
     velocities = motion.model.drag_velocities(*np.split(orbit.states(phase), 2))
-    roots = CubicSpline(phase, velocities.T).roots(extrapolate=False) if velocities.size else []
-    turns: Array = np.sort(np.concatenate([np.empty(0), *roots]))
+    if velocities.size == 0:
+        return np.empty(0)
+    roots = scipy.interpolate.CubicSpline(phase, velocities.T).roots(extrapolate=False)
+    turns: Array = np.sort(np.concatenate(roots))
     return turns[np.isfinite(turns)]  # NaN marks a point that does not move

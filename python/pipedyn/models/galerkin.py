@@ -10,8 +10,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import roots_legendre
 
 from pipedyn import _core
 from pipedyn.models.base import (
@@ -43,7 +43,7 @@ so little mass that rounding makes their eigenvalues any."""
 @lru_cache(maxsize=32)
 def gauss_nodes(count: int) -> tuple[Array, Array]:
     """Nodes and weights of Gauss-Legendre quadrature on [0, 1], each of shape (count,)."""
-    nodes, weights = roots_legendre(count)
+    nodes, weights = scipy.special.roots_legendre(count)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 

@@ -8,10 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.integrate import quad_vec
-from scipy.interpolate import PchipInterpolator
-from scipy.special import roots_legendre
 
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -73,8 +71,9 @@ def inlet_coefficient(
                 f"got {check.shown(radii)}"
             )
         x = at / at[-1]
-        profile = PchipInterpolator(x, samples / _peak(samples))
-        nodes, weights = roots_legendre(4)  # exact up to degree 7: x times a cubic's square
+        profile = scipy.interpolate.PchipInterpolator(x, samples / _peak(samples))
+        # Exact up to degree 7: x times a cubic's square.
+        nodes, weights = scipy.special.roots_legendre(4)
         half = 0.5 * np.diff(x)[:, None]
         nodes = x[:-1, None] + half * (1.0 + nodes)
         values, rings = profile(nodes), 2.0 * nodes * half * weights
@@ -129,7 +128,7 @@ def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple
 
     # A jump takes 50 panels more, a profile like (1 - r)^-0.4 takes 840, noise would never end.
     settings: dict[str, Any] = {"epsabs": 0.0, "epsrel": TOLERANCE, "norm": "max", "limit": 8000}
-    means, error = quad_vec(ring, 0.0, 1.0, points=edges[1:-1], **settings)
+    means, error = scipy.integrate.quad_vec(ring, 0.0, 1.0, points=edges[1:-1], **settings)
     mean, square = map(float, means)
     if not _vanishes(mean, square):
         uncertain = error * (1.0 / square + 2.0 / abs(mean))

@@ -11,8 +11,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.integrate
-from scipy.integrate import ode
+import scipy
 
 from pipedyn.models.base import Model
 from pipedyn.util.check import Array
@@ -223,7 +222,7 @@ def compiled(
 
     rhs = guarded.rates if len(guarded.shape) == 1 else flat_rates
     explicit = method == "dop853"
-    solver = ode(rhs) if explicit else ode(rhs, guarded.jacobian)
+    solver = scipy.integrate.ode(rhs) if explicit else scipy.integrate.ode(rhs, guarded.jacobian)
     options = {} if explicit else {"with_jacobian": True}
     # Its own limit of steps is beyond MOST_CALLS.
     solver.set_integrator(method, rtol=rtol, atol=atol, nsteps=1_000_000_000, **options)

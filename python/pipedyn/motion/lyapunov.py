@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import field
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
@@ -183,7 +183,7 @@ def largest_exponent(
     def slopes_by_state(t: float, whole: Array) -> Array:
         """The same block twice: Newton's method does without the Jacobian's own change."""
         block = jacobian(whole[:n])
-        return np.asarray(block_diag(block, block))
+        return np.asarray(scipy.linalg.block_diag(block, block))
 
     growth = np.empty(before + blocks * each)  # logarithms
     for i in track(range(growth.size), growth.size, "exponent", shown):

@@ -20,7 +20,7 @@ def result(cls: type[Class]) -> type[Class]:
 
     NaN equals NaN, as what is missing in both; fields with compare=False do not count.
     """
-    made = dataclasses.dataclass(frozen=True)(cls)
+    made = dataclasses.dataclass(frozen=True, eq=False)(cls)
     for name, method in (("__eq__", _equal), ("__hash__", _hash)):
         setattr(made, name, method)
     return made

@@ -19,8 +19,6 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
-from threadpoolctl import ThreadpoolController
-
 SMALL = 600
 """Rows up to which one thread is used: eigenvalues then take 0.3 s. Measured, on a busy machine two
 threads take 1.7 s for as many, and 2 s in place of 0.03 s for 200 rows."""
@@ -33,6 +31,8 @@ _before: list[int] = []
 @cache
 def _libraries() -> tuple[list[Any], list[Any]]:
     """BLAS libraries with a limit for the process, and those with one for each thread."""
+    from threadpoolctl import ThreadpoolController
+
     every = ThreadpoolController().select(user_api="blas").lib_controllers
     own = [one for one in every if getattr(one, "threading_layer", "") == "openmp"]
     return [one for one in every if one not in own], own

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pipedyn.models.base import COMPLEX_STEP
 from pipedyn.models.modular.parts import Custom, Function
@@ -187,13 +187,13 @@ class CustomForces:
 
     def derivatives(self, q: Array, qdot: Array) -> tuple[Any, Any]:
         """Derivatives of the forces at one state by q and q', sparse, (3 n, 3 n) each."""
-        found: list[Any] = [sparse.csr_array((q.size, q.size)) for _ in range(2)]
+        found: list[Any] = [scipy.sparse.csr_array((q.size, q.size)) for _ in range(2)]
         for custom in self.each:
             at = custom.index
             places = (at.repeat(at.size), np.tile(at, at.size))
             for k, derivative in enumerate((custom.by_q, custom.by_qdot)):
                 entries = derivative(q[at], qdot[at]).ravel(), places
-                found[k] = found[k] + sparse.coo_array(entries, shape=found[k].shape).tocsr()
+                found[k] = found[k] + scipy.sparse.coo_array(entries, shape=found[k].shape).tocsr()
         return found[0], found[1]
 
     def energy(self, q: Array) -> float | Array:
