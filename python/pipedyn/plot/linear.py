@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import Normalize, SymLogNorm
 from numpy.typing import NDArray
 
@@ -134,9 +134,10 @@ def _coloured(
     outline = np.where(means > outlined, "black", "0.35").tolist()
     widths = np.where(means > outlined, 4.2, 2.6).tolist()
     coloured: dict[str, Any] = {"array": means, "cmap": colours, "norm": norm, "linewidths": 2.0}
-    below: dict[str, Any] = {"colors": outline, "linewidths": widths}
-    ax.add_collection(LineCollection(ends, capstyle="round", zorder=2.2, **coloured))
-    ax.add_collection(LineCollection(ends, capstyle="round", zorder=2.1, **below))
+    below: dict[str, Any] = {"edgecolors": outline, "facecolors": "none", "linewidths": widths}
+    lines = LineCollection(ends, capstyle="round", zorder=2.2, **coloured)
+    ax.add_collection(lines)
+    ax.add_collection(PathCollection(lines.get_paths(), capstyle="round", zorder=2.1, **below))
 
 
 def _branches(loci: RootLoci) -> NDArray[np.complex128]:
