@@ -4,7 +4,9 @@ The numbers asked of BLAS are what is asserted, and no time.
 """
 
 import itertools
+import os
 import signal
+import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -96,6 +98,21 @@ def test_libraries_are_searched_once(pools, monkeypatch):
     for pool in pools:
         do(pool, lambda: pp.critical_speed(pp.Chain(pp.Pipe(0.2), 3)))
     assert not searched
+
+
+def test_scipy_s_library_is_limited_though_the_package_imports_it_late():
+    program = """
+from threadpoolctl import threadpool_info
+import pipedyn as pp
+from pipedyn.util import threads
+with threads.one_thread(10):
+    pp.critical_speed(pp.Galerkin(pp.Pipe(0.2), 3))
+    print(*{found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"})
+"""
+    words = [sys.executable, "-c", program]
+    settings = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
+    done = subprocess.run(words, capture_output=True, text=True, check=True, env=settings)
+    assert done.stdout.split() == ["1"]
 
 
 def test_a_limit_of_each_thread_is_set_in_each(pools, monkeypatch):

@@ -17,6 +17,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from importlib import import_module
 from typing import Any
 
 SMALL = 600
@@ -33,6 +34,7 @@ def _libraries() -> tuple[list[Any], list[Any]]:
     """BLAS libraries with a limit for the process, and those with one for each thread."""
     from threadpoolctl import ThreadpoolController
 
+    import_module("scipy.linalg")  # has a BLAS of its own, and only what is loaded is found
     every = ThreadpoolController().select(user_api="blas").lib_controllers
     own = [one for one in every if getattr(one, "threading_layer", "") == "openmp"]
     return [one for one in every if one not in own], own
