@@ -142,9 +142,16 @@ void put(double* out, const ImpedancePoints& points, Count first, const Lanes& x
 
 void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, double* out) {
   for (Count first = 0; first < points.count; first += width) {
-    const Problem problem(model, taken(points, first), points.u);
+    const Lanes lambda = taken(points, first);
+    const Problem problem(model, lambda, points.u);
     Impedance at, by;  // and its derivative by lambda
     Lanes sum;
+    for (Count k = 0; k < points.roots; ++k) {
+      const Pack x = lambda.re - points.root_real[k], y = lambda.im - points.root_imag[k];
+      const Pack square = x * x + y * y, share = 1.0 / (square > 1e-300 ? square : all<Pack>(1e-300));
+      sum.re -= x * share;
+      sum.im += y * share;
+    }
     for (Count j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
       const auto own = coefficients(segment, problem.whole);

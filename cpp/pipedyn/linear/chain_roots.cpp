@@ -16,22 +16,6 @@ constexpr double meeting = 1e-4;
 /// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
 constexpr double wide = 0.05;
 
-/// sum_k 1 / (z - lambda_k), but for the root itself, if it is one of them.
-Complex poles(Complex z, const Approximations& roots, std::size_t itself = SIZE_MAX) {
-  double real = 0.0, imag = 0.0;
-  const auto add = [&](double x, double y) {
-    const double share = 1.0 / std::max(x * x + y * y, 1e-300);
-    real += x * share;
-    imag -= y * share;
-  };
-  for (std::size_t k = 0; k < roots.size(); ++k) {
-    const Complex other = roots[k].value;
-    if (k != itself) add(z.real() - other.real(), z.imag() - other.imag());
-    if (!roots[k].alone) add(z.real() - other.real(), z.imag() + other.imag());
-  }
-  return {real, imag};
-}
-
 }  // namespace
 
 Reals parts_of(const Values& values) {
@@ -43,11 +27,21 @@ Reals parts_of(const Values& values) {
   return parts;
 }
 
-Values log_derivatives(const Chain& chain, double u, const Values& at) {
-  const Index count = at.size();
+Values log_derivatives(const Chain& chain, double u, const Values& at,
+                       const Approximations& roots) {
+  const Index count = at.size(), poles = roots_in(roots);
   const Reals parts = parts_of(at);
-  Reals out(2 * count);
-  const ImpedancePoints points{u, count, parts.data(), parts.data() + count};
+  Reals out(2 * count), real(poles), imag(poles);
+  Index k = 0;
+  for (const Approximation& one : roots) {
+    for (const double sign : {1.0, -1.0}) {
+      if (sign < 0.0 && one.alone) continue;
+      real[k] = one.value.real();
+      imag[k++] = sign * one.value.imag();
+    }
+  }
+  const ImpedancePoints points{u,     count,       parts.data(), parts.data() + count,
+                               poles, real.data(), imag.data()};
   motion_kernel().impedance->log_derivative(chain.impedance(), points, out.data());
   Values result(count);
   for (Index i = 0; i < count; ++i) result[i] = {out[i], out[count + i]};
@@ -66,12 +60,6 @@ void sort_by_size(Approximations& all) {
   Approximations sorted;
   for (const Index i : by_size(values)) sorted.push_back(all[i]);
   all = std::move(sorted);
-}
-
-Values missing(const Chain& chain, double u, const Values& at, const Approximations& roots) {
-  Values rest = log_derivatives(chain, u, at);
-  for (Index i = 0; i < at.size(); ++i) rest[i] -= poles(at[i], roots);
-  return at * rest;
 }
 
 Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
@@ -168,11 +156,11 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
   for (int step = 0; step < most && !active.empty(); ++step) {
     Values at(active.size());
     for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
-    const Values found = log_derivatives(chain, u, at);
+    const Values found = log_derivatives(chain, u, at, roots);
     std::vector<std::size_t> moving;
     for (std::size_t i = 0; i < active.size(); ++i) {
       const std::size_t k = active[i];
-      const Complex change = 1.0 / (found[i] - poles(at[i], roots, k));
+      const Complex change = 1.0 / found[i];
       if (std::isnan(std::abs(found[i]))) {  // a pivot is 0: at this root, or beside it
         if (last[k] < 0.0) continue;
         last[k] = -1.0;
@@ -198,7 +186,7 @@ void separate(const Chain& chain, double u, bool squared, Approximations& roots)
     for (std::size_t other = i + 1; other < roots.size(); ++other) {
       const Complex one = roots[i].value, twin = roots[other].value, centre = 0.5 * (one + twin);
       if (roots[i].alone || roots[other].alone) continue;
-      if (!(std::abs(one - twin) < meeting * std::abs(one.imag()))) continue;
+      if (!(std::norm(one - twin) < meeting * meeting * one.imag() * one.imag())) continue;
       Approximations rest{{std::conj(one), true}, {std::conj(twin), true}};
       for (std::size_t k = 0; k < roots.size(); ++k) {
         if (k != i && k != other) rest.push_back(roots[k]);
@@ -208,8 +196,7 @@ void separate(const Chain& chain, double u, bool squared, Approximations& roots)
         const double turn = 2.0 * M_PI * (static_cast<double>(k) + 0.5) / circle_points;
         arms[k] = std::polar(wide * std::abs(centre), turn);
       }
-      Values found = arms * log_derivatives(chain, u, centre + arms);
-      for (Index k = 0; k < circle_points; ++k) found[k] -= arms[k] * poles(centre + arms[k], rest);
+      const Values found = arms * log_derivatives(chain, u, centre + arms, rest);
       if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
       const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
       Complex middle = centre + 0.5 * sum, square = 2.0 * squares - sum * sum;

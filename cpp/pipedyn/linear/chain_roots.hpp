@@ -34,20 +34,18 @@ struct Approximation {
 };
 using Approximations = std::vector<Approximation>;
 
+/// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for roots k at lambda itself.
+Values log_derivatives(const Chain& chain, double u, const Values& at,
+                       const Approximations& roots = {});
+
 /// Real parts, then imaginary ones.
 Reals parts_of(const Values& values);
-
-/// d log det P / dlambda.
-Values log_derivatives(const Chain& chain, double u, const Values& at);
 
 /// Number of roots, with the conjugates that are implied.
 Index roots_in(const Approximations& all);
 
 /// As `by_size` does.
 void sort_by_size(Approximations& all);
-
-/// lambda (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)).
-Values missing(const Chain& chain, double u, const Values& at, const Approximations& roots);
 
 /// P of a chain in what guides leave of the joint angles divided by scale; size: of K at rest.
 Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,

@@ -198,7 +198,7 @@ bool ChainSpectrum::has_all(double u, const Approximations& roots) const {
   for (std::size_t i = 0; i < roots.size(); ++i) {
     points[i] = std::polar(std::max(std::abs(roots[i].value), 1e-3), ray);
   }
-  return missing(chain_, u, points, roots).abs().maxCoeff() < nothing_missing;
+  return (points * pipedyn::log_derivatives(chain_, u, points, roots)).abs().maxCoeff() < nothing_missing;
 }
 
 /// Whether roots beyond the least are the next ones: the circle passes where the gap is widest.
@@ -214,7 +214,8 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
   for (Index i = 0; i < circle_points; ++i) {
     points[i] = std::polar(radius, M_PI * (static_cast<double>(i) + 0.5) / circle_points);
   }
-  return widest > 1.05 && std::abs(missing(chain_, u, points, roots).real().mean()) < 0.05;
+  const Values rest = points * pipedyn::log_derivatives(chain_, u, points, roots);
+  return widest > 1.05 && std::abs(rest.real().mean()) < 0.05;
 }
 
 std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index count, bool vectors,

@@ -109,15 +109,13 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
   step.error.assign(size, infinite);
   step.slopes = left.slopes;
   std::vector<double> misfit(square * square, 0.0), cost(square * square, 0.0);
+  const Values behind = right.values - 0.5 * h * right.slopes;
   for (Index i = 0; i < size; ++i) {
     const Complex ahead = left.values[i] + 0.5 * h * left.slopes[i];
-    for (Index j = 0; j < right.size(); ++j) {
-      const Complex behind = right.values[j] - 0.5 * h * right.slopes[j];
-      const Index at = i * square + j;
-      misfit[at] = std::abs(ahead - behind);
-      // Values within the step's reach settle what slopes near a meeting cannot.
-      cost[at] = std::min(misfit[at], std::abs(left.values[i] - right.values[j]));
-    }
+    const Reals apart = (behind - ahead).abs2(), moved = (right.values - left.values[i]).abs2();
+    Eigen::Map<Reals>(&misfit[i * square], right.size()) = apart.sqrt();
+    // Values within the step's reach settle what slopes near a meeting cannot.
+    Eigen::Map<Reals>(&cost[i * square], right.size()) = apart.min(moved).sqrt();
   }
   const Roots columns = assignment(cost, square);
   Flags resting(size, 0);
@@ -142,8 +140,12 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
 
   constexpr int points = 9;
   std::vector<Complex> curves(size * points);
+  std::vector<double> extent(size, 0.0);  // how far a curve goes from its start
   for (const Index i : matched) {
-    for (int k = 0; k < points; ++k) curves[i * points + k] = step.at(i, k / (points - 1.0));
+    for (int k = 0; k < points; ++k) {
+      curves[i * points + k] = step.at(i, k / (points - 1.0));
+      extent[i] = std::max(extent[i], std::abs(curves[i * points + k] - curves[i * points]));
+    }
   }
   Flags zero(size), clustered(size);
   std::vector<int> signature(size);
@@ -161,6 +163,8 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
       const bool passing = signature[i] != 0 && signature[i] == signature[k];
       if (i == k || passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k])) continue;
       const double reach = 3.0 * (step.error[i] + step.error[k]);
+      const double room = 1.01 * (reach + extent[i] + extent[k]);
+      if (std::norm(curves[i * points] - curves[k * points]) > room * room) continue;
       for (int p = resting[i] && resting[k] ? 1 : 0; p < points; ++p) {
         if (std::norm(curves[i * points + p] - curves[k * points + p]) >= reach * reach) continue;
         near.emplace_back(i, k);
