@@ -11,6 +11,8 @@ namespace {
 
 /// Joint angles lose eps |lambda|^2 of a root: LAPACK's beyond this |lambda| are no starts.
 constexpr double no_start = 1e7;
+/// How far, relative, a root is expected to move: where two meet slopes are infinite.
+constexpr double farthest = 0.3;
 /// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
 constexpr double meeting = 1e-4;
 /// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
@@ -132,10 +134,19 @@ void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
   }
 }
 
+Approximations expected(Approximations roots, double further) {
+  for (Approximation& one : roots) {
+    const Complex change = further * (one.slope + 0.5 * further * one.bend);
+    const double most = farthest * std::abs(one.value), size = std::abs(change);
+    one.value += size <= most ? change : most / size * change;
+  }
+  return roots;
+}
+
 Approximations parted(const Approximations& starts) {
   Approximations roots;
   for (const Approximation& start : starts) {
-    const auto& [value, alone, settled] = start;
+    const auto& [value, alone, settled, slope, bend] = start;
     const double shift = 1e-3 * static_cast<double>(roots.size() % 7 + 1);
     if (settled || (!alone && std::abs(value.imag()) >= 0.3 * std::abs(value))) {
       roots.push_back(start);

@@ -31,6 +31,7 @@ struct Approximation {
   Complex value;
   bool alone = false;
   bool settled = false;  // zero by structure, or better known than its vectors would make it
+  Complex slope = 0.0, bend = 0.0;  // d lambda / du and d^2 lambda / du^2, 0 where not known
 };
 using Approximations = std::vector<Approximation>;
 
@@ -64,6 +65,9 @@ void put_zeros(Approximations& roots, Index count);
 /// Adds starts of the stiff roots, where roots are counted: of those below |lambda| = r there are
 /// about Re(lambda d log det P / dlambda).
 void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots);
+
+/// Where the roots of one speed are expected further on by so much.
+Approximations expected(Approximations roots, double further);
 
 /// Those near the real axis without the symmetry that keeps two real roots from being found.
 Approximations parted(const Approximations& starts);

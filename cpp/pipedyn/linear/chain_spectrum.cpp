@@ -22,8 +22,8 @@ constexpr double slow = 30.0;
 /// 2000 segments, and one root in place of another 1e-6 where they differ by 1e-6.
 constexpr double nothing_missing = 1e-6;
 /// Speeds so close that the roots at one are starts at the other, if so few corrections do: a step
-/// of a search (longest_step), and a little more.
-constexpr double near_speed = 0.6;
+/// of a search (longest_step), and back to the middle of the one before.
+constexpr double near_speed = 1.1;
 constexpr int most_near = 15;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments: 5 and
 /// 80 take as long, measured from 1,000 to 100,000 segments.
@@ -233,8 +233,16 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   const double size = std::abs(lowest.back().value) * (1.0 + 1e-6);
   while (next < roots.size() && std::abs(roots[next].value) <= size)
     lowest.push_back(roots[next++]);
-  auto found = with_conjugates(polished(u, lowest, vectors), lowest, count);
+  const Pairs known = polished(u, lowest, vectors);
+  auto found = with_conjugates(known, lowest, count);
   if (found) {
+    for (std::size_t i = 0; i < lowest.size(); ++i) {
+      const Complex slope = known.slopes[i], before = std::exchange(roots[i].slope, 0.0);
+      roots[i].bend = 0.0;
+      if (roots[i].value == 0.0 || !std::isfinite(std::norm(slope))) continue;
+      roots[i].slope = slope;
+      if (before != 0.0) roots[i].bend = (slope - before) / (u - roots_speed_);
+    }
     roots_ = std::move(roots);
     for (Approximation& one : roots_) one.settled = one.value == 0.0;
     roots_speed_ = u;
@@ -247,7 +255,11 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
   const Index before = std::count_if(roots_.begin(), roots_.end(),
                                      [](const Approximation& one) { return one.settled; });
   if (std::abs(u - roots_speed_) <= near_speed && zeros == before) {
-    if (auto found = from(roots_, u, count, vectors, most_near)) return found;
+    const Approximations starts = expected(roots_, u - roots_speed_);
+    for (const bool apart : {false, true}) {
+      auto found = from(apart ? parted(starts) : starts, u, count, vectors, most_near);
+      if (found) return found;
+    }
   }
   const Index spans = n - traits.dof;  // with four segments each their lowest modes are known
   for (Index segments = std::max<Index>(10, count + 4) + 4 * spans;; segments *= 3) {
@@ -288,7 +300,7 @@ Pairs ChainSpectrum::lowest(double u, Index count, bool left, bool high) {
   };
   count = std::min(count, 2 * traits.dof);
   factorised_ += 2;
-  std::optional<Pairs> found = by_recursion(u, count, true);
+  std::optional<Pairs> found = by_recursion(u, count, high || traits.damped);
   // At rest nothing grows without damping; elsewhere these roots are as good as any balance.
   if (found && !traits.damped) found->by_left.setZero();
   if (found && (good(*found) == count || chain_.dof() > dense_limit)) return *found;

@@ -495,6 +495,7 @@ class Search {
       u = bisected(step, root);
       const SharedSample at = take(u);
       pair = at->pair(nearest(*at, step.expected(root, u))[0]);
+      if (pair.right.size() == 0) pair = spectrum_.refined(u, pair);
     }
     if (!pair.converged()) {
       throw refusal(
