@@ -11,8 +11,8 @@ namespace {
 
 /// Joint angles lose eps |lambda|^2 of a root: LAPACK's beyond this |lambda| are no starts.
 constexpr double no_start = 1e7;
-/// How far, relative, a root is expected to move: where two meet slopes are infinite.
-constexpr double farthest = 0.3;
+/// How far, relative, a root is expected to move at most: where two meet slopes are infinite.
+constexpr double farthest = 0.1;
 /// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
 constexpr double meeting = 1e-4;
 /// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
@@ -134,11 +134,11 @@ void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
   }
 }
 
-Approximations expected(Approximations roots, double further) {
+Approximations expected(Approximations roots, double further, double delta) {
   for (Approximation& one : roots) {
     const Complex change = further * (one.slope + 0.5 * further * one.bend);
-    const double most = farthest * std::abs(one.value), size = std::abs(change);
-    one.value += size <= most ? change : most / size * change;
+    const bool clustered = std::abs(1.0 + delta * one.value) < farthest;
+    if (!clustered && std::abs(change) <= farthest * std::abs(one.value)) one.value += change;
   }
   return roots;
 }

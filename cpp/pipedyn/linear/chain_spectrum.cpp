@@ -255,7 +255,7 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
   const Index before = std::count_if(roots_.begin(), roots_.end(),
                                      [](const Approximation& one) { return one.settled; });
   if (std::abs(u - roots_speed_) <= near_speed && zeros == before) {
-    const Approximations starts = expected(roots_, u - roots_speed_);
+    const Approximations starts = expected(roots_, u - roots_speed_, traits.delta);
     for (const bool apart : {false, true}) {
       auto found = from(apart ? parted(starts) : starts, u, count, vectors, most_near);
       if (found) return found;
