@@ -193,11 +193,19 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
 }
 
 void separate(const Chain& chain, double u, bool squared, Approximations& roots) {
+  std::vector<std::size_t> order;
   for (std::size_t i = 0; i < roots.size(); ++i) {
-    for (std::size_t other = i + 1; other < roots.size(); ++other) {
+    if (!roots[i].alone) order.push_back(i);
+  }
+  const auto height = [&](std::size_t i) { return std::abs(roots[i].value.imag()); };
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t i, std::size_t k) { return height(i) < height(k); });
+  for (std::size_t lower = 0; lower < order.size(); ++lower) {
+    for (std::size_t upper = lower + 1; upper < order.size(); ++upper) {
+      const auto [i, other] = std::minmax(order[lower], order[upper]);
       const Complex one = roots[i].value, twin = roots[other].value, centre = 0.5 * (one + twin);
-      if (roots[i].alone || roots[other].alone) continue;
-      if (!(std::norm(one - twin) < meeting * meeting * one.imag() * one.imag())) continue;
+      if (height(order[upper]) > (1.0 + 2.0 * meeting) * height(order[lower])) break;
+      if (!(std::abs(one - twin) < meeting * std::abs(one.imag()))) continue;
       Approximations rest{{std::conj(one), true}, {std::conj(twin), true}};
       for (std::size_t k = 0; k < roots.size(); ++k) {
         if (k != i && k != other) rest.push_back(roots[k]);
