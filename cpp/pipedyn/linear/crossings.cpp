@@ -66,7 +66,8 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
     guess = std::move(pair);
     guess.value += guess.slope * change;
     // Converged, or steps that do not shrink any more: what is left is rounding.
-    last = size <= 4e-16 * u || size >= last ? 0.0 : size;
+    const bool within = size * std::abs(guess.slope.real()) <= 0.1 * guess.uncertain;
+    last = within || size <= 4e-16 * u || size >= last ? 0.0 : size;
   }
 }
 

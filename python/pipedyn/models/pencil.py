@@ -44,9 +44,11 @@ class Pencil:
         flux: with A.
         gravity: with dK/dgamma; K is linear in gamma.
         is_long: whether a few roots are found faster than all, in O(dof).
+        end_moves: whether what flows through an end of the pipe does work for sure.
     """
 
     is_long = True
+    end_moves = False
     mass: Product
     velocity: Product
     damping: Product
@@ -128,6 +130,7 @@ class ChainPencil(Pencil):
         self.core = model.core if held is None else model.core.guided(held.tolist())
         self.dof -= 0 if held is None else int(held.sum())
         self.is_long = self.dof > LONGEST_DENSE
+        self.end_moves = held is None and model.pipe.beta > 0.0
         self.scale = model.elastic_scale
         self.mass = partial(self._times, square=1.0)
         self.velocity = partial(self._times, velocity=1.0)
