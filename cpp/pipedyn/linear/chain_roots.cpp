@@ -143,6 +143,21 @@ Approximations expected(Approximations roots, double further, double delta) {
   return roots;
 }
 
+bool is_meeting_expected(const Approximations& roots, double further) {
+  const auto meets = [&](double apart, double rate) {
+    return apart != 0.0 && 2.0 * further * rate / apart < -1.0;
+  };
+  for (auto one = roots.begin(); one != roots.end(); ++one) {
+    if (!one->alone && meets(one->value.imag(), one->slope.imag())) return true;
+    for (auto other = one + 1; one->alone && other != roots.end(); ++other) {
+      if (!other->alone) continue;
+      if (meets((other->value - one->value).real(), (other->slope - one->slope).real()))
+        return true;
+    }
+  }
+  return false;
+}
+
 Approximations parted(const Approximations& starts) {
   Approximations roots;
   for (const Approximation& start : starts) {

@@ -70,6 +70,10 @@ void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots);
 /// where rounding makes the slopes, as they were.
 Approximations expected(Approximations roots, double further, double delta);
 
+/// Whether roots meet on the real axis within so much by their slopes: distances there are like the
+/// square root of what is left to the meeting.
+bool is_meeting_expected(const Approximations& roots, double further);
+
 /// Those near the real axis without the symmetry that keeps two real roots from being found.
 Approximations parted(const Approximations& starts);
 

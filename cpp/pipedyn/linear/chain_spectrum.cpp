@@ -198,7 +198,8 @@ bool ChainSpectrum::has_all(double u, const Approximations& roots) const {
   for (std::size_t i = 0; i < roots.size(); ++i) {
     points[i] = std::polar(std::max(std::abs(roots[i].value), 1e-3), ray);
   }
-  return (points * pipedyn::log_derivatives(chain_, u, points, roots)).abs().maxCoeff() < nothing_missing;
+  return (points * pipedyn::log_derivatives(chain_, u, points, roots)).abs().maxCoeff() <
+         nothing_missing;
 }
 
 /// Whether roots beyond the least are the next ones: the circle passes where the gap is widest.
@@ -256,7 +257,8 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
                                      [](const Approximation& one) { return one.settled; });
   if (std::abs(u - roots_speed_) <= near_speed && zeros == before) {
     const Approximations starts = expected(roots_, u - roots_speed_, traits.delta);
-    for (const bool apart : {false, true}) {
+    const bool meeting = is_meeting_expected(roots_, u - roots_speed_);
+    for (const bool apart : {meeting, !meeting}) {
       auto found = from(apart ? parted(starts) : starts, u, count, vectors, most_near);
       if (found) return found;
     }
@@ -335,7 +337,7 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
     const Complex change = 1.0 / log_derivatives(u, value)[0];
     if (!std::isfinite(std::norm(change))) break;
     value[0] -= change;
-    if (std::abs(change) <= 1e-12 * std::abs(value[0])) break;
+    if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // twice the digits are left now
   }
   return polished(u, {{value[0], false}}, true).pair(0);
 }

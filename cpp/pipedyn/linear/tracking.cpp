@@ -23,8 +23,8 @@ constexpr int most_steps = 800;
 /// a meeting each moves by 1e-3.
 constexpr double jump = 0.1;
 
-/// Column of each row so that the sum of their costs, (size, size), is least. Where each row's least
-/// cost is in a column of its own these serve; else rows are added one by one, each along the
+/// Column of each row so that the sum of their costs, (size, size), is least. Where each row's
+/// least cost is in a column of its own these serve; else rows are added one by one, each along the
 /// shortest augmenting path by reduced costs (the Hungarian method). squares: of the costs.
 Roots assignment(const std::vector<double>& squares, Index size) {
   Roots least_columns(size);
@@ -36,7 +36,8 @@ Roots assignment(const std::vector<double>& squares, Index size) {
   }
   if (apart) return least_columns;
   std::vector<double> cost(squares.size());
-  std::transform(squares.begin(), squares.end(), cost.begin(), [](double x) { return std::sqrt(x); });
+  std::transform(squares.begin(), squares.end(), cost.begin(),
+                 [](double x) { return std::sqrt(x); });
   // Column `size` stands for the row that is being added.
   Roots row_of(size + 1, -1), before(size + 1), columns(size);
   std::vector<double> by_row(size, 0.0), by_column(size + 1, 0.0), distance(size);
