@@ -12,7 +12,11 @@ namespace {
 /// Joint angles lose eps |lambda|^2 of a root: LAPACK's beyond this |lambda| are no starts.
 constexpr double no_start = 1e7;
 /// How far, relative, a root is expected to move at most: where two meet slopes are infinite.
-constexpr double farthest = 0.1;
+constexpr double farthest = 0.3;
+/// |1 + delta lambda| of roots in the cluster at -1 / delta.
+constexpr double clustered = 0.1;
+/// |Im lambda| by |lambda| of pairs that may meet the real axis within a step of a search.
+constexpr double near_axis = 0.7;
 /// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
 constexpr double meeting = 1e-4;
 /// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
@@ -134,11 +138,25 @@ void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
   }
 }
 
+void join(Approximations& roots) {
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    const Complex value = roots[i].value;
+    const double same = 1e-6 * std::abs(value);
+    if (!roots[i].alone || std::abs(value.imag()) <= same) continue;
+    const auto twin = std::find_if(roots.begin() + i + 1, roots.end(), [&](const auto& other) {
+      return other.alone && std::abs(other.value - std::conj(value)) <= same;
+    });
+    if (twin == roots.end()) continue;
+    roots[i].alone = false;
+    roots.erase(twin);
+  }
+}
+
 Approximations expected(Approximations roots, double further, double delta) {
   for (Approximation& one : roots) {
     const Complex change = further * (one.slope + 0.5 * further * one.bend);
-    const bool clustered = std::abs(1.0 + delta * one.value) < farthest;
-    if (!clustered && std::abs(change) <= farthest * std::abs(one.value)) one.value += change;
+    if (std::abs(1.0 + delta * one.value) < clustered) continue;
+    if (std::abs(change) <= farthest * std::abs(one.value)) one.value += change;
   }
   return roots;
 }
@@ -163,7 +181,7 @@ Approximations parted(const Approximations& starts) {
   for (const Approximation& start : starts) {
     const auto& [value, alone, settled, slope, bend] = start;
     const double shift = 1e-3 * static_cast<double>(roots.size() % 7 + 1);
-    if (settled || (!alone && std::abs(value.imag()) >= 0.3 * std::abs(value))) {
+    if (settled || (!alone && std::abs(value.imag()) >= near_axis * std::abs(value))) {
       roots.push_back(start);
       continue;
     }

@@ -66,6 +66,9 @@ void put_zeros(Approximations& roots, Index count);
 /// about Re(lambda d log det P / dlambda).
 void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots);
 
+/// Conjugates that were found one by one as one root with its conjugate.
+void join(Approximations& roots);
+
 /// Where the roots of one speed are expected further on by so much; in the cluster at -1 / delta,
 /// where rounding makes the slopes, as they were.
 Approximations expected(Approximations roots, double further, double delta);

@@ -244,6 +244,7 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
       roots[i].slope = slope;
       if (before != 0.0) roots[i].bend = (slope - before) / (u - roots_speed_);
     }
+    join(roots);
     roots_ = std::move(roots);
     for (Approximation& one : roots_) one.settled = one.value == 0.0;
     roots_speed_ = u;
