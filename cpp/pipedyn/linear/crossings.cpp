@@ -414,8 +414,7 @@ class Search {
       const bool twice = std::find(scan.roots.begin(), scan.roots.end(), k) != scan.roots.end();
       if (change == 0 || scan.leaving[i] || (twice && i > k)) continue;
       const bool odd = change % 2 != 0;  // one real root of the two passes zero
-      std::optional<AxisCrossing> passed;
-      if (odd) passed = divergence(step, 0.5, change, modes_[i]);
+      auto passed = odd ? divergence(step, 0.5, change, modes_[i]) : std::nullopt;
       if (!odd && traits_.squared) passed = meeting(step, i, change);
       const double middle = 0.5 * (step.left->u + step.right->u);
       const double imag = traits_.squared ? std::sqrt(step.start(i)).imag() : step.start(i).imag();
@@ -495,8 +494,7 @@ class Search {
     if (astray()) {
       u = bisected(step, root);
       const SharedSample at = take(u);
-      pair = at->pair(nearest(*at, step.expected(root, u))[0]);
-      if (pair.right.size() == 0) pair = spectrum_.refined(u, pair);
+      pair = spectrum_.refined(u, at->pair(nearest(*at, step.expected(root, u))[0]));
     }
     if (!pair.converged()) {
       throw refusal(
