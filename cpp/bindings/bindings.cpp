@@ -128,10 +128,11 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def(
           "joint_times",
           [](const Chain& chain, const pipedyn::Matrix& x, double still, double rate, double square,
-             double velocity,
-             double flux) { return chain.joint_times(x, {still, rate, square, velocity, flux}); },
+             double velocity, double flux, double gravity) {
+            return chain.joint_times(x, {still, rate, square, velocity, flux, gravity});
+          },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
-          "flux"_a = 0.0, Unlocked())
+          "flux"_a = 0.0, "gravity"_a = 0.0, Unlocked())
       .def("guided", &Chain::guided, "held"_a)
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);

@@ -94,6 +94,7 @@ class Chain:
         square: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def loads(
         self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]

@@ -332,8 +332,8 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
     const double l = at.length;
     angle += x.row(j);
     force.row(j) = sum(at.force) * place + (sum(at.turned) + 2.0 * l * coriolis) * angle;
-    out.row(j) =
-        sum(at.across) * place + (sum(at.moment) + l * l * coriolis - l * part.flux) * angle;
+    const double own = l * l * coriolis - l * part.flux + part.gravity * first_moment_[j];
+    out.row(j) = sum(at.across) * place + (sum(at.moment) + own) * angle;
     place += l * angle;
   }
   Row beyond = part.flux * angle;

@@ -59,10 +59,10 @@ struct Segments {
   Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
 };
 
-/// What multiplies the parts of P: stiffness, damping and inertia, and s (gyroscopic + end_flux)
-/// and flux of `Operators`.
+/// What multiplies the parts of P: stiffness, damping and inertia, s (gyroscopic + end_flux) and
+/// flux of `Operators`, and the derivative of the stiffness by gamma.
 struct LinearPart {
-  double still = 0.0, rate = 0.0, square = 0.0, velocity = 0.0, flux = 0.0;
+  double still = 0.0, rate = 0.0, square = 0.0, velocity = 0.0, flux = 0.0, gravity = 0.0;
 };
 
 /// Immutable; one chain may serve many threads.

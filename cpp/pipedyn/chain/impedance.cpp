@@ -74,6 +74,7 @@ struct Problem {
   Factors<Lanes> whole, by_lambda, by_u;
   Factors<Pack> sizes;
 
+  Problem() = default;
   Problem(const ImpedanceModel& model, const Lanes& lambda, double u) {
     const Pack one = all<Pack>(1.0), none{};
     const double c = model.coriolis, a = model.centrifugal;
@@ -140,33 +141,54 @@ void put(double* out, const ImpedancePoints& points, Count first, const Lanes& x
   put(out + points.count, points, first, x.im);
 }
 
+/// Packs that log_derivative takes through the segments together: each waits for its own divisions.
+constexpr Count abreast = 4;
+
 void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, double* out) {
-  for (Count first = 0; first < points.count; first += width) {
-    const Problem problem(model, taken(points, first), points.u);
-    Impedance at, by;  // and its derivative by lambda
-    Lanes sum;
+  for (Count first = 0; first < points.count; first += abreast * width) {
+    const Count left = (points.count - first + width - 1) / width;
+    const Count packs = left < abreast ? left : abreast;
+    Problem problems[abreast];
+    Impedance before[abreast], rates[abreast];  // and its derivative by lambda
+    Lanes sums[abreast];
+    for (Count p = 0; p < packs; ++p) {
+      const Lanes lambda = taken(points, first + p * width);
+      problems[p] = Problem(model, lambda, points.u);
+      Lanes& sum = sums[p];
+      for (Count k = 0; k < points.roots; ++k) {
+        const Pack x = lambda.re - points.root_real[k], y = lambda.im - points.root_imag[k];
+        const Pack square = x * x + y * y,
+                   share = 1.0 / (square > 1e-300 ? square : all<Pack>(1e-300));
+        sum.re -= x * share;
+        sum.im += y * share;
+      }
+    }
     for (Count j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
-      const auto own = coefficients(segment, problem.whole);
-      const auto change = coefficients(segment, problem.by_lambda);
-      if (segment.held) {  // its pivot is constant
-        by = before_held(segment.length, by, change);
-        at = before_held(segment.length, at, own);
-        continue;
+      for (Count p = 0; p < packs; ++p) {
+        const Problem& problem = problems[p];
+        Impedance &at = before[p], &by = rates[p];
+        const auto own = coefficients(segment, problem.whole);
+        const auto change = coefficients(segment, problem.by_lambda);
+        if (segment.held) {  // its pivot is constant
+          by = before_held(segment.length, by, change);
+          at = before_held(segment.length, at, own);
+          continue;
+        }
+        const Step step(segment.length, at, own), moved(segment.length, by, change);
+        const Lanes share = inverse(step.p), relative = moved.p * share;
+        sums[p] += relative;
+        const Lanes w = step.w * share, r = step.r * share, e = own.elastic * share;
+        const Lanes dw = moved.w * share - w * relative, dr = moved.r * share - r * relative,
+                    de = change.elastic * share - e * relative;
+        by = {by.a + change.force - (moved.h * w + step.pushed * dw),
+              moved.h * e + step.h * de - own.thrust * dr, change.elastic * w + own.elastic * dw,
+              change.elastic * r + own.elastic * dr};
+        at = {at.a + own.force - step.pushed * w, step.h * e - own.thrust * r, own.elastic * w,
+              own.elastic * r};
       }
-      const Step step(segment.length, at, own), moved(segment.length, by, change);
-      const Lanes share = inverse(step.p), relative = moved.p * share;
-      sum += relative;
-      const Lanes w = step.w * share, r = step.r * share, e = own.elastic * share;
-      const Lanes dw = moved.w * share - w * relative, dr = moved.r * share - r * relative,
-                  de = change.elastic * share - e * relative;
-      by = {by.a + change.force - (moved.h * w + step.pushed * dw),
-            moved.h * e + step.h * de - own.thrust * dr, change.elastic * w + own.elastic * dw,
-            change.elastic * r + own.elastic * dr};
-      at = {at.a + own.force - step.pushed * w, step.h * e - own.thrust * r, own.elastic * w,
-            own.elastic * r};
     }
-    put(out, points, first, sum);
+    for (Count p = 0; p < packs; ++p) put(out, points, first + p * width, sums[p]);
   }
 }
 

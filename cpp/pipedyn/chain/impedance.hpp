@@ -49,11 +49,13 @@ struct ImpedanceModel {
   double centrifugal;                        // a
 };
 
-/// Values of lambda at one speed u; count entries in each array.
+/// Values of lambda at one speed u, and roots known; count and roots entries in each array.
 struct ImpedancePoints {
   double u;
   std::ptrdiff_t count;
   const double *real, *imag;
+  std::ptrdiff_t roots = 0;
+  const double *root_real = nullptr, *root_imag = nullptr;
 };
 
 /// What is known of roots; real and imaginary parts of count values, one after the other.
@@ -73,7 +75,8 @@ struct ImpedancePairs {
 };
 
 struct ImpedanceKernel {
-  /// d log det P / dlambda, real and imaginary parts of count values.
+  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), real and imaginary parts of count
+  /// values; roots k at lambda itself add nothing.
   void (*log_derivative)(const ImpedanceModel&, const ImpedancePoints&, double* out);
   /// Vectors of roots, or of values near them; scratch: 14 n width numbers on a vector's boundary.
   void (*pairs)(const ImpedanceModel&, const ImpedancePoints&, const ImpedancePairs&,

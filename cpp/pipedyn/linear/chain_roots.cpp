@@ -11,26 +11,16 @@ namespace {
 
 /// Joint angles lose eps |lambda|^2 of a root: LAPACK's beyond this |lambda| are no starts.
 constexpr double no_start = 1e7;
+/// How far, relative, a root is expected to move at most: where two meet slopes are infinite.
+constexpr double farthest = 0.3;
+/// |1 + delta lambda| of roots in the cluster at -1 / delta.
+constexpr double clustered = 0.1;
+/// |Im lambda| by |lambda| of pairs that may meet the real axis within a step of a search.
+constexpr double near_axis = 0.7;
 /// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
 constexpr double meeting = 1e-4;
 /// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
 constexpr double wide = 0.05;
-
-/// sum_k 1 / (z - lambda_k), but for the root itself, if it is one of them.
-Complex poles(Complex z, const Approximations& roots, std::size_t itself = SIZE_MAX) {
-  double real = 0.0, imag = 0.0;
-  const auto add = [&](double x, double y) {
-    const double share = 1.0 / std::max(x * x + y * y, 1e-300);
-    real += x * share;
-    imag -= y * share;
-  };
-  for (std::size_t k = 0; k < roots.size(); ++k) {
-    const Complex other = roots[k].value;
-    if (k != itself) add(z.real() - other.real(), z.imag() - other.imag());
-    if (!roots[k].alone) add(z.real() - other.real(), z.imag() + other.imag());
-  }
-  return {real, imag};
-}
 
 }  // namespace
 
@@ -43,11 +33,21 @@ Reals parts_of(const Values& values) {
   return parts;
 }
 
-Values log_derivatives(const Chain& chain, double u, const Values& at) {
-  const Index count = at.size();
+Values log_derivatives(const Chain& chain, double u, const Values& at,
+                       const Approximations& roots) {
+  const Index count = at.size(), poles = roots_in(roots);
   const Reals parts = parts_of(at);
-  Reals out(2 * count);
-  const ImpedancePoints points{u, count, parts.data(), parts.data() + count};
+  Reals out(2 * count), real(poles), imag(poles);
+  Index k = 0;
+  for (const Approximation& one : roots) {
+    for (const double sign : {1.0, -1.0}) {
+      if (sign < 0.0 && one.alone) continue;
+      real[k] = one.value.real();
+      imag[k++] = sign * one.value.imag();
+    }
+  }
+  const ImpedancePoints points{u,     count,       parts.data(), parts.data() + count,
+                               poles, real.data(), imag.data()};
   motion_kernel().impedance->log_derivative(chain.impedance(), points, out.data());
   Values result(count);
   for (Index i = 0; i < count; ++i) result[i] = {out[i], out[count + i]};
@@ -66,12 +66,6 @@ void sort_by_size(Approximations& all) {
   Approximations sorted;
   for (const Index i : by_size(values)) sorted.push_back(all[i]);
   all = std::move(sorted);
-}
-
-Values missing(const Chain& chain, double u, const Values& at, const Approximations& roots) {
-  Values rest = log_derivatives(chain, u, at);
-  for (Index i = 0; i < at.size(); ++i) rest[i] -= poles(at[i], roots);
-  return at * rest;
 }
 
 Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
@@ -144,12 +138,50 @@ void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
   }
 }
 
+void join(Approximations& roots) {
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    const Complex value = roots[i].value;
+    const double same = 1e-6 * std::abs(value);
+    if (!roots[i].alone || std::abs(value.imag()) <= same) continue;
+    const auto twin = std::find_if(roots.begin() + i + 1, roots.end(), [&](const auto& other) {
+      return other.alone && std::abs(other.value - std::conj(value)) <= same;
+    });
+    if (twin == roots.end()) continue;
+    roots[i].alone = false;
+    roots.erase(twin);
+  }
+}
+
+Approximations expected(Approximations roots, double further, double delta) {
+  for (Approximation& one : roots) {
+    const Complex change = further * (one.slope + 0.5 * further * one.bend);
+    if (std::abs(1.0 + delta * one.value) < clustered) continue;
+    if (std::abs(change) <= farthest * std::abs(one.value)) one.value += change;
+  }
+  return roots;
+}
+
+bool is_meeting_expected(const Approximations& roots, double further) {
+  const auto meets = [&](double apart, double rate) {
+    return apart != 0.0 && 2.0 * further * rate / apart < -1.0;
+  };
+  for (auto one = roots.begin(); one != roots.end(); ++one) {
+    if (!one->alone && meets(one->value.imag(), one->slope.imag())) return true;
+    for (auto other = one + 1; one->alone && other != roots.end(); ++other) {
+      if (!other->alone) continue;
+      if (meets((other->value - one->value).real(), (other->slope - one->slope).real()))
+        return true;
+    }
+  }
+  return false;
+}
+
 Approximations parted(const Approximations& starts) {
   Approximations roots;
   for (const Approximation& start : starts) {
-    const auto& [value, alone, settled] = start;
+    const auto& [value, alone, settled, slope, bend] = start;
     const double shift = 1e-3 * static_cast<double>(roots.size() % 7 + 1);
-    if (settled || (!alone && std::abs(value.imag()) >= 0.3 * std::abs(value))) {
+    if (settled || (!alone && std::abs(value.imag()) >= near_axis * std::abs(value))) {
       roots.push_back(start);
       continue;
     }
@@ -168,11 +200,11 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
   for (int step = 0; step < most && !active.empty(); ++step) {
     Values at(active.size());
     for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
-    const Values found = log_derivatives(chain, u, at);
+    const Values found = log_derivatives(chain, u, at, roots);
     std::vector<std::size_t> moving;
     for (std::size_t i = 0; i < active.size(); ++i) {
       const std::size_t k = active[i];
-      const Complex change = 1.0 / (found[i] - poles(at[i], roots, k));
+      const Complex change = 1.0 / found[i];
       if (std::isnan(std::abs(found[i]))) {  // a pivot is 0: at this root, or beside it
         if (last[k] < 0.0) continue;
         last[k] = -1.0;
@@ -194,10 +226,18 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
 }
 
 void separate(const Chain& chain, double u, bool squared, Approximations& roots) {
+  std::vector<std::size_t> order;
   for (std::size_t i = 0; i < roots.size(); ++i) {
-    for (std::size_t other = i + 1; other < roots.size(); ++other) {
+    if (!roots[i].alone) order.push_back(i);
+  }
+  const auto height = [&](std::size_t i) { return std::abs(roots[i].value.imag()); };
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t i, std::size_t k) { return height(i) < height(k); });
+  for (std::size_t lower = 0; lower < order.size(); ++lower) {
+    for (std::size_t upper = lower + 1; upper < order.size(); ++upper) {
+      const auto [i, other] = std::minmax(order[lower], order[upper]);
       const Complex one = roots[i].value, twin = roots[other].value, centre = 0.5 * (one + twin);
-      if (roots[i].alone || roots[other].alone) continue;
+      if (height(order[upper]) > (1.0 + 2.0 * meeting) * height(order[lower])) break;
       if (!(std::abs(one - twin) < meeting * std::abs(one.imag()))) continue;
       Approximations rest{{std::conj(one), true}, {std::conj(twin), true}};
       for (std::size_t k = 0; k < roots.size(); ++k) {
@@ -208,8 +248,7 @@ void separate(const Chain& chain, double u, bool squared, Approximations& roots)
         const double turn = 2.0 * M_PI * (static_cast<double>(k) + 0.5) / circle_points;
         arms[k] = std::polar(wide * std::abs(centre), turn);
       }
-      Values found = arms * log_derivatives(chain, u, centre + arms);
-      for (Index k = 0; k < circle_points; ++k) found[k] -= arms[k] * poles(centre + arms[k], rest);
+      const Values found = arms * log_derivatives(chain, u, centre + arms, rest);
       if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
       const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
       Complex middle = centre + 0.5 * sum, square = 2.0 * squares - sum * sum;

@@ -31,23 +31,22 @@ struct Approximation {
   Complex value;
   bool alone = false;
   bool settled = false;  // zero by structure, or better known than its vectors would make it
+  Complex slope = 0.0, bend = 0.0;  // d lambda / du and d^2 lambda / du^2, 0 where not known
 };
 using Approximations = std::vector<Approximation>;
 
+/// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for roots k at lambda itself.
+Values log_derivatives(const Chain& chain, double u, const Values& at,
+                       const Approximations& roots = {});
+
 /// Real parts, then imaginary ones.
 Reals parts_of(const Values& values);
-
-/// d log det P / dlambda.
-Values log_derivatives(const Chain& chain, double u, const Values& at);
 
 /// Number of roots, with the conjugates that are implied.
 Index roots_in(const Approximations& all);
 
 /// As `by_size` does.
 void sort_by_size(Approximations& all);
-
-/// lambda (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)).
-Values missing(const Chain& chain, double u, const Values& at, const Approximations& roots);
 
 /// P of a chain in what guides leave of the joint angles divided by scale; size: of K at rest.
 Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
@@ -66,6 +65,17 @@ void put_zeros(Approximations& roots, Index count);
 /// Adds starts of the stiff roots, where roots are counted: of those below |lambda| = r there are
 /// about Re(lambda d log det P / dlambda).
 void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots);
+
+/// Conjugates that were found one by one as one root with its conjugate.
+void join(Approximations& roots);
+
+/// Where the roots of one speed are expected further on by so much; in the cluster at -1 / delta,
+/// where rounding makes the slopes, as they were.
+Approximations expected(Approximations roots, double further, double delta);
+
+/// Whether roots meet on the real axis within so much by their slopes: distances there are like the
+/// square root of what is left to the meeting.
+bool is_meeting_expected(const Approximations& roots, double further);
 
 /// Those near the real axis without the symmetry that keeps two real roots from being found.
 Approximations parted(const Approximations& starts);

@@ -22,8 +22,8 @@ constexpr double slow = 30.0;
 /// 2000 segments, and one root in place of another 1e-6 where they differ by 1e-6.
 constexpr double nothing_missing = 1e-6;
 /// Speeds so close that the roots at one are starts at the other, if so few corrections do: a step
-/// of a search (longest_step), and a little more.
-constexpr double near_speed = 0.6;
+/// of a search (longest_step), and back to the middle of the one before.
+constexpr double near_speed = 1.1;
 constexpr int most_near = 15;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments: 5 and
 /// 80 take as long, measured from 1,000 to 100,000 segments.
@@ -198,7 +198,8 @@ bool ChainSpectrum::has_all(double u, const Approximations& roots) const {
   for (std::size_t i = 0; i < roots.size(); ++i) {
     points[i] = std::polar(std::max(std::abs(roots[i].value), 1e-3), ray);
   }
-  return missing(chain_, u, points, roots).abs().maxCoeff() < nothing_missing;
+  return (points * pipedyn::log_derivatives(chain_, u, points, roots)).abs().maxCoeff() <
+         nothing_missing;
 }
 
 /// Whether roots beyond the least are the next ones: the circle passes where the gap is widest.
@@ -214,7 +215,8 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
   for (Index i = 0; i < circle_points; ++i) {
     points[i] = std::polar(radius, M_PI * (static_cast<double>(i) + 0.5) / circle_points);
   }
-  return widest > 1.05 && std::abs(missing(chain_, u, points, roots).real().mean()) < 0.05;
+  const Values rest = points * pipedyn::log_derivatives(chain_, u, points, roots);
+  return widest > 1.05 && std::abs(rest.real().mean()) < 0.05;
 }
 
 std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index count, bool vectors,
@@ -232,8 +234,17 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   const double size = std::abs(lowest.back().value) * (1.0 + 1e-6);
   while (next < roots.size() && std::abs(roots[next].value) <= size)
     lowest.push_back(roots[next++]);
-  auto found = with_conjugates(polished(u, lowest, vectors), lowest, count);
+  const Pairs known = polished(u, lowest, vectors);
+  auto found = with_conjugates(known, lowest, count);
   if (found) {
+    for (std::size_t i = 0; i < lowest.size(); ++i) {
+      const Complex slope = known.slopes[i], before = std::exchange(roots[i].slope, 0.0);
+      roots[i].bend = 0.0;
+      if (roots[i].value == 0.0 || !std::isfinite(std::norm(slope))) continue;
+      roots[i].slope = slope;
+      if (before != 0.0) roots[i].bend = (slope - before) / (u - roots_speed_);
+    }
+    join(roots);
     roots_ = std::move(roots);
     for (Approximation& one : roots_) one.settled = one.value == 0.0;
     roots_speed_ = u;
@@ -246,7 +257,12 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
   const Index before = std::count_if(roots_.begin(), roots_.end(),
                                      [](const Approximation& one) { return one.settled; });
   if (std::abs(u - roots_speed_) <= near_speed && zeros == before) {
-    if (auto found = from(roots_, u, count, vectors, most_near)) return found;
+    const Approximations starts = expected(roots_, u - roots_speed_, traits.delta);
+    const bool meeting = is_meeting_expected(roots_, u - roots_speed_);
+    for (const bool apart : {meeting, !meeting}) {
+      auto found = from(apart ? parted(starts) : starts, u, count, vectors, most_near);
+      if (found) return found;
+    }
   }
   const Index spans = n - traits.dof;  // with four segments each their lowest modes are known
   for (Index segments = std::max<Index>(10, count + 4) + 4 * spans;; segments *= 3) {
@@ -287,7 +303,7 @@ Pairs ChainSpectrum::lowest(double u, Index count, bool left, bool high) {
   };
   count = std::min(count, 2 * traits.dof);
   factorised_ += 2;
-  std::optional<Pairs> found = by_recursion(u, count, true);
+  std::optional<Pairs> found = by_recursion(u, count, high || traits.damped);
   // At rest nothing grows without damping; elsewhere these roots are as good as any balance.
   if (found && !traits.damped) found->by_left.setZero();
   if (found && (good(*found) == count || chain_.dof() > dense_limit)) return *found;
@@ -322,7 +338,7 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
     const Complex change = 1.0 / log_derivatives(u, value)[0];
     if (!std::isfinite(std::norm(change))) break;
     value[0] -= change;
-    if (std::abs(change) <= 1e-12 * std::abs(value[0])) break;
+    if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // twice the digits are left now
   }
   return polished(u, {{value[0], false}}, true).pair(0);
 }

@@ -3,9 +3,9 @@
 // Roots of a straight chain, free or held by guides, by the recursion of chain/impedance.hpp, O(n)
 // for one of them.
 //
-// Starts are LAPACK's roots of the chain, or for few of a long one those of a coarser chain. All
-// are corrected at once by the method of Ehrlich and Aberth, Newton's on what the others leave of
-// the determinant,
+// Starts are LAPACK's roots of the chain, or for few of a long one those of a coarser chain; at a
+// speed near the last one, its roots moved on by their slopes. All are corrected at once by the
+// method of Ehrlich and Aberth, Newton's on what the others leave of the determinant,
 //   1 / (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)),
 // so that no two end on one root. That none is missing is checked by the same expression without
 // the root itself: it vanishes if all roots are there, and its mean over a circle, times lambda,
@@ -48,7 +48,7 @@ class ChainSpectrum : public Eigenproblem {
   const Index zeros_at_rest_, zeros_in_flow_;
 
   Approximations roots_;
-  double roots_speed_ = -1.0;
+  double roots_speed_ = -infinite;
 
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
                             int most_corrections);

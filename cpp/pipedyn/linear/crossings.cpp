@@ -66,7 +66,8 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
     guess = std::move(pair);
     guess.value += guess.slope * change;
     // Converged, or steps that do not shrink any more: what is left is rounding.
-    last = size <= 4e-16 * u || size >= last ? 0.0 : size;
+    const bool within = size * std::abs(guess.slope.real()) <= 0.1 * guess.uncertain;
+    last = within || size <= 4e-16 * u || size >= last ? 0.0 : size;
   }
 }
 
@@ -413,8 +414,7 @@ class Search {
       const bool twice = std::find(scan.roots.begin(), scan.roots.end(), k) != scan.roots.end();
       if (change == 0 || scan.leaving[i] || (twice && i > k)) continue;
       const bool odd = change % 2 != 0;  // one real root of the two passes zero
-      std::optional<AxisCrossing> passed;
-      if (odd) passed = divergence(step, 0.5, change, modes_[i]);
+      auto passed = odd ? divergence(step, 0.5, change, modes_[i]) : std::nullopt;
       if (!odd && traits_.squared) passed = meeting(step, i, change);
       const double middle = 0.5 * (step.left->u + step.right->u);
       const double imag = traits_.squared ? std::sqrt(step.start(i)).imag() : step.start(i).imag();
@@ -494,7 +494,7 @@ class Search {
     if (astray()) {
       u = bisected(step, root);
       const SharedSample at = take(u);
-      pair = at->pair(nearest(*at, step.expected(root, u))[0]);
+      pair = spectrum_.refined(u, at->pair(nearest(*at, step.expected(root, u))[0]));
     }
     if (!pair.converged()) {
       throw refusal(

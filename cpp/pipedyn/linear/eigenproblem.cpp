@@ -152,14 +152,15 @@ constexpr Reals Pairs::* reals[] = {&Pairs::residual, &Pairs::uncertain, &Pairs:
 }  // namespace
 
 std::vector<Index> by_size(const Values& values) {
-  const auto place = [&](Index i) {
+  std::vector<std::tuple<double, double, double, Index>> places;
+  for (Index i = 0; i < values.size(); ++i) {
     const Complex value = values[i];
-    return is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
-                            : std::tuple(infinite, 0.0, 0.0, i);
-  };
-  std::vector<Index> order(values.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::sort(order.begin(), order.end(), [&](Index i, Index k) { return place(i) < place(k); });
+    places.push_back(is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
+                                      : std::tuple(infinite, 0.0, 0.0, i));
+  }
+  std::sort(places.begin(), places.end());
+  std::vector<Index> order;
+  for (const auto& place : places) order.push_back(std::get<3>(place));
   return order;
 }
 

@@ -23,9 +23,21 @@ constexpr int most_steps = 800;
 /// a meeting each moves by 1e-3.
 constexpr double jump = 0.1;
 
-/// Column of each row so that the sum of their costs, (size, size), is least: rows are added one by
-/// one, each along the shortest augmenting path by reduced costs (the Hungarian method).
-Roots assignment(const std::vector<double>& cost, Index size) {
+/// Column of each row so that the sum of their costs, (size, size), is least. Where each row's
+/// least cost is in a column of its own these serve; else rows are added one by one, each along the
+/// shortest augmenting path by reduced costs (the Hungarian method). squares: of the costs.
+Roots assignment(const std::vector<double>& squares, Index size) {
+  Roots least_columns(size);
+  Flags taken(size, 0);
+  bool apart = true;
+  for (Index i = 0; i < size && apart; ++i) {
+    Eigen::Map<const Reals>(&squares[i * size], size).minCoeff(&least_columns[i]);
+    apart = !std::exchange(taken[least_columns[i]], 1);
+  }
+  if (apart) return least_columns;
+  std::vector<double> cost(squares.size());
+  std::transform(squares.begin(), squares.end(), cost.begin(),
+                 [](double x) { return std::sqrt(x); });
   // Column `size` stands for the row that is being added.
   Roots row_of(size + 1, -1), before(size + 1), columns(size);
   std::vector<double> by_row(size, 0.0), by_column(size + 1, 0.0), distance(size);
@@ -108,16 +120,17 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
   step.meets.assign(size, -1);
   step.error.assign(size, infinite);
   step.slopes = left.slopes;
-  std::vector<double> misfit(square * square, 0.0), cost(square * square, 0.0);
+  std::vector<double> cost(square * square, 0.0);  // squares
+  const Values behind = right.values - 0.5 * h * right.slopes;
+  const Reals real = right.values.real(), imag = right.values.imag();
+  const Reals real_behind = behind.real(), imag_behind = behind.imag();
   for (Index i = 0; i < size; ++i) {
     const Complex ahead = left.values[i] + 0.5 * h * left.slopes[i];
-    for (Index j = 0; j < right.size(); ++j) {
-      const Complex behind = right.values[j] - 0.5 * h * right.slopes[j];
-      const Index at = i * square + j;
-      misfit[at] = std::abs(ahead - behind);
-      // Values within the step's reach settle what slopes near a meeting cannot.
-      cost[at] = std::min(misfit[at], std::abs(left.values[i] - right.values[j]));
-    }
+    const Complex here = left.values[i];
+    // Values within the step's reach settle what slopes near a meeting cannot.
+    Eigen::Map<Reals>(&cost[i * square], right.size()) =
+        ((real_behind - ahead.real()).square() + (imag_behind - ahead.imag()).square())
+            .min((real - here.real()).square() + (imag - here.imag()).square());
   }
   const Roots columns = assignment(cost, square);
   Flags resting(size, 0);
@@ -126,7 +139,7 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
     if (columns[i] >= right.size()) continue;
     matched.push_back(i);
     step.onto[i] = columns[i];
-    step.error[i] = misfit[i * square + columns[i]];
+    step.error[i] = std::abs(behind[columns[i]] - left.values[i] - 0.5 * h * left.slopes[i]);
     resting[i] = left.u == 0.0 && left.values[i] == 0.0;
     if (!resting[i]) continue;
     // Zero roots at rest (free joints) have no slope of their own there, and one serves as well as
@@ -142,8 +155,13 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
 
   constexpr int points = 9;
   std::vector<Complex> curves(size * points);
+  std::vector<double> extent(size, 0.0);  // how far from a curve's start others may be near it
   for (const Index i : matched) {
-    for (int k = 0; k < points; ++k) curves[i * points + k] = step.at(i, k / (points - 1.0));
+    for (int k = 0; k < points; ++k) {
+      curves[i * points + k] = step.at(i, k / (points - 1.0));
+      extent[i] = std::max(extent[i], std::norm(curves[i * points + k] - curves[i * points]));
+    }
+    extent[i] = 1.01 * (std::sqrt(extent[i]) + 3.0 * step.error[i]);
   }
   Flags zero(size), clustered(size);
   std::vector<int> signature(size);
@@ -157,6 +175,8 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
   std::vector<std::pair<Index, Index>> near;
   for (const Index i : tracked) {
     for (const Index k : matched) {
+      const double room = extent[i] + extent[k];
+      if (std::norm(left.values[i] - left.values[k]) > room * room) continue;
       // Two of one signature at either end pass through each other on the axis.
       const bool passing = signature[i] != 0 && signature[i] == signature[k];
       if (i == k || passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k])) continue;

@@ -43,7 +43,7 @@ class Eigenproblem:
 
         No damping, gyroscopic forces only and symmetric stiffness: ends that do no work.
         """
-        if self.is_damped:
+        if self.is_damped or self.pencil.end_moves:
             return False
         angles = np.arange(1.0, self.dof + 1.0)
         x, y = np.cos(angles)[:, None], np.sin(2.0 * angles)[:, None]

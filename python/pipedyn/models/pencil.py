@@ -42,15 +42,19 @@ class Pencil:
         damping: with D: delta times the elastic stiffness, and what else damps.
         stiffness: with K.
         flux: with A.
+        gravity: with dK/dgamma; K is linear in gamma.
         is_long: whether a few roots are found faster than all, in O(dof).
+        end_moves: whether what flows through an end of the pipe does work for sure.
     """
 
     is_long = True
+    end_moves = False
     mass: Product
     velocity: Product
     damping: Product
     stiffness: Product
     flux: Product
+    gravity: Product
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -69,26 +73,9 @@ class Pencil:
         result: Vectors = self.model.elastic_share[:, None] * x
         return result
 
-    def gravity(self, x: Vectors) -> Vectors:
-        """dK/dgamma x; K is linear in gamma."""
-        return self._derivative("gamma", "stiffness", x)
-
     def by_damping(self, x: Vectors) -> Vectors:
         """dD/ddelta x; D is linear in delta."""
-        return self._derivative("damping", "damping", x)
-
-    def _derivative(self, number: str, product: str, x: Vectors) -> Vectors:
-        """Of a product linear in a number of the pipe: by a step that keeps it in its range."""
-        value = getattr(self.pipe, number)
-        step = 1.0 if value < 1.0 else -1.0
-        pipe: Pipe = replace(self.pipe, **{number: value + step})
-        other = self._of(self.model.with_pipe(pipe))
-        result: Vectors = step * (getattr(other, product)(x) - getattr(self, product)(x))
-        return result
-
-    def _of(self, model: Any) -> Pencil:
-        """The same of another model."""
-        return type(self)(model)
+        return self.elastic(x)
 
 
 class DensePencil(Pencil):
@@ -104,6 +91,19 @@ class DensePencil(Pencil):
         self.mass, self.velocity, self.damping, self.stiffness, self.flux = (
             partial(np.matmul, matrix) for matrix in self.matrices
         )
+        self.gravity = partial(self._derivative, "gamma", "stiffness")
+
+    def by_damping(self, x: Vectors) -> Vectors:
+        return self._derivative("damping", "damping", x)
+
+    def _derivative(self, number: str, product: str, x: Vectors) -> Vectors:
+        """Of a product linear in a number of the pipe: by a step that keeps it in its range."""
+        value = getattr(self.pipe, number)
+        step = 1.0 if value < 1.0 else -1.0
+        pipe: Pipe = replace(self.pipe, **{number: value + step})
+        other = DensePencil(self.model.with_pipe(pipe))
+        result: Vectors = step * (getattr(other, product)(x) - getattr(self, product)(x))
+        return result
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size)
@@ -130,12 +130,14 @@ class ChainPencil(Pencil):
         self.core = model.core if held is None else model.core.guided(held.tolist())
         self.dof -= 0 if held is None else int(held.sum())
         self.is_long = self.dof > LONGEST_DENSE
+        self.end_moves = held is None and model.pipe.beta > 0.0
         self.scale = model.elastic_scale
         self.mass = partial(self._times, square=1.0)
         self.velocity = partial(self._times, velocity=1.0)
         self.damping = partial(self._times, rate=1.0)
         self.stiffness = partial(self._times, still=1.0)
         self.flux = partial(self._times, flux=1.0)
+        self.gravity = partial(self._times, gravity=1.0)
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         return _core.ChainSpectrum(traits, self.core, self.complement, self.scale, size)
@@ -143,9 +145,6 @@ class ChainPencil(Pencil):
     def elastic(self, x: Vectors) -> Vectors:
         result: Vectors = super().elastic(real_columns(self.complement.spread, x))
         return real_columns(self.complement.gathered, result)
-
-    def _of(self, model: Any) -> Pencil:
-        return ChainPencil(model, self.held, self.complement)
 
     def joint_angles(self, x: Vectors) -> Vectors:
         result: Vectors = self.scale[:, None] * real_columns(self.complement.spread, x)
