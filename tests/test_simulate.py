@@ -227,7 +227,8 @@ def test_a_motion_ends_where_its_right_hand_sides_do_and_keeps_what_there_is(met
     with pytest.raises(pp.MotionStopped, match="more than 390") as caught:
         pp.simulate(CHAIN, 6.0, 2.0, bow, method=method, most=390)
     assert 0.0 < caught.value.motion.t[-1] < 2.0
-    assert caught.value.motion.evaluations == 390
+    # Steps of "dop853" are whole: 12 right-hand sides and 3 of dense output.
+    assert 390 - 15 * (method == "dop853") <= caught.value.motion.evaluations <= 390
     whole = pp.simulate_many(CHAIN, [5.0, 6.0], 2.0, bow, method=method, most=390)
     assert [failure.index for failure in whole.failures] == [0, 1]
     assert min(motion.t.size for motion in whole.motions) > 1

@@ -25,23 +25,24 @@ void rhs_and_power(const Scene& scene, const Batch& batch, double* rates) {
 /// Rates [q', q'', power] of a compiled model's states with the work done on them, at a speed each.
 template <class Model>
 Rates compiled_rates(const Model& model, const Reals& u) {
-  return [&model, u, speeds = Reals()](const double* y, const std::vector<Index>& which,
-                                       double* rates) mutable {
+  return [&model, u, speeds = Reals()](const Vector&, const double* y,
+                                       const std::vector<Index>& which, double* rates) mutable {
     speeds = u(which);
     rhs_and_power(model, {y, speeds.data(), speeds.size(), 1}, rates);
   };
 }
 
-/// Those of a function of states (rows, members) and of which members they are. A ValueError means
-/// that there are none.
+/// Those of a function of times, states (rows, members) and of which members they are. A ValueError
+/// means that there are none.
 Rates called_rates(const py::function& function, Index rows) {
-  return [function, rows](const double* y, const std::vector<Index>& which, double* rates) {
+  return [function, rows](const Vector& t, const double* y, const std::vector<Index>& which,
+                          double* rates) {
     const py::gil_scoped_acquire locked;
     const Index members = static_cast<Index>(which.size());
     Numbers states({rows, members});
     std::copy_n(y, rows * members, states.mutable_data());
     try {
-      const Numbers found = function(states, py::cast(which)).cast<Numbers>();
+      const Numbers found = function(t, states, which).cast<Numbers>();
       if (found.size() != rows * members)
         throw py::value_error("rates must have the states' shape");
       std::copy_n(found.data(), rows * members, rates);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <numeric>
 
 #include "pipedyn/motion/dop853_coefficients.hpp"
 #include "pipedyn/vector/levels.hpp"
@@ -25,6 +26,11 @@ constexpr double memory = 0.08;
 
 constexpr Index stages = 12;
 
+/// c_s, where in the step a stage is.
+double share(Index s) {
+  return std::accumulate(dop853::weights[s - 1], dop853::weights[s - 1] + s, 0.0);
+}
+
 }  // namespace
 
 Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double relative,
@@ -43,13 +49,20 @@ Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, doub
       scaled3_(y_),
       rate_(stages + 4, y_) {
   for (Index j = 0; j < members; ++j) which_.push_back(j);
-  evaluate(y_, rate_[0]);
+  tried_ = Vector::Zero(members);
+  evaluate(y_, rate_[0], 0.0);
   choose_first_steps();
 }
 
-void Dop853::evaluate(const Vector& y, Vector& rates) {
-  rates_(y.data(), which_, rates.data());
-  for (const Index w : which_) ++members_[w].evaluations;
+/// At a share of the steps that are tried.
+void Dop853::evaluate(const Vector& y, Vector& rates, double share) {
+  t_.resize(active());
+  for (Index j = 0; j < active(); ++j) {
+    Member& member = members_[which_[j]];
+    t_[j] = member.time + share * tried_[j];
+    ++member.evaluations;
+  }
+  rates_(t_, y.data(), which_, rates.data());
 }
 
 /// out = y + h sum_s weights_s k_s.
@@ -77,7 +90,8 @@ void Dop853::choose_first_steps() {
   }
   steps_ = small.replicate(rows_, 1);
   stage_ = y_ + steps_.cwiseProduct(rate_[0]);
-  evaluate(stage_, rate_[1]);
+  tried_ = small;
+  evaluate(stage_, rate_[1], 1.0);
   const Vector change = norms(rate_[1], rate_[0]);
   for (Index j = 0; j < m; ++j) {
     const double h = small[j], steepest = std::max(rate[j], change[j] / h);
@@ -119,14 +133,14 @@ void Dop853::step(const Vector& times, double* out) {
   for (Index i = 0; i < entries(); i += m) steps_.segment(i, m) = tried_;
   for (Index s = 1; s < stages; ++s) {
     combine(dop853::weights[s - 1], s, y_, stage_);
-    evaluate(stage_, rate_[s]);
+    evaluate(stage_, rate_[s], share(s));
   }
   combine(dop853::weights[stages - 1], stages, y_, next_);
   measure_errors();
   accepted_.assign(static_cast<std::size_t>(m), 0);
   for (Index j = 0; j < m; ++j) control(j, times[times.size() - 1]);
   if (std::find(accepted_.begin(), accepted_.end(), 1) != accepted_.end()) {
-    evaluate(next_, rate_[stages]);
+    evaluate(next_, rate_[stages], 0.0);  // the members accepted have moved on
     sample(times, out);
     for (Index i = 0; i < entries(); i += m) {
       for (Index j = 0; j < m; ++j) {
@@ -137,7 +151,7 @@ void Dop853::step(const Vector& times, double* out) {
     }
   }
   for (const Index w : which_) {
-    const bool spent = static_cast<double>(members_[w].evaluations + stages + 4) > most_;
+    const bool spent = static_cast<double>(members_[w].evaluations + stages + 3) > most_;
     if (spent && members_[w].progress == Progress::going) members_[w].progress = Progress::spent;
   }
   drop_finished();
@@ -221,9 +235,13 @@ void Dop853::sample(const Vector& times, double* out) {
     for (Index j = 0; j < c; ++j) result.col(j) *= tried_[columns[j]];
     return result;
   };
+  t_.resize(c);
   for (Index s = stages + 1; s < stages + 4; ++s) {
     const Matrix at = from + sum(dop853::weights[s - 1], s);
-    rates_(at.data(), which, k[s].data());
+    for (Index j = 0; j < c; ++j) {
+      t_[j] = members_[which[j]].time - (1.0 - share(s)) * tried_[columns[j]];
+    }
+    rates_(t_, at.data(), which, k[s].data());
   }
   for (const Index w : which) members_[w].evaluations += 3;
   const double start_slope[] = {1.0};

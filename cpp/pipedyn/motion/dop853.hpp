@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// Motions y' = f(y) in time by an explicit method of order 8 whose steps follow the error, each
+// Motions y' = f(t, y) by an explicit method of order 8 whose steps follow the error, each
 // member of a batch with steps of its own; states at given times by dense output of order 7.
 // O(rows) a step and member besides 12 evaluations of f, and 3 more where a sample is taken.
 #pragma once
@@ -12,9 +12,10 @@
 
 namespace pipedyn {
 
-/// f of states (rows, members), which of all members they are: writes rates (rows, members), NaN
-/// where it has none.
-using Rates = std::function<void(const double* y, const std::vector<Index>& which, double* rates)>;
+/// f of times (members,) and states (rows, members), which of all members they are: writes rates
+/// (rows, members), NaN where it has none.
+using Rates = std::function<void(const Vector& t, const double* y, const std::vector<Index>& which,
+                                 double* rates)>;
 
 /// How a member's motion stands.
 enum class Progress { going, done, not_finite, vanishing, spent };
@@ -44,7 +45,7 @@ class Dop853 {
  private:
   Index active() const { return static_cast<Index>(which_.size()); }
   Index entries() const { return rows_ * active(); }
-  void evaluate(const Vector& y, Vector& rates);
+  void evaluate(const Vector& y, Vector& rates, double share);
   void combine(const double* weights, Index terms, const Vector& y, Vector& out);
   void choose_first_steps();
   void step(const Vector& times, double* out);
@@ -60,7 +61,7 @@ class Dop853 {
   std::vector<Index> which_;  // members that go on, by the columns of y
   Vector y_, next_, stage_, steps_, scaled5_, scaled3_;
   std::vector<Vector> rate_;  // of the 13 stages, in rows of active() entries, and of 3 more
-  Vector tried_, error_;      // by column
+  Vector tried_, error_, t_;  // by column
   std::vector<char> accepted_;
 };
 

@@ -267,13 +267,13 @@ def _explicit(tasks: Sequence[Task], shown: bool) -> list[Motions]:
 
 
 def _rates(model: Model, u: Array) -> object:
-    """What the core integrates: a compiled model, or a function of states and of which they are."""
+    """What the core integrates: a compiled model, or a function of t, states and their members."""
     motion = model.motion
     if isinstance(motion, SceneMotion) and motion.is_compiled:
         return motion.core
     if isinstance(motion, (_core.Chain, _core.Galerkin)):
         return motion
-    return lambda y, which: motion.rhs_and_power(0.0, y, u[which])
+    return lambda t, y, which: motion.rhs_and_power(t[0], y, u[which])
 
 
 def explicit_state(
@@ -281,7 +281,8 @@ def explicit_state(
 ) -> Array:
     """The state at a time of y' = rates(y) from a start at time 0. Raises `Stopped`."""
     motion = _core.Dop853(
-        lambda y, _: rates(y[:, 0])[:, None], np.zeros(1), start[:, None], rtol, atol, MOST_CALLS
+        *(lambda t, y, which: rates(y[:, 0])[:, None], np.zeros(1), start[:, None]),
+        *(rtol, atol, MOST_CALLS),
     )
     state = np.empty((1, 1, start.size))
     while not motion.advance(np.array([t]), state, CALLS):
