@@ -55,13 +55,13 @@ def methods() -> None:
             model = make(pp.Pipe(0.2, damping=delta))
             sharp = {"samples": 21, "rtol": 1e-11}
             exact = pp.simulate(
-                model, 6.0, 2.0, bow, method="lsoda" if delta else "dop853", **sharp
+                model, 6.0, 2.0, bow, method="scipy:lsoda" if delta else "dop853", **sharp
             )
             for rtol in (1e-3, 1e-6, 1e-9):
                 chosen = choose_method(model, rtol)
                 cells = []
-                for method in ("dop853", "lsoda", "Radau"):
-                    if method == "Radau" and (model.dof > 8 or rtol < 1e-8):
+                for method in ("dop853", "scipy:lsoda", "scipy:Radau"):
+                    if method == "scipy:Radau" and (model.dof > 8 or rtol < 1e-8):
                         cells.append("-")
                         continue
                     cost, found = clocked(

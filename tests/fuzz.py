@@ -35,6 +35,7 @@ import pipedyn as pp
 from pipedyn import modular, plot
 from pipedyn.accuracy.choose import choose
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
+from pipedyn.motion.integrator import METHODS
 from pipedyn.util.counters import TookTooLong
 
 NAN, INF = math.nan, math.inf
@@ -894,7 +895,7 @@ def _motions() -> Iterator[Target]:
         ),
         "rtol": rtol,
         "atol": optional(real((1e-8, 1e-4), 0.0, 2.0)),
-        "method": word("auto", "dop853", "lsoda", "DOP853", "Radau", "BDF", "LSODA"),
+        "method": word(*METHODS),
         "most": Kind(any_of(real((1e6, 1e9)).good, one_of(1, 30.0)), real((1, 2), 0.0, 1e19).bad),
         "progress": FLAG,
     }

@@ -196,6 +196,9 @@ Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py:
 /// Eigenpairs and their tracking, in linear.cpp.
 void define_linear(py::module_& m);
 
+/// Integration in time, in motion.cpp.
+void define_motion(py::module_& m);
+
 /// The class Scene, in scene.cpp.
 void define_scene(py::module_& m);
 

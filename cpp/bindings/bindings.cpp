@@ -44,7 +44,7 @@ Numbers jacobian(const Model& model, const py::object&, const py::object& y, con
 }
 
 template <class Model>
-void define_motion(py::class_<Model>& model) {
+void define_equations(py::class_<Model>& model) {
   using py::object;
   // Rates of states that have so many rows besides [p, p'].
   const auto rates = [](auto work, py::ssize_t more) {
@@ -136,7 +136,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("guided", &Chain::guided, "held"_a)
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);
-  define_motion(chain);
+  define_equations(chain);
 
   py::class_<Galerkin> galerkin(m, "Galerkin");
   galerkin
@@ -159,8 +159,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           },
           "s"_a, "derivative"_a, Unlocked())
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
-  define_motion(galerkin);
+  define_equations(galerkin);
 
   pipedyn::define_linear(m);
   pipedyn::define_scene(m);
+  pipedyn::define_motion(m);
 }

@@ -15,6 +15,7 @@ __all__: list[str] = [
     "ChainSpectrum",
     "Complement",
     "DenseOperator",
+    "Dop853",
     "Eigenproblem",
     "Galerkin",
     "Operators",
@@ -412,6 +413,26 @@ class Scene:
     def coordinates(self) -> int: ...
     @property
     def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+
+class Dop853:
+    def __init__(
+        self,
+        of: typing.Any,
+        u: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        rtol: typing.SupportsFloat | typing.SupportsIndex,
+        atol: typing.SupportsFloat | typing.SupportsIndex,
+        most: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def advance(
+        self,
+        times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        out: numpy.typing.NDArray[numpy.float64],
+        evaluations: typing.SupportsInt | typing.SupportsIndex,
+    ) -> bool: ...
+    def stop(self, member: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def members(self) -> list[tuple[float, int, int, int]]: ...
 
 def set_vector_level(name: str) -> None: ...
 def sincos(

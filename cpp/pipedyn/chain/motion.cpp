@@ -123,6 +123,22 @@ bool all_finite(const double* x, Count count) {
   return rest == 0.0;
 }
 
+/// In blocks that stay in the processor's nearest memory.
+void combine(const double* weights, const double* const* k, Count terms, const double* y,
+             const double* h, double* out, Count size) {
+  constexpr Count block = 64;
+  for (Count first = 0; first < size; first += block) {
+    const Count used = size - first < block ? size - first : block;
+    double sum[block] = {};
+    for (Count s = 0; s < terms; ++s) {
+      const double weight = weights[s], *const of = k[s] + first;
+      if (weight == 0.0) continue;
+      for (Count i = 0; i < used; ++i) sum[i] += weight * of[i];
+    }
+    for (Count i = 0; i < used; ++i) out[first + i] = y[first + i] + h[first + i] * sum[i];
+  }
+}
+
 void sincos_of(const double* x, Count count, double* sine, double* cosine) {
   for (Count i = 0; i < count; i += width) {
     const Count used = count - i < width ? count - i : width;
@@ -150,6 +166,7 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .jacobian = ::jacobian,
     .energy = ::energy,
     .power = ::power,
+    .combine = ::combine,
     .finite = ::all_finite,
     .sincos = ::sincos_of,
     .galerkin = &PIPEDYN_NAMED(galerkin),

@@ -76,6 +76,9 @@ struct MotionKernel {
   Function energy;    // of each member
   Function power;     // of flow, joints, drag and the pipe's terms, (4, members)
 
+  /// out = y + h sum_s weights_s k_s, entry by entry.
+  void (*combine)(const double* weights, const double* const* k, std::ptrdiff_t terms,
+                  const double* y, const double* h, double* out, std::ptrdiff_t size);
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 

@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""scipy's integrators: which serves a model best, and right-hand sides that never raise."""
+"""Integrators: the core's and scipy's, which of them serves a model best, and why one stopped."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
 
+from pipedyn import _core
 from pipedyn.models.base import Model
+from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
 from pipedyn.util.parallel import track
@@ -22,11 +24,14 @@ from pipedyn.util.power_iteration import largest_stretch
 NOT_FINITE = "the state or its rate is no longer finite"
 """Why a motion stops: its numbers overflowed, or a bend is beyond what a quadrature resolves."""
 
-COMPILED = ("dop853", "lsoda")
+COMPILED = ("scipy:dop853", "scipy:lsoda")
 """scipy.integrate.ode's integrators that serve."""
 
-METHODS = ("auto", *COMPILED, "DOP853", "Radau", "BDF", "LSODA")
-"""Small letters: compiled; the others: `scipy.integrate.solve_ivp`'s, in Python."""
+METHODS = ("auto", "dop853", *COMPILED, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
+"""The core's, and scipy's: in small letters compiled, the others `scipy.integrate.solve_ivp`'s."""
+
+ENDS = {2: NOT_FINITE, 3: "its step size tends to 0"}
+"""Why a motion of the core's ended that did not reach its end."""
 
 FORECAST = 400
 """Right-hand sides after which the number of those to come is estimated, which costs 40 to 120."""
@@ -67,24 +72,28 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class Task:
-    """An integration to be done, of one state or, in the columns, of several."""
+    """An integration to be done."""
 
     model: Model
-    u: float | Array  # flow speed, or one of each state, shape (k,)
+    u: float
     times: Array  # of the samples, shape (S,)
-    start: Array  # [p, p', 0] of what is integrated, shape (2 moving + 1,) or (2 moving + 1, k)
+    start: Array  # [p, p', 0] of what is integrated, shape (2 moving + 1,)
     rtol: float
     atol: float
     method: str  # of METHODS, not "auto"
     most: float = MOST_CALLS
 
 
+Motions: TypeAlias = tuple[Array, int, str | None]
+"""States of a motion, right-hand sides that it took, and why it stopped early."""
+
+
 class Guarded:
-    """Rates and Jacobian of y' = f(t, y), which count their calls and never raise.
+    """Rates and Jacobian of y' = f(t, y) for scipy, which count their calls and never raise.
 
     Compiled integrators do not survive an exception: NaN makes them shorten the step and give up.
-    A state that is not finite is remembered, any other exception is kept for `reason`. States have
-    the given shape, (N,) or (N, k); `arguments` go to `rates` after t and y.
+    A state that is not finite is remembered, any other exception is kept for `reason`. `arguments`
+    go to `rates` after t and y.
     """
 
     def __init__(
@@ -114,7 +123,7 @@ class Guarded:
         self.interruption = wrapped or error
 
     def rates(self, t: float, y: Array) -> Array:
-        """f, of the states' shape."""
+        """f, of the state's shape."""
         try:
             if self.interruption is None:
                 if self.calls >= self.next_check:
@@ -162,7 +171,7 @@ class Watched(Guarded):
     def _slopes(self, t: float, y: Array) -> Array:
         """Of [q, q', W]. W acts on nothing, and the Newton iteration does without its row."""
         whole = np.zeros((y.size, y.size))
-        whole[:-1, :-1] = self.task.model.motion_jacobian(y[:-1], float(self.task.u))
+        whole[:-1, :-1] = self.task.model.motion_jacobian(y[:-1], self.task.u)
         return whole
 
     @cached_property
@@ -175,23 +184,27 @@ class Watched(Guarded):
         in_time()
         task, fastest = self.task, max(self.fastest)
         ahead = CALLS_A_RATE * fastest * (float(task.times[-1]) - t)
-        if task.method.lower() == "dop853" and self.calls + ahead > task.most:
+        if task.method.lower().endswith("dop853") and self.calls + ahead > task.most:
             raise Stopped(
                 f"it needs {ahead:.1g} right-hand sides or more and may take {task.most:g}"
                 f" at most: its fastest mode has |lambda| = {fastest:.2g}"
             )
         rotation = float(np.abs(task.start).max())
-        rate = sum(self.fastest) + float(np.max(task.u)) ** 2 + rotation + 1.0
+        rate = sum(self.fastest) + task.u**2 + rotation + 1.0
         if t - self.reached < LEAST_STEP * CALLS / rate:
             raise Stopped("its step size tends to 0")
         self.next_check, self.reached = self.calls + CALLS, t
 
 
-def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
-    """States (the start, then the samples), right-hand sides taken, and why it stopped early.
+def integrate(tasks: Sequence[Task], shown: bool = False) -> list[Motions]:
+    """States of each task, right-hand sides taken, and why it stopped early.
 
-    Shape of the states: (1 + S, *start.shape), with as many samples S as were reached.
+    Shape of the states, the start and then the samples that were reached: (1 + S, 2 moving + 1).
+    Several tasks have one model and one method, "dop853".
     """
+    if tasks[0].method == "dop853":
+        return _explicit(tasks, shown)
+    [task] = tasks
     guarded = Watched(task)
     if task.method in COMPILED:
         advanced = compiled(guarded, task.start, task.method, task.rtol, task.atol)
@@ -201,12 +214,82 @@ def integrate(task: Task, shown: bool = False) -> tuple[Array, int, str | None]:
     rows, why = [task.start], None
     try:
         for row in track(samples, task.times.size, "motion", shown):
-            rows.append(row.reshape(task.start.shape))  # noqa: PERF401 -- kept if it stops
+            rows.append(row)  # noqa: PERF402 -- kept if it stops
     except Stopped as stopped:
         why = guarded.reason(stopped)
-    evaluated(task.start[0].size * (guarded.calls + guarded.jacobians))
+    evaluated(guarded.calls + guarded.jacobians)
     factorised(guarded.factorisations)
-    return np.array(rows), guarded.calls, why
+    return [(np.array(rows), guarded.calls, why)]
+
+
+def _explicit(tasks: Sequence[Task], shown: bool) -> list[Motions]:
+    """By the core, each task with steps of its own."""
+    first, members = tasks[0], len(tasks)
+    u = np.array([task.u for task in tasks])
+    start = np.stack([task.start for task in tasks], axis=1)
+    motion = _core.Dop853(_rates(first.model, u), u, start, first.rtol, first.atol, first.most)
+    watched = [Watched(task) for task in tasks]
+    states = np.empty((members, first.times.size, len(start)))
+    whys: list[str | None] = [None] * members
+
+    def reached() -> Iterator[int]:
+        """The samples that all members have, or will not have, one by one."""
+        done, finished, allowed = 0, False, FORECAST
+        while not finished:
+            finished = motion.advance(first.times, states, allowed)
+            in_time()
+            going = [j for j, member in enumerate(motion.members) if member[3] == 0]
+            slowest = min(going, key=lambda j: motion.members[j][0], default=None)
+            if slowest is not None:
+                time, _, calls, _ = motion.members[slowest]
+                watch = watched[slowest]
+                watch.calls = calls
+                try:
+                    if calls >= watch.next_check:
+                        watch.check(time)
+                except Stopped as stopped:
+                    whys[slowest] = str(stopped)
+                    motion.stop(slowest)
+                allowed = CALLS
+            until = min((motion.members[j][1] for j in going), default=first.times.size)
+            yield from range(done, until)
+            done = until
+
+    for _ in track(reached(), first.times.size, "motion", shown):
+        pass
+    answers: list[Motions] = []
+    for j, (_, samples, calls, end) in enumerate(motion.members):
+        spent = f"it needs more than {first.most:g} right-hand sides" if end == 4 else None
+        rows = np.concatenate([start[None, :, j], states[j, :samples]])
+        answers.append((rows, calls, whys[j] or ENDS.get(end, spent)))
+    evaluated(sum(calls for _, calls, _ in answers))
+    return answers
+
+
+def _rates(model: Model, u: Array) -> object:
+    """What the core integrates: a compiled model, or a function of t, states and their members."""
+    motion = model.motion
+    if isinstance(motion, SceneMotion) and motion.is_compiled:
+        return motion.core
+    if isinstance(motion, (_core.Chain, _core.Galerkin)):
+        return motion
+    return lambda t, y, which: motion.rhs_and_power(t[0], y, u[which])
+
+
+def explicit_state(
+    rates: Callable[[Array], Array], start: Array, t: float, rtol: float, atol: float
+) -> Array:
+    """The state at a time of y' = rates(y) from a start at time 0. Raises `Stopped`."""
+    motion = _core.Dop853(
+        *(lambda t, y, which: rates(y[:, 0])[:, None], np.zeros(1), start[:, None]),
+        *(rtol, atol, MOST_CALLS),
+    )
+    state = np.empty((1, 1, start.size))
+    while not motion.advance(np.array([t]), state, CALLS):
+        in_time()
+    if motion.members[0][3] != 1:
+        raise Stopped(ENDS.get(motion.members[0][3], "it takes too many steps"))
+    return state[0, 0]
 
 
 def compiled(
@@ -216,17 +299,15 @@ def compiled(
 
     The function that is returned raises `Stopped` where the integrator fails.
     """
-
-    def flat_rates(t: float, y: Array) -> Array:
-        return guarded.rates(t, y.reshape(guarded.shape)).ravel()
-
-    rhs = guarded.rates if len(guarded.shape) == 1 else flat_rates
-    explicit = method == "dop853"
-    solver = scipy.integrate.ode(rhs) if explicit else scipy.integrate.ode(rhs, guarded.jacobian)
+    explicit = method == "scipy:dop853"
+    jacobians = () if explicit else (guarded.jacobian,)
+    solver = scipy.integrate.ode(guarded.rates, *jacobians)
     options = {} if explicit else {"with_jacobian": True}
     # Its own limit of steps is beyond MOST_CALLS.
-    solver.set_integrator(method, rtol=rtol, atol=atol, nsteps=1_000_000_000, **options)
-    solver.set_initial_value(start.ravel(), 0.0)
+    solver.set_integrator(
+        method.removeprefix("scipy:"), rtol=rtol, atol=atol, nsteps=1_000_000_000, **options
+    )
+    solver.set_initial_value(start, 0.0)
     if explicit:
         # Its test for stiffness ends runs whose steps are held by stability, which is no failure.
         solver._integrator.iwork[3] = -1
@@ -244,8 +325,8 @@ def compiled(
 
 
 def _python_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
-    kind = getattr(scipy.integrate, task.method)
-    implicit = {} if task.method == "DOP853" else {"jac": guarded.jacobian}
+    kind = getattr(scipy.integrate, task.method.removeprefix("scipy:"))
+    implicit = {} if task.method == "scipy:DOP853" else {"jac": guarded.jacobian}
     end = float(task.times[-1])
     solver = kind(guarded.rates, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
     between: Callable[[float], Array] | None = None
@@ -273,7 +354,7 @@ def choose_method(model: Model, rtol: float) -> str:
     """The integrator that measured cheapest: "dop853" unless damping makes the motion stiff.
 
     The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
-    "lsoda" leaves it out of account where it decays at once, at the cost of Jacobians and
+    "scipy:lsoda" leaves it out of account where it decays at once, at the cost of Jacobians and
     factorisations, which weigh less where a right-hand side costs more, as in a reduced model.
     Undamped it follows every mode and costs more (see tests/benchmark_simulate.py).
     """
@@ -282,9 +363,9 @@ def choose_method(model: Model, rtol: float) -> str:
     (fastest, decay), digits = fastest_rates(model), -math.log10(rtol)
     if model.linear_cost:  # a Jacobian takes dof times as much
         share = CHAIN_DECAY * digits * max(1.0, model.moving / CHAIN_SEGMENTS)
-        return "lsoda" if decay > share * fastest else "dop853"
+        return "scipy:lsoda" if decay > share * fastest else "dop853"
     stiff = max(fastest, decay) > REDUCED_RATE * digits
-    return "lsoda" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
+    return "scipy:lsoda" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
 
 
 def fastest_rates(model: Model) -> tuple[float, float]:

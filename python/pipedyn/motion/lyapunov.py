@@ -13,13 +13,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import field
+from functools import partial
 
 import numpy as np
 import scipy
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.integrator import Guarded, Stopped, choose_method, compiled
+from pipedyn.motion.integrator import (
+    Guarded,
+    Stopped,
+    choose_method,
+    compiled,
+    explicit_state,
+)
 from pipedyn.motion.simulate import (
     Start,
     Trajectory,
@@ -140,7 +147,7 @@ def lyapunov_exponent(
 
     return largest_exponent(
         *(rates, jacobian, state, duration, transient, blocks, interval, pair, rtol),
-        stiff=choose_method(model, rtol) == "lsoda",
+        stiff=choose_method(model, rtol) == "scipy:lsoda",
         shown=shown,
     )
 
@@ -190,7 +197,10 @@ def largest_exponent(
         whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
         guarded = Guarded(slopes, slopes_by_state, whole.shape)
         try:
-            found = compiled(guarded, whole, "lsoda" if stiff else "dop853", rtol, atol)(step)
+            if stiff:
+                found = compiled(guarded, whole, "scipy:lsoda", rtol, atol)(step)
+            else:
+                found = explicit_state(partial(slopes, 0.0), whole, step, rtol, atol)
         except Stopped as stopped:
             raise NotConverged(f"the motion stopped: {guarded.reason(stopped)}") from None
         state = found[:n]

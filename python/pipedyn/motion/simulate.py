@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Motion in time: what scipy's integrators make of a model's right-hand side, and its audit.
+"""Motion in time: what integrators make of a model's right-hand side, and its audit.
 
 Integrated is y = [q, q', W] with W' the power of flow, joints and drag. So the audit
 |E(t) - E(0) - W(t)| has the integrator's own order and does not depend on the samples.
 
-Many motions of one model advance together in batches. A batch costs one call a right-hand side for
-all its members, and the call goes through the processor's vectors. The integrator's steps are
-common, and its error norm is a mean over the batch: the tolerance is divided by the root of the
-number of members, so that each meets its own.
+Many motions of one model advance together in batches, each with steps of its own: a right-hand side
+of all of them goes through the processor's vectors.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import field, replace
+from dataclasses import field
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -76,7 +74,7 @@ class Motion(Trajectory):
             and the kinetic energy: 0 but for the integrator's errors.
         u: flow speed.
         method: the integrator.
-        evaluations: right-hand sides that it took; of a batch, those of the whole batch.
+        evaluations: right-hand sides that it took.
         model: the model.
     """
 
@@ -169,9 +167,10 @@ def simulate(
         times: samples at these times instead, increasing, in [0, duration].
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 where not given.
-        method: "auto" chooses by measured cost, see `choose_method`; compiled "dop853" (explicit,
-            order 8) and "lsoda" (implicit where it pays); or one of `scipy.integrate.solve_ivp`:
-            "DOP853", "Radau", "BDF", "LSODA". Implicit ones use the analytic Jacobian.
+        method: "auto" chooses by measured cost, see `choose_method`; "dop853" (explicit, order 8,
+            in the core); or one of scipy's: "scipy:dop853" and "scipy:lsoda" (implicit where it
+            pays) of `scipy.integrate.ode`, "scipy:DOP853", "scipy:Radau", "scipy:BDF" and
+            "scipy:LSODA" of `solve_ivp`. Implicit ones use the analytic Jacobian.
         most: right-hand sides that it may take, >= 1, at 1 to 3 us each up to 60 segments. Explicit
             methods take 1.5 or more in the time 1 / |lambda| of the fastest mode; a motion that
             would exceed `most` at that rate is refused after 400.
@@ -185,10 +184,11 @@ def simulate(
             motion takes more than `most` right-hand sides; it carries the motion up to there.
         ValueError, TypeError: for bad arguments.
 
-    Source: `rhs` of the models for the equations; scipy for their integration.
+    Source: `rhs` of the models for the equations; Hairer, Norsett and Wanner, Solving Ordinary
+    Differential Equations I, II.6, for "dop853".
     """
     task = checked_task(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most)
-    rows, evaluations, why = integrate(task, check.flag("progress", progress))
+    [(rows, evaluations, why)] = integrate([task], check.flag("progress", progress))
     motion = motion_of(task, rows, evaluations)
     if why is not None:
         raise MotionStopped(f"the motion stopped {motion.reached}: {why}", motion)
@@ -228,7 +228,7 @@ def simulate_many(
         rtol: relative tolerance of the error of each member's steps.
         atol: absolute tolerance; rtol / 100 where not given.
         method: as for `simulate`.
-        most: right-hand sides that each batch may take, as for `simulate`.
+        most: right-hand sides that each member may take, as for `simulate`.
         executor: a `concurrent.futures.Executor`; batches are its tasks.
         progress: show progress on stderr.
 
@@ -304,26 +304,10 @@ def _each(name: str, given: Any) -> list[Any]:
 
 
 def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
-    """Motion of each member of a batch, and why it stopped early.
-
-    A batch that stops is halved, unless it took all the right-hand sides that it may.
-    """
-    first, count = tasks[0], len(tasks)
-    if count == 1:
-        rows, evaluations, why = integrate(first)
-        return [(motion_of(first, rows, evaluations), why)]
-    together = replace(
-        first,
-        u=np.array([float(task.u) for task in tasks]),
-        start=np.stack([task.start for task in tasks], axis=1),
-        rtol=max(first.rtol / math.sqrt(count), 1e-14),
-        atol=first.atol / math.sqrt(count),
-    )
-    rows, evaluations, why = integrate(together)
-    if why is not None and evaluations < first.most:
-        return _motions(tasks[: count // 2]) + _motions(tasks[count // 2 :])
+    """Motion of each member of a batch, and why it stopped early."""
     return [
-        (motion_of(task, rows[:, :, j].copy(), evaluations), why) for j, task in enumerate(tasks)
+        (motion_of(task, rows, evaluations), why)
+        for task, (rows, evaluations, why) in zip(tasks, integrate(tasks), strict=True)
     ]
 
 
@@ -344,7 +328,7 @@ def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
         tip=model.tips(q.T)[1:],
         energy=energy[1:],
         audit=miss / scale if scale else 0.0,
-        u=float(task.u),
+        u=task.u,
         method=task.method,
         evaluations=evaluations,
         model=model,

@@ -43,13 +43,13 @@ class SceneMotion:
     def __init__(self, form: RedundantForm, enforce: Enforce | None) -> None:
         self.form, self.enforce = form, enforce
         self.core, self.layout, self.customs = form.core, form.layout, form.customs
-        self._compiled = not form.customs and enforce is None
+        self.is_compiled = not form.customs and enforce is None
 
     # --------------------------------------------------------------------- redundant coordinates
 
     def rhs(self, t: float, y: Any, u: Any) -> Array:
         """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k)."""
-        if self._compiled:
+        if self.is_compiled:
             return self.core.rhs(t, y, u)
         size = self.core.coordinates
         y = check.doubles("y", y, "an array of real numbers")
@@ -102,7 +102,7 @@ class SceneMotion:
 
     def rhs_and_power(self, t: float, y: Array, u: Any) -> Array:
         """Rates of [theta, theta', work done], shape (2 n + 1,) or (2 n + 1, k)."""
-        if self._compiled:
+        if self.is_compiled:
             return self.core.rhs_and_power(t, y, u)
         n, size = self.layout.size, self.core.coordinates
         met = np.concatenate(self.projected(y[:n], y[n : 2 * n]))
@@ -177,7 +177,7 @@ class SceneMotion:
         an implicit integrator does not miss.
         """
         n, layout = self.layout.size, self.layout
-        if self._compiled and not layout.holding:
+        if self.is_compiled and not layout.holding:
             return self.core.jacobian(y, u)
         met = np.concatenate(self.projected(y[:n], y[n : 2 * n]))
         whole = np.eye(2 * n, k=n)

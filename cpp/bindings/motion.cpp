@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: MIT
+// Integration in time.
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "arguments.hpp"
+#include "pipedyn/chain/chain.hpp"
+#include "pipedyn/galerkin/galerkin.hpp"
+#include "pipedyn/modular/scene.hpp"
+#include "pipedyn/motion/dop853.hpp"
+#include "pipedyn/work.hpp"
+
+namespace pipedyn {
+
+using namespace py::literals;
+
+namespace {
+
+void rhs_and_power(const Scene& scene, const Batch& batch, double* rates) {
+  scene.rhs_and_power(batch, rates);
+}
+
+/// Rates [q', q'', power] of a compiled model's states with the work done on them, at a speed each.
+template <class Model>
+Rates compiled_rates(const Model& model, const Reals& u) {
+  return [&model, u, speeds = Reals()](const Vector&, const double* y,
+                                       const std::vector<Index>& which, double* rates) mutable {
+    speeds = u(which);
+    rhs_and_power(model, {y, speeds.data(), speeds.size(), 1}, rates);
+  };
+}
+
+/// Those of a function of times, states (rows, members) and of which members they are. A ValueError
+/// means that there are none.
+Rates called_rates(const py::function& function, Index rows) {
+  return [function, rows](const Vector& t, const double* y, const std::vector<Index>& which,
+                          double* rates) {
+    const py::gil_scoped_acquire locked;
+    const Index members = static_cast<Index>(which.size());
+    Numbers states({rows, members});
+    std::copy_n(y, rows * members, states.mutable_data());
+    try {
+      const Numbers found = function(t, states, which).cast<Numbers>();
+      if (found.size() != rows * members)
+        throw py::value_error("rates must have the states' shape");
+      std::copy_n(found.data(), rows * members, rates);
+    } catch (py::error_already_set& error) {
+      if (!error.matches(PyExc_ValueError)) throw;
+      std::fill_n(rates, rows * members, std::numeric_limits<double>::quiet_NaN());
+    }
+  };
+}
+
+Rates rates_of(const py::object& of, Index rows, const Reals& u) {
+  if (py::isinstance<Chain>(of)) return compiled_rates(of.cast<const Chain&>(), u);
+  if (py::isinstance<Galerkin>(of)) return compiled_rates(of.cast<const Galerkin&>(), u);
+  if (py::isinstance<Scene>(of)) return compiled_rates(of.cast<const Scene&>(), u);
+  return called_rates(of, rows);
+}
+
+}  // namespace
+
+void define_motion(py::module_& m) {
+  py::class_<Dop853>(m, "Dop853")
+      .def(py::init([](const py::object& of, const Reals& u, const Matrix& start, double rtol,
+                       double atol, double most) {
+             return Dop853(rates_of(of, start.rows(), u), start.rows(), start.cols(), start.data(),
+                           rtol, atol, most);
+           }),
+           "of"_a, "u"_a, "start"_a, "rtol"_a, "atol"_a, "most"_a, py::keep_alive<1, 2>())
+      .def(
+          "advance",
+          [](Dop853& motion, const Vector& times, Numbers out, Index evaluations) {
+            double* const to = out.mutable_data();
+            const py::gil_scoped_release unlocked;
+            return motion.advance(times, to, evaluations);
+          },
+          "times"_a, "out"_a.noconvert(), "evaluations"_a)
+      .def("stop", &Dop853::stop, "member"_a)
+      .def_property_readonly("members", [](const Dop853& motion) {
+        std::vector<std::tuple<double, Index, Index, int>> all;
+        for (const Dop853::Member& member : motion.members()) {
+          all.emplace_back(member.time, member.samples, member.evaluations,
+                           static_cast<int>(member.progress));
+        }
+        return all;
+      });
+}
+
+}  // namespace pipedyn
