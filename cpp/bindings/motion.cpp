@@ -10,7 +10,6 @@
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/modular/scene.hpp"
 #include "pipedyn/motion/dop853.hpp"
-#include "pipedyn/work.hpp"
 
 namespace pipedyn {
 
@@ -18,17 +17,13 @@ using namespace py::literals;
 
 namespace {
 
-void rhs_and_power(const Scene& scene, const Batch& batch, double* rates) {
-  scene.rhs_and_power(batch, rates);
-}
-
 /// Rates [q', q'', power] of a compiled model's states with the work done on them, at a speed each.
 template <class Model>
 Rates compiled_rates(const Model& model, const Reals& u) {
   return [&model, u, speeds = Reals()](const Vector&, const double* y,
                                        const std::vector<Index>& which, double* rates) mutable {
     speeds = u(which);
-    rhs_and_power(model, {y, speeds.data(), speeds.size(), 1}, rates);
+    model.rhs_and_power({y, speeds.data(), speeds.size(), 1}, rates);
   };
 }
 

@@ -94,9 +94,10 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
 
 // ---------------------------------------------------------------------------------------- entry
 
+template <bool with_power>
 void rhs(const MotionModel& model, const Batch& batch, double* rates) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
-    accelerations_of<false>(model, members, sweep, rates, nullptr);
+    accelerations_of<false>(model, members, sweep, rates, with_power, nullptr);
   });
 }
 
@@ -123,19 +124,26 @@ bool all_finite(const double* x, Count count) {
   return rest == 0.0;
 }
 
-/// In blocks that stay in the processor's nearest memory.
 void combine(const double* weights, const double* const* k, Count terms, const double* y,
              const double* h, double* out, Count size) {
-  constexpr Count block = 64;
-  for (Count first = 0; first < size; first += block) {
-    const Count used = size - first < block ? size - first : block;
-    double sum[block] = {};
+  constexpr Count together = 4;  // sums that wait for each other less than they have registers
+  Count first = 0;
+  for (; first + together * width <= size; first += together * width) {
+    Pack sum[together] = {};
     for (Count s = 0; s < terms; ++s) {
-      const double weight = weights[s], *const of = k[s] + first;
-      if (weight == 0.0) continue;
-      for (Count i = 0; i < used; ++i) sum[i] += weight * of[i];
+      for (Count i = 0; i < together; ++i) {
+        sum[i] += weights[s] * load<Pack>(k[s] + first + i * width);
+      }
     }
-    for (Count i = 0; i < used; ++i) out[first + i] = y[first + i] + h[first + i] * sum[i];
+    for (Count i = 0; i < together; ++i) {
+      const Count at = first + i * width;
+      store(out + at, Pack(load<Pack>(y + at) + load<Pack>(h + at) * sum[i]));
+    }
+  }
+  for (; first < size; ++first) {
+    double sum = 0.0;
+    for (Count s = 0; s < terms; ++s) sum += weights[s] * k[s][first];
+    out[first] = y[first] + h[first] * sum;
   }
 }
 
@@ -162,7 +170,8 @@ namespace pipedyn {
 const MotionKernel PIPEDYN_NAMED(motion) = {
     .name = PIPEDYN_TEXT(PIPEDYN_LEVEL),
     .width = width,
-    .rhs = ::rhs,
+    .rhs = ::rhs<false>,
+    .rhs_and_power = ::rhs<true>,
     .jacobian = ::jacobian,
     .energy = ::energy,
     .power = ::power,

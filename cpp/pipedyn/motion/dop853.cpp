@@ -62,9 +62,15 @@ void Dop853::evaluate(const Vector& y, Vector& rates, double share) {
 
 /// out = y + h sum_s weights_s k_s.
 void Dop853::combine(const double* weights, Index terms, const Vector& y, Vector& out) {
-  const double* k[stages + 1];
-  for (Index s = 0; s < terms; ++s) k[s] = rate_[s].data();
-  motion_kernel().combine(weights, k, terms, y.data(), steps_.data(), out.data(), entries());
+  const double* k[stages];
+  double present[stages];
+  Index count = 0;
+  for (Index s = 0; s < terms; ++s) {
+    if (weights[s] == 0.0) continue;
+    present[count] = weights[s];
+    k[count++] = rate_[s].data();
+  }
+  motion_kernel().combine(present, k, count, y.data(), steps_.data(), out.data(), entries());
 }
 
 /// A step at which an explicit Euler step and the change of the rates within it are small.
