@@ -80,6 +80,10 @@ struct MotionKernel {
   /// out = y + h sum_s weights_s k_s, entry by entry.
   void (*combine)(const double* weights, const double* const* k, std::ptrdiff_t terms,
                   const double* y, const double* h, double* out, std::ptrdiff_t size);
+  /// out_e = (sum_s weights_es k_s / (absolute + relative max(|y|, |next|)))^2, e = 0 and 1.
+  void (*errors)(const double* const* weights, const double* const* k, std::ptrdiff_t terms,
+                 const double* y, const double* next, double absolute, double relative,
+                 double* const* out, std::ptrdiff_t size);
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 
