@@ -17,12 +17,31 @@ using namespace py::literals;
 
 namespace {
 
+/// Flow speeds at times, of which members.
+using SpeedsAt =
+    std::function<void(const Vector& t, const std::vector<Index>& which, Reals& speeds)>;
+
+/// u: one a member, or a function of time for all.
+SpeedsAt speeds_at(const py::object& u) {
+  if (!PyCallable_Check(u.ptr())) {
+    return [all = u.cast<Reals>()](const Vector&, const std::vector<Index>& which, Reals& speeds) {
+      speeds = all(which);
+    };
+  }
+  return [u](const Vector& t, const std::vector<Index>&, Reals& speeds) {
+    const py::gil_scoped_acquire locked;
+    speeds.resize(t.size());
+    for (Index j = 0; j < t.size(); ++j) speeds[j] = u(t[j]).cast<double>();
+  };
+}
+
 /// Rates [q', q'', power] of a compiled model's states with the work done on them, at a speed each.
 template <class Model>
-Rates compiled_rates(const Model& model, const Reals& u) {
-  return [&model, u, speeds = Reals()](const Vector&, const double* y,
-                                       const std::vector<Index>& which, double* rates) mutable {
-    speeds = u(which);
+Rates compiled_rates(const Model& model, const py::object& u) {
+  return [&model, at = speeds_at(u), speeds = Reals()](const Vector& t, const double* y,
+                                                       const std::vector<Index>& which,
+                                                       double* rates) mutable {
+    at(t, which, speeds);  // a force of their derivatives would enter beside them
     model.rhs_and_power({y, speeds.data(), speeds.size(), 1}, rates);
   };
 }
@@ -48,7 +67,7 @@ Rates called_rates(const py::function& function, Index rows) {
   };
 }
 
-Rates rates_of(const py::object& of, Index rows, const Reals& u) {
+Rates rates_of(const py::object& of, Index rows, const py::object& u) {
   if (py::isinstance<Chain>(of)) return compiled_rates(of.cast<const Chain&>(), u);
   if (py::isinstance<Galerkin>(of)) return compiled_rates(of.cast<const Galerkin&>(), u);
   if (py::isinstance<Scene>(of)) return compiled_rates(of.cast<const Scene&>(), u);
@@ -103,7 +122,7 @@ void define_motion(py::module_& m) {
         return all;
       });
   py::class_<Dop853, Integrator>(m, "Dop853")
-      .def(py::init([](const py::object& of, const Reals& u, const Matrix& start, double t0,
+      .def(py::init([](const py::object& of, const py::object& u, const Matrix& start, double t0,
                        double rtol, double atol, double most, double max_step) {
              return Dop853(rates_of(of, start.rows(), u), start.rows(), start.cols(), start.data(),
                            t0, {rtol, atol, most, max_step});
