@@ -228,7 +228,7 @@ class Watch:
         callback: of a time, q and q' there, each (coordinates,); True ends the motion.
     """
 
-    def __init__(self, follower: Follower | None, callback: Callback | None) -> None:
+    def __init__(self, follower: Follower | None = None, callback: Callback | None = None) -> None:
         self.follower, self.callback = follower, callback
         self.end: float | None = None
         """Where the motion was ended, by an event or the caller."""
@@ -254,17 +254,15 @@ class Watch:
         self._called = time.monotonic()
 
 
-UNWATCHED = Watch(None, None)
-
-
 def integrate(
-    tasks: Sequence[Task], shown: bool = False, watch: Watch = UNWATCHED
+    tasks: Sequence[Task], shown: bool = False, watch: Watch | None = None
 ) -> list[Motions]:
     """States of each task, right-hand sides taken, and why it stopped early.
 
     Shape of the states, the start and then the samples that were reached: (1 + S, 2 moving + 1).
-    Several tasks have one model and one method of the core, and nobody watches.
+    Several tasks have one model and one method of the core, and no follower or callback.
     """
+    watch = watch or Watch()
     if tasks[0].method in CORE:
         return _in_core(tasks, shown, watch)
     [task] = tasks
@@ -354,13 +352,24 @@ def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
     return answers
 
 
+def runs_unlocked(task: Task) -> bool:
+    """Whether a task's right-hand sides do without Python and its lock."""
+    return task.method in CORE and _compiled(task.model) is not None and not callable(task.u)
+
+
+def _compiled(model: Model) -> object:
+    """The compiled model, if that is all."""
+    motion = model.motion
+    if isinstance(motion, SceneMotion):
+        return motion.core if motion.is_compiled else None
+    return motion if isinstance(motion, (_core.Chain, _core.Galerkin)) else None
+
+
 def _rates(model: Model, u: Any) -> object:
     """What the core integrates: a compiled model, or a function of t, states and their members."""
-    motion = model.motion
-    if isinstance(motion, SceneMotion) and motion.is_compiled:
-        return motion.core
-    if isinstance(motion, (_core.Chain, _core.Galerkin)):
-        return motion
+    motion, compiled_model = model.motion, _compiled(model)
+    if compiled_model is not None:
+        return compiled_model
 
     def rates(t: Array, y: Array, which: list[int]) -> Array:
         speeds = np.array([u(at) for at in t]) if callable(u) else u[which]

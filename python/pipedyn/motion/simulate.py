@@ -11,8 +11,11 @@ of all of them goes through the processor's vectors.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import nullcontext
+from contextvars import copy_context
 from dataclasses import field, replace
 from functools import partial
 from typing import Any, TypeAlias
@@ -39,6 +42,7 @@ from pipedyn.motion.integrator import (
     Watch,
     choose_method,
     integrate,
+    runs_unlocked,
 )
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -60,7 +64,7 @@ LARGEST_ENSEMBLE = 1_000_000
 SPEEDS_CHECKED = 101
 """Times over the duration at which a function u(t) is tried beforehand."""
 
-BATCH = 64
+BATCH = 32
 """Members of a batch: measured, the cost of a member falls little beyond."""
 
 
@@ -286,7 +290,8 @@ def simulate_many(
     """Motions of many members, which may differ in model, flow speed and initial state.
 
     Whatever is given once holds for all members; what is given k times, for each its own. Members
-    with the same model object are integrated in batches where the method is "dop853".
+    with the same model object are integrated in batches where the method is "dop853", on all cores:
+    what a member does depends neither on their number nor on the other members.
 
     Args:
         models: one model or k.
@@ -301,7 +306,8 @@ def simulate_many(
         atol: absolute tolerance; rtol / 100 where not given.
         method: as for `simulate`.
         most: right-hand sides that each member may take, as for `simulate`.
-        executor: a `concurrent.futures.Executor`; batches are its tasks.
+        executor: a `concurrent.futures.Executor`, of which batches are the tasks, instead of the
+            threads of this process.
         progress: show progress on stderr.
 
     Returns:
@@ -348,19 +354,28 @@ def simulate_many(
         together = tasks[same[0]].method == "dop853"
         parts = math.ceil(len(same) / BATCH) if together else len(same)
         blocks += [part.tolist() for part in np.array_split(same, parts)]
-    jobs = [partial(_motions, [tasks[i] for i in block]) for block in blocks]
-    answers = parallel(jobs, executor, label="batches", progress=shown)
+    watch = Watch()
+    jobs = [partial(_motions, [tasks[i] for i in block], watch) for block in blocks]
+    own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
+    if own:  # each counts for its caller
+        jobs = [partial(copy_context().run, job) for job in jobs]
     motions: list[Any] = [None] * members
     failures = []
-    for block, found in zip(blocks, answers, strict=True):
-        if isinstance(found, Exception):
-            found.add_note(f"in the motions of members {', '.join(map(str, block))}")
-            raise found
-        for i, (motion, why) in zip(block, found, strict=True):
-            motions[i] = motion
-            if why is not None:
-                message = f"member {i} stopped {motion.reached}: {why}"
-                failures.append(MemberFailure(i, MotionStopped(message, motion)))
+    with ThreadPoolExecutor(os.cpu_count()) if own else nullcontext(executor) as pool:
+        try:
+            answers = parallel(jobs, pool, label="batches", progress=shown)
+            for block, found in zip(blocks, answers, strict=True):
+                if isinstance(found, Exception):
+                    found.add_note(f"in the motions of members {', '.join(map(str, block))}")
+                    raise found
+                for i, (motion, why) in zip(block, found, strict=True):
+                    motions[i] = motion
+                    if why is not None:
+                        message = f"member {i} stopped {motion.reached}: {why}"
+                        failures.append(MemberFailure(i, MotionStopped(message, motion)))
+        except BaseException:
+            watch.end = -math.inf  # for the threads of the pool
+            raise
     return Ensemble(tuple(motions), tuple(sorted(failures, key=lambda failure: failure.index)))
 
 
@@ -375,11 +390,11 @@ def _each(name: str, given: Any) -> list[Any]:
     return list(given) if several else [given]
 
 
-def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
+def _motions(tasks: list[Task], watch: Watch) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a batch, and why it stopped early."""
     return [
         (motion_of(task, rows, evaluations), why)
-        for task, (rows, evaluations, why) in zip(tasks, integrate(tasks), strict=True)
+        for task, (rows, evaluations, why) in zip(tasks, integrate(tasks, watch=watch), strict=True)
     ]
 
 
