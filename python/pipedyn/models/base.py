@@ -327,7 +327,8 @@ class Model(OfPipe, ABC):
             u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
 
         Returns:
-            d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
+            d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). Drag's share
+            d(|v| v) = 2 |v| dv is 0 where v is.
 
         Raises:
             ValueError: also for more than 4000 segments of a chain.
