@@ -89,7 +89,7 @@ Pairs solved(const Chain& chain, const Complement& complement, const Vector& sca
   kernel.impedance->pairs(chain.impedance(), {u, count, parts.data(), parts.data() + count},
                           {part(0), part(2), part(4), part(6), part(8), part(9), part(10), turned,
                            vectors ? dual_turned : nullptr, loaded},
-                          scratch(14 * chain.dof() * kernel.width));
+                          scratch((loaded ? 14 : 10) * chain.dof() * kernel.width));
   Pairs found{values,        ComplexTable(n, count), ComplexTable(n, count),
               Reals(count),  Reals(count),           Values(count),
               Values(count), Values(count),          Values(count)};
