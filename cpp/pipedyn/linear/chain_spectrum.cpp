@@ -328,6 +328,33 @@ void ChainSpectrum::assess(double u, Pairs& pairs) {
   }
 }
 
+std::optional<Forms> ChainSpectrum::forms(const Pair& pair) const {
+  Matrix parts(traits.dof, 4);
+  parts << pair.right.real(), pair.right.imag(), pair.left.real(), pair.left.imag();
+  const Matrix angles = scale_.asDiagonal() * complement_.spread(parts);
+  const Matrix x = angles.leftCols(2);
+  const auto times = [](const auto& dual, const auto& columns) {  // conj(a + i b) (c + i d)
+    const auto a = dual.col(2).array(), b = dual.col(3).array();
+    const auto c = columns.col(0).array(), d = columns.col(1).array();
+    ComplexVector products(dual.rows());
+    products.real() = (a * c + b * d).matrix();
+    products.imag() = (a * d - b * c).matrix();
+    return products;
+  };
+  const auto form = [&](const LinearPart& part) {
+    return times(angles, chain_.joint_times(x, part)).sum();
+  };
+  Forms found{.mass = form({.square = 1.0}),
+              .velocity = form({.velocity = 1.0}),
+              .damping = form({.rate = 1.0}),
+              .flux = form({.flux = 1.0}),
+              .gravity = form({.gravity = 1.0}),
+              .by_damping = 0.0,
+              .springs = times(angles, x)};
+  found.by_damping = (chain_.springs().array() * found.springs.array()).sum();
+  return found;
+}
+
 Reals ChainSpectrum::rounding(const Pairs& pairs) const {
   return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs()));
 }
