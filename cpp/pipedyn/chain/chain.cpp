@@ -131,13 +131,19 @@ void Chain::linearise() {
         return ImpedanceParts{term(-loads.by_position[0][0]) + term(own) + term(weight),
                               term(-loads.by_velocity[0][0]), term(mass)};
       };
-      return ImpedanceSegment{.length = link.length,
-                              .joint = {link.spring, link.damping, 0.0},
-                              .force = parts(0, link.mass),
-                              .across = parts(1, link.first_moment),
-                              .turned = parts(1, link.first_moment, -slopes[0].by_angle[0]),
-                              .moment = parts(2, link.inertia, pulled, link.weight),
-                              .held = held_[static_cast<std::size_t>(j)]};
+      ImpedanceSegment made{.length = link.length,
+                            .joint = {link.spring, link.damping, 0.0},
+                            .force = parts(0, link.mass),
+                            .across = parts(1, link.first_moment),
+                            .turned = parts(1, link.first_moment, -slopes[0].by_angle[0]),
+                            .moment = parts(2, link.inertia, pulled, link.weight),
+                            .held = held_[static_cast<std::size_t>(j)],
+                            .loaded = false};
+      made.loaded = made.moment.rate != 0.0;
+      for (const ImpedanceParts& of : {made.force, made.across, made.turned}) {
+        made.loaded = made.loaded || of.still != 0.0 || of.rate != 0.0;
+      }
+      return made;
     };
     impedances_[static_cast<std::size_t>(j)] = impedance([](double x) { return x; });
     impedance_sizes_[static_cast<std::size_t>(j)] = impedance([](double x) { return std::abs(x); });
