@@ -111,13 +111,13 @@ class Watched:
     """Rates and Jacobian of a task for scipy, and whoever integrates it, checked for progress.
 
     Attributes:
-        calls, jacobians: of each how many.
+        calls, jacobians, factorisations: of each how many.
         overflowed: whether a state was not finite, for which rates are NaN and shorten the step.
     """
 
     def __init__(self, task: Task) -> None:
         self.task = task
-        self.calls = self.jacobians = 0
+        self.calls = self.jacobians = self.factorisations = 0
         self.next_check, self.reached = FORECAST, -math.inf
         self.overflowed = False
 
@@ -137,6 +137,7 @@ class Watched:
     def jacobian(self, t: float, y: Array) -> Array:
         """Of the same. W acts on nothing, and the Newton iteration does without its row."""
         self.jacobians += 1
+        self.factorisations += 1
         self.next_check -= JACOBIAN_CALLS
         whole = np.zeros((y.size, y.size))
         try:
@@ -225,7 +226,7 @@ def integrate(
     except Stopped as stopped:
         why = NOT_FINITE if watched.overflowed else str(stopped)
     evaluated(watched.calls + watched.jacobians)
-    factorised(watched.jacobians)
+    factorised(watched.factorisations)
     return [(np.array(rows), watched.calls, why)]
 
 
@@ -351,6 +352,7 @@ def _by_scipy(task: Task, watched: Watched) -> Iterator[Array]:
                     message = solver.step()
                 except ValueError as error:  # a factorisation refuses what is not finite
                     raise Stopped(str(error)) from error
+            watched.factorisations = max(watched.jacobians, solver.nlu)
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 raise Stopped(message or NOT_FINITE)
             between = solver.dense_output()  # of DOP853 from three right-hand sides, or NaN
