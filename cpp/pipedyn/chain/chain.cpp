@@ -427,6 +427,10 @@ void Chain::rhs(const Batch& batch, double* rates) const {
   motion_kernel().rhs(motion(), batch, rates);
 }
 
+void Chain::rhs_and_power(const Batch& batch, double* rates) const {
+  motion_kernel().rhs_and_power(motion(), batch, rates);
+}
+
 void Chain::jacobian(const Batch& batch, double* out) const {
   const Index rows = 2 * dof(), members = batch.members;
   Vector y(rows), moments(batch.moments != nullptr ? dof() : 0);
