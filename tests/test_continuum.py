@@ -32,7 +32,7 @@ SUPPORTED = (pp.PointMass(0.4, 0.3), pp.Spring(0.7, 40.0), pp.Damper(1.0, 0.2))
 
 PIPES = [
     pp.Pipe(0.2),
-    pp.Pipe(0.9, gamma=20.0),
+    pp.Pipe(0.5, gamma=20.0),
     pp.Pipe(1e-4),
     pp.Pipe(0.6, damping=0.02),
     pp.Pipe(0.3, gamma=-9.0, damping=1e-3),
