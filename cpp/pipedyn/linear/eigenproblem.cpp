@@ -155,7 +155,7 @@ std::vector<Index> by_size(const Values& values) {
   std::vector<std::tuple<double, double, double, Index>> places;
   for (Index i = 0; i < values.size(); ++i) {
     const Complex value = values[i];
-    places.push_back(is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
+    places.push_back(is_finite(value) ? std::tuple(std::norm(value), value.real(), -value.imag(), i)
                                       : std::tuple(infinite, 0.0, 0.0, i));
   }
   std::sort(places.begin(), places.end());
