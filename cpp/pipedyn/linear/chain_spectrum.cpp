@@ -118,7 +118,7 @@ Pairs solved(const Chain& chain, const Complement& complement, const Vector& sca
     found.residual[i] = known(rest / size);
     found.uncertain[i] = known((rest + rounding) / std::abs(by_lambda));
     found.slopes[i] = -number(4) / both / by_lambda;
-    found.by_left[i] = std::abs(values[i]) <= slow ? by_lambda : 0.0;
+    found.by_left[i] = magnitude(values[i]) <= slow ? by_lambda : 0.0;
     found.by_right[i] = number(6) / (length * length);
     found.corrections[i] = std::abs(value) > rounding ? -value / by_lambda : 0.0;
   }
@@ -239,8 +239,8 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   const bool all = roots_in(roots) >= 2 * traits.dof;
   if (all ? !has_all(u, roots) : !has_all_within(u, roots, next)) return std::nullopt;
   // Those of equal size, which rounding may have sorted otherwise.
-  const double size = std::abs(lowest.back().value) * (1.0 + 1e-6);
-  while (next < roots.size() && std::abs(roots[next].value) <= size)
+  const double size = magnitude(lowest.back().value) * (1.0 + 1e-6);
+  while (next < roots.size() && magnitude(roots[next].value) <= size)
     lowest.push_back(roots[next++]);
   const Pairs known = polished(u, lowest, vectors);
   auto found = with_conjugates(known, lowest, count);
@@ -361,7 +361,7 @@ std::optional<Forms> ChainSpectrum::forms(const Pair& pair) const {
 }
 
 Reals ChainSpectrum::rounding(const Pairs& pairs) const {
-  return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs()));
+  return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs2().sqrt()));
 }
 
 Pair ChainSpectrum::refined(double u, const Pair& guess) {

@@ -354,7 +354,7 @@ Sample Eigenproblem::sample(double u, Index count) {
     throw NotConverged(text);
   }
   assess(u, pairs);
-  const Reals size = pairs.values.abs();
+  const Reals size = pairs.values.abs2().sqrt();
   pairs.noise = rounding(pairs);
   pairs.slope_noise = pairs.signatures = Reals::Zero(size.size());
   for (Index i = 0; i < size.size(); ++i) {
