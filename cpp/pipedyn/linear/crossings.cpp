@@ -171,7 +171,7 @@ class Search {
     }
     for (Index i = 0; u == 0.0 && i < at.size(); ++i) {
       Complex& value = at.values[i];
-      if (std::abs(value) < traits_.zero) value = 0.0;
+      if (magnitude(value) < traits_.zero) value = 0.0;
       if (!traits_.squared && !traits_.damped && value.imag() != 0.0) value.real(0.0);
     }
     return std::make_shared<const Sample>(std::move(at));
@@ -190,9 +190,9 @@ class Search {
   /// Whether the place of a root on one side of the axis is known.
   bool has_sign(const Sample& at, Index i) const {
     const Complex value = at.values[i];
-    if (traits_.squared) return value.imag() != 0.0 || std::abs(value) >= traits_.zero;
+    if (traits_.squared) return value.imag() != 0.0 || magnitude(value) >= traits_.zero;
     return at.signatures[i] != 0 ||  // on the axis of a conservative system, where it stays
-           (std::abs(value.real()) > at.noise[i] && std::abs(value) >= traits_.zero);
+           (std::abs(value.real()) > at.noise[i] && magnitude(value) >= traits_.zero);
   }
 
   /// Which of some roots of a sample are unstable: by the sign of Re lambda, or as before where it
@@ -293,7 +293,7 @@ class Search {
       if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
       const Complex start = step.start(i), end = step.end(i);
       const auto heavily_damped = [this](Complex value) {
-        return !traits_.squared && value.real() < -heavy_damping * std::abs(value);
+        return !traits_.squared && value.real() < -heavy_damping * magnitude(value);
       };
       if ((start == 0.0 ? end : start).imag() < 0.0) continue;
       if (modes_[i] > range_.certain && heavily_damped(start) && heavily_damped(end)) continue;
@@ -548,7 +548,7 @@ class Search {
     for (Index i = 0; i < at.size(); ++i) places[i] = i;
     std::partial_sort(places.begin(), places.begin() + std::min<Index>(2, at.size()), places.end(),
                       [&](Index i, Index k) {
-                        return std::abs(at.values[i] - value) < std::abs(at.values[k] - value);
+                        return std::norm(at.values[i] - value) < std::norm(at.values[k] - value);
                       });
     return places;
   }

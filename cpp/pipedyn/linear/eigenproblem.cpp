@@ -169,7 +169,7 @@ std::vector<Index> by_size(const Values& values) {
   std::vector<std::tuple<double, double, double, Index>> places;
   for (Index i = 0; i < values.size(); ++i) {
     const Complex value = values[i];
-    places.push_back(is_finite(value) ? std::tuple(std::abs(value), value.real(), -value.imag(), i)
+    places.push_back(is_finite(value) ? std::tuple(std::norm(value), value.real(), -value.imag(), i)
                                       : std::tuple(infinite, 0.0, 0.0, i));
   }
   std::sort(places.begin(), places.end());
@@ -379,7 +379,7 @@ Sample Eigenproblem::sample(double u, Index count) {
     throw NotConverged(text);
   }
   assess(u, pairs);
-  const Reals size = pairs.values.abs();
+  const Reals size = pairs.values.abs2().sqrt();
   pairs.noise = rounding(pairs);
   pairs.slope_noise = pairs.signatures = Reals::Zero(size.size());
   for (Index i = 0; i < size.size(); ++i) {
