@@ -60,6 +60,9 @@ cycles a motion takes long to converge."""
 MOST_INTERVALS = 2000
 """Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
 
+ROUNDING = 1e-11
+"""Defects below may be rounding, and are lessened by halving intervals only."""
+
 CHECKS = 3
 """Meshes on which the multipliers are asked for, each for a hundredth of the defect of the last: by
 the third that is 1e-7 of rtol, where rounding is all that is left."""
@@ -452,6 +455,7 @@ def _refined(
     # Under drag two answers may agree by chance: an error falls by the fourth power of h at most.
     measured, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
     last = math.inf if motion.model.pipe.drag else 0.0
+    most = 2  # parts of an interval
     while True:
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
@@ -459,40 +463,56 @@ def _refined(
             return orbit, error, ""
         if not coarse.any():
             coarse[:] = True
-        if len(orbit.starts) + np.count_nonzero(coarse) > MOST_INTERVALS:
+        # In p parts an interval has about the p^-7 of its defect, or more where drag has kinks.
+        wanted = max(0.5 * largest, ROUNDING)
+        parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
+        parts = np.where(coarse, np.clip(parts, 2, most), 1)
+        if parts.sum() > MOST_INTERVALS:
             return orbit, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
         try:
-            finer = solved(motion, refined(motion, orbit, 1 + coarse, turning=True), tolerance)
+            finer = solved(motion, refined(motion, orbit, parts, turning=True), tolerance)
         except NewtonFailed as failure:
             return orbit, error, str(failure)
         before, measured = measured, amplitude_of(motion, finer)[0]
         change = max(abs(measured / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
         error, last = max(change, last / 16.0), change
-        orbit = finer
+        orbit, most = finer, 2 if motion.model.pipe.drag else 4
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
-    count = 2048  # fine enough for the polynomial that then goes through the extremes
-    apart = 2.0 * math.pi / count
-    across = motion.tip(orbit.states(apart * np.arange(float(count))))
-    greatest, where = _peak(across)
-    least, _ = _peak(-across)
-    return 0.5 * (greatest + least), apart * where
+    phases = np.linspace(0.0, 2.0 * math.pi, 257)[:-1]
+    if orbit.symmetric:
+        across = motion.tip(orbit.states(phases[:128]))
+        across = np.concatenate([across, -across])
+    else:
+        across = motion.tip(orbit.states(phases))
+    greatest, where = _peak(motion, orbit, phases, across, 1.0)
+    if orbit.symmetric:
+        return greatest, where
+    least, _ = _peak(motion, orbit, phases, across, -1.0)
+    return 0.5 * (greatest + least), where
 
 
-def _peak(values: Array) -> tuple[float, float]:
-    """Maximum of a periodic function and its place, by the polynomial through five samples."""
-    i = int(np.argmax(values))
-    near = values[np.arange(i - 2, i + 3) % values.size]
-    line = np.polynomial.Polynomial.fit(np.arange(-2.0, 3.0), near, 4)
+def _peak(
+    motion: VectorField, orbit: PeriodicOrbit, phases: Array, across: Array, sign: float
+) -> tuple[float, float]:
+    """The free end's greatest displacement to one side and its phase, from samples all round."""
+    heights = sign * across
+    # Between samples it may go farther by a thousandth of its range, and at several peaks.
+    high = heights >= heights.max() - 0.01 * np.ptp(heights)
+    peaks = high & (heights >= np.roll(heights, 1)) & (heights >= np.roll(heights, -1))
+    # Then so close that the polynomial through five samples is the motion.
+    apart = 0.125 * phases[1]
+    near = phases[peaks][:, None] + apart * np.arange(-10.0, 11.0)
+    finer = sign * motion.tip(orbit.states(near.ravel())).reshape(near.shape)
+    i, j = divmod(int(np.argmax(finer[:, 2:-2])), finer.shape[1] - 4)
+    line = np.polynomial.Polynomial.fit(np.arange(-2.0, 3.0), finer[i, j : j + 5], 4)
     turns = line.deriv().roots()
     inner = turns.real[(np.abs(turns.imag) < 1e-9) & (np.abs(turns.real) <= 1.0)]
-    if inner.size == 0:
-        return float(values[i]), float(i)
-    heights = line(inner)
-    return float(heights.max()), i + float(inner[int(np.argmax(heights))])
+    at = max(inner, key=line, default=0.0)
+    return float(line(at)), float(near[i, j + 2] + apart * at)
 
 
 def on_branch(

@@ -367,8 +367,9 @@ class Model(OfPipe, ABC):
         return float(np.abs(p).max())
 
     def motion_jacobian(self, y: Array, u: float) -> Array:
-        """Derivative of the rates of [p, p'], shape (2 moving, 2 moving)."""
-        return self.jacobian(0.0, y, u)
+        """Derivative of the rates of [p, p'], (2 moving, 2 moving), or (k, ...) of k states."""
+        self._check_dense()
+        return self.motion.jacobian(0.0, y, u)
 
     def energy(self, y: ArrayLike) -> float | Array:
         """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
