@@ -32,6 +32,9 @@ from pipedyn.util.newton import NewtonFailed
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: their rounding is 1e-11 then."""
 
+SAME = 1e-9
+"""Distance of orbits, relative, whose multipliers are alike to a hundredth of what they may err."""
+
 # -------------------------------------------------------------------------------- one interval
 
 
@@ -92,7 +95,7 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     ends[..., size + 1] = by_frequency[:, -1]
     ends[:, twice:] += once[:, 0]
     ends[:, :twice] += double[:, 0, :twice]
-    return found, ends, rows
+    return np.asarray(found), ends, rows
 
 
 # -------------------------------------------------------------------------------- all intervals
@@ -291,6 +294,7 @@ class OrbitProblem(Continuation):
     ) -> None:
         super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
         self.motion, self.start = motion, start
+        self.last: Linearised | None = None
         self.unit = _unit_of(motion, start) if unit is None else unit
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
         by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
@@ -307,7 +311,8 @@ class OrbitProblem(Continuation):
 
     def linearised(self, z: Array) -> Linearised:
         """The equations about unknowns."""
-        return Linearised(self.motion, self.orbit(z), self._phase)
+        self.last = Linearised(self.motion, self.orbit(z), self._phase)
+        return self.last
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""
@@ -337,9 +342,20 @@ def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
 
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
+    return solved_about(motion, orbit, tolerance)[0]
+
+
+def solved_about(
+    motion: VectorField, orbit: PeriodicOrbit, tolerance: float
+) -> tuple[PeriodicOrbit, Linearised | None]:
+    """The same, and the equations about it; None where the last step to it was long."""
     control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
     problem = OrbitProblem(motion, orbit, control, unit=1.0)
-    return problem.orbit(problem.fixed(orbit.packed(), orbit.u))
+    z = problem.fixed(orbit.packed(), orbit.u)
+    last = problem.last
+    assert last is not None
+    near = problem.relative(z, z - last.orbit.packed()) <= SAME
+    return problem.orbit(z), last if near else None
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

@@ -18,6 +18,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.collocation import (
+    Linearised,
     collocation_maps,
     stage_derivatives,
     state_units,
@@ -38,9 +39,10 @@ of mesh intervals to get there: one mostly does. Mesh intervals: 2 GB for 100 se
 TURN = 4.0
 """Largest |lambda| h of an interval, for modes that persist: the error is 3e-8, at half 5e-13."""
 
-LONGEST_PART = 10.0
-"""The same of a part of Magnus' series, before it is halved: multipliers then err by 2e-6 or less
-of chains and reduced models at an amplitude of 0.28 L."""
+PARTS = 12.0
+"""Parts of Magnus' series in half a period, times the cube root of the turns of the fastest mode,
+before there are twice as many: multipliers of chains and reduced models then err by some 1e-6 at an
+amplitude of 0.28 L, and by less at smaller ones."""
 
 UNIT = 1e-6
 """By how much multipliers may exceed 1 on a stable cycle: as far as the trivial one may be off."""
@@ -50,70 +52,100 @@ EventKind = Literal[
 ]
 
 
-def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, Complex, float]:
+def floquet(
+    motion: VectorField, orbit: PeriodicOrbit, about: Linearised | None = None
+) -> tuple[Complex, Complex, float]:
     """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
 
     Of an orbit with a mirror the roots are the eigenvalues over half a period, reflected. The
     multipliers, shape (2 dof,), are their squares: the trivial one is 1 either way, and a
     perturbation that breaks the mirror symmetry and neither grows nor decays has the root -1.
-    Without a mirror the roots are the multipliers.
+    Without a mirror the roots are the multipliers. `about`: the collocation's equations about the
+    orbit, if they are known.
 
     Raises:
         NewtonFailed: if they overflow.
     """
-    turns = _turns(motion, orbit)
-    roots, error = np.empty(0), math.inf
-    # Magnus' series needs a smooth motion, and no fine mesh is needed where none is without it.
-    if not motion.model.pipe.drag and not motion.constrained and turns.max() > TURN:
-        roots, error = _by_magnus(motion, orbit, turns)
+    turns, error = _turns(motion, orbit), math.inf
+    roots: Complex = np.empty(0, dtype=np.complex128)
+    # No fine mesh is needed where the collocation resolves all modes without it. Kinks of drag at
+    # phases that are not known take the error that halving shows.
+    if turns.max() > TURN and (smooth := _between_kinks(motion, orbit)):
+        roots, error = _by_magnus(motion, smooth, turns.sum(), about if smooth is orbit else None)
     if not error <= TOLERANCE:
-        others, other = _by_collocation(motion, orbit, turns)
+        others, other = _by_collocation(motion, orbit, turns, about)
         if other < error:
             roots, error = others, other
-    values = roots**2 if orbit.symmetric else roots
+    values: Complex = roots**2 if orbit.symmetric else roots
     # Rounded, as the moduli of a pair differ by rounding.
     sizes = np.log(np.maximum(np.abs(values), 1e-300)).round(11)
     order = np.lexsort((-values.imag, -sizes))
     return values[order].astype(np.complex128), roots[order], error
 
 
+def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
+    """The same on intervals on which its derivatives are smooth; None where they are not known."""
+    if not motion.model.pipe.drag:
+        return orbit
+    if not _kinks_known(motion, orbit):
+        return None
+    return refined(motion, orbit, np.ones(len(orbit.starts), dtype=int), turning=True)
+
+
+def _kinks_known(motion: VectorField, orbit: PeriodicOrbit) -> bool:
+    """Whether drag acts at points whose velocities say where its derivatives have kinks."""
+    return motion.model.drag_velocities(*np.split(orbit.states(np.zeros(1)), 2)).size > 0
+
+
 def _by_magnus(
-    motion: VectorField, orbit: PeriodicOrbit, turns: Array
+    motion: VectorField, orbit: PeriodicOrbit, turns: float, about: Linearised | None
 ) -> tuple[Complex, float]:
     """Roots of the multipliers and the error of the worst, by Magnus' series.
 
-    The error of each interval's map falls by 16 when its parts are halved, so that what two of them
-    differ by gives a better one: the error is how far this moves the multipliers.
+    An interval's map errs by the fourth power of the length of its parts, so that what two lengths
+    differ by gives a better map: the error is how far this moves the multipliers.
     """
-    rows = stage_derivatives(motion, orbit)
-    parts = np.ceil(np.maximum(turns / LONGEST_PART, 1.0)).astype(int)
+    rows = about.rows if about else stage_derivatives(motion, orbit)
     units = state_units(motion, rows)
     given = rows, orbit.durations, units
-    maps, roots, error = interval_maps(*given, parts), np.empty(0), math.inf
-    while error > TOLERANCE and 2 * parts.sum() <= MOST:
-        parts *= 2
-        coarser, maps = maps, interval_maps(*given, parts)
-        roots = _eigenvalues(motion, orbit, maps + (maps - coarser) / 15.0, units)
-        last, error = error, _moved(orbit, _eigenvalues(motion, orbit, maps, units), roots)
+    rounds = orbit.span / math.pi
+    number = PARTS * rounds * (turns / rounds) ** (1.0 / 3.0)
+    parts = np.ceil(number * np.diff(orbit.edges) / orbit.span).astype(int)
+    maps, error, more = interval_maps(*given, parts), math.inf, 2.0
+    roots: Complex = np.empty(0, dtype=np.complex128)
+    while error > TOLERANCE and more * parts.sum() <= MOST:
+        fewer, coarser = parts, maps
+        parts = np.ceil(more * fewer).astype(int)
+        maps = interval_maps(*given, parts)
+        left = 1.0 / ((parts / fewer) ** 4 - 1.0)
+        try:
+            plain = _eigenvalues(motion, orbit, maps, units)
+            roots = _eigenvalues(
+                motion, orbit, maps + left[:, None, None] * (maps - coarser), units
+            )
+        except NewtonFailed:  # parts may be too long for the fastest modes
+            return roots, math.inf
+        last, error = error, _moved(orbit, plain, roots)
         if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
             break
+        more = min(max((2.0 * error / TOLERANCE) ** 0.25, 1.5), 2.0)
     return roots, error
 
 
 def _by_collocation(
-    motion: VectorField, orbit: PeriodicOrbit, turns: Array
+    motion: VectorField, orbit: PeriodicOrbit, turns: Array, about: Linearised | None
 ) -> tuple[Complex, float]:
     """The same by the collocation that the orbit itself solves, on meshes twice as fine.
 
     Halving leaves 2^-15 of the error where f is smooth, and 2^-3 across kinks of drag at phases
     that are not known; of both some more is allowed for.
     """
-    some = motion.model.drag_velocities(*np.split(orbit.states(np.zeros(1)), 2))
-    left = 0.25 if motion.model.pipe.drag and not some.size else 1e-3
+    left = 0.25 if motion.model.pipe.drag and not _kinks_known(motion, orbit) else 1e-3
     parts = np.ceil(np.maximum(turns / TURN, 1.0)).astype(int)
-    if 2 * parts.sum() <= MOST:
-        orbit = refined(motion, orbit, parts)
-    roots, error = _eigenvalues(motion, orbit, *collocation_maps(motion, orbit)), math.inf
+    if (parts > 1).any() and 2 * parts.sum() <= MOST:
+        orbit, about = refined(motion, orbit, parts), None
+    maps = (about.maps, about.units) if about else collocation_maps(motion, orbit)
+    roots, error = _eigenvalues(motion, orbit, *maps), math.inf
     for _ in range(MOST_HALVINGS):
         if error <= TOLERANCE or 2 * len(orbit.starts) > MOST:
             break
@@ -133,18 +165,18 @@ def _moved(orbit: PeriodicOrbit, before: Complex, after: Complex) -> float:
     return float(moved[scipy.optimize.linear_sum_assignment(moved)].max())
 
 
-def _eigenvalues(
-    motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array
-) -> Complex:
+def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
     """The roots of the multipliers from the maps of intervals, in units of the state."""
     factorised()
+    values: Array | Complex
     with np.errstate(over="raise", invalid="raise"):
         try:
             left, right = through(maps)
             if motion.constrained:
                 allowed = _constrained_directions(motion, orbit.starts[0]) / units[:, None]
                 allowed, _ = np.linalg.qr(allowed)
-                values = np.linalg.eigvals(-allowed.T @ np.linalg.solve(right, left @ allowed))
+                left = allowed.T @ np.linalg.solve(right, left @ allowed)
+                values = np.linalg.eigvals(-left)
             elif np.array_equal(right, np.eye(len(right))):
                 values = np.linalg.eigvals(-left)
             else:

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
-from pipedyn.bifurcation.collocation import residual, solved
+from pipedyn.bifurcation.collocation import Linearised, residual, solved, solved_about
 from pipedyn.bifurcation.floquet import floquet, nontrivial
 from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
 from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, continued, solved_anew
@@ -421,9 +421,9 @@ def finished(
     largest = rtol * (1e-1 if motion.model.pipe.drag else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(CHECKS):
-        orbit, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
+        orbit, about, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
         try:
-            result = described(motion, orbit, error, samples, how)
+            result = described(motion, orbit, error, samples, how, about)
         except NewtonFailed as failure:
             raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
         if error > rtol:
@@ -445,8 +445,10 @@ def finished(
 
 def _refined(
     motion: VectorField, orbit: PeriodicOrbit, largest: float, rtol: float, tolerance: float
-) -> tuple[PeriodicOrbit, float, str]:
+) -> tuple[PeriodicOrbit, Linearised | None, float, str]:
     """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
+
+    Also the collocation's equations about it, if they are known.
 
     Refined are the intervals with a large defect, and all of them where there is none, until what
     is left of the defects is rounding: halving the intervals lessens that to a half at best, but to
@@ -455,12 +457,12 @@ def _refined(
     # Under drag two answers may agree by chance: an error falls by the fourth power of h at most.
     measured, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
     last = math.inf if motion.model.pipe.drag else 0.0
-    most = 2  # parts of an interval
+    most, about = 2, None  # parts of an interval
     while True:
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
         if error <= 0.5 * rtol and (not coarse.any() or worst > 0.25 * coarsest):
-            return orbit, error, ""
+            return orbit, about, error, ""
         if not coarse.any():
             coarse[:] = True
         # In p parts an interval has about the p^-7 of its defect, or more where drag has kinks.
@@ -468,11 +470,13 @@ def _refined(
         parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
         parts = np.where(coarse, np.clip(parts, 2, most), 1)
         if parts.sum() > MOST_INTERVALS:
-            return orbit, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
+            return orbit, about, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
         try:
-            finer = solved(motion, refined(motion, orbit, parts, turning=True), tolerance)
+            finer, about = solved_about(
+                motion, refined(motion, orbit, parts, turning=True), tolerance
+            )
         except NewtonFailed as failure:
-            return orbit, error, str(failure)
+            return orbit, about, error, str(failure)
         before, measured = measured, amplitude_of(motion, finer)[0]
         change = max(abs(measured / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
@@ -530,7 +534,12 @@ def on_branch(
 
 
 def described(
-    motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    error: float,
+    samples: int,
+    how: str,
+    about: Linearised | None = None,
 ) -> LimitCycle:
     """The cycle of an orbit on its mesh; raises `NewtonFailed` as `floquet` does."""
     amplitude, first = amplitude_of(motion, orbit)
@@ -538,7 +547,7 @@ def described(
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = floquet(motion, orbit)
+    multipliers, _, change = floquet(motion, orbit, about)
     # Rounding of eigenvalues of matrices of so many rows leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from pipedyn.bifurcation.periodic_orbit import STAGES, integrals
 from pipedyn.util.check import Array
+from pipedyn.util.counters import in_time
 
 CACHED = 40_000
 """Numbers in a stack of matrices: several stacks of as many fit into 2 MB of cache."""
@@ -49,25 +50,28 @@ def _moments(parts: int) -> tuple[Array, Array]:
     return whole, first
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np.int_]) -> Array:
     """The maps of changes of a state [p, p'] over intervals, in units of the state, (M, n, n).
 
     Args:
-        rows: derivatives of p'' by the state at the stages of each interval, (M, s, n / 2, n).
+        rows: derivatives of p'' by the state at the stages of each interval, (M, s, n / 2, n), or
+            of both where p' is not the rate of p, (M, s, n, n).
         durations: of the intervals, (M,).
         units: of the state, those of p all 1, those of p' all alike, (n,).
         parts: into how many each interval is divided, (M,).
     """
-    half, size = rows.shape[2:]
+    width, size = rows.shape[2:]
     maps = np.empty((len(rows), size, size))
     for count in np.unique(parts).tolist():
         piece = max(1, CACHED // (count * size**2))
         same = np.flatnonzero(parts == count)
         for some in np.split(same, range(piece, same.size, piece)):
+            in_time()
             weights = np.stack(_moments(count)).reshape(2 * count, STAGES)
             scaled = rows[some].reshape(some.size, STAGES, -1) * durations[some, None, None]
-            both = (weights @ scaled).reshape(some.size, 2, count, half, size)
-            both *= units / units[half:, None]
+            both = (weights @ scaled).reshape(some.size, 2, count, width, size)
+            both *= units / units[-width:, None]
             step = durations[some, None, None, None] / count * units[-1]
             factors = exponentials(_exponents(both[:, 0], both[:, 1], step))
             whole = factors[:, 0]
@@ -78,8 +82,10 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
 
 
 def _exponents(b0: Array, b1: Array, step: Array) -> Array:
-    """b0 - [b0, b1] from their lower halves, (..., n / 2, n); that of p in b0 is step p'."""
+    """b0 - [b0, b1]; where their lower halves are given, (..., n / 2, n), p in b0 is step p'."""
     half, size = b0.shape[-2:]
+    if half == size:
+        return np.asarray(b0 - b0 @ b1 + b1 @ b0)
     made = np.empty((*b0.shape[:-2], size, size))
     top, bottom = made[..., :half, :], made[..., half:, :]
     np.multiply(-step, b1, out=top)
@@ -91,12 +97,17 @@ def _exponents(b0: Array, b1: Array, step: Array) -> Array:
 
 
 def exponentials(exponents: Array) -> Array:
-    """exp of each of a stack of matrices, (..., n, n), by Taylor's polynomial and squarings."""
+    """Exponentials of a stack of matrices, (..., n, n), by Taylor's polynomial and squarings.
+
+    Where they overflow they are infinite or NaN.
+    """
     powers = np.empty((4, *exponents.shape))
     powers[0] = exponents
     np.matmul(exponents, exponents, out=powers[1])
     np.matmul(powers[1], powers[:2], out=powers[2:])
     sizes = np.abs(powers[2:]).sum(axis=-2).reshape(2, -1).max(axis=1) ** [1.0 / 3.0, 0.25]
+    if not np.isfinite(sizes).all():
+        return np.full_like(exponents, math.nan)
     halvings = max(0, math.ceil(math.log2(max(*sizes, 1e-300) / LARGEST)))
     shrunk = 0.5 ** (halvings * np.arange(1.0, 5.0))
     sums = ((_SUMS * shrunk) @ powers.reshape(4, -1)).reshape(powers.shape)

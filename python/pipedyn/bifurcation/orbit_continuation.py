@@ -50,8 +50,8 @@ FINE = OrbitControl(0.15, tolerance=1e-8, stagnation=1e-5, defect=1e-4)
 and 5e-5."""
 
 COARSE = OrbitControl(0.3, tolerance=3e-4, stagnation=1e-2, defect=1e-3)
-"""Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow. What
-a step of the tolerance leaves is its square, some 1e-7."""
+"""Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow. A
+step of the tolerance leaves its square, some 1e-7."""
 
 Step = Segment[OrbitProblem]
 """A step along a branch of orbits."""
