@@ -168,7 +168,6 @@ def _moved(orbit: PeriodicOrbit, before: Complex, after: Complex) -> float:
 def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
     """The roots of the multipliers from the maps of intervals, in units of the state."""
     factorised()
-    values: Array | Complex
     with np.errstate(over="raise", invalid="raise"):
         try:
             left, right = through(maps)
@@ -176,16 +175,16 @@ def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: 
                 allowed = _constrained_directions(motion, orbit.starts[0]) / units[:, None]
                 allowed, _ = np.linalg.qr(allowed)
                 left = allowed.T @ np.linalg.solve(right, left @ allowed)
-                values = np.linalg.eigvals(-left)
-            elif np.array_equal(right, np.eye(len(right))):
-                values = np.linalg.eigvals(-left)
+                right = np.eye(len(left))
+            if np.array_equal(right, np.eye(len(right))):
+                values = np.asarray(np.linalg.eigvals(-left), dtype=np.complex128)
             else:
-                values = scipy.linalg.eigvals(left, -right)
+                values = np.asarray(scipy.linalg.eigvals(left, -right), dtype=np.complex128)
             if not (np.abs(values) < 1e150).all():  # its square is finite
                 raise FloatingPointError
         except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
             raise NewtonFailed("its Floquet multipliers overflow") from error
-    return orbit.mirror * np.asarray(values, dtype=np.complex128)
+    return np.asarray(orbit.mirror * values)
 
 
 def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
