@@ -38,26 +38,33 @@ SAME = 1e-9
 # -------------------------------------------------------------------------------- one interval
 
 
-def _condensed(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array, Array]:
+def _condensed(
+    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
+) -> tuple[Array, Array, Array]:
     """Derivatives of each interval's stages and of the state at its end.
 
     By the state at its beginning, a share of the residual, the frequency and the speed: of the
     stages' rates, shape (M, s width, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
-    Also those of f at the stages, of the rates solved for, (M, s, width, 2 moving).
+    Also those of f at the stages, of the rates solved for, (M, s, width, 2 moving). By the speed
+    they are 0 where it does not vary.
     """
     count, _, width = orbit.rates.shape
-    piece = max(1, 500_000 // (STAGES * width) ** 2)  # intervals whose 4 MB a cache holds
-    parts = []
+    size = motion.size
+    piece = max(1, 100_000 // (STAGES * width) ** 2)  # intervals whose 2.4 MB a cache holds
+    rates = np.empty((count, STAGES * width, size + 3))
+    ends = np.empty((count, size, size + 3))
+    rows = np.empty((count, STAGES, width, size))
     for i in range(0, count, piece):
         some = slice(i, i + piece)
         edges = orbit.edges[i : i + piece + 1]
         part = replace(orbit, edges=edges, starts=orbit.starts[some], rates=orbit.rates[some])
-        parts.append(_eliminated(motion, part))
-    rates, ends, rows = (np.concatenate(part) for part in zip(*parts, strict=True))
+        rates[some], ends[some], rows[some] = _eliminated(motion, part, speed_varies)
     return rates, ends, rows
 
 
-def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array, Array]:
+def _eliminated(
+    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
+) -> tuple[Array, Array, Array]:
     """`_condensed` of a few intervals."""
     count, _, width = orbit.rates.shape
     size, u, twice = motion.size, orbit.u, orbit.twice
@@ -75,7 +82,9 @@ def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array
     by_frequency = -h / orbit.frequency * by_time
     right[..., size] = motion(y, u)[-width:].T.reshape(orbit.rates.shape) - orbit.rates
     right[..., size + 1] = (rows @ by_frequency[..., None])[..., 0]
-    right[..., size + 2] = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
+    right[..., size + 2] = 0.0
+    if speed_varies:
+        right[..., size + 2] = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
     # A rate moves its state by the first of these weights, and its position by the second.
     weights = np.stack([h * ONCE, h**2 * TWICE], axis=-1)[:, :, None]
     if twice:
@@ -159,14 +168,19 @@ class Linearised:
 
     Args:
         phase: row and value of the condition row @ unknowns = value that fixes the phase.
+        speed_varies: whether the speed is an unknown.
     """
 
     def __init__(
-        self, motion: VectorField, orbit: PeriodicOrbit, phase: tuple[Array, float]
+        self,
+        motion: VectorField,
+        orbit: PeriodicOrbit,
+        phase: tuple[Array, float],
+        speed_varies: bool = True,
     ) -> None:
         self.orbit, self._phase = orbit, phase
         n, mirror = motion.size, orbit.mirror
-        self._rates, ends, self.rows = _condensed(motion, orbit)
+        self._rates, ends, self.rows = _condensed(motion, orbit, speed_varies)
         self.units = state_units(motion, self.rows)
         missed = orbit.stages()[:, -1] - np.concatenate(
             [orbit.starts[1:], mirror * orbit.starts[:1]]
@@ -258,7 +272,7 @@ def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """What changes of a state become over each interval, (M, n, n), in units of the state, (n,)."""
-    _, ends, rows = _condensed(motion, orbit)
+    _, ends, rows = _condensed(motion, orbit, False)
     units = state_units(motion, rows)
     return ends[:, :, : motion.size] * units / units[:, None], units
 
@@ -282,7 +296,7 @@ class OrbitProblem(Continuation):
 
     Lengths are measured in L of the free end, and relative in frequency and speed; `unit` is the
     root mean square of the positions p for each L of the free end's amplitude, on the orbit unless
-    it is given.
+    it is given. Where the speed does not vary, only `fixed` is solved.
     """
 
     def __init__(
@@ -291,9 +305,10 @@ class OrbitProblem(Continuation):
         start: PeriodicOrbit,
         control: Control,
         unit: float | None = None,
+        speed_varies: bool = True,
     ) -> None:
         super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
-        self.motion, self.start = motion, start
+        self.motion, self.start, self._speed_varies = motion, start, speed_varies
         self.last: Linearised | None = None
         self.unit = _unit_of(motion, start) if unit is None else unit
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
@@ -311,7 +326,7 @@ class OrbitProblem(Continuation):
 
     def linearised(self, z: Array) -> Linearised:
         """The equations about unknowns."""
-        self.last = Linearised(self.motion, self.orbit(z), self._phase)
+        self.last = Linearised(self.motion, self.orbit(z), self._phase, self._speed_varies)
         return self.last
 
     def relative(self, z: Array, step: Array) -> float:
@@ -350,7 +365,7 @@ def solved_about(
 ) -> tuple[PeriodicOrbit, Linearised | None]:
     """The same, and the equations about it; None where the last step to it was long."""
     control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
-    problem = OrbitProblem(motion, orbit, control, unit=1.0)
+    problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
     z = problem.fixed(orbit.packed(), orbit.u)
     last = problem.last
     assert last is not None

@@ -67,6 +67,9 @@ CHECKS = 3
 """Meshes on which the multipliers are asked for, each for a hundredth of the defect of the last: by
 the third that is 1e-7 of rtol, where rounding is all that is left."""
 
+QUARTIC = np.linalg.inv(np.vander(np.arange(-2.0, 3.0)))
+"""Coefficients, the highest first, of the polynomial through values at -2 .. 2."""
+
 TRIVIAL, SHARE_OF_NEXT = 1e-6, 0.01
 """How far the trivial multiplier may be from 1: the tolerance to which users ask for cycles or, if
 that is more, this share of the distance from 1 of the next multiplier. What moves the one moves the
@@ -486,9 +489,9 @@ def _refined(
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
-    phases = np.linspace(0.0, 2.0 * math.pi, 257)[:-1]
+    phases = np.linspace(0.0, 2.0 * math.pi, 129)[:-1]
     if orbit.symmetric:
-        across = motion.tip(orbit.states(phases[:128]))
+        across = motion.tip(orbit.states(phases[:64]))
         across = np.concatenate([across, -across])
     else:
         across = motion.tip(orbit.states(phases))
@@ -504,19 +507,19 @@ def _peak(
 ) -> tuple[float, float]:
     """The free end's greatest displacement to one side and its phase, from samples all round."""
     heights = sign * across
-    # Between samples it may go farther by a thousandth of its range, and at several peaks.
-    high = heights >= heights.max() - 0.01 * np.ptp(heights)
+    # Between samples it may go farther by a hundredth of its range, and at several peaks.
+    high = heights >= heights.max() - 0.02 * np.ptp(heights)
     peaks = high & (heights >= np.roll(heights, 1)) & (heights >= np.roll(heights, -1))
     # Then so close that the polynomial through five samples is the motion.
-    apart = 0.125 * phases[1]
-    near = phases[peaks][:, None] + apart * np.arange(-10.0, 11.0)
+    apart = 0.0625 * phases[1]
+    near = phases[peaks][:, None] + apart * np.arange(-18.0, 19.0)
     finer = sign * motion.tip(orbit.states(near.ravel())).reshape(near.shape)
     i, j = divmod(int(np.argmax(finer[:, 2:-2])), finer.shape[1] - 4)
-    line = np.polynomial.Polynomial.fit(np.arange(-2.0, 3.0), finer[i, j : j + 5], 4)
-    turns = line.deriv().roots()
+    line = QUARTIC @ finer[i, j : j + 5]
+    turns = np.roots(line[:4] * [4.0, 3.0, 2.0, 1.0])
     inner = turns.real[(np.abs(turns.imag) < 1e-9) & (np.abs(turns.real) <= 1.0)]
-    at = max(inner, key=line, default=0.0)
-    return float(line(at)), float(near[i, j + 2] + apart * at)
+    at = max(inner, key=lambda x: np.polyval(line, x), default=0.0)
+    return float(np.polyval(line, at)), float(near[i, j + 2] + apart * at)
 
 
 def on_branch(

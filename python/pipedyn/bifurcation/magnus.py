@@ -20,12 +20,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.periodic_orbit import STAGES, integrals
+from pipedyn.bifurcation.periodic_orbit import STAGES, both_integrals
 from pipedyn.util.check import Array
 from pipedyn.util.counters import in_time
 
-CACHED = 40_000
-"""Numbers in a stack of matrices: several stacks of as many fit into 2 MB of cache."""
+CACHED = 14_000
+"""Numbers in a stack of matrices: nine stacks of as many fit into 1 MB of cache."""
 
 DEGREE, LARGEST = 16, 0.78
 """Degree of Taylor's polynomial, and the norm up to which it gives exp to rounding, as
@@ -42,12 +42,10 @@ _SUMS[3, 3] = _TAYLOR[DEGREE]
 @cache
 def _moments(parts: int) -> tuple[Array, Array]:
     """Weights of the stages in b0 and b1 of each part of an interval of length 1, (parts, s)."""
-    edges = np.linspace(0.0, 1.0, parts + 1)
-    whole = np.diff(integrals(edges, 1), axis=0)
+    once, twice = both_integrals(np.linspace(0.0, 1.0, parts + 1))
     # By parts, int (t - middle) p dt is what the integral of p has at the ends, less its own.
-    ends, inner = integrals(edges, 1), np.diff(integrals(edges, 2), axis=0)
-    first = (0.5 / parts * (ends[1:] + ends[:-1]) - inner) * parts
-    return whole, first
+    first = 0.5 * (once[1:] + once[:-1]) - parts * np.diff(twice, axis=0)
+    return np.diff(once, axis=0), first
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -101,23 +99,37 @@ def exponentials(exponents: Array) -> Array:
 
     Where they overflow they are infinite or NaN.
     """
-    powers = np.empty((4, *exponents.shape))
+    size = exponents.shape[-1]
+    stack = exponents.reshape(-1, size, size)
+    made = np.empty_like(stack)
+    piece = max(1, CACHED // size**2)
+    numbers = np.empty(9 * min(piece, len(stack)) * size**2)
+    for begin in range(0, len(stack), piece):
+        some = stack[begin : begin + piece]
+        scratch = numbers[: 9 * some.size].reshape(9, *some.shape)
+        made[begin : begin + piece] = _exponentials(some, scratch)
+    return made.reshape(exponents.shape)
+
+
+def _exponentials(exponents: Array, scratch: Array) -> Array:
+    """The same of a few, in scratch, (9, k, n, n)."""
+    powers, sums, other = scratch[:4], scratch[4:8], scratch[8]
     powers[0] = exponents
-    np.matmul(exponents, exponents, out=powers[1])
+    np.matmul(powers[0], powers[0], out=powers[1])
     np.matmul(powers[1], powers[:2], out=powers[2:])
     sizes = np.abs(powers[2:]).sum(axis=-2).reshape(2, -1).max(axis=1) ** [1.0 / 3.0, 0.25]
     if not np.isfinite(sizes).all():
         return np.full_like(exponents, math.nan)
     halvings = max(0, math.ceil(math.log2(max(*sizes, 1e-300) / LARGEST)))
     shrunk = 0.5 ** (halvings * np.arange(1.0, 5.0))
-    sums = ((_SUMS * shrunk) @ powers.reshape(4, -1)).reshape(powers.shape)
+    np.matmul(_SUMS * shrunk, powers.reshape(4, -1), out=sums.reshape(4, -1))
     np.einsum("k...ii->...ik", sums)[...] += _TAYLOR[:DEGREE:4]
-    fourth = powers[3]
-    fourth *= shrunk[3]
-    made, other = sums[3], np.empty_like(exponents)
+    powers[3] *= shrunk[3]
+    made = sums[3]
     for rest in sums[2::-1]:
-        np.matmul(made, fourth, out=other)
-        made = np.add(other, rest, out=made)
+        np.matmul(made, powers[3], out=other)
+        np.add(other, rest, out=made)
     for _ in range(halvings):
-        made, other = np.matmul(made, made, out=other), made
+        np.matmul(made, made, out=other)
+        made, other = other, made
     return made
