@@ -74,7 +74,7 @@ def floquet(
         roots, error = _by_magnus(motion, smooth, turns.sum(), about if smooth is orbit else None)
     if not error <= TOLERANCE:
         others, other = _by_collocation(motion, orbit, turns, about)
-        if other < error:
+        if not other > error:
             roots, error = others, other
     values: Complex = roots**2 if orbit.symmetric else roots
     # Rounded, as the moduli of a pair differ by rounding.

@@ -99,8 +99,8 @@ class LimitCycle(Trajectory):
         model: the model.
         error: of amplitude and frequency, relative, estimated by refinement: what the last
             halving of mesh intervals changed.
-        multiplier_error: distance of the trivial multiplier from 1, or what halving the mesh
-            intervals changes in the worst, relative if above 1, or rounding, whichever is most.
+        multiplier_error: distance of the trivial multiplier from 1, or what shorter intervals
+            change in the worst, relative if above 1, or rounding, whichever is most.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         symmetric: whether the second half of the period was taken as the mirror image of the first.
