@@ -19,6 +19,7 @@ __all__: list[str] = [
     "Eigenproblem",
     "Forms",
     "Galerkin",
+    "Integrator",
     "Operators",
     "Pair",
     "Pairs",
@@ -29,6 +30,7 @@ __all__: list[str] = [
     "Spectrum",
     "Sweep",
     "Traits",
+    "Truncated",
     "crossings",
     "dense_limit",
     "set_vector_level",
@@ -141,6 +143,7 @@ class Galerkin:
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def functions_by_panel(self) -> list[list[int]]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -347,6 +350,21 @@ class Eigenproblem(Spectrum):
         high: bool,
     ) -> Pairs: ...
 
+class Truncated(Spectrum):
+    def __init__(
+        self,
+        fewer: Eigenproblem,
+        more: Eigenproblem,
+        shared: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def of_larger(
+        self,
+        sweep: Sweep,
+        max_speed: typing.SupportsFloat | typing.SupportsIndex,
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+    ) -> Sweep | None: ...
+
 class Complement:
     def __init__(
         self, columns: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
@@ -448,25 +466,42 @@ class Scene:
     @property
     def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
-class Dop853:
-    def __init__(
-        self,
-        of: typing.Any,
-        u: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        rtol: typing.SupportsFloat | typing.SupportsIndex,
-        atol: typing.SupportsFloat | typing.SupportsIndex,
-        most: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> None: ...
+class Integrator:
     def advance(
         self,
         times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         out: numpy.typing.NDArray[numpy.float64],
         evaluations: typing.SupportsInt | typing.SupportsIndex,
     ) -> bool: ...
+    def follow(
+        self,
+        times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        out: numpy.typing.NDArray[numpy.float64],
+        evaluations: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple[
+        bool,
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+        numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def state(
+        self, member: typing.SupportsInt | typing.SupportsIndex
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def stop(self, member: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
     def members(self) -> list[tuple[float, int, int, int]]: ...
+
+class Dop853(Integrator):
+    def __init__(
+        self,
+        of: typing.Any,
+        u: typing.Any,
+        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        t0: typing.SupportsFloat | typing.SupportsIndex,
+        rtol: typing.SupportsFloat | typing.SupportsIndex,
+        atol: typing.SupportsFloat | typing.SupportsIndex,
+        most: typing.SupportsFloat | typing.SupportsIndex,
+        max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
+    ) -> None: ...
 
 def crossings(
     spectra: collections.abc.Sequence[Spectrum],

@@ -428,8 +428,20 @@ void Chain::rhs(const Batch& batch, double* rates) const {
   motion_kernel().rhs(motion(), batch, rates);
 }
 
-void Chain::jacobian(const double* y, double u, double* out, const double* moments) const {
-  motion_kernel().jacobian(motion(), {y, &u, 1, 0, moments}, out);
+void Chain::rhs_and_power(const Batch& batch, double* rates) const {
+  motion_kernel().rhs_and_power(motion(), batch, rates);
+}
+
+void Chain::jacobian(const Batch& batch, double* out) const {
+  const Index rows = 2 * dof(), members = batch.members;
+  Vector y(rows), moments(batch.moments != nullptr ? dof() : 0);
+  for (Index k = 0; k < members; ++k) {
+    for (Index i = 0; i < rows; ++i) y[i] = batch.y[i * members + k];
+    for (Index i = 0; i < moments.size(); ++i) moments[i] = batch.moments[i * members + k];
+    const double* const more = moments.size() > 0 ? moments.data() : nullptr;
+    const Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, more};
+    motion_kernel().jacobian(motion(), one, out + k * rows * rows);
+  }
 }
 
 void Chain::energy(const Batch& batch, double* out) const {
