@@ -150,18 +150,27 @@ void put(double* out, const ImpedancePoints& points, Count first, const Lanes& x
   put(out + points.count, points, first, x.im);
 }
 
+/// |a|^2, or 1 where a is 0.
+inline Pack distance(const Lanes& a) {
+  const Pack square = a.re * a.re + a.im * a.im;
+  return square > 0.0 ? square : all<Pack>(1.0);
+}
+
 void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, double* out) {
   for (Count first = 0; first < points.count; first += width) {
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
     Impedance at, by;  // and its derivative by lambda
     Lanes sum;
-    for (Count k = 0; k < points.roots; ++k) {
-      const Pack x = lambda.re - points.root_real[k], y = lambda.im - points.root_imag[k];
-      const Pack square = x * x + y * y,
-                 share = 1.0 / (square > 1e-300 ? square : all<Pack>(1e-300));
-      sum.re -= x * share;
-      sum.im += y * share;
+    for (Count k = 0; k < points.roots; k += 2) {  // one division for two
+      const Count next = k + 1 < points.roots ? k + 1 : k;
+      const Lanes one{lambda.re - points.root_real[k], lambda.im - points.root_imag[k]};
+      const Lanes two{lambda.re - points.root_real[next], lambda.im - points.root_imag[next]};
+      const Pack square = distance(one), other = distance(two);
+      const Pack share = 1.0 / (square * other);
+      const Pack first_share = other * share, next_share = next == k ? Pack{} : square * share;
+      sum.re -= one.re * first_share + two.re * next_share;
+      sum.im += one.im * first_share + two.im * next_share;
     }
     for (Count j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
