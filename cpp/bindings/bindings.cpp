@@ -12,7 +12,6 @@
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/vector/levels.hpp"
-#include "pipedyn/work.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -33,13 +32,15 @@ py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.d
 template <class Model>
 Numbers jacobian(const Model& model, const py::object&, const py::object& y, const py::object& u) {
   const py::ssize_t rows = 2 * model.dof();
-  const States states("y", y, rows, false);
+  const States states("y", y, rows);
   const Speeds speeds("u", u, states);
-  Numbers result({rows, rows});
-  const double* const state = states.values.data();
+  std::vector<py::ssize_t> shape{rows, rows};
+  if (!states.one) shape.insert(shape.begin(), states.members);
+  Numbers result(shape);
+  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   double* const out = result.mutable_data();
-  const pipedyn::UnlockedFor unlocked(rows * work_of(model));
-  model.jacobian(state, speeds.one, out);
+  const pipedyn::UnlockedFor unlocked(rows * work_of(model) * states.members);
+  model.jacobian(batch, out);
   return result;
 }
 
@@ -55,7 +56,7 @@ void define_equations(py::class_<Model>& model) {
     };
   };
   model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a)
-      .def("rhs_and_power", rates(pipedyn::rhs_and_power<Model>, 1), "t"_a, "y"_a, "u"_a)
+      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a)
       .def("jacobian", jacobian<Model>, "t"_a, "y"_a, "u"_a)
       .def(
           "energy",
@@ -151,6 +152,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            "least_nodes"_a = 0)
       .def("operators", &Galerkin::operators, "q"_a = pipedyn::Vector(), Unlocked())
       .def("nodes", &Galerkin::nodes, "q"_a, Unlocked())
+      .def("functions_by_panel", [](const Galerkin& model) { return model.basis().by_panel(); })
       .def("most_on_a_panel", [](const Galerkin& model) { return model.basis().most_on_a_panel(); })
       .def(
           "basis",

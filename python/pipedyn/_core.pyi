@@ -17,16 +17,21 @@ __all__: list[str] = [
     "DenseOperator",
     "Dop853",
     "Eigenproblem",
+    "Forms",
     "Galerkin",
+    "Integrator",
     "Operators",
     "Pair",
     "Pairs",
     "Pipe",
+    "Range",
     "RootLoci",
     "Scene",
     "Spectrum",
     "Sweep",
     "Traits",
+    "Truncated",
+    "crossings",
     "dense_limit",
     "set_vector_level",
     "sincos",
@@ -138,6 +143,7 @@ class Galerkin:
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def functions_by_panel(self) -> list[list[int]]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -196,17 +202,47 @@ class Pairs:
     @property
     def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
 
+class Forms:
+    def __init__(
+        self,
+        mass: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        velocity: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        damping: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        flux: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        gravity: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        by_damping: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        springs: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"] = ...,
+    ) -> None: ...
+    @property
+    def by_damping(self) -> complex: ...
+    @property
+    def damping(self) -> complex: ...
+    @property
+    def flux(self) -> complex: ...
+    @property
+    def gravity(self) -> complex: ...
+    @property
+    def mass(self) -> complex: ...
+    @property
+    def springs(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+    @property
+    def velocity(self) -> complex: ...
+
 class AxisCrossing:
     @property
     def change(self) -> int: ...
     @property
     def error(self) -> float: ...
     @property
+    def forms(self) -> Forms | None: ...
+    @property
     def frequency(self) -> float: ...
     @property
     def mode(self) -> int: ...
     @property
     def pair(self) -> Pair | None: ...
+    @property
+    def slope(self) -> complex: ...
     @property
     def speed(self) -> float: ...
     @property
@@ -232,8 +268,8 @@ class RootLoci:
     @property
     def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
 
-class Spectrum:
-    def crossings(
+class Range:
+    def __init__(
         self,
         max_speed: typing.SupportsFloat | typing.SupportsIndex,
         scale: typing.SupportsFloat | typing.SupportsIndex,
@@ -242,8 +278,9 @@ class Spectrum:
         resolved: typing.SupportsInt | typing.SupportsIndex,
         certain: typing.SupportsInt | typing.SupportsIndex,
         until_unstable: bool,
-        factorised: typing.Any,
-    ) -> Sweep: ...
+    ) -> None: ...
+
+class Spectrum:
     def factorisations(self) -> int: ...
     def root_loci(
         self,
@@ -312,6 +349,21 @@ class Eigenproblem(Spectrum):
         left: bool,
         high: bool,
     ) -> Pairs: ...
+
+class Truncated(Spectrum):
+    def __init__(
+        self,
+        fewer: Eigenproblem,
+        more: Eigenproblem,
+        shared: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def of_larger(
+        self,
+        sweep: Sweep,
+        max_speed: typing.SupportsFloat | typing.SupportsIndex,
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+    ) -> Sweep | None: ...
 
 class Complement:
     def __init__(
@@ -414,26 +466,49 @@ class Scene:
     @property
     def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
-class Dop853:
-    def __init__(
-        self,
-        of: typing.Any,
-        u: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        rtol: typing.SupportsFloat | typing.SupportsIndex,
-        atol: typing.SupportsFloat | typing.SupportsIndex,
-        most: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> None: ...
+class Integrator:
     def advance(
         self,
         times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         out: numpy.typing.NDArray[numpy.float64],
         evaluations: typing.SupportsInt | typing.SupportsIndex,
     ) -> bool: ...
+    def follow(
+        self,
+        times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        out: numpy.typing.NDArray[numpy.float64],
+        evaluations: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple[
+        bool,
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+        numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def state(
+        self, member: typing.SupportsInt | typing.SupportsIndex
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def stop(self, member: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
     def members(self) -> list[tuple[float, int, int, int]]: ...
 
+class Dop853(Integrator):
+    def __init__(
+        self,
+        of: typing.Any,
+        u: typing.Any,
+        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        t0: typing.SupportsFloat | typing.SupportsIndex,
+        rtol: typing.SupportsFloat | typing.SupportsIndex,
+        atol: typing.SupportsFloat | typing.SupportsIndex,
+        most: typing.SupportsFloat | typing.SupportsIndex,
+        max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
+    ) -> None: ...
+
+def crossings(
+    spectra: collections.abc.Sequence[Spectrum],
+    ranges: collections.abc.Sequence[Range],
+    factorised: typing.Any,
+    one_done: typing.Any = None,
+) -> list[Sweep]: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -286,7 +286,7 @@ void jacobian(const MotionModel& model, const Batch& one, double* out) {
   const double u = one.u[0];
   const Columns columns(n);
   const Sweep<double> sweep(n, columns.sweeps);
-  accelerations_of<true>(model, Members<double>{one, 0, 1}, sweep, nullptr, columns.kept);
+  accelerations_of<true>(model, Members<double>{one, 0, 1}, sweep, nullptr, false, columns.kept);
   double* const angles = columns.sweeps;
   for (Count j = 0; j < whole_packs(n); ++j) angles[j] = j < n ? y[j] : 0.0;
   sincos(angles, n, columns.sine, columns.cosine);

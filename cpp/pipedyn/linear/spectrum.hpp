@@ -7,8 +7,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <complex>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -24,6 +26,10 @@ using ComplexTable = Eigen::MatrixXcd;  // (dof, count), one vector a column
 
 inline constexpr double eps = std::numeric_limits<double>::epsilon();
 inline constexpr double infinite = std::numeric_limits<double>::infinity();
+
+/// |z| where its square neither over- nor underflows; std::abs, which cares, takes ten times as
+/// long.
+inline double magnitude(Complex z) { return std::sqrt(std::norm(z)); }
 
 /// Why a computation has no answer that can be relied on.
 struct NotConverged : std::runtime_error {
@@ -42,6 +48,14 @@ struct Pair {
   Complex slope = 0.0;                  // d lambda / du
 
   bool converged() const { return has_converged(value, residual); }
+};
+
+/// y^H A x of a root's vectors x and y for the parts A of P and its derivatives.
+struct Forms {
+  Complex mass, velocity, damping, flux;  // A of M, V, D and A in P = lambda^2 M + lambda (u V + D)
+                                          // + K + a u^2 A
+  Complex gravity, by_damping;            // dK / dgamma and dD / ddelta
+  ComplexVector springs;                  // of a chain dP / dk_j without its damping, (n)
 };
 
 /// Several roots, of each what is known; tables have no columns, and arrays no entries, of what is
@@ -95,6 +109,9 @@ class Spectrum {
   /// The `count` roots of least |lambda|; all if there are no more. Throws NotConverged where
   /// doubles do not hold them.
   virtual Sample sample(double u, Index count) = 0;
+
+  /// y^H A x of a root's vectors, where the model is made of parts that are known here.
+  virtual std::optional<Forms> forms(const Pair&) const { return {}; }
 
   /// How many roots are zero, exactly, at every speed.
   virtual Index standing() const { return 0; }

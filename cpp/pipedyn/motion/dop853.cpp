@@ -2,7 +2,7 @@
 #include "pipedyn/motion/dop853.hpp"
 
 #include <algorithm>
-#include <chrono>
+#include <array>
 #include <cmath>
 #include <numeric>
 
@@ -12,9 +12,6 @@
 namespace pipedyn {
 
 namespace {
-
-/// After which `advance` returns: so soon Ctrl-C is heard.
-constexpr std::chrono::milliseconds pause{50};
 
 /// Of Hairer, Norsett and Wanner: the step is chosen for `safety` of the error allowed and changes
 /// by these factors at most.
@@ -28,30 +25,37 @@ constexpr Index stages = 12;
 
 /// c_s, where in the step a stage is.
 double share(Index s) {
-  return std::accumulate(dop853::weights[s - 1], dop853::weights[s - 1] + s, 0.0);
+  static const std::array<double, stages + 4> shares = [] {
+    std::array<double, stages + 4> found{};
+    for (Index i = 1; i < stages + 4; ++i) {
+      found[i] = std::accumulate(dop853::weights[i - 1], dop853::weights[i - 1] + i, 0.0);
+    }
+    return found;
+  }();
+  return shares[s];
 }
 
 }  // namespace
 
-Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double relative,
-               double absolute, double most)
-    : rates_(std::move(rates)),
-      rows_(rows),
-      relative_(relative),
-      absolute_(absolute),
-      most_(most),
-      members_(static_cast<std::size_t>(members)),
+Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double time,
+               const Limits& limits)
+    : Integrator(std::move(rates), rows, members, time, limits),
       y_(Eigen::Map<const Vector>(start, rows * members)),
       next_(y_),
       stage_(y_),
       steps_(y_),
-      scaled5_(y_),
-      scaled3_(y_),
-      rate_(stages + 4, y_) {
-  for (Index j = 0; j < members; ++j) which_.push_back(j);
+      squares5_(y_),
+      squares3_(y_),
+      rate_(stages + 1, y_),
+      dense_{y_, y_, y_, Vector::Zero(y_.size()), Stages(stages + 4, y_), Stages(7, y_)} {
   tried_ = Vector::Zero(members);
   evaluate(y_, rate_[0], 0.0);
   choose_first_steps();
+}
+
+Vector Dop853::state(Index member) const {
+  const auto column = std::find(which_.begin(), which_.end(), member) - which_.begin();
+  return Eigen::Map<const Matrix>(y_.data(), rows_, active()).col(column);
 }
 
 /// At a share of the steps that are tried.
@@ -65,11 +69,25 @@ void Dop853::evaluate(const Vector& y, Vector& rates, double share) {
   rates_(t_, y.data(), which_, rates.data());
 }
 
+/// The weights that are not 0, and the rates that they are of.
+Index Dop853::present(const Stages& of, const double* weights, Index terms, double* found,
+                      const double** k) {
+  Index count = 0;
+  for (Index s = 0; s < terms; ++s) {
+    if (weights[s] == 0.0) continue;
+    found[count] = weights[s];
+    k[count++] = of[s].data();
+  }
+  return count;
+}
+
 /// out = y + h sum_s weights_s k_s.
-void Dop853::combine(const double* weights, Index terms, const Vector& y, Vector& out) {
-  const double* k[stages + 1];
-  for (Index s = 0; s < terms; ++s) k[s] = rate_[s].data();
-  motion_kernel().combine(weights, k, terms, y.data(), steps_.data(), out.data(), entries());
+void Dop853::combine(const Stages& of, const double* weights, Index terms, const Vector& y,
+                     const Vector& steps, Index entries, Vector& out) {
+  const double* k[stages + 4];
+  double found[stages + 4];
+  const Index count = present(of, weights, terms, found, k);
+  motion_kernel().combine(found, k, count, y.data(), steps.data(), out.data(), entries);
 }
 
 /// A step at which an explicit Euler step and the change of the rates within it are small.
@@ -78,7 +96,7 @@ void Dop853::choose_first_steps() {
   const auto norms = [&](const Vector& of, const Vector& from) {
     Vector sum = Vector::Zero(m);
     for (Index i = 0; i < entries(); i += m) {
-      const auto allowed = absolute_ + relative_ * y_.segment(i, m).array().abs();
+      const auto allowed = limits_.absolute + limits_.relative * y_.segment(i, m).array().abs();
       sum.array() += ((of.segment(i, m) - from.segment(i, m)).array() / allowed).square();
     }
     return Vector((sum / static_cast<double>(rows_)).cwiseSqrt());
@@ -101,82 +119,67 @@ void Dop853::choose_first_steps() {
   }
 }
 
-bool Dop853::advance(const Vector& times, double* out, Index evaluations) {
-  const auto end = std::chrono::steady_clock::now() + pause;
-  for (const Index w : which_) {  // samples at the start
-    Member& member = members_[w];
-    const Index m = active(), j = std::find(which_.begin(), which_.end(), w) - which_.begin();
-    const Index count = times.size();
-    for (; member.samples < count && times[member.samples] <= member.time; ++member.samples) {
-      for (Index i = 0; i < rows_; ++i) {
-        out[(w * count + member.samples) * rows_ + i] = y_[i * m + j];
-      }
-    }
-    if (member.samples == count) member.progress = Progress::done;
-  }
-  drop_finished();
-  for (Index taken = 0; !which_.empty() && taken < evaluations; taken += stages) {
-    step(times, out);
-    if (std::chrono::steady_clock::now() >= end) break;
-  }
-  return which_.empty();
-}
-
-void Dop853::step(const Vector& times, double* out) {
+Index Dop853::step(double end) {
   const Index m = active();
   tried_.resize(m);
   for (Index j = 0; j < m; ++j) {
     const Member& member = members_[which_[j]];
-    const double left = times[times.size() - 1] - member.time;
-    tried_[j] = 1.01 * member.step < left ? member.step : left;
+    const double left = end - member.time;
+    const double longest = std::min(member.step, limits_.max_step);
+    tried_[j] = 1.01 * longest < left ? longest : std::min(left, limits_.max_step);
   }
   for (Index i = 0; i < entries(); i += m) steps_.segment(i, m) = tried_;
   for (Index s = 1; s < stages; ++s) {
-    combine(dop853::weights[s - 1], s, y_, stage_);
+    combine(rate_, dop853::weights[s - 1], s, y_, steps_, entries(), stage_);
     evaluate(stage_, rate_[s], share(s));
   }
-  combine(dop853::weights[stages - 1], stages, y_, next_);
+  combine(rate_, dop853::weights[stages - 1], stages, y_, steps_, entries(), next_);
   measure_errors();
   accepted_.assign(static_cast<std::size_t>(m), 0);
-  for (Index j = 0; j < m; ++j) control(j, times[times.size() - 1]);
+  for (Index j = 0; j < m; ++j) control(j, end);
   if (std::find(accepted_.begin(), accepted_.end(), 1) != accepted_.end()) {
     evaluate(next_, rate_[stages], 0.0);  // the members accepted have moved on
-    sample(times, out);
-    for (Index i = 0; i < entries(); i += m) {
-      for (Index j = 0; j < m; ++j) {
-        if (!accepted_[j]) continue;
-        y_[i + j] = next_[i + j];
-        rate_[0][i + j] = rate_[stages][i + j];
+    interpolate();
+    y_.swap(next_);
+    rate_[0].swap(rate_[stages]);
+    for (Index j = 0; j < m; ++j) {
+      if (accepted_[j]) continue;
+      for (Index i = j; i < entries(); i += m) {
+        y_[i] = next_[i];
+        rate_[0][i] = rate_[stages][i];
       }
     }
   }
   for (const Index w : which_) {
-    const bool spent = static_cast<double>(members_[w].evaluations + stages + 3) > most_;
+    const bool spent = static_cast<double>(members_[w].evaluations + stages + 3) > limits_.most;
     if (spent && members_[w].progress == Progress::going) members_[w].progress = Progress::spent;
   }
-  drop_finished();
+  return stages;
 }
 
 /// Of each column, relative to what is allowed.
 void Dop853::measure_errors() {
   const Index m = active();
-  const Vector zero = Vector::Zero(entries());
-  combine(dop853::error_weights[0], stages, zero, scaled5_);
-  combine(dop853::error_weights[1], stages, zero, scaled3_);
-  Vector fifth = Vector::Zero(m), third = Vector::Zero(m);
+  const double* k[2][stages];
+  double weights[2][stages];
+  Index count = 0;
+  for (Index e = 0; e < 2; ++e)
+    count = present(rate_, dop853::error_weights[e], stages, weights[e], k[e]);
+  const double* const both[] = {weights[0], weights[1]};
+  double* const out[] = {squares5_.data(), squares3_.data()};
+  motion_kernel().errors(both, k[0], count, y_.data(), next_.data(), limits_.absolute,
+                         limits_.relative, out, entries());
+  fifth_.setZero(m);
+  third_.setZero(m);
   for (Index i = 0; i < entries(); i += m) {
-    for (Index j = 0; j < m; ++j) {
-      const double largest = std::max(std::abs(y_[i + j]), std::abs(next_[i + j]));
-      const double scale = 1.0 / (absolute_ + relative_ * largest);
-      const double a = scaled5_[i + j] * scale, b = scaled3_[i + j] * scale;
-      fifth[j] += a * a;
-      third[j] += b * b;
-    }
+    fifth_ += squares5_.segment(i, m);
+    third_ += squares3_.segment(i, m);
   }
   error_.resize(m);
   for (Index j = 0; j < m; ++j) {
-    const double both = fifth[j] + 0.01 * third[j];
-    error_[j] = both == 0.0 ? 0.0 : fifth[j] / std::sqrt(both * static_cast<double>(rows_));
+    const double fifth = fifth_[j] * tried_[j] * tried_[j];
+    const double sum = fifth + 0.01 * third_[j] * tried_[j] * tried_[j];
+    error_[j] = sum == 0.0 ? 0.0 : fifth / std::sqrt(sum * static_cast<double>(rows_));
   }
 }
 
@@ -200,90 +203,79 @@ void Dop853::control(Index j, double end) {
   member.step = h * (finite ? std::max(safety * std::pow(error, -0.125), least_factor) : 0.1);
   member.rejected = true;
   member.overflowed |= !finite;
-  if (0.1 * member.step <= 2.2e-16 * member.time || member.step == 0.0) {
+  if (0.1 * member.step <= 2.2e-16 * std::abs(member.time) || member.step == 0.0) {
     member.progress = member.overflowed ? Progress::not_finite : Progress::vanishing;
   }
 }
 
-/// Writes the samples within the steps accepted, by dense output of those columns alone.
-void Dop853::sample(const Vector& times, double* out) {
-  const Index m = active(), count = times.size();
+/// Records the steps accepted that are asked for, by dense output of those columns alone.
+void Dop853::interpolate() {
+  const Index m = active();
   std::vector<Index> columns, which;
   for (Index j = 0; j < m; ++j) {
-    const Member& member = members_[which_[j]];
-    if (!accepted_[j] || times[member.samples] > member.time) continue;
+    if (!accepted_[j] || !is_asked_for(members_[which_[j]])) continue;
     columns.push_back(j);
     which.push_back(which_[j]);
   }
   if (columns.empty()) return;
-  const Index c = static_cast<Index>(columns.size());
-  std::vector<Matrix> k(stages + 4, Matrix(rows_, c));
-  Matrix from(rows_, c), to(rows_, c);
-  for (Index i = 0; i < rows_; ++i) {
-    for (Index j = 0; j < c; ++j) {
-      const Index at = i * m + columns[j];
-      from(i, j) = y_[at];
-      to(i, j) = next_[at];
-      for (Index s = 0; s <= stages; ++s) k[s](i, j) = rate_[s][at];
+  const Index c = static_cast<Index>(columns.size()), entries = rows_ * c;
+  const auto gather = [&](const Vector& all, Vector& some) {
+    for (Index i = 0; i < rows_; ++i) {
+      for (Index j = 0; j < c; ++j) some[i * c + j] = all[i * m + columns[j]];
     }
-  }
-  const auto sum = [&](const double* weights, Index terms) {
-    Matrix result = Matrix::Zero(rows_, c);
-    for (Index s = 0; s < terms; ++s) {
-      if (weights[s] != 0.0) result += weights[s] * k[s];
-    }
-    for (Index j = 0; j < c; ++j) result.col(j) *= tried_[columns[j]];
-    return result;
   };
+  Dense& of = dense_;
+  gather(y_, of.from);
+  gather(next_, of.terms[0]);
+  gather(steps_, of.steps);
+  for (Index s = 0; s <= stages; ++s) gather(rate_[s], of.rate[s]);
   t_.resize(c);
   for (Index s = stages + 1; s < stages + 4; ++s) {
-    const Matrix at = from + sum(dop853::weights[s - 1], s);
+    combine(of.rate, dop853::weights[s - 1], s, of.from, of.steps, entries, of.stage);
     for (Index j = 0; j < c; ++j) {
-      t_[j] = members_[which[j]].time - (1.0 - share(s)) * tried_[columns[j]];
+      t_[j] = members_[which[j]].time - (1.0 - share(s)) * of.steps[j];
     }
-    rates_(t_, at.data(), which, k[s].data());
+    rates_(t_, of.stage.data(), which, of.rate[s].data());
   }
   for (const Index w : which) members_[w].evaluations += 3;
-  const double start_slope[] = {1.0};
-  const Matrix rise = to - from, slope = sum(start_slope, 1);
-  double both[stages + 1] = {1.0};
-  both[stages] = 1.0;
-  Matrix terms[7] = {rise, slope - rise, 2.0 * rise - sum(both, stages + 1)};
-  for (Index t = 0; t < 4; ++t) terms[3 + t] = sum(dop853::dense_weights[t], stages + 4);
+  for (Index i = 0; i < entries; ++i) {
+    const double rise = of.terms[0][i] -= of.from[i], h = of.steps[i];
+    of.terms[1][i] = h * of.rate[0][i] - rise;
+    of.terms[2][i] = rise - of.terms[1][i] - h * of.rate[stages][i];
+  }
+  for (Index t = 0; t < 4; ++t) {
+    combine(of.rate, dop853::dense_weights[t], stages + 4, of.zero, of.steps, entries,
+            of.terms[3 + t]);
+  }
   for (Index j = 0; j < c; ++j) {
-    Member& member = members_[which[j]];
-    const double h = tried_[columns[j]];
-    for (; member.samples < count && times[member.samples] <= member.time; ++member.samples) {
-      const double x = 1.0 - (member.time - times[member.samples]) / h;
-      double* const row = out + (which[j] * count + member.samples) * rows_;
-      for (Index i = 0; i < rows_; ++i) {
-        double value = 0.0;
-        for (Index t = 6; t >= 0; --t)
-          value = (value + terms[t](i, j)) * (t % 2 == 0 ? x : 1.0 - x);
-        row[i] = from(i, j) + value;
+    // from + x (terms_0 + (1 - x) (terms_1 + x (terms_2 + ...)))
+    Matrix& p = step_.coefficients;
+    p.resize(8, rows_);
+    for (Index i = 0; i < rows_; ++i) {
+      double of_row[8] = {};
+      for (Index t = 6; t >= 0; --t) {
+        of_row[0] += of.terms[t][i * c + j];
+        for (Index e = 7 - t; e > 0; --e) {
+          of_row[e] = t % 2 == 0 ? of_row[e - 1] : of_row[e] - of_row[e - 1];
+        }
+        if (t % 2 == 0) of_row[0] = 0.0;
       }
+      for (Index e = 1; e < 8; ++e) p(e, i) = of_row[e];
+      p(0, i) = of.from[i * c + j];
     }
-    if (member.samples == count) member.progress = Progress::done;
+    step_.to = members_[which[j]].time;
+    step_.from = step_.to - of.steps[j];
+    record(which[j], step_);
   }
 }
 
-/// Takes the columns of members that go on together.
-void Dop853::drop_finished() {
-  const Index m = active();
-  std::vector<Index> kept, which;
-  for (Index j = 0; j < m; ++j) {
-    if (members_[which_[j]].progress != Progress::going) continue;
-    kept.push_back(j);
-    which.push_back(which_[j]);
-  }
-  const Index c = static_cast<Index>(kept.size());
-  if (c == m) return;
+void Dop853::keep(const std::vector<Index>& columns) {
+  const Index m = active(), c = static_cast<Index>(columns.size());
   for (Vector* of : {&y_, &rate_[0]}) {
     for (Index i = 0; i < rows_; ++i) {
-      for (Index j = 0; j < c; ++j) (*of)[i * c + j] = (*of)[i * m + kept[j]];
+      for (Index j = 0; j < c; ++j) (*of)[i * c + j] = (*of)[i * m + columns[j]];
     }
   }
-  which_ = std::move(which);
 }
 
 }  // namespace pipedyn

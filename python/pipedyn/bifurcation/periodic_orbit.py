@@ -43,6 +43,12 @@ def integrals(at: Array, times: int) -> Array:
     return basis @ _INTEGRATED[times]
 
 
+def both_integrals(at: Array) -> tuple[Array, Array]:
+    """Integrals from 0 once and twice, (k, s) each."""
+    basis = legendre.legvander(2.0 * at - 1.0, STAGES + 1)
+    return basis[:, :-1] @ _INTEGRATED[1], basis @ _INTEGRATED[2]
+
+
 ONCE = integrals(NODES, 1)
 """Integrals from 0 to each stage, shape (s, s)."""
 
@@ -108,8 +114,8 @@ class PeriodicOrbit:
         where = np.clip(np.searchsorted(self.edges, inside, side="right") - 1, 0, None)
         where = np.minimum(where, len(self.starts) - 1)
         share = (inside - self.edges[where]) / np.diff(self.edges)[where]
-        once, twice = integrals(share, 1)[:, None], integrals(share, 2)[:, None]
-        y = self._states(where, share[:, None, None], once, twice)
+        once, twice = both_integrals(share)
+        y = self._states(where, share[:, None, None], once[:, None], twice[:, None])
         return np.ascontiguousarray((self.mirror**turns)[:, None] * y[:, 0]).T
 
     def _states(self, where: Any, share: Array, once: Array, twice: Array) -> Array:

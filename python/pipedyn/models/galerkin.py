@@ -259,3 +259,14 @@ def enriched(model: Galerkin, more: int) -> Galerkin:
     made = model.with_pipe(model.pipe)
     made._more = more
     return made
+
+
+def shared_functions(model: Galerkin, larger: Galerkin) -> list[int]:
+    """Where a larger model has the Legendre functions of another with as many panels."""
+    places = [0] * model.dof
+    for own, others in zip(
+        model.core.functions_by_panel(), larger.core.functions_by_panel(), strict=True
+    ):
+        for k, other in zip(own, others, strict=False):
+            places[k] = other
+    return places

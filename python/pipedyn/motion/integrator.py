@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ import scipy
 from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.modular.motion import SceneMotion
+from pipedyn.motion.events import Follower
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
 from pipedyn.util.parallel import track
@@ -24,11 +26,11 @@ from pipedyn.util.power_iteration import largest_stretch
 NOT_FINITE = "the state or its rate is no longer finite"
 """Why a motion stops: its numbers overflowed, or a bend is beyond what a quadrature resolves."""
 
-COMPILED = ("scipy:dop853", "scipy:lsoda")
-"""scipy.integrate.ode's integrators that serve."""
+CORE: dict[str, type[_core.Dop853]] = {"dop853": _core.Dop853}
+"""The core's own."""
 
-METHODS = ("auto", "dop853", *COMPILED, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
-"""The core's, and scipy's: in small letters compiled, the others `scipy.integrate.solve_ivp`'s."""
+METHODS = ("auto", *CORE, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
+"""The core's, and those of `scipy.integrate.solve_ivp`."""
 
 ENDS = {2: NOT_FINITE, 3: "its step size tends to 0"}
 """Why a motion of the core's ended that did not reach its end."""
@@ -66,6 +68,13 @@ LARGEST_IMPLICIT = 2000
 128 MB and, measured, 4 s on one core."""
 
 
+LARGEST_DENSE = 100_000_000
+"""Numbers that dense output may hold: 0.8 GB."""
+
+CALL_AGAIN = 0.05
+"""Seconds between two calls of a motion's callback."""
+
+
 class Stopped(Exception):
     """Why an integration stopped early."""
 
@@ -75,103 +84,66 @@ class Task:
     """An integration to be done."""
 
     model: Model
-    u: float
+    u: float | Callable[[float], float]
     times: Array  # of the samples, shape (S,)
     start: Array  # [p, p', 0] of what is integrated, shape (2 moving + 1,)
     rtol: float
     atol: float
     method: str  # of METHODS, not "auto"
+    t0: float = 0.0
+    end: float = 0.0  # where it ends at the latest
     most: float = MOST_CALLS
+    max_step: float = math.inf
 
+    def speed(self, t: float) -> float:
+        """The flow speed at a time."""
+        return self.u(t) if callable(self.u) else self.u
+
+
+Callback: TypeAlias = Callable[[float, Array, Array], object]
+"""Of a time and the coordinates and rates then; True ends the motion."""
 
 Motions: TypeAlias = tuple[Array, int, str | None]
 """States of a motion, right-hand sides that it took, and why it stopped early."""
 
 
-class Guarded:
-    """Rates and Jacobian of y' = f(t, y) for scipy, which count their calls and never raise.
+class Watched:
+    """Rates and Jacobian of a task for scipy, and whoever integrates it, checked for progress.
 
-    Compiled integrators do not survive an exception: NaN makes them shorten the step and give up.
-    A state that is not finite is remembered, any other exception is kept for `reason`. `arguments`
-    go to `rates` after t and y.
+    Attributes:
+        calls, jacobians, factorisations: of each how many.
+        overflowed: whether a state was not finite, for which rates are NaN and shorten the step.
     """
 
-    def __init__(
-        self,
-        rates: Callable[..., Array],
-        jacobian: Callable[[float, Array], Array],
-        shape: tuple[int, ...],
-        arguments: tuple[Any, ...] = (),
-        most: float = MOST_CALLS,
-    ) -> None:
-        self._rates, self._jacobian = rates, jacobian
-        self.shape, self.arguments, self.most = shape, arguments, most
+    def __init__(self, task: Task) -> None:
+        self.task = task
         self.calls = self.jacobians = self.factorisations = 0
-        self.next_check: float = math.inf
+        self.next_check, self.reached = FORECAST, -math.inf
         self.overflowed = False
-        self.interruption: BaseException | None = None
-
-    def check(self, t: float) -> None:
-        """Raises what ends the integration; called where `calls` has come to `next_check`."""
-
-    def _keep(self, error: BaseException) -> None:
-        if isinstance(error, ValueError):
-            self.overflowed = True
-            return
-        # The user's, most likely; one that comes while the core computes is wrapped.
-        wrapped = isinstance(error, SystemError) and error.__cause__
-        self.interruption = wrapped or error
 
     def rates(self, t: float, y: Array) -> Array:
-        """f, of the state's shape."""
-        try:
-            if self.interruption is None:
-                if self.calls >= self.next_check:
-                    self.check(t)
-                if self.calls >= self.most:
-                    raise Stopped(f"it needs more than {self.most:g} right-hand sides")
-                self.calls += 1
-                return self._rates(t, y, *self.arguments)
-        except BaseException as error:
-            self._keep(error)
-        return np.full(self.shape, np.nan)
+        """Of [q, q', W]. Raises `Stopped`."""
+        if self.calls >= self.next_check:
+            self.check(t)
+        if self.calls >= self.task.most:
+            raise Stopped(f"it needs more than {self.task.most:g} right-hand sides")
+        self.calls += 1
+        try:  # the force of u'(t) would enter here, and in the core's rates at given speeds
+            return np.asarray(self.task.model.motion.rhs_and_power(t, y, self.task.speed(t)))
+        except ValueError:
+            self.overflowed = True
+            return np.full(y.shape, np.nan)
 
     def jacobian(self, t: float, y: Array) -> Array:
-        """df/dy, which integrators factorise each time."""
-        try:
-            self.jacobians += 1
-            self.factorisations += 1
-            self.next_check -= JACOBIAN_CALLS
-            if self.interruption is None:
-                return self._jacobian(t, y)
-        except BaseException as error:
-            self._keep(error)
-        return np.zeros((y.size, y.size))
-
-    def reason(self, stopped: Stopped) -> str:
-        """Why an integration stopped; what is neither its own nor a number's is raised again."""
-        cause = self.interruption
-        if isinstance(cause, Stopped):
-            return str(cause)
-        if cause is not None:
-            raise cause from None
-        return NOT_FINITE if self.overflowed else str(stopped)
-
-
-class Watched(Guarded):
-    """The right-hand side of a task, which is checked now and then for progress."""
-
-    def __init__(self, task: Task) -> None:
-        super().__init__(
-            *(task.model.motion.rhs_and_power, self._slopes, task.start.shape, (task.u,), task.most)
-        )
-        self.task = task
-        self.next_check, self.reached = FORECAST, -math.inf
-
-    def _slopes(self, t: float, y: Array) -> Array:
-        """Of [q, q', W]. W acts on nothing, and the Newton iteration does without its row."""
+        """Of the same. W acts on nothing, and the Newton iteration does without its row."""
+        self.jacobians += 1
+        self.factorisations += 1
+        self.next_check -= JACOBIAN_CALLS
         whole = np.zeros((y.size, y.size))
-        whole[:-1, :-1] = self.task.model.motion_jacobian(y[:-1], self.task.u)
+        try:
+            whole[:-1, :-1] = self.task.model.motion_jacobian(y[:-1], self.task.speed(t))
+        except ValueError:
+            self.overflowed = True
         return whole
 
     @cached_property
@@ -190,90 +162,162 @@ class Watched(Guarded):
                 f" at most: its fastest mode has |lambda| = {fastest:.2g}"
             )
         rotation = float(np.abs(task.start).max())
-        rate = sum(self.fastest) + task.u**2 + rotation + 1.0
+        rate = sum(self.fastest) + task.speed(t) ** 2 + rotation + 1.0
         if t - self.reached < LEAST_STEP * CALLS / rate:
             raise Stopped("its step size tends to 0")
         self.next_check, self.reached = self.calls + CALLS, t
 
 
-def integrate(tasks: Sequence[Task], shown: bool = False) -> list[Motions]:
+class Watch:
+    """What looks on while a motion goes on: for events, for dense output, and the caller.
+
+    Args:
+        follower: takes the motion's steps; None where nobody asks for them.
+        callback: of a time, q and q' there, each (coordinates,); True ends the motion.
+    """
+
+    def __init__(self, follower: Follower | None = None, callback: Callback | None = None) -> None:
+        self.follower, self.callback = follower, callback
+        self.end: float | None = None
+        """Where the motion was ended, by an event or the caller."""
+        self._called = -math.inf
+
+    def steps(self, ends: Array, coefficients: Array) -> None:
+        """Takes steps of the motion."""
+        if self.follower is not None:
+            self.end = self.follower.add(ends, coefficients)
+            if self.follower.kept > LARGEST_DENSE:
+                raise Stopped(f"its dense output would take more than {LARGEST_DENSE:.0e} numbers")
+
+    def call(self, task: Task, t: float, state: Array) -> None:
+        """Calls back, if the last time is CALL_AGAIN ago."""
+        if self.callback is None or self.end is not None:
+            return
+        if time.monotonic() < self._called + CALL_AGAIN:
+            return
+        size = task.model.moving
+        q, rates = task.model.recorded(state[None, :size], state[None, size : 2 * size])
+        if self.callback(t, q[0], rates[0]):
+            self.end = t
+        self._called = time.monotonic()
+
+
+def integrate(
+    tasks: Sequence[Task], shown: bool = False, watch: Watch | None = None
+) -> list[Motions]:
     """States of each task, right-hand sides taken, and why it stopped early.
 
     Shape of the states, the start and then the samples that were reached: (1 + S, 2 moving + 1).
-    Several tasks have one model and one method, "dop853".
+    Several tasks have one model and one method of the core, and no follower or callback.
     """
-    if tasks[0].method == "dop853":
-        return _explicit(tasks, shown)
+    watch = watch or Watch()
+    if tasks[0].method in CORE:
+        return _in_core(tasks, shown, watch)
     [task] = tasks
-    guarded = Watched(task)
-    if task.method in COMPILED:
-        advanced = compiled(guarded, task.start, task.method, task.rtol, task.atol)
-        samples: Iterator[Array] = map(advanced, task.times)
-    else:
-        samples = _python_samples(task, guarded)
+    watched = Watched(task)
+    samples = track(_by_scipy(task, watched), task.times.size, "motion", shown)
     rows, why = [task.start], None
     try:
-        for row in track(samples, task.times.size, "motion", shown):
-            rows.append(row)  # noqa: PERF402 -- kept if it stops
+        for t, row in zip(task.times, samples, strict=False):
+            rows.append(row)
+            watch.call(task, float(t), row)
+            if watch.end is not None:
+                break
     except Stopped as stopped:
-        why = guarded.reason(stopped)
-    evaluated(guarded.calls + guarded.jacobians)
-    factorised(guarded.factorisations)
-    return [(np.array(rows), guarded.calls, why)]
+        why = NOT_FINITE if watched.overflowed else str(stopped)
+    evaluated(watched.calls + watched.jacobians)
+    factorised(watched.factorisations)
+    return [(np.array(rows), watched.calls, why)]
 
 
-def _explicit(tasks: Sequence[Task], shown: bool) -> list[Motions]:
-    """By the core, each task with steps of its own."""
+def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
+    """By one of the core's methods, each task with steps of its own."""
     first, members = tasks[0], len(tasks)
-    u = np.array([task.u for task in tasks])
+    u = first.u if callable(first.u) else np.array([task.u for task in tasks])
     start = np.stack([task.start for task in tasks], axis=1)
-    motion = _core.Dop853(_rates(first.model, u), u, start, first.rtol, first.atol, first.most)
+    motion = CORE[first.method](
+        *(_rates(first.model, u), u, start, first.t0, first.rtol, first.atol, first.most),
+        first.max_step,
+    )
     watched = [Watched(task) for task in tasks]
-    states = np.empty((members, first.times.size, len(start)))
+    times, count = first.times, first.times.size
+    if watch.follower is not None and times[-1] < first.end:
+        times = np.append(times, first.end)  # events are looked for up to there
+    states = np.empty((members, times.size, len(start)))
     whys: list[str | None] = [None] * members
 
     def reached() -> Iterator[int]:
         """The samples that all members have, or will not have, one by one."""
         done, finished, allowed = 0, False, FORECAST
-        while not finished:
-            finished = motion.advance(first.times, states, allowed)
+        while not finished and watch.end is None:
+            if watch.follower is None:
+                finished = motion.advance(times, states, allowed)
+            else:
+                finished, *steps = motion.follow(times, states, allowed)
+                try:
+                    watch.steps(*steps)
+                except Stopped as stopped:
+                    whys[0] = str(stopped)
+                    return
             in_time()
             going = [j for j, member in enumerate(motion.members) if member[3] == 0]
             slowest = min(going, key=lambda j: motion.members[j][0], default=None)
             if slowest is not None:
-                time, _, calls, _ = motion.members[slowest]
-                watch = watched[slowest]
-                watch.calls = calls
+                at, _, calls, _ = motion.members[slowest]
+                watcher = watched[slowest]
+                watcher.calls = calls
                 try:
-                    if calls >= watch.next_check:
-                        watch.check(time)
+                    if calls >= watcher.next_check:
+                        watcher.check(at)
                 except Stopped as stopped:
                     whys[slowest] = str(stopped)
                     motion.stop(slowest)
+                else:
+                    if watch.callback is not None:
+                        watch.call(first, at, motion.state(slowest))
                 allowed = CALLS
-            until = min((motion.members[j][1] for j in going), default=first.times.size)
-            yield from range(done, until)
+            until = min((motion.members[j][1] for j in going), default=count)
+            yield from range(done, min(until, count))
             done = until
 
-    for _ in track(reached(), first.times.size, "motion", shown):
+    for _ in track(reached(), count, "motion", shown):
         pass
     answers: list[Motions] = []
     for j, (_, samples, calls, end) in enumerate(motion.members):
         spent = f"it needs more than {first.most:g} right-hand sides" if end == 4 else None
-        rows = np.concatenate([start[None, :, j], states[j, :samples]])
-        answers.append((rows, calls, whys[j] or ENDS.get(end, spent)))
+        why = whys[j] or ENDS.get(end, spent)
+        samples = min(samples, count)
+        if watch.end is not None:
+            samples, why = int(np.searchsorted(times[:samples], watch.end, "right")), None
+        answers.append((np.concatenate([start[None, :, j], states[j, :samples]]), calls, why))
     evaluated(sum(calls for _, calls, _ in answers))
     return answers
 
 
-def _rates(model: Model, u: Array) -> object:
-    """What the core integrates: a compiled model, or a function of t, states and their members."""
+def runs_unlocked(task: Task) -> bool:
+    """Whether a task's right-hand sides do without Python and its lock."""
+    return task.method in CORE and _compiled(task.model) is not None and not callable(task.u)
+
+
+def _compiled(model: Model) -> object:
+    """The compiled model, if that is all."""
     motion = model.motion
-    if isinstance(motion, SceneMotion) and motion.is_compiled:
-        return motion.core
-    if isinstance(motion, (_core.Chain, _core.Galerkin)):
-        return motion
-    return lambda t, y, which: motion.rhs_and_power(t[0], y, u[which])
+    if isinstance(motion, SceneMotion):
+        return motion.core if motion.is_compiled else None
+    return motion if isinstance(motion, (_core.Chain, _core.Galerkin)) else None
+
+
+def _rates(model: Model, u: Any) -> object:
+    """What the core integrates: a compiled model, or a function of t, states and their members."""
+    motion, compiled_model = model.motion, _compiled(model)
+    if compiled_model is not None:
+        return compiled_model
+
+    def rates(t: Array, y: Array, which: list[int]) -> Array:
+        speeds = np.array([u(at) for at in t]) if callable(u) else u[which]
+        return np.asarray(motion.rhs_and_power(t[0], y, speeds))
+
+    return rates
 
 
 def explicit_state(
@@ -282,7 +326,7 @@ def explicit_state(
     """The state at a time of y' = rates(y) from a start at time 0. Raises `Stopped`."""
     motion = _core.Dop853(
         *(lambda t, y, which: rates(y[:, 0])[:, None], np.zeros(1), start[:, None]),
-        *(rtol, atol, MOST_CALLS),
+        *(0.0, rtol, atol, MOST_CALLS),
     )
     state = np.empty((1, 1, start.size))
     while not motion.advance(np.array([t]), state, CALLS):
@@ -292,52 +336,23 @@ def explicit_state(
     return state[0, 0]
 
 
-def compiled(
-    guarded: Guarded, start: Array, method: str, rtol: float, atol: float
-) -> Callable[[float], Array]:
-    """States at growing times from a start at time 0, by one of the compiled methods.
-
-    The function that is returned raises `Stopped` where the integrator fails.
-    """
-    explicit = method == "scipy:dop853"
-    jacobians = () if explicit else (guarded.jacobian,)
-    solver = scipy.integrate.ode(guarded.rates, *jacobians)
-    options = {} if explicit else {"with_jacobian": True}
-    # Its own limit of steps is beyond MOST_CALLS.
-    solver.set_integrator(
-        method.removeprefix("scipy:"), rtol=rtol, atol=atol, nsteps=1_000_000_000, **options
-    )
-    solver.set_initial_value(start, 0.0)
-    if explicit:
-        # Its test for stiffness ends runs whose steps are held by stability, which is no failure.
-        solver._integrator.iwork[3] = -1
-
-    def advanced(t: float) -> Array:
-        if t > solver.t:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # said by the exception
-                solver.integrate(t)
-            if not (solver.successful() and np.isfinite(solver.y).all()):
-                raise Stopped("its step size tends to 0")
-        return np.array(solver.y)
-
-    return advanced
-
-
-def _python_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
+def _by_scipy(task: Task, watched: Watched) -> Iterator[Array]:
+    """States at a task's times."""
     kind = getattr(scipy.integrate, task.method.removeprefix("scipy:"))
-    implicit = {} if task.method == "scipy:DOP853" else {"jac": guarded.jacobian}
-    end = float(task.times[-1])
-    solver = kind(guarded.rates, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
+    options: dict[str, Any] = {"rtol": task.rtol, "atol": task.atol, "max_step": task.max_step}
+    if kind is not scipy.integrate.DOP853:
+        options["jac"] = watched.jacobian
+    solver = kind(watched.rates, task.t0, task.start, task.times[-1], **options)
     between: Callable[[float], Array] | None = None
     for t in task.times:
         while solver.t < t:
-            try:
-                with np.errstate(over="ignore", invalid="ignore"):  # of a step that tends to 0
+            with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
+                warnings.simplefilter("ignore", UserWarning)  # said by the exception
+                try:
                     message = solver.step()
-                guarded.factorisations = solver.nlu
-            except ValueError as error:  # a factorisation refuses what is not finite
-                raise Stopped(str(error)) from error
+                except ValueError as error:  # a factorisation refuses what is not finite
+                    raise Stopped(str(error)) from error
+            watched.factorisations = max(watched.jacobians, solver.nlu)
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 raise Stopped(message or NOT_FINITE)
             between = solver.dense_output()  # of DOP853 from three right-hand sides, or NaN
@@ -354,7 +369,7 @@ def choose_method(model: Model, rtol: float) -> str:
     """The integrator that measured cheapest: "dop853" unless damping makes the motion stiff.
 
     The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
-    "scipy:lsoda" leaves it out of account where it decays at once, at the cost of Jacobians and
+    "scipy:LSODA" leaves it out of account where it decays at once, at the cost of Jacobians and
     factorisations, which weigh less where a right-hand side costs more, as in a reduced model.
     Undamped it follows every mode and costs more (see tests/benchmark_simulate.py).
     """
@@ -363,9 +378,9 @@ def choose_method(model: Model, rtol: float) -> str:
     (fastest, decay), digits = fastest_rates(model), -math.log10(rtol)
     if model.linear_cost:  # a Jacobian takes dof times as much
         share = CHAIN_DECAY * digits * max(1.0, model.moving / CHAIN_SEGMENTS)
-        return "scipy:lsoda" if decay > share * fastest else "dop853"
+        return "scipy:LSODA" if decay > share * fastest else "dop853"
     stiff = max(fastest, decay) > REDUCED_RATE * digits
-    return "scipy:lsoda" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
+    return "scipy:LSODA" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
 
 
 def fastest_rates(model: Model) -> tuple[float, float]:

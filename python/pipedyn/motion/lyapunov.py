@@ -21,10 +21,8 @@ import scipy
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.integrator import (
-    Guarded,
     Stopped,
     choose_method,
-    compiled,
     explicit_state,
 )
 from pipedyn.motion.simulate import (
@@ -147,9 +145,29 @@ def lyapunov_exponent(
 
     return largest_exponent(
         *(rates, jacobian, state, duration, transient, blocks, interval, pair, rtol),
-        stiff=choose_method(model, rtol) == "scipy:lsoda",
+        stiff=choose_method(model, rtol) == "scipy:LSODA",
         shown=shown,
     )
+
+
+def _implicit_state(
+    rates: Callable[[float, Array], Array],
+    jacobian: Callable[[float, Array], Array],
+    start: Array,
+    t: float,
+    rtol: float,
+    atol: float,
+) -> Array:
+    """The state at a time of y' = rates(0, y) from a start at time 0. Raises `Stopped`."""
+    try:
+        found = scipy.integrate.solve_ivp(
+            *(rates, (0.0, t), start, "LSODA", [t]), jac=jacobian, rtol=rtol, atol=atol
+        )
+    except ValueError as error:  # where rates and derivatives are no longer finite
+        raise Stopped(str(error)) from error
+    if not found.success:
+        raise Stopped(found.message)
+    return np.array(found.y[:, -1])
 
 
 def largest_exponent(
@@ -195,14 +213,13 @@ def largest_exponent(
     growth = np.empty(before + blocks * each)  # logarithms
     for i in track(range(growth.size), growth.size, "exponent", shown):
         whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
-        guarded = Guarded(slopes, slopes_by_state, whole.shape)
         try:
             if stiff:
-                found = compiled(guarded, whole, "scipy:lsoda", rtol, atol)(step)
+                found = _implicit_state(slopes, slopes_by_state, whole, step, rtol, atol)
             else:
                 found = explicit_state(partial(slopes, 0.0), whole, step, rtol, atol)
         except Stopped as stopped:
-            raise NotConverged(f"the motion stopped: {guarded.reason(stopped)}") from None
+            raise NotConverged(f"the motion stopped: {stopped}") from None
         state = found[:n]
         difference = found[n:] - state if pair else found[n:]
         size = float(np.linalg.norm(difference))
