@@ -6,8 +6,8 @@ import pytest
 import scipy
 
 import pipedyn as pp
-from pipedyn.bifurcation import magnus, periodic_orbit
-from pipedyn.bifurcation.collocation import solved
+from pipedyn.bifurcation import collocation, magnus, periodic_orbit
+from pipedyn.bifurcation.collocation import solved, solved_about
 from pipedyn.bifurcation.floquet import floquet
 from pipedyn.bifurcation.periodic_orbit import NODES, interpolated
 from pipedyn.bifurcation.vector_field import VectorField
@@ -117,3 +117,28 @@ def test_both_ways_to_the_multipliers_agree(monkeypatch):
     by_collocation, _, other = floquet(motion, cycle.orbit)
     assert other < 1e-9 < error < 1e-7
     assert by_series == pytest.approx(by_collocation, abs=error)
+
+
+def test_a_damped_pipe_takes_the_maps_of_its_orbit(monkeypatch):
+    model, u = pp.Chain(pp.Pipe(0.2, damping=1e-3), 8), 6.0
+    motion, orbit = VectorField(model), pp.limit_cycle(model, u).orbit
+    orbit, about = solved_about(motion, orbit, 1e-8)
+    found, _, error = floquet(motion, orbit, about)
+    again, _, _ = floquet(motion, orbit)
+    monkeypatch.setattr("pipedyn.bifurcation.floquet._by_pairs", lambda motion, orbit: None)
+    finer, _, _ = floquet(motion, orbit)
+    assert error < 1e-8
+    assert found == pytest.approx(finer, abs=error)
+    assert found == pytest.approx(again, abs=error)
+
+
+def test_products_of_maps_and_orthogonal_transformations_give_the_same(monkeypatch):
+    model = pp.Chain(pp.Pipe(0.2, damping=1e-3), 4)
+    products = pp.limit_cycle(model, 6.0)
+    monkeypatch.setattr(collocation, "LOSS", 3.0)
+    some = pp.limit_cycle(model, 6.0)
+    monkeypatch.setattr(collocation, "LOSS", 0.0)
+    none = pp.limit_cycle(model, 6.0)
+    for cycle in (some, none):
+        assert cycle.amplitude == pytest.approx(products.amplitude, rel=1e-12)
+        assert cycle.multipliers == pytest.approx(products.multipliers, abs=1e-11)

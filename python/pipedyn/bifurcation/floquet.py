@@ -25,7 +25,7 @@ from pipedyn.bifurcation.collocation import (
     through,
 )
 from pipedyn.bifurcation.magnus import interval_maps
-from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, interpolated, refined
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util.check import Array
@@ -74,7 +74,7 @@ def floquet(
         roots, error = _by_magnus(motion, smooth, turns.sum(), about if smooth is orbit else None)
     if not error <= TOLERANCE:
         others, other = _by_collocation(motion, orbit, turns, about)
-        if other < error:
+        if not other > error:
             roots, error = others, other
     values: Complex = roots**2 if orbit.symmetric else roots
     # Rounded, as the moduli of a pair differ by rounding.
@@ -135,7 +135,7 @@ def _by_magnus(
 def _by_collocation(
     motion: VectorField, orbit: PeriodicOrbit, turns: Array, about: Linearised | None
 ) -> tuple[Complex, float]:
-    """The same by the collocation that the orbit itself solves, on meshes twice as fine.
+    """The same by the collocation that the orbit itself solves, on meshes half and twice as fine.
 
     Halving leaves 2^-15 of the error where f is smooth, and 2^-3 across kinks of drag at phases
     that are not known; of both some more is allowed for.
@@ -146,6 +146,10 @@ def _by_collocation(
         orbit, about = refined(motion, orbit, parts), None
     maps = (about.maps, about.units) if about else collocation_maps(motion, orbit)
     roots, error = _eigenvalues(motion, orbit, *maps), math.inf
+    pairs = None if motion.model.pipe.drag else _by_pairs(motion, orbit)
+    if pairs:
+        before = _eigenvalues(motion, orbit, *collocation_maps(motion, pairs))
+        error = 0.01 * _moved(orbit, before, roots)
     for _ in range(MOST_HALVINGS):
         if error <= TOLERANCE or 2 * len(orbit.starts) > MOST:
             break
@@ -155,6 +159,19 @@ def _by_collocation(
         if error > 0.5 * last:
             break
     return roots, error
+
+
+def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
+    """The same on intervals of two each, at last of three; None where neighbours differ by half.
+
+    To join neighbours one of which is 1.8 times as long makes 1,000 times the error, or of coarse
+    meshes 400 times; three make more.
+    """
+    steps = np.log(np.diff(orbit.edges))
+    if steps.size < 4 or np.abs(np.diff(steps)).max() > math.log(1.8):
+        return None
+    edges = np.append(orbit.edges[:-2:2], orbit.span)
+    return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
 
 
 def _moved(orbit: PeriodicOrbit, before: Complex, after: Complex) -> float:
