@@ -163,11 +163,12 @@ def test_states_at_any_time_are_those_of_solve_ivp(method):
     assert pp.simulate(CHAIN, 4.0, 3.0, bow).dense is None
 
 
-def test_dense_output_ends_a_motion_before_it_fills_the_memory(monkeypatch):
-    monkeypatch.setattr(integrator, "LARGEST_DENSE", 50_000)
-    with pytest.raises(pp.MotionStopped, match="dense output") as caught:
-        pp.simulate(CHAIN, 4.0, 1e6, bow, times=np.arange(100.0), dense=True, method="dop853")
-    assert 0.0 < caught.value.motion.t[-1] < 100.0
+@pytest.mark.parametrize("asked", [{"dense": True}, {"events": tip_angle}])
+def test_what_is_kept_ends_a_motion_before_it_fills_the_memory(monkeypatch, asked):
+    monkeypatch.setattr(integrator, "LARGEST_KEPT", 500)
+    with pytest.raises(pp.MotionStopped, match="dense output and events") as caught:
+        pp.simulate(CHAIN, 6.5, 1e6, bow, times=np.arange(1e3) / 1e4, method="dop853", **asked)
+    assert caught.value.motion.t.size >= 1
 
 
 # -------------------------------------------------------------------- times, speeds and callbacks
