@@ -48,19 +48,33 @@ struct Coefficients {
   Number elastic, force, across, turned, moment;  // e k, z, f, t, g
 };
 
-/// Coefficients of a segment.
-template <class Number>
-inline Coefficients<Number> coefficients(const ImpedanceSegment& at, const Powers<Number>& by) {
+inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers<Lanes>& by) {
   const double l = at.length;
-  Coefficients<Number> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
-                           at.across.square * by.square,
-                           at.turned.square * by.square + (2.0 * l) * by.coriolis,
-                           at.moment.square * by.square + (l * l) * by.coriolis + at.moment.still};
+  Coefficients<Lanes> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
+                          at.across.square * by.square,
+                          at.turned.square * by.square + (2.0 * l) * by.coriolis,
+                          at.moment.square * by.square + (l * l) * by.coriolis + at.moment.still};
   if (at.loaded) {
     sum.force = sum.force + (at.force.rate * by.one + at.force.still);
     sum.across = sum.across + (at.across.rate * by.one + at.across.still);
     sum.turned = sum.turned + (at.turned.rate * by.one + at.turned.still);
     sum.moment = sum.moment + at.moment.rate * by.one;
+  }
+  return sum;
+}
+
+/// The sums of the absolute values of what these are sums of.
+inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Powers<Pack>& by) {
+  const double l = at.length;
+  Coefficients<Pack> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
+                         at.across.square * by.square,
+                         at.turned.square * by.square + (2.0 * l) * by.coriolis,
+                         at.moment.square * by.square + (l * l) * by.coriolis + at.moment_size};
+  if (at.loaded) {
+    sum.force += std::fabs(at.force.rate) * by.one + std::fabs(at.force.still);
+    sum.across += std::fabs(at.across.rate) * by.one + std::fabs(at.across.still);
+    sum.turned += std::fabs(at.turned.rate) * by.one + at.turned_size;
+    sum.moment += std::fabs(at.moment.rate) * by.one;
   }
   return sum;
 }
@@ -313,7 +327,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
       const auto own = coefficients(segment, problem.powers);
-      const auto terms = coefficients(model.sizes[j], sizes);
+      const auto terms = coefficient_sizes(segment, sizes);
       const auto& [at, share] = segments[j];
       const Turned loaded = out.loaded ? turned_by[j] : Turned{};
       const Motion x_before = x, y_before = y;

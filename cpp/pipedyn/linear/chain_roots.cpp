@@ -28,6 +28,8 @@ constexpr double meeting = 1e-4;
 constexpr double last_correction = 1e-6;
 /// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
 constexpr double wide = 0.05;
+/// Points on it.
+constexpr Index circle_points = 16;
 
 }  // namespace
 

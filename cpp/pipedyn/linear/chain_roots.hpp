@@ -15,9 +15,6 @@ namespace pipedyn {
 /// Where the log-derivative counts roots: this far from the real axis, in rad, near which the
 /// unstable ones of a buckled pipe lie, and from the imaginary one.
 inline constexpr double ray = 0.3;
-/// Points on the upper half of a circle that counts roots inside: a root outside by a quarter
-/// adds 1.25^-32 = 1e-3.
-inline constexpr Index circle_points = 16;
 /// Of starts: six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where
 /// it lies, took up to 150.
 inline constexpr int most_corrections = 300;
