@@ -6,18 +6,15 @@ Run with `.venv/bin/python tests/benchmark_eigenvalues.py`; pytest does not coll
 
 from __future__ import annotations
 
-import platform
-import subprocess
 import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import TypeVar
 
 import mpmath
 import numpy as np
 from independent import chain_newton_step
+from measuring import check, ended, machine, timed
 from scipy.optimize import brentq
 
 import pipedyn as pp
@@ -25,24 +22,6 @@ from pipedyn.linear.eigenproblem import eigenproblem
 
 BETA, SPEED, COUNT = 0.2, 6.0, 8
 PIPE = pp.Pipe(beta=BETA)
-Answer = TypeVar("Answer")
-
-failures = []
-
-
-def timed(question: Callable[[], Answer], repeats: int = 5) -> tuple[Answer, float]:
-    """The answer and the shortest of a few times, s; what takes seconds is not repeated."""
-    times: list[float] = []
-    while not times or (len(times) < repeats and sum(times) < 2.0):
-        start = time.perf_counter()
-        answer = question()
-        times.append(time.perf_counter() - start)
-    return answer, min(times)
-
-
-def check(error: float, limit: float, what: str) -> None:
-    if not error <= limit:
-        failures.append(f"{what}: error {error:.1e} is not within {limit:.0e}")
 
 
 def worst(values: np.ndarray, exact: np.ndarray) -> float:
@@ -168,7 +147,7 @@ def against_dense() -> None:
     companion = np.zeros((2 * n, 2 * n))
     companion[:n, n:] = np.eye(n)
     companion[n:] = -np.linalg.solve(mass, np.hstack([stiffness, velocity]))
-    all_values, dense_cost = timed(lambda: np.linalg.eigvals(companion), repeats=1)
+    all_values, dense_cost = timed(lambda: np.linalg.eigvals(companion), 0.0)
     error = worst(found, exact)
     print(f"{COUNT} lowest eigenvalues, chain of {n} segments, beta = {BETA}, u = {SPEED:g}")
     print("  route                              time (s)   error, against 40 digits")
@@ -278,6 +257,19 @@ def searches() -> None:
     print()
 
 
+def hopf_points() -> None:
+    """Error: of the onset, against critical_speed; of the coefficient, as stated."""
+    print("| Hopf point | time (ms) | error of the speed | of the first Lyapunov coefficient |")
+    print("|---|---|---|---|")
+    for n in (10, 40):
+        found, cost = timed(lambda n=n: pp.hopf(pp.Chain(PIPE, n)))
+        error = abs(found.speed / pp.critical_speed(pp.Chain(PIPE, n)).speed - 1.0)
+        of_law = found.lyapunov_error / abs(found.lyapunov)
+        print(f"| hopf, n = {n} | {1e3 * cost:.2f} | {error:.0e} | {of_law:.0e} |")
+        check(error, 1e-9, f"hopf, n = {n}")
+    print()
+
+
 def critical_speeds() -> None:
     exact = exact_critical_speed()
     print(f"critical speed, beta = {BETA}, gamma = 0: {exact:.9f} by the exact determinant")
@@ -292,14 +284,19 @@ def critical_speeds() -> None:
         (f"reduced, {basis}, m = {m}", lambda basis=basis, m=m: pp.Galerkin(PIPE, m, basis))
         for basis, m in (("beam", 4), ("beam", 10), ("legendre", 10), ("legendre", 16))
     ]
-    makers.append(("continuous pipe", lambda: pp.Continuum(PIPE)))
+    makers += [
+        (f"continuous pipe, beta = {beta}", lambda beta=beta: pp.Continuum(pp.Pipe(beta)))
+        for beta in (0.99, BETA)
+    ]
     for name, make in makers:
         found, cost = timed(lambda make=make: pp.critical_speed(make()))
         error = found.speed / exact - 1.0
+        if found.pipe.beta != BETA:  # its own
+            error = found.error / found.speed
         digits = "< 1e-12" if abs(error) < 1e-12 else f"{error:+.0e}"
         if abs(error) > 1e-4:
             digits = f"{100.0 * error:+.2f} %"
-        print(f"| {name} | {found.speed:.7f} | {digits} | {1e3 * cost:.0f} |")
+        print(f"| {name} | {found.speed:.7f} | {digits} | {1e3 * cost:.2f} |")
     check(abs(found.speed / exact - 1.0), 1e-9, "critical speed of the continuous pipe")
 
 
@@ -328,29 +325,16 @@ def beside_threads() -> None:
         check(0.0 if same else 1.0, 0.0, "critical speeds by threads")
 
 
-def machine() -> str:
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
-    try:
-        commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        commit = "unknown"
-    return (
-        f"pipedyn {pp.__version__} (commit {commit}), Python {platform.python_version()}, "
-        f"numpy {np.__version__}, {platform.system()} {platform.machine()}"
-    )
-
-
 def main() -> int:
     print(machine() + "\n")
     against_dense()
     against_continuum()
     random_chains()
     searches()
+    hopf_points()
     critical_speeds()
     beside_threads()
-    for failure in failures:
-        print(f"FAILED {failure}")
-    return 1 if failures else 0
+    return ended()
 
 
 if __name__ == "__main__":
