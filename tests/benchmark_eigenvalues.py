@@ -6,18 +6,15 @@ Run with `.venv/bin/python tests/benchmark_eigenvalues.py`; pytest does not coll
 
 from __future__ import annotations
 
-import platform
-import subprocess
 import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import TypeVar
 
 import mpmath
 import numpy as np
 from independent import chain_newton_step
+from measuring import check, ended, machine, timed
 from scipy.optimize import brentq
 
 import pipedyn as pp
@@ -26,24 +23,6 @@ from pipedyn.linear.eigenproblem import eigenproblem
 BETA, SPEED, COUNT = 0.2, 6.0, 8
 FASTEST = 0.99  # of which the search has to go furthest
 PIPE = pp.Pipe(beta=BETA)
-Answer = TypeVar("Answer")
-
-failures = []
-
-
-def timed(question: Callable[[], Answer], repeats: int = 5) -> tuple[Answer, float]:
-    """The answer and the processor's shortest of a few times, s; long ones are not repeated."""
-    times: list[float] = []
-    while not times or (len(times) < repeats and sum(times) < 2.0):
-        start = time.process_time()
-        answer = question()
-        times.append(time.process_time() - start)
-    return answer, min(times)
-
-
-def check(error: float, limit: float, what: str) -> None:
-    if not error <= limit:
-        failures.append(f"{what}: error {error:.1e} is not within {limit:.0e}")
 
 
 def worst(values: np.ndarray, exact: np.ndarray) -> float:
@@ -169,7 +148,7 @@ def against_dense() -> None:
     companion = np.zeros((2 * n, 2 * n))
     companion[:n, n:] = np.eye(n)
     companion[n:] = -np.linalg.solve(mass, np.hstack([stiffness, velocity]))
-    all_values, dense_cost = timed(lambda: np.linalg.eigvals(companion), repeats=1)
+    all_values, dense_cost = timed(lambda: np.linalg.eigvals(companion), 0.0)
     error = worst(found, exact)
     print(f"{COUNT} lowest eigenvalues, chain of {n} segments, beta = {BETA}, u = {SPEED:g}")
     print("  route                              time (s)   error, against 40 digits")
@@ -279,6 +258,19 @@ def searches() -> None:
     print()
 
 
+def hopf_points() -> None:
+    """Error: of the onset, against critical_speed; of the coefficient, as stated."""
+    print("| Hopf point | time (ms) | error of the speed | of the first Lyapunov coefficient |")
+    print("|---|---|---|---|")
+    for n in (10, 40):
+        found, cost = timed(lambda n=n: pp.hopf(pp.Chain(PIPE, n)))
+        error = abs(found.speed / pp.critical_speed(pp.Chain(PIPE, n)).speed - 1.0)
+        of_law = found.lyapunov_error / abs(found.lyapunov)
+        print(f"| hopf, n = {n} | {1e3 * cost:.2f} | {error:.0e} | {of_law:.0e} |")
+        check(error, 1e-9, f"hopf, n = {n}")
+    print()
+
+
 def critical_speeds() -> None:
     exact = exact_critical_speed(BETA, ("5.5914", "13.7147"))
     fastest = exact_critical_speed(FASTEST, ("18.2896", "74.5179"))
@@ -334,29 +326,16 @@ def beside_threads() -> None:
         check(0.0 if same else 1.0, 0.0, "critical speeds by threads")
 
 
-def machine() -> str:
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
-    try:
-        commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        commit = "unknown"
-    return (
-        f"pipedyn {pp.__version__} (commit {commit}), Python {platform.python_version()}, "
-        f"numpy {np.__version__}, {platform.system()} {platform.machine()}"
-    )
-
-
 def main() -> int:
     print(machine() + "\n")
     against_dense()
     against_continuum()
     random_chains()
     searches()
+    hopf_points()
     critical_speeds()
     beside_threads()
-    for failure in failures:
-        print(f"FAILED {failure}")
-    return 1 if failures else 0
+    return ended()
 
 
 if __name__ == "__main__":
