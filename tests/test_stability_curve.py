@@ -69,6 +69,23 @@ def test_a_pipe_that_stays_stable_is_no_failure_up_to_a_bound():
     assert curve.critical[0] is not None
 
 
+@pytest.mark.parametrize("damping", [0.0, 1e-3])
+def test_a_batch_changes_nothing(damping):
+    """Neighbours that are one pipe at rest share its starts there; the answers are the same."""
+
+    def make_model(value):
+        size = 9 if 0.3 < value < 0.6 else 7
+        return pp.Chain(pp.Pipe(value, gamma=10.0 if value > 0.8 else 0.0, damping=damping), size)
+
+    values = np.linspace(0.05, 0.95, 10)
+    curve = pp.stability_curve(make_model, values, max_speed=15.0)
+    for value, found in zip(values, curve.crossings, strict=True):
+        alone = pp.crossings(make_model(value), 15.0)
+        assert [(c.speed, c.mode, c.error) for c in found] == [
+            (c.speed, c.mode, c.error) for c in alone
+        ]
+
+
 def test_threads_change_nothing():
     make_model = lambda beta: pp.Chain(pp.Pipe(beta), 8)  # noqa: E731
     alone = pp.stability_curve(make_model, BETAS)

@@ -73,6 +73,7 @@ void sort_by_size(Approximations& all) {
   Values values(all.size());
   for (std::size_t i = 0; i < all.size(); ++i) values[i] = all[i].value;
   Approximations sorted;
+  sorted.reserve(all.size());
   for (const Index i : by_size(values)) sorted.push_back(all[i]);
   all = std::move(sorted);
 }
@@ -216,6 +217,7 @@ bool is_meeting_expected(const Approximation& one, const Approximation& other, d
 
 Approximations expected(const Approximations& roots, double further, double delta) {
   Approximations result;
+  result.reserve(roots.size() + 8);
   std::vector<std::size_t> real;
   std::vector<bool> taken(roots.size(), false);
   for (std::size_t i = 0; i < roots.size(); ++i) {

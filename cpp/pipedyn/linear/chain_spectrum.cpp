@@ -241,6 +241,7 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   sort_by_size(roots);
   std::size_t next = 0;
   Approximations lowest;
+  lowest.reserve(roots.size());
   while (next < roots.size() && roots_in(lowest) < count) lowest.push_back(roots[next++]);
   if (roots_in(lowest) < count) return std::nullopt;
   const bool all = roots_in(roots) >= 2 * traits.dof;

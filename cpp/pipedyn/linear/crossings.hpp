@@ -22,6 +22,7 @@
 #include <string>
 
 #include "pipedyn/linear/axis_roots.hpp"
+#include "pipedyn/linear/crossing_speed.hpp"
 #include "pipedyn/linear/tracking.hpp"
 
 namespace pipedyn {

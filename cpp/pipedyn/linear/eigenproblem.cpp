@@ -167,6 +167,7 @@ constexpr Reals Pairs::* reals[] = {&Pairs::residual, &Pairs::uncertain, &Pairs:
 
 std::vector<Index> by_size(const Values& values) {
   std::vector<std::tuple<double, double, double, Index>> places;
+  places.reserve(values.size());
   for (Index i = 0; i < values.size(); ++i) {
     const Complex value = values[i];
     places.push_back(is_finite(value) ? std::tuple(std::norm(value), value.real(), -value.imag(), i)
@@ -174,6 +175,7 @@ std::vector<Index> by_size(const Values& values) {
   }
   std::sort(places.begin(), places.end());
   std::vector<Index> order;
+  order.reserve(values.size());
   for (const auto& place : places) order.push_back(std::get<3>(place));
   return order;
 }
@@ -198,15 +200,17 @@ Pairs Pairs::take(const std::vector<Index>& which) const {
   const Index count = static_cast<Index>(which.size());
   Pairs result;
   for (const auto of : tables) {
-    if ((this->*of).cols() > 0) (result.*of).resize((this->*of).rows(), count);
+    if ((this->*of).cols() == 0) continue;
+    (result.*of).resize((this->*of).rows(), count);
+    for (Index k = 0; k < count; ++k) (result.*of).col(k) = (this->*of).col(which[k]);
   }
-  for (const auto of : complexes) {
-    if ((this->*of).size() > 0) (result.*of).resize(count);
-  }
-  for (const auto of : reals) {
-    if ((this->*of).size() > 0) (result.*of).resize(count);
-  }
-  for (Index k = 0; k < count; ++k) result.put(k, *this, which[k]);
+  const auto pick = [&](const auto& from, auto& to) {
+    if (from.size() == 0) return;
+    to.resize(count);
+    for (Index k = 0; k < count; ++k) to[k] = from[which[k]];
+  };
+  for (const auto of : complexes) pick(this->*of, result.*of);
+  for (const auto of : reals) pick(this->*of, result.*of);
   return result;
 }
 
