@@ -218,7 +218,7 @@ def simulate(
             output needs as well.
         dense: keep the states at any time, as `motion.dense(t)`: 16 or more numbers a step and
             coordinate.
-        most: right-hand sides that it may take, >= 1, at 0.1 to 2 us each up to 60 segments. Explicit
+        most: right-hand sides that it may take, >= 1, at 1 to 3 us each up to 60 segments. Explicit
             methods take 1.5 or more in the time 1 / |lambda| of the fastest mode; a motion that
             would exceed `most` at that rate is refused after 400.
         callback: called with t, q and qdot of where the motion is, first after some hundred
