@@ -32,39 +32,34 @@ from pipedyn.util.newton import NewtonFailed
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: their rounding is 1e-11 then."""
 
-SAME = 1e-9
-"""Distance of orbits, relative, whose multipliers are alike to a hundredth of what they may err."""
-
 # -------------------------------------------------------------------------------- one interval
 
 
 def _condensed(
     motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     """Derivatives of each interval's stages and of the state at its end.
 
     By the state at its beginning, a share of the residual, the frequency and the speed: of the
     stages' rates, shape (M, s width, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
-    Also those of f at the stages, of the rates solved for, (M, s, width, 2 moving). By the speed
-    they are 0 where it does not vary.
+    By the speed they are 0 where it does not vary.
     """
     count, _, width = orbit.rates.shape
     size = motion.size
-    piece = max(1, 100_000 // (STAGES * width) ** 2)  # intervals whose 2.4 MB a cache holds
+    piece = max(1, 100_000 // (STAGES * width) ** 2)  # intervals whose 0.8 MB a cache holds
     rates = np.empty((count, STAGES * width, size + 3))
     ends = np.empty((count, size, size + 3))
-    rows = np.empty((count, STAGES, width, size))
     for i in range(0, count, piece):
         some = slice(i, i + piece)
         edges = orbit.edges[i : i + piece + 1]
         part = replace(orbit, edges=edges, starts=orbit.starts[some], rates=orbit.rates[some])
-        rates[some], ends[some], rows[some] = _eliminated(motion, part, speed_varies)
-    return rates, ends, rows
+        rates[some], ends[some] = _eliminated(motion, part, speed_varies)
+    return rates, ends
 
 
 def _eliminated(
     motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     """`_condensed` of a few intervals."""
     count, _, width = orbit.rates.shape
     size, u, twice = motion.size, orbit.u, orbit.twice
@@ -104,7 +99,7 @@ def _eliminated(
     ends[..., size + 1] = by_frequency[:, -1]
     ends[:, twice:] += once[:, 0]
     ends[:, :twice] += double[:, 0, :twice]
-    return np.asarray(found), ends, rows
+    return np.asarray(found), ends
 
 
 # -------------------------------------------------------------------------------- all intervals
@@ -180,19 +175,19 @@ class Linearised:
     ) -> None:
         self.orbit, self._phase = orbit, phase
         n, mirror = motion.size, orbit.mirror
-        self._rates, ends, self.rows = _condensed(motion, orbit, speed_varies)
-        self.units = state_units(motion, self.rows)
+        self._rates, ends = _condensed(motion, orbit, speed_varies)
+        self._units = state_units(motion, orbit)
         missed = orbit.stages()[:, -1] - np.concatenate(
             [orbit.starts[1:], mirror * orbit.starts[:1]]
         )
         ends[:, :, n] += missed
-        ends /= self.units[:, None]
-        self.maps = ends[:, :, :n] * self.units
-        self._carried, begins = carried(self.maps, ends[:, :, n:])
+        ends /= self._units[:, None]
+        self._maps = ends[:, :, :n] * self._units
+        self._carried, begins = carried(self._maps, ends[:, :, n:])
         self._runs = np.repeat(np.arange(len(begins)), np.diff([*begins, len(ends)]))
         whole, self._between = _collapsed(self._carried, begins)
         self._first, self._last, self._right = np.split(whole, [n, 2 * n], axis=1)
-        across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self.units
+        across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
         self._matrix = np.zeros((n + 2, n + 2))
         self._matrix[:n, :n] = self._first + mirror * self._last
         self._matrix[:n, n:] = -self._right[:, 1:]
@@ -206,9 +201,9 @@ class Linearised:
         """
         phase, value = self._phase
         shift = share * (value - float(phase @ self.orbit.packed()))
-        n = self.units.size
+        n = self._units.size
         matrix, right = self._matrix.copy(), np.zeros((n + 2, 3))
-        matrix[n + 1] = np.append(row[:n] * self.units, row[-2:])
+        matrix[n + 1] = np.append(row[:n] * self._units, row[-2:])
         length = float(np.linalg.norm(matrix[n + 1]))
         matrix[n + 1] /= length
         right[:n, 0] = self._right[:, 0] * share
@@ -244,9 +239,9 @@ class Linearised:
             more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)
             more[2 * pairs + 1 :] = ends[pairs + 1 :]
             ends = more
-        acting = np.broadcast_to(factors, (len(self.maps), *factors.shape))
+        acting = np.broadcast_to(factors, (len(self._maps), *factors.shape))
         later = self._carried @ np.concatenate([ends[self._runs], acting], axis=1)
-        starts = np.concatenate([ends[:1], later[:-1]]) * self.units[:, None]
+        starts = np.concatenate([ends[:1], later[:-1]]) * self._units[:, None]
         rates = self._rates @ np.concatenate([starts, acting], axis=1)
         columns = factors.shape[1]
         return np.concatenate(
@@ -254,9 +249,9 @@ class Linearised:
         )
 
 
-def state_units(motion: VectorField, rows: Array) -> Array:
+def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Units of the state in which positions and rates of its fastest mode are equally large."""
-    stiffest = rows[0, 0, -motion.half :, : motion.half]
+    stiffest = motion.jacobian(orbit.starts[0], orbit.u)[motion.half :, : motion.half]
     units = np.ones(motion.size)
     units[motion.half :] = math.sqrt(max(float(np.abs(stiffest).max()), 1.0))
     return units
@@ -272,8 +267,8 @@ def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """What changes of a state become over each interval, (M, n, n), in units of the state, (n,)."""
-    _, ends, rows = _condensed(motion, orbit, False)
-    units = state_units(motion, rows)
+    _, ends = _condensed(motion, orbit, False)
+    units = state_units(motion, orbit)
     return ends[:, :, : motion.size] * units / units[:, None], units
 
 
@@ -309,7 +304,6 @@ class OrbitProblem(Continuation):
     ) -> None:
         super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
         self.motion, self.start, self._speed_varies = motion, start, speed_varies
-        self.last: Linearised | None = None
         self.unit = _unit_of(motion, start) if unit is None else unit
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
         by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
@@ -326,8 +320,7 @@ class OrbitProblem(Continuation):
 
     def linearised(self, z: Array) -> Linearised:
         """The equations about unknowns."""
-        self.last = Linearised(self.motion, self.orbit(z), self._phase, self._speed_varies)
-        return self.last
+        return Linearised(self.motion, self.orbit(z), self._phase, self._speed_varies)
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""
@@ -357,20 +350,9 @@ def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
 
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
-    return solved_about(motion, orbit, tolerance)[0]
-
-
-def solved_about(
-    motion: VectorField, orbit: PeriodicOrbit, tolerance: float
-) -> tuple[PeriodicOrbit, Linearised | None]:
-    """The same, and the equations about it; None where the last step to it was long."""
     control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
-    z = problem.fixed(orbit.packed(), orbit.u)
-    last = problem.last
-    assert last is not None
-    near = problem.relative(z, z - last.orbit.packed()) <= SAME
-    return problem.orbit(z), last if near else None
+    return problem.orbit(problem.fixed(orbit.packed(), orbit.u))
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

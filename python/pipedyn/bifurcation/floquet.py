@@ -18,7 +18,6 @@ import scipy
 from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.collocation import (
-    Linearised,
     collocation_maps,
     stage_derivatives,
     state_units,
@@ -52,16 +51,13 @@ EventKind = Literal[
 ]
 
 
-def floquet(
-    motion: VectorField, orbit: PeriodicOrbit, about: Linearised | None = None
-) -> tuple[Complex, Complex, float]:
+def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, Complex, float]:
     """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
 
     Of an orbit with a mirror the roots are the eigenvalues over half a period, reflected. The
     multipliers, shape (2 dof,), are their squares: the trivial one is 1 either way, and a
     perturbation that breaks the mirror symmetry and neither grows nor decays has the root -1.
-    Without a mirror the roots are the multipliers. `about`: the collocation's equations about the
-    orbit, if they are known.
+    Without a mirror the roots are the multipliers.
 
     Raises:
         NewtonFailed: if they overflow.
@@ -71,9 +67,9 @@ def floquet(
     # No fine mesh is needed where the collocation resolves all modes without it. Kinks of drag at
     # phases that are not known take the error that halving shows.
     if turns.max() > TURN and (smooth := _between_kinks(motion, orbit)):
-        roots, error = _by_magnus(motion, smooth, turns.sum(), about if smooth is orbit else None)
+        roots, error = _by_magnus(motion, smooth, turns.sum())
     if not error <= TOLERANCE:
-        others, other = _by_collocation(motion, orbit, turns, about)
+        others, other = _by_collocation(motion, orbit, turns)
         if not other > error:
             roots, error = others, other
     values: Complex = roots**2 if orbit.symmetric else roots
@@ -97,17 +93,14 @@ def _kinks_known(motion: VectorField, orbit: PeriodicOrbit) -> bool:
     return motion.model.drag_velocities(*np.split(orbit.states(np.zeros(1)), 2)).size > 0
 
 
-def _by_magnus(
-    motion: VectorField, orbit: PeriodicOrbit, turns: float, about: Linearised | None
-) -> tuple[Complex, float]:
+def _by_magnus(motion: VectorField, orbit: PeriodicOrbit, turns: float) -> tuple[Complex, float]:
     """Roots of the multipliers and the error of the worst, by Magnus' series.
 
     An interval's map errs by the fourth power of the length of its parts, so that what two lengths
     differ by gives a better map: the error is how far this moves the multipliers.
     """
-    rows = about.rows if about else stage_derivatives(motion, orbit)
-    units = state_units(motion, rows)
-    given = rows, orbit.durations, units
+    units = state_units(motion, orbit)
+    given = stage_derivatives(motion, orbit), orbit.durations, units
     rounds = orbit.span / math.pi
     number = PARTS * rounds * (turns / rounds) ** (1.0 / 3.0)
     parts = np.ceil(number * np.diff(orbit.edges) / orbit.span).astype(int)
@@ -133,7 +126,7 @@ def _by_magnus(
 
 
 def _by_collocation(
-    motion: VectorField, orbit: PeriodicOrbit, turns: Array, about: Linearised | None
+    motion: VectorField, orbit: PeriodicOrbit, turns: Array
 ) -> tuple[Complex, float]:
     """The same by the collocation that the orbit itself solves, on meshes half and twice as fine.
 
@@ -143,13 +136,12 @@ def _by_collocation(
     left = 0.25 if motion.model.pipe.drag and not _kinks_known(motion, orbit) else 1e-3
     parts = np.ceil(np.maximum(turns / TURN, 1.0)).astype(int)
     if (parts > 1).any() and 2 * parts.sum() <= MOST:
-        orbit, about = refined(motion, orbit, parts), None
-    maps = (about.maps, about.units) if about else collocation_maps(motion, orbit)
-    roots, error = _eigenvalues(motion, orbit, *maps), math.inf
+        orbit = refined(motion, orbit, parts)
+    roots, error = _eigenvalues(motion, orbit, *collocation_maps(motion, orbit)), math.inf
     pairs = None if motion.model.pipe.drag else _by_pairs(motion, orbit)
     if pairs:
         before = _eigenvalues(motion, orbit, *collocation_maps(motion, pairs))
-        error = 0.01 * _moved(orbit, before, roots)
+        error = 0.1 * _moved(orbit, before, roots)
     for _ in range(MOST_HALVINGS):
         if error <= TOLERANCE or 2 * len(orbit.starts) > MOST:
             break
@@ -164,8 +156,8 @@ def _by_collocation(
 def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
     """The same on intervals of two each, at last of three; None where neighbours differ by half.
 
-    To join neighbours one of which is 1.8 times as long makes 1,000 times the error, or of coarse
-    meshes 400 times; three make more.
+    To join neighbours one of which is 1.8 times as long makes 1,000 times the error, and 30 times
+    at the least where the orbit between its stages is what errs.
     """
     steps = np.log(np.diff(orbit.edges))
     if steps.size < 4 or np.abs(np.diff(steps)).max() > math.log(1.8):

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
-from pipedyn.bifurcation.collocation import Linearised, residual, solved, solved_about
+from pipedyn.bifurcation.collocation import residual, solved
 from pipedyn.bifurcation.floquet import floquet, nontrivial
 from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
 from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, continued, solved_anew
@@ -449,11 +449,10 @@ def finished(
 
 @dataclass(frozen=True)
 class Known:
-    """An orbit with what has been computed about it."""
+    """An orbit with its `amplitude_of`."""
 
     orbit: PeriodicOrbit
-    peak: tuple[float, float]  # its `amplitude_of`
-    about: Linearised | None = None  # the collocation's equations
+    peak: tuple[float, float]
 
 
 def _refined(
@@ -484,12 +483,10 @@ def _refined(
         if parts.sum() > MOST_INTERVALS:
             return known, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
         try:
-            finer, about = solved_about(
-                motion, refined(motion, orbit, parts, turning=True), tolerance
-            )
+            finer = solved(motion, refined(motion, orbit, parts, turning=True), tolerance)
         except NewtonFailed as failure:
             return known, error, str(failure)
-        before, known = known, Known(finer, amplitude_of(motion, finer), about)
+        before, known = known, Known(finer, amplitude_of(motion, finer))
         measured = known.peak[0] / before.peak[0]
         change = max(abs(measured - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
@@ -541,8 +538,8 @@ def on_branch(
         return result
     with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), turning=True)
-        finer, about = solved_about(motion, finer, 1e-9)
-        known = Known(finer, amplitude_of(motion, finer), about)
+        finer = solved(motion, finer, 1e-9)
+        known = Known(finer, amplitude_of(motion, finer))
         better = described(motion, known, result.error, samples, how)
         return min(result, better, key=lambda cycle: cycle.multiplier_error)
     return result
@@ -557,7 +554,7 @@ def described(
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = floquet(motion, orbit, known.about)
+    multipliers, _, change = floquet(motion, orbit)
     # Rounding of eigenvalues of matrices of so many rows leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))
