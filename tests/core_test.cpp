@@ -93,7 +93,8 @@ class Dice {
     const auto one = [&](const char* law) {
       return pipedyn::make_term(law, between(0.01, 1.0), {between(0.1, 9.0)});
     };
-    return {one("point_mass"), one("spring"), one("spring"), one("point_mass")};
+    return {one("point_mass"), one("spring"),     one("damper"),
+            one("spring"),     one("point_mass"), one("foundation")};
   }
   Segments segments(Index n) {
     Segments segments{.length = vector(n, 0.2, 1.0),
@@ -311,6 +312,30 @@ Vector energies_of(const Chain& chain, const Matrix& y) {
   return energies;
 }
 
+/// (mu - J) x = b by the recursion, with the dense J: what is left of b, relative to the sizes of
+/// what is summed.
+void check_shifted(const Chain& chain, const Vector& y, double u, const Matrix& jacobian,
+                   Dice& dice) {
+  constexpr Index shifts = pipedyn::MotionKernel::shifts;
+  const Index rows = y.size();
+  Matrix mu(2, shifts);
+  mu << 30.0, 1.0, 20.0, 1e4, 0.0, 40.0, 3.0, 1e5;
+  std::vector<double> factors(static_cast<std::size_t>(chain.factor_numbers()));
+  chain.factorise(y.data(), u, mu.data(), factors.data());
+  const Matrix b = dice.matrix(rows, 2 * shifts);
+  Matrix x = b;
+  chain.solve(u, factors.data(), x.data());
+  for (Index k = 0; k < shifts; ++k) {
+    const auto re = x.col(k), im = x.col(shifts + k);
+    const Vector left = mu(0, k) * re - mu(1, k) * im - jacobian * re - b.col(k);
+    const Vector left_im = mu(1, k) * re + mu(0, k) * im - jacobian * im - b.col(shifts + k);
+    const Vector size = re.cwiseAbs() + im.cwiseAbs();
+    const Vector sum = mu.col(k).lpNorm<1>() * size + jacobian.cwiseAbs() * size;
+    const double error = ((left.cwiseAbs() + left_im.cwiseAbs()).array() / sum.array()).maxCoeff();
+    check(error < 1e-13 * static_cast<double>(rows), "a shifted solve, " + std::to_string(error));
+  }
+}
+
 /// Accelerations from the equations of motion in the angles, with the dense mass matrix.
 Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vector& y, double u) {
   const auto& [l, chi, eta, spring, xi, base, damping, rest_moment] = segments;
@@ -383,6 +408,7 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
     differences.col(j) = (4.0 * slope(0.5 * step) - slope(step)) / 3.0;
   }
   check_close(jacobian, differences, 1e-7, "the derivative by differences");
+  check_shifted(chain, state, u, jacobian, dice);
 
   Matrix power(4, 19);
   chain.power({y.data(), speeds.data(), 19, 1}, power.data());

@@ -11,6 +11,7 @@
 
 #include "pipedyn/chain/derivative.hpp"
 #include "pipedyn/chain/impedance.hpp"
+#include "pipedyn/chain/shifted.hpp"
 #include "pipedyn/chain/sweeps.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
 #include "pipedyn/vector/pack.hpp"
@@ -164,6 +165,9 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .width = width,
     .rhs = ::rhs,
     .jacobian = ::jacobian,
+    .factor_numbers = ::shifted_numbers,
+    .factorise = ::factorise_shifted,
+    .solve = ::solve_shifted,
     .energy = ::energy,
     .power = ::power,
     .combine = ::combine,

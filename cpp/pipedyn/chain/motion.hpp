@@ -73,8 +73,17 @@ struct MotionKernel {
   std::ptrdiff_t width;
   Function rhs;       // dy/dtau (2 n, members)
   Function jacobian;  // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major; further moments held
-  Function energy;    // of each member
-  Function power;     // of flow, joints, drag and the pipe's terms, (4, members)
+
+  // (mu - J) x = b for so many complex mu at once, J the jacobian of one state, in O(n): factors,
+  // for which there is room for factor_numbers, and then b (2 n, 2 shifts) becomes x. Real parts
+  // come first, in mu (2 shifts) too.
+  static constexpr std::ptrdiff_t shifts = 4;
+  std::ptrdiff_t (*factor_numbers)(const MotionModel&);
+  void (*factorise)(const MotionModel&, const Batch& one, const double* mu, double* factors);
+  void (*solve)(const MotionModel&, double u, double* factors, double* b);
+
+  Function energy;  // of each member
+  Function power;   // of flow, joints, drag and the pipe's terms, (4, members)
 
   /// out = y + h sum_s weights_s k_s, entry by entry.
   void (*combine)(const double* weights, const double* const* k, std::ptrdiff_t terms,
