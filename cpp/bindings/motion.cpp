@@ -63,30 +63,58 @@ Rates rates_of(const py::object& of, Index rows, const Reals& u) {
 }  // namespace
 
 void define_motion(py::module_& m) {
-  py::class_<Dop853>(m, "Dop853")
-      .def(py::init([](const py::object& of, const Reals& u, const Matrix& start, double rtol,
-                       double atol, double most) {
-             return Dop853(rates_of(of, start.rows(), u), start.rows(), start.cols(), start.data(),
-                           rtol, atol, most);
-           }),
-           "of"_a, "u"_a, "start"_a, "rtol"_a, "atol"_a, "most"_a, py::keep_alive<1, 2>())
+  py::class_<Integrator>(m, "Integrator")
       .def(
           "advance",
-          [](Dop853& motion, const Vector& times, Numbers out, Index evaluations) {
+          [](Integrator& motion, const Vector& times, Numbers out, Index evaluations) {
             double* const to = out.mutable_data();
             const py::gil_scoped_release unlocked;
             return motion.advance(times, to, evaluations);
           },
           "times"_a, "out"_a.noconvert(), "evaluations"_a)
-      .def("stop", &Dop853::stop, "member"_a)
-      .def_property_readonly("members", [](const Dop853& motion) {
+      .def(
+          "follow",
+          [](Integrator& motion, const Vector& times, Numbers out, Index evaluations) {
+            double* const to = out.mutable_data();
+            std::vector<Interpolant> steps;
+            bool finished = false;
+            {
+              const py::gil_scoped_release unlocked;
+              finished = motion.advance(times, to, evaluations, &steps);
+            }
+            Vector ends(static_cast<Index>(steps.size()) + 1);
+            const Index degree = steps.empty() ? 0 : steps[0].coefficients.rows() - 1;
+            Numbers coefficients(
+                {static_cast<Index>(steps.size()), degree + 1, steps.empty() ? 0 : motion.rows()});
+            double* to_coefficients = coefficients.mutable_data();
+            ends[0] = steps.empty() ? motion.members()[0].time : steps[0].from;
+            Index count = 0;
+            for (const Interpolant& step : steps) {
+              ends[++count] = step.to;
+              const Matrix& of = step.coefficients;
+              to_coefficients = std::copy_n(of.data(), of.size(), to_coefficients);
+            }
+            return std::tuple(finished, ends, coefficients);
+          },
+          "times"_a, "out"_a.noconvert(), "evaluations"_a)
+      .def("state", &Integrator::state, "member"_a)
+      .def("stop", &Integrator::stop, "member"_a)
+      .def_property_readonly("members", [](const Integrator& motion) {
         std::vector<std::tuple<double, Index, Index, int>> all;
-        for (const Dop853::Member& member : motion.members()) {
+        for (const Member& member : motion.members()) {
           all.emplace_back(member.time, member.samples, member.evaluations,
                            static_cast<int>(member.progress));
         }
         return all;
       });
+  py::class_<Dop853, Integrator>(m, "Dop853")
+      .def(py::init([](const py::object& of, const Reals& u, const Matrix& start, double t0,
+                       double rtol, double atol, double most, double max_step) {
+             return Dop853(rates_of(of, start.rows(), u), start.rows(), start.cols(), start.data(),
+                           t0, {rtol, atol, most, max_step});
+           }),
+           "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
+           "max_step"_a = std::numeric_limits<double>::infinity(), py::keep_alive<1, 2>());
 }
 
 }  // namespace pipedyn

@@ -18,6 +18,7 @@ __all__: list[str] = [
     "Dop853",
     "Eigenproblem",
     "Galerkin",
+    "Integrator",
     "Operators",
     "Pair",
     "Pairs",
@@ -414,25 +415,42 @@ class Scene:
     @property
     def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
-class Dop853:
-    def __init__(
-        self,
-        of: typing.Any,
-        u: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        rtol: typing.SupportsFloat | typing.SupportsIndex,
-        atol: typing.SupportsFloat | typing.SupportsIndex,
-        most: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> None: ...
+class Integrator:
     def advance(
         self,
         times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         out: numpy.typing.NDArray[numpy.float64],
         evaluations: typing.SupportsInt | typing.SupportsIndex,
     ) -> bool: ...
+    def follow(
+        self,
+        times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        out: numpy.typing.NDArray[numpy.float64],
+        evaluations: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple[
+        bool,
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+        numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def state(
+        self, member: typing.SupportsInt | typing.SupportsIndex
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def stop(self, member: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
     def members(self) -> list[tuple[float, int, int, int]]: ...
+
+class Dop853(Integrator):
+    def __init__(
+        self,
+        of: typing.Any,
+        u: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        t0: typing.SupportsFloat | typing.SupportsIndex,
+        rtol: typing.SupportsFloat | typing.SupportsIndex,
+        atol: typing.SupportsFloat | typing.SupportsIndex,
+        most: typing.SupportsFloat | typing.SupportsIndex,
+        max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
+    ) -> None: ...
 
 def set_vector_level(name: str) -> None: ...
 def sincos(

@@ -2,7 +2,6 @@
 #include "pipedyn/motion/dop853.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <numeric>
 
@@ -12,9 +11,6 @@
 namespace pipedyn {
 
 namespace {
-
-/// After which `advance` returns: so soon Ctrl-C is heard.
-constexpr std::chrono::milliseconds pause{50};
 
 /// Of Hairer, Norsett and Wanner: the step is chosen for `safety` of the error allowed and changes
 /// by these factors at most.
@@ -33,25 +29,24 @@ double share(Index s) {
 
 }  // namespace
 
-Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double relative,
-               double absolute, double most)
-    : rates_(std::move(rates)),
-      rows_(rows),
-      relative_(relative),
-      absolute_(absolute),
-      most_(most),
-      members_(static_cast<std::size_t>(members)),
+Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double time,
+               const Limits& limits)
+    : Integrator(std::move(rates), rows, members, time, limits),
       y_(Eigen::Map<const Vector>(start, rows * members)),
       next_(y_),
       stage_(y_),
       steps_(y_),
       scaled5_(y_),
       scaled3_(y_),
-      rate_(stages + 4, y_) {
-  for (Index j = 0; j < members; ++j) which_.push_back(j);
+      rate_(stages + 1, y_) {
   tried_ = Vector::Zero(members);
   evaluate(y_, rate_[0], 0.0);
   choose_first_steps();
+}
+
+Vector Dop853::state(Index member) const {
+  const auto column = std::find(which_.begin(), which_.end(), member) - which_.begin();
+  return Eigen::Map<const Matrix>(y_.data(), rows_, active()).col(column);
 }
 
 /// At a share of the steps that are tried.
@@ -78,7 +73,7 @@ void Dop853::choose_first_steps() {
   const auto norms = [&](const Vector& of, const Vector& from) {
     Vector sum = Vector::Zero(m);
     for (Index i = 0; i < entries(); i += m) {
-      const auto allowed = absolute_ + relative_ * y_.segment(i, m).array().abs();
+      const auto allowed = limits_.absolute + limits_.relative * y_.segment(i, m).array().abs();
       sum.array() += ((of.segment(i, m) - from.segment(i, m)).array() / allowed).square();
     }
     return Vector((sum / static_cast<double>(rows_)).cwiseSqrt());
@@ -101,34 +96,14 @@ void Dop853::choose_first_steps() {
   }
 }
 
-bool Dop853::advance(const Vector& times, double* out, Index evaluations) {
-  const auto end = std::chrono::steady_clock::now() + pause;
-  for (const Index w : which_) {  // samples at the start
-    Member& member = members_[w];
-    const Index m = active(), j = std::find(which_.begin(), which_.end(), w) - which_.begin();
-    const Index count = times.size();
-    for (; member.samples < count && times[member.samples] <= member.time; ++member.samples) {
-      for (Index i = 0; i < rows_; ++i) {
-        out[(w * count + member.samples) * rows_ + i] = y_[i * m + j];
-      }
-    }
-    if (member.samples == count) member.progress = Progress::done;
-  }
-  drop_finished();
-  for (Index taken = 0; !which_.empty() && taken < evaluations; taken += stages) {
-    step(times, out);
-    if (std::chrono::steady_clock::now() >= end) break;
-  }
-  return which_.empty();
-}
-
-void Dop853::step(const Vector& times, double* out) {
+Index Dop853::step(double end) {
   const Index m = active();
   tried_.resize(m);
   for (Index j = 0; j < m; ++j) {
     const Member& member = members_[which_[j]];
-    const double left = times[times.size() - 1] - member.time;
-    tried_[j] = 1.01 * member.step < left ? member.step : left;
+    const double left = end - member.time;
+    const double longest = std::min(member.step, limits_.max_step);
+    tried_[j] = 1.01 * longest < left ? longest : std::min(left, limits_.max_step);
   }
   for (Index i = 0; i < entries(); i += m) steps_.segment(i, m) = tried_;
   for (Index s = 1; s < stages; ++s) {
@@ -138,10 +113,10 @@ void Dop853::step(const Vector& times, double* out) {
   combine(dop853::weights[stages - 1], stages, y_, next_);
   measure_errors();
   accepted_.assign(static_cast<std::size_t>(m), 0);
-  for (Index j = 0; j < m; ++j) control(j, times[times.size() - 1]);
+  for (Index j = 0; j < m; ++j) control(j, end);
   if (std::find(accepted_.begin(), accepted_.end(), 1) != accepted_.end()) {
     evaluate(next_, rate_[stages], 0.0);  // the members accepted have moved on
-    sample(times, out);
+    interpolate();
     for (Index i = 0; i < entries(); i += m) {
       for (Index j = 0; j < m; ++j) {
         if (!accepted_[j]) continue;
@@ -151,10 +126,10 @@ void Dop853::step(const Vector& times, double* out) {
     }
   }
   for (const Index w : which_) {
-    const bool spent = static_cast<double>(members_[w].evaluations + stages + 3) > most_;
+    const bool spent = static_cast<double>(members_[w].evaluations + stages + 3) > limits_.most;
     if (spent && members_[w].progress == Progress::going) members_[w].progress = Progress::spent;
   }
-  drop_finished();
+  return stages;
 }
 
 /// Of each column, relative to what is allowed.
@@ -167,7 +142,7 @@ void Dop853::measure_errors() {
   for (Index i = 0; i < entries(); i += m) {
     for (Index j = 0; j < m; ++j) {
       const double largest = std::max(std::abs(y_[i + j]), std::abs(next_[i + j]));
-      const double scale = 1.0 / (absolute_ + relative_ * largest);
+      const double scale = 1.0 / (limits_.absolute + limits_.relative * largest);
       const double a = scaled5_[i + j] * scale, b = scaled3_[i + j] * scale;
       fifth[j] += a * a;
       third[j] += b * b;
@@ -205,13 +180,12 @@ void Dop853::control(Index j, double end) {
   }
 }
 
-/// Writes the samples within the steps accepted, by dense output of those columns alone.
-void Dop853::sample(const Vector& times, double* out) {
-  const Index m = active(), count = times.size();
+/// Records the steps accepted that are asked for, by dense output of those columns alone.
+void Dop853::interpolate() {
+  const Index m = active();
   std::vector<Index> columns, which;
   for (Index j = 0; j < m; ++j) {
-    const Member& member = members_[which_[j]];
-    if (!accepted_[j] || times[member.samples] > member.time) continue;
+    if (!accepted_[j] || !is_asked_for(members_[which_[j]])) continue;
     columns.push_back(j);
     which.push_back(which_[j]);
   }
@@ -250,40 +224,36 @@ void Dop853::sample(const Vector& times, double* out) {
   both[stages] = 1.0;
   Matrix terms[7] = {rise, slope - rise, 2.0 * rise - sum(both, stages + 1)};
   for (Index t = 0; t < 4; ++t) terms[3 + t] = sum(dop853::dense_weights[t], stages + 4);
+  Interpolant step;
   for (Index j = 0; j < c; ++j) {
-    Member& member = members_[which[j]];
-    const double h = tried_[columns[j]];
-    for (; member.samples < count && times[member.samples] <= member.time; ++member.samples) {
-      const double x = 1.0 - (member.time - times[member.samples]) / h;
-      double* const row = out + (which[j] * count + member.samples) * rows_;
-      for (Index i = 0; i < rows_; ++i) {
-        double value = 0.0;
-        for (Index t = 6; t >= 0; --t)
-          value = (value + terms[t](i, j)) * (t % 2 == 0 ? x : 1.0 - x);
-        row[i] = from(i, j) + value;
+    // from + x (terms_0 + (1 - x) (terms_1 + x (terms_2 + ...)))
+    Matrix& p = step.coefficients;
+    p.setZero(8, rows_);
+    for (Index t = 6; t >= 0; --t) {
+      p.row(0) += terms[t].col(j).transpose();
+      for (Index i = 7 - t; i > 0; --i) {
+        if (t % 2 == 0) {
+          p.row(i) = p.row(i - 1);
+        } else {
+          p.row(i) -= p.row(i - 1);
+        }
       }
+      if (t % 2 == 0) p.row(0).setZero();
     }
-    if (member.samples == count) member.progress = Progress::done;
+    p.row(0) = from.col(j).transpose();
+    step.to = members_[which[j]].time;
+    step.from = step.to - tried_[columns[j]];
+    record(which[j], step);
   }
 }
 
-/// Takes the columns of members that go on together.
-void Dop853::drop_finished() {
-  const Index m = active();
-  std::vector<Index> kept, which;
-  for (Index j = 0; j < m; ++j) {
-    if (members_[which_[j]].progress != Progress::going) continue;
-    kept.push_back(j);
-    which.push_back(which_[j]);
-  }
-  const Index c = static_cast<Index>(kept.size());
-  if (c == m) return;
+void Dop853::keep(const std::vector<Index>& columns) {
+  const Index m = active(), c = static_cast<Index>(columns.size());
   for (Vector* of : {&y_, &rate_[0]}) {
     for (Index i = 0; i < rows_; ++i) {
-      for (Index j = 0; j < c; ++j) (*of)[i * c + j] = (*of)[i * m + kept[j]];
+      for (Index j = 0; j < c; ++j) (*of)[i * c + j] = (*of)[i * m + columns[j]];
     }
   }
-  which_ = std::move(which);
 }
 
 }  // namespace pipedyn

@@ -27,7 +27,10 @@ NOT_FINITE = "the state or its rate is no longer finite"
 COMPILED = ("scipy:dop853", "scipy:lsoda")
 """scipy.integrate.ode's integrators that serve."""
 
-METHODS = ("auto", "dop853", *COMPILED, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
+CORE: dict[str, type[_core.Dop853]] = {"dop853": _core.Dop853}
+"""The core's own."""
+
+METHODS = ("auto", *CORE, *COMPILED, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
 """The core's, and scipy's: in small letters compiled, the others `scipy.integrate.solve_ivp`'s."""
 
 ENDS = {2: NOT_FINITE, 3: "its step size tends to 0"}
@@ -200,10 +203,10 @@ def integrate(tasks: Sequence[Task], shown: bool = False) -> list[Motions]:
     """States of each task, right-hand sides taken, and why it stopped early.
 
     Shape of the states, the start and then the samples that were reached: (1 + S, 2 moving + 1).
-    Several tasks have one model and one method, "dop853".
+    Several tasks have one model and one method of the core.
     """
-    if tasks[0].method == "dop853":
-        return _explicit(tasks, shown)
+    if tasks[0].method in CORE:
+        return _in_core(tasks, shown)
     [task] = tasks
     guarded = Watched(task)
     if task.method in COMPILED:
@@ -222,12 +225,14 @@ def integrate(tasks: Sequence[Task], shown: bool = False) -> list[Motions]:
     return [(np.array(rows), guarded.calls, why)]
 
 
-def _explicit(tasks: Sequence[Task], shown: bool) -> list[Motions]:
-    """By the core, each task with steps of its own."""
+def _in_core(tasks: Sequence[Task], shown: bool) -> list[Motions]:
+    """By one of the core's methods, each task with steps of its own."""
     first, members = tasks[0], len(tasks)
     u = np.array([task.u for task in tasks])
     start = np.stack([task.start for task in tasks], axis=1)
-    motion = _core.Dop853(_rates(first.model, u), u, start, first.rtol, first.atol, first.most)
+    motion = CORE[first.method](
+        *(_rates(first.model, u), u, start, 0.0, first.rtol, first.atol, first.most)
+    )
     watched = [Watched(task) for task in tasks]
     states = np.empty((members, first.times.size, len(start)))
     whys: list[str | None] = [None] * members
@@ -282,7 +287,7 @@ def explicit_state(
     """The state at a time of y' = rates(y) from a start at time 0. Raises `Stopped`."""
     motion = _core.Dop853(
         *(lambda t, y, which: rates(y[:, 0])[:, None], np.zeros(1), start[:, None]),
-        *(rtol, atol, MOST_CALLS),
+        *(0.0, rtol, atol, MOST_CALLS),
     )
     state = np.empty((1, 1, start.size))
     while not motion.advance(np.array([t]), state, CALLS):

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/motion/integrator.hpp"
+
+#include <chrono>
+#include <numeric>
+
+namespace pipedyn {
+
+namespace {
+
+/// After which `advance` returns: so soon Ctrl-C is heard.
+constexpr std::chrono::milliseconds pause{50};
+
+}  // namespace
+
+Integrator::Integrator(Rates rates, Index rows, Index members, double time, const Limits& limits)
+    : rates_(std::move(rates)),
+      rows_(rows),
+      limits_(limits),
+      members_(static_cast<std::size_t>(members)),
+      which_(static_cast<std::size_t>(members)) {
+  for (Member& member : members_) member.time = time;
+  std::iota(which_.begin(), which_.end(), Index{0});
+}
+
+bool Integrator::advance(const Vector& times, double* out, Index evaluations,
+                         std::vector<Interpolant>* steps) {
+  const auto end = std::chrono::steady_clock::now() + pause;
+  times_ = &times;
+  out_ = out;
+  steps_ = steps;
+  for (const Index w : which_) {  // samples at the start
+    const Member& member = members_[w];
+    if (member.samples < times.size() && times[member.samples] <= member.time) {
+      record(w, {member.time, member.time, state(w).transpose()});
+    }
+  }
+  drop_finished();
+  for (Index taken = 0; !which_.empty() && taken < evaluations;) {
+    taken += step(times[times.size() - 1]);
+    drop_finished();
+    if (steps != nullptr && steps->size() >= most_steps) break;
+    if (std::chrono::steady_clock::now() >= end) break;
+  }
+  return which_.empty();
+}
+
+bool Integrator::is_asked_for(const Member& member) const {
+  return steps_ != nullptr || (*times_)[member.samples] <= member.time;
+}
+
+void Integrator::record(Index which, const Interpolant& step) {
+  Member& member = members_[which];
+  const Index count = times_->size(), degree = step.coefficients.rows() - 1;
+  for (; member.samples < count && (*times_)[member.samples] <= step.to; ++member.samples) {
+    const double x = 1.0 - (step.to - (*times_)[member.samples]) / (step.to - step.from);
+    Eigen::Map<Vector> row(out_ + (which * count + member.samples) * rows_, rows_);
+    row = step.coefficients.row(degree);
+    for (Index i = degree - 1; i >= 0; --i) row = x * row + step.coefficients.row(i).transpose();
+  }
+  if (steps_ != nullptr && step.to > step.from) steps_->push_back(step);
+  if (member.samples == count) member.progress = Progress::done;
+}
+
+/// Takes the members that go on together.
+void Integrator::drop_finished() {
+  std::vector<Index> columns, which;
+  for (std::size_t j = 0; j < which_.size(); ++j) {
+    if (members_[which_[j]].progress != Progress::going) continue;
+    columns.push_back(static_cast<Index>(j));
+    which.push_back(which_[j]);
+  }
+  if (which.size() == which_.size()) return;
+  keep(columns);
+  which_ = std::move(which);
+}
+
+}  // namespace pipedyn
