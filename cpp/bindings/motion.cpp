@@ -10,6 +10,7 @@
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/modular/scene.hpp"
 #include "pipedyn/motion/dop853.hpp"
+#include "pipedyn/motion/radau.hpp"
 #include "pipedyn/work.hpp"
 
 namespace pipedyn {
@@ -58,6 +59,49 @@ Rates rates_of(const py::object& of, Index rows, const Reals& u) {
   if (py::isinstance<Galerkin>(of)) return compiled_rates(of.cast<const Galerkin&>(), u);
   if (py::isinstance<Scene>(of)) return compiled_rates(of.cast<const Scene&>(), u);
   return called_rates(of, rows);
+}
+
+/// Those of the same states without the work, with their derivative, and the power apart.
+template <class Model>
+ImplicitRates implicit_rates(const Model& model, const Reals& u,
+                             std::unique_ptr<ShiftedSystems> systems) {
+  const auto at_speeds = [&model, u](auto function) -> Rates {
+    return [&model, u, function, speeds = Reals()](const Vector&, const double* y,
+                                                   const std::vector<Index>& which,
+                                                   double* rates) mutable {
+      speeds = u(which);
+      function(model, Batch{y, speeds.data(), speeds.size(), 1}, rates);
+    };
+  };
+  return {at_speeds([](const Model& of, const Batch& batch, double* out) { of.rhs(batch, out); }),
+          at_speeds(total_power<Model>), 2 * model.dof(), std::move(systems)};
+}
+
+/// Of a function of a time, a state (rows,) and of which member it is.
+DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows) {
+  return [function, rows](double t, const double* y, Index member, double* out) {
+    const py::gil_scoped_acquire locked;
+    const Numbers found = function(t, Numbers(rows, y), member).cast<Numbers>();
+    if (found.size() != rows * rows) throw py::value_error("a Jacobian must have a row a state");
+    std::copy_n(found.data(), rows * rows, out);
+  };
+}
+
+ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
+                                const Reals& u) {
+  if (py::isinstance<Chain>(of)) {
+    const Chain& chain = of.cast<const Chain&>();
+    return implicit_rates(chain, u, std::make_unique<ChainSystems>(chain, u));
+  }
+  if (py::isinstance<Galerkin>(of)) {
+    const Galerkin& model = of.cast<const Galerkin&>();
+    const auto slopes = [&model, u](double, const double* y, Index member, double* out) {
+      model.jacobian(y, u[member], out);
+    };
+    return implicit_rates(model, u, std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
+  }
+  return {rates_of(of, rows, u), nullptr, rows,
+          std::make_unique<DenseSystems>(called_jacobian(jacobian, rows), rows)};
 }
 
 }  // namespace
@@ -114,6 +158,16 @@ void define_motion(py::module_& m) {
                            t0, {rtol, atol, most, max_step});
            }),
            "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
+           "max_step"_a = std::numeric_limits<double>::infinity(), py::keep_alive<1, 2>());
+  py::class_<Radau, Integrator>(m, "Radau")
+      .def(py::init([](const py::object& of, const py::object& jacobian, const Reals& u,
+                       const Matrix& start, double t0, double rtol, double atol, double most,
+                       double max_step) {
+             return std::make_unique<Radau>(implicit_rates_of(of, jacobian, start.rows(), u),
+                                            start.rows(), start.cols(), start.data(), t0,
+                                            Limits{rtol, atol, most, max_step});
+           }),
+           "of"_a, "jacobian"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
            "max_step"_a = std::numeric_limits<double>::infinity(), py::keep_alive<1, 2>());
 }
 

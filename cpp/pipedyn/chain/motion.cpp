@@ -14,6 +14,8 @@
 #include "pipedyn/chain/shifted.hpp"
 #include "pipedyn/chain/sweeps.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
+#include "pipedyn/motion/dense.hpp"
+#include "pipedyn/motion/stages.hpp"
 #include "pipedyn/vector/pack.hpp"
 
 namespace {
@@ -171,6 +173,11 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .energy = ::energy,
     .power = ::power,
     .combine = ::combine,
+    .factorise_dense = ::factorise_dense,
+    .solve_dense = ::solve_dense,
+    .mix_stages = ::mix_stages,
+    .stage_residual = ::stage_residual,
+    .correct_stages = ::correct_stages,
     .finite = ::all_finite,
     .sincos = ::sincos_of,
     .galerkin = &PIPEDYN_NAMED(galerkin),

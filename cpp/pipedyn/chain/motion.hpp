@@ -88,6 +88,20 @@ struct MotionKernel {
   /// out = y + h sum_s weights_s k_s, entry by entry.
   void (*combine)(const double* weights, const double* const* k, std::ptrdiff_t terms,
                   const double* y, const double* h, double* out, std::ptrdiff_t size);
+
+  // The same of a matrix J (n, n): factors has room for 8 n^2 numbers, pivots for 4 n.
+  void (*factorise_dense)(const double* jacobian, const double* mu, std::ptrdiff_t n,
+                          double* factors, std::ptrdiff_t* pivots);
+  void (*solve_dense)(double* factors, const std::ptrdiff_t* pivots, std::ptrdiff_t n, double* b);
+  // What Newton's method does to the stages of implicit steps, see motion/stages.hpp; matrices are
+  // (8, 8).
+  void (*mix_stages)(const double* in, const double* matrix, std::ptrdiff_t rows, double* out);
+  void (*stage_residual)(const double* rates, const double* matrix, const double* mu,
+                         const double* w, std::ptrdiff_t rows, double* out);
+  double (*correct_stages)(const double* x, const double* matrix, const double* y,
+                           const double* allowed, std::ptrdiff_t rows, double* w, double* z,
+                           double* out);
+
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 

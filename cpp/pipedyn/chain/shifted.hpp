@@ -22,32 +22,9 @@
 #pragma once
 
 #include "pipedyn/chain/derivative.hpp"
+#include "pipedyn/vector/shifts.hpp"
 
 namespace {
-
-/// Lanes for the shifts, or for some of them.
-#if PIPEDYN_WIDTH > 4
-typedef double Shifts __attribute__((vector_size(32)));
-#else
-using Shifts = Pack;
-#endif
-constexpr Count shift_count = pipedyn::MotionKernel::shifts;
-
-struct Complex {
-  Shifts re, im;
-};
-
-inline Complex operator+(const Complex& a, const Complex& b) { return {a.re + b.re, a.im + b.im}; }
-inline Complex operator-(const Complex& a, const Complex& b) { return {a.re - b.re, a.im - b.im}; }
-inline Complex operator*(const Complex& a, const Complex& b) {
-  return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
-}
-inline Complex operator*(double r, const Complex& a) { return {r * a.re, r * a.im}; }
-inline Complex operator+(const Complex& a, double r) { return {a.re + r, a.im}; }
-inline Complex inverse(const Complex& a) {
-  const Shifts size = 1.0 / (a.re * a.re + a.im * a.im);
-  return {a.re * size, -a.im * size};
-}
 
 /// What the solves read of a segment. size: of m, 2 or with velocities and positions 6.
 template <Count size>
@@ -83,7 +60,6 @@ inline Complex product(const Complex (&row)[size], const Complex (&column)[size]
 /// Where the factors of some shifts are in an array: mu and 1 / mu, then the segments.
 template <Count size>
 struct ShiftedFactors {
-  static constexpr Count passes = shift_count / lanes<Shifts>;
   using Segment = ShiftedSegment<size>;
 
   Complex *mu, *inverse;
@@ -96,11 +72,11 @@ struct ShiftedFactors {
     Complex* const shifts = reinterpret_cast<Complex*>(start * boundary);
     mu = shifts + 2 * pass;
     inverse = mu + 1;
-    segments = reinterpret_cast<Segment*>(shifts + 2 * passes) + pass * n;
+    segments = reinterpret_cast<Segment*>(shifts + 2 * shift_passes) + pass * n;
   }
   static Count numbers(Count n) {
-    const Count bytes = 2 * passes * static_cast<Count>(sizeof(Complex)) +
-                        passes * n * static_cast<Count>(sizeof(Segment)) +
+    const Count bytes = 2 * shift_passes * static_cast<Count>(sizeof(Complex)) +
+                        shift_passes * n * static_cast<Count>(sizeof(Segment)) +
                         static_cast<Count>(alignof(Segment));
     return bytes / static_cast<Count>(sizeof(double));
   }
@@ -185,18 +161,6 @@ void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out)
   }
 }
 
-/// Of the real parts of b or x (2 n, shifts) with the imaginary ones after them in each row.
-inline Complex read_shifted(const double* x, Count row, Count pass) {
-  const double* const at = x + 2 * shift_count * row + pass * lanes<Shifts>;
-  return {load<Shifts>(at), load<Shifts>(at + shift_count)};
-}
-
-inline void write_shifted(double* x, Count row, Count pass, const Complex& value) {
-  double* const at = x + 2 * shift_count * row + pass * lanes<Shifts>;
-  store(at, value.re);
-  store(at + shift_count, value.im);
-}
-
 /// b becomes x. alone: room for n numbers of each shift.
 template <Count size>
 void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size>& factors,
@@ -239,7 +203,7 @@ void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size
 template <class Body>
 void for_each_pass(const MotionModel& model, double* array, const Body& body) {
   const bool whole = model.drag || model.load_count > 0;
-  for (Count pass = 0; pass < ShiftedFactors<2>::passes; ++pass) {
+  for (Count pass = 0; pass < shift_passes; ++pass) {
     if (whole) {
       body(ShiftedFactors<6>(array, model.size, pass), pass);
     } else {

@@ -27,7 +27,7 @@ NOT_FINITE = "the state or its rate is no longer finite"
 COMPILED = ("scipy:dop853", "scipy:lsoda")
 """scipy.integrate.ode's integrators that serve."""
 
-CORE: dict[str, type[_core.Dop853]] = {"dop853": _core.Dop853}
+CORE = ("dop853", "radau")
 """The core's own."""
 
 METHODS = ("auto", *CORE, *COMPILED, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
@@ -230,9 +230,13 @@ def _in_core(tasks: Sequence[Task], shown: bool) -> list[Motions]:
     first, members = tasks[0], len(tasks)
     u = np.array([task.u for task in tasks])
     start = np.stack([task.start for task in tasks], axis=1)
-    motion = CORE[first.method](
-        *(_rates(first.model, u), u, start, 0.0, first.rtol, first.atol, first.most)
-    )
+    options = (u, start, 0.0, first.rtol, first.atol, first.most)
+    rates = _rates(first.model, u)
+    motion: _core.Integrator
+    if first.method == "dop853":
+        motion = _core.Dop853(rates, *options)
+    else:
+        motion = _core.Radau(rates, _jacobian(first.model, u), *options)
     watched = [Watched(task) for task in tasks]
     states = np.empty((members, first.times.size, len(start)))
     whys: list[str | None] = [None] * members
@@ -279,6 +283,17 @@ def _rates(model: Model, u: Array) -> object:
     if isinstance(motion, (_core.Chain, _core.Galerkin)):
         return motion
     return lambda t, y, which: motion.rhs_and_power(t[0], y, u[which])
+
+
+def _jacobian(model: Model, u: Array) -> Callable[[float, Array, int], Array]:
+    """Of [q, q', W] by t, a state and its member; W acts on nothing, and its own row is left out."""
+
+    def slopes(t: float, y: Array, member: int) -> Array:
+        whole = np.zeros((y.size, y.size))
+        whole[:-1, :-1] = model.motion_jacobian(y[:-1], u[member])
+        return whole
+
+    return slopes
 
 
 def explicit_state(
