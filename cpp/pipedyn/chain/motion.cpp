@@ -176,7 +176,6 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .factorise_dense = ::factorise_dense,
     .solve_dense = ::solve_dense,
     .mix_stages = ::mix_stages,
-    .stage_residual = ::stage_residual,
     .correct_stages = ::correct_stages,
     .finite = ::all_finite,
     .sincos = ::sincos_of,

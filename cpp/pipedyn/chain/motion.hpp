@@ -95,9 +95,8 @@ struct MotionKernel {
   void (*solve_dense)(double* factors, const std::ptrdiff_t* pivots, std::ptrdiff_t n, double* b);
   // What Newton's method does to the stages of implicit steps, see motion/stages.hpp; matrices are
   // (8, 8).
-  void (*mix_stages)(const double* in, const double* matrix, std::ptrdiff_t rows, double* out);
-  void (*stage_residual)(const double* rates, const double* matrix, const double* mu,
-                         const double* w, std::ptrdiff_t rows, double* out);
+  void (*mix_stages)(const double* a, const double* matrix_a, const double* b,
+                     const double* matrix_b, std::ptrdiff_t rows, double* out);
   double (*correct_stages)(const double* x, const double* matrix, const double* y,
                            const double* allowed, std::ptrdiff_t rows, double* w, double* z,
                            double* out);

@@ -34,6 +34,11 @@ constexpr double exponent = 1.0 / 8.0;
 using Table = double[lanes][lanes];
 const double* first(const Table& table) { return &table[0][0]; }
 
+/// out = in M.
+void mix(const double* in, const Table& matrix, Index rows, double* out) {
+  motion_kernel().mix_stages(in, first(matrix), nullptr, nullptr, rows, out);
+}
+
 /// Of the stages and the start of a step.
 Vector times(double from, double h) {
   return from + h * Eigen::Map<const Vector>(radau::nodes, lanes).array();
@@ -132,8 +137,8 @@ void Radau::predict(double h) {
         beyond[k][i] = weight - (k == radau::stages - 1 ? 1.0 : 0.0);
       }
     }
-    motion_kernel().mix_stages(before_.data(), radau::first(beyond), n, z_.data());
-    motion_kernel().mix_stages(z_.data(), radau::first(radau::to_systems), n, w_.data());
+    radau::mix(before_.data(), beyond, n, z_.data());
+    radau::mix(z_.data(), radau::to_systems, n, w_.data());
   }
   at_.topRows(n) = z_.topRows(n).colwise() + y_.head(n);
 }
@@ -144,7 +149,13 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
   const std::vector<Index> all(radau::lanes, which);
   const Vector t = radau::times(members_[which].time, h);
   double mu[radau::lanes];
+  radau::Table by_mu{};  // - mu w by w
   for (Index i = 0; i < radau::lanes; ++i) mu[i] = radau::shifts[i] / h;
+  for (Index k = 0; k < 4; ++k) {
+    by_mu[k][k] = by_mu[4 + k][4 + k] = -mu[k];
+    by_mu[4 + k][k] = mu[4 + k];
+    by_mu[k][4 + k] = -mu[4 + k];
+  }
   const double floor = 10.0 * std::numeric_limits<double>::epsilon() / limits_.relative;
   const double enough = std::max(radau::newton_share, floor);
   double last = 0.0;
@@ -153,7 +164,6 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
     of_.rates(t, at_.data(), all, rates_at_.data());
     evaluations += radau::lanes;
     if (iterations_ == 1) {
-      start_rates_ = rates_at_.col(radau::lanes - 1).head(n);
       if (!fresh_ && (of_.systems->is_cheap() || contraction_ > radau::kept_contraction)) {
         of_.systems->linearise(t[radau::lanes - 1], y_.data(), which);
         fresh_ = true;
@@ -162,8 +172,8 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
       if (factored_h_ != h) of_.systems->factorise(mu);
       factored_h_ = h;
     }
-    motion_kernel().stage_residual(rates_at_.data(), radau::first(radau::to_systems), mu, w_.data(),
-                                   n, x_.data());
+    motion_kernel().mix_stages(rates_at_.data(), radau::first(radau::to_systems), w_.data(),
+                               radau::first(by_mu), n, x_.data());
     of_.systems->solve(x_.data());
     const double squares =
         motion_kernel().correct_stages(x_.data(), radau::first(radau::to_stages), y_.data(),
@@ -189,13 +199,15 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
 /// Of the step, relative to what is allowed.
 double Radau::error(double h) {
   const Index n = of_.solved;
-  const double mu = radau::shifts[0] / h;
-  for (Index i = 0; i < n; ++i) {
-    double sum = 0.0;
-    for (Index k = 0; k < radau::stages; ++k) sum += radau::error[k] * z_(i, k);
-    x_.row(i).head(4).setConstant(start_rates_[i] + mu * sum);
-    x_.row(i).tail(4).setZero();
+  radau::Table by_rates{}, by_stages{};
+  for (Index k = 0; k < 4; ++k) {
+    by_rates[radau::lanes - 1][k] = 1.0;
+    for (Index i = 0; i < radau::stages; ++i) {
+      by_stages[i][k] = radau::shifts[0] / h * radau::error[i];
+    }
   }
+  motion_kernel().mix_stages(rates_at_.data(), radau::first(by_rates), z_.data(),
+                             radau::first(by_stages), n, x_.data());
   of_.systems->solve(x_.data());
   double squares = 0.0;
   for (Index i = 0; i < n; ++i) {
@@ -254,12 +266,11 @@ void Radau::accept(Index which, double h) {
   if (more > 0) {
     of_.others(radau::times(from, h), at_.data(), std::vector<Index>(radau::lanes, which),
                rates_at_.row(n).data());
-    motion_kernel().mix_stages(rates_at_.row(n).data(), radau::first(radau::integrals), more,
-                               z_.row(n).data());
+    radau::mix(rates_at_.row(n).data(), radau::integrals, more, z_.row(n).data());
     z_.bottomRows(more) *= h;
   }
   if (is_asked_for(members_[which])) {
-    motion_kernel().mix_stages(z_.data(), radau::first(radau::powers), rows_, rates_at_.data());
+    radau::mix(z_.data(), radau::powers, rows_, rates_at_.data());
     Interpolant step{from, members_[which].time, Matrix(radau::lanes, rows_)};
     step.coefficients.row(0) = y_.transpose();
     for (Index k = 1; k < radau::lanes; ++k) {

@@ -99,7 +99,7 @@ class Radau final : public Integrator {
   Index current_ = -1;
 
   // Of the member that moves:
-  Vector y_, allowed_, start_rates_;
+  Vector y_, allowed_;
   Matrix z_, before_, w_;     // (rows, 8): stages, those of the last step, systems
   Matrix at_, rates_at_, x_;  // states at the stages, rates there, b or x
   double last_h_ = 0.0, factored_h_ = 0.0;

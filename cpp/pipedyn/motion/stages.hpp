@@ -33,24 +33,13 @@ struct Row {
   }
 };
 
-/// out = in M, row by row.
-void mix_stages(const double* in, const double* matrix, Count rows, double* out) {
-  for (Count i = 0; i < rows; ++i) Row::product(in + 8 * i, matrix).to(out + 8 * i);
-}
-
-/// What is left of Newton's equations: F M - mu W, with the rates F of the stages.
-void stage_residual(const double* rates, const double* matrix, const double* mu, const double* w,
-                    Count rows, double* out) {
+/// out = a A + b B, row by row.
+void mix_stages(const double* a, const double* matrix_a, const double* b, const double* matrix_b,
+                Count rows, double* out) {
   for (Count i = 0; i < rows; ++i) {
-    const double* const from = w + 8 * i;
-    double turned[8];
-    for (Count k = 0; k < 4; ++k) {
-      turned[k] = mu[k] * from[k] - mu[4 + k] * from[4 + k];
-      turned[4 + k] = mu[k] * from[4 + k] + mu[4 + k] * from[k];
-    }
-    Row left = Row::product(rates + 8 * i, matrix);
-    left.add(-1.0, Row::at(turned));
-    left.to(out + 8 * i);
+    Row sum = Row::product(a + 8 * i, matrix_a);
+    if (b != nullptr) sum.add(1.0, Row::product(b + 8 * i, matrix_b));
+    sum.to(out + 8 * i);
   }
 }
 
