@@ -21,12 +21,12 @@ constexpr double safety = 0.9, least_factor = 0.1, most_factor = 5.0;
 
 /// Newton's method stops where what is left is below this part of the error allowed, and gives up
 /// after so many iterations.
-constexpr double newton_share = 0.02;
+constexpr double newton_share = 0.005;
 constexpr Index most_iterations = 10;
 
 /// A dense J is kept while each iteration leaves less than this part, and the step while it would
 /// grow by less than this factor: a step, an iteration and a factorisation cost about the same.
-constexpr double kept_contraction = 1e-3, kept_step = 1.2;
+constexpr double kept_contraction = 1e-3, kept_step = 1.1;
 
 /// Of the error, which is that of order 7.
 constexpr double exponent = 1.0 / 8.0;

@@ -169,7 +169,8 @@ class Watched(Guarded):
             *(task.model.motion.rhs_and_power, self._slopes, task.start.shape, (task.u,), task.most)
         )
         self.task = task
-        self.next_check, self.reached = FORECAST, -math.inf
+        explicit = task.method.lower().endswith("dop853")
+        self.next_check, self.reached = FORECAST if explicit else CALLS, -math.inf
 
     def _slopes(self, t: float, y: Array) -> Array:
         """Of [q, q', W]. W acts on nothing, and the Newton iteration does without its row."""
