@@ -25,7 +25,6 @@
 #include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/modular/scene.hpp"
 #include "pipedyn/vector/levels.hpp"
-#include "pipedyn/work.hpp"
 
 namespace {
 
@@ -425,7 +424,7 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
   std::vector<double> worked(y.data(), y.data() + y.size());
   worked.resize(worked.size() + 19, 0.0);  // the row of the work done
   std::vector<double> with_work(worked.size());
-  pipedyn::rhs_and_power(chain, {worked.data(), speeds.data(), 19, 1}, with_work.data());
+  chain.rhs_and_power({worked.data(), speeds.data(), 19, 1}, with_work.data());
   for (Index j = 0; j < 19; ++j) {
     const double sum = power(0, j) + power(1, j) + power(2, j) + power(3, j);
     check(with_work[static_cast<std::size_t>(y.size() + j)] == sum, "the work's rate is the power");
@@ -929,7 +928,7 @@ void check_wild_motion(const Model& model, Wild& wild) {
   Vector energies = Vector::Constant(members + 1, untouched);
   Vector power = Vector::Constant(4 * members + 1, untouched);
   Vector all = Vector::Constant((rows + 1) * members + 1, untouched);
-  pipedyn::rhs_and_power(model, batch, all.data());
+  model.rhs_and_power(batch, all.data());
   model.energy(batch, energies.data());
   model.power(batch, power.data());
   check(all[(rows + 1) * members] == untouched, "rates stay within their array");
@@ -943,7 +942,7 @@ void check_wild_motion(const Model& model, Wild& wild) {
   const Vector first = y.col(0);
   model.jacobian(first.data(), u, jacobian.data());
   Vector alone(rows + 1);
-  pipedyn::rhs_and_power(model, {first.data(), &u, 1, 0}, alone.data());
+  model.rhs_and_power({first.data(), &u, 1, 0}, alone.data());
   if (y.cwiseAbs().maxCoeff() > 2.0 || u > within_sense || !alone.allFinite()) return;
   const Matrix together = Eigen::Map<const Matrix>(all.data(), rows + 1, members);
   check_close(together.col(0), alone, 1e-9, "a member of a batch is as it is alone");

@@ -12,7 +12,6 @@
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/vector/levels.hpp"
-#include "pipedyn/work.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -55,7 +54,7 @@ void define_equations(py::class_<Model>& model) {
     };
   };
   model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a)
-      .def("rhs_and_power", rates(pipedyn::rhs_and_power<Model>, 1), "t"_a, "y"_a, "u"_a)
+      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a)
       .def("jacobian", jacobian<Model>, "t"_a, "y"_a, "u"_a)
       .def(
           "energy",

@@ -11,7 +11,6 @@
 #include "pipedyn/modular/scene.hpp"
 #include "pipedyn/motion/dop853.hpp"
 #include "pipedyn/motion/radau.hpp"
-#include "pipedyn/work.hpp"
 
 namespace pipedyn {
 
@@ -19,17 +18,13 @@ using namespace py::literals;
 
 namespace {
 
-void rhs_and_power(const Scene& scene, const Batch& batch, double* rates) {
-  scene.rhs_and_power(batch, rates);
-}
-
 /// Rates [q', q'', power] of a compiled model's states with the work done on them, at a speed each.
 template <class Model>
 Rates compiled_rates(const Model& model, const Reals& u) {
   return [&model, u, speeds = Reals()](const Vector&, const double* y,
                                        const std::vector<Index>& which, double* rates) mutable {
     speeds = u(which);
-    rhs_and_power(model, {y, speeds.data(), speeds.size(), 1}, rates);
+    model.rhs_and_power({y, speeds.data(), speeds.size(), 1}, rates);
   };
 }
 
@@ -74,7 +69,12 @@ ImplicitRates implicit_rates(const Model& model, const Reals& u,
     };
   };
   return {at_speeds([](const Model& of, const Batch& batch, double* out) { of.rhs(batch, out); }),
-          at_speeds(total_power<Model>), 2 * model.dof(), std::move(systems)};
+          at_speeds([](const Model& of, const Batch& batch, double* out) {
+            Matrix parts(4, batch.members);
+            of.power(batch, parts.data());
+            Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
+          }),
+          2 * model.dof(), std::move(systems)};
 }
 
 /// Of a function of a time, a state (rows,) and of which member it is.

@@ -421,6 +421,10 @@ void Chain::rhs(const Batch& batch, double* rates) const {
   motion_kernel().rhs(motion(), batch, rates);
 }
 
+void Chain::rhs_and_power(const Batch& batch, double* rates) const {
+  motion_kernel().rhs_and_power(motion(), batch, rates);
+}
+
 void Chain::jacobian(const double* y, double u, double* out, const double* moments) const {
   motion_kernel().jacobian(motion(), {y, &u, 1, 0, moments}, out);
 }

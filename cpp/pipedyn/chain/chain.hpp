@@ -117,6 +117,9 @@ class Chain {
 
   /// dy/dtau (2 n, members), O(n) a member.
   void rhs(const Batch& batch, double* rates) const;
+  /// Those of [theta, theta', W] (2 n + 1, members), W' the sum of the power: an integrator sums it
+  /// to its own order, so that E(t) - E(0) - W(t) audits a motion.
+  void rhs_and_power(const Batch& batch, double* rates) const;
   /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0; further
   /// moments (n) are held.
   void jacobian(const double* y, double u, double* out, const double* moments = nullptr) const;

@@ -167,7 +167,7 @@ struct Linearised {
     kept = reinterpret_cast<Kept*>(cosine + whole_packs(n));
     loads = reinterpret_cast<LoadMoments*>(kept + n);
     const Sweep<double> sweep(n, scratch);
-    accelerations_of<true>(model, Members<double>{one, 0, 1}, sweep, nullptr, kept);
+    accelerations_of<true>(model, Members<double>{one, 0, 1}, sweep, nullptr, false, kept);
     for (Count j = 0; j < whole_packs(n); ++j) scratch[j] = j < n ? one.y[j] : 0.0;
     sincos(scratch, n, sine, cosine);
     if (loaded()) load_moments(model, sine, cosine, rates, loads);

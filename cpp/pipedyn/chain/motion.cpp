@@ -97,9 +97,10 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
 
 // ---------------------------------------------------------------------------------------- entry
 
+template <bool with_power>
 void rhs(const MotionModel& model, const Batch& batch, double* rates) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
-    accelerations_of<false>(model, members, sweep, rates, nullptr);
+    accelerations_of<false>(model, members, sweep, rates, with_power, nullptr);
   });
 }
 
@@ -126,20 +127,56 @@ bool all_finite(const double* x, Count count) {
   return rest == 0.0;
 }
 
-/// In blocks that stay in the processor's nearest memory.
+/// Calls body(first, packs) for `size` numbers in whole packs, some together: their sums need not
+/// wait for each other. The last overlap their neighbours; of less than a pack one number a time.
+template <class Body>
+void for_each_pack(Count size, const Body& body) {
+  constexpr Count four = 4 * width;
+  Count first = 0;
+  for (; first + four <= size; first += four) body.template operator()<Pack, 4>(first);
+  for (; first < size && size >= width; first += width) {
+    body.template operator()<Pack, 1>(first + width <= size ? first : size - width);
+  }
+  for (; first < size; ++first) body.template operator()<double, 1>(first);
+}
+
 void combine(const double* weights, const double* const* k, Count terms, const double* y,
              const double* h, double* out, Count size) {
-  constexpr Count block = 64;
-  for (Count first = 0; first < size; first += block) {
-    const Count used = size - first < block ? size - first : block;
-    double sum[block] = {};
+  for_each_pack(size, [&]<class Real, Count packs>(Count first) {
+    Real sum[packs] = {};
     for (Count s = 0; s < terms; ++s) {
-      const double weight = weights[s], *const of = k[s] + first;
-      if (weight == 0.0) continue;
-      for (Count i = 0; i < used; ++i) sum[i] += weight * of[i];
+      const double* const of = k[s] + first;
+      for (Count i = 0; i < packs; ++i) sum[i] += weights[s] * load<Real>(of + i * lanes<Real>);
     }
-    for (Count i = 0; i < used; ++i) out[first + i] = y[first + i] + h[first + i] * sum[i];
-  }
+    for (Count i = 0; i < packs; ++i) {
+      const Count at = first + i * lanes<Real>;
+      store(out + at, Real(load<Real>(y + at) + load<Real>(h + at) * sum[i]));
+    }
+  });
+}
+
+void errors(const double* const* weights, const double* const* k, Count terms, const double* y,
+            const double* next, double absolute_error, double relative, double* const* out,
+            Count size) {
+  for_each_pack(size, [&]<class Real, Count packs>(Count first) {
+    Real one[packs] = {}, other[packs] = {};
+    for (Count s = 0; s < terms; ++s) {
+      for (Count i = 0; i < packs; ++i) {
+        const Real rate = load<Real>(k[s] + first + i * lanes<Real>);
+        one[i] += weights[0][s] * rate;
+        other[i] += weights[1][s] * rate;
+      }
+    }
+    for (Count i = 0; i < packs; ++i) {
+      const Count at = first + i * lanes<Real>;
+      const Real before = absolute(load<Real>(y + at)), after = absolute(load<Real>(next + at));
+      const Real largest = before < after ? after : before;
+      const Real scale = 1.0 / (absolute_error + relative * largest);
+      const Real a = one[i] * scale, b = other[i] * scale;
+      store(out[0] + at, Real(a * a));
+      store(out[1] + at, Real(b * b));
+    }
+  });
 }
 
 void sincos_of(const double* x, Count count, double* sine, double* cosine) {
@@ -165,7 +202,8 @@ namespace pipedyn {
 const MotionKernel PIPEDYN_NAMED(motion) = {
     .name = PIPEDYN_TEXT(PIPEDYN_LEVEL),
     .width = width,
-    .rhs = ::rhs,
+    .rhs = ::rhs<false>,
+    .rhs_and_power = ::rhs<true>,
     .jacobian = ::jacobian,
     .factor_numbers = ::shifted_numbers,
     .factorise = ::factorise_shifted,
@@ -177,6 +215,7 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .solve_dense = ::solve_dense,
     .mix_stages = ::mix_stages,
     .correct_stages = ::correct_stages,
+    .errors = ::errors,
     .finite = ::all_finite,
     .sincos = ::sincos_of,
     .galerkin = &PIPEDYN_NAMED(galerkin),

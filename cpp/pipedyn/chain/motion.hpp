@@ -82,8 +82,13 @@ struct MotionKernel {
   void (*factorise)(const MotionModel&, const Batch& one, const double* mu, double* factors);
   void (*solve)(const MotionModel&, double u, double* factors, double* b);
 
-  Function energy;  // of each member
-  Function power;   // of flow, joints, drag and the pipe's terms, (4, members)
+  Function energy;         // of each member
+  Function power;          // of flow, joints, drag and the pipe's terms, (4, members)
+  Function rhs;            // dy/dtau (2 n, members)
+  Function rhs_and_power;  // and the sum of the power (2 n + 1, members)
+  Function jacobian;       // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major; further moments held
+  Function energy;         // of each member
+  Function power;          // of flow, joints, drag and the pipe's terms, (4, members)
 
   /// out = y + h sum_s weights_s k_s, entry by entry.
   void (*combine)(const double* weights, const double* const* k, std::ptrdiff_t terms,
@@ -101,6 +106,10 @@ struct MotionKernel {
                            const double* allowed, std::ptrdiff_t rows, double* w, double* z,
                            double* out);
 
+  /// out_e = (sum_s weights_es k_s / (absolute + relative max(|y|, |next|)))^2, e = 0 and 1.
+  void (*errors)(const double* const* weights, const double* const* k, std::ptrdiff_t terms,
+                 const double* y, const double* next, double absolute, double relative,
+                 double* const* out, std::ptrdiff_t size);
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 

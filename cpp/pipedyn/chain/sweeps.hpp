@@ -18,11 +18,13 @@
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
 //             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
 // A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}.
+// 1 / H_j enters last wherever it can, so that a segment waits for its neighbour's division alone.
 // These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip (velocities, only
 // with drag), one back and one out. Across the segment, differences of nearly equal numbers are
 // taken by hand: with I_j the inertia about the joint,
 //   n . A_{j-1} n = m_j (n . A_j n ((1 - chi_j)^2 l_j^2 + eta_j^2) + m_j eta_j^2) / H_j,
-//   t . A_{j-1} n = t . A_j n (I_j - m_j chi_j l_j^2) / H_j,   and n . b_{j-1} likewise.
+//   t . A_{j-1} n = t . A_j n (I_j - m_j chi_j l_j^2) / H_j,   and n . b_{j-1} likewise,
+//   1 - l_j n . e_j = (I_j - m_j chi_j l_j^2) / H_j.
 //
 // Local to each translation unit, like pack.hpp. A batch goes through in blocks of one pack of
 // members; a single state takes its sines by packs of segments.
@@ -142,9 +144,10 @@ void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const
 
 /// Adds the terms' loads, the moments of bent joints at rest and the batch's further moments to the
 /// drag on each segment: what acts across it, along it and about its joint, with the signs of
-/// resistance.
+/// resistance. Returns the terms' power.
 template <class Real>
-void add_loads(const MotionModel& model, const Members<Real>& members, const Sweep<Real>& sweep) {
+Real add_loads(const MotionModel& model, const Members<Real>& members, const Sweep<Real>& sweep) {
+  Real power{};
   const double* const moments = members.batch.moments;
   Walk<Real> walk(model);
   for (Count j = 0; j < model.size; ++j) {
@@ -160,31 +163,36 @@ void add_loads(const MotionModel& model, const Members<Real>& members, const Swe
       along -= place.weight * (at.sine * load.x + at.cosine * load.y);
       across -= normal;
       moment -= place.arm * normal;
+      power += place.weight * law.power(at);
     };
     walk.pass(j, link.length, sweep.at(sweep.rate, j), visit);
     sweep.set(sweep.drag, j, across);
     sweep.set(sweep.along, j, along);
     sweep.set(sweep.moment, j, moment);
   }
+  return power;
 }
 
 /// What acts on the segments besides inertia, flow and joints.
 enum class Outer { nothing, drag, loads };  // loads: as in add_loads, with drag if there is any
 
+/// Rates (2 n, members), and below them the power where it is asked for.
 template <class Real, Outer outer, bool keep>
 void accelerations(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
-                   double* rates, Kept* kept) {
+                   double* rates, bool with_power, Kept* kept) {
   const Count n = model.size;
   read_state(members, n, sweep);
 
+  Real power{}, end_along{}, end_across{};
   if constexpr (outer != Outer::nothing) {
-    Real end_along, end_across;
     for_each_velocity(
         model, sweep,
         [&](Count j, const Real& along, const Real& across, const Real& w) {
           const Link& link = model.links[j];
           const Real v = across + link.drag_arm * w;
-          sweep.set(sweep.drag, j, link.drag * (absolute(v) * v));
+          const Real force = link.drag * (absolute(v) * v);
+          sweep.set(sweep.drag, j, force);
+          power -= force * v;
           if constexpr (keep) {
             kept[j].vt = along;
             kept[j].v = v;
@@ -192,23 +200,25 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
         },
         end_along, end_across);
   }
-  if constexpr (outer == Outer::loads) add_loads(model, members, sweep);
+  if constexpr (outer == Outer::loads) power += add_loads(model, members, sweep);
 
   const Real u = members.speed(), coriolis = model.coriolis * u;
-  Real tt{}, tn{}, nn{}, bt = model.centrifugal * (u * u), bn{}, moment_beyond{};
+  const Real pull = model.centrifugal * (u * u);
+  Real tt{}, tn{}, nn{}, bt = pull, bn{}, moment_beyond{};
   for (Count j = n - 1; j >= 0; --j) {
     const Link& link = model.links[j];
     const double l = link.length;
+    const Real inverse = 1.0 / (link.length_square * nn + link.inertia);
     const Real w = sweep.at(sweep.rate, j);
-    Real moment = link.spring * sweep.at(sweep.turn, j);
-    const Real before = j > 0 ? sweep.at(sweep.rate, j - 1) : Real{};
-    moment += link.damping * (w - before);
+    const Real turning = j > 0 ? w - sweep.at(sweep.rate, j - 1) : w;
+    const Real resistance = link.damping * turning;
+    power -= resistance * turning;
+    const Real moment = link.spring * sweep.at(sweep.turn, j) + resistance;
     Real tau = moment_beyond - moment;
     moment_beyond = moment;
     const Real momentum = coriolis * (l * w);
     tau -= l * momentum;
-    Real across{};  // force that acts across the segment at its clamped side
-    across += 2.0 * momentum;
+    Real across = 2.0 * momentum;  // force that acts across the segment at its clamped side
     if constexpr (outer != Outer::nothing) {
       const Real force = sweep.at(sweep.drag, j);
       if constexpr (outer == Outer::loads) {
@@ -220,12 +230,11 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
     }
     const Real square = w * w;
     const Real centripetal = l * square;
-    const Real b = bn - centripetal * tn;
-    const Real inverse = 1.0 / (link.length_square * nn + link.inertia);
     const Real ct = l * tn;
     const Real cn = l * nn + link.first_moment;
-    const Real et = ct * inverse;
-    const Real g = (tau - l * b) * inverse;
+    const Real exchange = link.exchange * inverse;
+    const Real b = bn - centripetal * tn;
+    const Real g = tau * inverse - (l * inverse) * b;
     if constexpr (keep) {
       Kept& here = kept[j];
       here.tt = tt;
@@ -234,22 +243,26 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
       here.inverse = inverse;
       here.bt = bt;
     }
-    sweep.set(sweep.turn, j, et);
+    sweep.set(sweep.turn, j, ct * inverse);
     sweep.set(sweep.drag, j, cn * inverse);
     sweep.set(sweep.free, j, g);
+    sweep.set(sweep.moment, j, exchange);
 
-    Real force_along = bt - centripetal * tt - link.first_moment * square + ct * g;
+    Real force_along = bt - centripetal * tt - link.first_moment * square;
     if constexpr (outer == Outer::loads) force_along += sweep.at(sweep.along, j);
-    const Real force_across = (link.exchange * b + cn * tau) * inverse + across;
-    const Real along_along = (tt + link.mass) - ct * et;
-    const Real along_across = (link.exchange * tn) * inverse;
-    const Real across_across = (link.end_inertia * nn + link.own_inertia) * inverse;
+    force_along += ct * g;
+    const Real force_across = (cn * (tau * inverse) + across) + exchange * b;
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
     const Real ss = s * s, cc = c * c, sc = s * c;
+    // A_{j-1} in the segment's frame, but for M t t^T divided by `inverse`.
+    const Real mass = tt + link.mass;
+    const Real along_along = ct * ct;
+    const Real along_across = link.exchange * tn;
+    const Real across_across = link.end_inertia * nn + link.own_inertia;
     const Real twice = 2.0 * sc * along_across;
-    tt = cc * along_along - twice + ss * across_across;
-    nn = ss * along_along + twice + cc * across_across;
-    tn = sc * (along_along - across_across) + (cc - ss) * along_across;
+    tt = cc * mass + inverse * (ss * across_across - cc * along_along - twice);
+    nn = ss * mass + inverse * (cc * across_across - ss * along_along + twice);
+    tn = sc * mass + inverse * ((cc - ss) * along_across - sc * (along_along + across_across));
     bt = c * force_along - s * force_across;
     bn = s * force_along + c * force_across;
   }
@@ -261,8 +274,8 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
     const Real w = sweep.at(sweep.rate, j);
     const Real along = c * at + s * an;
     const Real across = c * an - s * at;
-    const Real acceleration = sweep.at(sweep.free, j) - sweep.at(sweep.turn, j) * along -
-                              sweep.at(sweep.drag, j) * across;
+    const Real et = sweep.at(sweep.turn, j), g = sweep.at(sweep.free, j);
+    const Real acceleration = g - et * along - sweep.at(sweep.drag, j) * across;
     if constexpr (keep) {
       Kept& here = kept[j];
       here.at = along;
@@ -272,20 +285,32 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
       members.set_row(rates, j, w);
       members.set_row(rates, n + j, acceleration);
     }
+    if constexpr (outer == Outer::nothing) {
+      const Real before = end_along;
+      end_along = c * before + s * end_across;
+      end_across = c * end_across + (l * w - s * before);
+    }
+    // across + l acceleration
+    const Real exchange = sweep.at(sweep.moment, j), lever = l * et;
+    const Real beside = exchange * s + lever * c;
+    an = (exchange * c - lever * s) * an + (l * g - beside * at);
     at = along - l * (w * w);
-    an = across + l * acceleration;
+  }
+  if (with_power) {
+    const Real square = end_along * end_along + end_across * end_across;
+    members.set_row(rates, 2 * n, power - coriolis * square - pull * end_along);
   }
 }
 
 template <bool keep, class Real>
 void accelerations_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
-                      double* rates, Kept* kept) {
+                      double* rates, bool with_power, Kept* kept) {
   if (model.load_count > 0 || model.bent || members.batch.moments != nullptr) {
-    accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, kept);
+    accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, with_power, kept);
   } else if (model.drag) {
-    accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, kept);
+    accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, with_power, kept);
   } else {
-    accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, kept);
+    accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, with_power, kept);
   }
 }
 

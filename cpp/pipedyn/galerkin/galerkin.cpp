@@ -384,6 +384,14 @@ void Galerkin::rhs(const Batch& batch, double* rates) const {
            rates + m * members);
 }
 
+void Galerkin::rhs_and_power(const Batch& batch, double* rates) const {
+  rhs(batch, rates);
+  const Index members = batch.members;
+  Matrix parts(4, members);
+  power(batch, parts.data());
+  Eigen::Map<Vector>(rates + 2 * dof() * members, members) = parts.colwise().sum();
+}
+
 void Galerkin::energy(const Batch& batch, double* out) const {
   evaluate(kernel().energy, grids(), effects_of(pipe_, grids().panels()), batch, 1, out);
 }

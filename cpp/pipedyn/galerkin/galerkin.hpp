@@ -77,6 +77,8 @@ class Galerkin {
   /// dy/dtau (2 m, members), O(N Q m + N m^2 + m^3) a member with N points, Q nodes a panel. NaN
   /// where the mass matrix is singular to rounding, or q bends more than the largest grid resolves.
   void rhs(const Batch& batch, double* rates) const;
+  /// Those of [q, q', W] (2 m + 1, members) with W' the sum of the power, as of a chain.
+  void rhs_and_power(const Batch& batch, double* rates) const;
   /// d(dy/dtau)/dy (2 m, 2 m), row-major, at the same order of cost. Drag's share is 2 |v_n| dv_n,
   /// 0 where v_n = 0.
   void jacobian(const double* y, double u, double* out) const;

@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "pipedyn/vector/levels.hpp"
-#include "pipedyn/work.hpp"
 
 namespace pipedyn {
 
@@ -201,6 +200,10 @@ Scene::Reached Scene::reach(Index row, const double* sine, const double* cosine,
 
 void Scene::rhs(const Batch& batch, double* rates, double* multipliers) const {
   chain_.rhs(batch, rates);
+  add_rows(batch, rates, multipliers);
+}
+
+void Scene::add_rows(const Batch& batch, double* rates, double* multipliers) const {
   const Index n = dof(), members = batch.members, count = compliance_.size();
   if (count == 0) return;
   constexpr Index most = 64;  // columns of X at once: whole packs, and what they need is cached
@@ -279,7 +282,8 @@ void Scene::rhs_and_power(const Batch& batch, double* rates) const {
     }
     moved.y = met.data();
   }
-  pipedyn::rhs_and_power(*this, moved, rates);
+  chain_.rhs_and_power(moved, rates);
+  add_rows(moved, rates, nullptr);
   if (value_.size() > 0) {
     Eigen::Map<Matrix>(rates, 2 * n, members) -= return_rate * (y - met);
   }

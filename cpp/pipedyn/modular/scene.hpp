@@ -87,6 +87,8 @@ class Scene {
   Matrix weights_;
   Vector compliance_;
 
+  /// What the rows add to the chain's rates.
+  void add_rows(const Batch& batch, double* rates, double* multipliers) const;
   struct Reached;
   Reached reach(Index row, const double* sine, const double* cosine, const double* omega,
                 double* by_angles, Index stride) const;

@@ -2,6 +2,7 @@
 #include "pipedyn/motion/dop853.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 
@@ -24,7 +25,14 @@ constexpr Index stages = 12;
 
 /// c_s, where in the step a stage is.
 double share(Index s) {
-  return std::accumulate(dop853::weights[s - 1], dop853::weights[s - 1] + s, 0.0);
+  static const std::array<double, stages + 4> shares = [] {
+    std::array<double, stages + 4> found{};
+    for (Index i = 1; i < stages + 4; ++i) {
+      found[i] = std::accumulate(dop853::weights[i - 1], dop853::weights[i - 1] + i, 0.0);
+    }
+    return found;
+  }();
+  return shares[s];
 }
 
 }  // namespace
@@ -36,9 +44,10 @@ Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, doub
       next_(y_),
       stage_(y_),
       steps_(y_),
-      scaled5_(y_),
-      scaled3_(y_),
-      rate_(stages + 1, y_) {
+      squares5_(y_),
+      squares3_(y_),
+      rate_(stages + 1, y_),
+      dense_{y_, y_, y_, Vector::Zero(y_.size()), Stages(stages + 4, y_), Stages(7, y_)} {
   tried_ = Vector::Zero(members);
   evaluate(y_, rate_[0], 0.0);
   choose_first_steps();
@@ -60,11 +69,25 @@ void Dop853::evaluate(const Vector& y, Vector& rates, double share) {
   rates_(t_, y.data(), which_, rates.data());
 }
 
+/// The weights that are not 0, and the rates that they are of.
+Index Dop853::present(const Stages& of, const double* weights, Index terms, double* found,
+                      const double** k) {
+  Index count = 0;
+  for (Index s = 0; s < terms; ++s) {
+    if (weights[s] == 0.0) continue;
+    found[count] = weights[s];
+    k[count++] = of[s].data();
+  }
+  return count;
+}
+
 /// out = y + h sum_s weights_s k_s.
-void Dop853::combine(const double* weights, Index terms, const Vector& y, Vector& out) {
-  const double* k[stages + 1];
-  for (Index s = 0; s < terms; ++s) k[s] = rate_[s].data();
-  motion_kernel().combine(weights, k, terms, y.data(), steps_.data(), out.data(), entries());
+void Dop853::combine(const Stages& of, const double* weights, Index terms, const Vector& y,
+                     const Vector& steps, Index entries, Vector& out) {
+  const double* k[stages + 4];
+  double found[stages + 4];
+  const Index count = present(of, weights, terms, found, k);
+  motion_kernel().combine(found, k, count, y.data(), steps.data(), out.data(), entries);
 }
 
 /// A step at which an explicit Euler step and the change of the rates within it are small.
@@ -107,10 +130,10 @@ Index Dop853::step(double end) {
   }
   for (Index i = 0; i < entries(); i += m) steps_.segment(i, m) = tried_;
   for (Index s = 1; s < stages; ++s) {
-    combine(dop853::weights[s - 1], s, y_, stage_);
+    combine(rate_, dop853::weights[s - 1], s, y_, steps_, entries(), stage_);
     evaluate(stage_, rate_[s], share(s));
   }
-  combine(dop853::weights[stages - 1], stages, y_, next_);
+  combine(rate_, dop853::weights[stages - 1], stages, y_, steps_, entries(), next_);
   measure_errors();
   accepted_.assign(static_cast<std::size_t>(m), 0);
   for (Index j = 0; j < m; ++j) control(j, end);
@@ -135,23 +158,26 @@ Index Dop853::step(double end) {
 /// Of each column, relative to what is allowed.
 void Dop853::measure_errors() {
   const Index m = active();
-  const Vector zero = Vector::Zero(entries());
-  combine(dop853::error_weights[0], stages, zero, scaled5_);
-  combine(dop853::error_weights[1], stages, zero, scaled3_);
-  Vector fifth = Vector::Zero(m), third = Vector::Zero(m);
+  const double* k[2][stages];
+  double weights[2][stages];
+  Index count = 0;
+  for (Index e = 0; e < 2; ++e)
+    count = present(rate_, dop853::error_weights[e], stages, weights[e], k[e]);
+  const double* const both[] = {weights[0], weights[1]};
+  double* const out[] = {squares5_.data(), squares3_.data()};
+  motion_kernel().errors(both, k[0], count, y_.data(), next_.data(), limits_.absolute,
+                         limits_.relative, out, entries());
+  fifth_.setZero(m);
+  third_.setZero(m);
   for (Index i = 0; i < entries(); i += m) {
-    for (Index j = 0; j < m; ++j) {
-      const double largest = std::max(std::abs(y_[i + j]), std::abs(next_[i + j]));
-      const double scale = 1.0 / (limits_.absolute + limits_.relative * largest);
-      const double a = scaled5_[i + j] * scale, b = scaled3_[i + j] * scale;
-      fifth[j] += a * a;
-      third[j] += b * b;
-    }
+    fifth_ += squares5_.segment(i, m);
+    third_ += squares3_.segment(i, m);
   }
   error_.resize(m);
   for (Index j = 0; j < m; ++j) {
-    const double both = fifth[j] + 0.01 * third[j];
-    error_[j] = both == 0.0 ? 0.0 : fifth[j] / std::sqrt(both * static_cast<double>(rows_));
+    const double fifth = fifth_[j] * tried_[j] * tried_[j];
+    const double sum = fifth + 0.01 * third_[j] * tried_[j] * tried_[j];
+    error_[j] = sum == 0.0 ? 0.0 : fifth / std::sqrt(sum * static_cast<double>(rows_));
   }
 }
 
@@ -190,60 +216,54 @@ void Dop853::interpolate() {
     which.push_back(which_[j]);
   }
   if (columns.empty()) return;
-  const Index c = static_cast<Index>(columns.size());
-  std::vector<Matrix> k(stages + 4, Matrix(rows_, c));
-  Matrix from(rows_, c), to(rows_, c);
-  for (Index i = 0; i < rows_; ++i) {
-    for (Index j = 0; j < c; ++j) {
-      const Index at = i * m + columns[j];
-      from(i, j) = y_[at];
-      to(i, j) = next_[at];
-      for (Index s = 0; s <= stages; ++s) k[s](i, j) = rate_[s][at];
+  const Index c = static_cast<Index>(columns.size()), entries = rows_ * c;
+  const auto gather = [&](const Vector& all, Vector& some) {
+    for (Index i = 0; i < rows_; ++i) {
+      for (Index j = 0; j < c; ++j) some[i * c + j] = all[i * m + columns[j]];
     }
-  }
-  const auto sum = [&](const double* weights, Index terms) {
-    Matrix result = Matrix::Zero(rows_, c);
-    for (Index s = 0; s < terms; ++s) {
-      if (weights[s] != 0.0) result += weights[s] * k[s];
-    }
-    for (Index j = 0; j < c; ++j) result.col(j) *= tried_[columns[j]];
-    return result;
   };
+  Dense& of = dense_;
+  gather(y_, of.from);
+  gather(next_, of.terms[0]);
+  gather(steps_, of.steps);
+  for (Index s = 0; s <= stages; ++s) gather(rate_[s], of.rate[s]);
   t_.resize(c);
   for (Index s = stages + 1; s < stages + 4; ++s) {
-    const Matrix at = from + sum(dop853::weights[s - 1], s);
+    combine(of.rate, dop853::weights[s - 1], s, of.from, of.steps, entries, of.stage);
     for (Index j = 0; j < c; ++j) {
-      t_[j] = members_[which[j]].time - (1.0 - share(s)) * tried_[columns[j]];
+      t_[j] = members_[which[j]].time - (1.0 - share(s)) * of.steps[j];
     }
-    rates_(t_, at.data(), which, k[s].data());
+    rates_(t_, of.stage.data(), which, of.rate[s].data());
   }
   for (const Index w : which) members_[w].evaluations += 3;
-  const double start_slope[] = {1.0};
-  const Matrix rise = to - from, slope = sum(start_slope, 1);
-  double both[stages + 1] = {1.0};
-  both[stages] = 1.0;
-  Matrix terms[7] = {rise, slope - rise, 2.0 * rise - sum(both, stages + 1)};
-  for (Index t = 0; t < 4; ++t) terms[3 + t] = sum(dop853::dense_weights[t], stages + 4);
-  Interpolant step;
+  for (Index i = 0; i < entries; ++i) {
+    const double rise = of.terms[0][i] -= of.from[i], h = of.steps[i];
+    of.terms[1][i] = h * of.rate[0][i] - rise;
+    of.terms[2][i] = rise - of.terms[1][i] - h * of.rate[stages][i];
+  }
+  for (Index t = 0; t < 4; ++t) {
+    combine(of.rate, dop853::dense_weights[t], stages + 4, of.zero, of.steps, entries,
+            of.terms[3 + t]);
+  }
   for (Index j = 0; j < c; ++j) {
     // from + x (terms_0 + (1 - x) (terms_1 + x (terms_2 + ...)))
-    Matrix& p = step.coefficients;
-    p.setZero(8, rows_);
-    for (Index t = 6; t >= 0; --t) {
-      p.row(0) += terms[t].col(j).transpose();
-      for (Index i = 7 - t; i > 0; --i) {
-        if (t % 2 == 0) {
-          p.row(i) = p.row(i - 1);
-        } else {
-          p.row(i) -= p.row(i - 1);
+    Matrix& p = step_.coefficients;
+    p.resize(8, rows_);
+    for (Index i = 0; i < rows_; ++i) {
+      double of_row[8] = {};
+      for (Index t = 6; t >= 0; --t) {
+        of_row[0] += of.terms[t][i * c + j];
+        for (Index e = 7 - t; e > 0; --e) {
+          of_row[e] = t % 2 == 0 ? of_row[e - 1] : of_row[e] - of_row[e - 1];
         }
+        if (t % 2 == 0) of_row[0] = 0.0;
       }
-      if (t % 2 == 0) p.row(0).setZero();
+      for (Index e = 1; e < 8; ++e) p(e, i) = of_row[e];
+      p(0, i) = of.from[i * c + j];
     }
-    p.row(0) = from.col(j).transpose();
-    step.to = members_[which[j]].time;
-    step.from = step.to - tried_[columns[j]];
-    record(which[j], step);
+    step_.to = members_[which[j]].time;
+    step_.from = step_.to - of.steps[j];
+    record(which[j], step_);
   }
 }
 

@@ -22,19 +22,30 @@ class Dop853 final : public Integrator {
   void keep(const std::vector<Index>& columns) override;
 
  private:
+  using Stages = std::vector<Vector>;  // the rates of each, rows of active() columns
   Index active() const { return static_cast<Index>(which_.size()); }
   Index entries() const { return rows_ * active(); }
   void evaluate(const Vector& y, Vector& rates, double share);
-  void combine(const double* weights, Index terms, const Vector& y, Vector& out);
+  static Index present(const Stages& of, const double* weights, Index terms, double* found,
+                       const double** k);
+  static void combine(const Stages& of, const double* weights, Index terms, const Vector& y,
+                      const Vector& steps, Index entries, Vector& out);
   void choose_first_steps();
   void measure_errors();
   void control(Index j, double end);
   void interpolate();
 
-  Vector y_, next_, stage_, steps_, scaled5_, scaled3_;  // rows of active() columns
-  std::vector<Vector> rate_;                             // of the 13 stages
-  Vector tried_, error_, t_;                             // by column
+  Vector y_, next_, stage_, steps_, squares5_, squares3_;
+  Stages rate_;                               // 13
+  Vector tried_, fifth_, third_, error_, t_;  // by column
   std::vector<char> accepted_;
+
+  struct Dense {  // of the columns that are interpolated
+    Vector from, steps, stage, zero;
+    Stages rate, terms;
+  };
+  Dense dense_;
+  Interpolant step_;
 };
 
 }  // namespace pipedyn

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/motion/integrator.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <numeric>
 
@@ -64,13 +65,14 @@ void Integrator::record(Index which, const Interpolant& step) {
 
 /// Takes the members that go on together.
 void Integrator::drop_finished() {
+  const auto going = [this](Index w) { return members_[w].progress == Progress::going; };
+  if (std::all_of(which_.begin(), which_.end(), going)) return;
   std::vector<Index> columns, which;
   for (std::size_t j = 0; j < which_.size(); ++j) {
-    if (members_[which_[j]].progress != Progress::going) continue;
+    if (!going(which_[j])) continue;
     columns.push_back(static_cast<Index>(j));
     which.push_back(which_[j]);
   }
-  if (which.size() == which_.size()) return;
   keep(columns);
   which_ = std::move(which);
 }
