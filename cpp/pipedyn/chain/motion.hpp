@@ -71,19 +71,6 @@ struct MotionKernel {
 
   const char* name;
   std::ptrdiff_t width;
-  Function rhs;       // dy/dtau (2 n, members)
-  Function jacobian;  // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major; further moments held
-
-  // (mu - J) x = b for so many complex mu at once, J the jacobian of one state, in O(n): factors,
-  // for which there is room for factor_numbers, and then b (2 n, 2 shifts) becomes x. Real parts
-  // come first, in mu (2 shifts) too.
-  static constexpr std::ptrdiff_t shifts = 4;
-  std::ptrdiff_t (*factor_numbers)(const MotionModel&);
-  void (*factorise)(const MotionModel&, const Batch& one, const double* mu, double* factors);
-  void (*solve)(const MotionModel&, double u, double* factors, double* b);
-
-  Function energy;         // of each member
-  Function power;          // of flow, joints, drag and the pipe's terms, (4, members)
   Function rhs;            // dy/dtau (2 n, members)
   Function rhs_and_power;  // and the sum of the power (2 n + 1, members)
   Function jacobian;       // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major; further moments held
@@ -93,23 +80,30 @@ struct MotionKernel {
   /// out = y + h sum_s weights_s k_s, entry by entry.
   void (*combine)(const double* weights, const double* const* k, std::ptrdiff_t terms,
                   const double* y, const double* h, double* out, std::ptrdiff_t size);
+  /// out_e = (sum_s weights_es k_s / (absolute + relative max(|y|, |next|)))^2, e = 0 and 1.
+  void (*errors)(const double* const* weights, const double* const* k, std::ptrdiff_t terms,
+                 const double* y, const double* next, double absolute, double relative,
+                 double* const* out, std::ptrdiff_t size);
 
-  // The same of a matrix J (n, n): factors has room for 8 n^2 numbers, pivots for 4 n.
+  // (mu - J) x = b for so many complex mu at once, real parts first in mu (2 shifts) and in the
+  // rows of b, which become x; factors have room for the numbers that are asked for.
+  static constexpr std::ptrdiff_t shifts = 4;
+  // J of a chain's state, in O(n):
+  std::ptrdiff_t (*factor_numbers)(const MotionModel&);
+  void (*factorise)(const MotionModel&, const Batch& one, const double* mu, double* factors);
+  void (*solve)(const MotionModel&, double u, double* factors, double* b);
+  // J (n, n), with room for 8 n^2 numbers and 4 n pivots:
   void (*factorise_dense)(const double* jacobian, const double* mu, std::ptrdiff_t n,
                           double* factors, std::ptrdiff_t* pivots);
   void (*solve_dense)(double* factors, const std::ptrdiff_t* pivots, std::ptrdiff_t n, double* b);
-  // What Newton's method does to the stages of implicit steps, see motion/stages.hpp; matrices are
-  // (8, 8).
+
+  // The stages of implicit steps (rows, 8), see motion/stages.hpp; matrices are (8, 8).
   void (*mix_stages)(const double* a, const double* matrix_a, const double* b,
                      const double* matrix_b, std::ptrdiff_t rows, double* out);
   double (*correct_stages)(const double* x, const double* matrix, const double* y,
                            const double* allowed, std::ptrdiff_t rows, double* w, double* z,
                            double* out);
 
-  /// out_e = (sum_s weights_es k_s / (absolute + relative max(|y|, |next|)))^2, e = 0 and 1.
-  void (*errors)(const double* const* weights, const double* const* k, std::ptrdiff_t terms,
-                 const double* y, const double* next, double absolute, double relative,
-                 double* const* out, std::ptrdiff_t size);
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 
