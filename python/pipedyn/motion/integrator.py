@@ -297,14 +297,28 @@ def _jacobian(model: Model, u: Array) -> Callable[[float, Array, int], Array]:
     return slopes
 
 
-def explicit_state(
-    rates: Callable[[Array], Array], start: Array, t: float, rtol: float, atol: float
+def state_after(
+    rates: Callable[[Array], Array],
+    start: Array,
+    t: float,
+    rtol: float,
+    atol: float,
+    jacobian: Callable[[Array], Array] | None = None,
 ) -> Array:
-    """The state at a time of y' = rates(y) from a start at time 0. Raises `Stopped`."""
-    motion = _core.Dop853(
-        *(lambda t, y, which: rates(y[:, 0])[:, None], np.zeros(1), start[:, None]),
-        *(0.0, rtol, atol, MOST_CALLS),
-    )
+    """The state at a time of y' = rates(y) from a start at time 0, by implicit steps with df/dy.
+
+    Without that by explicit ones. `rates` takes states (n, k) at once. Raises `Stopped`.
+    """
+
+    def columns(t: Array, y: Array, which: list[int]) -> Array:
+        return rates(y)
+
+    options = (np.zeros(1), start[:, None], 0.0, rtol, atol, MOST_CALLS)
+    motion: _core.Integrator
+    if jacobian is None:
+        motion = _core.Dop853(columns, *options)
+    else:
+        motion = _core.Radau(columns, lambda t, y, member: jacobian(y), *options)
     state = np.empty((1, 1, start.size))
     while not motion.advance(np.array([t]), state, CALLS):
         in_time()

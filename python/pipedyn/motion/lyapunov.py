@@ -13,20 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import field
-from functools import partial
 
 import numpy as np
 import scipy
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.integrator import (
-    Guarded,
-    Stopped,
-    choose_method,
-    compiled,
-    explicit_state,
-)
+from pipedyn.motion.integrator import Stopped, choose_method, state_after
 from pipedyn.motion.simulate import (
     Start,
     Trajectory,
@@ -41,7 +34,7 @@ from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 
 Rates = Callable[[Array], Array]
-"""Of a state y, shape (n,): y' or its Jacobian."""
+"""y' of states (n, k), or the Jacobian of one, (n,)."""
 
 DISTANCE = 1e-7
 """Of a pair of neighbours, in the norm of the state, where each interval begins. Its square, by
@@ -147,7 +140,7 @@ def lyapunov_exponent(
 
     return largest_exponent(
         *(rates, jacobian, state, duration, transient, blocks, interval, pair, rtol),
-        stiff=choose_method(model, rtol) == "scipy:lsoda",
+        stiff=choose_method(model, rtol) == "radau",
         shown=shown,
     )
 
@@ -168,8 +161,8 @@ def largest_exponent(
 ) -> LyapunovExponent:
     """The largest exponent of any y' = f(y), with the arguments of `lyapunov_exponent`.
 
-    `rates` is f, for a pair of two states at once, shape (n, 2); `jacobian` is df/dy, (n, n); rtol
-    holds for the difference, of unit length, absolutely; `stiff` asks for an implicit method.
+    `rates` is f, for states (n, k) at once; `jacobian` is df/dy of one, (n, n); rtol holds for the
+    difference, of unit length, absolutely; `stiff` asks for an implicit method.
     """
     each = max(math.ceil(duration / blocks / interval), 1)
     step = duration / blocks / each
@@ -181,13 +174,15 @@ def largest_exponent(
     # the relative tolerance, but near a state at rest not below the absolute one.
     length, atol = (DISTANCE, DISTANCE * rtol) if pair else (1.0, 0.01 * rtol)
 
-    def slopes(t: float, whole: Array) -> Array:
+    def slopes(whole: Array) -> Array:
         y, v = whole[:n], whole[n:]
         if pair:
-            return np.asarray(rates(np.stack([y, v], axis=1))).T.ravel()
-        return np.concatenate([rates(y), jacobian(y) @ v])
+            both = np.asarray(rates(np.concatenate([y, v], axis=1)))
+            return np.concatenate(np.split(both, 2, axis=1))
+        moved = [jacobian(state) @ difference for state, difference in zip(y.T, v.T, strict=True)]
+        return np.concatenate([rates(y), np.stack(moved, axis=1)])
 
-    def slopes_by_state(t: float, whole: Array) -> Array:
+    def slopes_by_state(whole: Array) -> Array:
         """The same block twice: Newton's method does without the Jacobian's own change."""
         block = jacobian(whole[:n])
         return np.asarray(scipy.linalg.block_diag(block, block))
@@ -195,14 +190,12 @@ def largest_exponent(
     growth = np.empty(before + blocks * each)  # logarithms
     for i in track(range(growth.size), growth.size, "exponent", shown):
         whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
-        guarded = Guarded(slopes, slopes_by_state, whole.shape)
         try:
-            if stiff:
-                found = compiled(guarded, whole, "scipy:lsoda", rtol, atol)(step)
-            else:
-                found = explicit_state(partial(slopes, 0.0), whole, step, rtol, atol)
+            found = state_after(
+                *(slopes, whole, step, rtol, atol), slopes_by_state if stiff else None
+            )
         except Stopped as stopped:
-            raise NotConverged(f"the motion stopped: {guarded.reason(stopped)}") from None
+            raise NotConverged(f"the motion stopped: {stopped}") from None
         state = found[:n]
         difference = found[n:] - state if pair else found[n:]
         size = float(np.linalg.norm(difference))
