@@ -18,14 +18,41 @@ using namespace py::literals;
 
 namespace {
 
-/// Rates [q', q'', power] of a compiled model's states with the work done on them, at a speed each.
-template <class Model>
-Rates compiled_rates(const Model& model, const Reals& u) {
-  return [&model, u, speeds = Reals()](const Vector&, const double* y,
-                                       const std::vector<Index>& which, double* rates) mutable {
-    speeds = u(which);
-    model.rhs_and_power({y, speeds.data(), speeds.size(), 1}, rates);
+/// Flow speeds at times, of which members.
+using SpeedsAt =
+    std::function<void(const Vector& t, const std::vector<Index>& which, Reals& speeds)>;
+
+/// u: one a member, or a function of time for all.
+SpeedsAt speeds_at(const py::object& u) {
+  if (!PyCallable_Check(u.ptr())) {
+    return [all = u.cast<Reals>()](const Vector&, const std::vector<Index>& which, Reals& speeds) {
+      speeds = all(which);
+    };
+  }
+  return [u](const Vector& t, const std::vector<Index>&, Reals& speeds) {
+    const py::gil_scoped_acquire locked;
+    speeds.resize(t.size());
+    for (Index j = 0; j < t.size(); ++j) speeds[j] = u(t[j]).cast<double>();
   };
+}
+
+/// A function of a compiled model's states at a speed each.
+template <class Model, class Function>
+Rates function_rates(const Model& model, const py::object& u, const Function& function) {
+  return [&model, function, at = speeds_at(u), speeds = Reals()](const Vector& t, const double* y,
+                                                                 const std::vector<Index>& which,
+                                                                 double* rates) mutable {
+    at(t, which, speeds);  // a force of their derivatives would enter beside them
+    function(model, Batch{y, speeds.data(), speeds.size(), 1}, rates);
+  };
+}
+
+/// Rates [q', q'', power] of a compiled model's states with the work done on them.
+template <class Model>
+Rates compiled_rates(const Model& model, const py::object& u) {
+  return function_rates(model, u, [](const Model& of, const Batch& batch, double* out) {
+    of.rhs_and_power(batch, out);
+  });
 }
 
 /// Those of a function of times, states (rows, members) and of which members they are. A ValueError
@@ -49,7 +76,7 @@ Rates called_rates(const py::function& function, Index rows) {
   };
 }
 
-Rates rates_of(const py::object& of, Index rows, const Reals& u) {
+Rates rates_of(const py::object& of, Index rows, const py::object& u) {
   if (py::isinstance<Chain>(of)) return compiled_rates(of.cast<const Chain&>(), u);
   if (py::isinstance<Galerkin>(of)) return compiled_rates(of.cast<const Galerkin&>(), u);
   if (py::isinstance<Scene>(of)) return compiled_rates(of.cast<const Scene&>(), u);
@@ -58,23 +85,18 @@ Rates rates_of(const py::object& of, Index rows, const Reals& u) {
 
 /// Those of the same states without the work, with their derivative, and the power apart.
 template <class Model>
-ImplicitRates implicit_rates(const Model& model, const Reals& u,
+ImplicitRates implicit_rates(const Model& model, const py::object& u,
                              std::unique_ptr<ShiftedSystems> systems) {
-  const auto at_speeds = [&model, u](auto function) -> Rates {
-    return [&model, u, function, speeds = Reals()](const Vector&, const double* y,
-                                                   const std::vector<Index>& which,
-                                                   double* rates) mutable {
-      speeds = u(which);
-      function(model, Batch{y, speeds.data(), speeds.size(), 1}, rates);
-    };
-  };
-  return {at_speeds([](const Model& of, const Batch& batch, double* out) { of.rhs(batch, out); }),
-          at_speeds([](const Model& of, const Batch& batch, double* out) {
-            Matrix parts(4, batch.members);
-            of.power(batch, parts.data());
-            Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
-          }),
-          2 * model.dof(), std::move(systems)};
+  return {
+      function_rates(model, u,
+                     [](const Model& of, const Batch& batch, double* out) { of.rhs(batch, out); }),
+      function_rates(model, u,
+                     [](const Model& of, const Batch& batch, double* out) {
+                       Matrix parts(4, batch.members);
+                       of.power(batch, parts.data());
+                       Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
+                     }),
+      2 * model.dof(), std::move(systems)};
 }
 
 /// Of a function of a time, a state (rows,) and of which member it is.
@@ -88,15 +110,20 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows)
 }
 
 ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
-                                const Reals& u) {
+                                const py::object& u) {
+  const auto speed = [at = speeds_at(u)](double t, Index member) {
+    Reals one;
+    at(Vector::Constant(1, t), {member}, one);
+    return one[0];
+  };
   if (py::isinstance<Chain>(of)) {
     const Chain& chain = of.cast<const Chain&>();
-    return implicit_rates(chain, u, std::make_unique<ChainSystems>(chain, u));
+    return implicit_rates(chain, u, std::make_unique<ChainSystems>(chain, speed));
   }
   if (py::isinstance<Galerkin>(of)) {
     const Galerkin& model = of.cast<const Galerkin&>();
-    const auto slopes = [&model, u](double, const double* y, Index member, double* out) {
-      model.jacobian(y, u[member], out);
+    const auto slopes = [&model, speed](double t, const double* y, Index member, double* out) {
+      model.jacobian(y, speed(t, member), out);
     };
     return implicit_rates(model, u, std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
   }
@@ -152,7 +179,7 @@ void define_motion(py::module_& m) {
         return all;
       });
   py::class_<Dop853, Integrator>(m, "Dop853")
-      .def(py::init([](const py::object& of, const Reals& u, const Matrix& start, double t0,
+      .def(py::init([](const py::object& of, const py::object& u, const Matrix& start, double t0,
                        double rtol, double atol, double most, double max_step) {
              return Dop853(rates_of(of, start.rows(), u), start.rows(), start.cols(), start.data(),
                            t0, {rtol, atol, most, max_step});
@@ -160,7 +187,7 @@ void define_motion(py::module_& m) {
            "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
            "max_step"_a = std::numeric_limits<double>::infinity(), py::keep_alive<1, 2>());
   py::class_<Radau, Integrator>(m, "Radau")
-      .def(py::init([](const py::object& of, const py::object& jacobian, const Reals& u,
+      .def(py::init([](const py::object& of, const py::object& jacobian, const py::object& u,
                        const Matrix& start, double t0, double rtol, double atol, double most,
                        double max_step) {
              return std::make_unique<Radau>(implicit_rates_of(of, jacobian, start.rows(), u),

@@ -31,6 +31,7 @@ from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
 from pipedyn.models.terms import Damper, Foundation, PointMass, Spring, Term
+from pipedyn.motion.events import DenseOutput, Event, Occurrences
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import (
     Ensemble,
@@ -56,11 +57,13 @@ __all__ = [
     "CycleBranch",
     "CycleEvent",
     "Damper",
+    "DenseOutput",
     "Derivatives",
     "Effect",
     "Ensemble",
     "Equilibria",
     "EquilibriumBranch",
+    "Event",
     "Failure",
     "Foundation",
     "Galerkin",
@@ -78,6 +81,7 @@ __all__ = [
     "NoHopf",
     "NoModel",
     "NotConverged",
+    "Occurrences",
     "Operators",
     "Pipe",
     "PipedynError",

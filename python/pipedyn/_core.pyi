@@ -443,7 +443,7 @@ class Dop853(Integrator):
     def __init__(
         self,
         of: typing.Any,
-        u: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        u: typing.Any,
         start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         t0: typing.SupportsFloat | typing.SupportsIndex,
         rtol: typing.SupportsFloat | typing.SupportsIndex,

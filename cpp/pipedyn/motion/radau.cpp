@@ -49,21 +49,21 @@ Vector times(double from, double h) {
 
 // ------------------------------------------------------------------------------------ systems
 
-ChainSystems::ChainSystems(const Chain& chain, Vector speeds)
+ChainSystems::ChainSystems(const Chain& chain, std::function<double(double, Index)> speed)
     : chain_(chain),
-      speeds_(std::move(speeds)),
+      speed_(std::move(speed)),
       factors_(static_cast<std::size_t>(chain.factor_numbers())) {}
 
-void ChainSystems::linearise(double, const double* y, Index member) {
+void ChainSystems::linearise(double t, const double* y, Index member) {
   state_ = Eigen::Map<const Vector>(y, 2 * chain_.dof());
-  speed_ = speeds_[member];
+  u_ = speed_(t, member);
 }
 
 void ChainSystems::factorise(const double* mu) {
-  chain_.factorise(state_.data(), speed_, mu, factors_.data());
+  chain_.factorise(state_.data(), u_, mu, factors_.data());
 }
 
-void ChainSystems::solve(double* b) { chain_.solve(speed_, factors_.data(), b); }
+void ChainSystems::solve(double* b) { chain_.solve(u_, factors_.data(), b); }
 
 DenseSystems::DenseSystems(Jacobian jacobian, Index size)
     : jacobian_(std::move(jacobian)),

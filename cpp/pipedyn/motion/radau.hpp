@@ -34,7 +34,8 @@ class ShiftedSystems {
 /// J of a chain, by its recursion.
 class ChainSystems final : public ShiftedSystems {
  public:
-  ChainSystems(const Chain& chain, Vector speeds);
+  /// speed: of the flow at a time, for a member.
+  ChainSystems(const Chain& chain, std::function<double(double t, Index member)> speed);
   void linearise(double t, const double* y, Index member) override;
   void factorise(const double* mu) override;
   void solve(double* b) override;
@@ -42,8 +43,9 @@ class ChainSystems final : public ShiftedSystems {
 
  private:
   const Chain& chain_;
-  Vector speeds_, state_;
-  double speed_ = 0.0;
+  std::function<double(double t, Index member)> speed_;
+  Vector state_;
+  double u_ = 0.0;
   std::vector<double> factors_;
 };
 

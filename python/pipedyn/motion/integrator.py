@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ import scipy
 from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.modular.motion import SceneMotion
+from pipedyn.motion.events import Follower
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
 from pipedyn.util.parallel import track
@@ -69,6 +71,13 @@ LARGEST_IMPLICIT = 2000
 128 MB and, measured, 4 s on one core."""
 
 
+LARGEST_DENSE = 100_000_000
+"""Numbers that dense output may hold: 0.8 GB."""
+
+CALL_AGAIN = 0.05
+"""Seconds between two calls of a motion's callback."""
+
+
 class Stopped(Exception):
     """Why an integration stopped early."""
 
@@ -78,14 +87,24 @@ class Task:
     """An integration to be done."""
 
     model: Model
-    u: float
+    u: float | Callable[[float], float]
     times: Array  # of the samples, shape (S,)
     start: Array  # [p, p', 0] of what is integrated, shape (2 moving + 1,)
     rtol: float
     atol: float
     method: str  # of METHODS, not "auto"
+    t0: float = 0.0
+    end: float = 0.0  # where it ends at the latest
     most: float = MOST_CALLS
+    max_step: float = math.inf
 
+    def speed(self, t: float) -> float:
+        """The flow speed at a time."""
+        return self.u(t) if callable(self.u) else self.u
+
+
+Callback: TypeAlias = Callable[[float, Array, Array], object]
+"""Of a time and the coordinates and rates then; True ends the motion."""
 
 Motions: TypeAlias = tuple[Array, int, str | None]
 """States of a motion, right-hand sides that it took, and why it stopped early."""
@@ -165,18 +184,15 @@ class Watched(Guarded):
     """The right-hand side of a task, which is checked now and then for progress."""
 
     def __init__(self, task: Task) -> None:
-        super().__init__(
-            *(task.model.motion.rhs_and_power, self._slopes, task.start.shape, (task.u,), task.most)
-        )
+        slopes = _jacobian(task.model, task.speed)
+        super().__init__(self._rates_at, slopes, task.start.shape, (), task.most)
         self.task = task
         explicit = task.method.lower().endswith("dop853")
         self.next_check, self.reached = FORECAST if explicit else CALLS, -math.inf
 
-    def _slopes(self, t: float, y: Array) -> Array:
-        """Of [q, q', W]. W acts on nothing, and the Newton iteration does without its row."""
-        whole = np.zeros((y.size, y.size))
-        whole[:-1, :-1] = self.task.model.motion_jacobian(y[:-1], self.task.u)
-        return whole
+    def _rates_at(self, t: float, y: Array) -> Array:
+        # The force of u'(t) would enter here, and in the core's rates at speeds that it is given.
+        return np.asarray(self.task.model.motion.rhs_and_power(t, y, self.task.speed(t)))
 
     @cached_property
     def fastest(self) -> tuple[float, float]:
@@ -194,31 +210,73 @@ class Watched(Guarded):
                 f" at most: its fastest mode has |lambda| = {fastest:.2g}"
             )
         rotation = float(np.abs(task.start).max())
-        rate = sum(self.fastest) + task.u**2 + rotation + 1.0
+        rate = sum(self.fastest) + task.speed(t) ** 2 + rotation + 1.0
         if t - self.reached < LEAST_STEP * CALLS / rate:
             raise Stopped("its step size tends to 0")
         self.next_check, self.reached = self.calls + CALLS, t
 
 
-def integrate(tasks: Sequence[Task], shown: bool = False) -> list[Motions]:
+class Watch:
+    """What looks on while a motion goes on: for events, for dense output, and the caller.
+
+    Args:
+        follower: takes the motion's steps; None where nobody asks for them.
+        callback: of a time, q and q' there, each (coordinates,); True ends the motion.
+    """
+
+    def __init__(self, follower: Follower | None = None, callback: Callback | None = None) -> None:
+        self.follower, self.callback = follower, callback
+        self.end: float | None = None
+        """Where the motion was ended, by an event or the caller."""
+        self._called = -math.inf
+
+    def steps(self, ends: Array, coefficients: Array) -> None:
+        """Takes steps of the motion."""
+        if self.follower is not None:
+            self.end = self.follower.add(ends, coefficients)
+            if self.follower.kept > LARGEST_DENSE:
+                raise Stopped(f"its dense output would take more than {LARGEST_DENSE:.0e} numbers")
+
+    def call(self, task: Task, t: float, state: Array) -> None:
+        """Calls back, if the last time is CALL_AGAIN ago."""
+        if self.callback is None or self.end is not None:
+            return
+        if time.monotonic() < self._called + CALL_AGAIN:
+            return
+        size = task.model.moving
+        q, rates = task.model.recorded(state[None, :size], state[None, size : 2 * size])
+        if self.callback(t, q[0], rates[0]):
+            self.end = t
+        self._called = time.monotonic()
+
+
+def integrate(
+    tasks: Sequence[Task], shown: bool = False, watch: Watch | None = None
+) -> list[Motions]:
     """States of each task, right-hand sides taken, and why it stopped early.
 
     Shape of the states, the start and then the samples that were reached: (1 + S, 2 moving + 1).
-    Several tasks have one model and one method of the core.
+    Several tasks have one model and one method of the core, and no follower or callback.
     """
+    watch = watch or Watch()
     if tasks[0].method in CORE:
-        return _in_core(tasks, shown)
+        return _in_core(tasks, shown, watch)
     [task] = tasks
     guarded = Watched(task)
     if task.method in COMPILED:
-        advanced = compiled(guarded, task.start, task.method, task.rtol, task.atol)
-        samples: Iterator[Array] = map(advanced, task.times)
+        options = (task.method, task.rtol, task.atol, task.t0, task.max_step)
+        samples: Iterator[Array] = map(compiled(guarded, task.start, *options), task.times)
     else:
         samples = _python_samples(task, guarded)
     rows, why = [task.start], None
     try:
-        for row in track(samples, task.times.size, "motion", shown):
-            rows.append(row)  # noqa: PERF402 -- kept if it stops
+        for t, row in zip(
+            task.times, track(samples, task.times.size, "motion", shown), strict=False
+        ):
+            rows.append(row)
+            watch.call(task, float(t), row)
+            if watch.end is not None:
+                break
     except Stopped as stopped:
         why = guarded.reason(stopped)
     evaluated(guarded.calls + guarded.jacobians)
@@ -226,12 +284,12 @@ def integrate(tasks: Sequence[Task], shown: bool = False) -> list[Motions]:
     return [(np.array(rows), guarded.calls, why)]
 
 
-def _in_core(tasks: Sequence[Task], shown: bool) -> list[Motions]:
+def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
     """By one of the core's methods, each task with steps of its own."""
     first, members = tasks[0], len(tasks)
-    u = np.array([task.u for task in tasks])
+    u = first.u if callable(first.u) else np.array([task.u for task in tasks])
     start = np.stack([task.start for task in tasks], axis=1)
-    options = (u, start, 0.0, first.rtol, first.atol, first.most)
+    options = (u, start, first.t0, first.rtol, first.atol, first.most, first.max_step)
     rates = _rates(first.model, u)
     motion: _core.Integrator
     if first.method == "dop853":
@@ -239,59 +297,96 @@ def _in_core(tasks: Sequence[Task], shown: bool) -> list[Motions]:
     else:
         motion = _core.Radau(rates, _jacobian(first.model, u), *options)
     watched = [Watched(task) for task in tasks]
-    states = np.empty((members, first.times.size, len(start)))
+    times, count = first.times, first.times.size
+    if watch.follower is not None and times[-1] < first.end:
+        times = np.append(times, first.end)  # events are looked for up to there
+    states = np.empty((members, times.size, len(start)))
     whys: list[str | None] = [None] * members
 
     def reached() -> Iterator[int]:
         """The samples that all members have, or will not have, one by one."""
         done, finished, allowed = 0, False, FORECAST
-        while not finished:
-            finished = motion.advance(first.times, states, allowed)
+        while not finished and watch.end is None:
+            if watch.follower is None:
+                finished = motion.advance(times, states, allowed)
+            else:
+                finished, *steps = motion.follow(times, states, allowed)
+                try:
+                    watch.steps(*steps)
+                except Stopped as stopped:
+                    whys[0] = str(stopped)
+                    return
             in_time()
             going = [j for j, member in enumerate(motion.members) if member[3] == 0]
             slowest = min(going, key=lambda j: motion.members[j][0], default=None)
             if slowest is not None:
-                time, _, calls, _ = motion.members[slowest]
-                watch = watched[slowest]
-                watch.calls = calls
+                at, _, calls, _ = motion.members[slowest]
+                watcher = watched[slowest]
+                watcher.calls = calls
                 try:
-                    if calls >= watch.next_check:
-                        watch.check(time)
+                    if calls >= watcher.next_check:
+                        watcher.check(at)
                 except Stopped as stopped:
                     whys[slowest] = str(stopped)
                     motion.stop(slowest)
+                else:
+                    if watch.callback is not None:
+                        watch.call(first, at, motion.state(slowest))
                 allowed = CALLS
-            until = min((motion.members[j][1] for j in going), default=first.times.size)
-            yield from range(done, until)
+            until = min((motion.members[j][1] for j in going), default=count)
+            yield from range(done, min(until, count))
             done = until
 
-    for _ in track(reached(), first.times.size, "motion", shown):
+    for _ in track(reached(), count, "motion", shown):
         pass
     answers: list[Motions] = []
     for j, (_, samples, calls, end) in enumerate(motion.members):
         spent = f"it needs more than {first.most:g} right-hand sides" if end == 4 else None
-        rows = np.concatenate([start[None, :, j], states[j, :samples]])
-        answers.append((rows, calls, whys[j] or ENDS.get(end, spent)))
+        why = whys[j] or ENDS.get(end, spent)
+        samples = min(samples, count)
+        if watch.end is not None:
+            samples, why = int(np.searchsorted(times[:samples], watch.end, "right")), None
+        answers.append((np.concatenate([start[None, :, j], states[j, :samples]]), calls, why))
     evaluated(sum(calls for _, calls, _ in answers))
     return answers
 
 
-def _rates(model: Model, u: Array) -> object:
-    """What the core integrates: a compiled model, or a function of t, states and their members."""
+def runs_unlocked(task: Task) -> bool:
+    """Whether a task's right-hand sides do without Python and its lock."""
+    return task.method in CORE and _compiled(task.model) is not None and not callable(task.u)
+
+
+def _compiled(model: Model) -> object:
+    """The compiled model, if that is all."""
     motion = model.motion
-    if isinstance(motion, SceneMotion) and motion.is_compiled:
-        return motion.core
-    if isinstance(motion, (_core.Chain, _core.Galerkin)):
-        return motion
-    return lambda t, y, which: motion.rhs_and_power(t[0], y, u[which])
+    if isinstance(motion, SceneMotion):
+        return motion.core if motion.is_compiled else None
+    return motion if isinstance(motion, (_core.Chain, _core.Galerkin)) else None
 
 
-def _jacobian(model: Model, u: Array) -> Callable[[float, Array, int], Array]:
-    """Of [q, q', W] by t, a state and its member; W acts on nothing, and its own row is left out."""
+def _rates(model: Model, u: Any) -> object:
+    """What the core integrates: a compiled model, or a function of t, states and their members."""
+    motion, compiled_model = model.motion, _compiled(model)
+    if compiled_model is not None:
+        return compiled_model
 
-    def slopes(t: float, y: Array, member: int) -> Array:
+    def rates(t: Array, y: Array, which: list[int]) -> Array:
+        speeds = np.array([u(at) for at in t]) if callable(u) else u[which]
+        return np.asarray(motion.rhs_and_power(t[0], y, speeds))
+
+    return rates
+
+
+def _jacobian(model: Model, u: Any) -> Callable[..., Array]:
+    """Derivative of the rates of [q, q', W] by time, state and member, for what is not compiled.
+
+    W acts on nothing, and Newton's method does without its row.
+    """
+
+    def slopes(t: float, y: Array, member: int = 0) -> Array:
         whole = np.zeros((y.size, y.size))
-        whole[:-1, :-1] = model.motion_jacobian(y[:-1], u[member])
+        speed = u(t) if callable(u) else u[member]
+        whole[:-1, :-1] = model.motion_jacobian(y[:-1], speed)
         return whole
 
     return slopes
@@ -328,21 +423,26 @@ def state_after(
 
 
 def compiled(
-    guarded: Guarded, start: Array, method: str, rtol: float, atol: float
+    guarded: Guarded,
+    start: Array,
+    method: str,
+    rtol: float,
+    atol: float,
+    t0: float = 0.0,
+    max_step: float = math.inf,
 ) -> Callable[[float], Array]:
-    """States at growing times from a start at time 0, by one of the compiled methods.
+    """States at growing times from a start, by one of scipy's compiled methods.
 
     The function that is returned raises `Stopped` where the integrator fails.
     """
     explicit = method == "scipy:dop853"
     jacobians = () if explicit else (guarded.jacobian,)
     solver = scipy.integrate.ode(guarded.rates, *jacobians)
-    options = {} if explicit else {"with_jacobian": True}
-    # Its own limit of steps is beyond MOST_CALLS.
-    solver.set_integrator(
-        method.removeprefix("scipy:"), rtol=rtol, atol=atol, nsteps=1_000_000_000, **options
-    )
-    solver.set_initial_value(start, 0.0)
+    options: dict[str, Any] = {} if explicit else {"with_jacobian": True}
+    # Its own limit of steps is beyond MOST_CALLS; 0 means no longest step.
+    options |= {"nsteps": 1_000_000_000, "max_step": max_step if max_step < math.inf else 0.0}
+    solver.set_integrator(method.removeprefix("scipy:"), rtol=rtol, atol=atol, **options)
+    solver.set_initial_value(start, t0)
     if explicit:
         # Its test for stiffness ends runs whose steps are held by stability, which is no failure.
         solver._integrator.iwork[3] = -1
@@ -362,8 +462,8 @@ def compiled(
 def _python_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
     kind = getattr(scipy.integrate, task.method.removeprefix("scipy:"))
     implicit = {} if task.method == "scipy:DOP853" else {"jac": guarded.jacobian}
-    end = float(task.times[-1])
-    solver = kind(guarded.rates, 0.0, task.start, end, rtol=task.rtol, atol=task.atol, **implicit)
+    limits = {"rtol": task.rtol, "atol": task.atol, "max_step": task.max_step}
+    solver = kind(guarded.rates, task.t0, task.start, task.times[-1], **limits, **implicit)
     between: Callable[[float], Array] | None = None
     for t in task.times:
         while solver.t < t:

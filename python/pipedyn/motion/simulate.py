@@ -11,9 +11,12 @@ of all of them goes through the processor's vectors.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
-from dataclasses import field
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import nullcontext
+from contextvars import copy_context
+from dataclasses import field, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -22,7 +25,25 @@ from numpy.typing import ArrayLike
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.motion.integrator import METHODS, MOST_CALLS, Task, choose_method, integrate
+from pipedyn.motion.events import (
+    DenseOutput,
+    Event,
+    EventFunction,
+    Follower,
+    Occurrences,
+    checked_events,
+)
+from pipedyn.motion.integrator import (
+    CORE,
+    METHODS,
+    MOST_CALLS,
+    Callback,
+    Task,
+    Watch,
+    choose_method,
+    integrate,
+    runs_unlocked,
+)
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
@@ -31,13 +52,19 @@ from pipedyn.util.result import result
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
 
+Speed: TypeAlias = float | Callable[[float], float]
+"""A flow speed, constant or a function u(t) of time."""
+
 LARGEST_SAMPLES = 100_000_000
 """Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
 
 LARGEST_ENSEMBLE = 1_000_000
 """Members, each of which takes a kilobyte before anything is computed."""
 
-BATCH = 64
+SPEEDS_CHECKED = 101
+"""Times over the duration at which a function u(t) is tried beforehand."""
+
+BATCH = 32
 """Members of a batch: measured, the cost of a member falls little beyond."""
 
 
@@ -47,7 +74,7 @@ class Trajectory:
     t: Array
     q: Array
     qdot: Array
-    u: float
+    u: Speed
     model: Model
 
     @property
@@ -72,10 +99,12 @@ class Motion(Trajectory):
         energy: in EI / L, shape (S,).
         audit: largest |E(t) - E(0) - work of flow, joints and drag|, relative to the largest of |E|
             and the kinetic energy: 0 but for the integrator's errors.
-        u: flow speed.
+        u: flow speed, or the function of time that was given.
         method: the integrator.
         evaluations: right-hand sides that it took.
         model: the model.
+        events: when and where each of the events asked for took place.
+        dense: the states at any time, where they were asked for.
     """
 
     t: Array
@@ -84,10 +113,12 @@ class Motion(Trajectory):
     tip: Array = field(repr=False)
     energy: Array = field(repr=False)
     audit: float
-    u: float
+    u: Speed
     method: str
     evaluations: int
     model: Model
+    events: tuple[Occurrences, ...] = ()
+    dense: DenseOutput | None = field(default=None, repr=False)
 
     @property
     def reached(self) -> str:
@@ -138,24 +169,32 @@ class Ensemble:
 
 def simulate(
     model: Model,
-    u: float,
+    u: Speed,
     duration: float,
     q0: Start,
     qdot0: ArrayLike | None = None,
     *,
     samples: int | None = None,
     times: ArrayLike | None = None,
+    t0: float = 0.0,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: str = "auto",
+    max_step: float = math.inf,
+    events: Event | EventFunction | Sequence[Event | EventFunction] = (),
+    dense: bool = False,
     most: float = MOST_CALLS,
+    callback: Callback | None = None,
     progress: bool = False,
 ) -> Motion:
-    """The motion from an initial state at a constant flow speed, geometrically exact.
+    """The motion from an initial state, geometrically exact.
 
     Args:
         model: chain, reduced model or assembly.
-        u: flow speed >= 0, in sqrt(EI / mu_f) / L.
+        u: flow speed >= 0, in sqrt(EI / mu_f) / L: a number, or a function of the time to one. Of a
+            function the value at each time acts; the force that u'(t) exerts, from the fluid's
+            acceleration in the pipe, is not there yet, so that u(t) must change slowly against the
+            motion.
         duration: in T, from 1e-12 to 1e9.
         q0: initial coordinates, shape (dof,), of an assembly angles (n,) or redundant coordinates
             (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths (p,) to (p,),
@@ -164,20 +203,37 @@ def simulate(
         qdot0: initial rates, of the shape of q0; at rest where not given.
         samples: number of evenly spaced samples, both ends included, at least 2; where not given,
             40 a unit of time, of which flutter's cycle takes about a half, but at least 501.
-        times: samples at these times instead, increasing, in [0, duration].
+        times: samples at these times instead, increasing, in [t0, t0 + duration].
+        t0: time at the start, in [-1e9, 1e9].
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 where not given.
         method: "auto" chooses by measured cost, see `choose_method`; "dop853" (explicit, order 8,
             in the core); or one of scipy's: "scipy:dop853" and "scipy:lsoda" (implicit where it
             pays) of `scipy.integrate.ode`, "scipy:DOP853", "scipy:Radau", "scipy:BDF" and
             "scipy:LSODA" of `solve_ivp`. Implicit ones use the analytic Jacobian.
+        max_step: longest step, > 0, at least 1e-9 of the duration.
+        events: one or several `Event` or functions g(t, q, qdot) to a number, with q and qdot of
+            shape (coordinates,). An event takes place where g becomes 0: where it has another sign
+            than a fourth of a step before, located to rounding in the step's interpolant. Methods
+            of the core alone hand that over; so with dense output.
+        dense: keep the states at any time, as `motion.dense(t)`: 7 or more numbers a step and
+            coordinate.
         most: right-hand sides that it may take, >= 1, at 1 to 3 us each up to 60 segments. Explicit
             methods take 1.5 or more in the time 1 / |lambda| of the fastest mode; a motion that
             would exceed `most` at that rate is refused after 400.
+        callback: called with t, q and qdot of where the motion is, first after some hundred
+            right-hand sides, then each 0.05 s or later; the motion ends where it answers True.
         progress: show progress on stderr.
 
     Returns:
         Motion.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), 5)
+        >>> back = pp.Event(lambda t, q, qdot: q[-1], direction=-1, terminal=True)
+        >>> motion = pp.simulate(chain, 4.0, 5.0, lambda s: 0.1 * s, events=back)
+        >>> float(motion.events[0].t[0]) < 5.0
+        True
 
     Raises:
         MotionStopped: if the step tends to 0, the state or its rate is no longer finite, or the
@@ -187,9 +243,29 @@ def simulate(
     Source: `rhs` of the models for the equations; Hairer, Norsett and Wanner, Solving Ordinary
     Differential Equations I, II.6, for "dop853".
     """
-    task = checked_task(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most)
-    [(rows, evaluations, why)] = integrate([task], check.flag("progress", progress))
+    task = checked_task(
+        *(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most),
+        t0=t0,
+        max_step=max_step,
+    )
+    looked_for, kept = checked_events(events), check.flag("dense", dense)
+    follower = None
+    if looked_for or kept:
+        if task.method not in CORE:
+            name = "events" if looked_for else "dense"
+            raise ValueError(
+                f"{name} must come with a method of the core, {', '.join(map(repr, CORE))}: "
+                f"scipy's hand over no polynomial of a step, got method {task.method!r}"
+            )
+        follower = Follower(task.model, looked_for, task.t0, task.start, kept)
+    if not (callback is None or callable(callback)):
+        raise TypeError(f"callback must be a function, got {check.shown(callback)}")
+    watch = Watch(follower, callback)
+    [(rows, evaluations, why)] = integrate([task], check.flag("progress", progress), watch)
     motion = motion_of(task, rows, evaluations)
+    if follower is not None:
+        until = math.inf if watch.end is None else watch.end
+        motion = replace(motion, events=follower.occurrences(), dense=follower.output(until))
     if why is not None:
         raise MotionStopped(f"the motion stopped {motion.reached}: {why}", motion)
     return motion
@@ -214,7 +290,8 @@ def simulate_many(
     """Motions of many members, which may differ in model, flow speed and initial state.
 
     Whatever is given once holds for all members; what is given k times, for each its own. Members
-    with the same model object are integrated in batches where the method is "dop853".
+    with the same model object are integrated in batches where the method is "dop853", on all cores:
+    what a member does depends neither on their number nor on the other members.
 
     Args:
         models: one model or k.
@@ -229,7 +306,8 @@ def simulate_many(
         atol: absolute tolerance; rtol / 100 where not given.
         method: as for `simulate`.
         most: right-hand sides that each member may take, as for `simulate`.
-        executor: a `concurrent.futures.Executor`; batches are its tasks.
+        executor: a `concurrent.futures.Executor`, of which batches are the tasks, instead of the
+            threads of this process.
         progress: show progress on stderr.
 
     Returns:
@@ -276,19 +354,28 @@ def simulate_many(
         together = tasks[same[0]].method == "dop853"
         parts = math.ceil(len(same) / BATCH) if together else len(same)
         blocks += [part.tolist() for part in np.array_split(same, parts)]
-    jobs = [partial(_motions, [tasks[i] for i in block]) for block in blocks]
-    answers = parallel(jobs, executor, label="batches", progress=shown)
+    watch = Watch()
+    jobs = [partial(_motions, [tasks[i] for i in block], watch) for block in blocks]
+    own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
+    if own:  # each counts for its caller
+        jobs = [partial(copy_context().run, job) for job in jobs]
     motions: list[Any] = [None] * members
     failures = []
-    for block, found in zip(blocks, answers, strict=True):
-        if isinstance(found, Exception):
-            found.add_note(f"in the motions of members {', '.join(map(str, block))}")
-            raise found
-        for i, (motion, why) in zip(block, found, strict=True):
-            motions[i] = motion
-            if why is not None:
-                message = f"member {i} stopped {motion.reached}: {why}"
-                failures.append(MemberFailure(i, MotionStopped(message, motion)))
+    with ThreadPoolExecutor(os.cpu_count()) if own else nullcontext(executor) as pool:
+        try:
+            answers = parallel(jobs, pool, label="batches", progress=shown)
+            for block, found in zip(blocks, answers, strict=True):
+                if isinstance(found, Exception):
+                    found.add_note(f"in the motions of members {', '.join(map(str, block))}")
+                    raise found
+                for i, (motion, why) in zip(block, found, strict=True):
+                    motions[i] = motion
+                    if why is not None:
+                        message = f"member {i} stopped {motion.reached}: {why}"
+                        failures.append(MemberFailure(i, MotionStopped(message, motion)))
+        except BaseException:
+            watch.end = -math.inf  # for the threads of the pool
+            raise
     return Ensemble(tuple(motions), tuple(sorted(failures, key=lambda failure: failure.index)))
 
 
@@ -303,16 +390,16 @@ def _each(name: str, given: Any) -> list[Any]:
     return list(given) if several else [given]
 
 
-def _motions(tasks: list[Task]) -> list[tuple[Motion, str | None]]:
+def _motions(tasks: list[Task], watch: Watch) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a batch, and why it stopped early."""
     return [
         (motion_of(task, rows, evaluations), why)
-        for task, (rows, evaluations, why) in zip(tasks, integrate(tasks), strict=True)
+        for task, (rows, evaluations, why) in zip(tasks, integrate(tasks, watch=watch), strict=True)
     ]
 
 
 def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
-    """The motion of a task of one state from its start and samples, (1 + S, 2 moving + 1)."""
+    """The motion of a task from its start and samples, (1 + S, 2 moving + 1)."""
     model, size = task.model, task.model.moving
     q, qdot = model.recorded(rows[:, :size], rows[:, size : 2 * size])
     states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
@@ -379,18 +466,31 @@ def checked_task(
     atol: Any = None,
     method: Any = "auto",
     most: Any = MOST_CALLS,
+    *,
+    t0: Any = 0.0,
+    max_step: Any = math.inf,
 ) -> Task:
     """The arguments of `simulate`, checked, with the method chosen."""
     model = checked_model_in_motion(model)
-    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
     duration = check.real("duration", duration, low=1e-12, high=1e9)
+    t0 = check.real("t0", t0, low=-1e9, high=1e9)
+    if t0 + duration - t0 < 0.5 * duration:
+        raise ValueError(f"duration must be felt at t0 = {t0:g}, got {duration:g}")
+    end = t0 + duration
+    if not callable(u):
+        u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    else:
+        for t in np.linspace(t0, end, SPEEDS_CHECKED):
+            check.real(f"u({t:g})", u(float(t)), low=0.0, high=LARGEST_SPEED)
+    if max_step != math.inf:
+        max_step = check.real("max_step", max_step, low=1e-9 * duration)
     longest = LARGEST_SAMPLES // model.coordinates
     if times is None:
         if samples is None:
             samples = min(max(501, math.ceil(40.0 * duration) + 1), longest)
-        at = np.linspace(0.0, duration, check.count("samples", samples, low=2, high=longest))
+        at = np.linspace(t0, end, check.count("samples", samples, low=2, high=longest))
     else:
-        at = check.array("times", times, low=0.0, high=duration, longest=longest)
+        at = check.array("times", times, low=t0, high=end, longest=longest)
         if np.any(np.diff(at) <= 0.0):
             raise ValueError("times must be strictly increasing")
     if not callable(q0):
@@ -403,7 +503,7 @@ def checked_task(
     method = check.choice("method", method, METHODS)
     if method == "auto":
         method = choose_method(model, rtol)
-    return Task(model, u, at, start, rtol, atol, method, most)
+    return Task(model, u, at, start, rtol, atol, method, t0, end, most, max_step)
 
 
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:

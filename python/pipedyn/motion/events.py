@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: MIT
+"""What is looked for along a motion, from the polynomials of its steps: events, and all states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+import scipy
+
+from pipedyn.models.base import Model
+from pipedyn.util import check
+from pipedyn.util.check import Array
+from pipedyn.util.result import result
+
+EventFunction: TypeAlias = Callable[[float, Array, Array], float]
+"""g(t, q, qdot) of a time and the coordinates and rates then, shape (coordinates,) each."""
+
+PARTS = 4
+"""Of a step, at whose ends the signs of events are compared: where stability holds the steps of an
+explicit method, the fastest mode turns once in each."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A motion's event: where g(t, q, qdot) becomes 0.
+
+    Attributes:
+        function: g.
+        direction: above 0 for events at which g grows, below 0 at which it falls; 0 for both.
+        terminal: whether the motion ends at the event; or after how many of them, 0 for never.
+    """
+
+    function: EventFunction
+    direction: float = 0.0
+    terminal: bool | int = False
+
+
+@result
+class Occurrences:
+    """When and where an event took place.
+
+    Attributes:
+        t: times in T, shape (k,).
+        q, qdot: coordinates and their rates then, shape (k, coordinates).
+    """
+
+    t: Array
+    q: Array = field(repr=False)
+    qdot: Array = field(repr=False)
+
+
+@result
+class DenseOutput:
+    """The states of a motion at any time, by the polynomials of its integrator's steps.
+
+    Attributes:
+        t: ends of the steps, shape (steps + 1,).
+        coefficients: of the powers of x = (t - t_i) / (t_{i+1} - t_i) in each step, shape (steps,
+            degree + 1, 2 moving).
+        model: the model.
+    """
+
+    t: Array
+    coefficients: Array = field(repr=False)
+    model: Model
+
+    def __call__(self, t: Any) -> Array:
+        """States [q, q'] at a time, shape (2 coordinates,), or at k, (2 coordinates, k).
+
+        Raises ValueError for times outside the motion.
+        """
+        at = check.array("t", np.atleast_1d(t), low=float(self.t[0]), high=float(self.t[-1]))
+        step = np.clip(np.searchsorted(self.t, at, "right") - 1, 0, len(self.coefficients) - 1)
+        x = (at - self.t[step]) / (self.t[step + 1] - self.t[step])
+        p, pdot = np.split(powers(self.coefficients[step], x), 2, axis=1)
+        states = np.concatenate(self.model.recorded(p, pdot), axis=1)
+        return np.asarray(states[0] if np.ndim(t) == 0 else states.T)
+
+
+def powers(coefficients: Array, x: Array) -> Array:
+    """sum_i c_i x^i for each of k polynomials, (k, degree + 1, rows) at (k,): shape (k, rows)."""
+    value = coefficients[:, -1]
+    for i in range(coefficients.shape[1] - 2, -1, -1):
+        value = value * x[:, None] + coefficients[:, i]
+    return np.asarray(value)
+
+
+def checked_events(given: Any) -> tuple[Event, ...]:
+    """The argument `events`: one or a sequence of events or functions.
+
+    A function may have attributes `direction` and `terminal`, as for `solve_ivp`.
+    """
+    events = []
+    for i, one in enumerate(given if isinstance(given, Sequence) else [given]):
+        name = f"events[{i}]"
+        if not isinstance(one, Event):
+            if not callable(one):
+                message = f"{name} must be an Event or a function g(t, q, qdot)"
+                raise TypeError(f"{message}, got {check.shown(one)}")
+            options = {key: getattr(one, key, 0) for key in ("direction", "terminal")}
+            one = Event(one, **options)
+        elif not callable(one.function):
+            raise TypeError(f"{name}.function must be a function, got {check.shown(one.function)}")
+        direction = check.real(f"{name}.direction", one.direction)
+        terminal = one.terminal
+        if not isinstance(terminal, bool | np.bool_):
+            terminal = check.count(f"{name}.terminal", terminal, low=0)
+        events.append(Event(one.function, direction, int(terminal)))
+    return tuple(events)
+
+
+class Follower:
+    """Looks for events in the steps of one motion as they come, and keeps them for dense output.
+
+    Args:
+        model: the model.
+        events: to look for.
+        t, state: where the motion starts, [p, p', W] of shape (2 moving + 1,).
+        dense: whether to keep the steps.
+    """
+
+    def __init__(
+        self, model: Model, events: Sequence[Event], t: float, state: Array, dense: bool
+    ) -> None:
+        self.model, self.events, self.dense = model, events, dense
+        self._last = [self._value(i, t, *self._recorded(state[None])) for i in range(len(events))]
+        self._found: list[list[tuple[float, Array, Array]]] = [[] for _ in events]
+        self._ends, self._steps = [np.array([t])], [np.empty((0, 1, state.size - 1))]
+        self.kept = 0
+        """Numbers that dense output holds."""
+
+    def _recorded(self, states: Array) -> tuple[Array, Array]:
+        size = self.model.moving
+        return self.model.recorded(states[:, :size], states[:, size : 2 * size])
+
+    def _value(self, i: int, t: float, q: Array, qdot: Array) -> float:
+        """Of event i at a state, of shape (1, coordinates)."""
+        return check.real(f"events[{i}](t, q, qdot)", self.events[i].function(t, q[0], qdot[0]))
+
+    def add(self, ends: Array, coefficients: Array) -> float | None:
+        """Takes steps with these ends, (k + 1,), and says where a terminal event is in them."""
+        last = None
+        if self.events and len(coefficients):
+            last = self._search(ends, coefficients)
+        if self.dense:
+            self._ends.append(ends[1:])
+            self._steps.append(coefficients[:, :, :-1])
+            self.kept += coefficients.size
+        return last
+
+    def _search(self, ends: Array, coefficients: Array) -> float | None:
+        steps = np.repeat(np.arange(len(coefficients)), PARTS)
+        x = np.tile(np.arange(1, PARTS + 1) / PARTS, len(coefficients))
+        t = ends[steps] + x * (ends[steps + 1] - ends[steps])
+        q, qdot = self._recorded(powers(coefficients[steps], x))
+        found = []
+        for i, event in enumerate(self.events):
+            before = self._last[i]
+            for k in range(t.size):
+                value = self._value(i, float(t[k]), q[k : k + 1], qdot[k : k + 1])
+                rises, falls = before < 0.0 <= value, before > 0.0 >= value
+                if (rises and event.direction >= 0.0) or (falls and event.direction <= 0.0):
+                    step = steps[k]
+                    found.append(self._located(i, ends[step : step + 2], coefficients[step], x[k]))
+                before = value
+            self._last[i] = before
+        for i, at, place, rates in sorted(found, key=lambda one: one[1]):
+            self._found[i].append((at, place, rates))
+            if len(self._found[i]) == self.events[i].terminal:
+                return at
+        return None
+
+    def _located(
+        self, i: int, ends: Array, coefficients: Array, high: float
+    ) -> tuple[int, float, Array, Array]:
+        """Event i in the part of a step that ends at x = high: time, q and q'."""
+
+        def state(x: float) -> tuple[float, Array, Array]:
+            at = powers(coefficients[None], np.array([x]))
+            return float(ends[0] + x * (ends[1] - ends[0])), *self._recorded(at)
+
+        def value(x: float) -> float:
+            return self._value(i, *state(x))
+
+        low = high - 1.0 / PARTS
+        x = high
+        if value(low) * value(high) < 0.0:  # else it is at the end, within rounding
+            x = scipy.optimize.brentq(value, low, high, xtol=1e-15, rtol=1e-15)
+        t, q, qdot = state(x)
+        return i, t, q[0], qdot[0]
+
+    def occurrences(self) -> tuple[Occurrences, ...]:
+        """Of each event, in order."""
+        c = self.model.coordinates
+        return tuple(
+            Occurrences(
+                np.array([t for t, _, _ in each]),
+                np.array([q for _, q, _ in each]).reshape(-1, c),
+                np.array([rates for _, _, rates in each]).reshape(-1, c),
+            )
+            for each in self._found
+        )
+
+    def output(self, end: float) -> DenseOutput | None:
+        """Dense output up to a time, if it was asked for and there is a step."""
+        if not self.kept:
+            return None
+        t, coefficients = np.concatenate(self._ends), np.concatenate(self._steps[1:])
+        count = min(int(np.searchsorted(t, end)), len(coefficients))
+        return DenseOutput(t[: count + 1], coefficients[:count], self.model)

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: MIT
+"""The core's integrators on problems whose solutions are known: orders, tolerances, samples."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from pipedyn import _core
+
+# An error between 1 and rounding has 15 decades, which a method of order 8 crosses in less than two
+# decades of step: three are more than double precision can show. Each fit takes what there is.
+
+
+def growth(t, y):
+    """y' = y cos t, which depends on time."""
+    return np.cos(t) * y
+
+
+def orbit(t, y):
+    """Kepler's problem, of eccentricity 0.2."""
+    return np.concatenate([y[2:], -y[:2] / np.hypot(*y[:2]) ** 3])
+
+
+def on_orbit(t):
+    def behind(anomaly, at):
+        return anomaly - 0.2 * np.sin(anomaly) - at
+
+    anomaly = np.array([brentq(behind, at - 1.0, at + 1.0, (at,), xtol=1e-15) for at in t])
+    place = np.array([np.cos(anomaly) - 0.2, np.sqrt(0.96) * np.sin(anomaly)])
+    rate = np.array([-np.sin(anomaly), np.sqrt(0.96) * np.cos(anomaly)])
+    return np.concatenate([place, rate / (1.0 - 0.2 * np.cos(anomaly))]).T
+
+
+def swirl(t, y):
+    return np.array([0.1 * y[0] + y[1], 0.1 * y[1] - y[0]])
+
+
+def in_swirl(t):
+    return np.exp(0.1 * t)[:, None] * np.array([np.cos(t), -np.sin(t)]).T
+
+
+PROBLEMS = {  # rates, solution, end, steps
+    "in time": (growth, lambda t: np.exp(np.sin(t))[:, None], 6.0, np.logspace(0.0, -0.9, 12)),
+    "swirl": (swirl, in_swirl, 10.0, np.logspace(0.0, -0.8, 12)),
+    "logistic": (
+        *(lambda t, y: y * (1.0 - y), lambda t: 1.0 / (1.0 + 99.0 * np.exp(-t))[:, None]),
+        *(5.0, np.logspace(0.0, -0.7, 12)),
+    ),
+    "orbit": (orbit, on_orbit, 6.0, np.logspace(-0.4, -1.3, 12)),
+}
+
+
+def solved(problem, times, rtol, atol, max_step):
+    rates, solution, _, _ = PROBLEMS[problem]
+    start = solution(np.zeros(1)).T
+    motion = _core.Dop853(
+        *(lambda t, y, which: rates(t[0], y), np.zeros(1), start),
+        *(0.0, rtol, atol, 1e8, max_step),
+    )
+    states = np.empty((1, times.size, len(start)))
+    while not motion.advance(times, states, 100_000):
+        pass
+    return states[0], motion.members[0][2]
+
+
+def order(steps, errors):
+    """Of errors of steps, where they are above rounding and below all."""
+    kept = (errors > 3e-13) & (errors < 1e-6)
+    assert errors[kept].max() > 1e4 * errors[kept].min()
+    return np.polyfit(np.log(steps[kept]), np.log(errors[kept]), 1)[0]
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_errors_at_the_ends_of_equal_steps_have_order_eight(problem):
+    _, solution, end, steps = PROBLEMS[problem]
+    at_end = np.array([end])
+    errors = [
+        np.abs(solved(problem, at_end, 1e9, 1e9, step)[0] - solution(at_end)).max()
+        for step in steps
+    ]
+    assert order(steps, np.array(errors)) == pytest.approx(8.0, abs=0.6)
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_states_within_equal_steps_have_order_seven_or_more(problem):
+    _, solution, end, steps = PROBLEMS[problem]
+    times = np.linspace(0.0, end, 301)[1:]
+    errors = [
+        np.abs(solved(problem, times, 1e9, 1e9, step)[0] - solution(times)).max() for step in steps
+    ]
+    assert 7.0 < order(steps, np.array(errors)) < 9.0
+
+
+@pytest.mark.parametrize("problem", ["swirl", "orbit"])
+def test_errors_are_proportional_to_tolerances_over_nine_decades(problem):
+    _, solution, _, _ = PROBLEMS[problem]
+    times = np.linspace(0.0, 20.0, 301)
+    tolerances = np.logspace(-3, -12, 10)
+    found = [solved(problem, times, rtol, rtol, np.inf) for rtol in tolerances]
+    errors = [np.abs(states - solution(times)).max() for states, _ in found]
+    calls = [calls for _, calls in found]
+    assert np.polyfit(np.log(tolerances), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.15)
+    assert (np.array(errors) < 100.0 * tolerances).all()
+    # Steps as long as an error of order 8 allows: h ~ rtol^(1/8).
+    assert np.polyfit(np.log(tolerances), np.log(calls), 1)[0] == pytest.approx(-0.125, abs=0.05)
+
+
+def test_steps_joined_are_the_polynomials_from_which_samples_come():
+    rates, solution, end, _ = PROBLEMS["orbit"]
+    start = solution(np.zeros(1)).T
+    times = np.linspace(0.0, end, 41)
+    motion = _core.Dop853(
+        lambda t, y, which: rates(t[0], y), np.zeros(1), start, 0.0, 1e-8, 1e-8, 1e8
+    )
+    states = np.empty((1, times.size, 4))
+    finished, breaks, pieces = False, [np.zeros(1)], []
+    while not finished:
+        finished, ends, coefficients = motion.follow(times, states, 1000)
+        assert ends[0] == pytest.approx(breaks[-1][-1], abs=1e-15)
+        breaks.append(ends[1:])
+        pieces.append(coefficients)
+    ends, pieces = np.concatenate(breaks), np.concatenate(pieces)
+    assert pieces.shape == (ends.size - 1, 8, 4)
+    assert ends[-1] == end
+    left, right = pieces[1:, 0], pieces[:-1].sum(axis=1)
+    assert np.abs(left - right).max() < 1e-13
+    slopes = (np.arange(8)[:, None] * pieces).sum(axis=1) / np.diff(ends)[:, None]
+    for slope, state in zip(slopes[:-1], left, strict=True):
+        assert slope == pytest.approx(orbit(0.0, state), rel=1e-9, abs=1e-9)
+    assert np.abs(states[0] - solution(times)).max() < 1e-6
