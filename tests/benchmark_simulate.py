@@ -55,12 +55,12 @@ def methods() -> None:
             model = make(pp.Pipe(0.2, damping=delta))
             sharp = {"samples": 21, "rtol": 1e-11}
             exact = pp.simulate(
-                model, 6.0, 2.0, bow, method="scipy:lsoda" if delta else "dop853", **sharp
+                model, 6.0, 2.0, bow, method="scipy:LSODA" if delta else "dop853", **sharp
             )
             for rtol in (1e-3, 1e-6, 1e-9):
                 chosen = choose_method(model, rtol)
                 cells = []
-                for method in ("dop853", "scipy:lsoda", "scipy:Radau"):
+                for method in ("dop853", "scipy:LSODA", "scipy:Radau"):
                     if method == "scipy:Radau" and (model.dof > 8 or rtol < 1e-8):
                         cells.append("-")
                         continue

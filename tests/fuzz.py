@@ -914,6 +914,20 @@ def _motions() -> Iterator[Target]:
         lambda model: pp.simulate(model, 1.0, 0.1, bend, samples=3),
         {"model": MOVING},
     )
+    watched = {
+        "t0": real((-3.0, 3.0), -1e10, 1e10),
+        "events": Kind(
+            one_of((), lambda t, q, qdot: q[0], [pp.Event(lambda t, q, qdot: qdot[-1], -1)]),
+            any_of(NONE, *WORDS, one_of(3, NAN, object(), [None], pp.Event(3), lambda t, q, v: q)),
+        ),
+        "dense": FLAG,
+        "callback": Kind(one_of(None, lambda t, q, qdot: None), any_of(*WORDS, one_of(3, [], NAN))),
+    }
+    yield Target(
+        "simulate[watched]",
+        lambda **given: pp.simulate(CHAIN, 1.0, 0.1, bend, samples=3, method="dop853", **given),
+        watched,
+    )
     speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
     yield Target(
         "simulate_many",

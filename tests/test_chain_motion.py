@@ -479,10 +479,13 @@ def test_bad_states_and_speeds_are_refused(y, u, error, message):
             chain.energy(y)
 
 
-def test_jacobian_takes_one_state():
+def test_jacobian_takes_a_state_or_a_batch():
     chain = everything(10)
-    with pytest.raises(ValueError, match=re.escape("y must have shape (20,), got (20, 1)")):
-        chain.jacobian(0.0, GOOD[:, None], 1.0)
+    y, u = states(10, 3), np.array([0.0, 2.0, 4.0])
+    each = [chain.jacobian(0.0, y[:, k], u[k]) for k in range(3)]
+    np.testing.assert_array_equal(chain.jacobian(0.0, y, u), each)
+    with pytest.raises(ValueError, match=re.escape("or (20, k), got (1, 20)")):
+        chain.jacobian(0.0, GOOD[None], 1.0)
     with pytest.raises(ValueError, match=re.escape("u must be a number, got shape (1,)")):
         chain.jacobian(0.0, GOOD, [1.0])
     with pytest.raises(ValueError, match="at most 4000 degrees of freedom, got 4001"):

@@ -341,6 +341,27 @@ def test_an_empty_batch_is_empty():
     assert model.power(np.zeros((6, 0)), 1.0).total.shape == (0,)
 
 
+@pytest.mark.parametrize("drag", [0.0, 0.7])
+@pytest.mark.parametrize("basis", BASES)
+@pytest.mark.parametrize(("m", "terms"), SIZES, ids=SIZE_NAMES)
+def test_jacobians_of_a_batch_are_those_of_its_members(m, terms, basis, drag, at_level):
+    """Of angles from small ones to two turns, which take grids of several sizes."""
+    rng = np.random.default_rng(14)
+    pipe = pp.Pipe(0.4, gamma=-3.0, drag=drag, damping=0.01, terms=terms)
+    model = pp.Galerkin(pipe, m, basis)
+    angles = np.repeat([0.3, 1.0, 2.0, 12.0], 5)[:19]
+    y = np.stack([state(model, rng, angle) for angle in angles], axis=1)
+    u = np.linspace(0.0, 6.0, 19)
+    for level in LEVELS:
+        at_level(level)
+        found = model.jacobian(0.0, y, u)
+        assert found.shape == (19, 2 * m, 2 * m)
+        for k in range(19):
+            expected = model.jacobian(0.0, y[:, k], u[k])
+            assert np.abs(found[k] - expected).max() < 1e-11 * np.abs(expected).max()
+    assert model.jacobian(0.0, y[:, :0], 3.0).shape == (0, 2 * m, 2 * m)
+
+
 @pytest.mark.parametrize("basis", BASES)
 @pytest.mark.parametrize(("m", "terms"), SIZES, ids=SIZE_NAMES)
 def test_levels_agree(m, terms, basis, at_level):
@@ -563,8 +584,8 @@ def test_bad_states_and_speeds_are_refused(y, u, error, message):
 
 
 def test_other_bad_arguments_are_refused():
-    with pytest.raises(ValueError, match=r"y must have shape \(6,\), got \(6, 2\)"):
-        MODEL.jacobian(0.0, np.ones((6, 2)), 1.0)
+    with pytest.raises(ValueError, match=r"y must have shape \(6,\) or \(6, k\), got \(5, 2\)"):
+        MODEL.jacobian(0.0, np.ones((5, 2)), 1.0)
     with pytest.raises(ValueError, match="q must have 3 entries, got 4"):
         MODEL.operators(np.zeros(4))
     with pytest.raises(ValueError, match=r"q must lie in \[-1e\+06, 1e\+06\], got nan at index 1"):

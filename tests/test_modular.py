@@ -486,7 +486,7 @@ def test_constraints_do_not_drift_over_a_hundred_periods() -> None:
     assert drifting(guided, 2.0, duration, "dop853") < 1e-8
 
 
-@pytest.mark.parametrize("method", ["dop853", "scipy:lsoda"])
+@pytest.mark.parametrize("method", ["dop853", "scipy:LSODA"])
 def test_pinned_and_fluttering_scenes_keep_their_constraints(method: str) -> None:
     tied = md.chain(pp.Pipe(0.2, drag=0.3), 4).plus(md.Guide(2))  # it flutters beyond the guide
     for scene, u in ((slack(5, pp.Pipe(0.3, 2.0, drag=0.3, damping=1e-3)), 4.0), (tied, 8.0)):
@@ -503,7 +503,7 @@ def test_a_scene_flutters_as_the_chain_does() -> None:
     np.testing.assert_allclose(mine.tip, theirs.tip, atol=1e-7)
     np.testing.assert_allclose(mine.energy, theirs.energy, atol=1e-6)
     stiff = pp.simulate(
-        md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9, method="scipy:lsoda"
+        md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9, method="scipy:LSODA"
     )
     np.testing.assert_allclose(stiff.tip, theirs.tip, atol=1e-6)
 
@@ -513,7 +513,7 @@ def test_implicit_steps_take_the_scenes_own_jacobian() -> None:
         start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
         runs = [
             pp.simulate(scene, 2.0, 1.0, start, rtol=1e-8, method=method, samples=51)
-            for method in ("dop853", "scipy:lsoda")
+            for method in ("dop853", "scipy:LSODA")
         ]
         np.testing.assert_allclose(runs[0].tip, runs[1].tip, atol=1e-5)
 

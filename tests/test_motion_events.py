@@ -173,7 +173,7 @@ def test_dense_output_ends_a_motion_before_it_fills_the_memory(monkeypatch):
 # -------------------------------------------------------------------- times, speeds and callbacks
 
 
-@pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:lsoda"])
+@pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:LSODA"])
 def test_a_motion_that_starts_later_is_the_same_motion(method):
     options = {"samples": 11, "rtol": 1e-9, "method": method}
     early = pp.simulate(CHAIN, 4.0, 1.0, bow, **options)
@@ -184,7 +184,7 @@ def test_a_motion_that_starts_later_is_the_same_motion(method):
     assert np.abs(again.q - late.q[[5, 10]]).max() < 1e-6
 
 
-@pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:lsoda"])
+@pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:LSODA"])
 def test_a_speed_that_varies_acts_as_in_solve_ivp(method):
     def ramp(t):
         return 2.0 + 3.0 * np.sin(t) ** 2
@@ -212,7 +212,7 @@ def test_an_own_module_feels_a_speed_that_varies():
     assert np.abs(a.q - b.q).max() < 1e-9
 
 
-@pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:dop853"])
+@pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:DOP853"])
 def test_no_step_is_longer_than_the_longest(method):
     slow = pp.Chain(pp.Pipe(0.2), 1)
     free = pp.simulate(slow, 1.0, 10.0, bow, samples=2, method=method)
@@ -223,7 +223,7 @@ def test_no_step_is_longer_than_the_longest(method):
         assert np.diff(kept.dense.t).max() == pytest.approx(0.01, rel=1e-6)
 
 
-@pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:lsoda"])
+@pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:LSODA"])
 def test_a_callback_sees_the_motion_and_ends_it(method):
     seen = []
 
@@ -320,7 +320,7 @@ def test_batches_leave_python_s_lock_and_count_for_their_caller():
         ({"events": lambda t, q, qdot: q}, TypeError, r"events\[0\]\(t, q, qdot\) must be a real"),
         ({"events": lambda t, q, qdot: np.nan}, ValueError, r"events\[0\]\(t, q, qdot\) must be f"),
         ({"events": tip_angle, "method": "scipy:Radau"}, ValueError, "events must come with a met"),
-        ({"dense": True, "method": "scipy:lsoda"}, ValueError, "dense must come with a method of"),
+        ({"dense": True, "method": "scipy:LSODA"}, ValueError, "dense must come with a method of"),
         ({"dense": 1}, TypeError, "dense must be True or False"),
         ({"callback": 1}, TypeError, "callback must be a function"),
         ({"t0": np.inf}, ValueError, "t0 must lie in"),

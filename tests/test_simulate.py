@@ -10,7 +10,7 @@ import pytest
 from scipy.special import ellipk
 
 import pipedyn as pp
-from pipedyn.motion.integrator import METHODS, Watched, choose_method, fastest_rates
+from pipedyn.motion.integrator import METHODS, Stopped, Watched, choose_method, fastest_rates
 from pipedyn.motion.simulate import checked_task
 
 PIPE = pp.Pipe(0.2)
@@ -53,10 +53,10 @@ def sharply_solved(pipe):
     ("pipe", "method", "least"),
     [
         (PIPE, "dop853", 0.7),
-        (PIPE, "scipy:lsoda", 0.6),
+        (PIPE, "scipy:LSODA", 0.6),
         (PIPE, "scipy:Radau", 0.5),
         (DAMPED, "dop853", 0.4),  # |v| v is not smooth: steps across its kinks know less
-        (DAMPED, "scipy:lsoda", 0.6),
+        (DAMPED, "scipy:LSODA", 0.6),
     ],
     ids=str,
 )
@@ -155,7 +155,7 @@ def test_a_motion_that_cannot_go_on_carries_what_there_is():
 
 def test_jacobians_do_not_stop_a_motion_that_goes_on():
     """Right-hand sides and Jacobians are one measure of what a motion took since it was asked."""
-    task = checked_task(CHAIN, 6.0, 1e3, bow, None, rtol=1e-6, method="scipy:lsoda")
+    task = checked_task(CHAIN, 6.0, 1e3, bow, None, rtol=1e-6, method="scipy:LSODA")
     for first in range(18_396, 18_412, 4):  # so many calls, and then two for each Jacobian
         watched = Watched(task)
         step = 0.02 / max(watched.fastest)
@@ -166,16 +166,19 @@ def test_jacobians_do_not_stop_a_motion_that_goes_on():
             watched.rates(t, task.start)
             watched.rates(later, task.start)
             watched.jacobian(later, task.start)
-        assert watched.interruption is None
 
 
 def test_a_motion_of_jacobians_that_comes_nowhere_is_stopped():
-    task = checked_task(CHAIN, 6.0, 1e3, bow, None, rtol=1e-6, method="scipy:lsoda")
+    task = checked_task(CHAIN, 6.0, 1e3, bow, None, rtol=1e-6, method="scipy:LSODA")
     watched = Watched(task)
-    for _ in range(2500):
-        watched.jacobian(0.0, task.start)
-        watched.rates(0.0, task.start)
-    assert "step size tends to 0" in str(watched.interruption)
+
+    def go_on():
+        for _ in range(2500):
+            watched.jacobian(0.0, task.start)
+            watched.rates(0.0, task.start)
+
+    with pytest.raises(Stopped, match="step size tends to 0"):
+        go_on()
     assert watched.calls < 1500
 
 
@@ -222,7 +225,7 @@ def test_no_motion_is_refused_that_keeps_to_its_bound(n, damping):
         small(most=0.9 * needed)
 
 
-@pytest.mark.parametrize("method", ["dop853", "scipy:lsoda", "scipy:Radau"])
+@pytest.mark.parametrize("method", ["dop853", "scipy:LSODA", "scipy:Radau"])
 def test_a_motion_ends_where_its_right_hand_sides_do_and_keeps_what_there_is(method):
     with pytest.raises(pp.MotionStopped, match="more than 390") as caught:
         pp.simulate(CHAIN, 6.0, 2.0, bow, method=method, most=390)
@@ -259,14 +262,14 @@ def test_a_motion_that_overflows_later_keeps_its_beginning(monkeypatch):
             return core.rhs_and_power(t, y, u)
 
     monkeypatch.setattr(pp.Chain, "motion", property(lambda chain: Bursting()))
-    for method in ("dop853", "scipy:lsoda", "scipy:Radau"):
+    for method in ("dop853", "scipy:LSODA", "scipy:Radau"):
         with pytest.raises(pp.MotionStopped, match="no longer finite") as caught:
             pp.simulate(CHAIN, 6.0, 1.0, bow, samples=11, method=method)
         assert 0.3 <= caught.value.motion.t[-1] <= 0.5
         assert pickle.loads(pickle.dumps(caught.value)).motion.t.size
 
 
-@pytest.mark.parametrize("method", ["dop853", "scipy:lsoda", "scipy:Radau"])
+@pytest.mark.parametrize("method", ["dop853", "scipy:LSODA", "scipy:Radau"])
 def test_an_interruption_ends_a_motion_and_is_not_lost(monkeypatch, method):
     core = CHAIN.core
 
@@ -284,25 +287,25 @@ def test_an_interruption_ends_a_motion_and_is_not_lost(monkeypatch, method):
 def test_the_method_follows_from_damping_and_size():
     assert choose_method(pp.Chain(PIPE, 20), 1e-6) == "dop853"
     stiff = pp.Chain(pp.Pipe(0.2, damping=1e-2), 20)
-    assert choose_method(stiff, 1e-6) == "scipy:lsoda"
-    assert pp.simulate(stiff, 6.0, 0.1, bow).method == "scipy:lsoda"
+    assert choose_method(stiff, 1e-6) == "scipy:LSODA"
+    assert pp.simulate(stiff, 6.0, 0.1, bow).method == "scipy:LSODA"
     assert pp.simulate(stiff, 6.0, 0.1, bow, method="dop853").method == "dop853"
-    assert choose_method(pp.Chain(pp.Pipe(0.2, damping=1e-3), 11), 1e-4) == "scipy:lsoda"
+    assert choose_method(pp.Chain(pp.Pipe(0.2, damping=1e-3), 11), 1e-4) == "scipy:LSODA"
     assert choose_method(pp.Chain(pp.Pipe(0.2, damping=1e-4), 8), 1e-4) == "dop853"
     assert choose_method(pp.Chain(pp.Pipe(0.2, damping=1e-5), 80), 1e-4) == "dop853"
-    assert choose_method(pp.Galerkin(pp.Pipe(0.2, damping=1e-2), 6), 1e-6) == "scipy:lsoda"
+    assert choose_method(pp.Galerkin(pp.Pipe(0.2, damping=1e-2), 6), 1e-6) == "scipy:LSODA"
     assert choose_method(pp.Galerkin(pp.Pipe(0.2), 6), 1e-6) == "dop853"
-    assert choose_method(pp.Chain(pp.Pipe(0.2, damping=1e-2), 400), 1e-6) == "scipy:lsoda"
+    assert choose_method(pp.Chain(pp.Pipe(0.2, damping=1e-2), 400), 1e-6) == "scipy:LSODA"
 
 
 @pytest.mark.parametrize(("n", "damping"), [(5, 1e-2), (11, 1e-3), (16, 3e-3)])
 def test_implicit_steps_take_fewer_right_hand_sides_where_they_are_chosen(n, damping):
     """Counted, as times scatter; each of theirs costs somewhat more, with Jacobians."""
     chain = pp.Chain(pp.Pipe(0.2, damping=damping), n)
-    assert choose_method(chain, 1e-4) == "scipy:lsoda"
+    assert choose_method(chain, 1e-4) == "scipy:LSODA"
     implicit, explicit = (
         pp.simulate(chain, 4.0, 1.0, bow, samples=21, rtol=1e-4, method=method)
-        for method in ("scipy:lsoda", "dop853")
+        for method in ("scipy:LSODA", "dop853")
     )
     assert implicit.evaluations < 0.6 * explicit.evaluations
     sharp = pp.simulate(chain, 4.0, 1.0, bow, samples=21, rtol=1e-9)

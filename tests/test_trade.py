@@ -237,7 +237,7 @@ def test_a_motion_counts_what_its_integrator_does():
     assert counters.factorisations == 0
 
 
-@pytest.mark.parametrize("method", ["scipy:lsoda", "scipy:Radau"])
+@pytest.mark.parametrize("method", ["scipy:LSODA", "scipy:Radau"])
 def test_an_implicit_motion_counts_its_factorisations(method):
     chain = pp.Chain(pp.Pipe(0.2, damping=0.1), 6)
     with counted() as counters:
@@ -245,7 +245,7 @@ def test_an_implicit_motion_counts_its_factorisations(method):
     start = np.concatenate([chain.bent(lambda s: 0.05 * s**2), np.zeros(6)])
     peer = solve_ivp(
         *(lambda t, y: chain.rhs(t, y, 6.0), (0.0, 1.0), start),
-        method="LSODA" if method == "scipy:lsoda" else "Radau",
+        method="LSODA" if method == "scipy:LSODA" else "Radau",
         jac=lambda t, y: chain.jacobian(t, y, 6.0),
         rtol=1e-8,
         atol=1e-10,
@@ -443,7 +443,7 @@ def test_a_reference_that_no_larger_model_confirms_is_refused():
         pp.trade(pp.Pipe(0.2), "motion", u=50.0, duration=0.1, rtol=1e-3)
 
 
-@pytest.mark.parametrize("method", ["dop853", "scipy:lsoda"])
+@pytest.mark.parametrize("method", ["dop853", "scipy:LSODA"])
 def test_a_computation_ends_with_its_time(method):
     chain = pp.Chain(pp.Pipe(0.2, damping=1e-3), 20)
     with pytest.raises(TookTooLong, match=r"more than 0\.1 s"), limited(60.0), limited(0.1):

@@ -58,17 +58,17 @@ struct States {
   bool one;  // shape (rows,)
   py::ssize_t members;
 
-  States(const char* name, py::handle value, py::ssize_t rows, bool batches = true)
+  States(const char* name, py::handle value, py::ssize_t rows)
       : values(numbers_argument(name, "an array of real numbers", value)),
         one(values.ndim() == 1),
         members(one                  ? 1
                 : values.ndim() == 2 ? values.shape(1)
                                      : 0) {
-    const bool fits = (one || (batches && values.ndim() == 2)) && values.shape(0) == rows;
+    const bool fits = (one || values.ndim() == 2) && values.shape(0) == rows;
     if (!fits) {
       const std::string size = std::to_string(rows);
-      throw py::value_error(std::string(name) + " must have shape (" + size + ",)" +
-                            (batches ? " or (" + size + ", k)" : "") + ", got " + shape_of(values));
+      throw py::value_error(std::string(name) + " must have shape (" + size + ",)" + " or (" +
+                            size + ", k), got " + shape_of(values));
     }
     require_finite(name, values);
   }

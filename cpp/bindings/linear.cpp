@@ -49,8 +49,14 @@ const Lapack& scipy_lapack() {
 /// an exception of what counts.
 class Report {
  public:
-  Report(Spectrum& spectrum, const py::object& factorised)
-      : spectrum_(spectrum), factorised_(factorised) {}
+  Report(std::shared_ptr<Spectrum> spectrum, const py::object& factorised)
+      : spectrum_(std::move(spectrum)), factorised_(factorised) {}
+
+  /// What was done by one search of many, and what does the next.
+  void go_on(std::shared_ptr<Spectrum> next) {
+    done_ += spectrum_->factorisations();
+    spectrum_ = std::move(next);
+  }
 
   void operator()() {
     const auto now = std::chrono::steady_clock::now();
@@ -61,12 +67,13 @@ class Report {
   }
 
   void tell() {
-    factorised_(spectrum_.factorisations());
+    factorised_(std::exchange(done_, 0) + spectrum_->factorisations());
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
   }
 
  private:
-  Spectrum& spectrum_;
+  std::shared_ptr<Spectrum> spectrum_;
+  int done_ = 0;
   const py::object& factorised_;
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
@@ -106,6 +113,17 @@ void define_linear(py::module_& m) {
         }
         return good;
       });
+  py::class_<Forms>(m, "Forms")
+      .def(py::init<Complex, Complex, Complex, Complex, Complex, Complex, ComplexVector>(),
+           "mass"_a, "velocity"_a, "damping"_a, "flux"_a, "gravity"_a, "by_damping"_a,
+           "springs"_a = ComplexVector())
+      .def_readonly("mass", &Forms::mass)
+      .def_readonly("velocity", &Forms::velocity)
+      .def_readonly("damping", &Forms::damping)
+      .def_readonly("flux", &Forms::flux)
+      .def_readonly("gravity", &Forms::gravity)
+      .def_readonly("by_damping", &Forms::by_damping)
+      .def_readonly("springs", &Forms::springs);
   py::class_<AxisCrossing>(m, "AxisCrossing")
       .def_readonly("speed", &AxisCrossing::speed)
       .def_readonly("value", &AxisCrossing::value)
@@ -114,6 +132,9 @@ void define_linear(py::module_& m) {
       .def_readonly("change", &AxisCrossing::change)
       .def_readonly("mode", &AxisCrossing::mode)
       .def_readonly("error", &AxisCrossing::error)
+      .def_readonly("forms", &AxisCrossing::forms)
+      .def_property_readonly("slope",
+                             [](const AxisCrossing& crossing) { return crossing.pair.slope; })
       .def_property_readonly("pair", [](const AxisCrossing& crossing) -> std::optional<Pair> {
         if (crossing.pair.right.size() == 0) return {};
         return crossing.pair;
@@ -130,28 +151,15 @@ void define_linear(py::module_& m) {
       .def_readonly("converged", &RootLoci::converged)
       .def_readonly("errors", &RootLoci::errors);
 
+  py::class_<Range>(m, "Range")
+      .def(py::init<double, double, Index, Index, Index, Index, bool>(), "max_speed"_a, "scale"_a,
+           "count"_a, "tracked"_a, "resolved"_a, "certain"_a, "until_unstable"_a);
+
   py::class_<Spectrum, std::shared_ptr<Spectrum>>(m, "Spectrum")
       .def(
-          "crossings",
-          [](Spectrum& spectrum, double max_speed, double scale, Index count, Index tracked,
-             Index resolved, Index certain, bool until_unstable, const py::object& factorised) {
-            Report report(spectrum, factorised);
-            Sweep found;
-            {
-              const py::gil_scoped_release unlocked;
-              found = crossings(
-                  spectrum, {max_speed, scale, count, tracked, resolved, certain, until_unstable},
-                  std::ref(report));
-            }
-            report.tell();
-            return found;
-          },
-          "max_speed"_a, "scale"_a, "count"_a, "tracked"_a, "resolved"_a, "certain"_a,
-          "until_unstable"_a, "factorised"_a)
-      .def(
           "root_loci",
-          [](Spectrum& spectrum, const std::vector<double>& speeds, Index count, Index taken,
-             const py::object& factorised, const py::object& row_done) {
+          [](const std::shared_ptr<Spectrum>& spectrum, const std::vector<double>& speeds,
+             Index count, Index taken, const py::object& factorised, const py::object& row_done) {
             Report report(spectrum, factorised);
             Index counted = 1;  // the first speed is where tracking starts
             const auto sampled = [&](Index rows) {
@@ -163,13 +171,35 @@ void define_linear(py::module_& m) {
             std::optional<RootLoci> found;
             {
               const py::gil_scoped_release unlocked;
-              found = root_loci(spectrum, speeds, count, taken, sampled);
+              found = root_loci(*spectrum, speeds, count, taken, sampled);
             }
             report.tell();
             return found;
           },
           "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
       .def("factorisations", &Spectrum::factorisations);
+
+  m.def(
+      "crossings",
+      [](const std::vector<std::shared_ptr<Spectrum>>& spectra, const std::vector<Range>& ranges,
+         const py::object& factorised, const py::object& one_done) {
+        std::vector<Sweep> found;
+        if (spectra.empty()) return found;
+        Report report(spectra[0], factorised);
+        {
+          const py::gil_scoped_release unlocked;
+          for (std::size_t i = 0; i < spectra.size(); ++i) {
+            report.go_on(spectra[i]);
+            found.push_back(crossings(*spectra[i], ranges.at(i), std::ref(report)));
+            if (one_done.is_none()) continue;
+            const py::gil_scoped_acquire locked;
+            one_done();
+          }
+        }
+        report.tell();
+        return found;
+      },
+      "spectra"_a, "ranges"_a, "factorised"_a, "one_done"_a = py::none());
 
   py::class_<DenseOperator>(m, "DenseOperator")
       .def(py::init([](DenseOperator::Matrices of, double size) {

@@ -123,7 +123,8 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
   if (py::isinstance<Galerkin>(of)) {
     const Galerkin& model = of.cast<const Galerkin&>();
     const auto slopes = [&model, speed](double t, const double* y, Index member, double* out) {
-      model.jacobian(y, speed(t, member), out);
+      const double u = speed(t, member);
+      model.jacobian({y, &u, 1, 0}, out);
     };
     return implicit_rates(model, u, std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
   }

@@ -71,7 +71,8 @@ Numbers from_angles(const Scene& scene, const py::object& theta, const py::objec
 /// Derivative of the rates of the chain alone, with further moments held.
 Matrix jacobian(const Scene& scene, const Vector& y, double u, const Vector& moments) {
   Matrix made(y.size(), y.size());
-  scene.chain().jacobian(y.data(), u, made.data(), moments.size() > 0 ? moments.data() : nullptr);
+  const double* const more = moments.size() > 0 ? moments.data() : nullptr;
+  scene.chain().jacobian({y.data(), &u, 1, 0, more}, made.data());
   return made;
 }
 

@@ -17,17 +17,20 @@ __all__: list[str] = [
     "DenseOperator",
     "Dop853",
     "Eigenproblem",
+    "Forms",
     "Galerkin",
     "Integrator",
     "Operators",
     "Pair",
     "Pairs",
     "Pipe",
+    "Range",
     "RootLoci",
     "Scene",
     "Spectrum",
     "Sweep",
     "Traits",
+    "crossings",
     "dense_limit",
     "set_vector_level",
     "sincos",
@@ -197,17 +200,47 @@ class Pairs:
     @property
     def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
 
+class Forms:
+    def __init__(
+        self,
+        mass: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        velocity: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        damping: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        flux: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        gravity: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        by_damping: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        springs: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"] = ...,
+    ) -> None: ...
+    @property
+    def by_damping(self) -> complex: ...
+    @property
+    def damping(self) -> complex: ...
+    @property
+    def flux(self) -> complex: ...
+    @property
+    def gravity(self) -> complex: ...
+    @property
+    def mass(self) -> complex: ...
+    @property
+    def springs(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+    @property
+    def velocity(self) -> complex: ...
+
 class AxisCrossing:
     @property
     def change(self) -> int: ...
     @property
     def error(self) -> float: ...
     @property
+    def forms(self) -> Forms | None: ...
+    @property
     def frequency(self) -> float: ...
     @property
     def mode(self) -> int: ...
     @property
     def pair(self) -> Pair | None: ...
+    @property
+    def slope(self) -> complex: ...
     @property
     def speed(self) -> float: ...
     @property
@@ -233,8 +266,8 @@ class RootLoci:
     @property
     def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
 
-class Spectrum:
-    def crossings(
+class Range:
+    def __init__(
         self,
         max_speed: typing.SupportsFloat | typing.SupportsIndex,
         scale: typing.SupportsFloat | typing.SupportsIndex,
@@ -243,8 +276,9 @@ class Spectrum:
         resolved: typing.SupportsInt | typing.SupportsIndex,
         certain: typing.SupportsInt | typing.SupportsIndex,
         until_unstable: bool,
-        factorised: typing.Any,
-    ) -> Sweep: ...
+    ) -> None: ...
+
+class Spectrum:
     def factorisations(self) -> int: ...
     def root_loci(
         self,
@@ -452,6 +486,12 @@ class Dop853(Integrator):
         max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
     ) -> None: ...
 
+def crossings(
+    spectra: collections.abc.Sequence[Spectrum],
+    ranges: collections.abc.Sequence[Range],
+    factorised: typing.Any,
+    one_done: typing.Any = None,
+) -> list[Sweep]: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

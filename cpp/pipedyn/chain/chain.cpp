@@ -131,13 +131,19 @@ void Chain::linearise() {
         return ImpedanceParts{term(-loads.by_position[0][0]) + term(own) + term(weight),
                               term(-loads.by_velocity[0][0]), term(mass)};
       };
-      return ImpedanceSegment{.length = link.length,
-                              .joint = {link.spring, link.damping, 0.0},
-                              .force = parts(0, link.mass),
-                              .across = parts(1, link.first_moment),
-                              .turned = parts(1, link.first_moment, -slopes[0].by_angle[0]),
-                              .moment = parts(2, link.inertia, pulled, link.weight),
-                              .held = held_[static_cast<std::size_t>(j)]};
+      ImpedanceSegment made{.length = link.length,
+                            .joint = {link.spring, link.damping, 0.0},
+                            .force = parts(0, link.mass),
+                            .across = parts(1, link.first_moment),
+                            .turned = parts(1, link.first_moment, -slopes[0].by_angle[0]),
+                            .moment = parts(2, link.inertia, pulled, link.weight),
+                            .held = held_[static_cast<std::size_t>(j)],
+                            .loaded = false};
+      made.loaded = made.moment.rate != 0.0;
+      for (const ImpedanceParts& of : {made.force, made.across, made.turned}) {
+        made.loaded = made.loaded || of.still != 0.0 || of.rate != 0.0;
+      }
+      return made;
     };
     impedances_[static_cast<std::size_t>(j)] = impedance([](double x) { return x; });
     impedance_sizes_[static_cast<std::size_t>(j)] = impedance([](double x) { return std::abs(x); });
@@ -425,8 +431,16 @@ void Chain::rhs_and_power(const Batch& batch, double* rates) const {
   motion_kernel().rhs_and_power(motion(), batch, rates);
 }
 
-void Chain::jacobian(const double* y, double u, double* out, const double* moments) const {
-  motion_kernel().jacobian(motion(), {y, &u, 1, 0, moments}, out);
+void Chain::jacobian(const Batch& batch, double* out) const {
+  const Index rows = 2 * dof(), members = batch.members;
+  Vector y(rows), moments(batch.moments != nullptr ? dof() : 0);
+  for (Index k = 0; k < members; ++k) {
+    for (Index i = 0; i < rows; ++i) y[i] = batch.y[i * members + k];
+    for (Index i = 0; i < moments.size(); ++i) moments[i] = batch.moments[i * members + k];
+    const double* const more = moments.size() > 0 ? moments.data() : nullptr;
+    const Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, more};
+    motion_kernel().jacobian(motion(), one, out + k * rows * rows);
+  }
 }
 
 Index Chain::factor_numbers() const { return motion_kernel().factor_numbers(motion()); }

@@ -120,9 +120,9 @@ class Chain {
   /// Those of [theta, theta', W] (2 n + 1, members), W' the sum of the power: an integrator sums it
   /// to its own order, so that E(t) - E(0) - W(t) audits a motion.
   void rhs_and_power(const Batch& batch, double* rates) const;
-  /// d(dy/dtau)/dy (2 n, 2 n), row-major, O(n^2). Drag's share is 2 |v| dv, 0 where v = 0; further
-  /// moments (n) are held.
-  void jacobian(const double* y, double u, double* out, const double* moments = nullptr) const;
+  /// d(dy/dtau)/dy (members, 2 n, 2 n), row-major, O(n^2) a member. Drag's share is 2 |v| dv, 0
+  /// where v = 0; further moments are held.
+  void jacobian(const Batch& batch, double* out) const;
   /// (mu - J) x = b for MotionKernel::shifts complex mu, J the Jacobian of a state, in O(n):
   /// factors with room for factor_numbers() make b (2 n, 2 shifts) x. Real parts are first, in mu
   /// too.

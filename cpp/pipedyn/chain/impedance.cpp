@@ -34,56 +34,67 @@ inline Lanes inverse(const Lanes& a) {
 /// |Re| + |Im|, at least |a| and at most 1.5 times that.
 inline Pack size_of(const Lanes& a) { return absolute(a.re) + absolute(a.im); }
 
-/// What multiplies the parts of a segment's coefficients.
+inline Lanes operator+(const Lanes& a, double b) { return {a.re + b, a.im}; }
+
+/// lambda and what comes of it, or the sizes of these.
 template <class Number>
-struct Factors {
-  Pack still;           // 1, or 0 in a derivative
-  Number rate, square;  // lambda, lambda^2
-  Number coriolis;      // sqrt(beta) U lambda
-  double thrust;        // a U^2
+struct Powers {
+  Number one, square;  // lambda, lambda^2
+  Number coriolis;     // sqrt(beta) U lambda
 };
 
 template <class Number>
 struct Coefficients {
   Number elastic, force, across, turned, moment;  // e k, z, f, t, g
-  double thrust;                                  // a U^2
 };
 
-inline Lanes combined(const ImpedanceParts& part, const Factors<Lanes>& by) {
-  Lanes sum = part.square * by.square + part.rate * by.rate;
-  sum.re += part.still * by.still;
+/// Coefficients of a segment.
+template <class Number>
+inline Coefficients<Number> coefficients(const ImpedanceSegment& at, const Powers<Number>& by) {
+  const double l = at.length;
+  Coefficients<Number> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
+                           at.across.square * by.square,
+                           at.turned.square * by.square + (2.0 * l) * by.coriolis,
+                           at.moment.square * by.square + (l * l) * by.coriolis + at.moment.still};
+  if (at.loaded) {
+    sum.force = sum.force + (at.force.rate * by.one + at.force.still);
+    sum.across = sum.across + (at.across.rate * by.one + at.across.still);
+    sum.turned = sum.turned + (at.turned.rate * by.one + at.turned.still);
+    sum.moment = sum.moment + at.moment.rate * by.one;
+  }
   return sum;
 }
-inline Pack combined(const ImpedanceParts& part, const Factors<Pack>& by) {
-  return part.square * by.square + part.rate * by.rate + part.still * by.still;
-}
 
-template <class Number>
-inline Coefficients<Number> coefficients(const ImpedanceSegment& at, const Factors<Number>& by) {
-  const double l = at.length;
-  return {combined(at.joint, by),
-          combined(at.force, by),
-          combined(at.across, by),
-          combined(at.turned, by) + (2.0 * l) * by.coriolis,
-          combined(at.moment, by) + (l * l) * by.coriolis,
-          by.thrust};
-}
-
-/// Factors of T, its derivatives, and of the sizes of its entries' terms.
+/// T at so many lambda.
 struct Problem {
-  Factors<Lanes> whole, by_lambda, by_u;
-  Factors<Pack> sizes;
+  Powers<Lanes> powers;
+  double flow, thrust;  // sqrt(beta) U and a U^2
 
   Problem() = default;
-  Problem(const ImpedanceModel& model, const Lanes& lambda, double u) {
-    const Pack one = all<Pack>(1.0), none{};
-    const double c = model.coriolis, a = model.centrifugal;
-    const Lanes unit{one, none}, zero{};
-    whole = {one, lambda, lambda * lambda, (c * u) * lambda, a * u * u};
-    by_lambda = {none, unit, 2.0 * lambda, (c * u) * unit, 0.0};
-    by_u = {none, zero, zero, c * lambda, 2.0 * a * u};
-    const Pack size = size_of(lambda);
-    sizes = {one, size, size * size, std::fabs(c) * u * size, whole.thrust};
+  Problem(const ImpedanceModel& model, const Lanes& lambda, double u)
+      : powers{lambda, lambda * lambda, (model.coriolis * u) * lambda},
+        flow(model.coriolis * u),
+        thrust(model.centrifugal * u * u) {}
+
+  Powers<Pack> sizes() const {
+    const Pack size = size_of(powers.one);
+    return {size, size * size, std::fabs(flow) * size};
+  }
+
+  /// Derivatives of a segment's coefficients by lambda.
+  Coefficients<Lanes> by_lambda(const ImpedanceSegment& at) const {
+    const double l = at.length;
+    const Lanes twice = 2.0 * powers.one;
+    Coefficients<Lanes> sum{Lanes{} + at.joint.rate, at.force.square * twice,
+                            at.across.square * twice, at.turned.square * twice + 2.0 * l * flow,
+                            at.moment.square * twice + l * l * flow};
+    if (at.loaded) {
+      sum.force = sum.force + at.force.rate;
+      sum.across = sum.across + at.across.rate;
+      sum.turned = sum.turned + at.turned.rate;
+      sum.moment = sum.moment + at.moment.rate;
+    }
+    return sum;
   }
 };
 
@@ -92,32 +103,30 @@ struct Impedance {
   Lanes a, b, c, d;
 };
 
-/// What eliminates a segment.
+/// What eliminates a segment, or its derivative.
 struct Step {
-  Lanes g, r, w, h, pushed, p;
+  Lanes r, w, h, p;
 
   Step(double l, const Impedance& beyond, const Coefficients<Lanes>& at) {
-    const Lanes carried = l * beyond.a;
-    g = carried + beyond.b;
+    const Lanes carried = l * beyond.a, g = carried + beyond.b;
     r = at.moment + beyond.d + l * (beyond.c + g);
     w = at.across + beyond.c + carried;
     h = g + at.turned;
-    pushed = h;
-    pushed.re += at.thrust;
     p = at.elastic + r;
   }
 };
 
 /// Before a segment whose end is held; linear in what it takes.
-inline Impedance before_held(double l, const Impedance& beyond, const Coefficients<Lanes>& at) {
+inline Impedance before_held(double l, const Impedance& beyond, const Coefficients<Lanes>& at,
+                             double thrust) {
   const double share = 1.0 / l;
   Impedance found;
   found.d = at.elastic;
   found.b = found.c = share * at.elastic;
-  found.b.re -= all<Pack>(at.thrust);
+  found.b.re -= thrust;
   found.a =
       share * (share * (at.elastic + beyond.d + at.moment) - at.across - at.turned) + at.force;
-  found.a.re -= all<Pack>(share * at.thrust);
+  found.a.re -= share * thrust;
   return found;
 }
 
@@ -141,65 +150,53 @@ void put(double* out, const ImpedancePoints& points, Count first, const Lanes& x
   put(out + points.count, points, first, x.im);
 }
 
-/// Packs that log_derivative takes through the segments together: each waits for its own divisions.
-constexpr Count abreast = 4;
-
 void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, double* out) {
-  for (Count first = 0; first < points.count; first += abreast * width) {
-    const Count left = (points.count - first + width - 1) / width;
-    const Count packs = left < abreast ? left : abreast;
-    Problem problems[abreast];
-    Impedance before[abreast], rates[abreast];  // and its derivative by lambda
-    Lanes sums[abreast];
-    for (Count p = 0; p < packs; ++p) {
-      const Lanes lambda = taken(points, first + p * width);
-      problems[p] = Problem(model, lambda, points.u);
-      Lanes& sum = sums[p];
-      for (Count k = 0; k < points.roots; ++k) {
-        const Pack x = lambda.re - points.root_real[k], y = lambda.im - points.root_imag[k];
-        const Pack square = x * x + y * y,
-                   share = 1.0 / (square > 1e-300 ? square : all<Pack>(1e-300));
-        sum.re -= x * share;
-        sum.im += y * share;
-      }
+  for (Count first = 0; first < points.count; first += width) {
+    const Lanes lambda = taken(points, first);
+    const Problem problem(model, lambda, points.u);
+    Impedance at, by;  // and its derivative by lambda
+    Lanes sum;
+    for (Count k = 0; k < points.roots; ++k) {
+      const Pack x = lambda.re - points.root_real[k], y = lambda.im - points.root_imag[k];
+      const Pack square = x * x + y * y,
+                 share = 1.0 / (square > 1e-300 ? square : all<Pack>(1e-300));
+      sum.re -= x * share;
+      sum.im += y * share;
     }
     for (Count j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
-      for (Count p = 0; p < packs; ++p) {
-        const Problem& problem = problems[p];
-        Impedance &at = before[p], &by = rates[p];
-        const auto own = coefficients(segment, problem.whole);
-        const auto change = coefficients(segment, problem.by_lambda);
-        if (segment.held) {  // its pivot is constant
-          by = before_held(segment.length, by, change);
-          at = before_held(segment.length, at, own);
-          continue;
-        }
-        const Step step(segment.length, at, own), moved(segment.length, by, change);
-        const Lanes share = inverse(step.p), relative = moved.p * share;
-        sums[p] += relative;
-        const Lanes w = step.w * share, r = step.r * share, e = own.elastic * share;
-        const Lanes dw = moved.w * share - w * relative, dr = moved.r * share - r * relative,
-                    de = change.elastic * share - e * relative;
-        by = {by.a + change.force - (moved.h * w + step.pushed * dw),
-              moved.h * e + step.h * de - own.thrust * dr, change.elastic * w + own.elastic * dw,
-              change.elastic * r + own.elastic * dr};
-        at = {at.a + own.force - step.pushed * w, step.h * e - own.thrust * r, own.elastic * w,
-              own.elastic * r};
+      const auto own = coefficients(segment, problem.powers);
+      const auto change = problem.by_lambda(segment);
+      if (segment.held) {  // its pivot is constant
+        by = before_held(segment.length, by, change, 0.0);
+        at = before_held(segment.length, at, own, problem.thrust);
+        continue;
       }
+      // In shares of p = e k + R: d(e k / p) = -d(R / p) = kept / p.
+      const Step step(segment.length, at, own), moved(segment.length, by, change);
+      const Lanes share = inverse(step.p), pushed = (step.h + problem.thrust) * share;
+      const Lanes w = step.w * share, r = step.r * share, e = own.elastic * share;
+      const Lanes turned = segment.joint.rate * r, carried = e * moved.r, kept = turned - carried;
+      sum += moved.p * share;
+      by = {by.a + change.force - w * (moved.h - pushed * moved.p) - pushed * moved.w,
+            moved.h * e + pushed * kept, e * moved.w + w * kept, r * turned + e * carried};
+      at = {at.a + own.force - pushed * step.w, step.h * e - problem.thrust * r, own.elastic * w,
+            own.elastic * r};
     }
-    for (Count p = 0; p < packs; ++p) put(out, points, first + p * width, sums[p]);
+    put(out, points, first, sum);
   }
 }
 
-/// Joint angle, angle, and displacement of a segment's joint and end.
+/// Joint angle, angle, and displacement of a segment's joint and end. Inlined: called, it takes a
+/// third of the time of `pairs` more.
 struct Motion {
   Lanes turn, angle, joint, end;
 
   /// From the segment before and what loads turn this one by, none by a difference of the others.
-  /// by_joint: W of the step, or H for the left vector; by_end: p - l by_joint.
-  void move(double l, const Lanes& share, const Lanes& elastic, const Lanes& r,
-            const Lanes& by_joint, const Lanes& by_end, const Lanes& loaded) {
+  /// by_joint: W of the step, or H + a U^2 for the left vector; by_end: p - l by_joint.
+  [[gnu::always_inline]] void move(double l, const Lanes& share, const Lanes& elastic,
+                                   const Lanes& r, const Lanes& by_joint, const Lanes& by_end,
+                                   const Lanes& loaded) {
     joint = end;
     turn = loaded - (r * angle + by_joint * joint) * share;
     end = l * loaded + (by_end * joint + l * (elastic * angle)) * share;
@@ -220,19 +217,36 @@ struct LoadBeyond {
   Lanes force, moment, turned;
 };
 
-/// What a motion's forces do in a virtual one on one segment.
-inline Lanes work(const Coefficients<Lanes>& at, const Motion& virtual_, const Motion& motion) {
-  return at.elastic * (virtual_.turn * motion.turn) +
-         virtual_.angle * (at.moment * motion.angle + at.across * motion.joint) +
-         virtual_.joint *
-             (at.force * motion.joint + at.turned * motion.angle + at.thrust * motion.turn);
-}
+/// Y^T (dT/dlambda) X by its parts, summed over the segments.
+struct Rates {
+  Lanes mass, flow, damping;  // times 2 lambda, sqrt(beta) U and 1
 
-/// What the way back needs of a segment: the impedance of all beyond, 1 / p, and what the loads of
-/// right and left vector turn it by.
+  [[gnu::always_inline]] void add(const ImpedanceSegment& at, const Motion& dual,
+                                  const Motion& motion) {
+    const double l = at.length;
+    const Lanes &x = motion.joint, &angle = motion.angle, &y = dual.joint, &other = dual.angle;
+    mass += y * (at.force.square * x + at.turned.square * angle) +
+            other * (at.across.square * x + at.moment.square * angle);
+    flow += (l * other + 2.0 * y) * (l * angle);
+    if (at.joint.rate != 0.0) damping += at.joint.rate * (dual.turn * motion.turn);
+    if (!at.loaded) return;
+    damping += y * (at.force.rate * x + at.turned.rate * angle) +
+               other * (at.across.rate * x + at.moment.rate * angle);
+  }
+  Lanes sum(const Problem& problem) const {
+    return (2.0 * problem.powers.one) * mass + problem.flow * flow + damping;
+  }
+};
+
+/// What the way back needs of a segment: the impedance of all beyond, and 1 / p.
 struct Segment {
   Impedance beyond;
-  Lanes share, load, dual;
+  Lanes share;
+};
+
+/// What the loads of right and left vector turn a segment by.
+struct Turned {
+  Lanes right, left;
 };
 
 void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const ImpedancePairs& out,
@@ -241,6 +255,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
   Count start = 0;  // the first segment that moves
   while (model.segments[start].held) ++start;
   Segment* const segments = reinterpret_cast<Segment*>(scratch);
+  Turned* const turned_by = reinterpret_cast<Turned*>(segments + n);
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
     Impedance at;
@@ -249,33 +264,37 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
     for (Count j = n - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
-      const auto own = coefficients(segment, problem.whole);
+      const auto own = coefficients(segment, problem.powers);
       if (segment.held) {  // the guide takes forces, and moments as forces
         segments[j].beyond = at;
-        at = before_held(l, at, own);
+        at = before_held(l, at, own, problem.thrust);
         load = {(-1.0 / l) * load.moment, {}, {}};
         dual = {(-1.0 / l) * dual.moment, {}, {}};
         continue;
       }
       const Step step(l, at, own);
       const Lanes share = inverse(step.p), e = own.elastic * share;
+      const Lanes pushed = step.h + problem.thrust;
       if (out.loaded) {
         const Lanes moment{part * (size_of(own.elastic) + size_of(own.moment)), {}};
         load.turned = (moment - load.moment - l * load.force) * share;
         dual.turned = (moment - dual.moment - l * dual.force) * share;
-        load.force += step.pushed * load.turned;
+        load.force += pushed * load.turned;
         dual.force += step.w * dual.turned;
         load.moment = Lanes{} - own.elastic * load.turned;
         dual.moment = Lanes{} - own.elastic * dual.turned;
         part += part < 1.0 ? 0.382 : -0.618;  // in no order
+        turned_by[j] = {load.turned, dual.turned};
       }
-      segments[j] = {at, share, load.turned, dual.turned};
-      at = {at.a + own.force - step.pushed * (step.w * share),
-            step.h * e - own.thrust * (step.r * share), step.w * e, step.r * e};
+      segments[j] = {at, share};
+      at = {at.a + own.force - pushed * (step.w * share),
+            step.h * e - problem.thrust * (step.r * share), step.w * e, step.r * e};
     }
     const Lanes free{all<Pack>(out.loaded ? 0.0 : 1.0), {}};  // 1 / p may be infinite
     Motion x, y;
-    Lanes value, by_lambda, by_u, by_right, missing, force_before;
+    const Powers<Pack> sizes = problem.sizes();
+    Rates rates, own_rates;
+    Lanes value, pressed, missing, force_before;
     Pack rest{}, entries{}, sums{};
     for (Count j = 0; j < start; ++j) {
       if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
@@ -284,34 +303,33 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
     for (Count j = start; j < n; ++j) {
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
-      const auto own = coefficients(segment, problem.whole);
-      const auto change = coefficients(segment, problem.by_lambda);
-      const auto terms = coefficients(model.sizes[j], problem.sizes);
-      const auto& [at, share, load_of, dual_of] = segments[j];
+      const auto own = coefficients(segment, problem.powers);
+      const auto terms = coefficients(model.sizes[j], sizes);
+      const auto& [at, share] = segments[j];
+      const Turned loaded = out.loaded ? turned_by[j] : Turned{};
       const Motion x_before = x, y_before = y;
       const Step step(l, at, own);
       const Lanes rest_of_p = own.elastic + own.moment + at.d;
-      const Lanes pressed{all<Pack>(l * own.thrust), {}};
       if (segment.held) {
         x.move_to_guide(l);
         y.move_to_guide(l);
       } else if (j == start) {
-        x.turn = x.angle = out.loaded ? load_of : free;
-        y.turn = y.angle = out.loaded ? dual_of : free;
+        x.turn = x.angle = out.loaded ? loaded.right : free;
+        y.turn = y.angle = out.loaded ? loaded.left : free;
         x.end = l * x.turn;
         y.end = l * y.turn;
       } else {
-        x.move(l, share, own.elastic, step.r, step.w, rest_of_p + l * (at.b - own.across), load_of);
-        y.move(l, share, own.elastic, step.r, step.pushed,
-               rest_of_p + l * (at.c - own.turned) - pressed, dual_of);
+        x.move(l, share, own.elastic, step.r, step.w, rest_of_p + l * (at.b - own.across),
+               loaded.right);
+        y.move(l, share, own.elastic, step.r, step.h + problem.thrust,
+               rest_of_p + l * (at.c - own.turned) + -l * problem.thrust, loaded.left);
       }
-      by_lambda += work(change, y, x);
-      by_u += work(coefficients(segment, problem.by_u), y, x);
-      const Motion mirrored{conjugate(x.turn), conjugate(x.angle), conjugate(x.joint), {}};
-      by_right += work(change, mirrored, x);
+      rates.add(segment, y, x);
+      own_rates.add(segment, {conjugate(x.turn), conjugate(x.angle), conjugate(x.joint), {}}, x);
+      pressed += y.joint * x.turn;
       // |Y|^T |T X|; the joint's moment of the segment before is complete now.
       const Lanes elastic = own.elastic * x.turn;
-      const Lanes dual_moment = own.elastic * y.turn + own.thrust * y.joint;
+      const Lanes dual_moment = own.elastic * y.turn + problem.thrust * y.joint;
       Lanes force = at.a * x.end + at.b * x.angle, dual_force = at.a * y.end + at.c * y.angle;
       if (segment.held) {  // with the guide's
         const Lanes turned = own.moment + at.d;
@@ -328,7 +346,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       add(dual_moment, x.angle - x_before.angle - x.turn);
       add(Lanes{} - dual_force, x.end - x.joint - l * x.angle);
       if (j > start) {
-        add(y.joint, own.force * x.joint + own.turned * x.angle + own.thrust * x.turn + force -
+        add(y.joint, own.force * x.joint + own.turned * x.angle + problem.thrust * x.turn + force -
                          force_before);
       }
       missing = elastic + own.moment * x.angle + own.across * x.joint + l * force;
@@ -336,7 +354,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       const Pack turns = size_of(x.turn), angles = size_of(x.angle), joints = size_of(x.joint);
       entries += terms.elastic * size_of(y.turn) * turns +
                  angle * (terms.moment * angles + terms.across * joints) +
-                 joint * (terms.force * joints + terms.turned * angles + terms.thrust * turns);
+                 joint * (terms.force * joints + terms.turned * angles + problem.thrust * turns);
       sums += held * (turns + angles + size_of(x_before.angle)) +
               pulled * (size_of(x.end) + joints + l * angles) +
               size_of(elastic) * (angle + size_of(y_before.angle)) +
@@ -348,9 +366,11 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
     value += y.angle * missing;
     rest += size_of(y.angle) * size_of(missing);
     put(out.value, points, first, value);
-    put(out.by_lambda, points, first, by_lambda);
-    put(out.by_u, points, first, by_u);
-    put(out.by_right, points, first, by_right);
+    put(out.by_lambda, points, first, rates.sum(problem));
+    put(out.by_u, points, first,
+        (model.coriolis * problem.powers.one) * rates.flow +
+            (2.0 * model.centrifugal * points.u) * pressed);
+    put(out.by_right, points, first, own_rates.sum(problem));
     put(out.rest, points, first, rest);
     put(out.entries, points, first, entries);
     put(out.sums, points, first, sums);

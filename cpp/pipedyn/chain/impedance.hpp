@@ -34,12 +34,13 @@ struct ImpedanceParts {
 /// One segment, all but the flow's share of each coefficient.
 struct ImpedanceSegment {
   double length;
-  ImpedanceParts joint;   // e k, of the joint
+  ImpedanceParts joint;   // e k, of the joint, which has no inertia
   ImpedanceParts force;   // z: on all beyond the joint, by its displacement
   ImpedanceParts across;  // f: moment about the joint, by its displacement
   ImpedanceParts turned;  // t: force on all beyond the joint, by the angle
   ImpedanceParts moment;  // g: moment about the joint, by the angle
   bool held;              // whether a guide holds its end
+  bool loaded;            // whether z, f and t are more than inertia, or g has a rate
 };
 
 struct ImpedanceModel {
@@ -78,7 +79,8 @@ struct ImpedanceKernel {
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), real and imaginary parts of count
   /// values; roots k at lambda itself add nothing.
   void (*log_derivative)(const ImpedanceModel&, const ImpedancePoints&, double* out);
-  /// Vectors of roots, or of values near them; scratch: 14 n width numbers on a vector's boundary.
+  /// Vectors of roots, or of values near them; scratch: 14 n width numbers on a vector's boundary,
+  /// 10 n width where nothing is loaded.
   void (*pairs)(const ImpedanceModel&, const ImpedancePoints&, const ImpedancePairs&,
                 double* scratch);
 };

@@ -79,9 +79,9 @@ class Galerkin {
   void rhs(const Batch& batch, double* rates) const;
   /// Those of [q, q', W] (2 m + 1, members) with W' the sum of the power, as of a chain.
   void rhs_and_power(const Batch& batch, double* rates) const;
-  /// d(dy/dtau)/dy (2 m, 2 m), row-major, at the same order of cost. Drag's share is 2 |v_n| dv_n,
-  /// 0 where v_n = 0.
-  void jacobian(const double* y, double u, double* out) const;
+  /// d(dy/dtau)/dy (members, 2 m, 2 m), row-major, at the same order of cost. Drag's share is
+  /// 2 |v_n| dv_n, 0 where v_n = 0.
+  void jacobian(const Batch& batch, double* out) const;
   /// Kinetic, elastic, gravity's and terms' energy of each member, O(N Q + N m); 0 at rest on the
   /// straight pipe.
   void energy(const Batch& batch, double* out) const;

@@ -153,16 +153,18 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
     mass[end] = panels.mass[panel];
   }
   for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(places[p]);
-  slope = Matrix::Zero(points, whole(m, GridTables::multiple));
-  slope.leftCols(m) = basis.evaluate(places, 1);
+  slope = Matrix::Zero(points + 1, whole(m, GridTables::multiple));
+  slope.topLeftCorner(points, m) = basis.evaluate(places, 1);
   slope_by_function_ = Matrix::Zero(m, stride);
-  slope_by_function_.leftCols(points) = slope.leftCols(m).transpose();
+  slope_by_function_.leftCols(points) = slope.topLeftCorner(points, m).transpose();
   orthonormal_ = slope;
   if (!orthonormal.identity) {
     orthonormal_.setZero();
-    add_inner(orthonormal_.leftCols(m), 1.0, slope_by_function_.leftCols(points),
+    add_inner(orthonormal_.topLeftCorner(points, m), 1.0, slope_by_function_.leftCols(points),
               orthonormal.to_basis);
   }
+  from_basis_ = Matrix::Zero(m + 1, slope.cols());
+  from_basis_.topLeftCorner(m, m) = orthonormal.inverse;
   // What is integrated to a node's mirror image is the whole less what lies beyond it.
   const Matrix integral = rule_.integral_to(rule_.node.head(half));
   from_sums_ = from_differences_ = Matrix::Zero(half, half);
@@ -189,8 +191,10 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
             .stride = stride,
             .heavy = mass[points - 1] != 0.0 ? points : points - 1,
             .slope_by_function = slope_by_function_.data(),
+            .slope = slope.data(),
             .orthonormal = orthonormal_.data(),
             .to_basis = orthonormal.identity ? nullptr : orthonormal.to_basis.data(),
+            .from_basis = orthonormal.identity ? nullptr : from_basis_.data(),
             .from_sums = from_sums_.data(),
             .from_differences = from_differences_.data(),
             .length = length_.data(),

@@ -77,7 +77,7 @@ struct Grid {
 
  private:
   Quadrature rule_;
-  Matrix slope_by_function_, orthonormal_, from_sums_, from_differences_, recurrence_;
+  Matrix slope_by_function_, orthonormal_, from_basis_, from_sums_, from_differences_, recurrence_;
   Vector length_, arc_, weight_, beyond_, stiffness_;
 };
 

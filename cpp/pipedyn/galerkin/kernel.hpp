@@ -32,8 +32,10 @@ struct GridTables {
   std::ptrdiff_t stride;            // N or more, of the rows that run over the points
   std::ptrdiff_t heavy;             // points that may have mass: all, or all but the last
   const double* slope_by_function;  // Theta_i at the points, (m, stride)
-  const double* orthonormal;        // slopes of the orthonormal functions, (N, padded)
+  const double* slope;              // Theta_i at the points, (N, padded), with room for a vector
+  const double* orthonormal;        // those of the orthonormal functions, of the same shape
   const double* to_basis;           // T of Orthonormal, (m, m); none where it is the identity
+  const double* from_basis;         // its inverse, (m, padded), with room for a vector
   const double* from_sums;          // (h, h), for a panel of length 1
   const double* from_differences;   // (h, h)
   const double* length;             // of each panel, (P,)
@@ -61,17 +63,6 @@ struct MotionEffects {
   std::ptrdiff_t load_count = 0;
 };
 
-/// The centreline of one member at the points, in the thread's scratch.
-struct Kinematics {
-  const double *sine, *cosine, *omega;  // (N,)
-  const double *normal, *weight;  // v_n and drag's weights, where there are drag and q'', (N,)
-  double* columns;  // (N, row): derivatives of the position by the orthonormal coordinates,
-                    // all x then all y (2 padded); x, y of the acceleration at q'' = 0, of
-                    // the velocity where drag or a term reads it, of the position where a
-                    // term does
-  std::ptrdiff_t row;
-};
-
 /// The functions of one vector level. A batch here is a block: one member or the level's width,
 /// each with a speed of its own. They use the thread's scratch (vector/scratch.hpp).
 struct GalerkinKernel {
@@ -84,14 +75,15 @@ struct GalerkinKernel {
   Function energy;
   /// Power of flow, damping, drag and terms, (4, members).
   Function power;
-  /// Of one member; also its q'' (m,), unless that is null.
-  Kinematics (*kinematics)(const GridTables&, const MotionEffects&, const Batch&,
-                           double* accelerations);
+  /// Derivatives of q'' by q, then by q', (m, 2 m, members). Drag's share is 2 |v_n| dv_n.
+  Function jacobian;
 
-  /// Integrals from 0 to each point of what the first columns of f are at the nodes; both (N,
-  /// row_length), a multiple of GridTables::widest.
-  void (*integrate)(const GridTables&, std::ptrdiff_t row_length, std::ptrdiff_t columns,
-                    const double* f, double* out);
+  /// About one state at rest, the functions being those of the tables: the mass matrix (m, m);
+  /// derivatives of all forces but bending's by q, then by q' (m, 2 m); of the free end's position,
+  /// x then y (2, m). displacements: those of the straight pipe (N, m), which have more digits than
+  /// the integrals of the slopes; or null.
+  void (*operators)(const GridTables&, const MotionEffects&, const Batch&,
+                    const double* displacements, double* out);
 };
 
 extern const GalerkinKernel galerkin_baseline, galerkin_avx2, galerkin_avx512;

@@ -89,7 +89,7 @@ Pairs solved(const Chain& chain, const Complement& complement, const Vector& sca
   kernel.impedance->pairs(chain.impedance(), {u, count, parts.data(), parts.data() + count},
                           {part(0), part(2), part(4), part(6), part(8), part(9), part(10), turned,
                            vectors ? dual_turned : nullptr, loaded},
-                          scratch(14 * chain.dof() * kernel.width));
+                          scratch((loaded ? 14 : 10) * chain.dof() * kernel.width));
   Pairs found{values,        ComplexTable(n, count), ComplexTable(n, count),
               Reals(count),  Reals(count),           Values(count),
               Values(count), Values(count),          Values(count)};
@@ -326,6 +326,33 @@ void ChainSpectrum::assess(double u, Pairs& pairs) {
     pairs.uncertain[i] = better.uncertain[i];
     pairs.slopes[i] = better.slopes[i];
   }
+}
+
+std::optional<Forms> ChainSpectrum::forms(const Pair& pair) const {
+  Matrix parts(traits.dof, 4);
+  parts << pair.right.real(), pair.right.imag(), pair.left.real(), pair.left.imag();
+  const Matrix angles = scale_.asDiagonal() * complement_.spread(parts);
+  const Matrix x = angles.leftCols(2);
+  const auto times = [](const auto& dual, const auto& columns) {  // conj(a + i b) (c + i d)
+    const auto a = dual.col(2).array(), b = dual.col(3).array();
+    const auto c = columns.col(0).array(), d = columns.col(1).array();
+    ComplexVector products(dual.rows());
+    products.real() = (a * c + b * d).matrix();
+    products.imag() = (a * d - b * c).matrix();
+    return products;
+  };
+  const auto form = [&](const LinearPart& part) {
+    return times(angles, chain_.joint_times(x, part)).sum();
+  };
+  Forms found{.mass = form({.square = 1.0}),
+              .velocity = form({.velocity = 1.0}),
+              .damping = form({.rate = 1.0}),
+              .flux = form({.flux = 1.0}),
+              .gravity = form({.gravity = 1.0}),
+              .by_damping = 0.0,
+              .springs = times(angles, x)};
+  found.by_damping = (chain_.springs().array() * found.springs.array()).sum();
+  return found;
 }
 
 Reals ChainSpectrum::rounding(const Pairs& pairs) const {

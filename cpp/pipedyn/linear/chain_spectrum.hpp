@@ -32,6 +32,7 @@ class ChainSpectrum : public Eigenproblem {
   /// d log det P / dlambda.
   Values log_derivatives(double u, const Values& values) const;
   void assess(double u, Pairs& pairs) override;
+  std::optional<Forms> forms(const Pair& pair) const override;
   Index standing() const override { return zeros_in_flow_; }
   Pair refined(double u, const Pair& guess) override;
   Pair null_pair(double u, const Pair& near) override;

@@ -575,7 +575,11 @@ class Search {
 }  // namespace
 
 Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report) {
-  return Search(spectrum, range, report).run();
+  Sweep found = Search(spectrum, range, report).run();
+  for (AxisCrossing& crossing : found.crossings) {
+    if (crossing.pair.right.size() > 0) crossing.forms = spectrum.forms(crossing.pair);
+  }
+  return found;
 }
 
 }  // namespace pipedyn

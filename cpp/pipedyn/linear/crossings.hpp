@@ -33,6 +33,7 @@ struct AxisCrossing {
   Index mode;      // branch, counted from rest by frequency, from 1
   double error;    // of the speed, absolute
   Pair pair = {};  // without vectors where two branches meet on the axis or at u = 0+
+  std::optional<Forms> forms = {};  // of its vectors, where both are known
 };
 
 struct Sweep {

@@ -9,6 +9,7 @@
 #include <Eigen/Core>
 #include <complex>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -42,6 +43,14 @@ struct Pair {
   Complex slope = 0.0;                  // d lambda / du
 
   bool converged() const { return has_converged(value, residual); }
+};
+
+/// y^H A x of a root's vectors x and y for the parts A of P and its derivatives.
+struct Forms {
+  Complex mass, velocity, damping, flux;  // A of M, V, D and A in P = lambda^2 M + lambda (u V + D)
+                                          // + K + a u^2 A
+  Complex gravity, by_damping;            // dK / dgamma and dD / ddelta
+  ComplexVector springs;                  // of a chain dP / dk_j without its damping, (n)
 };
 
 /// Several roots, of each what is known; tables have no columns, and arrays no entries, of what is
@@ -95,6 +104,9 @@ class Spectrum {
   /// The `count` roots of least |lambda|; all if there are no more. Throws NotConverged where
   /// doubles do not hold them.
   virtual Sample sample(double u, Index count) = 0;
+
+  /// y^H A x of a root's vectors, where the model is made of parts that are known here.
+  virtual std::optional<Forms> forms(const Pair&) const { return {}; }
 
   /// How many roots are zero, exactly, at every speed.
   virtual Index standing() const { return 0; }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <numbers>
+#include <set>
 #include <tuple>
 
 namespace pipedyn {
@@ -23,21 +24,9 @@ constexpr int most_steps = 800;
 /// a meeting each moves by 1e-3.
 constexpr double jump = 0.1;
 
-/// Column of each row so that the sum of their costs, (size, size), is least. Where each row's
-/// least cost is in a column of its own these serve; else rows are added one by one, each along the
-/// shortest augmenting path by reduced costs (the Hungarian method). squares: of the costs.
-Roots assignment(const std::vector<double>& squares, Index size) {
-  Roots least_columns(size);
-  Flags taken(size, 0);
-  bool apart = true;
-  for (Index i = 0; i < size && apart; ++i) {
-    Eigen::Map<const Reals>(&squares[i * size], size).minCoeff(&least_columns[i]);
-    apart = !std::exchange(taken[least_columns[i]], 1);
-  }
-  if (apart) return least_columns;
-  std::vector<double> cost(squares.size());
-  std::transform(squares.begin(), squares.end(), cost.begin(),
-                 [](double x) { return std::sqrt(x); });
+/// Column of each row so that the sum of their costs, (size, size), is least: rows are added one by
+/// one, each along the shortest augmenting path by reduced costs (the Hungarian method).
+Roots assignment(const std::vector<double>& cost, Index size) {
   // Column `size` stands for the row that is being added.
   Roots row_of(size + 1, -1), before(size + 1), columns(size);
   std::vector<double> by_row(size, 0.0), by_column(size + 1, 0.0), distance(size);
@@ -111,35 +100,90 @@ void order(Step& step, Index i, Index k) {
   }
 }
 
+/// Of each root of a sample its conjugate, which follows it; itself if real, -1 if there is none.
+Roots conjugates(const Sample& sample) {
+  const Values& all = sample.values;
+  Roots twins(all.size(), -1);
+  for (Index i = 0; i < all.size(); ++i) {
+    if (twins[i] >= 0) continue;
+    if (all[i].imag() == 0.0) twins[i] = i;
+    if (i + 1 == all.size() || all[i].imag() == 0.0 || all[i + 1] != std::conj(all[i])) continue;
+    twins[i] = i + 1;
+    twins[i + 1] = i;
+  }
+  return twins;
+}
+
+/// Which root of the right sample continues each of the left one, so that the sum of distances is
+/// least; -1 for what has none.
+Roots matched(const Sample& left, const Sample& right, double h) {
+  const Index size = left.size(), square = std::max(size, right.size());
+  const Values ahead = left.values + 0.5 * h * left.slopes;
+  const Values behind = right.values - 0.5 * h * right.slopes;
+  const Roots twins = conjugates(left), others = conjugates(right);
+  // Of conjugates the upper says where both go, unless one may come from the other half plane.
+  Roots columns;
+  bool apart = right.size() >= size;
+  for (Index j = 0; j < right.size(); ++j) {
+    if (right.values[j].imag() < 0.0 && others[j] >= 0) continue;
+    columns.push_back(j);
+    apart = apart && (right.values[j].imag() == 0.0 || behind[j].imag() >= 0.0);
+  }
+  const Values there = right.values(columns), there_behind = behind(columns);
+  const Reals real = there.real(), imag = there.imag();
+  const Reals real_behind = there_behind.real(), imag_behind = there_behind.imag();
+  Reals squares(real.size());
+  // Where each root's nearest is one of its own these are it.
+  Roots onto(size, -1);
+  Flags taken(real.size(), 0);
+  for (Index i = 0; i < size && apart; ++i) {
+    const Complex here = left.values[i], next = ahead[i];
+    if (here.imag() < 0.0 && twins[i] >= 0) continue;
+    // Values within the step's reach settle what slopes near a meeting cannot.
+    squares = ((real_behind - next.real()).square() + (imag_behind - next.imag()).square())
+                  .min((real - here.real()).square() + (imag - here.imag()).square());
+    const double least = squares.minCoeff();
+    const Index place = std::find(squares.begin(), squares.end(), least) - squares.begin();
+    apart = place < squares.size() && here.imag() >= 0.0 && next.imag() >= 0.0 &&
+            !std::exchange(taken[place], 1);
+    if (!apart) break;
+    const Index j = onto[i] = columns[place];
+    if (twins[i] < 0 || twins[i] == i) continue;
+    apart = others[j] >= 0 && others[j] != j;
+    if (apart) onto[twins[i]] = others[j];
+  }
+  if (apart) return onto;
+  std::vector<double> cost(square * square, 0.0);
+  for (Index i = 0; i < size; ++i) {
+    for (Index j = 0; j < right.size(); ++j) {
+      cost[i * square + j] = std::sqrt(
+          std::min(std::norm(behind[j] - ahead[i]), std::norm(right.values[j] - left.values[i])));
+    }
+  }
+  onto = assignment(cost, square);
+  onto.resize(size);
+  for (Index& j : onto) {
+    if (j >= right.size()) j = -1;
+  }
+  return onto;
+}
+
 /// Matches the two samples of a step.
 void match(Step& step, const Roots& tracked, const Cluster& cluster) {
   const Sample &left = *step.left, &right = *step.right;
-  const Index size = left.size(), square = std::max(size, right.size());
+  const Index size = left.size();
   const double h = step.length();
-  step.onto.assign(size, -1);
+  step.onto = matched(left, right, h);
   step.meets.assign(size, -1);
   step.error.assign(size, infinite);
   step.slopes = left.slopes;
-  std::vector<double> cost(square * square, 0.0);  // squares
-  const Values behind = right.values - 0.5 * h * right.slopes;
-  const Reals real = right.values.real(), imag = right.values.imag();
-  const Reals real_behind = behind.real(), imag_behind = behind.imag();
-  for (Index i = 0; i < size; ++i) {
-    const Complex ahead = left.values[i] + 0.5 * h * left.slopes[i];
-    const Complex here = left.values[i];
-    // Values within the step's reach settle what slopes near a meeting cannot.
-    Eigen::Map<Reals>(&cost[i * square], right.size()) =
-        ((real_behind - ahead.real()).square() + (imag_behind - ahead.imag()).square())
-            .min((real - here.real()).square() + (imag - here.imag()).square());
-  }
-  const Roots columns = assignment(cost, square);
   Flags resting(size, 0);
-  Roots matched;
+  Roots known;  // where they go
   for (Index i = 0; i < size; ++i) {
-    if (columns[i] >= right.size()) continue;
-    matched.push_back(i);
-    step.onto[i] = columns[i];
-    step.error[i] = std::abs(behind[columns[i]] - left.values[i] - 0.5 * h * left.slopes[i]);
+    if (step.onto[i] < 0) continue;
+    known.push_back(i);
+    step.error[i] =
+        std::abs(step.end(i) - step.start(i) - 0.5 * h * (step.end_slope(i) + step.start_slope(i)));
     resting[i] = left.u == 0.0 && left.values[i] == 0.0;
     if (!resting[i]) continue;
     // Zero roots at rest (free joints) have no slope of their own there, and one serves as well as
@@ -153,38 +197,55 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
     if (step.onto[i] < 0) return;
   }
 
-  constexpr int points = 9;
-  std::vector<Complex> curves(size * points);
   std::vector<double> extent(size, 0.0);  // how far from a curve's start others may be near it
-  for (const Index i : matched) {
-    for (int k = 0; k < points; ++k) {
-      curves[i * points + k] = step.at(i, k / (points - 1.0));
-      extent[i] = std::max(extent[i], std::norm(curves[i * points + k] - curves[i * points]));
-    }
-    extent[i] = 1.01 * (std::sqrt(extent[i]) + 3.0 * step.error[i]);
+  for (const Index i : known) {           // a cubic is no further than its control points
+    const Complex change = step.end(i) - step.start(i);
+    const double furthest =
+        std::max({std::norm(h / 3.0 * step.start_slope(i)),
+                  std::norm(change - h / 3.0 * step.end_slope(i)), std::norm(change)});
+    extent[i] = std::sqrt(furthest) + 3.0 * step.error[i];
   }
   Flags zero(size), clustered(size);
   std::vector<int> signature(size);
-  for (const Index i : matched) {
+  for (const Index i : known) {
     const Complex a = step.start(i), b = step.end(i);
     zero[i] = std::abs(a) < cluster.zero && std::abs(b) < cluster.zero;
     clustered[i] = cluster.holds(a) && cluster.holds(b);
     const double before = left.signatures[i], after = right.signatures[step.onto[i]];
     signature[i] = before != 0.0 && after != 0.0 ? static_cast<int>(3.0 * before + after) : 0;
   }
-  std::vector<std::pair<Index, Index>> near;
-  for (const Index i : tracked) {
-    for (const Index k : matched) {
-      const double room = extent[i] + extent[k];
-      if (std::norm(left.values[i] - left.values[k]) > room * room) continue;
-      // Two of one signature at either end pass through each other on the axis.
-      const bool passing = signature[i] != 0 && signature[i] == signature[k];
-      if (i == k || passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k])) continue;
-      const double reach = 3.0 * (step.error[i] + step.error[k]);
-      for (int p = resting[i] && resting[k] ? 1 : 0; p < points; ++p) {
-        if (std::norm(curves[i * points + p] - curves[k * points + p]) >= reach * reach) continue;
-        near.emplace_back(i, k);
-        break;
+  Roots twins = conjugates(left);
+  for (const Index i : known) {  // only what does the same in the other half plane
+    const Index k = twins[i];
+    const bool same = k >= 0 && step.onto[k] >= 0 && step.end(k) == std::conj(step.end(i)) &&
+                      step.start_slope(k) == std::conj(step.start_slope(i)) &&
+                      step.end_slope(k) == std::conj(step.end_slope(i));
+    if (!same) twins[i] = i;
+  }
+  Flags is_tracked(size, 0);
+  for (const Index i : tracked) is_tracked[i] = 1;
+  const auto is_near = [&](Index i, Index k) {
+    const double room = extent[i] + extent[k];
+    if (std::norm(left.values[i] - left.values[k]) > room * room) return false;
+    // Two of one signature at either end pass through each other on the axis.
+    const bool passing = signature[i] != 0 && signature[i] == signature[k];
+    if (passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k])) return false;
+    const double reach = 3.0 * (step.error[i] + step.error[k]);
+    constexpr int points = 9;
+    for (int p = resting[i] && resting[k] ? 1 : 0; p < points; ++p) {
+      const double t = p / (points - 1.0);
+      if (std::norm(step.at(i, t) - step.at(k, t)) < reach * reach) return true;
+    }
+    return false;
+  };
+  std::set<std::pair<Index, Index>> near;
+  for (const Index i : known) {
+    if (twins[i] < i) continue;  // what is near it is so of their conjugates
+    for (const Index k : known) {
+      const bool again = k <= i || (twins[i] == i && twins[k] < k);
+      if (again || !is_near(i, k)) continue;
+      for (const auto& [one, other] : {std::pair(i, k), std::pair(twins[i], twins[k])}) {
+        if (is_tracked[one] || is_tracked[other]) near.insert(std::minmax(one, other));
       }
     }
   }

@@ -140,11 +140,13 @@ Index Dop853::step(double end) {
   if (std::find(accepted_.begin(), accepted_.end(), 1) != accepted_.end()) {
     evaluate(next_, rate_[stages], 0.0);  // the members accepted have moved on
     interpolate();
-    for (Index i = 0; i < entries(); i += m) {
-      for (Index j = 0; j < m; ++j) {
-        if (!accepted_[j]) continue;
-        y_[i + j] = next_[i + j];
-        rate_[0][i + j] = rate_[stages][i + j];
+    y_.swap(next_);
+    rate_[0].swap(rate_[stages]);
+    for (Index j = 0; j < m; ++j) {
+      if (accepted_[j]) continue;
+      for (Index i = j; i < entries(); i += m) {
+        y_[i] = next_[i];
+        rate_[0][i] = rate_[stages][i];
       }
     }
   }
@@ -201,7 +203,7 @@ void Dop853::control(Index j, double end) {
   member.step = h * (finite ? std::max(safety * std::pow(error, -0.125), least_factor) : 0.1);
   member.rejected = true;
   member.overflowed |= !finite;
-  if (0.1 * member.step <= 2.2e-16 * member.time || member.step == 0.0) {
+  if (0.1 * member.step <= 2.2e-16 * std::abs(member.time) || member.step == 0.0) {
     member.progress = member.overflowed ? Progress::not_finite : Progress::vanishing;
   }
 }

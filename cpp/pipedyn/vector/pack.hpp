@@ -16,6 +16,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 #ifndef PIPEDYN_WIDTH
 #define PIPEDYN_WIDTH 1
@@ -72,7 +73,8 @@ inline Real all(double x) {
 
 template <class Real>
 inline Real absolute(const Real& x) {
-  return x < 0.0 ? -x : x;
+  using Whole = std::conditional_t<lanes<Real> == 1, std::int64_t, Bits>;
+  return same_bits<Real>(same_bits<Whole>(x) & INT64_MAX);
 }
 
 inline Pack sine_near_zero(const Pack& r, const Pack& z) {

@@ -37,9 +37,10 @@ which changes what the flow feeds, so that it may even drive the flutter, Re(d) 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -57,6 +58,7 @@ from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.parallel import outcome_of
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
@@ -537,6 +539,10 @@ class CriticalityCurve:
         return np.stack([self.values[at], self.values[at + 1]], axis=1)
 
 
+def _onsets(models: Sequence[Model]) -> list[Hopf | Exception]:
+    return [outcome_of(partial(hopf, model)) for model in models]
+
+
 def criticality_curve(
     make_model: Callable[[float], Model],
     values: ArrayLike,
@@ -558,5 +564,5 @@ def criticality_curve(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    at, onsets, failures = swept(make_model, values, hopf, executor, progress, "criticality")
+    at, onsets, failures = swept(make_model, values, _onsets, executor, progress, "criticality")
     return CriticalityCurve(at, tuple(onsets), failures)

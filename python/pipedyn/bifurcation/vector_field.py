@@ -51,8 +51,7 @@ class VectorField:
         count = y.shape[1]
         if not self.constrained:
             self._count(count)
-            columns = np.ascontiguousarray(y.T)
-            return np.array([self.model.motion_jacobian(column, u) for column in columns])
+            return self.model.motion_jacobian(y, u)
         pipe = self.model.pipe
         if pipe.drag and not y[self.half :].any():  # at rest drag has no derivative to differ
             return VectorField(self.model.with_pipe(replace(pipe, drag=0.0))).jacobians(y, u)

@@ -4,23 +4,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import field, replace
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cached_property, lru_cache, partial
+from typing import Any, TypeAlias, TypeVar
 
-import numpy as np
-
+from pipedyn import _core
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, largest_speed
 from pipedyn.linear.sensitivity import Crossing, crossings_of
 from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.continuum import AnyModel, Continuum, Converged, answered, checked_model
+from pipedyn.models.continuum import AnyModel, Continuum, Converged, checked_model
+from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.counters import factorised
+from pipedyn.util.parallel import Job, outcome_of
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
+
+Answer = TypeVar("Answer")
 
 LARGE_GRAVITY = 100.0
 """gamma beyond which weight sets the scale of flow speeds: measured at beta 0.05 to 0.8, critical
@@ -77,6 +81,11 @@ class CriticalSpeed(Crossing):
         return abs(self.speed - exact.speed) + self.error + exact.error
 
 
+Loss: TypeAlias = tuple[CriticalSpeed, tuple[Crossing, ...]]
+Point: TypeAlias = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
+Found: TypeAlias = Converged[tuple[Crossing, ...]]
+
+
 @lru_cache
 def _continuous_speed(pipe: Pipe, max_speed: float) -> CriticalSpeed:
     """Of the continuous pipe, which models of several sizes are held against."""
@@ -103,7 +112,7 @@ def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    _, found = all_losses(model, checked_end(max_speed, model))
+    _, found = raised(losses([model], checked_end(max_speed, model)))
     return found
 
 
@@ -133,79 +142,220 @@ def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
     return check.real("max_speed", max_speed, low=0.0, high=high, open_low=True)
 
 
-def first_loss(
-    model: AnyModel, max_speed: float = 100.0
-) -> tuple[CriticalSpeed, tuple[Crossing, ...]]:
-    """The critical speed, and the crossings up to it, or NoCrossing, from a search ending there."""
+def first_loss(model: AnyModel, max_speed: float = 100.0) -> Loss:
+    """The critical speed, and the crossings up to it, from a search ending at max_speed.
+
+    Raises:
+        NoCrossing: if the pipe stays stable up to there.
+    """
+    return raised(first_losses([model], max_speed))
+
+
+def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[Loss | Exception]:
+    """The same of many models, or what was raised; searched together, see `losses`."""
+    none = f"no loss of stability up to u = {max_speed:g}"
+    found: list[Loss | Exception] = [NoCrossing(none, max_speed)] * len(models)
+    unknown = list(range(len(models)))
     # A low critical speed needs no large basis and few modes of a long chain, so where that is
     # cheaper the search first ends sooner: without weight pipes flutter below 12 if beta < 0.68,
     # below 30 at any beta, and gamma = 1000 takes the speed to 20 .. 80.
-    ends = [end for end in (12.0, 30.0, 60.0) if end < max_speed]
-    if isinstance(model, Model):
-        ends = [end for end in ends if _some_are_cheaper(_modes_within(end), end, model.dof)]
-        ends = ends if ends and model.pencil().is_long else []
-    for end in [*ends, max_speed]:
-        critical, found = all_losses(model, end, until_unstable=True)
-        if critical is not None:
-            return replace(critical, _max_speed=max_speed), found
-    raise NoCrossing(f"no loss of stability up to u = {max_speed:g}", max_speed)
+    for end in [*(end for end in (12.0, 30.0, 60.0) if end < max_speed), max_speed]:
+        at = [i for i in unknown if end == max_speed or _is_cheaper_up_to(end, models[i])]
+        points = losses([models[i] for i in at], end, until_unstable=True, known_to=max_speed)
+        for i, point in zip(at, points, strict=True):
+            if isinstance(point, Exception):
+                found[i] = point
+            elif point[0] is not None:
+                found[i] = point[0], point[1]
+            else:
+                continue
+            unknown.remove(i)
+    return found
 
 
-def all_losses(
-    model: AnyModel, max_speed: float, until_unstable: bool = False
-) -> tuple[CriticalSpeed | None, tuple[Crossing, ...]]:
-    """The critical speed, if any, and crossings up to max_speed or, if asked for, up to it."""
+def _is_cheaper_up_to(end: float, model: AnyModel) -> bool:
+    """Whether a search that ends before the speed asked for takes less time."""
+    if not isinstance(model, Model):
+        return True
+    return _some_are_cheaper(_modes_within(end), end, model.dof) and model.pencil().is_long
+
+
+def losses(
+    models: Sequence[AnyModel],
+    max_speed: float,
+    until_unstable: bool = False,
+    known_to: float | None = None,
+) -> list[Point | Exception]:
+    """The critical speed of each, if any, and crossings up to max_speed, or what was raised.
+
+    Models of one size are searched in one call of the core.
+
+    Args:
+        models: the models.
+        max_speed: end of the search.
+        until_unstable: whether the crossings end at the critical speed.
+        known_to: how far the continuous pipe's critical speed is searched where it is asked for;
+            to max_speed where not given.
+    """
+    plans = [outcome_of(partial(_plan, model, max_speed, until_unstable)) for model in models]
+    jobs = [job for plan in plans if not isinstance(plan, Exception) for job in plan]
+    _swept([job for job in jobs if isinstance(job, _Search)])
+    end = max_speed if known_to is None else known_to
+    return [
+        plan if isinstance(plan, Exception) else outcome_of(partial(_point, model, plan, end))
+        for model, plan in zip(models, plans, strict=True)
+    ]
+
+
+def raised(answers: Sequence[Answer | Exception]) -> Answer:
+    """The only answer, or its exception raised."""
+    (one,) = answers
+    if isinstance(one, Exception):
+        raise one
+    return one
+
+
+def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Sequence[Job[Found]]:
+    """What finds the crossings of each pipe that is solved for a model."""
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
-        return None, ()  # the flow acts on nothing
+        return ()  # the flow acts on nothing
+    solved: list[AnyModel] = [model]
     if is_weakly_damped(pipe) and not model.resisted:
-        solved = strengthened(pipe)
-        searches = [_search(model.with_pipe(one), max_speed, until_unstable) for one in solved]
-        found = extrapolated(pipe, solved, [search.value for search in searches])
-    else:
-        searches = [_search(model, max_speed, until_unstable)]
-        found = searches[0].value
+        solved = [model.with_pipe(one) for one in strengthened(pipe)]
+    return [
+        _converging(one, max_speed, until_unstable)
+        if isinstance(one, Continuum)
+        else _Search(one, max_speed, until_unstable)
+        for one in solved
+    ]
+
+
+def _point(model: AnyModel, plan: Sequence[Job[Found]], known_to: float) -> Point:
+    pipe = model.pipe
+    solved = [job() for job in plan]
+    if not solved:
+        return None, ()
+    found = solved[0].value
+    if len(solved) > 1:
+        found = extrapolated(pipe, strengthened(pipe), [one.value for one in solved])
     first = next((c for c in found if c.destabilising), None)
     if first is None:
         return None, found
     critical = CriticalSpeed(
         **vars(first),
         stable_at_rest=found[0].unstable_before == 0,
-        size=searches[0].size,
+        size=solved[0].size,
         pipe=pipe,
         _exact=Continuum(pipe) if model.approximates_pipe else None,
         _continuous=first.error if isinstance(model, Continuum) else None,
-        _max_speed=max_speed,
+        _max_speed=known_to,
     )
     return critical, found
 
 
-def _search(
-    model: AnyModel, max_speed: float, until_unstable: bool
-) -> Converged[tuple[Crossing, ...]]:
-    continuous = isinstance(model, Continuum)
-    if isinstance(model, Model) and model.dof > LARGEST_FULL:
-        raise ValueError(
-            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
-            f"got {model.dof}"
+def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job[Found]:
+    """The search of a continuous pipe, in a basis grown until the crossings converge."""
+
+    def crossed(one: Galerkin) -> tuple[Crossing, ...]:
+        # Three fifths of a Legendre model's modes are the pipe's to many digits. Where damping is
+        # so strong that the last of these do not oscillate, those beyond are overdamped too,
+        # however they would grow without it, and nothing sets them apart: then all.
+        share = (3 * one.resolution) // 5
+        resolved = share if one.pipe.damping * (math.pi * share) ** 2 <= 2.0 else None
+        search = _Search(one, max_speed, until_unstable, resolved)
+        _swept([search])
+        return search().value
+
+    def job() -> Found:
+        smallest = max(16, math.ceil(0.8 * max_speed) + 8)
+        found = model.converge(crossed, _difference, smallest=smallest)
+        moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
+        return replace(found, value=tuple(moved))
+
+    return job
+
+
+class _Search:
+    """The crossings of one model, once it ran.
+
+    Of a long chain only as many modes are tracked as can meet the flow: a mode of wave number k
+    does where k is comparable to u. If a root beyond that turns unstable, more are tracked.
+
+    Args:
+        model: the model, at rest at 0 and max_speed.
+        max_speed: end of the search.
+        until_unstable: whether it ends at the first crossing that destabilises.
+        resolved: how many of the lowest modes are looked at; those tracked where not given.
+    """
+
+    def __init__(
+        self, model: Model, max_speed: float, until_unstable: bool, resolved: int | None = None
+    ) -> None:
+        if model.dof > LARGEST_FULL:
+            raise ValueError(
+                f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
+                f"got {model.dof}"
+            )
+        model.require_equilibrium(0.0, max_speed)
+        self.model, self.problem = model, eigenproblem(model)
+        self.max_speed, self.until_unstable, self.resolved = max_speed, until_unstable, resolved
+        self.swept: _core.Sweep | None = None
+        self.tracked, self.count = self.problem.dof, 2 * self.problem.dof
+        if not self.problem.is_long:
+            return
+        self._track(_modes_within(max_speed))
+        # Those before the cluster at -1 / delta, which a search for a few roots does not pass, may
+        # be enough: modes with (delta omega)^2 < 0.9, four fewer as the search looks beyond those
+        # tracked.
+        delta = model.pipe.damping
+        before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else self.tracked
+        if max_speed / math.pi + 1.0 <= before < self.tracked:
+            self._track(before, beyond=1)
+
+    def _track(self, modes: int, beyond: int = 8) -> None:
+        """Sets how many modes are tracked, and of how many the roots are computed."""
+        every = not _some_are_cheaper(modes, self.max_speed, self.problem.dof)
+        self.tracked = self.problem.dof if every else modes
+        self.count = 2 * (self.problem.dof if every else modes + beyond)
+
+    def widen(self) -> None:
+        """Tracks more modes than the search did that met an untracked one."""
+        self._track(max(2 * self.tracked, _modes_within(self.max_speed)))
+
+    def range(self) -> _core.Range:
+        """What the core is asked for."""
+        return _core.Range(
+            max_speed=self.max_speed,
+            # Near the free end of a heavy hanging pipe, where its weight no longer stretches it,
+            # lengths are in gamma^(-1/3) and flow speeds in gamma^(1/3).
+            scale=math.cbrt(1.0 + max(self.model.pipe.gamma, 0.0) / LARGE_GRAVITY),
+            count=self.count,
+            tracked=self.tracked,
+            resolved=self.tracked if self.resolved is None else self.resolved,
+            certain=min(self.tracked, self.model.resolved_modes),
+            until_unstable=self.until_unstable,
         )
 
-    def passed(one: Any) -> tuple[Crossing, ...]:
-        resolved = None
-        if continuous:
-            # Three fifths of a Legendre model's modes are the pipe's to many digits. Where damping
-            # is so strong that the last of these do not oscillate, those beyond are overdamped too,
-            # however they would grow without it, and nothing sets them apart: then all.
-            share = (3 * one.resolution) // 5
-            resolved = share if one.pipe.damping * (math.pi * share) ** 2 <= 2.0 else None
-        return _swept(one, max_speed, until_unstable, resolved)
+    def __call__(self) -> Found:
+        assert self.swept is not None
+        found = crossings_of(self.problem, self.swept)
+        if self.swept.failure:
+            raise NotConverged(self.swept.failure, found)
+        return Converged(found, self.model.dof, 0.0)
 
-    smallest = max(16, math.ceil(0.8 * max_speed) + 8)
-    found = answered(model, (0.0, max_speed), passed, _difference, smallest=smallest)
-    if not continuous:
-        return found
-    moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
-    return replace(found, value=tuple(moved))
+
+def _swept(searches: Sequence[_Search]) -> None:
+    """Runs searches in one call of the core, and again those that have to track more modes."""
+    while searches:
+        with one_thread(max(one.problem.rows for one in searches)):
+            spectra = [one.problem.spectrum() for one in searches]
+            found = _core.crossings(spectra, [one.range() for one in searches], factorised)
+        for one, swept in zip(searches, found, strict=True):
+            one.swept = swept
+        searches = [one for one, swept in zip(searches, found, strict=True) if swept.untracked]
+        for one in searches:
+            one.widen()
 
 
 def _modes_within(max_speed: float) -> int:
@@ -216,53 +366,6 @@ def _modes_within(max_speed: float) -> int:
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
     """Whether some modes of a long chain are computed faster than all."""
     return tracked <= dof // 4 and max_speed <= dof / 4
-
-
-def _swept(
-    model: Model, max_speed: float, until_unstable: bool, resolved: int | None
-) -> tuple[Crossing, ...]:
-    """Crossings of one model.
-
-    Of a long chain only as many modes are tracked as can meet the flow: a mode of wave number k
-    does where k is comparable to u. If a root beyond that turns unstable, more are tracked.
-    """
-    problem = eigenproblem(model)
-    tracked, count = problem.dof, 2 * problem.dof
-    if problem.is_long:
-        tracked = _modes_within(max_speed)
-        count = 2 * tracked + 16
-        # Those before the cluster at -1 / delta, which a search for a few roots does not pass, may
-        # be enough: modes with (delta omega)^2 < 0.9, four fewer as the search looks beyond those
-        # tracked.
-        delta = model.pipe.damping
-        before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else tracked
-        if max_speed / math.pi + 1.0 <= before < tracked:
-            tracked, count = before, 2 * before + 2
-    # Near the free end of a heavy hanging pipe, where its weight no longer stretches it, lengths
-    # are in gamma^(-1/3) and flow speeds in gamma^(1/3).
-    scale = float(np.cbrt(1.0 + max(model.pipe.gamma, 0.0) / LARGE_GRAVITY))
-    while True:
-        if problem.is_long and not _some_are_cheaper(tracked, max_speed, problem.dof):
-            tracked, count = problem.dof, 2 * problem.dof
-        with one_thread(problem.rows):
-            swept = problem.spectrum().crossings(
-                max_speed=max_speed,
-                scale=scale,
-                count=count,
-                tracked=tracked,
-                resolved=tracked if resolved is None else resolved,
-                certain=min(tracked, model.resolved_modes),
-                until_unstable=until_unstable,
-                factorised=factorised,
-            )
-        if swept.untracked:
-            tracked = max(2 * tracked, _modes_within(max_speed))
-            count = 2 * tracked + 16
-            continue
-        found = crossings_of(problem, swept)
-        if swept.failure:
-            raise NotConverged(swept.failure, found)
-        return found
 
 
 def _difference(a: tuple[Crossing, ...], b: tuple[Crossing, ...]) -> float:

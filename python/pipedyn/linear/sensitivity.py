@@ -7,11 +7,8 @@ from dataclasses import field
 from itertools import accumulate, pairwise
 from typing import Any, Literal
 
-import numpy as np
-
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Eigenproblem
-from pipedyn.models.pencil import ChainPencil
 from pipedyn.util.check import Array
 from pipedyn.util.result import result
 
@@ -109,39 +106,38 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     divergence all is real and y^H P_lambda x, by which both are divided, may be 0 (of a
     conservative pipe zero is a double root): there du/dp = -y^H P_p x / y^H P_u x.
     """
-    pair, model, pencil = crossing.pair, problem.model, problem.pencil
-    if pair is None or model.resting().any():
+    model, pencil = problem.model, problem.pencil
+    forms = crossing.forms
+    if forms is None:
+        if crossing.pair is None:
+            return None
+        forms = pencil.forms(crossing.pair.right, crossing.pair.left)
+    if model.resting().any():
         return None
     pipe, u, value = model.pipe, crossing.speed, crossing.value
-    x, y = pair.right, pair.left
     if value:
-        rate = 2.0 * value * pencil.mass(x) + u * pencil.velocity(x) + pencil.damping(x)
-        down, slope = complex(np.sum(y.conj() * rate)), pair.slope
+        down = 2.0 * value * forms.mass + u * forms.velocity + forms.damping
+        slope = crossing.slope
     else:
         down = 1.0 + 0j
-        slope = -complex(np.sum(y.conj() * pencil.flux(x))) * 2.0 * pencil.centrifugal * u
+        slope = -forms.flux * 2.0 * pencil.centrifugal * u
     if slope.real == 0.0:
         return None
-
-    def moved(rows: Any) -> complex:
-        """D lambda / dp from (dP/dp) x."""
-        return -complex(np.sum(y.conj() * rows)) / down
-
+    # d lambda / dp = -y^H (dP/dp) x / down
     changes: dict[str, Any] = {
-        "gamma": moved(pencil.gravity(x)),
-        "damping": moved(value * pencil.by_damping(x)),
+        "gamma": -forms.gravity / down,
+        "damping": -value * forms.by_damping / down,
     }
     if pipe.beta >= LEAST_BETA:
-        changes["beta"] = moved(value * u * pencil.velocity(x) / (2.0 * pipe.beta))
+        changes["beta"] = -value * u * forms.velocity / (2.0 * pipe.beta * down)
     if pipe.flow == "aspirating":
-        changes["alpha"] = moved(u**2 * pencil.flux(x))
-    if isinstance(pencil, ChainPencil):  # its joints have springs
-        turns = pencil.joint_angles(x) * pencil.joint_angles(y).conj()
-        changes["springs"] = -(1.0 + pipe.damping * value) * turns[:, 0] / down
+        changes["alpha"] = -(u**2) * forms.flux / down
+    if forms.springs.size:
+        changes["springs"] = -(1.0 + pipe.damping * value) * forms.springs / down
     speed: dict[str, Any] = {"beta": None, "alpha": 0.0}
     frequency = speed.copy()
     for name, change in changes.items():
-        speed[name] = -np.real(change) / slope.real
-        along = np.imag(change + slope * speed[name])
+        speed[name] = -change.real / slope.real
+        along = change.imag + slope.imag * speed[name]
         frequency[name] = along if value.imag else 0.0 * speed[name]
     return Sensitivity(Derivatives(**speed), Derivatives(**frequency))

@@ -318,16 +318,17 @@ class Model(OfPipe, ABC):
         """
         return self.motion.rhs(t, y, u)
 
-    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
+    def jacobian(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
         """Derivative of `rhs` with respect to the state, analytic.
 
         Args:
             t: time; nothing depends on it.
-            y: state [q, q'], shape (2 c,).
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0.
+            y: state [q, q'], shape (2 c,), or (2 c, k) for k states of a chain or reduced model.
+            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
 
         Returns:
-            d(dy/dt)/dy, shape (2 c, 2 c). Drag's share d(|v| v) = 2 |v| dv is 0 where v is.
+            d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). Drag's share
+            d(|v| v) = 2 |v| dv is 0 where v is.
 
         Raises:
             ValueError: also for more than 4000 segments of a chain.
@@ -367,7 +368,7 @@ class Model(OfPipe, ABC):
         return float(np.abs(p).max())
 
     def motion_jacobian(self, y: Array, u: float) -> Array:
-        """Derivative of the rates of [p, p'], shape (2 moving, 2 moving)."""
+        """Derivative of the rates of [p, p'], (2 moving, 2 moving); (k, ...) of k columns."""
         return self.jacobian(0.0, y, u)
 
     def energy(self, y: ArrayLike) -> float | Array:

@@ -77,6 +77,11 @@ class Pencil:
         """dD/ddelta x; D is linear in delta."""
         return self.elastic(x)
 
+    def forms(self, x: Vectors, y: Vectors) -> _core.Forms:
+        """y^H A x of one root's vectors, shape (dof, 1), for these products A."""
+        of = (self.mass, self.velocity, self.damping, self.flux, self.gravity, self.by_damping)
+        return _core.Forms(*(complex(np.sum(y.conj() * product(x))) for product in of))
+
 
 class DensePencil(Pencil):
     """Matrices; O(dof^3)."""
@@ -145,10 +150,6 @@ class ChainPencil(Pencil):
     def elastic(self, x: Vectors) -> Vectors:
         result: Vectors = super().elastic(real_columns(self.complement.spread, x))
         return real_columns(self.complement.gathered, result)
-
-    def joint_angles(self, x: Vectors) -> Vectors:
-        result: Vectors = self.scale[:, None] * real_columns(self.complement.spread, x)
-        return result
 
     def _times(self, x: Vectors, **part: float) -> Vectors:
         scale = self.scale[:, None]

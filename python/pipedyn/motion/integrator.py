@@ -26,14 +26,11 @@ from pipedyn.util.power_iteration import largest_stretch
 NOT_FINITE = "the state or its rate is no longer finite"
 """Why a motion stops: its numbers overflowed, or a bend is beyond what a quadrature resolves."""
 
-COMPILED = ("scipy:dop853", "scipy:lsoda")
-"""scipy.integrate.ode's integrators that serve."""
-
 CORE = ("dop853", "radau")
 """The core's own."""
 
-METHODS = ("auto", *CORE, *COMPILED, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
-"""The core's, and scipy's: in small letters compiled, the others `scipy.integrate.solve_ivp`'s."""
+METHODS = ("auto", *CORE, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
+"""The core's, and those of `scipy.integrate.solve_ivp`."""
 
 ENDS = {2: NOT_FINITE, 3: "its step size tends to 0"}
 """Why a motion of the core's ended that did not reach its end."""
@@ -110,89 +107,54 @@ Motions: TypeAlias = tuple[Array, int, str | None]
 """States of a motion, right-hand sides that it took, and why it stopped early."""
 
 
-class Guarded:
-    """Rates and Jacobian of y' = f(t, y) for scipy, which count their calls and never raise.
+def jacobian_of(task: Task, t: float, y: Array) -> Array:
+    """Derivative of the rates of [q, q', W].
 
-    Compiled integrators do not survive an exception: NaN makes them shorten the step and give up.
-    A state that is not finite is remembered, any other exception is kept for `reason`. `arguments`
-    go to `rates` after t and y.
+    W acts on nothing, and Newton's method does without its own row.
+    """
+    whole = np.zeros((y.size, y.size))
+    whole[:-1, :-1] = task.model.motion_jacobian(y[:-1], task.speed(t))
+    return whole
+
+
+class Watched:
+    """Rates and Jacobian of a task for scipy, and whoever integrates it, checked for progress.
+
+    Attributes:
+        calls, jacobians, factorisations: of each how many.
+        overflowed: whether a state was not finite, for which rates are NaN and shorten the step.
     """
 
-    def __init__(
-        self,
-        rates: Callable[..., Array],
-        jacobian: Callable[[float, Array], Array],
-        shape: tuple[int, ...],
-        arguments: tuple[Any, ...] = (),
-        most: float = MOST_CALLS,
-    ) -> None:
-        self._rates, self._jacobian = rates, jacobian
-        self.shape, self.arguments, self.most = shape, arguments, most
-        self.calls = self.jacobians = self.factorisations = 0
-        self.next_check: float = math.inf
-        self.overflowed = False
-        self.interruption: BaseException | None = None
-
-    def check(self, t: float) -> None:
-        """Raises what ends the integration; called where `calls` has come to `next_check`."""
-
-    def _keep(self, error: BaseException) -> None:
-        if isinstance(error, ValueError):
-            self.overflowed = True
-            return
-        # The user's, most likely; one that comes while the core computes is wrapped.
-        wrapped = isinstance(error, SystemError) and error.__cause__
-        self.interruption = wrapped or error
-
-    def rates(self, t: float, y: Array) -> Array:
-        """f, of the state's shape."""
-        try:
-            if self.interruption is None:
-                if self.calls >= self.next_check:
-                    self.check(t)
-                if self.calls >= self.most:
-                    raise Stopped(f"it needs more than {self.most:g} right-hand sides")
-                self.calls += 1
-                return self._rates(t, y, *self.arguments)
-        except BaseException as error:
-            self._keep(error)
-        return np.full(self.shape, np.nan)
-
-    def jacobian(self, t: float, y: Array) -> Array:
-        """df/dy, which integrators factorise each time."""
-        try:
-            self.jacobians += 1
-            self.factorisations += 1
-            self.next_check -= JACOBIAN_CALLS
-            if self.interruption is None:
-                return self._jacobian(t, y)
-        except BaseException as error:
-            self._keep(error)
-        return np.zeros((y.size, y.size))
-
-    def reason(self, stopped: Stopped) -> str:
-        """Why an integration stopped; what is neither its own nor a number's is raised again."""
-        cause = self.interruption
-        if isinstance(cause, Stopped):
-            return str(cause)
-        if cause is not None:
-            raise cause from None
-        return NOT_FINITE if self.overflowed else str(stopped)
-
-
-class Watched(Guarded):
-    """The right-hand side of a task, which is checked now and then for progress."""
-
     def __init__(self, task: Task) -> None:
-        slopes = _jacobian(task.model, task.speed)
-        super().__init__(self._rates_at, slopes, task.start.shape, (), task.most)
         self.task = task
+        self.calls = self.jacobians = self.factorisations = 0
         explicit = task.method.lower().endswith("dop853")
         self.next_check, self.reached = FORECAST if explicit else CALLS, -math.inf
+        self.overflowed = False
 
-    def _rates_at(self, t: float, y: Array) -> Array:
-        # The force of u'(t) would enter here, and in the core's rates at speeds that it is given.
-        return np.asarray(self.task.model.motion.rhs_and_power(t, y, self.task.speed(t)))
+    def rates(self, t: float, y: Array) -> Array:
+        """Of [q, q', W]. Raises `Stopped`."""
+        if self.calls >= self.next_check:
+            self.check(t)
+        if self.calls >= self.task.most:
+            raise Stopped(f"it needs more than {self.task.most:g} right-hand sides")
+        self.calls += 1
+        try:  # the force of u'(t) would enter here, and in the core's rates at given speeds
+            return np.asarray(self.task.model.motion.rhs_and_power(t, y, self.task.speed(t)))
+        except ValueError:
+            self.overflowed = True
+            return np.full(y.shape, np.nan)
+
+    def jacobian(self, t: float, y: Array) -> Array:
+        """Of the same, without the row of W."""
+        self.jacobians += 1
+        self.factorisations += 1
+        self.next_check -= JACOBIAN_CALLS
+        try:
+            return jacobian_of(self.task, t, y)
+        except ValueError:
+            self.overflowed = True
+            return np.zeros((y.size, y.size))
 
     @cached_property
     def fastest(self) -> tuple[float, float]:
@@ -262,26 +224,20 @@ def integrate(
     if tasks[0].method in CORE:
         return _in_core(tasks, shown, watch)
     [task] = tasks
-    guarded = Watched(task)
-    if task.method in COMPILED:
-        options = (task.method, task.rtol, task.atol, task.t0, task.max_step)
-        samples: Iterator[Array] = map(compiled(guarded, task.start, *options), task.times)
-    else:
-        samples = _python_samples(task, guarded)
+    watched = Watched(task)
+    samples = track(_by_scipy(task, watched), task.times.size, "motion", shown)
     rows, why = [task.start], None
     try:
-        for t, row in zip(
-            task.times, track(samples, task.times.size, "motion", shown), strict=False
-        ):
+        for t, row in zip(task.times, samples, strict=False):
             rows.append(row)
             watch.call(task, float(t), row)
             if watch.end is not None:
                 break
     except Stopped as stopped:
-        why = guarded.reason(stopped)
-    evaluated(guarded.calls + guarded.jacobians)
-    factorised(guarded.factorisations)
-    return [(np.array(rows), guarded.calls, why)]
+        why = NOT_FINITE if watched.overflowed else str(stopped)
+    evaluated(watched.calls + watched.jacobians)
+    factorised(watched.factorisations)
+    return [(np.array(rows), watched.calls, why)]
 
 
 def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
@@ -295,7 +251,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
     if first.method == "dop853":
         motion = _core.Dop853(rates, *options)
     else:
-        motion = _core.Radau(rates, _jacobian(first.model, u), *options)
+        motion = _core.Radau(rates, lambda t, y, member: jacobian_of(tasks[member], t, y), *options)
     watched = [Watched(task) for task in tasks]
     times, count = first.times, first.times.size
     if watch.follower is not None and times[-1] < first.end:
@@ -377,21 +333,6 @@ def _rates(model: Model, u: Any) -> object:
     return rates
 
 
-def _jacobian(model: Model, u: Any) -> Callable[..., Array]:
-    """Derivative of the rates of [q, q', W] by time, state and member, for what is not compiled.
-
-    W acts on nothing, and Newton's method does without its row.
-    """
-
-    def slopes(t: float, y: Array, member: int = 0) -> Array:
-        whole = np.zeros((y.size, y.size))
-        speed = u(t) if callable(u) else u[member]
-        whole[:-1, :-1] = model.motion_jacobian(y[:-1], speed)
-        return whole
-
-    return slopes
-
-
 def state_after(
     rates: Callable[[Array], Array],
     start: Array,
@@ -422,57 +363,23 @@ def state_after(
     return state[0, 0]
 
 
-def compiled(
-    guarded: Guarded,
-    start: Array,
-    method: str,
-    rtol: float,
-    atol: float,
-    t0: float = 0.0,
-    max_step: float = math.inf,
-) -> Callable[[float], Array]:
-    """States at growing times from a start, by one of scipy's compiled methods.
-
-    The function that is returned raises `Stopped` where the integrator fails.
-    """
-    explicit = method == "scipy:dop853"
-    jacobians = () if explicit else (guarded.jacobian,)
-    solver = scipy.integrate.ode(guarded.rates, *jacobians)
-    options: dict[str, Any] = {} if explicit else {"with_jacobian": True}
-    # Its own limit of steps is beyond MOST_CALLS; 0 means no longest step.
-    options |= {"nsteps": 1_000_000_000, "max_step": max_step if max_step < math.inf else 0.0}
-    solver.set_integrator(method.removeprefix("scipy:"), rtol=rtol, atol=atol, **options)
-    solver.set_initial_value(start, t0)
-    if explicit:
-        # Its test for stiffness ends runs whose steps are held by stability, which is no failure.
-        solver._integrator.iwork[3] = -1
-
-    def advanced(t: float) -> Array:
-        if t > solver.t:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # said by the exception
-                solver.integrate(t)
-            if not (solver.successful() and np.isfinite(solver.y).all()):
-                raise Stopped("its step size tends to 0")
-        return np.array(solver.y)
-
-    return advanced
-
-
-def _python_samples(task: Task, guarded: Guarded) -> Iterator[Array]:
+def _by_scipy(task: Task, watched: Watched) -> Iterator[Array]:
+    """States at a task's times."""
     kind = getattr(scipy.integrate, task.method.removeprefix("scipy:"))
-    implicit = {} if task.method == "scipy:DOP853" else {"jac": guarded.jacobian}
-    limits = {"rtol": task.rtol, "atol": task.atol, "max_step": task.max_step}
-    solver = kind(guarded.rates, task.t0, task.start, task.times[-1], **limits, **implicit)
+    options: dict[str, Any] = {"rtol": task.rtol, "atol": task.atol, "max_step": task.max_step}
+    if kind is not scipy.integrate.DOP853:
+        options["jac"] = watched.jacobian
+    solver = kind(watched.rates, task.t0, task.start, task.times[-1], **options)
     between: Callable[[float], Array] | None = None
     for t in task.times:
         while solver.t < t:
-            try:
-                with np.errstate(over="ignore", invalid="ignore"):  # of a step that tends to 0
+            with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
+                warnings.simplefilter("ignore", UserWarning)  # said by the exception
+                try:
                     message = solver.step()
-                guarded.factorisations = solver.nlu
-            except ValueError as error:  # a factorisation refuses what is not finite
-                raise Stopped(str(error)) from error
+                except ValueError as error:  # a factorisation refuses what is not finite
+                    raise Stopped(str(error)) from error
+            watched.factorisations = max(watched.jacobians, solver.nlu)
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 raise Stopped(message or NOT_FINITE)
             between = solver.dense_output()  # of DOP853 from three right-hand sides, or NaN
@@ -489,7 +396,7 @@ def choose_method(model: Model, rtol: float) -> str:
     """The integrator that measured cheapest: "dop853" unless damping makes the motion stiff.
 
     The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
-    "scipy:lsoda" leaves it out of account where it decays at once, at the cost of Jacobians and
+    "scipy:LSODA" leaves it out of account where it decays at once, at the cost of Jacobians and
     factorisations, which weigh less where a right-hand side costs more, as in a reduced model.
     Undamped it follows every mode and costs more (see tests/benchmark_simulate.py).
     """
@@ -498,9 +405,9 @@ def choose_method(model: Model, rtol: float) -> str:
     (fastest, decay), digits = fastest_rates(model), -math.log10(rtol)
     if model.linear_cost:  # a Jacobian takes dof times as much
         share = CHAIN_DECAY * digits * max(1.0, model.moving / CHAIN_SEGMENTS)
-        return "scipy:lsoda" if decay > share * fastest else "dop853"
+        return "scipy:LSODA" if decay > share * fastest else "dop853"
     stiff = max(fastest, decay) > REDUCED_RATE * digits
-    return "scipy:lsoda" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
+    return "scipy:LSODA" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
 
 
 def fastest_rates(model: Model) -> tuple[float, float]:

@@ -208,9 +208,8 @@ def simulate(
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 where not given.
         method: "auto" chooses by measured cost, see `choose_method`; "dop853" (explicit, order 8,
-            in the core); or one of scipy's: "scipy:dop853" and "scipy:lsoda" (implicit where it
-            pays) of `scipy.integrate.ode`, "scipy:DOP853", "scipy:Radau", "scipy:BDF" and
-            "scipy:LSODA" of `solve_ivp`. Implicit ones use the analytic Jacobian.
+            in the core); or one of `scipy.integrate.solve_ivp`'s: "scipy:DOP853" and, with the
+            analytic Jacobian, "scipy:Radau", "scipy:BDF" and "scipy:LSODA".
         max_step: longest step, > 0, at least 1e-9 of the duration.
         events: one or several `Event` or functions g(t, q, qdot) to a number, with q and qdot of
             shape (coordinates,). An event takes place where g becomes 0: where it has another sign

@@ -18,10 +18,16 @@ from typing import Any
 import numpy as np
 
 from pipedyn import plot
-from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
+from pipedyn.linear.critical_speed import (
+    CriticalSpeed,
+    NoCrossing,
+    Point,
+    critical_speed,
+    crossings,
+)
 from pipedyn.linear.modes import RootLoci, root_loci
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import Failure, Point, StabilityCurve, stability_curve
+from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
 from pipedyn.models.base import Model
 from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum

@@ -30,6 +30,14 @@ def track(items: Iterable[Item], total: int, label: str, shown: bool) -> Iterato
     yield from tqdm(items, total=total, desc=label)
 
 
+def outcome_of(job: Job[Answer]) -> Answer | Exception:
+    """What a job returned, or the exception that it raised."""
+    try:
+        return job()
+    except Exception as error:
+        return error
+
+
 def parallel(
     jobs: Sequence[Job[Answer]],
     executor: Executor | None = None,
@@ -45,14 +53,9 @@ def parallel(
     """
     futures = [] if executor is None else [executor.submit(job) for job in jobs]
     results: Iterable[Job[Answer]] = [future.result for future in futures] if futures else jobs
-    outcome: Answer | Exception
     try:
         for result in track(results, len(jobs), label, progress):
-            try:
-                outcome = result()
-            except Exception as error:
-                outcome = error
-            yield outcome
+            yield outcome_of(result)
     finally:
         for future in futures:
             future.cancel()

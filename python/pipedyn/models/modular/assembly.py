@@ -502,8 +502,8 @@ class Assembly(Model):
         state = check.array("y", y, size=2 * self.coordinates)
         return self.motion.enforced(ENFORCEMENTS[name], state, u)
 
-    def jacobian(self, t: float, y: ArrayLike, u: float) -> Array:
-        """As for `Model.jacobian`, shape (6 n, 6 n), of at most 1300 segments, in O(n^2).
+    def jacobian(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+        """As for `Model.jacobian` of one state, (6 n, 6 n), of at most 1300 segments, in O(n^2).
 
         Accelerations change with the angles of the joints and their rates alone, see the class.
         """
@@ -514,7 +514,7 @@ class Assembly(Model):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
         self.core.power(state, u)  # checks both
         angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
-        _, by_angles = self.motion.accelerations_by_state(angles, float(u))
+        _, by_angles = self.motion.accelerations_by_state(angles, float(np.asarray(u)))
         # An angle is the sum of its joint's and those before, which no other coordinate changes.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
@@ -535,6 +535,8 @@ class Assembly(Model):
         return self._layout.rest if self._reference is None else self._reference
 
     def motion_jacobian(self, y: Array, u: float) -> Array:
+        if y.ndim > 1:
+            return np.array([self.motion.jacobian(column.copy(), u) for column in y.T])
         return self.motion.jacobian(y, u)
 
     # ---------------------------------------------------------------------------------- geometry

@@ -1,0 +1,410 @@
+// SPDX-License-Identifier: MIT
+//
+// Members of a batch side by side: what their motion takes (equations in galerkin/galerkin.hpp).
+// One member goes through with its vectors along the pipe or the functions, several with one a
+// lane. Local to each translation unit, like vector/pack.hpp.
+#pragma once
+
+#include <type_traits>
+
+#include "pipedyn/galerkin/integrals.hpp"
+#include "pipedyn/galerkin/kernel.hpp"
+#include "pipedyn/galerkin/signed_weights.hpp"
+#include "pipedyn/terms/laws.hpp"
+#include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/scratch.hpp"
+
+namespace {
+
+using pipedyn::Batch, pipedyn::MotionEffects, pipedyn::PanelTerm;
+
+/// Hands out the thread's scratch; without any it only counts.
+struct Layout {
+  double* scratch = nullptr;
+  Count used = 0;
+
+  double* take(Count numbers) {
+    double* const start = scratch == nullptr ? nullptr : scratch + used;
+    used += (numbers + 7) / 8 * 8;
+    return start;
+  }
+};
+
+/// Members side by side, as many as a Real holds, with what is computed of them.
+template <class Real>
+struct Block {
+  static constexpr bool alone = lanes<Real> == 1;
+  // What a vector of a sum holds: of one member numbers along the pipe or the functions, of several
+  // members one number of each.
+  using Numbers = std::conditional_t<alone, Pack, double>;
+  static constexpr Count step = lanes<Numbers>;  // points or functions in a vector
+  static constexpr Count tile = alone ? 1 : 4;   // vectors at a time
+  const GridTables& grid;
+  const MotionEffects& effects;
+  const Count m = grid.functions, padded = grid.padded, nodes = grid.nodes, points = grid.points;
+  const Count block = nodes + 1;  // points of a panel
+  const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
+  const bool resists = drags || loads;
+
+  // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
+  // then y; acceleration at q'' = 0; velocity, where drag or a term reads it; position, where a
+  // term does. Energy and power take the last two alone.
+  const Count bias = 2 * padded, integrated = bias + (loads ? 6 : drags ? 4 : 2);
+  double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
+  double *integrands, *moments;           // rows of columns, and their integrals from the clamp
+  double *mass, *force;
+  double *velocity, *weighted, *load_x, *load_y, *rest;  // (points); rest 3 Q
+
+  static Count row_length(Count columns) { return whole_packs(columns * lanes<Real>); }
+  /// Of a row of the mass matrix: single rows are written by whole packs.
+  Count mass_stride() const { return alone ? whole_packs(padded) : padded; }
+
+  Block(const GridTables& tables, const MotionEffects& present) : grid(tables), effects(present) {}
+
+  /// Places the arrays, rows of so many columns at least.
+  void lay_out(Layout& layout, Count columns = 0) {
+    const auto take = [&](Count reals) { return layout.take(reals * lanes<Real>); };
+    const Count most = columns > bias + 6 ? columns : bias + 6;
+    const Count rows = points * row_length(most) / lanes<Real> + 1;
+    theta = take(grid.stride);
+    omega = take(grid.stride);
+    sine = take(grid.stride);
+    cosine = take(grid.stride);
+    integrands = take(rows);
+    moments = take(rows);
+    mass = take(padded * mass_stride());
+    force = take(padded);
+    velocity = take(points);
+    weighted = take(points);
+    load_x = take(points);
+    load_y = take(points);
+    rest = take(3 * nodes);
+  }
+
+  /// sum_i x_i Theta_i along the pipe, of each x (m,) in the basis.
+  template <int sums>
+  void along(const double* const (&x)[sums], double* const (&to)[sums]) {
+    const Count count = alone ? grid.stride : points;
+    for (Count p = 0; p < count; p += tile * step) {
+      Pack sum[sums][tile] = {};
+      for (Count i = 0; i < m; ++i) {
+        Real factor[sums];
+        for (int n = 0; n < sums; ++n) factor[n] = at<Real>(x[n], i);
+        for (Count k = 0; k < tile; ++k) {
+          const auto slope = load<Numbers>(grid.slope_by_function + i * grid.stride + p + k * step);
+          for (int n = 0; n < sums; ++n) sum[n][k] += slope * factor[n];
+        }
+      }
+      for (int n = 0; n < sums; ++n) {
+        for (Count k = 0; k < tile; ++k) store(to[n] + p * lanes<Real> + k * width, sum[n][k]);
+      }
+    }
+  }
+
+  void angles(const double* y) {
+    along<2>({y, y + m * lanes<Real>}, {theta, omega});
+    sincos(theta, (alone ? grid.stride : points) * lanes<Real>, sine, cosine);
+  }
+
+  /// To be integrated: n Theta_i.
+  void set_slopes(Count row) {
+    for (Count p = 0; p < points; ++p) {
+      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
+      const double* __restrict const slope = grid.orthonormal + p * padded;
+      double* __restrict const to = integrands + p * row;
+      for (Count i = 0; i < padded; ++i) {
+        set(to, i, Real(slope[i] * c));
+        set(to, padded + i, Real(-slope[i] * s));
+      }
+    }
+  }
+
+  /// From column on: the velocity's integrand, n theta', and where a term reads it the position's,
+  /// t.
+  void set_velocity(Count row, Count column) {
+    for (Count p = 0; p < points; ++p) {
+      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p), w = at<Real>(omega, p);
+      double* const to = integrands + p * row + column * lanes<Real>;
+      set(to, 0, Real(c * w));
+      set(to, 1, Real(-s * w));
+      if (!loads) continue;
+      set(to, 2, s);
+      set(to, 3, c);
+    }
+  }
+
+  /// That of the acceleration at q'' = 0, -t theta'^2.
+  void set_acceleration(Count row, Count column) {
+    for (Count p = 0; p < points; ++p) {
+      const Real w = at<Real>(omega, p), square = w * w;
+      double* const to = integrands + p * row + column * lanes<Real>;
+      set(to, 0, Real(-at<Real>(sine, p) * square));
+      set(to, 1, Real(-at<Real>(cosine, p) * square));
+    }
+  }
+
+  /// v_n and the signed weights of the nodes.
+  void drag(Count row, Count column) {
+    for (Count p = 0; p < points; ++p) {
+      const double* const v = moments + p * row + column * lanes<Real>;
+      set(velocity, p,
+          Real(at<Real>(cosine, p) * at<Real>(v, 0) - at<Real>(sine, p) * at<Real>(v, 1)));
+    }
+    signed_weights_of<Real>(grid, velocity, weighted, rest);
+  }
+
+  /// Calls body(law, station, point, weight) wherever a term acts; column: the velocity's.
+  template <class Body>
+  void for_each_station(Count row, Count column, const Body& body) const {
+    const auto station = [&](Count p) {
+      const double* const v = moments + p * row + column * lanes<Real>;
+      return Station<Real>{at<Real>(v, 2), at<Real>(v, 3), at<Real>(sine, p), at<Real>(cosine, p),
+                           at<Real>(v, 0), at<Real>(v, 1), at<Real>(omega, p)};
+    };
+    for (Count k = 0; k < effects.load_count; ++k) {
+      const PanelTerm& placed = effects.loads[k];
+      Laws::with(placed.term, [&]<class Law>(const Law& law) {
+        if constexpr (Law::loads) {
+          if (placed.panel >= 0) {
+            const Count end = placed.panel * block + nodes;
+            body(law, station(end), end, 1.0);
+            return;
+          }
+          for (Count p = 0; p < points; ++p) {
+            if (grid.weight[p] != 0.0) body(law, station(p), p, grid.weight[p]);
+          }
+        }
+      });
+    }
+  }
+
+  /// All generalised forces but inertia's that is linear in q'', by orthonormal coordinates.
+  void forces(const double* y, const Real& u, Count row) {
+    bool flows = false;
+    double speeds[lanes<Real>];
+    store(speeds, u);
+    for (const double speed : speeds) flows |= speed != 0.0;
+    const Real coriolis = effects.coriolis * u;
+    if (drags) drag(row, bias + 2);
+    for (Count p = 0; p < points; ++p) {
+      const double* const bent = moments + p * row + bias * lanes<Real>;
+      const double mass_of = grid.mass[p];  // inertia and weight
+      Real x = -mass_of * at<Real>(bent, 0), y_load = mass_of * (effects.gamma - at<Real>(bent, 1));
+      if (flows || drags) {
+        Real across{};
+        if (flows) across = grid.weight[p] * coriolis * at<Real>(omega, p);
+        if (drags) {
+          const Real v = at<Real>(velocity, p);
+          across += effects.drag * at<Real>(weighted, p) * (v * v);
+        }
+        x -= across * at<Real>(cosine, p);
+        y_load += across * at<Real>(sine, p);
+      }
+      set(load_x, p, x);
+      set(load_y, p, y_load);
+    }
+    if (flows) {  // the follower force
+      const Real thrust = effects.centrifugal * (u * u);
+      add(load_x, points - 1, Real(-thrust * at<Real>(sine, points - 1)));
+      add(load_y, points - 1, Real(-thrust * at<Real>(cosine, points - 1)));
+    }
+    for_each_station(row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
+      const auto load = law.load(station);
+      add(load_x, p, Real(w * load.x));
+      add(load_y, p, Real(w * load.y));
+    });
+    for (Count i = 0; i < padded; i += tile * step) {
+      Pack sum[tile] = {};
+      for (Count p = 0; p < points; ++p) {
+        const double* const x = moments + p * row + i * lanes<Real>;
+        const double* const y_row = x + padded * lanes<Real>;
+        const Real fx = at<Real>(load_x, p), fy = at<Real>(load_y, p);
+        for (Count k = 0; k < tile; ++k) {
+          sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width);
+        }
+      }
+      for (Count k = 0; k < tile; ++k) store(force + i * lanes<Real> + k * width, sum[k]);
+    }
+    elastic(y);
+  }
+
+  void elastic(const double* y) {
+    for (Count i = 0; i < m; ++i) {
+      Real strain = at<Real>(y, i);
+      if (effects.damping != 0.0) strain += effects.damping * at<Real>(y, m + i);
+      const Real moment_of = grid.stiffness[i] * strain;
+      if (grid.to_basis == nullptr) {
+        add(force, i, Real(-moment_of));
+        continue;
+      }
+      for (Count j = i; j < m; ++j) add(force, j, Real(-grid.to_basis[i * m + j] * moment_of));
+    }
+  }
+
+  enum class Product { all, lower_half, added };
+
+  /// Writes sum_k left(k, i) right(k, j) to (padded rows, stride), in tiles that are in registers,
+  /// or adds it. left gives a Real, right the numbers of a vector from j on.
+  template <class Left, class Right>
+  void product_of(Count depth, const Left& left, const Right& right, double* to, Count stride,
+                  Product kind) const {
+    constexpr Count rows = 4, columns = alone ? 1 : width == 8 ? 4 : 2;
+    for (Count i = 0; i < padded; i += rows) {
+      for (Count j = 0; j < (kind == Product::lower_half ? i + rows : padded);
+           j += columns * step) {
+        Pack sum[rows][columns] = {};
+#pragma GCC unroll 2
+        for (Count k = 0; k < depth; ++k) {
+          decltype(right(k, j)) others[columns];
+          for (Count c = 0; c < columns; ++c) others[c] = right(k, j + c * step);
+          for (Count r = 0; r < rows; ++r) {
+            const Real value = left(k, i + r);
+            for (Count c = 0; c < columns; ++c) sum[r][c] += value * others[c];
+          }
+        }
+        for (Count r = 0; r < rows; ++r) {
+          double* const entries = to + ((i + r) * stride + j) * lanes<Real>;
+          for (Count c = 0; c < columns; ++c) {
+            if (kind == Product::added) sum[r][c] += load<Pack>(entries + c * width);
+            store(entries + c * width, sum[r][c]);
+          }
+        }
+      }
+    }
+  }
+
+  /// Lower triangle of the mass matrix: sum over points and components of w J_i J_j.
+  void gram(Count row) {
+    const auto displacements = [&](Count k) {  // x and y at each point
+      return moments + (k >> 1) * row + (k & 1) * padded * lanes<Real>;
+    };
+    product_of(
+        2 * grid.heavy, [&](Count k, Count i) { return at<Real>(displacements(k), i); },
+        [&](Count k, Count j) {
+          return grid.mass[k >> 1] * load<Pack>(displacements(k) + j * lanes<Real>);
+        },
+        mass, mass_stride(), Product::lower_half);
+  }
+
+  /// mass x = force by Cholesky's factors, in place; a negative pivot leaves NaN.
+  void solve(double* x) {
+    const Count stride = mass_stride();
+    for (Count i = 0; i < m; ++i) {
+      Real remaining = at<Real>(force, i);
+      for (Count j = 0; j <= i; ++j) {
+        Real sum = at<Real>(mass, i * stride + j);
+        for (Count k = 0; k < j; ++k) {
+          sum -= at<Real>(mass, i * stride + k) * at<Real>(mass, j * stride + k);
+        }
+        if (j < i) {
+          const Real entry = sum * at<Real>(mass, j * stride + j);
+          set(mass, i * stride + j, entry);
+          remaining -= entry * at<Real>(x, j);
+        } else {
+          const Real inverse = 1.0 / square_root(sum);
+          set(mass, i * stride + i, inverse);
+          set(x, i, Real(remaining * inverse));
+        }
+      }
+    }
+    for (Count i = m - 1; i >= 0; --i) {
+      const Real value = at<Real>(x, i) * at<Real>(mass, i * stride + i);
+      set(x, i, value);
+      for (Count j = 0; j < i; ++j) add(x, j, Real(-at<Real>(mass, i * stride + j) * value));
+    }
+  }
+
+  /// From orthonormal coordinates to the basis, in place.
+  void to_basis(double* x) const {
+    if (grid.to_basis == nullptr) return;
+    for (Count i = 0; i < m; ++i) {
+      Real sum{};
+      for (Count j = i; j < m; ++j) sum += grid.to_basis[i * m + j] * at<Real>(x, j);
+      set(x, i, sum);
+    }
+  }
+
+  /// All that is integrated, in rows of so many columns; returns their length.
+  Count kinematics(const Batch& batch, Count columns) {
+    const Count row = row_length(columns);
+    angles(batch.y);
+    set_slopes(row);
+    set_acceleration(row, bias);
+    if (resists) set_velocity(row, bias + 2);
+    integrate(grid, row, integrated * lanes<Real>, integrands, moments);
+    return row;
+  }
+
+  void accelerations(const Batch& batch, double* out) {
+    const Count row = kinematics(batch, integrated);
+    forces(batch.y, load<Real>(batch.u), row);
+    gram(row);
+    solve(out);
+    to_basis(out);
+  }
+
+  /// Velocities, and positions where a term reads them.
+  Count velocities(const Batch& batch) {
+    const Count row = row_length(loads ? 4 : 2);
+    angles(batch.y);
+    for (Count i = 0; i < points * row; ++i) integrands[i] = 0.0;
+    set_velocity(row, 0);
+    integrate(grid, row, row, integrands, moments);
+    return row;
+  }
+
+  Real energy(const Batch& batch) {
+    const Count row = velocities(batch);
+    Real twice{};
+    for (Count p = 0; p < grid.heavy; ++p) {
+      const Real x = at<Real>(moments + p * row, 0), y = at<Real>(moments + p * row, 1);
+      twice += grid.mass[p] * (x * x + y * y);
+    }
+    for (Count i = 0; i < m; ++i) {
+      const Real amplitude = at<Real>(batch.y, i);
+      twice += grid.stiffness[i] * (amplitude * amplitude);
+    }
+    if (effects.gamma != 0.0) {  // s - y(s) integrated by parts, with the digits of 1 - cos theta
+      for (Count p = 0; p + 1 < points; ++p) {
+        const Real s = at<Real>(sine, p), c = at<Real>(cosine, p);
+        const Real rise = c > 0.0 ? s * s / (1.0 + c) : 1.0 - c;
+        twice += 2.0 * effects.gamma * grid.weight[p] * grid.beyond[p] * rise;
+      }
+    }
+    for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
+      twice += (2.0 * w) * law.energy(station);
+    });
+    return 0.5 * twice;
+  }
+
+  void power(const Batch& batch, double* out) {
+    const Count row = velocities(batch), end = points - 1;
+    const Real u = load<Real>(batch.u);
+    const Real x = at<Real>(moments + end * row, 0), y = at<Real>(moments + end * row, 1);
+    const Real along = at<Real>(sine, end) * x + at<Real>(cosine, end) * y;
+    const Real flux = 0.5 * effects.coriolis * u, thrust = effects.centrifugal * (u * u);
+    Real joints{}, dragged{}, others{};
+    if (effects.damping != 0.0) {
+      for (Count i = 0; i < m; ++i) {
+        const Real rate = at<Real>(batch.y, m + i);
+        joints -= effects.damping * grid.stiffness[i] * (rate * rate);
+      }
+    }
+    if (drags) {
+      drag(row, 0);
+      for (Count p = 0; p < end; ++p) {
+        const Real v = at<Real>(velocity, p);
+        dragged -= effects.drag * at<Real>(weighted, p) * (v * v * v);
+      }
+    }
+    for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
+      others += w * law.power(station);
+    });
+    set(out, 0, Real(-flux * (x * x + y * y) - thrust * along));
+    set(out, 1, joints);
+    set(out, 2, dragged);
+    set(out, 3, others);
+  }
+};
+
+}  // namespace

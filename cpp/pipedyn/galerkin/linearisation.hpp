@@ -1,0 +1,333 @@
+// SPDX-License-Identifier: MIT
+//
+// Derivatives of the motion of a block of members by their states, at fixed q'' first, as the
+// virtual work gives them, then of q''. Local to each translation unit, like vector/pack.hpp.
+#pragma once
+
+#include "pipedyn/galerkin/block.hpp"
+
+namespace {
+
+/// Slopes of a law, in each lane of one member.
+template <class Real>
+struct SlopesOf {
+  Real by_position[2][2], by_velocity[2][2], by_angle[2];
+};
+
+template <class Real, class Law>
+SlopesOf<Real> slopes_of(const Law& law, const Station<Real>& at) {
+  constexpr Count members = lanes<Real>, places = sizeof(Station<double>) / sizeof(double),
+                  entries = sizeof(Slopes) / sizeof(double);
+  double stations[places][members], all_slopes[entries][members];
+  static_assert(sizeof stations == sizeof at && sizeof all_slopes == sizeof(SlopesOf<Real>));
+  std::memcpy(stations, &at, sizeof at);
+  for (Count b = 0; b < members; ++b) {
+    double station[places], slopes[entries];
+    for (Count k = 0; k < places; ++k) station[k] = stations[k][b];
+    const Slopes found = law.slopes(same_bits<Station<double>>(station));
+    std::memcpy(slopes, &found, sizeof found);
+    for (Count k = 0; k < entries; ++k) all_slopes[k][b] = slopes[k];
+  }
+  SlopesOf<Real> result;
+  std::memcpy(&result, all_slopes, sizeof result);
+  return result;
+}
+
+/// Sum of what a vector holds of one member.
+template <class Real>
+Real sum_of(const Pack& x) {
+  if constexpr (lanes<Real> == lanes<Pack>) return x;
+  double each[width];
+  store(each, x);
+  double sum = 0.0;
+  for (const double one : each) sum += one;
+  return Real{} + sum;
+}
+
+template <class Real>
+struct Linearisation : Block<Real> {
+  using Base = Block<Real>;
+  using Base::alone, Base::step, Base::grid, Base::effects, Base::m, Base::padded, Base::points;
+  using Base::drags, Base::loads, Base::resists, Base::bias, Base::moments, Base::integrands;
+  using Base::load_x, Base::load_y, Base::mass_stride, Base::product_of;
+  using Base::sine, Base::cosine, Base::omega, Base::mass, Base::velocity, Base::weighted;
+  using typename Base::Numbers, typename Base::Product;
+
+  // Columns besides those that are integrated for the motion: derivatives of the loads by
+  // velocities and, of terms, by positions, times the virtual displacements; each x then y.
+  const Count resisted = Base::integrated;
+  const Count held = resisted + (resists ? 2 * padded : 0), last = held + (loads ? 2 * padded : 0);
+  double *own, *acceleration, *spin;  // q'' in orthonormal coordinates and in the basis; theta''
+  double* beyond;                     // a row of columns
+  double *by_angle, *by_rate, *system, *resistance;  // of `linearise`
+
+  using Base::Base;
+
+  void lay_out(Layout& layout) {
+    Base::lay_out(layout, last);
+    const auto take = [&](Count reals) { return layout.take(reals * lanes<Real>); };
+    own = take(mass_stride());
+    acceleration = take(m);
+    spin = take(grid.stride);
+    beyond = take(Base::row_length(last));
+    by_angle = take(points * mass_stride());
+    by_rate = take(points * mass_stride());
+    system = take(padded * 2 * mass_stride());
+    resistance = take(padded * mass_stride());
+  }
+
+  /// What integrals of loads count of a point, in the pipe's mass per length.
+  double unit(Count p) const {
+    return grid.weight[p] != 0.0 ? grid.mass[p] : grid.mass[0] / grid.weight[0];
+  }
+
+  /// Loads of all points in their units, to be integrated in place of the acceleration at q'' = 0,
+  /// and what resists or holds there.
+  void set_loads(Count row) {
+    for (Count p = 0; p < points; ++p) {
+      double* const x = moments + p * row;
+      double* const y = x + padded * lanes<Real>;
+      Pack sums[2] = {};
+      for (Count i = 0; i < padded; i += step) {
+        const Pack factor = load<Pack>(own + i * lanes<Real>);
+        sums[0] += factor * load<Pack>(x + i * lanes<Real>);
+        sums[1] += factor * load<Pack>(y + i * lanes<Real>);
+      }
+      const double share = 1.0 / unit(p);
+      set(x, bias, Real(share * (grid.mass[p] * sum_of<Real>(sums[0]) - at<Real>(load_x, p))));
+      set(x, bias + 1, Real(share * (grid.mass[p] * sum_of<Real>(sums[1]) - at<Real>(load_y, p))));
+      for (Count k = resisted; k < last; ++k) set(x, k, Real{});
+      if (!drags) continue;
+      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
+      const Real by_normal = share * dragged(p);
+      for (Count i = 0; i < padded; ++i) {
+        const Real by_i = by_normal * (at<Real>(x, i) * c - at<Real>(y, i) * s);
+        set(x, resisted + i, Real(by_i * c));
+        set(x, resisted + padded + i, Real(-by_i * s));
+      }
+    }
+  }
+
+  /// Derivative of drag on a point by v_n.
+  Real dragged(Count p) const {
+    return (2.0 * effects.drag) * at<Real>(weighted, p) * at<Real>(velocity, p);
+  }
+
+  void add_slopes_of_terms(Count row) {
+    Base::for_each_station(
+        row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
+          double* const x = moments + p * row;
+          double* const y = x + padded * lanes<Real>;
+          const SlopesOf<Real> slopes = slopes_of(law, station);
+          const double share = -w / unit(p);
+          for (Count i = 0; i < padded; ++i) {
+            const Real by_x = at<Real>(x, i), by_y = at<Real>(y, i);
+            const auto times = [&](const Real& a, const Real& b) {
+              return Real(a * by_x + b * by_y);
+            };
+            for (Count c = 0; c < 2; ++c) {
+              add(x, resisted + c * padded + i,
+                  Real(share * times(slopes.by_velocity[0][c], slopes.by_velocity[1][c])));
+              add(x, held + c * padded + i,
+                  Real(w * times(slopes.by_position[0][c], slopes.by_position[1][c])));
+            }
+            add(by_angle, p * mass_stride() + i,
+                Real(w * times(slopes.by_angle[0], slopes.by_angle[1])));
+          }
+        });
+  }
+
+  /// Derivatives of all forces but bending's, inertia's at fixed q'', by q, then by q' of the
+  /// basis: system (padded, 2 strides), rows by orthonormal coordinates. After `forces` and with
+  /// q'' in `own` and `spin`. The loads beyond a node act on what it moves: the quadrature's
+  /// integration by parts, S^T W = w w^T - W S, gives those of the nodes.
+  void linearise(const Real& u, Count row) {
+    const Count stride = mass_stride(), end = points - 1;
+    const Real coriolis = effects.coriolis * u, thrust = effects.centrifugal * (u * u);
+    if (loads) {
+      for (Count k = 0; k < points * stride; ++k) set(by_angle, k, Real{});
+    }
+    set_loads(row);
+    if (loads) add_slopes_of_terms(row);
+    integrate(grid, row, held * lanes<Real>, moments, integrands);
+    for (Count k = 0; k < held; ++k) set(beyond, k, at<Real>(integrands + end * row, k));
+    for (Count p = end; p >= 0; --p) {
+      const double* const x = moments + p * row;
+      const double* const y = x + padded * lanes<Real>;
+      const double* const before = integrands + p * row;
+      double factor = grid.mass[p];
+      if (grid.weight[p] == 0.0) {
+        const double jump = factor / unit(p);
+        for (Count k = 0; k < bias; ++k) add(beyond, k, Real(jump * at<Real>(x, k)));
+        for (Count k = bias; k < held; ++k) add(beyond, k, at<Real>(x, k));
+        factor = 0.0;
+      }
+      const auto beyond_of = [&](Count k) {
+        const Pack rest_of = load<Pack>(beyond + k * lanes<Real>);
+        return Pack(factor * (rest_of - load<Pack>(before + k * lanes<Real>)));
+      };
+      const auto load_beyond = [&](Count k) {
+        return Real(factor * (at<Real>(beyond, k) - at<Real>(before, k)));
+      };
+      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p), w = at<Real>(omega, p);
+      const Real turning = at<Real>(spin, p), square = w * w;
+      const Real bent = s * load_beyond(bias) + c * load_beyond(bias + 1);
+      const Real flow = grid.weight[p] * coriolis;
+      Real forward = flow * w;  // load across the pipe, turned along it
+      Real sideways = p == end ? Real(-thrust) : Real{};
+      if (drags) {
+        const Real v = at<Real>(velocity, p);
+        forward += effects.drag * at<Real>(weighted, p) * (v * v);
+        sideways += dragged(p) * (s * at<Real>(x, bias + 2) + c * at<Real>(x, bias + 3));
+      }
+      for (Count i = 0; i < padded; i += step) {
+        const Pack by_x = load<Pack>(x + i * lanes<Real>), by_y = load<Pack>(y + i * lanes<Real>);
+        const Pack beyond_x = beyond_of(i), beyond_y = beyond_of(padded + i);
+        const Pack beyond_t = beyond_x * s + beyond_y * c, beyond_n = beyond_x * c - beyond_y * s;
+        const Pack normal = by_x * c - by_y * s;
+        Pack angle = load<Numbers>(grid.orthonormal + p * padded + i) * bent + normal * sideways +
+                     (by_x * s + by_y * c) * forward + beyond_t * turning + beyond_n * square;
+        if (resists) {
+          angle += beyond_of(resisted + i) * (s * w) + beyond_of(resisted + padded + i) * (c * w);
+        }
+        double* const to = by_angle + (p * stride + i) * lanes<Real>;
+        if (loads) angle += load<Pack>(to);
+        store(to, angle);
+        store(by_rate + (p * stride + i) * lanes<Real>, Pack(beyond_t * (2.0 * w) - normal * flow));
+      }
+    }
+    const auto by_slopes = [&](const double* left, double* to) {
+      product_of(
+          points, [&](Count p, Count i) { return at<Real>(left, p * stride + i); },
+          [&](Count p, Count j) { return load<Numbers>(grid.slope + p * padded + j); }, to,
+          2 * stride, Product::all);
+    };
+    by_slopes(by_angle, system);
+    by_slopes(by_rate, system + stride * lanes<Real>);
+    if (loads) add_moved(row, held, [](Count) { return 1.0; }, system);
+    if (resists) {
+      add_moved(row, resisted, [&](Count p) { return -unit(p); }, system + stride * lanes<Real>);
+    }
+  }
+
+  /// Adds the sum over points of scale times the columns from first on by the displacements.
+  template <class Scale>
+  void add_moved(Count row, Count first, const Scale& scale, double* to) {
+    const Count stride = mass_stride();
+    const auto component = [&](Count k) {
+      return moments + (k >> 1) * row + (k & 1) * padded * lanes<Real>;
+    };
+    const bool direct = grid.from_basis == nullptr;
+    product_of(
+        2 * points,
+        [&](Count k, Count i) { return Real(scale(k >> 1) * at<Real>(component(k), first + i)); },
+        [&](Count k, Count j) { return load<Pack>(component(k) + j * lanes<Real>); },
+        direct ? to : resistance, direct ? 2 * stride : stride,
+        direct ? Product::added : Product::all);
+    if (direct) return;
+    product_of(
+        m, [&](Count k, Count i) { return at<Real>(resistance, i * stride + k); },
+        [&](Count k, Count j) { return load<Numbers>(grid.from_basis + k * padded + j); }, to,
+        2 * stride, Product::added);
+  }
+
+  /// The system's columns to q''s, in the basis: M^-1 by the factors that `solve` leaves.
+  void solve_system() {
+    constexpr Count columns = alone ? 2 : 8;  // vectors at a time
+    const Count stride = mass_stride(), whole = 2 * stride;
+    for (Count j = 0; j < whole; j += columns * step) {
+      Pack sum[columns];
+      const auto each = [&](Count i, const auto& body) {
+        double* const entries = system + (i * whole + j) * lanes<Real>;
+        for (Count c = 0; c < columns; ++c) body(entries + c * width, sum[c]);
+      };
+      const auto take = [](double* entry, Pack& x) { x = load<Pack>(entry); };
+      const auto subtract = [&](Count i, const Real& factor) {
+        each(i, [&](double* entry, Pack& x) { x -= factor * load<Pack>(entry); });
+      };
+      const auto put = [&](Count i, const Real& factor) {
+        each(i, [&](double* entry, Pack& x) { store(entry, Pack(factor * x)); });
+      };
+      for (Count i = 0; i < m; ++i) {
+        each(i, take);
+        for (Count k = 0; k < i; ++k) subtract(k, at<Real>(mass, i * stride + k));
+        put(i, at<Real>(mass, i * stride + i));
+      }
+      for (Count i = m - 1; i >= 0; --i) {
+        each(i, take);
+        for (Count k = i + 1; k < m; ++k) subtract(k, at<Real>(mass, k * stride + i));
+        put(i, at<Real>(mass, i * stride + i));
+      }
+      if (grid.to_basis == nullptr) continue;
+      for (Count i = 0; i < m; ++i) {
+        for (Pack& x : sum) x = Pack{};
+        for (Count k = i; k < m; ++k) subtract(k, all<Real>(-grid.to_basis[i * m + k]));
+        put(i, all<Real>(1.0));
+      }
+    }
+  }
+
+  /// The members' system, (m, 2 m) of each.
+  void write_system(double* out) const {
+    const Count stride = mass_stride();
+    for (Count i = 0; i < m; ++i) {
+      for (Count half = 0; half < 2; ++half) {
+        for (Count j = 0; j < m; ++j) {
+          set(out, (2 * i + half) * m + j, at<Real>(system, (2 * i + half) * stride + j));
+        }
+      }
+    }
+  }
+
+  void jacobian(const Batch& batch, double* out) {
+    const Count row = Base::kinematics(batch, last), stride = mass_stride();
+    const Real u = load<Real>(batch.u);
+    Base::forces(batch.y, u, row);
+    Base::gram(row);
+    for (Count i = 0; i < stride; ++i) set(own, i, Real{});
+    Base::solve(own);
+    for (Count i = 0; i < m; ++i) set(acceleration, i, at<Real>(own, i));
+    Base::to_basis(acceleration);
+    Base::template along<1>({acceleration}, {spin});
+    linearise(u, row);
+    for (Count j = 0; j < m; ++j) {
+      const Count most = grid.to_basis == nullptr ? j + 1 : m;
+      for (Count i = j; i < most; ++i) {
+        const double elastic =
+            grid.stiffness[j] * (grid.to_basis == nullptr ? 1.0 : grid.to_basis[j * m + i]);
+        add(system, 2 * i * stride + j, all<Real>(-elastic));
+        add(system, (2 * i + 1) * stride + j, all<Real>(-effects.damping * elastic));
+      }
+    }
+    solve_system();
+    write_system(out);
+  }
+
+  /// Of a state at rest: see GalerkinKernel.
+  void operators(const Batch& batch, const double* displacements, double* out) {
+    const Count row = Base::kinematics(batch, last), stride = mass_stride();
+    if (displacements != nullptr) {
+      for (Count p = 0; p < points; ++p) {
+        for (Count i = 0; i < m; ++i) set(moments + p * row, i, displacements[p * m + i]);
+      }
+    }
+    Base::forces(batch.y, load<Real>(batch.u), row);
+    Base::gram(row);
+    for (Count i = 0; i < m; ++i) {
+      for (Count j = 0; j < m; ++j) {
+        out[i * m + j] = mass[i < j ? j * stride + i : i * stride + j];
+      }
+    }
+    for (Count i = 0; i < stride; ++i) own[i] = 0.0;
+    for (Count p = 0; p < points; ++p) spin[p] = 0.0;
+    linearise(load<Real>(batch.u), row);
+    write_system(out + m * m);
+    const double* const end = moments + (points - 1) * row;
+    for (Count i = 0; i < m; ++i) {
+      out[3 * m * m + i] = end[i];
+      out[3 * m * m + m + i] = end[padded + i];
+    }
+  }
+};
+
+}  // namespace
