@@ -53,20 +53,18 @@ measured 1.6 with damping to 16 without at rtol 1e-6."""
 MOST_CALLS = 1e8
 """Right-hand sides that a motion may take: minutes with few segments, an hour with a thousand."""
 
-CHAIN_DECAY, CHAIN_SEGMENTS = 0.025, 16
-"""Fastest decay, relative to the highest frequency of a chain and for each digit asked for, from
-which implicit steps pay; beyond so many segments, in proportion to their number. The choice then
-costs at most 1.5 times the cheaper of both, measured with 5 to 24 segments at damping 0.001 to 0.1,
-rtol 1e-3 to 1e-9 and 41 or 51 samples."""
+BATCHED, BATCH_DECAY = 8, 3.0
+"""Members from which explicit steps of a batch are cheaper than implicit ones one after the other,
+unless the fastest decay is so many times the highest frequency. Measured, see `choose_method`."""
 
-REDUCED_RATE = 40.0
-"""|lambda| of the fastest mode of other models, for each digit, from which implicit steps pay:
-measured likewise."""
+SCENE_SEGMENTS, SCENE_DECAY = 20, 0.3
+"""Segments of a compiled scene from which its matrices are worth their factorisations where the
+fastest decay, relative to the highest frequency, is above this times the square of their number
+relative to that one."""
 
-LARGEST_IMPLICIT = 2000
-"""Degrees of freedom beyond which dense factorisations are not chosen: one of 4,001 unknowns takes
-128 MB and, measured, 4 s on one core."""
-
+LARGEST_IMPLICIT = 1000
+"""Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
+unknowns take 256 MB and, measured, 10 s on one core."""
 
 LARGEST_DENSE = 100_000_000
 """Numbers that dense output may hold: 0.8 GB."""
@@ -309,7 +307,10 @@ def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
 
 def runs_unlocked(task: Task) -> bool:
     """Whether a task's right-hand sides do without Python and its lock."""
-    return task.method in CORE and _compiled(task.model) is not None and not callable(task.u)
+    compiled_model = _compiled(task.model)
+    by_jacobian = task.method == "radau" and isinstance(compiled_model, _core.Scene)
+    in_core = task.method in CORE and compiled_model is not None and not by_jacobian
+    return in_core and not callable(task.u)
 
 
 def _compiled(model: Model) -> object:
@@ -392,22 +393,38 @@ def _by_scipy(task: Task, watched: Watched) -> Iterator[Array]:
 # ----------------------------------------------------------------------------- which one serves
 
 
-def choose_method(model: Model, rtol: float) -> str:
-    """The integrator that measured cheapest: "dop853" unless damping makes the motion stiff.
+def choose_method(model: Model, members: int = 1) -> str:
+    """The core's integrator that measured cheapest at equal error, for so many members.
 
-    The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
-    "scipy:LSODA" leaves it out of account where it decays at once, at the cost of Jacobians and
-    factorisations, which weigh less where a right-hand side costs more, as in a reduced model.
-    Undamped it follows every mode and costs more (see tests/benchmark_simulate.py).
+    One motion goes by implicit steps, whose stages fill the processor's vectors: they do not follow
+    fast modes that have decayed, and where they follow all they cost no more. Measured with chains
+    of 3 to 100 segments, reduced models of 2 to 12 functions of both bases and scenes with modules
+    in Python, damping 0 to 0.1 with and without drag, starts smooth or not, rtol 1e-3 to 1e-10:
+    explicit ones cost 0.85 to 800 times as much at equal largest error of q, undamped mostly 1.2 to
+    4 times. Two cases differ, in which they are taken where decay is slow:
+
+    - Members of a chain or scene that advance together fill the vectors by themselves. Measured
+      with 8 to 64 members of 4 to 40 segments, the choice costs at most 1.9 times the cheaper; of
+      reduced models, 1.4.
+    - Scenes that are compiled but have dense Jacobians: at most 1.5 times, 5 to 80 segments.
+
+    `tests/benchmark_simulate.py` measures it again.
     """
-    if not (model.pipe.damping or model.resisted) or model.moving > LARGEST_IMPLICIT:
+    compiled_model = _compiled(model)
+    together = members >= BATCHED and not isinstance(compiled_model, _core.Galerkin)
+    dense = not isinstance(compiled_model, (_core.Chain, _core.Galerkin))
+    if dense and model.moving > LARGEST_IMPLICIT:
         return "dop853"
-    (fastest, decay), digits = fastest_rates(model), -math.log10(rtol)
-    if model.linear_cost:  # a Jacobian takes dof times as much
-        share = CHAIN_DECAY * digits * max(1.0, model.moving / CHAIN_SEGMENTS)
-        return "scipy:LSODA" if decay > share * fastest else "dop853"
-    stiff = max(fastest, decay) > REDUCED_RATE * digits
-    return "scipy:LSODA" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
+    large = isinstance(compiled_model, _core.Scene) and model.moving >= SCENE_SEGMENTS
+    if not (together or large):
+        return "radau"
+    if not (model.pipe.damping or model.resisted):
+        return "dop853"
+    fastest, decay = fastest_rates(model)
+    least = BATCH_DECAY if together else 0.0
+    if large:
+        least = max(least, SCENE_DECAY * (model.moving / SCENE_SEGMENTS) ** 2)
+    return "radau" if decay > least * fastest else "dop853"
 
 
 def fastest_rates(model: Model) -> tuple[float, float]:

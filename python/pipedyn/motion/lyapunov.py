@@ -140,7 +140,7 @@ def lyapunov_exponent(
 
     return largest_exponent(
         *(rates, jacobian, state, duration, transient, blocks, interval, pair, rtol),
-        stiff=choose_method(model, rtol) == "radau",
+        stiff=choose_method(model) == "radau",
         shown=shown,
     )
 
