@@ -161,8 +161,13 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
   double last = 0.0;
   left_ = std::pow(std::max(left_, std::numeric_limits<double>::epsilon()), 0.8);
   for (iterations_ = 1; iterations_ <= radau::most_iterations; ++iterations_) {
-    of_.rates(t, at_.data(), all, rates_at_.data());
     evaluations += radau::lanes;
+    if (static_cast<double>(members_[which].evaluations + evaluations) > limits_.most) {
+      evaluations -= radau::lanes;
+      members_[which].progress = Progress::spent;
+      return false;
+    }
+    of_.rates(t, at_.data(), all, rates_at_.data());
     if (iterations_ == 1) {
       if (!fresh_ && (of_.systems->is_cheap() || contraction_ > radau::kept_contraction)) {
         of_.systems->linearise(t[radau::lanes - 1], y_.data(), which);
@@ -244,6 +249,8 @@ Index Radau::step(double end) {
     member.time = h == left ? end : member.time + h;
     member.rejected = member.overflowed = false;
     accept(which, h);
+  } else if (member.progress == Progress::spent) {
+    return evaluations;
   } else if (!solved && !fresh_) {
     contraction_ = 1.0;  // takes J anew
   } else {
@@ -254,8 +261,6 @@ Index Radau::step(double end) {
       member.progress = member.overflowed ? Progress::not_finite : Progress::vanishing;
     }
   }
-  const bool spent = static_cast<double>(member.evaluations + 2 * radau::lanes) > limits_.most;
-  if (spent && member.progress == Progress::going) member.progress = Progress::spent;
   return evaluations;
 }
 
