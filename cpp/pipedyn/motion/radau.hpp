@@ -6,7 +6,8 @@
 // by Newton's method with one derivative J of f. A^-1 = V diag(lambda) V^-1 decouples it into
 // systems (lambda_k / h - J) x_k = b_k, one real and three complex. The seven stages and the start
 // of the step go through f as a batch of eight members, the systems through the lanes of one solve.
-// The error is what an embedded rule of order 7 differs by, after one solve with the real system.
+// The error is what an embedded rule of order 7 differs by, after one solve with the real system,
+// or what the step's polynomial, from which samples come, misses within.
 // Members move one after the other. O(rows) an iteration besides f and a solve.
 #pragma once
 
@@ -101,9 +102,9 @@ class Radau final : public Integrator {
   Index current_ = -1;
 
   // Of the member that moves:
-  Vector y_, allowed_;
-  Matrix z_, before_, w_;     // (rows, 8): stages, those of the last step, systems
-  Matrix at_, rates_at_, x_;  // states at the stages, rates there, b or x
+  Vector y_, allowed_, predicted_;  // the last: change of the step
+  Matrix z_, before_, w_;           // (rows, 8): stages, those of the last step, systems
+  Matrix at_, rates_at_, x_;        // states at the stages, rates there, b or x
   double last_h_ = 0.0, factored_h_ = 0.0;
   double contraction_ = 1.0, left_ = 1.0;  // of an iteration's change: the next, and all after it
   Index iterations_ = 0;

@@ -356,11 +356,11 @@ def state_after(
 ) -> Array:
     """The state at a time of y' = rates(y) from a start at time 0, by implicit steps with df/dy.
 
-    Without that by explicit ones. `rates` takes states (n, k) at once. Raises `Stopped`.
+    Without that by explicit ones. Raises `Stopped`.
     """
 
     def columns(t: Array, y: Array, which: list[int]) -> Array:
-        return rates(y)
+        return np.stack([rates(column) for column in y.T], axis=1)
 
     options = (np.zeros(1), start[:, None], 0.0, rtol, atol, MOST_CALLS)
     motion: _core.Integrator
@@ -428,15 +428,18 @@ def choose_method(model: Model, members: int = 1) -> str:
     if dense and model.moving > LARGEST_IMPLICIT:
         return "dop853"
     large = isinstance(compiled_model, _core.Scene) and model.moving >= SCENE_SEGMENTS
-    if not (together or large):
-        return "radau"
-    if not (model.pipe.damping or model.resisted):
-        return "dop853"
-    fastest, decay = fastest_rates(model)
     least = BATCH_DECAY if together else 0.0
     if large:
         least = max(least, SCENE_DECAY * (model.moving / SCENE_SEGMENTS) ** 2)
-    return "radau" if decay > least * fastest else "dop853"
+    return "radau" if not least or decays_fast(model, least) else "dop853"
+
+
+def decays_fast(model: Model, least: float = BATCH_DECAY) -> bool:
+    """Whether the fastest decay is so many times the highest frequency."""
+    if not (model.pipe.damping or model.resisted):
+        return False
+    fastest, decay = fastest_rates(model)
+    return decay > least * fastest
 
 
 def fastest_rates(model: Model) -> tuple[float, float]:

@@ -19,7 +19,7 @@ import scipy
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.integrator import Stopped, choose_method, state_after
+from pipedyn.motion.integrator import Stopped, decays_fast, state_after
 from pipedyn.motion.simulate import (
     Start,
     Trajectory,
@@ -34,7 +34,7 @@ from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 
 Rates = Callable[[Array], Array]
-"""y' of states (n, k), or the Jacobian of one, (n,)."""
+"""Of a state y, shape (n,): y' or its Jacobian."""
 
 DISTANCE = 1e-7
 """Of a pair of neighbours, in the norm of the state, where each interval begins. Its square, by
@@ -140,7 +140,7 @@ def lyapunov_exponent(
 
     return largest_exponent(
         *(rates, jacobian, state, duration, transient, blocks, interval, pair, rtol),
-        stiff=choose_method(model) == "radau",
+        stiff=decays_fast(model),
         shown=shown,
     )
 
@@ -161,8 +161,8 @@ def largest_exponent(
 ) -> LyapunovExponent:
     """The largest exponent of any y' = f(y), with the arguments of `lyapunov_exponent`.
 
-    `rates` is f, for states (n, k) at once; `jacobian` is df/dy of one, (n, n); rtol holds for the
-    difference, of unit length, absolutely; `stiff` asks for an implicit method.
+    `rates` is f, for a pair of two states at once, shape (n, 2); `jacobian` is df/dy, (n, n); rtol
+    holds for the difference, of unit length, absolutely; `stiff` asks for an implicit method.
     """
     each = max(math.ceil(duration / blocks / interval), 1)
     step = duration / blocks / each
@@ -177,10 +177,8 @@ def largest_exponent(
     def slopes(whole: Array) -> Array:
         y, v = whole[:n], whole[n:]
         if pair:
-            both = np.asarray(rates(np.concatenate([y, v], axis=1)))
-            return np.concatenate(np.split(both, 2, axis=1))
-        moved = [jacobian(state) @ difference for state, difference in zip(y.T, v.T, strict=True)]
-        return np.concatenate([rates(y), np.stack(moved, axis=1)])
+            return np.asarray(rates(np.stack([y, v], axis=1))).T.ravel()
+        return np.concatenate([rates(y), jacobian(y) @ v])
 
     def slopes_by_state(whole: Array) -> Array:
         """The same block twice: Newton's method does without the Jacobian's own change."""
