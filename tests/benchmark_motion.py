@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 import mpmath
 import numpy as np
+import scipy
 from benchmark_eigenvalues import machine
 from independent import dense_jacobian, dense_rates
 
@@ -318,11 +319,83 @@ def linearity() -> None:
     print()
 
 
+def plain_monodromy(
+    model: pp.Model, u: float, cycle: pp.LimitCycle, rtol: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """State and derivative after a period, by scipy's DOP853 on the variational equations.
+
+    One step of shooting, as a user would write it, without the search for a start.
+    """
+    y0 = cycle.y[:, 0]
+    size = y0.size
+
+    def rates(t: float, whole: np.ndarray) -> np.ndarray:
+        y, matrix = whole[:size], whole[size:].reshape(size, size)
+        return np.concatenate([model.rhs(t, y, u), (model.jacobian(t, y, u) @ matrix).ravel()])
+
+    start = np.concatenate([y0, np.eye(size).ravel()])
+    end = scipy.integrate.solve_ivp(
+        rates, (0.0, cycle.period), start, "DOP853", rtol=rtol, atol=1e-3 * rtol
+    ).y[:, -1]
+    return end[:size], end[size:].reshape(size, size)
+
+
+def apart(found: np.ndarray, exact: np.ndarray) -> float:
+    """Largest distance of multipliers, relative where above 1."""
+    distances = np.abs(found[:, None] - exact) / np.maximum(np.abs(exact), 1.0)
+    pairs = scipy.optimize.linear_sum_assignment(distances)
+    return float(distances[pairs].max())
+
+
+def cycles() -> None:
+    print("limit cycles with multipliers, ms; as plain script a monodromy matrix by scipy, ms")
+    print("| model | u | limit_cycle | stated errors | does not close by | plain | apart by |")
+    print("|---|---|---|---|---|---|---|")
+    scene = pp.modular.chain(pp.Pipe(0.2), 10)
+    aspirating = pp.modular.chain(pp.Pipe(0.2, flow="aspirating", damping=0.01), 10)
+    cases: list[tuple[str, pp.Model, float, bool]] = [
+        ("Legendre 8", pp.Galerkin(pp.Pipe(0.2), 8, "legendre"), 6.0, True),
+        ("chain 20", pp.Chain(pp.Pipe(0.2), 20), 6.0, True),
+        ("chain 40", pp.Chain(pp.Pipe(0.2), 40), 6.0, True),
+        ("chain 20, drag 0.5", pp.Chain(pp.Pipe(0.2, drag=0.5), 20), 6.0, True),
+        ("scene of 10", scene, 6.0, False),
+        ("scene of 10, aspirating", aspirating, 0.0757, False),
+    ]
+    for name, model, u, multipliers in cases:
+        cycle = pp.limit_cycle(model, u)
+        cost = timed(lambda model=model, u=u: pp.limit_cycle(model, u))
+        check(cycle.error, 1e-6, f"amplitude and frequency, {name}")
+        check(cycle.multiplier_error, 1e-6, f"multipliers, {name}")
+        plain, distance = "-", "-"
+        if multipliers:
+            begun = time.thread_time()
+            end, monodromy = plain_monodromy(model, u, cycle, 1e-8)
+            plain = f"{1e3 * (time.thread_time() - begun):.0f}"
+            between = apart(cycle.multipliers, np.linalg.eigvals(monodromy))
+            check(between, 1e-5, f"multipliers against scipy, {name}")
+            distance = f"{between:.0e}"
+        else:
+            end = scipy.integrate.solve_ivp(
+                *(lambda t, y, model=model, u=u: model.rhs(t, y, u), (0.0, cycle.period)),
+                *(cycle.y[:, 0], "DOP853"),
+                rtol=1e-9,
+                atol=1e-11,
+            ).y[:, -1]
+        missed = worst(end, cycle.y[:, 0])
+        check(missed, 1e-5, f"a period by scipy, {name}")
+        stated = f"{cycle.error:.0e}, {cycle.multiplier_error:.0e}"
+        print(
+            f"| {name} | {u} | {1e3 * cost:.0f} | {stated} | {missed:.0e} | {plain} | {distance} |"
+        )
+    print()
+
+
 def main() -> int:
     print(machine() + "\n")
     right_hand_sides()
     reduced_models()
     linearity()
+    cycles()
     for failure in failures:
         print(f"FAILED {failure}")
     return 1 if failures else 0

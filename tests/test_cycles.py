@@ -570,10 +570,10 @@ def test_a_bad_argument_is_refused_by_name(call, name):
 def test_multipliers_that_overflow_are_refused(monkeypatch, pivot):
     """R of L + mu R is singular where a motion leaves the cycle faster than numbers can hold."""
 
-    def singular(motion, solution):
-        right = np.eye(motion.size)
+    def singular(maps):
+        right = np.eye(maps.shape[1])
         right[0, 0] = pivot
-        return np.eye(motion.size), right
+        return np.eye(maps.shape[1]), right
 
     monkeypatch.setattr("pipedyn.bifurcation.floquet.through", singular)
     with pytest.raises(pp.NotConverged, match="fails its check: its Floquet multipliers overflow"):

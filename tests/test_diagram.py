@@ -13,6 +13,7 @@ import pipedyn as pp
 from pipedyn.bifurcation import brute_force
 from pipedyn.bifurcation import diagram as module
 from pipedyn.bifurcation.brute_force import ending_of, turning_points
+from pipedyn.util.counters import counted
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
@@ -106,7 +107,7 @@ def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
     monkeypatch.setattr(module, "equilibria", none_at_rest)
     monkeypatch.setattr(brute_force, "simulate_many", one_stops)
     found = pp.bifurcation_diagram(
-        TWO, [0.5, 2.0, 5.0], cycles=0, brute_force=2, transient=5.0, duration=2.0
+        TWO, [0.5, 2.0, 5.0], cycles=0, brute_force=2, transient=3.0, duration=2.0
     )
     assert [(failure.index, failure.value) for failure in found.failures] == [(0, 0.5), (1, 2.0)]
     assert [one.ending == "failed" for one in found.motions] == [False] * 3 + [True] + [False] * 2
@@ -128,6 +129,59 @@ def test_irregular_motions_are_asked_for_their_exponent():
     assert irregular
     for one in irregular:
         assert abs(one.exponent.value) < 0.5
+
+
+def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
+    model = pp.Galerkin(pp.Pipe(0.2), 4)
+    speeds = np.array([4.0, 6.5, 8.0])
+    options = brute_force.MotionOptions(100.0, 40.0, 1e-6, False)
+    starts = brute_force.initial_bends(model, 2, 0)
+    answers, costs = [], []
+    for first_look in (brute_force.FIRST_LOOK, 200.0):
+        monkeypatch.setattr(brute_force, "FIRST_LOOK", first_look)
+        with counted() as work:
+            answers.append(brute_force.attractors(model, speeds, starts, options, [], None, False))
+        costs.append(work.right_hand_sides)
+    assert costs[0] < 0.25 * costs[1]
+    for early, late in zip(*answers, strict=True):
+        assert (early.ending, early.period) == (late.ending, late.period)
+        for end in (np.min, np.max):
+            assert end(early.turnings) == pytest.approx(end(late.turnings), abs=2e-6)
+
+
+def test_a_motion_that_rests_where_nothing_stays_goes_on():
+    # Upright and too heavy: 1e-12 beside the straight pipe a motion rests for a while.
+    start = np.full(2, 1e-12)
+    options = brute_force.MotionOptions(40.0, 10.0, 1e-6, False)
+    (one,) = brute_force.attractors(TWO, np.array([1.0]), [start], options, [], None, False)
+    stable = pp.equilibria(TWO, 1.0)
+    assert np.abs(stable.tips[stable.stable, 0] - one.turnings[-1]).min() < 1e-2
+
+
+def record(signal, end=8.0):
+    t = np.linspace(0.0, end, 1001)
+    x = signal(t)
+    turnings, error = turning_points(t, x, signal(t + 1e-20j).imag / 1e-20)
+    return brute_force._Record(x, turnings, error, *ending_of(x, turnings, error))
+
+
+@pytest.mark.parametrize(
+    ("change", "attracts"),
+    [
+        (lambda t: 0.02 * np.exp(-0.5 * t), True),
+        (lambda t: 0.02 * np.exp(-3.0 * t), True),
+        (lambda t: 0.02 * np.exp(-0.1 * t), False),  # too slowly to be seen
+        (lambda t: 0.02 + 0.0 * t, False),  # as on a torus
+        (lambda t: 1e-4 * np.exp(0.5 * t), False),
+        (lambda t: 0.02 * np.exp(-2.0 * t) + 1e-4 * np.exp(0.5 * t), False),  # a saddle
+        (lambda t: 0.0 * t, False),  # nothing has moved
+    ],
+)
+def test_a_cycle_attracts_what_starts_beside_it_and_comes_nearer(change, attracts):
+    own = record(lambda t: 0.2 * np.cos(9.0 * t))
+    neighbour = record(lambda t: 0.2 * (1.0 + change(t)) * np.cos(9.0 * t))
+    assert own.seems_settled()
+    assert own.attracts(neighbour) == attracts
 
 
 def test_starts_of_guided_scenes_meet_the_guide():

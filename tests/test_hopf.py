@@ -58,6 +58,11 @@ def quadratic(omega, a, b):
     return jacobian, cubic + squares / (16.0 * omega)
 
 
+def of_each(jacobian):
+    """Of the states in the columns, from that of one."""
+    return lambda y: np.array([jacobian(column) for column in y.T])
+
+
 @pytest.mark.parametrize("omega", [0.7, 3.0])
 @pytest.mark.parametrize(
     ("a", "b"),
@@ -69,7 +74,7 @@ def quadratic(omega, a, b):
 )
 def test_the_projection_formula_meets_the_planar_one(omega, a, b):
     jacobian, expected = quadratic(omega, a, b)
-    form = normal_form(jacobian, np.zeros(2), omega, lambda q: q[0], largest)
+    form = normal_form(of_each(jacobian), np.zeros(2), omega, lambda q: q[0], largest)
     # r' = a r^3 with x = r cos = 2 |z| cos: Re c_1 = 4 a.
     assert form.cubic.real == pytest.approx(4.0 * expected, rel=1e-9)
     assert form.lyapunov == pytest.approx(4.0 * expected / omega, rel=1e-9)
@@ -85,9 +90,9 @@ def test_quadratic_terms_act_through_slaved_modes():
         x, v, w = y - shift
         return np.array([[-w, -omega, -x], [omega, -w, -v], [2 * x, 2 * v, -k]])
 
-    form = normal_form(jacobian, shift, omega, lambda q: 0.5 * q[0], largest)
+    form = normal_form(of_each(jacobian), shift, omega, lambda q: 0.5 * q[0], largest)
     # Scaled to q = (2, ...): x = 2 Re(z q) is four times what it would be; c_1 goes with |q|^2.
-    half = normal_form(jacobian, shift, omega, lambda q: q[0], largest)
+    half = normal_form(of_each(jacobian), shift, omega, lambda q: q[0], largest)
     assert form.cubic == pytest.approx(4.0 * half.cubic, rel=1e-9)
     # x + i v = 2 z here: w' = -k w + 4 |z|^2.
     assert half.cubic == pytest.approx(-4.0 / k, rel=1e-9)
@@ -98,20 +103,20 @@ def test_a_force_without_a_third_derivative_is_not_taken_for_a_smooth_one():
         return np.array([[0.0, 1.0], [-4.0, -2.0 * abs(y[1])]])
 
     with pytest.raises(pp.NotConverged, match="do not converge"):
-        normal_form(jacobian, np.zeros(2), 2.0, lambda q: q[0], largest)
+        normal_form(of_each(jacobian), np.zeros(2), 2.0, lambda q: q[0], largest)
 
 
 def test_two_pairs_at_one_place_are_refused():
     block = np.array([[0.0, -1.0], [1.0, 0.0]])
     twice = np.block([[block, np.eye(2)], [np.zeros((2, 2)), block]])
     with pytest.raises(pp.NoHopf, match="two pairs"):
-        normal_form(lambda y: twice, np.zeros(4), 1.0, lambda q: q[0], largest)
+        normal_form(of_each(lambda y: twice), np.zeros(4), 1.0, lambda q: q[0], largest)
 
 
 def test_a_free_end_that_does_not_move_measures_nothing():
     turning = np.array([[0.0, -1.0], [1.0, 0.0]])
     with pytest.raises(pp.NoHopf, match="does not move"):
-        normal_form(lambda y: turning, np.zeros(2), 1.0, lambda q: 0.0, largest)
+        normal_form(of_each(lambda y: turning), np.zeros(2), 1.0, lambda q: 0.0, largest)
 
 
 # ------------------------------------------------------------------------------------- the pipe

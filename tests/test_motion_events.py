@@ -270,7 +270,7 @@ def test_a_motion_is_interrupted_as_python_is(method, events):
     interrupted_after(
         0.1,
         lambda: pp.simulate(
-            *(CHAIN, 4.0, 1e6, bow), times=[1e6], events=events, method=method, most=1e12
+            *(CHAIN, 6.5, 1e9, bow), times=[1e9], events=events, method=method, most=1e12
         ),
     )
 
@@ -281,7 +281,7 @@ def test_an_ensemble_is_interrupted_with_all_its_threads():
     interrupted_after(
         0.2,
         lambda: pp.simulate_many(
-            *(CHAIN, np.linspace(3.0, 6.0, 200), 1e6, bow), times=[1e6], method="dop853", most=1e12
+            *(CHAIN, np.linspace(6.0, 7.0, 200), 1e9, bow), times=[1e9], method="dop853", most=1e12
         ),
     )
     assert threading.active_count() == threads

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Stability curves: critical speed against any parameter, failures kept apart."""
 
+import logging
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -90,6 +91,32 @@ def test_a_process_pool_takes_a_lambda_and_keeps_failures():
     assert isinstance(failure.error, pp.NoCrossing)
     assert failure.error.max_speed == 100.0
     assert curve.critical[0].sensitivity.speed.gamma > 0.0
+
+
+def test_the_batches_of_a_curve_run_on_a_cluster():
+    """Dask's client is an executor; the batches are its tasks, in a process of their own."""
+    from distributed import Client, LocalCluster  # a second, which other tests need not wait for
+
+    betas = np.linspace(0.05, 0.9, 33)
+
+    def make_model(beta):
+        return pp.Chain(pp.Pipe(1.5 if beta == betas[4] else beta), 8)
+
+    alone = pp.stability_curve(make_model, betas)
+    with (
+        LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        together = pp.stability_curve(make_model, betas, executor=client)
+        (tasks,) = client.run(lambda dask_worker: dask_worker.state.executed_count).values()
+    assert tasks == 16  # of 32 models
+    np.testing.assert_array_equal(together.speeds, alone.speeds)
+    assert [failure.index for failure in together.failures] == [4]
+    assert isinstance(together.failures[0].error, ValueError)
+    assert [c.kind for c in together.critical if c] == [c.kind for c in alone.critical if c]
+    assert together.critical[0].sensitivity.speed.beta == alone.critical[0].sensitivity.speed.beta
 
 
 @pytest.mark.parametrize(

@@ -152,6 +152,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            "least_nodes"_a = 0)
       .def("operators", &Galerkin::operators, "q"_a = pipedyn::Vector(), Unlocked())
       .def("nodes", &Galerkin::nodes, "q"_a, Unlocked())
+      .def("functions_by_panel", [](const Galerkin& model) { return model.basis().by_panel(); })
       .def("most_on_a_panel", [](const Galerkin& model) { return model.basis().most_on_a_panel(); })
       .def(
           "basis",

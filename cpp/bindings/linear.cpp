@@ -15,6 +15,7 @@
 #include "pipedyn/linear/chain_spectrum.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
+#include "pipedyn/linear/truncated.hpp"
 
 namespace pipedyn {
 
@@ -232,6 +233,12 @@ void define_linear(py::module_& m) {
            py::call_guard<py::gil_scoped_release>())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a,
            py::call_guard<py::gil_scoped_release>());
+  py::class_<Truncated, Spectrum, std::shared_ptr<Truncated>>(m, "Truncated")
+      .def(py::init<std::shared_ptr<Eigenproblem>, std::shared_ptr<Eigenproblem>,
+                    std::vector<Index>, Index>(),
+           "fewer"_a, "more"_a, "shared"_a, "resolved"_a)
+      .def("of_larger", py::overload_cast<Sweep, double, Index>(&Truncated::of_larger), "sweep"_a,
+           "max_speed"_a, "resolved"_a, py::call_guard<py::gil_scoped_release>());
   py::class_<Complement>(m, "Complement")
       .def(py::init<Matrix>(), "columns"_a)
       .def("spread", &Complement::spread, "z"_a)

@@ -31,6 +31,7 @@ __all__: list[str] = [
     "Spectrum",
     "Sweep",
     "Traits",
+    "Truncated",
     "crossings",
     "dense_limit",
     "set_vector_level",
@@ -143,6 +144,7 @@ class Galerkin:
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def functions_by_panel(self) -> list[list[int]]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -348,6 +350,21 @@ class Eigenproblem(Spectrum):
         left: bool,
         high: bool,
     ) -> Pairs: ...
+
+class Truncated(Spectrum):
+    def __init__(
+        self,
+        fewer: Eigenproblem,
+        more: Eigenproblem,
+        shared: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def of_larger(
+        self,
+        sweep: Sweep,
+        max_speed: typing.SupportsFloat | typing.SupportsIndex,
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+    ) -> Sweep | None: ...
 
 class Complement:
     def __init__(

@@ -114,45 +114,46 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
 
 void Chain::linearise() {
   const Index n = dof();
-  const Vector straight = Vector::Zero(n), one = Vector::Ones(n);
-  const std::vector<LoadMoments> sums = loads_at(motion(), straight, one);
+  std::vector<LoadMoments> sums;
+  if (!loads_.empty()) sums = loads_at(motion(), Vector::Zero(n), Vector::Ones(n));
   double tension = 0.0;  // of loads along the pipe beyond
-  impedances_.resize(sums.size());
-  impedance_sizes_.resize(sums.size());
+  impedances_.resize(static_cast<std::size_t>(n));
   for (Index j = n - 1; j >= 0; --j) {
     const Link& link = this->link(j);
+    ImpedanceSegment& made = impedances_[static_cast<std::size_t>(j)];
+    made = {.length = link.length,
+            .joint = {link.spring, link.damping, 0.0},
+            .force = {0.0, 0.0, link.mass},
+            .across = {0.0, 0.0, link.first_moment},
+            .turned = {0.0, 0.0, link.first_moment},
+            .moment = {link.weight, 0.0, link.inertia},
+            .turned_size = 0.0,
+            .moment_size = std::abs(link.weight),
+            .held = held_[static_cast<std::size_t>(j)],
+            .loaded = false};
+    if (sums.empty()) continue;
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
     const double pulled = link.length * tension + load[1][1] - slopes[1].by_angle[0];
+    const double turned = slopes[0].by_angle[0];
     tension += load[0][1];
-    const auto impedance = [&, &slopes = slopes](const auto& term) {
-      // power: of the arm; own and weight: what an angle adds.
-      const auto parts = [&](int power, double mass, double own = 0.0, double weight = 0.0) {
-        const Slopes& loads = slopes[power];
-        return ImpedanceParts{term(-loads.by_position[0][0]) + term(own) + term(weight),
-                              term(-loads.by_velocity[0][0]), term(mass)};
-      };
-      ImpedanceSegment made{.length = link.length,
-                            .joint = {link.spring, link.damping, 0.0},
-                            .force = parts(0, link.mass),
-                            .across = parts(1, link.first_moment),
-                            .turned = parts(1, link.first_moment, -slopes[0].by_angle[0]),
-                            .moment = parts(2, link.inertia, pulled, link.weight),
-                            .held = held_[static_cast<std::size_t>(j)],
-                            .loaded = false};
-      made.loaded = made.moment.rate != 0.0;
-      for (const ImpedanceParts& of : {made.force, made.across, made.turned}) {
-        made.loaded = made.loaded || of.still != 0.0 || of.rate != 0.0;
-      }
-      return made;
-    };
-    impedances_[static_cast<std::size_t>(j)] = impedance([](double x) { return x; });
-    impedance_sizes_[static_cast<std::size_t>(j)] = impedance([](double x) { return std::abs(x); });
+    // By the power of the arm.
+    ImpedanceParts* const parts[4] = {&made.force, &made.across, &made.turned, &made.moment};
+    constexpr int powers[4] = {0, 1, 1, 2};
+    for (int k = 0; k < 4; ++k) {
+      parts[k]->still -= slopes[powers[k]].by_position[0][0];
+      parts[k]->rate -= slopes[powers[k]].by_velocity[0][0];
+      made.loaded = made.loaded || parts[k]->rate != 0.0 || (k < 3 && parts[k]->still != 0.0);
+    }
+    made.turned_size = std::abs(made.turned.still) + std::abs(turned);
+    made.moment_size += std::abs(slopes[2].by_position[0][0]) + std::abs(pulled);
+    made.turned.still -= turned;
+    made.moment.still += pulled;
+    made.loaded = made.loaded || turned != 0.0;
   }
 }
 
 ImpedanceModel Chain::impedance() const {
   return {.segments = impedances_.data(),
-          .sizes = impedance_sizes_.data(),
           .size = dof(),
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .centrifugal = pipe_.centrifugal};

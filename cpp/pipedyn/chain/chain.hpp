@@ -143,7 +143,7 @@ class Chain {
   bool damped_, bent_;      // any joint, the second at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
-  std::vector<ImpedanceSegment> impedances_, impedance_sizes_;  // about the straight pipe
+  std::vector<ImpedanceSegment> impedances_;  // about the straight pipe
 
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();

@@ -48,19 +48,33 @@ struct Coefficients {
   Number elastic, force, across, turned, moment;  // e k, z, f, t, g
 };
 
-/// Coefficients of a segment.
-template <class Number>
-inline Coefficients<Number> coefficients(const ImpedanceSegment& at, const Powers<Number>& by) {
+inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers<Lanes>& by) {
   const double l = at.length;
-  Coefficients<Number> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
-                           at.across.square * by.square,
-                           at.turned.square * by.square + (2.0 * l) * by.coriolis,
-                           at.moment.square * by.square + (l * l) * by.coriolis + at.moment.still};
+  Coefficients<Lanes> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
+                          at.across.square * by.square,
+                          at.turned.square * by.square + (2.0 * l) * by.coriolis,
+                          at.moment.square * by.square + (l * l) * by.coriolis + at.moment.still};
   if (at.loaded) {
     sum.force = sum.force + (at.force.rate * by.one + at.force.still);
     sum.across = sum.across + (at.across.rate * by.one + at.across.still);
     sum.turned = sum.turned + (at.turned.rate * by.one + at.turned.still);
     sum.moment = sum.moment + at.moment.rate * by.one;
+  }
+  return sum;
+}
+
+/// The sums of the absolute values of what these are sums of.
+inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Powers<Pack>& by) {
+  const double l = at.length;
+  Coefficients<Pack> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
+                         at.across.square * by.square,
+                         at.turned.square * by.square + (2.0 * l) * by.coriolis,
+                         at.moment.square * by.square + (l * l) * by.coriolis + at.moment_size};
+  if (at.loaded) {
+    sum.force += std::fabs(at.force.rate) * by.one + std::fabs(at.force.still);
+    sum.across += std::fabs(at.across.rate) * by.one + std::fabs(at.across.still);
+    sum.turned += std::fabs(at.turned.rate) * by.one + at.turned_size;
+    sum.moment += std::fabs(at.moment.rate) * by.one;
   }
   return sum;
 }
@@ -150,18 +164,27 @@ void put(double* out, const ImpedancePoints& points, Count first, const Lanes& x
   put(out + points.count, points, first, x.im);
 }
 
+/// |a|^2, or 1 where a is 0.
+inline Pack distance(const Lanes& a) {
+  const Pack square = a.re * a.re + a.im * a.im;
+  return square > 0.0 ? square : all<Pack>(1.0);
+}
+
 void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, double* out) {
   for (Count first = 0; first < points.count; first += width) {
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
     Impedance at, by;  // and its derivative by lambda
     Lanes sum;
-    for (Count k = 0; k < points.roots; ++k) {
-      const Pack x = lambda.re - points.root_real[k], y = lambda.im - points.root_imag[k];
-      const Pack square = x * x + y * y,
-                 share = 1.0 / (square > 1e-300 ? square : all<Pack>(1e-300));
-      sum.re -= x * share;
-      sum.im += y * share;
+    for (Count k = 0; k < points.roots; k += 2) {  // one division for two
+      const Count next = k + 1 < points.roots ? k + 1 : k;
+      const Lanes one{lambda.re - points.root_real[k], lambda.im - points.root_imag[k]};
+      const Lanes two{lambda.re - points.root_real[next], lambda.im - points.root_imag[next]};
+      const Pack square = distance(one), other = distance(two);
+      const Pack share = 1.0 / (square * other);
+      const Pack first_share = other * share, next_share = next == k ? Pack{} : square * share;
+      sum.re -= one.re * first_share + two.re * next_share;
+      sum.im += one.im * first_share + two.im * next_share;
     }
     for (Count j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
@@ -304,7 +327,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
       const auto own = coefficients(segment, problem.powers);
-      const auto terms = coefficients(model.sizes[j], sizes);
+      const auto terms = coefficient_sizes(segment, sizes);
       const auto& [at, share] = segments[j];
       const Turned loaded = out.loaded ? turned_by[j] : Turned{};
       const Motion x_before = x, y_before = y;

@@ -39,15 +39,17 @@ struct ImpedanceSegment {
   ImpedanceParts across;  // f: moment about the joint, by its displacement
   ImpedanceParts turned;  // t: force on all beyond the joint, by the angle
   ImpedanceParts moment;  // g: moment about the joint, by the angle
-  bool held;              // whether a guide holds its end
-  bool loaded;            // whether z, f and t are more than inertia, or g has a rate
+  // Sums of the absolute values of what t and g are at rest.
+  double turned_size, moment_size;
+  bool held;    // whether a guide holds its end
+  bool loaded;  // whether z, f and t are more than inertia, or g has a rate
 };
 
 struct ImpedanceModel {
-  const ImpedanceSegment *segments, *sizes;  // as they are, and with each term's absolute value
-  std::ptrdiff_t size;                       // n
-  double coriolis;                           // sqrt(beta) s
-  double centrifugal;                        // a
+  const ImpedanceSegment* segments;
+  std::ptrdiff_t size;  // n
+  double coriolis;      // sqrt(beta) s
+  double centrifugal;   // a
 };
 
 /// Values of lambda at one speed u, and roots known; count and roots entries in each array.

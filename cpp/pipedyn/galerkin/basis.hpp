@@ -40,6 +40,8 @@ class Basis {
 
   /// Ends of the panels, from 0 to 1.
   const Vector& ends() const { return ends_; }
+  /// The functions on each panel, by degree: those of a smaller basis on the same panels first.
+  const std::vector<std::vector<Index>>& by_panel() const { return numbers_; }
   /// Number of functions on the panel that has most.
   Index most_on_a_panel() const;
 

@@ -2,6 +2,7 @@
 #include "pipedyn/linear/chain_roots.hpp"
 
 #include <algorithm>
+#include <tuple>
 
 #include "pipedyn/vector/levels.hpp"
 
@@ -17,10 +18,18 @@ constexpr double farthest = 0.3;
 constexpr double clustered = 0.1;
 /// |Im lambda| by |lambda| of pairs that may meet the real axis within a step of a search.
 constexpr double near_axis = 0.7;
+/// How far aside, relative, two roots start that are expected to meet.
+constexpr double aside = 1e-3;
 /// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
 constexpr double meeting = 1e-4;
+/// Relative correction after which a root is as good as rounding lets it: what is left is at most
+/// its square, times the corrections of the others and what they are closer by; vectors show what
+/// is not.
+constexpr double last_correction = 1e-6;
 /// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
 constexpr double wide = 0.05;
+/// Points on it.
+constexpr Index circle_points = 16;
 
 }  // namespace
 
@@ -141,7 +150,7 @@ void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
 void join(Approximations& roots) {
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex value = roots[i].value;
-    const double same = 1e-6 * std::abs(value);
+    const double same = 1e-6 * magnitude(value);
     if (!roots[i].alone || std::abs(value.imag()) <= same) continue;
     const auto twin = std::find_if(roots.begin() + i + 1, roots.end(), [&](const auto& other) {
       return other.alone && std::abs(other.value - std::conj(value)) <= same;
@@ -152,36 +161,105 @@ void join(Approximations& roots) {
   }
 }
 
-Approximations expected(Approximations roots, double further, double delta) {
-  for (Approximation& one : roots) {
-    const Complex change = further * (one.slope + 0.5 * further * one.bend);
-    if (std::abs(1.0 + delta * one.value) < clustered) continue;
-    if (std::abs(change) <= farthest * std::abs(one.value)) one.value += change;
+namespace {
+
+/// Something known with its slope, and at a speed lower by `since` if that is not 0.
+template <class Number>
+struct Course {
+  Number value, slope;
+  double since;
+  Number value_before, slope_before;
+
+  /// By the cubic through both, or along the slope.
+  Number at(double further) const {
+    const Number line = value + further * slope;
+    if (since == 0.0) return line;
+    const Number between = (value - value_before) / since;
+    const Number bend = (slope - between) / since, other = (between - slope_before) / since;
+    return line + further * further * (bend + (further + since) / since * (bend - other));
   }
-  return roots;
+};
+
+/// Two roots about to meet on the real axis, by their sum and product.
+struct Meeting {
+  Course<double> sum, product;
+
+  Meeting(const Approximation& one, const Approximation& other) {
+    const double since = one.since == other.since ? one.since : 0.0;
+    const Complex a = one.value, b = other.value, da = one.slope, db = other.slope;
+    const Complex a0 = one.value_before, b0 = other.value_before;
+    const Complex da0 = one.slope_before, db0 = other.slope_before;
+    sum = {(a + b).real(), (da + db).real(), since, (a0 + b0).real(), (da0 + db0).real()};
+    product = {(a * b).real(), (da * b + a * db).real(), since, (a0 * b0).real(),
+               (da0 * b0 + a0 * db0).real()};
+  }
+
+  /// Adds where they are then, a little aside: by symmetry they could not leave the axis, or reach
+  /// it.
+  void add(double further, Approximations& to) const {
+    const double centre = 0.5 * sum.at(further), square = centre * centre - product.at(further);
+    const Complex half = std::sqrt(Complex(square));
+    const double size = std::sqrt(centre * centre + std::abs(square));
+    to.push_back({centre + half + aside * size * Complex(1.0, 3.0), true});
+    to.push_back({centre - half - aside * size * Complex(1.0, -2.0), true});
+  }
+};
+
+/// By slopes; distances are like the square root of what is left to the meeting.
+bool is_meeting_expected(const Approximation& one, const Approximation& other, double further) {
+  const Complex apart = other.value - one.value, rate = other.slope - one.slope;
+  const double change = (rate * std::conj(apart)).real();
+  return apart != 0.0 && 2.0 * further * change < -std::norm(apart);
 }
 
-bool is_meeting_expected(const Approximations& roots, double further) {
-  const auto meets = [&](double apart, double rate) {
-    return apart != 0.0 && 2.0 * further * rate / apart < -1.0;
-  };
-  for (auto one = roots.begin(); one != roots.end(); ++one) {
-    if (!one->alone && meets(one->value.imag(), one->slope.imag())) return true;
-    for (auto other = one + 1; one->alone && other != roots.end(); ++other) {
-      if (!other->alone) continue;
-      if (meets((other->value - one->value).real(), (other->slope - one->slope).real()))
-        return true;
-    }
+}  // namespace
+
+Approximations expected(const Approximations& roots, double further, double delta) {
+  Approximations result;
+  std::vector<std::size_t> real;
+  std::vector<bool> taken(roots.size(), false);
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    if (roots[i].alone && !roots[i].settled) real.push_back(i);
   }
-  return false;
+  std::sort(real.begin(), real.end(), [&](std::size_t i, std::size_t k) {
+    return roots[i].value.real() < roots[k].value.real();
+  });
+  for (std::size_t k = 1; k < real.size(); ++k) {
+    const Approximation &one = roots[real[k - 1]], &other = roots[real[k]];
+    if (taken[real[k - 1]] || !is_meeting_expected(one, other, further)) continue;
+    taken[real[k - 1]] = taken[real[k]] = true;
+    Meeting(one, other).add(further, result);
+  }
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    if (taken[i]) continue;
+    Approximation one = roots[i];
+    Approximation twin = one;
+    for (Complex* const of : {&twin.value, &twin.slope, &twin.value_before, &twin.slope_before}) {
+      *of = std::conj(*of);
+    }
+    if (!one.alone && is_meeting_expected(one, twin, further)) {
+      Meeting(one, twin).add(further, result);
+      continue;
+    }
+    const Course<Complex> course{one.value, one.slope, one.since, one.value_before,
+                                 one.slope_before};
+    const Complex change = course.at(further) - one.value;
+    one.since = one.slope == 0.0 ? 0.0 : further;
+    one.value_before = one.value;
+    one.slope_before = one.slope;
+    const bool is_clustered = magnitude(1.0 + delta * one.value) < clustered;
+    if (!is_clustered && magnitude(change) <= farthest * magnitude(one.value)) one.value += change;
+    result.push_back(one);
+  }
+  return result;
 }
 
 Approximations parted(const Approximations& starts) {
   Approximations roots;
   for (const Approximation& start : starts) {
-    const auto& [value, alone, settled, slope, bend] = start;
+    const auto [value, alone, settled] = std::tie(start.value, start.alone, start.settled);
     const double shift = 1e-3 * static_cast<double>(roots.size() % 7 + 1);
-    if (settled || (!alone && std::abs(value.imag()) >= near_axis * std::abs(value))) {
+    if (settled || (!alone && std::abs(value.imag()) >= near_axis * magnitude(value))) {
       roots.push_back(start);
       continue;
     }
@@ -205,7 +283,7 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
     for (std::size_t i = 0; i < active.size(); ++i) {
       const std::size_t k = active[i];
       const Complex change = 1.0 / found[i];
-      if (std::isnan(std::abs(found[i]))) {  // a pivot is 0: at this root, or beside it
+      if (std::isnan(std::norm(found[i]))) {  // a pivot is 0: at this root, or beside it
         if (last[k] < 0.0) continue;
         last[k] = -1.0;
         roots[k].value *= 1.0 + 1e-9;
@@ -213,12 +291,12 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
         continue;
       }
       if (!std::isfinite(std::norm(change))) return false;
-      const double share = std::abs(change) / (std::abs(at[i]) + 1e-30);
+      const double size = magnitude(change), share = size / (magnitude(at[i]) + 1e-30);
       if (share >= last[k] && last[k] < 1e-6 && last[k] >= 0.0) continue;  // rounding
-      const bool quadratic = share < 1e-8 && share < 1e-3 * std::abs(last[k]);
+      const bool quadratic = share < last_correction && share < 1e-3 * std::abs(last[k]);
       roots[k].value = at[i] - change;
       last[k] = std::copysign(share, last[k]);
-      if (!quadratic && share > 1e-13 && std::abs(change) > 1e-16) moving.push_back(k);
+      if (!quadratic && share > 1e-13 && size > 1e-16) moving.push_back(k);
     }
     active = std::move(moving);
   }

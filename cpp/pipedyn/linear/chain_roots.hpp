@@ -15,9 +15,6 @@ namespace pipedyn {
 /// Where the log-derivative counts roots: this far from the real axis, in rad, near which the
 /// unstable ones of a buckled pipe lie, and from the imaginary one.
 inline constexpr double ray = 0.3;
-/// Points on the upper half of a circle that counts roots inside: a root outside by a quarter
-/// adds 1.25^-32 = 1e-3.
-inline constexpr Index circle_points = 16;
 /// Of starts: six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where
 /// it lies, took up to 150.
 inline constexpr int most_corrections = 300;
@@ -31,7 +28,10 @@ struct Approximation {
   Complex value;
   bool alone = false;
   bool settled = false;  // zero by structure, or better known than its vectors would make it
-  Complex slope = 0.0, bend = 0.0;  // d lambda / du and d^2 lambda / du^2, 0 where not known
+  Complex slope = 0.0;   // d lambda / du, 0 where not known
+  // The same at a speed that lies lower by `since`, 0 where not known.
+  double since = 0.0;
+  Complex value_before = 0.0, slope_before = 0.0;
 };
 using Approximations = std::vector<Approximation>;
 
@@ -70,12 +70,9 @@ void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots);
 void join(Approximations& roots);
 
 /// Where the roots of one speed are expected further on by so much; in the cluster at -1 / delta,
-/// where rounding makes the slopes, as they were.
-Approximations expected(Approximations roots, double further, double delta);
-
-/// Whether roots meet on the real axis within so much by their slopes: distances there are like the
-/// square root of what is left to the meeting.
-bool is_meeting_expected(const Approximations& roots, double further);
+/// where rounding makes the slopes, as they were. Of two that meet on the real axis within that
+/// their sum and product are expected, which are smooth in u, and neither implies a conjugate.
+Approximations expected(const Approximations& roots, double further, double delta);
 
 /// Those near the real axis without the symmetry that keeps two real roots from being found.
 Approximations parted(const Approximations& starts);

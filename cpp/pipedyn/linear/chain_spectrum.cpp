@@ -21,6 +21,11 @@ constexpr double slow = 30.0;
 /// |lambda (d log det P / dlambda - sum)| above which a root is missing: rounding leaves 1e-9 of
 /// 2000 segments, and one root in place of another 1e-6 where they differ by 1e-6.
 constexpr double nothing_missing = 1e-6;
+/// Least points on the upper half of a circle that counts roots inside. One outside by a factor f
+/// adds f^-16; with twice as many points f^-32, which is 1e-3 for a quarter.
+constexpr Index arc_points = 8;
+/// Factor beyond which the least are enough: what is not known lies beyond the last root known.
+constexpr double far_outside = 1.5;
 /// Speeds so close that the roots at one are starts at the other, if so few corrections do: a step
 /// of a search (longest_step), and back to the middle of the one before.
 constexpr double near_speed = 1.1;
@@ -118,7 +123,7 @@ Pairs solved(const Chain& chain, const Complement& complement, const Vector& sca
     found.residual[i] = known(rest / size);
     found.uncertain[i] = known((rest + rounding) / std::abs(by_lambda));
     found.slopes[i] = -number(4) / both / by_lambda;
-    found.by_left[i] = std::abs(values[i]) <= slow ? by_lambda : 0.0;
+    found.by_left[i] = magnitude(values[i]) <= slow ? by_lambda : 0.0;
     found.by_right[i] = number(6) / (length * length);
     found.corrections[i] = std::abs(value) > rounding ? -value / by_lambda : 0.0;
   }
@@ -170,16 +175,17 @@ Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vector
   Values values(roots.size());
   for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
   Pairs found = at(u, values, vectors);
-  bool moved = true;
-  for (int times = 0; times < 3 && moved; ++times) {
-    moved = false;
-    for (std::size_t i = 0; i < roots.size(); ++i) {
-      const double size = std::abs(found.corrections[i]);
-      if (roots[i].settled || !(size < 1e-9 * std::abs(values[i])) || size == 0.0) continue;
-      values[i] += found.corrections[i];
-      moved = true;
-    }
-    if (moved) found = at(u, values, vectors);
+  std::vector<Index> moved(roots.size());
+  std::iota(moved.begin(), moved.end(), 0);
+  for (int times = 0; times < 3; ++times) {
+    std::erase_if(moved, [&](Index i) {
+      const double size = magnitude(found.corrections[i]);
+      return roots[i].settled || !(size < 1e-9 * magnitude(values[i])) || size == 0.0;
+    });
+    if (moved.empty()) break;
+    values(moved) += found.corrections(moved);
+    const Pairs better = at(u, values(moved), vectors);
+    for (std::size_t k = 0; k < moved.size(); ++k) found.put(moved[k], better, k);
   }
   for (std::size_t i = 0; i < roots.size(); ++i) {
     if (roots[i].settled && roots[i].value == 0.0) found.residual[i] = found.uncertain[i] = 0.0;
@@ -194,12 +200,19 @@ Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vector
 }
 
 bool ChainSpectrum::has_all(double u, const Approximations& roots) const {
-  Values points(roots.size());
-  for (std::size_t i = 0; i < roots.size(); ++i) {
-    points[i] = std::polar(std::max(std::abs(roots[i].value), 1e-3), ray);
+  double least = infinite, most = 0.0;
+  for (const Approximation& one : roots) {
+    const double size = std::max(magnitude(one.value), 1e-3);
+    least = std::min(least, size);
+    most = std::max(most, size);
   }
-  return (points * pipedyn::log_derivatives(chain_, u, points, roots)).abs().maxCoeff() <
-         nothing_missing;
+  // What is wrong with a root shows at all |lambda| of its order.
+  const Index count = std::max<Index>(8, std::ceil(std::log(most / least) / std::log(3.0)));
+  const Values points =
+      std::polar(1.0, ray) *
+      Reals::LinSpaced(count, std::log(least), std::log(most)).exp().cast<Complex>();
+  return (points * pipedyn::log_derivatives(chain_, u, points, roots)).abs2().maxCoeff() <
+         nothing_missing * nothing_missing;
 }
 
 /// Whether roots beyond the least are the next ones: the circle passes where the gap is widest.
@@ -211,9 +224,11 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
     widest = outer / inner;
     radius = std::sqrt(inner * outer);
   }
-  Values points(circle_points);
-  for (Index i = 0; i < circle_points; ++i) {
-    points[i] = std::polar(radius, M_PI * (static_cast<double>(i) + 0.5) / circle_points);
+  const bool is_far = magnitude(roots.back().value) > far_outside * radius;
+  const Index count = is_far ? arc_points : 2 * arc_points;
+  Values points(count);
+  for (Index i = 0; i < count; ++i) {
+    points[i] = std::polar(radius, M_PI * (i + 0.5) / static_cast<double>(count));
   }
   const Values rest = points * pipedyn::log_derivatives(chain_, u, points, roots);
   return widest > 1.05 && std::abs(rest.real().mean()) < 0.05;
@@ -231,19 +246,17 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   const bool all = roots_in(roots) >= 2 * traits.dof;
   if (all ? !has_all(u, roots) : !has_all_within(u, roots, next)) return std::nullopt;
   // Those of equal size, which rounding may have sorted otherwise.
-  const double size = std::abs(lowest.back().value) * (1.0 + 1e-6);
-  while (next < roots.size() && std::abs(roots[next].value) <= size)
+  const double size = magnitude(lowest.back().value) * (1.0 + 1e-6);
+  while (next < roots.size() && magnitude(roots[next].value) <= size)
     lowest.push_back(roots[next++]);
   const Pairs known = polished(u, lowest, vectors);
   auto found = with_conjugates(known, lowest, count);
   if (found) {
     for (std::size_t i = 0; i < lowest.size(); ++i) {
-      const Complex slope = known.slopes[i], before = std::exchange(roots[i].slope, 0.0);
-      roots[i].bend = 0.0;
-      if (roots[i].value == 0.0 || !std::isfinite(std::norm(slope))) continue;
-      roots[i].slope = slope;
-      if (before != 0.0) roots[i].bend = (slope - before) / (u - roots_speed_);
+      const Complex slope = known.slopes[i];
+      roots[i].slope = roots[i].value == 0.0 || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
     }
+    for (std::size_t i = lowest.size(); i < roots.size(); ++i) roots[i].slope = 0.0;
     join(roots);
     roots_ = std::move(roots);
     for (Approximation& one : roots_) one.settled = one.value == 0.0;
@@ -258,8 +271,7 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
                                      [](const Approximation& one) { return one.settled; });
   if (std::abs(u - roots_speed_) <= near_speed && zeros == before) {
     const Approximations starts = expected(roots_, u - roots_speed_, traits.delta);
-    const bool meeting = is_meeting_expected(roots_, u - roots_speed_);
-    for (const bool apart : {meeting, !meeting}) {
+    for (const bool apart : {false, true}) {
       auto found = from(apart ? parted(starts) : starts, u, count, vectors, most_near);
       if (found) return found;
     }
@@ -356,7 +368,7 @@ std::optional<Forms> ChainSpectrum::forms(const Pair& pair) const {
 }
 
 Reals ChainSpectrum::rounding(const Pairs& pairs) const {
-  return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs()));
+  return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs2().sqrt()));
 }
 
 Pair ChainSpectrum::refined(double u, const Pair& guess) {

@@ -12,17 +12,11 @@ namespace {
 /// Relative error of a crossing's speed beyond which it is no result: three digits are wanted.
 constexpr double largest_error = 1e-3;
 
-/// Roots of modes that need not be tracked are not worth refining with Re < -0.3 |lambda|: with 16
-/// Legendre functions they have 0.56 or more at damping 1e-3, without damping 0.03 at most.
-constexpr double heavy_damping = 0.3;
-
 /// Of Newton's method, which takes three or four from a step's cubic.
 constexpr int most_iterations = 12;
 
-using Function = std::function<double(double)>;
+}  // namespace
 
-/// Zero of a function with opposite signs at low and high, to a tolerance, by inverse quadratic
-/// interpolation where it serves and bisection elsewhere (Chandrupatla 1997).
 double zero_between(const Function& f, double low, double high, double tolerance) {
   double a = low, b = high, fa = f(a), fb = f(b), share = 0.5;
   while (true) {
@@ -45,6 +39,8 @@ double zero_between(const Function& f, double low, double high, double tolerance
   }
 }
 
+namespace {
+
 /// A message in printf's format.
 template <class... Numbers>
 NotConverged refusal(const char* format, Numbers... numbers) {
@@ -53,8 +49,8 @@ NotConverged refusal(const char* format, Numbers... numbers) {
   return NotConverged(text);
 }
 
-/// A root on the imaginary axis by Newton's method from a guess at speed u, or the iterate at which
-/// it ends without, as where it leaves the speeds from low to high.
+}  // namespace
+
 std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double low, double high) {
   double last = infinite;
   for (int iteration = 0;; ++iteration) {
@@ -71,11 +67,31 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
   }
 }
 
-/// Of the speed at which a root lies on the axis.
 double error_of(const Pair& pair) {
   const double rate = std::abs(pair.slope.real());
   return rate > 0.0 ? (pair.uncertain + std::abs(pair.value.real())) / rate : infinite;
 }
+
+std::optional<Divergence> divergence(Spectrum& spectrum, const Pair& near, double expected,
+                                     double least, double most, double reach) {
+  const Function determinant = [&](double u) { return spectrum.determinant(u, near); };
+  double low = expected, high = expected;
+  for (bool changes = false; !changes; reach *= 4.0) {
+    if (low == least && high == most) return {};
+    low = std::max(expected - reach, least);
+    high = std::min(expected + reach, most);
+    changes = determinant(low) * determinant(high) < 0.0;
+  }
+  const double rounding = 4e-16 * (1.0 + high);
+  const double u = zero_between(determinant, low, high, rounding);
+  Pair pair = spectrum.null_pair(u, near);
+  if (!pair.converged()) return {};
+  const double rate = std::abs(pair.slope);
+  const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + 4e-16 * (1.0 + u);
+  return Divergence{u, error, std::move(pair)};
+}
+
+namespace {
 
 /// What a step shows: one root of each conjugate pair; those that meet another on the real axis are
 /// not followed by their cubics.
@@ -155,7 +171,7 @@ class Search {
     }
     for (Index i = 0; u == 0.0 && i < at.size(); ++i) {
       Complex& value = at.values[i];
-      if (std::abs(value) < traits_.zero) value = 0.0;
+      if (magnitude(value) < traits_.zero) value = 0.0;
       if (!traits_.squared && !traits_.damped && value.imag() != 0.0) value.real(0.0);
     }
     return std::make_shared<const Sample>(std::move(at));
@@ -174,9 +190,9 @@ class Search {
   /// Whether the place of a root on one side of the axis is known.
   bool has_sign(const Sample& at, Index i) const {
     const Complex value = at.values[i];
-    if (traits_.squared) return value.imag() != 0.0 || std::abs(value) >= traits_.zero;
+    if (traits_.squared) return value.imag() != 0.0 || magnitude(value) >= traits_.zero;
     return at.signatures[i] != 0 ||  // on the axis of a conservative system, where it stays
-           (std::abs(value.real()) > at.noise[i] && std::abs(value) >= traits_.zero);
+           (std::abs(value.real()) > at.noise[i] && magnitude(value) >= traits_.zero);
   }
 
   /// Which of some roots of a sample are unstable: by the sign of Re lambda, or as before where it
@@ -277,7 +293,7 @@ class Search {
       if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
       const Complex start = step.start(i), end = step.end(i);
       const auto heavily_damped = [this](Complex value) {
-        return !traits_.squared && value.real() < -heavy_damping * std::abs(value);
+        return !traits_.squared && value.real() < -heavy_damping * magnitude(value);
       };
       if ((start == 0.0 ? end : start).imag() < 0.0) continue;
       if (modes_[i] > range_.certain && heavily_damped(start) && heavily_damped(end)) continue;
@@ -442,25 +458,12 @@ class Search {
     const double least = std::max(step.left->u - slack, 0.0), most = step.right->u + slack;
     for (const double where : {t, 0.0, 1.0, 0.5}) {
       const Pair near = spectrum_.null_pair(step.left->u + where * step.length(), {});
-      const Function determinant = [&](double u) { return spectrum_.determinant(u, near); };
       // Outwards from what is expected, so that of two zeros in a step each root finds its own.
-      double low = expected, high = expected;
-      bool changes = false;
-      for (double reach = 1e-5 * step.length() + 1e-12; !changes; reach *= 4.0) {
-        if (low == least && high == most) break;
-        low = std::max(expected - reach, least);
-        high = std::min(expected + reach, most);
-        changes = determinant(low) * determinant(high) < 0.0;
-      }
-      if (!changes) continue;
-      const double rounding = 4e-16 * (1.0 + high);
-      const double u = zero_between(determinant, low, high, rounding);
-      Pair pair = spectrum_.null_pair(u, near);
-      if (!pair.converged()) continue;
-      const double rate = std::abs(pair.slope);
-      const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + 4e-16 * (1.0 + u);
-      if (traits_.squared) pair = {};
-      return AxisCrossing{u, 0.0, change, mode, error, std::move(pair)};
+      auto found =
+          pipedyn::divergence(spectrum_, near, expected, least, most, 1e-5 * step.length() + 1e-12);
+      if (!found) continue;
+      if (traits_.squared) found->pair = {};
+      return AxisCrossing{found->speed, 0.0, change, mode, found->error, std::move(found->pair)};
     }
     return {};
   }
@@ -545,7 +548,7 @@ class Search {
     for (Index i = 0; i < at.size(); ++i) places[i] = i;
     std::partial_sort(places.begin(), places.begin() + std::min<Index>(2, at.size()), places.end(),
                       [&](Index i, Index k) {
-                        return std::abs(at.values[i] - value) < std::abs(at.values[k] - value);
+                        return std::norm(at.values[i] - value) < std::norm(at.values[k] - value);
                       });
     return places;
   }

@@ -25,6 +25,8 @@ class Eigenproblem : public Spectrum {
 
   Eigenproblem(const Traits& known, At at) : Spectrum(known), at_(std::move(at)) {}
 
+  const DenseOperator& at(double u);
+
   /// The `count` roots of least magnitude with right vectors, and with left ones if asked for.
   /// Pairs that fail the check of their residual are refined once; those that fail still are in the
   /// result, as are NaNs where doubles hold no root. Without `high`, modes so high that rounding
@@ -49,7 +51,6 @@ class Eigenproblem : public Spectrum {
   virtual Reals rounding(const Pairs& pairs) const;
 
  private:
-  const DenseOperator& at(double u);
   std::optional<Pairs> about(double u, double shift, Index count, bool left);
   void mend(double u, Pairs& pairs, bool left, bool high);
   Pair near(double u, const Pair& guess);

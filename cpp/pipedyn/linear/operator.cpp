@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/operator.hpp"
 
+#include <algorithm>
+
 namespace pipedyn {
 
 namespace {
@@ -75,6 +77,68 @@ Reals DenseOperator::hidden(const Values& values, const ComplexTable& right,
   for (int k = 0; k < 3; ++k) {
     const Eigen::MatrixXd rows = times(matrices_[k].cwiseAbs(), x);
     result = result * values.abs() + y.cwiseProduct(rows).colwise().sum().transpose().array();
+  }
+  return result;
+}
+
+Values DenseOperator::missed(const Pairs& of_fewer, const std::vector<Index>& shared) const {
+  std::vector<Index> others;
+  for (Index k = 0; k < dof; ++k) {
+    if (std::find(shared.begin(), shared.end(), k) == shared.end()) others.push_back(k);
+  }
+  int more = static_cast<int>(others.size()), one = 1, info = 0;
+  char plain = 'N';
+  const Index fewer = static_cast<Index>(shared.size());
+  // Rows of P_21, P_12^T and P_22, of M, C and K each.
+  Matrix down[3], up[3], own[3];
+  for (int part = 0; part < 3; ++part) {
+    down[part].resize(more, fewer);
+    up[part].resize(more, fewer);
+    own[part].resize(more, more);
+    for (int r = 0; r < more; ++r) {
+      for (Index c = 0; c < fewer; ++c) {
+        down[part](r, c) = matrices_[part](others[r], shared[c]);
+        up[part](r, c) = matrices_[part](shared[c], others[r]);
+      }
+      for (int c = 0; c < more; ++c) own[part](r, c) = matrices_[part](others[r], others[c]);
+    }
+  }
+  std::vector<int> pivots(more);
+  ComplexTable block(more, more);
+  ComplexVector beyond(more), onto(more);
+  Values result(of_fewer.size());
+  for (Index i = 0; i < result.size(); ++i) {
+    const Complex value = of_fewer.values[i], square = value * value;
+    if (i > 0 && value.imag() != 0.0 && value == std::conj(of_fewer.values[i - 1])) {
+      result[i] = std::conj(result[i - 1]);
+      continue;
+    }
+    const auto times = [&](const Matrix(&rows)[3], int r, const ComplexTable& x, double sign) {
+      double sums[6] = {};
+      for (int part = 0; part < 3; ++part) {
+        for (Index c = 0; c < fewer; ++c) {
+          sums[2 * part] += rows[part](r, c) * x(c, i).real();
+          sums[2 * part + 1] += rows[part](r, c) * x(c, i).imag();
+        }
+      }
+      return square * Complex(sums[0], sign * sums[1]) + value * Complex(sums[2], sign * sums[3]) +
+             Complex(sums[4], sign * sums[5]);
+    };
+    for (int r = 0; r < more; ++r) {
+      beyond[r] = times(down, r, of_fewer.right, 1.0);
+      onto[r] = times(up, r, of_fewer.left, -1.0);
+      for (int c = 0; c < more; ++c) {
+        block(r, c) = square * own[0](r, c) + value * own[1](r, c) + own[2](r, c);
+      }
+    }
+    lapack_.zgetrf(&more, &more, block.data(), &more, pivots.data(), &info);
+    if (info == 0) {
+      lapack_.zgetrs(&plain, &more, &one, block.data(), &more, pivots.data(), beyond.data(), &more,
+                     &info);
+    }
+    Complex sum = info == 0 ? 0.0 : infinite;
+    for (int r = 0; r < more; ++r) sum += onto[r] * beyond[r];
+    result[i] = sum / of_fewer.by_left[i];
   }
   return result;
 }

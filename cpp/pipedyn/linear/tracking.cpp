@@ -24,13 +24,24 @@ constexpr int most_steps = 800;
 /// a meeting each moves by 1e-3.
 constexpr double jump = 0.1;
 
-/// Column of each row so that the sum of their costs, (size, size), is least: rows are added one by
-/// one, each along the shortest augmenting path by reduced costs (the Hungarian method).
+/// Column of each row so that the sum of their costs, (size, size), is least: what their least
+/// costs leave open is added row by row, along the shortest augmenting path by reduced costs (the
+/// Hungarian method).
 Roots assignment(const std::vector<double>& cost, Index size) {
   // Column `size` stands for the row that is being added.
   Roots row_of(size + 1, -1), before(size + 1), columns(size);
   std::vector<double> by_row(size, 0.0), by_column(size + 1, 0.0), distance(size);
-  for (Index added = 0; added < size; ++added) {
+  Roots open;
+  for (Index row = 0; row < size; ++row) {
+    Index column = 0;
+    by_row[row] = Eigen::Map<const Reals>(&cost[row * size], size).minCoeff(&column);
+    if (row_of[column] < 0) {
+      row_of[column] = row;
+    } else {
+      open.push_back(row);
+    }
+  }
+  for (const Index added : open) {
     Flags reached(size + 1, 0);
     std::fill(distance.begin(), distance.end(), infinite);
     Index column = size;
@@ -83,7 +94,7 @@ bool meet(const Step& step, Index i, Index k) {
   const Complex centre = 0.5 * (a + b);
   double room = step.left->size() > 2 ? infinite : std::max(std::abs(centre), 1.0);
   for (Index j = 0; j < step.left->size(); ++j) {
-    if (j != i && j != k) room = std::min(room, std::abs(step.start(j) - centre));
+    if (j != i && j != k) room = std::min(room, magnitude(step.start(j) - centre));
   }
   return std::abs(sum) < 0.02 * room && std::abs(product) < 0.02 * room * room;
 }
@@ -155,10 +166,8 @@ Roots matched(const Sample& left, const Sample& right, double h) {
   if (apart) return onto;
   std::vector<double> cost(square * square, 0.0);
   for (Index i = 0; i < size; ++i) {
-    for (Index j = 0; j < right.size(); ++j) {
-      cost[i * square + j] = std::sqrt(
-          std::min(std::norm(behind[j] - ahead[i]), std::norm(right.values[j] - left.values[i])));
-    }
+    Eigen::Map<Reals>(&cost[i * square], right.size()) =
+        (behind - ahead[i]).abs2().min((right.values - left.values[i]).abs2()).sqrt();
   }
   onto = assignment(cost, square);
   onto.resize(size);
@@ -182,8 +191,8 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
   for (Index i = 0; i < size; ++i) {
     if (step.onto[i] < 0) continue;
     known.push_back(i);
-    step.error[i] =
-        std::abs(step.end(i) - step.start(i) - 0.5 * h * (step.end_slope(i) + step.start_slope(i)));
+    step.error[i] = magnitude(step.end(i) - step.start(i) -
+                              0.5 * h * (step.end_slope(i) + step.start_slope(i)));
     resting[i] = left.u == 0.0 && left.values[i] == 0.0;
     if (!resting[i]) continue;
     // Zero roots at rest (free joints) have no slope of their own there, and one serves as well as
@@ -209,7 +218,7 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
   std::vector<int> signature(size);
   for (const Index i : known) {
     const Complex a = step.start(i), b = step.end(i);
-    zero[i] = std::abs(a) < cluster.zero && std::abs(b) < cluster.zero;
+    zero[i] = magnitude(a) < cluster.zero && magnitude(b) < cluster.zero;
     clustered[i] = cluster.holds(a) && cluster.holds(b);
     const double before = left.signatures[i], after = right.signatures[step.onto[i]];
     signature[i] = before != 0.0 && after != 0.0 ? static_cast<int>(3.0 * before + after) : 0;

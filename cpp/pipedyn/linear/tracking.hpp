@@ -35,7 +35,7 @@ inline constexpr double longest_step = 0.5;
 struct Cluster {
   double delta, radius, zero;
 
-  bool holds(Complex value) const { return std::abs(delta * value + 1.0) < radius; }
+  bool holds(Complex value) const { return magnitude(delta * value + 1.0) < radius; }
 };
 
 /// Two neighbouring samples matched, by the roots of the left one.

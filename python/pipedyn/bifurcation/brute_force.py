@@ -2,7 +2,8 @@
 """Brute force over the flow speed: where motions from many starts end.
 
 After the transient the section x' = 0 of the free end is kept: its turning points. At rest there
-is none, a cycle leaves a few values, a torus or chaos many.
+is none, a cycle leaves a few values, a torus or chaos many. A motion ends before if it is at rest
+or periodic and attracts what starts beside it: then it would stay so.
 """
 
 from __future__ import annotations
@@ -20,7 +21,15 @@ import scipy
 
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
-from pipedyn.motion.simulate import BATCH, LARGEST_SAMPLES, modal_bend, simulate_many, slight_bend
+from pipedyn.motion.simulate import (
+    BATCH,
+    LARGEST_SAMPLES,
+    Motion,
+    MotionStopped,
+    modal_bend,
+    simulate_many,
+    slight_bend,
+)
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
@@ -41,6 +50,14 @@ LONGEST_PERIOD = 16
 """Maxima in a period beyond which a motion counts as irregular: records hold some 50 to 100 maxima,
 and three periods are needed to see one."""
 
+FIRST_LOOK = 4.0
+"""Time after which motions are looked at for the first time, some ten periods of flutter; then
+after as much again or half the time so far. Of 3, 4, 5, 6 and 8 the cheapest, measured."""
+
+NUDGE = 0.01
+"""How far beside a motion a neighbour begins, rad: as much as linear laws of its distance hold, and
+a thousand times what turning points err."""
+
 SAMPLES_A_TIME = 100
 """Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
 
@@ -56,8 +73,8 @@ class Attractor:
             converge geometrically to such), "settling" (it still approaches rest or a cycle),
             "irregular" (a torus, chaos, or a transient that still lasts) or "failed".
         period: maxima of the tip's transverse position in a period, 0 unless "periodic".
-        turnings: transverse position of the tip where its velocity changes sign, in order, shape
-            (K,); at rest the position itself.
+        turnings: transverse position of the tip where its velocity changes sign, in order, over the
+            time recorded, or less where it had settled, shape (K,); at rest the position itself.
         end: [p, p'] at the end, shape (2 moving,), empty where it failed.
         exponent: the largest Lyapunov exponent, if asked for and the motion is irregular.
     """
@@ -82,8 +99,12 @@ class MotionOptions:
 
     @property
     def samples(self) -> int:
-        """Of each motion."""
-        return max(math.ceil(self.duration * SAMPLES_A_TIME), 100) + 1
+        """Of each motion at a time, at most."""
+        return self.samples_of(max(self.duration, 2.0 * FIRST_LOOK))
+
+    def samples_of(self, time: float) -> int:
+        """Of each motion over some time."""
+        return max(math.ceil(time * SAMPLES_A_TIME), 100) + 1
 
 
 def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
@@ -143,34 +164,155 @@ def attractors(
     return tuple(found)
 
 
+@dataclass(eq=False)
+class _Run:
+    """A motion that goes on from a state."""
+
+    member: int  # of its batch
+    speed: float
+    start: int
+    state: Array  # [p, p']
+    settled: bool = False  # as its last record shows
+    next_trial: float = 0.0  # time from which it may be tried for whether it attracts
+
+
+@dataclass(frozen=True)
+class _Record:
+    """What a motion did over some time."""
+
+    x: Array  # transverse positions of the tip
+    turnings: Array
+    error: float  # of two turnings together
+    ending: Ending
+    period: int
+
+    def seems_settled(self) -> bool:
+        """Whether it is at rest in the end, or three periods show no change that could be seen."""
+        if self.ending == "rest":
+            return True
+        highs = maxima(self.turnings)
+        periods = range(1, min(LONGEST_PERIOD, highs.size // 3) + 1)
+        return any(_largest_change(highs[-3 * k :], k) <= self.error for k in periods)
+
+    def attracts(self, neighbour: _Record) -> bool:
+        """Whether it has settled and a neighbour comes nearer, by a half in each quarter."""
+        apart, error = np.abs(neighbour.x - self.x[-1]), AT_REST
+        if self.ending == "periodic":
+            own, highs = maxima(self.turnings), maxima(neighbour.turnings)
+            if _largest_change(own, self.period) > self.error:
+                return False
+            apart = np.abs(highs[:, None] - own[-self.period :]).min(axis=1)
+            error = self.error + neighbour.error
+        elif self.ending != "rest":
+            return False
+        if apart.size < 8:
+            return False
+        quarters = [float(part.max()) for part in np.array_split(apart, 4)]
+        if max(quarters[0], abs(neighbour.x[0] - self.x[0])) < 8.0 * error:  # shows nothing
+            return False
+        return all(b <= max(0.5 * a, error) for a, b in pairwise(quarters))
+
+
+class _Batch:
+    """The motions of one batch, and where those ended that have."""
+
+    def __init__(self, model: Model, options: MotionOptions) -> None:
+        self.model, self.options, self.elapsed = model, options, 0.0
+        self.answers: dict[int, Attractor | Exception] = {}
+
+    def advance(self, runs: list[_Run], before: float, recorded: float) -> list[_Record | None]:
+        """Goes on for some time and then a time that is recorded; None of one that stopped."""
+        if not runs:
+            return []
+        samples = before + np.linspace(0.0, recorded, self.options.samples_of(recorded))
+        states = [np.split(run.state, 2) for run in runs]
+        ensemble = simulate_many(
+            self.model,
+            [run.speed for run in runs],
+            before + recorded,
+            [p for p, _ in states],
+            [rate for _, rate in states],
+            times=samples,
+            rtol=self.options.rtol,
+        )
+        errors = {failure.index: failure.error for failure in ensemble.failures}
+        records: list[_Record | None] = []
+        for i, (run, motion) in enumerate(zip(runs, ensemble.motions, strict=True)):
+            if i in errors:
+                self.answers[run.member] = self.stopped(run, errors[i])
+                records.append(None)
+                continue
+            run.state = np.asarray(self.model.start(motion.q[-1], motion.qdot[-1]))
+            records.append(_record(motion, self.options.rtol))
+        return records
+
+    def stopped(self, run: _Run, error: MotionStopped) -> MotionStopped:
+        """The error of a motion, by its start and the time since."""
+        reached = self.elapsed + float(error.motion.t[-1] if error.motion.t.size else 0.0)
+        _, _, why = str(error).partition(": ")
+        report = f"the motion from start {run.start} stopped after t = {reached:g}: {why}"
+        return MotionStopped(report, error.motion)
+
+    def going(self, runs: list[_Run]) -> list[_Run]:
+        """Those that have not ended."""
+        return [run for run in runs if run.member not in self.answers]
+
+    def keep(self, run: _Run, record: _Record) -> None:
+        """Where a motion ends, by its record."""
+        turnings = record.x[-1:].copy() if record.ending == "rest" else record.turnings
+        self.answers[run.member] = Attractor(
+            run.speed, run.start, record.ending, record.period, turnings, run.state
+        )
+
+
 def _batch(
     model: Model, members: list[tuple[float, int]], starts: list[Array], options: MotionOptions
 ) -> list[Attractor | Exception]:
     """Where each member of one batch ends, or why it stopped early."""
-    ensemble = simulate_many(
-        model,
-        [u for u, _ in members],
-        options.transient + options.duration,
-        [starts[k] for _, k in members],
-        times=options.transient + np.linspace(0.0, options.duration, options.samples),
-        rtol=options.rtol,
-    )
-    answers: list[Attractor | Exception] = []
-    errors = {failure.index: failure.error for failure in ensemble.failures}
-    for i, ((u, k), motion) in enumerate(zip(members, ensemble.motions, strict=True)):
-        if i in errors:
-            answers.append(errors[i])
-            continue
-        x = motion.tip[:, 0]
-        turnings, error = turning_points(motion.t, x, motion.tip_velocity[:, 0])
-        # Errors of an integrator's steps add up over the ten or more that a period takes.
-        error += 10.0 * options.rtol * float(np.ptp(x))
-        ending, period = ending_of(x, turnings, error)
-        if ending == "rest":
-            turnings = x[-1:].copy()
-        end = np.asarray(model.start(motion.q[-1], motion.qdot[-1]))
-        answers.append(Attractor(u, k, ending, period, turnings, end))
-    return answers
+    batch = _Batch(model, options)
+    runs = [
+        _Run(i, u, k, np.asarray(model.start(starts[k], None))) for i, (u, k) in enumerate(members)
+    ]
+    # Motions with neighbours take no more samples than all at the end.
+    stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
+    while runs and batch.elapsed + stretch <= options.transient:
+        tried = [run for run in runs if run.settled and batch.elapsed >= run.next_trial]
+        beside = [_neighbour(model, run, starts[-1]) for run in tried]
+        others = [run for run in runs if run not in tried]
+        for run, record in zip(others, batch.advance(others, 0.0, stretch), strict=True):
+            run.settled = record is not None and record.seems_settled()
+        records = batch.advance([*tried, *beside], 0.0, stretch)
+        batch.elapsed += stretch
+        for run, own, other in zip(tried, records, records[len(tried) :], strict=False):
+            run.next_trial = 2.0 * batch.elapsed
+            if own is not None and other is not None and own.attracts(other):
+                batch.keep(run, own)
+        runs = batch.going(runs)
+        stretch = min(max(stretch, 0.5 * batch.elapsed), longest)
+    records = batch.advance(runs, options.transient - batch.elapsed, options.duration)
+    for run, record in zip(runs, records, strict=True):
+        if record is not None:
+            batch.keep(run, record)
+    return [batch.answers[i] for i in range(len(members))]
+
+
+def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
+    """A motion that sets out beside another, towards a bend."""
+    p, rate = np.split(run.state, 2)
+    towards, _ = np.split(np.asarray(model.start(bend, None)), 2)
+    beside = p + NUDGE * towards / float(np.abs(towards).max()), rate
+    if model.moving != model.dof:  # guides and pins
+        beside = model.motion.projected(*beside)
+    state = np.concatenate(beside)
+    return _Run(-1, run.speed, run.start, state if np.isfinite(state).all() else run.state)
+
+
+def _record(motion: Motion, rtol: float) -> _Record:
+    x = motion.tip[:, 0]
+    turnings, error = turning_points(motion.t, x, motion.tip_velocity[:, 0])
+    # Errors of an integrator's steps add up over the ten or more that a period takes.
+    error += 10.0 * rtol * float(np.ptp(x))
+    return _Record(x, turnings, error, *ending_of(x, turnings, error))
 
 
 def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
@@ -196,7 +338,7 @@ def ending_of(x: Array, turnings: Array, error: float) -> tuple[Ending, int]:
     quarters = [float(np.ptp(part)) for part in np.array_split(x, 4)]
     if quarters[-1] < AT_REST:
         return "rest", 0
-    highs = turnings[1:-1][(turnings[1:-1] > turnings[:-2]) & (turnings[1:-1] > turnings[2:])]
+    highs = maxima(turnings)
     near = RECURRENCE * quarters[-1]
     approaching = all(b < a for a, b in pairwise(quarters)) and quarters[-1] < 0.8 * quarters[0]
     for period in range(1, min(LONGEST_PERIOD, highs.size // 3) + 1):
@@ -214,3 +356,13 @@ def ending_of(x: Array, turnings: Array, error: float) -> tuple[Ending, int]:
             return "periodic", period
         approaching |= converges or (recurs and all(b < a for a, b in pairwise(parts)))
     return ("settling" if approaching else "irregular"), 0
+
+
+def maxima(turnings: Array) -> Array:
+    """Those of the turning points that are maxima, but for the first and the last."""
+    inner = turnings[1:-1]
+    return np.asarray(inner[(inner > turnings[:-2]) & (inner > turnings[2:])])
+
+
+def _largest_change(highs: Array, period: int) -> float:
+    return float(np.abs(highs[period:] - highs[:-period]).max())

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Periodic orbits as solutions of collocation equations: a Radau IIA method on a mesh.
 
-The stages are eliminated interval by interval, which leaves y(k+1) = T(k) y(k) + g(k); orthogonal
-transformations then eliminate the states in pairs down to L y(0) + R y(end) = c (Wright 1992). No
-product of the T is formed, so that neither modes that decay at once nor large multipliers cost
-digits. The cost is linear in the number of intervals.
+The stages are eliminated interval by interval, which leaves y(k+1) = T(k) y(k) + g(k). Products of
+the T carry a state through runs of intervals that lose no digits; between runs orthogonal
+transformations eliminate the states in pairs down to L y(0) + R y(end) = c (Wright 1992), so that
+large multipliers cost none either. The cost is linear in the number of intervals.
 """
 
 from __future__ import annotations
@@ -29,81 +29,116 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
 
+LOSS = 1e5
+"""Largest entry of a product of intervals' maps: their rounding is 1e-11 then."""
+
+SAME = 1e-9
+"""Distance of orbits, relative, whose multipliers are alike to a hundredth of what they may err."""
+
 # -------------------------------------------------------------------------------- one interval
 
 
-def _condensed(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
+def _condensed(
+    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
+) -> tuple[Array, Array, Array]:
     """Derivatives of each interval's stages and of the state at its end.
 
     By the state at its beginning, a share of the residual, the frequency and the speed: of the
-    stages' rates, shape (M, s, width, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
+    stages' rates, shape (M, s width, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
+    Also those of f at the stages, of the rates solved for, (M, s, width, 2 moving). By the speed
+    they are 0 where it does not vary.
     """
     count, _, width = orbit.rates.shape
-    piece = max(1, 500_000 // (STAGES * width) ** 2)  # intervals whose 4 MB a cache holds
-    parts = []
+    size = motion.size
+    piece = max(1, 100_000 // (STAGES * width) ** 2)  # intervals whose 2.4 MB a cache holds
+    rates = np.empty((count, STAGES * width, size + 3))
+    ends = np.empty((count, size, size + 3))
+    rows = np.empty((count, STAGES, width, size))
     for i in range(0, count, piece):
         some = slice(i, i + piece)
         edges = orbit.edges[i : i + piece + 1]
         part = replace(orbit, edges=edges, starts=orbit.starts[some], rates=orbit.rates[some])
-        parts.append(_eliminated(motion, part))
-    rates, ends = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return rates, ends
+        rates[some], ends[some], rows[some] = _eliminated(motion, part, speed_varies)
+    return rates, ends, rows
 
 
-def _eliminated(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
+def _eliminated(
+    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
+) -> tuple[Array, Array, Array]:
     """`_condensed` of a few intervals."""
     count, _, width = orbit.rates.shape
     size, u, twice = motion.size, orbit.u, orbit.twice
     y = np.ascontiguousarray(orbit.stages().reshape(-1, size).T)
-    missed = motion(y, u)[-width:].T.reshape(orbit.rates.shape) - orbit.rates
-    by_speed = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
     rows = motion.jacobians(y, u)[:, -width:].reshape(count, STAGES, width, size)
-    # Derivatives at fixed rates: of the stages by time, and of f there by the first state.
     h, lag = orbit.durations[:, None, None], NODES[:, None]
-    by_start = rows.copy()
-    by_start[..., twice : 2 * twice] += (h * lag)[..., None] * rows[..., :twice]
+    right = np.empty((count, STAGES, width, size + 3))
+    # Derivatives at fixed rates: of f by the first state, of the stages by time.
+    right[..., :size] = rows
+    right[..., twice : 2 * twice] += (h * lag)[..., None] * rows[..., :twice]
     by_time = np.zeros((count, STAGES, size))
     by_time[..., :twice] = lag * orbit.starts[:, None, twice : 2 * twice]
     by_time[..., :twice] += 2.0 * h * (TWICE @ orbit.rates[..., :twice])
     by_time[..., twice:] = ONCE @ orbit.rates
     by_frequency = -h / orbit.frequency * by_time
-    forced = np.stack([missed, np.zeros_like(missed), by_speed], axis=-1)
-    forced[..., 1] = (rows @ by_frequency[..., None])[..., 0]
-    right = np.concatenate([by_start, forced], axis=-1)
-
-    def spread(block: Array, weights: Array) -> Array:
-        return block[:, :, :, None, :] * weights[:, None, :, None]
-
-    matrix = spread(-h[..., None] * rows[..., twice:], ONCE)
+    right[..., size] = motion(y, u)[-width:].T.reshape(orbit.rates.shape) - orbit.rates
+    right[..., size + 1] = (rows @ by_frequency[..., None])[..., 0]
+    right[..., size + 2] = 0.0
+    if speed_varies:
+        right[..., size + 2] = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
+    # A rate moves its state by the first of these weights, and its position by the second.
+    weights = np.stack([h * ONCE, h**2 * TWICE], axis=-1)[:, :, None]
     if twice:
-        matrix += spread(-(h[..., None] ** 2) * rows[..., :twice], TWICE)
+        pairs = rows.reshape(count, STAGES, width, 2, twice)[:, :, :, ::-1]
+        matrix = -weights @ pairs
+    else:
+        matrix = -weights[..., :1] @ rows[:, :, :, None]
     matrix = matrix.reshape(count, STAGES * width, STAGES * width)
-    matrix += np.eye(STAGES * width)
+    matrix.reshape(count, -1)[:, :: STAGES * width + 1] += 1.0
     factorised(count)
     found = np.linalg.solve(matrix, right.reshape(count, STAGES * width, size + 3))
-    found = found.reshape(count, STAGES, width, size + 3)
+    moved = weights[:, -1, 0].transpose(0, 2, 1) @ found.reshape(count, STAGES, -1)
+    once, double = np.split(moved.reshape(count, 2, width, size + 3), 2, axis=1)
     ends = np.zeros((count, size, size + 3))
-    ends[..., :size] = np.eye(size)
+    ends.reshape(count, -1)[:, :: size + 4] = 1.0
     ends[:, :twice, twice : 2 * twice] += h * np.eye(twice)
     ends[..., size + 1] = by_frequency[:, -1]
-    ends[:, twice:] += h * np.tensordot(ONCE[-1], found, (0, 1))
-    ends[:, :twice] += h**2 * np.tensordot(TWICE[-1], found[:, :, :twice], (0, 1))
-    return found, ends
+    ends[:, twice:] += once[:, 0]
+    ends[:, :twice] += double[:, 0, :twice]
+    return np.asarray(found), ends, rows
 
 
 # -------------------------------------------------------------------------------- all intervals
 
 
-def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[list[Array]]]:
-    """[L | R | C] of L x(begin) + R x(end) = C over all intervals, in units of the state, (n, .).
+def carried(maps: Array, right: Array) -> tuple[Array, list[int]]:
+    """What the maps of intervals, one after the other, make of the state where their run begins.
 
-    For each doubling of the intervals also triangles T, L, R and C of the states x between, in
+    Of x -> T x + r of each interval, T (M, n, n) and r (M, n, k), the products [P | R] up to its
+    end, (M, n, n + k), from the beginning of its run, and the first interval of each run. A run
+    ends where so much grows that digits would be lost.
+    """
+    n, begins = maps.shape[1], [0]
+    whole = np.concatenate([maps, right], axis=2)
+    for k in range(1, len(maps)):
+        further = maps[k] @ whole[k - 1]
+        if not np.abs(further[:, :n]).max() < LOSS:
+            begins.append(k)
+            continue
+        further[:, n:] += right[k]
+        whole[k] = further
+    return whole, begins
+
+
+def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, list[list[Array]]]:
+    """[L | R | C] of L x(begin) + R x(end) = C over all intervals, from their `carried` maps.
+
+    For each doubling of the runs also triangles T, L, R and C of the states x between, in
     T x = C - L x(begin) - R x(end).
     """
-    n, between = units.size, []
-    through = ends[:, :, :n] * units / units[:, None]
-    eye = np.zeros_like(through) + np.eye(n)
-    relations = np.concatenate([-through, eye, right / units[:, None]], axis=2)
+    n, between = whole.shape[1], []
+    relations = whole[[*(k - 1 for k in begins[1:]), -1]]
+    eye = np.zeros_like(relations[:, :, :n]) + np.eye(n)
+    relations = np.concatenate([-relations[:, :, :n], eye, relations[:, :, n:]], axis=2)
     while len(relations) > 1:
         even = 2 * (len(relations) // 2)
         a, b = relations[0:even:2], relations[1:even:2]
@@ -119,26 +154,45 @@ def _collapsed(ends: Array, right: Array, units: Array) -> tuple[Array, list[lis
     return relations[0], between
 
 
+def through(maps: Array) -> tuple[Array, Array]:
+    """L and R of L x(0) + R x(span) = 0 for states that intervals map on, (M, n, n); (n, n) each.
+
+    R is the identity where no digits are lost.
+    """
+    whole, _ = _collapsed(*carried(maps, maps[:, :, :0]))
+    return whole[:, : maps.shape[1]], whole[:, maps.shape[1] :]
+
+
 class Linearised:
     """The collocation equations about an orbit, with all but its first state eliminated.
 
     Args:
         phase: row and value of the condition row @ unknowns = value that fixes the phase.
+        speed_varies: whether the speed is an unknown.
     """
 
     def __init__(
-        self, motion: VectorField, orbit: PeriodicOrbit, phase: tuple[Array, float]
+        self,
+        motion: VectorField,
+        orbit: PeriodicOrbit,
+        phase: tuple[Array, float],
+        speed_varies: bool = True,
     ) -> None:
         self.orbit, self._phase = orbit, phase
         n, mirror = motion.size, orbit.mirror
-        self._units = _units(motion, orbit)
-        self._rates, ends = _condensed(motion, orbit)
-        right = ends[:, :, n:].copy()
-        right[:, :, 0] += orbit.stages()[:, -1]
-        right[:, :, 0] -= np.concatenate([orbit.starts[1:], mirror * orbit.starts[:1]])
-        whole, self._between = _collapsed(ends, right, self._units)
+        self._rates, ends, self.rows = _condensed(motion, orbit, speed_varies)
+        self.units = state_units(motion, self.rows)
+        missed = orbit.stages()[:, -1] - np.concatenate(
+            [orbit.starts[1:], mirror * orbit.starts[:1]]
+        )
+        ends[:, :, n] += missed
+        ends /= self.units[:, None]
+        self.maps = ends[:, :, :n] * self.units
+        self._carried, begins = carried(self.maps, ends[:, :, n:])
+        self._runs = np.repeat(np.arange(len(begins)), np.diff([*begins, len(ends)]))
+        whole, self._between = _collapsed(self._carried, begins)
         self._first, self._last, self._right = np.split(whole, [n, 2 * n], axis=1)
-        across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
+        across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self.units
         self._matrix = np.zeros((n + 2, n + 2))
         self._matrix[:n, :n] = self._first + mirror * self._last
         self._matrix[:n, n:] = -self._right[:, 1:]
@@ -152,9 +206,9 @@ class Linearised:
         """
         phase, value = self._phase
         shift = share * (value - float(phase @ self.orbit.packed()))
-        n = self._units.size
+        n = self.units.size
         matrix, right = self._matrix.copy(), np.zeros((n + 2, 3))
-        matrix[n + 1] = np.append(row[:n] * self._units, row[-2:])
+        matrix[n + 1] = np.append(row[:n] * self.units, row[-2:])
         length = float(np.linalg.norm(matrix[n + 1]))
         matrix[n + 1] /= length
         right[:n, 0] = self._right[:, 0] * share
@@ -190,29 +244,37 @@ class Linearised:
             more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)
             more[2 * pairs + 1 :] = ends[pairs + 1 :]
             ends = more
-        starts = ends[:-1] * self._units[:, None]
-        acting = np.broadcast_to(factors, (len(starts), *factors.shape))
-        rates = self._rates @ np.concatenate([starts, acting], axis=1)[:, None]
+        acting = np.broadcast_to(factors, (len(self.maps), *factors.shape))
+        later = self._carried @ np.concatenate([ends[self._runs], acting], axis=1)
+        starts = np.concatenate([ends[:1], later[:-1]]) * self.units[:, None]
+        rates = self._rates @ np.concatenate([starts, acting], axis=1)
         columns = factors.shape[1]
         return np.concatenate(
             [starts.reshape(-1, columns), rates.reshape(-1, columns), factors[1:]]
         )
 
 
-def _units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+def state_units(motion: VectorField, rows: Array) -> Array:
     """Units of the state in which positions and rates of its fastest mode are equally large."""
-    stiffest = motion.jacobian(orbit.starts[0], orbit.u)[motion.half :, : motion.half]
+    stiffest = rows[0, 0, -motion.half :, : motion.half]
     units = np.ones(motion.size)
     units[motion.half :] = math.sqrt(max(float(np.abs(stiffest).max()), 1.0))
     return units
 
 
-def through(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-    """L and R of L y(0) + R y(span) = 0 for small changes along an orbit, (2 moving,) * 2 each."""
-    units = _units(motion, orbit)
-    _, ends = _condensed(motion, orbit)
-    whole, _ = _collapsed(ends, ends[:, :, :0], units)
-    return whole[:, : motion.size] / units, whole[:, motion.size :] / units
+def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Derivatives of f at the stages, of the rates solved for, shape (M, s, width, 2 moving)."""
+    count, _, width = orbit.rates.shape
+    y = np.ascontiguousarray(orbit.stages().reshape(-1, motion.size).T)
+    rows = motion.jacobians(y, orbit.u)[:, -width:]
+    return rows.reshape(count, STAGES, width, motion.size)
+
+
+def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
+    """What changes of a state become over each interval, (M, n, n), in units of the state, (n,)."""
+    _, ends, rows = _condensed(motion, orbit, False)
+    units = state_units(motion, rows)
+    return ends[:, :, : motion.size] * units / units[:, None], units
 
 
 # ----------------------------------------------------------------------------- Newton's method
@@ -234,7 +296,7 @@ class OrbitProblem(Continuation):
 
     Lengths are measured in L of the free end, and relative in frequency and speed; `unit` is the
     root mean square of the positions p for each L of the free end's amplitude, on the orbit unless
-    it is given.
+    it is given. Where the speed does not vary, only `fixed` is solved.
     """
 
     def __init__(
@@ -243,9 +305,11 @@ class OrbitProblem(Continuation):
         start: PeriodicOrbit,
         control: Control,
         unit: float | None = None,
+        speed_varies: bool = True,
     ) -> None:
         super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
-        self.motion, self.start = motion, start
+        self.motion, self.start, self._speed_varies = motion, start, speed_varies
+        self.last: Linearised | None = None
         self.unit = _unit_of(motion, start) if unit is None else unit
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
         by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
@@ -262,7 +326,8 @@ class OrbitProblem(Continuation):
 
     def linearised(self, z: Array) -> Linearised:
         """The equations about unknowns."""
-        return Linearised(self.motion, self.orbit(z), self._phase)
+        self.last = Linearised(self.motion, self.orbit(z), self._phase, self._speed_varies)
+        return self.last
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""
@@ -292,9 +357,20 @@ def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
 
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
+    return solved_about(motion, orbit, tolerance)[0]
+
+
+def solved_about(
+    motion: VectorField, orbit: PeriodicOrbit, tolerance: float
+) -> tuple[PeriodicOrbit, Linearised | None]:
+    """The same, and the equations about it; None where the last step to it was long."""
     control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
-    problem = OrbitProblem(motion, orbit, control, unit=1.0)
-    return problem.orbit(problem.fixed(orbit.packed(), orbit.u))
+    problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
+    z = problem.fixed(orbit.packed(), orbit.u)
+    last = problem.last
+    assert last is not None
+    near = problem.relative(z, z - last.orbit.packed()) <= SAME
+    return problem.orbit(z), last if near else None
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

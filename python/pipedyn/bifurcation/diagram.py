@@ -117,8 +117,9 @@ def bifurcation_diagram(
         cycles: number of steps along each branch of cycles at most; 0 for no cycles. Models of more
             than 100 degrees of freedom have to be given 0.
         brute_force: number of initial states for each speed; 0 for none.
-        transient: time in T that is left out before motions are recorded.
-        duration: time over which they are then recorded.
+        transient: time in T that is left out before motions are recorded. A motion that rests or
+            repeats, and that a motion from beside it approaches, ends earlier.
+        duration: time over which they are then recorded, at most.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed.
         rtol: relative tolerance of the motions, and of cycles at the speeds given.
         seed: of the initial states; the first is always a slight bend.

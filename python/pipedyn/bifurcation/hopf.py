@@ -89,7 +89,7 @@ class NormalForm:
 
 
 def normal_form(
-    jacobian: Callable[[Array], Array],
+    jacobians: Callable[[Array], Array],
     rest: Array,
     frequency: float,
     scale: Callable[[Complex], complex],
@@ -97,23 +97,24 @@ def normal_form(
 ) -> NormalForm:
     """Cubic normal form at an equilibrium, shape (N,), of any smooth system y' = f(y).
 
-    `jacobian` gives df/dy of a state, shape (N, N); omega need be known to some 1e-6. q is divided
-    by `scale` of it, a linear function; its `reach` is what measures the steps of differences.
+    `jacobians` gives df/dy of states, shape (N, k), as (k, N, N); omega need be known to some 1e-6.
+    q is divided by `scale` of it, a linear function; its `reach` is what measures the steps of
+    differences.
 
     Raises:
         ValueError: if there is no such eigenvalue.
         NoHopf: if it is a double one, or scale(q) is 0.
         NotConverged: if the differences do not converge.
     """
-    a = jacobian(rest)
+    a = jacobians(rest[:, None])[0]
     q, p = vectors(a, frequency, scale)
     steps = FIRST_STEP / reach(q) / 2.0 ** np.arange(LEVELS)
+    signs = np.array([1.0, -1.0])
+    moves = np.einsum("h,s,dn->nhsd", steps, signs, [q.real, q.imag])
+    states = (rest[:, None] + moves.reshape(rest.size, -1)).copy()
+    around = jacobians(states).reshape(*moves.shape[1:], *a.shape)
     values = []
-    for h in steps:
-        ahead, behind = (
-            np.array([jacobian(rest + sign * h * direction) for direction in (q.real, q.imag)])
-            for sign in (1.0, -1.0)
-        )
+    for h, (ahead, behind) in zip(steps, around, strict=True):
         slopes = (ahead - behind) / (2.0 * h)
         second = slopes[0] + 1j * slopes[1]  # B(q, .)
         third = ((ahead + behind - 2.0 * a) / h**2).sum(axis=0)  # C(q, q*, .)
@@ -389,7 +390,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
     with one_thread(motion.size):
         try:
             form = normal_form(
-                lambda y: smooth.jacobian(y, u),
+                lambda y: smooth.jacobians(y, u),
                 rest,
                 crossing.frequency,
                 lambda q: _tip_of(motion, rest, q),

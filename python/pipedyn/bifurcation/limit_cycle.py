@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
-from pipedyn.bifurcation.collocation import residual, solved
+from pipedyn.bifurcation.collocation import Linearised, residual, solved, solved_about
 from pipedyn.bifurcation.floquet import floquet, nontrivial
 from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
 from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, continued, solved_anew
@@ -49,8 +49,8 @@ from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 LARGEST_CYCLE = 100
-"""Degrees of freedom. An undamped chain of 20 takes 0.8 s, of 40 ten, of 60 a minute, nearly all
-for the multipliers, whose mesh resolves the fastest mode that persists."""
+"""Degrees of freedom. An undamped chain of 20 takes 0.06 s, of 40 0.4, of 100 seven, half of it for
+the multipliers."""
 
 SEARCH, SEARCH_FACTOR = 300_000, 6
 """Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments. Up
@@ -60,9 +60,15 @@ cycles a motion takes long to converge."""
 MOST_INTERVALS = 2000
 """Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
 
+ROUNDING = 1e-11
+"""Defects below may be rounding, and are lessened by halving intervals only."""
+
 CHECKS = 3
 """Meshes on which the multipliers are asked for, each for a hundredth of the defect of the last: by
 the third that is 1e-7 of rtol, where rounding is all that is left."""
+
+QUARTIC = np.linalg.inv(np.vander(np.arange(-2.0, 3.0)))
+"""Coefficients, the highest first, of the polynomial through values at -2 .. 2."""
 
 TRIVIAL, SHARE_OF_NEXT = 1e-6, 0.01
 """How far the trivial multiplier may be from 1: the tolerance to which users ask for cycles or, if
@@ -93,8 +99,8 @@ class LimitCycle(Trajectory):
         model: the model.
         error: of amplitude and frequency, relative, estimated by refinement: what the last
             halving of mesh intervals changed.
-        multiplier_error: distance of the trivial multiplier from 1, or what halving the mesh
-            intervals changes in the worst, relative if above 1, or rounding, whichever is most.
+        multiplier_error: distance of the trivial multiplier from 1, or what shorter intervals
+            change in the worst, relative if above 1, or rounding, whichever is most.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         symmetric: whether the second half of the period was taken as the mirror image of the first.
@@ -418,9 +424,9 @@ def finished(
     largest = rtol * (1e-1 if motion.model.pipe.drag else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(CHECKS):
-        orbit, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
+        orbit, about, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
         try:
-            result = described(motion, orbit, error, samples, how)
+            result = described(motion, orbit, error, samples, how, about)
         except NewtonFailed as failure:
             raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
         if error > rtol:
@@ -442,8 +448,10 @@ def finished(
 
 def _refined(
     motion: VectorField, orbit: PeriodicOrbit, largest: float, rtol: float, tolerance: float
-) -> tuple[PeriodicOrbit, float, str]:
+) -> tuple[PeriodicOrbit, Linearised | None, float, str]:
     """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
+
+    Also the collocation's equations about it, if they are known.
 
     Refined are the intervals with a large defect, and all of them where there is none, until what
     is left of the defects is rounding: halving the intervals lessens that to a half at best, but to
@@ -452,47 +460,66 @@ def _refined(
     # Under drag two answers may agree by chance: an error falls by the fourth power of h at most.
     measured, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
     last = math.inf if motion.model.pipe.drag else 0.0
+    most, about = 2, None  # parts of an interval
     while True:
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
         if error <= 0.5 * rtol and (not coarse.any() or worst > 0.25 * coarsest):
-            return orbit, error, ""
+            return orbit, about, error, ""
         if not coarse.any():
             coarse[:] = True
-        if len(orbit.starts) + np.count_nonzero(coarse) > MOST_INTERVALS:
-            return orbit, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
+        # In p parts an interval has about the p^-7 of its defect, or more where drag has kinks.
+        wanted = max(0.5 * largest, ROUNDING)
+        parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
+        parts = np.where(coarse, np.clip(parts, 2, most), 1)
+        if parts.sum() > MOST_INTERVALS:
+            return orbit, about, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
         try:
-            finer = solved(motion, refined(motion, orbit, 1 + coarse, turning=True), tolerance)
+            finer, about = solved_about(
+                motion, refined(motion, orbit, parts, turning=True), tolerance
+            )
         except NewtonFailed as failure:
-            return orbit, error, str(failure)
+            return orbit, about, error, str(failure)
         before, measured = measured, amplitude_of(motion, finer)[0]
         change = max(abs(measured / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
         error, last = max(change, last / 16.0), change
-        orbit = finer
+        orbit, most = finer, 2 if motion.model.pipe.drag else 4
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
-    count = 2048  # fine enough for the polynomial that then goes through the extremes
-    apart = 2.0 * math.pi / count
-    across = motion.tip(orbit.states(apart * np.arange(float(count))))
-    greatest, where = _peak(across)
-    least, _ = _peak(-across)
-    return 0.5 * (greatest + least), apart * where
+    phases = np.linspace(0.0, 2.0 * math.pi, 129)[:-1]
+    if orbit.symmetric:
+        across = motion.tip(orbit.states(phases[:64]))
+        across = np.concatenate([across, -across])
+    else:
+        across = motion.tip(orbit.states(phases))
+    greatest, where = _peak(motion, orbit, phases, across, 1.0)
+    if orbit.symmetric:
+        return greatest, where
+    least, _ = _peak(motion, orbit, phases, across, -1.0)
+    return 0.5 * (greatest + least), where
 
 
-def _peak(values: Array) -> tuple[float, float]:
-    """Maximum of a periodic function and its place, by the polynomial through five samples."""
-    i = int(np.argmax(values))
-    near = values[np.arange(i - 2, i + 3) % values.size]
-    line = np.polynomial.Polynomial.fit(np.arange(-2.0, 3.0), near, 4)
-    turns = line.deriv().roots()
+def _peak(
+    motion: VectorField, orbit: PeriodicOrbit, phases: Array, across: Array, sign: float
+) -> tuple[float, float]:
+    """The free end's greatest displacement to one side and its phase, from samples all round."""
+    heights = sign * across
+    # Between samples it may go farther by a hundredth of its range, and at several peaks.
+    high = heights >= heights.max() - 0.02 * np.ptp(heights)
+    peaks = high & (heights >= np.roll(heights, 1)) & (heights >= np.roll(heights, -1))
+    # Then so close that the polynomial through five samples is the motion.
+    apart = 0.0625 * phases[1]
+    near = phases[peaks][:, None] + apart * np.arange(-18.0, 19.0)
+    finer = sign * motion.tip(orbit.states(near.ravel())).reshape(near.shape)
+    i, j = divmod(int(np.argmax(finer[:, 2:-2])), finer.shape[1] - 4)
+    line = QUARTIC @ finer[i, j : j + 5]
+    turns = np.roots(line[:4] * [4.0, 3.0, 2.0, 1.0])
     inner = turns.real[(np.abs(turns.imag) < 1e-9) & (np.abs(turns.real) <= 1.0)]
-    if inner.size == 0:
-        return float(values[i]), float(i)
-    heights = line(inner)
-    return float(heights.max()), i + float(inner[int(np.argmax(heights))])
+    at = max(inner, key=lambda x: np.polyval(line, x), default=0.0)
+    return float(np.polyval(line, at)), float(near[i, j + 2] + apart * at)
 
 
 def on_branch(
@@ -510,7 +537,12 @@ def on_branch(
 
 
 def described(
-    motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    error: float,
+    samples: int,
+    how: str,
+    about: Linearised | None = None,
 ) -> LimitCycle:
     """The cycle of an orbit on its mesh; raises `NewtonFailed` as `floquet` does."""
     amplitude, first = amplitude_of(motion, orbit)
@@ -518,7 +550,7 @@ def described(
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = floquet(motion, orbit)
+    multipliers, _, change = floquet(motion, orbit, about)
     # Rounding of eigenvalues of matrices of so many rows leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))

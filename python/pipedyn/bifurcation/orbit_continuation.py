@@ -49,8 +49,9 @@ FINE = OrbitControl(0.15, tolerance=1e-8, stagnation=1e-5, defect=1e-4)
 """For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
 and 5e-5."""
 
-COARSE = OrbitControl(0.3, tolerance=1e-5, stagnation=1e-2, defect=1e-3)
-"""Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow."""
+COARSE = OrbitControl(0.3, tolerance=3e-4, stagnation=1e-2, defect=1e-3)
+"""Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow. A
+step of the tolerance leaves its square, some 1e-7."""
 
 Step = Segment[OrbitProblem]
 """A step along a branch of orbits."""

@@ -16,7 +16,7 @@ from pipedyn.linear.sensitivity import Crossing, crossings_of
 from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum, Converged, checked_model
-from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.galerkin import Galerkin, shared_functions
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.counters import factorised
@@ -158,8 +158,8 @@ def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[L
     unknown = list(range(len(models)))
     # A low critical speed needs no large basis and few modes of a long chain, so where that is
     # cheaper the search first ends sooner: without weight pipes flutter below 12 if beta < 0.68,
-    # below 30 at any beta, and gamma = 1000 takes the speed to 20 .. 80.
-    for end in [*(end for end in (12.0, 30.0, 60.0) if end < max_speed), max_speed]:
+    # below 20 at any beta, and gamma = 1000 takes the speed to 20 .. 80.
+    for end in [*(end for end in (12.0, 20.0, 30.0, 60.0) if end < max_speed), max_speed]:
         at = [i for i in unknown if end == max_speed or _is_cheaper_up_to(end, models[i])]
         points = losses([models[i] for i in at], end, until_unstable=True, known_to=max_speed)
         for i, point in zip(at, points, strict=True):
@@ -257,23 +257,29 @@ def _point(model: AnyModel, plan: Sequence[Job[Found]], known_to: float) -> Poin
 def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job[Found]:
     """The search of a continuous pipe, in a basis grown until the crossings converge."""
 
-    def crossed(one: Galerkin) -> tuple[Crossing, ...]:
-        # Three fifths of a Legendre model's modes are the pipe's to many digits. Where damping is
-        # so strong that the last of these do not oscillate, those beyond are overdamped too,
-        # however they would grow without it, and nothing sets them apart: then all.
-        share = (3 * one.resolution) // 5
-        resolved = share if one.pipe.damping * (math.pi * share) ** 2 <= 2.0 else None
-        search = _Search(one, max_speed, until_unstable, resolved)
+    def crossed(
+        one: Galerkin, larger: Galerkin | None
+    ) -> tuple[tuple[Crossing, ...], tuple[Crossing, ...] | None]:
+        search = _Search(one, max_speed, until_unstable, _resolved(one), larger)
         _swept([search])
-        return search().value
+        return search().value, search.of_larger()
 
     def job() -> Found:
         smallest = max(16, math.ceil(0.8 * max_speed) + 8)
-        found = model.converge(crossed, _difference, smallest=smallest)
+        found = model.converge_ahead(crossed, _difference, smallest=smallest)
         moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
         return replace(found, value=tuple(moved))
 
     return job
+
+
+def _resolved(model: Galerkin) -> int:
+    """How many modes are the continuous pipe's."""
+    # Three fifths of a Legendre model's are to many digits. Where damping is so strong that the
+    # last of these do not oscillate, those beyond are overdamped too, however they would grow
+    # without it, and nothing sets them apart: then all.
+    share = (3 * model.resolution) // 5
+    return share if model.pipe.damping * (math.pi * share) ** 2 <= 2.0 else model.dof
 
 
 class _Search:
@@ -287,10 +293,16 @@ class _Search:
         max_speed: end of the search.
         until_unstable: whether it ends at the first crossing that destabilises.
         resolved: how many of the lowest modes are looked at; those tracked where not given.
+        larger: reduced model that it is held against, see `of_larger`.
     """
 
     def __init__(
-        self, model: Model, max_speed: float, until_unstable: bool, resolved: int | None = None
+        self,
+        model: Model,
+        max_speed: float,
+        until_unstable: bool,
+        resolved: int | None = None,
+        larger: Galerkin | None = None,
     ) -> None:
         if model.dof > LARGEST_FULL:
             raise ValueError(
@@ -301,7 +313,19 @@ class _Search:
         self.model, self.problem = model, eigenproblem(model)
         self.max_speed, self.until_unstable, self.resolved = max_speed, until_unstable, resolved
         self.swept: _core.Sweep | None = None
+        self.spectrum: _core.Spectrum = self.problem.spectrum()
         self.tracked, self.count = self.problem.dof, 2 * self.problem.dof
+        self.larger = None
+        # Where roots stay on the imaginary axis, no distance to it is known.
+        on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
+        if isinstance(model, Galerkin) and larger is not None and not on_axis:
+            self.larger = eigenproblem(larger)
+            self.spectrum = _core.Truncated(
+                self.problem.spectrum(),
+                self.larger.spectrum(),
+                shared_functions(model, larger),
+                self._looked_at,
+            )
         if not self.problem.is_long:
             return
         self._track(_modes_within(max_speed))
@@ -323,6 +347,10 @@ class _Search:
         """Tracks more modes than the search did that met an untracked one."""
         self._track(max(2 * self.tracked, _modes_within(self.max_speed)))
 
+    @property
+    def _looked_at(self) -> int:
+        return self.tracked if self.resolved is None else self.resolved
+
     def range(self) -> _core.Range:
         """What the core is asked for."""
         return _core.Range(
@@ -332,7 +360,7 @@ class _Search:
             scale=math.cbrt(1.0 + max(self.model.pipe.gamma, 0.0) / LARGE_GRAVITY),
             count=self.count,
             tracked=self.tracked,
-            resolved=self.tracked if self.resolved is None else self.resolved,
+            resolved=self._looked_at,
             certain=min(self.tracked, self.model.resolved_modes),
             until_unstable=self.until_unstable,
         )
@@ -344,12 +372,22 @@ class _Search:
             raise NotConverged(self.swept.failure, found)
         return Converged(found, self.model.dof, 0.0)
 
+    def of_larger(self) -> tuple[Crossing, ...] | None:
+        """The crossings of the larger model, if these show all of them."""
+        if self.larger is None or not isinstance(self.spectrum, _core.Truncated):
+            return None
+        assert self.swept is not None
+        assert isinstance(self.larger.model, Galerkin)
+        resolved = _resolved(self.larger.model)
+        swept = self.spectrum.of_larger(self.swept, self.max_speed, resolved)
+        return None if swept is None else crossings_of(self.larger, swept)
+
 
 def _swept(searches: Sequence[_Search]) -> None:
     """Runs searches in one call of the core, and again those that have to track more modes."""
     while searches:
         with one_thread(max(one.problem.rows for one in searches)):
-            spectra = [one.problem.spectrum() for one in searches]
+            spectra = [one.spectrum for one in searches]
             found = _core.crossings(spectra, [one.range() for one in searches], factorised)
         for one, swept in zip(searches, found, strict=True):
             one.swept = swept

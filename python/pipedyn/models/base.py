@@ -416,7 +416,10 @@ class Model(OfPipe, ABC):
         columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        return self._tips(columns + 1j * COMPLEX_STEP * rates).imag / COMPLEX_STEP
+        return self._tip_velocities(columns, rates)
+
+    def _tip_velocities(self, q: Array, qdot: Array) -> Array:
+        return self._tips(q + 1j * COMPLEX_STEP * qdot).imag / COMPLEX_STEP
 
     @abstractmethod
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:

@@ -218,6 +218,13 @@ class Galerkin(Model):
         angles = self.core.basis(nodes, 1) @ q
         return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)
 
+    def _tip_velocities(self, q: Array, qdot: Array) -> Array:
+        nodes, weights = self._rule(self._count_for(q))
+        basis = self.core.basis(nodes, 1)
+        angles, turning = basis @ q, basis @ qdot
+        parts = weights @ (turning * np.cos(angles)), -weights @ (turning * np.sin(angles))
+        return np.stack(parts, axis=-1)
+
     def _count_for(self, amplitudes: Array) -> int:
         """Nodes on each panel that integrate sine and cosine of the angle, for columns (m, k)."""
         count = 2 * self.core.most_on_a_panel() + 60
@@ -252,3 +259,14 @@ def enriched(model: Galerkin, more: int) -> Galerkin:
     made = model.with_pipe(model.pipe)
     made._more = more
     return made
+
+
+def shared_functions(model: Galerkin, larger: Galerkin) -> list[int]:
+    """Where a larger model has the Legendre functions of another with as many panels."""
+    places = [0] * model.dof
+    for own, others in zip(
+        model.core.functions_by_panel(), larger.core.functions_by_panel(), strict=True
+    ):
+        for k, other in zip(own, others, strict=False):
+            places[k] = other
+    return places

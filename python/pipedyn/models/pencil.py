@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.models.pipe import Pipe
 
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
@@ -83,6 +82,11 @@ class Pencil:
         return _core.Forms(*(complex(np.sum(y.conj() * product(x))) for product in of))
 
 
+def _step(value: float) -> float:
+    """Of a number of the pipe, by which it stays in its range."""
+    return 1.0 if value < 1.0 else -1.0
+
+
 class DensePencil(Pencil):
     """Matrices; O(dof^3)."""
 
@@ -96,18 +100,20 @@ class DensePencil(Pencil):
         self.mass, self.velocity, self.damping, self.stiffness, self.flux = (
             partial(np.matmul, matrix) for matrix in self.matrices
         )
-        self.gravity = partial(self._derivative, "gamma", "stiffness")
+
+    @cached_property
+    def _moved(self) -> DensePencil:
+        """Of other gravity and damping, in which K and D are linear."""
+        more = self.pipe.damping + _step(self.pipe.damping)
+        heavier = self.pipe.gamma + _step(self.pipe.gamma)
+        return DensePencil(self.model.with_pipe(replace(self.pipe, gamma=heavier, damping=more)))
+
+    def gravity(self, x: Vectors) -> Vectors:
+        result: Vectors = _step(self.pipe.gamma) * (self._moved.stiffness(x) - self.stiffness(x))
+        return result
 
     def by_damping(self, x: Vectors) -> Vectors:
-        return self._derivative("damping", "damping", x)
-
-    def _derivative(self, number: str, product: str, x: Vectors) -> Vectors:
-        """Of a product linear in a number of the pipe: by a step that keeps it in its range."""
-        value = getattr(self.pipe, number)
-        step = 1.0 if value < 1.0 else -1.0
-        pipe: Pipe = replace(self.pipe, **{number: value + step})
-        other = DensePencil(self.model.with_pipe(pipe))
-        result: Vectors = step * (getattr(other, product)(x) - getattr(self, product)(x))
+        result: Vectors = _step(self.pipe.damping) * (self._moved.damping(x) - self.damping(x))
         return result
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
@@ -126,7 +127,8 @@ class Follower:
         self, model: Model, events: Sequence[Event], t: float, state: Array, dense: bool
     ) -> None:
         self.model, self.events, self.dense = model, events, dense
-        self._last = [self._value(i, t, *self._recorded(state[None])) for i in range(len(events))]
+        q, qdot = self._recorded(state[None])
+        self._last = [self._value(i, t, q[0], qdot[0]) for i in range(len(events))]
         self._found: list[list[tuple[float, Array, Array]]] = [[] for _ in events]
         self._ends, self._steps = [np.array([t])], [np.empty((0, 1, state.size - 1))]
         self.kept = 0
@@ -137,8 +139,11 @@ class Follower:
         return self.model.recorded(states[:, :size], states[:, size : 2 * size])
 
     def _value(self, i: int, t: float, q: Array, qdot: Array) -> float:
-        """Of event i at a state, of shape (1, coordinates)."""
-        return check.real(f"events[{i}](t, q, qdot)", self.events[i].function(t, q[0], qdot[0]))
+        """Of event i."""
+        value = self.events[i].function(t, q, qdot)
+        if isinstance(value, float) and math.isfinite(value):
+            return value
+        return check.real(f"events[{i}](t, q, qdot)", value)
 
     def add(self, ends: Array, coefficients: Array) -> float | None:
         """Takes steps with these ends, (k + 1,), and says where a terminal event is in them."""
@@ -154,13 +159,13 @@ class Follower:
     def _search(self, ends: Array, coefficients: Array) -> float | None:
         steps = np.repeat(np.arange(len(coefficients)), PARTS)
         x = np.tile(np.arange(1, PARTS + 1) / PARTS, len(coefficients))
-        t = ends[steps] + x * (ends[steps + 1] - ends[steps])
+        t = (ends[steps] + x * (ends[steps + 1] - ends[steps])).tolist()
         q, qdot = self._recorded(powers(coefficients[steps], x))
         found = []
         for i, event in enumerate(self.events):
             before = self._last[i]
-            for k in range(t.size):
-                value = self._value(i, float(t[k]), q[k : k + 1], qdot[k : k + 1])
+            for k in range(steps.size):
+                value = self._value(i, t[k], q[k], qdot[k])
                 rises, falls = before < 0.0 <= value, before > 0.0 >= value
                 if (rises and event.direction >= 0.0) or (falls and event.direction <= 0.0):
                     step = steps[k]
@@ -179,8 +184,8 @@ class Follower:
         """Event i in the part of a step that ends at x = high: time, q and q'."""
 
         def state(x: float) -> tuple[float, Array, Array]:
-            at = powers(coefficients[None], np.array([x]))
-            return float(ends[0] + x * (ends[1] - ends[0])), *self._recorded(at)
+            q, qdot = self._recorded(powers(coefficients[None], np.array([x])))
+            return float(ends[0] + x * (ends[1] - ends[0])), q[0], qdot[0]
 
         def value(x: float) -> float:
             return self._value(i, *state(x))
@@ -189,8 +194,7 @@ class Follower:
         x = high
         if value(low) * value(high) < 0.0:  # else it is at the end, within rounding
             x = scipy.optimize.brentq(value, low, high, xtol=1e-15, rtol=1e-15)
-        t, q, qdot = state(x)
-        return i, t, q[0], qdot[0]
+        return i, *state(x)
 
     def occurrences(self) -> tuple[Occurrences, ...]:
         """Of each event, in order."""

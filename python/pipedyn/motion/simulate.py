@@ -66,7 +66,7 @@ SPEEDS_CHECKED = 101
 """Times over the duration at which a function u(t) is tried beforehand."""
 
 BATCH = 32
-"""Members of a batch: measured, the cost of a member falls little beyond."""
+"""Members of a batch, in whole vectors: measured, the cost of a member falls little beyond."""
 
 
 class Trajectory:
@@ -358,8 +358,8 @@ def simulate_many(
     blocks = []
     for same in members_of.values():
         together = tasks[same[0]].method == "dop853"
-        parts = math.ceil(len(same) / BATCH) if together else len(same)
-        blocks += [part.tolist() for part in np.array_split(same, parts)]
+        most_together = BATCH if together else 1
+        blocks += [same[i : i + most_together] for i in range(0, len(same), most_together)]
     watch = Watch()
     jobs = [partial(_motions, [tasks[i] for i in block], watch) for block in blocks]
     own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
@@ -381,6 +381,8 @@ def simulate_many(
                         failures.append(MemberFailure(i, MotionStopped(message, motion)))
         except BaseException:
             watch.end = -math.inf  # for the threads of the pool
+            if own and pool is not None:
+                pool.shutdown(cancel_futures=True)
             raise
     return Ensemble(tuple(motions), tuple(sorted(failures, key=lambda failure: failure.index)))
 

@@ -48,6 +48,10 @@ REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
 number of functions, because the error of Legendre functions falls to rounding by m = 12."""
 
 
+FOLD = 0.002
+"""How well the map has to know the tips of folds, in beta: a sixth of a line's width."""
+
+
 @dataclass(frozen=True)
 class Case:
     """The options of the command; highest None: chosen from the critical speed."""
@@ -213,26 +217,64 @@ def stability_map(pipe: Pipe, top: float) -> tuple[StabilityCurve, float]:
         curve = stability_curve(lambda beta: continuous(beta).frozen(size), betas, max_speed=end)
         points |= zip(betas, zip(curve.critical, curve.crossings, strict=True), strict=True)
         failures |= {failure.value: failure for failure in curve.failures}
-        # Steps across folds are halved, down to a sixth of a line's width on the page.
-        betas = [
-            0.5 * (a + b)
-            for a, b in pairwise(sorted(points))
-            if b - a > 0.002 and _distance(points[a][1], points[b][1]) > 0.04 * top
-        ]
+        lines = {beta: plot.boundaries(found) for beta, (_, found) in sorted(points.items())}
+        steps = [_between(left, right, top) for left, right in pairwise(lines.items())]
+        betas = [beta for beta in steps if beta is not None]
     values = sorted(points)
     critical, found = zip(*(points[value] for value in values), strict=True)
     failed = (replace(failures[v], index=i) for i, v in enumerate(values) if v in failures)
     exact = stability_curve(continuous, first[::12], max_speed=end)
     missing = {failure.value for failure in exact.failures}
     pairs = zip(first[::12], exact.crossings, strict=True)
-    distances = [_distance(points[value][1], c) for value, c in pairs if value not in missing]
+    distances = [_distance(lines[v], plot.boundaries(c)) for v, c in pairs if v not in missing]
     curve = StabilityCurve(np.array(values), critical, found, tuple(failed))
     return curve, max(distances, default=0.0)
 
 
-def _distance(left: Sequence[Crossing], right: Sequence[Crossing]) -> float:
+def _between(
+    left: tuple[float, list[Crossing]], right: tuple[float, list[Crossing]], top: float
+) -> float | None:
+    """Where the map needs one more beta between two, given the boundaries at each; or None.
+
+    Steps across folds and steep parts are halved. Where it is seen how far ahead two boundaries
+    meet, or one passes the top, the next value lies just before.
+    """
+    (a, more), (b, fewer) = left, right
+    if b - a <= FOLD or _distance(more, fewer) <= 0.04 * top:
+        return None
+    begin, ahead = a, 1.0
+    if len(more) < len(fewer):
+        begin, ahead, more, fewer = b, -1.0, fewer, more
+    lost = [more[i:][: len(more) - len(fewer)] for i in range(len(fewer) + 1)]
+    meeting, i = min((_until_lost(some, ahead, top), i) for i, some in enumerate(lost))
+    rest = [c for c in more if c not in lost[i]]
+    if meeting > FOLD or _distance(rest, fewer) > 0.04 * top:
+        place = begin + ahead * (meeting - 0.5 * FOLD)
+        return place if 0.1 * (b - a) < place - a < 0.9 * (b - a) else 0.5 * (a + b)
+    if i == 0 and b - a > meeting + FOLD:  # the critical speed leaps: see its mode beyond
+        return begin + ahead * (meeting + 0.5 * FOLD)
+    return None
+
+
+def _until_lost(lost: list[Crossing], ahead: float, top: float) -> float:
+    """How far ahead in beta two boundaries meet or one passes the top; infinite if not seen."""
+    known = [None if c.sensitivity is None else c.sensitivity.speed.beta for c in lost]
+    slopes = [ahead * slope for slope in known if slope is not None]
+    if len(slopes) < len(lost):
+        return math.inf
+    if len(lost) == 1:
+        if lost[0].speed >= top:
+            return 0.0
+        return (1.01 * top - lost[0].speed) / slopes[0] if slopes[0] > 0.0 else math.inf
+    if len(lost) != 2 or lost[0].destabilising == lost[1].destabilising:
+        return math.inf
+    # At the tip of a fold beta is a parabola of the speed.
+    apart, closing = lost[1].speed - lost[0].speed, slopes[0] - slopes[1]
+    return 0.5 * apart / closing if closing > 0.0 else math.inf
+
+
+def _distance(a: Sequence[Crossing], b: Sequence[Crossing]) -> float:
     """Largest distance of stability boundaries, in speed; infinite where their numbers differ."""
-    a, b = plot.boundaries(left), plot.boundaries(right)
     if len(a) != len(b):
         return math.inf
     return max((abs(p.speed - q.speed) for p, q in zip(a, b, strict=True)), default=0.0)

@@ -535,8 +535,6 @@ class Assembly(Model):
         return self._layout.rest if self._reference is None else self._reference
 
     def motion_jacobian(self, y: Array, u: float) -> Array:
-        if y.ndim > 1:
-            return np.array([self.motion.jacobian(column.copy(), u) for column in y.T])
         return self.motion.jacobian(y, u)
 
     # ---------------------------------------------------------------------------------- geometry

@@ -171,14 +171,16 @@ class SceneMotion:
         return by_state, drift + q_by_angle @ by_state
 
     def jacobian(self, y: Array, u: float) -> Array:
-        """Derivative of the angles' rates by [theta, theta'], shape (2 n, 2 n).
+        """Derivative of the angles' rates by [theta, theta'], (2 n, 2 n), or (k, ...) of k states.
 
         Exact without guides and pins; with them the projection's own curvature is left out, which
         an implicit integrator does not miss.
         """
         n, layout = self.layout.size, self.layout
         if self.is_compiled and not layout.holding:
-            return self.core.jacobian(y, u)
+            return self.core.chain.jacobian(0.0, y, u)
+        if y.ndim == 2:
+            return np.array([self.jacobian(column, u) for column in y.T.copy()])
         met = np.concatenate(self.projected(y[:n], y[n : 2 * n]))
         whole = np.eye(2 * n, k=n)
         whole[n:] = self.accelerations_by_state(met, u)[0]

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/linear/truncated.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pipedyn {
+
+namespace {
+
+/// |d / lambda| up to which d is trusted to a third, and Re d / Re lambda up to which the side is.
+constexpr double largest_shift = 0.05, largest_share = 0.5;
+
+/// How far from a crossing the larger model's is looked for, relative to 1 + u.
+constexpr double near_by = 1e-3;
+
+}  // namespace
+
+Sample Truncated::sample(double u, Index count) {
+  Sample at = fewer_->sample(u, count);
+  const Index looked_at = std::min(resolved_, at.size());
+  std::vector<Index> lowest(looked_at);
+  for (Index i = 0; i < looked_at; ++i) lowest[i] = i;
+  const Values missed = more_->at(u).missed(at.take(lowest), shared_);
+  for (Index i = 0; i < looked_at; ++i) {
+    const Complex value = at.values[i];
+    const double real = std::abs(value.real()), lost = std::abs(missed[i].real());
+    // Far from the axis are roots of the lowest modes, of which little is missed, of those that
+    // damping holds near -1 / delta whatever their shape, and of the highest, not the pipe's.
+    if (value.real() < -heavy_damping * std::abs(value)) continue;
+    if (u == 0.0 && !traits.damped && real <= at.noise[i]) continue;  // on the axis in both
+    if (std::abs(missed[i]) <= largest_shift * std::abs(value) && lost <= largest_share * real) {
+      at.noise[i] += 2.0 * lost;
+    } else {
+      alike_ = false;
+    }
+  }
+  this->count();
+  return at;
+}
+
+Pair Truncated::refined(double u, const Pair& guess) { return fewer_->refined(u, guess); }
+
+Pair Truncated::null_pair(double u, const Pair& near) { return fewer_->null_pair(u, near); }
+
+double Truncated::determinant(double u, const Pair& near) { return fewer_->determinant(u, near); }
+
+std::optional<Sweep> Truncated::of_larger(Sweep sweep, double max_speed, Index resolved) {
+  if (!alike_ || sweep.untracked || !sweep.failure.empty()) return {};
+  int expected = sweep.unstable_at_rest;
+  double end = max_speed;
+  for (AxisCrossing& crossing : sweep.crossings) {
+    const std::optional<AxisCrossing> there = of_larger(crossing);
+    if (!there) return {};
+    crossing = *there;
+    expected += crossing.change;
+    end = crossing.change > 0 ? (1.0 + near_by) * crossing.speed : max_speed;
+  }
+  const bool as_many = unstable(std::min(end, max_speed), resolved) == expected;
+  count();
+  if (!as_many) return {};
+  return sweep;
+}
+
+std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
+  if (crossing.pair.right.size() == 0) return {};
+  const double u = crossing.speed, reach = near_by * (1.0 + u);
+  const double low = std::max(u - reach, 0.0), high = u + reach;
+  AxisCrossing there = crossing;
+  if (crossing.value == 0.0) {
+    auto found = divergence(*more_, more_->null_pair(u, {}), u, low, high, 1e-9 * reach);
+    if (!found) return {};
+    there.speed = found->speed;
+    there.error = found->error;
+    there.pair = std::move(found->pair);
+    return there;
+  }
+  Pair guess{crossing.pair.value, ComplexVector::Zero(more_->traits.dof)};
+  for (std::size_t k = 0; k < shared_.size(); ++k) {
+    guess.right[shared_[k]] = crossing.pair.right[static_cast<Index>(k)];
+  }
+  std::tie(there.speed, there.pair) = newton(*more_, u, std::move(guess), low, high);
+  there.error = error_of(there.pair);
+  const double off = std::abs(there.pair.value.imag() - crossing.pair.value.imag());
+  const bool good = there.pair.converged() && off <= near_by * (1.0 + std::abs(crossing.value)) &&
+                    std::abs(there.pair.value.real()) <= 1e-6 * (1.0 + std::abs(crossing.value)) &&
+                    (there.pair.slope.real() > 0.0) == (crossing.change > 0);
+  if (!good) return {};
+  there.value = {0.0, std::abs(there.pair.value.imag())};
+  return there;
+}
+
+/// Of the lowest roots those that rounding does not hide.
+int Truncated::unstable(double u, Index resolved) {
+  Values values = more_->at(u).roots(shifts[0], false);
+  ++factorised_;
+  for (Complex& value : values) value = shifts[0] + 1.0 / value;
+  int number = 0;
+  const std::vector<Index> order = by_size(values);
+  for (Index i = 0; i < std::min<Index>(2 * resolved, values.size()); ++i) {
+    const Complex value = values[order[i]];
+    number += value.real() > 1e-14 * std::abs(value) + 40.0 * eps * std::norm(value);
+  }
+  return number;
+}
+
+}  // namespace pipedyn
