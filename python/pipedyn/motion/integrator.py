@@ -57,7 +57,7 @@ need at its present steps, which grow where fast modes decay: 50 times, measured
 MOST_CALLS = 1e8
 """Right-hand sides that a motion may take: minutes with few segments, an hour with a thousand."""
 
-BATCHED, BATCH_DECAY = 8, 3.0
+BATCHED, BATCH_DECAY = 8, 2.0
 """Members from which explicit steps of a batch are cheaper than implicit ones one after the other,
 unless the fastest decay is so many times the highest frequency. Measured, see `choose_method`."""
 
@@ -68,7 +68,7 @@ relative to that one."""
 
 LARGEST_IMPLICIT = 1000
 """Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
-unknowns take 256 MB and, measured, 10 s on one core."""
+unknowns take 256 MB and, from 1.8 s measured with half as many, 15 s on one core."""
 
 LARGEST_DENSE = 100_000_000
 """Numbers that dense output may hold: 0.8 GB."""
