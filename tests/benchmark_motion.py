@@ -16,8 +16,8 @@ from collections.abc import Callable
 import mpmath
 import numpy as np
 import scipy
-from benchmark_eigenvalues import machine
 from independent import dense_jacobian, dense_rates
+from measuring import check, cost_of, ended, machine
 
 import pipedyn as pp
 from pipedyn import _core
@@ -25,30 +25,6 @@ from pipedyn.models.base import core_pipe
 
 SPEED, MEMBERS = 6.0, 256
 PIPE = pp.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
-
-failures = []
-
-
-def timed(call: Callable[[], object], seconds: float = 0.3) -> float:
-    """Shortest of the mean times of a call over short rounds, s.
-
-    Of the thread, which other work on the machine interrupts but does not lengthen.
-    """
-    start = time.thread_time()
-    call()
-    inner = max(1, int(2e-3 / (time.thread_time() - start + 1e-9)))
-    best, end = np.inf, time.monotonic() + seconds
-    while time.monotonic() < end:
-        start = time.thread_time()
-        for _ in range(inner):
-            call()
-        best = min(best, (time.thread_time() - start) / inner)
-    return best
-
-
-def check(error: float, limit: float, what: str) -> None:
-    if not error <= limit:
-        failures.append(f"{what}: error {error:.1e} is not within {limit:.0e}")
 
 
 def worst(found: np.ndarray, exact: np.ndarray) -> float:
@@ -189,7 +165,7 @@ def peers(n: int) -> tuple[list[Route], dict[str, float]]:
         ("rhs", "pinocchio aba", aba, aba_error),
         ("jacobian", "pinocchio derivatives", derivatives, np.nan),
     ]
-    return routes, {"rhs": timed(aba), "jacobian": timed(derivatives)}
+    return routes, {"rhs": cost_of(aba), "jacobian": cost_of(derivatives)}
 
 
 def ours(n: int) -> list[Route]:
@@ -225,7 +201,7 @@ def right_hand_sides() -> None:
                 _core.set_vector_level(level)
                 routes = ours(n)
             for question, route, call, error in routes:
-                cost = timed(call) / (MEMBERS if "states" in question else 1)
+                cost = cost_of(call) / (MEMBERS if "states" in question else 1)
                 faster = peer_costs["jacobian" if question == "jacobian" else "rhs"] / cost
                 digits = "not measured" if np.isnan(error) else f"{error:.0e}"
                 print(f"| {question} | {route} | {1e6 * cost:.3f} | {faster:.1f} | {digits} |")
@@ -282,9 +258,9 @@ def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]
     check(max(errors[:2]), limit, f"rhs, {what}")
     check(errors[2], 1e-5 if pipe.drag else 1e-9, f"jacobian against differences, {what}")
     costs = (
-        timed(lambda: model.rhs(0.0, y, SPEED)),
-        timed(lambda: model.rhs(0.0, many, speeds)) / MEMBERS,
-        timed(lambda: model.jacobian(0.0, y, SPEED)),
+        cost_of(lambda: model.rhs(0.0, y, SPEED)),
+        cost_of(lambda: model.rhs(0.0, many, speeds)) / MEMBERS,
+        cost_of(lambda: model.jacobian(0.0, y, SPEED)),
     )
     return list(zip(costs, errors, strict=True))
 
@@ -313,8 +289,8 @@ def linearity() -> None:
     print("|---|---|---|")
     for n in (10, 100, 1000, 10_000, 100_000):
         chain, y, many = pp.Chain(PIPE, n), state(n), state(n, 16)
-        one = timed(lambda chain=chain, y=y: chain.rhs(0.0, y, SPEED))
-        batch = timed(lambda chain=chain, many=many: chain.rhs(0.0, many, SPEED)) / 16
+        one = cost_of(lambda chain=chain, y=y: chain.rhs(0.0, y, SPEED))
+        batch = cost_of(lambda chain=chain, many=many: chain.rhs(0.0, many, SPEED)) / 16
         print(f"| {n} | {1e9 * one / n:.1f} | {1e9 * batch / n:.1f} |")
     print()
 
@@ -363,7 +339,7 @@ def cycles() -> None:
     ]
     for name, model, u, multipliers in cases:
         cycle = pp.limit_cycle(model, u)
-        cost = timed(lambda model=model, u=u: pp.limit_cycle(model, u))
+        cost = cost_of(lambda model=model, u=u: pp.limit_cycle(model, u))
         check(cycle.error, 1e-6, f"amplitude and frequency, {name}")
         check(cycle.multiplier_error, 1e-6, f"multipliers, {name}")
         plain, distance = "-", "-"
@@ -396,9 +372,7 @@ def main() -> int:
     reduced_models()
     linearity()
     cycles()
-    for failure in failures:
-        print(f"FAILED {failure}")
-    return 1 if failures else 0
+    return ended()
 
 
 if __name__ == "__main__":

@@ -1007,24 +1007,20 @@ def _motions() -> Iterator[Target]:
         },
         slow=True,
     )
-    yield Target(
-        "bifurcation_diagram",
-        pp.bifurcation_diagram,
-        {
-            "model": flutter,
-            "speeds": array(2, (0.1, 1.0), (-1.0, 1e9), rising=True),
-            "cycles": count(0, 0, 10_001),
-            "brute_force": count(0, 1, 10_001),
-            "transient": real((0.0, 1.0), -1.0, 1e300),
-            "duration": real((1.0, 2.0), 0.0, 1e300),
-            "exponents": FLAG,
-            "rtol": real((1e-6, 1e-3), 0.0, 1.0),
-            "seed": Kind(one_of(0, 7), any_of(NONE, *NOTHINGS, *WORDS, one_of(-1, 0.5, NAN))),
-            "executor": EXECUTOR,
-            "progress": FLAG,
-        },
-        slow=True,
-    )
+    diagram = {
+        "model": flutter,
+        "speeds": array(2, (0.1, 1.0), (-1.0, 1e9), rising=True),
+        "cycles": count(0, 0, 10_001),
+        "brute_force": count(0, 1, 10_001),
+        "transient": real((0.0, 1.0), -1.0, 1e300),
+        "duration": real((1.0, 2.0), 0.0, 1e300),
+        "exponents": FLAG,
+        "rtol": real((1e-6, 1e-3), 0.0, 1.0),
+        "seed": Kind(one_of(0, 7), any_of(NONE, *NOTHINGS, *WORDS, one_of(-1, 0.5, NAN))),
+    }
+    shown = {"executor": EXECUTOR, "progress": FLAG}
+    yield Target("bifurcation_diagram", pp.bifurcation_diagram, {**diagram, **shown}, slow=True)
+    yield Target("diagram_cost", pp.diagram_cost, diagram, slow=True)
 
 
 def _without_none(given: dict[str, Any], name: str) -> dict[str, Any]:

@@ -70,6 +70,32 @@ def test_motions_that_are_periodic_are_cycles_though_a_period_has_a_dozen_maxima
         assert cycle.amplitude == pytest.approx(0.5 * np.ptp(one.turnings), rel=1e-4)
 
 
+def test_what_a_diagram_takes_is_known_beforehand(capsys):
+    model, speeds = pp.Galerkin(pp.Pipe(0.2), 3), [5.0, 5.5, 6.0, 6.5]
+    given = {"brute_force": 2, "transient": 10.0, "duration": 4.0}
+    cost = pp.diagram_cost(model, speeds, **given)
+    taken = {}
+    no_cycles, no_motions = {"cycles": 0}, {"brute_force": 0}
+    for name, change in (
+        *(("cycles", no_motions), ("motions", no_cycles)),
+        ("equilibria", {**no_cycles, **no_motions}),
+    ):
+        with counted() as work:
+            pp.bifurcation_diagram(model, speeds, **{**given, **change})
+        taken[name] = work.right_hand_sides
+    for told, name in ((cost.cycles, "cycles"), (cost.motions, "motions")):
+        needed = taken[name] - taken["equilibria"]
+        assert needed / 3.0 < told < 3.0 * needed
+    assert cost.seconds > 0.0
+    assert capsys.readouterr().err == ""
+    pp.bifurcation_diagram(model, speeds, cycles=0, progress=True)
+    assert "bifurcation diagram: about" in capsys.readouterr().err
+    stable = pp.diagram_cost(model, [1.0, 2.0])
+    assert (stable.cycles, stable.motions) == (0.0, 0.0)
+    with pytest.raises(ValueError, match="speeds must be at least 2"):
+        pp.diagram_cost(model, [1.0])
+
+
 def test_batches_on_an_executor_give_the_same_diagram(diagram, capsys):
     with ThreadPoolExecutor(2) as executor:
         again = pp.bifurcation_diagram(

@@ -7,6 +7,7 @@ Independent routes: elliptic integrals of the pendulum, and scipy's `solve_ivp` 
 import os
 import pickle
 import signal
+import sys
 import threading
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.special import ellipk
 import pipedyn as pp
 from pipedyn.motion import integrator
 from pipedyn.motion.integrator import CORE
+from pipedyn.util.counters import counted
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 5)
 SHARP = {"rtol": 1e-11, "atol": 1e-13}
@@ -163,11 +165,12 @@ def test_states_at_any_time_are_those_of_solve_ivp(method):
     assert pp.simulate(CHAIN, 4.0, 3.0, bow).dense is None
 
 
-def test_dense_output_ends_a_motion_before_it_fills_the_memory(monkeypatch):
-    monkeypatch.setattr(integrator, "LARGEST_DENSE", 50_000)
-    with pytest.raises(pp.MotionStopped, match="dense output") as caught:
-        pp.simulate(CHAIN, 4.0, 1e6, bow, times=np.arange(100.0), dense=True, method="dop853")
-    assert 0.0 < caught.value.motion.t[-1] < 100.0
+@pytest.mark.parametrize("asked", [{"dense": True}, {"events": tip_angle}])
+def test_what_is_kept_ends_a_motion_before_it_fills_the_memory(monkeypatch, asked):
+    monkeypatch.setattr(integrator, "LARGEST_KEPT", 500)
+    with pytest.raises(pp.MotionStopped, match="dense output and events") as caught:
+        pp.simulate(CHAIN, 6.5, 1e6, bow, times=np.arange(1e3) / 1e4, method="dop853", **asked)
+    assert caught.value.motion.t.size >= 1
 
 
 # -------------------------------------------------------------------- times, speeds and callbacks
@@ -297,9 +300,31 @@ def test_members_do_not_depend_on_the_number_of_threads(monkeypatch):
         assert one == last
 
 
-def test_batches_leave_python_s_lock_and_count_for_their_caller():
-    from pipedyn.util.counters import counted
+def test_another_thread_runs_while_a_motion_goes_on():
+    """Python would change threads on its own only after a minute."""
+    seen = threading.Event()
+    worker = threading.Thread(
+        target=pp.simulate,
+        args=(CHAIN, 6.5, 1e9, bow),
+        kwargs={
+            "times": [1e9],
+            "method": "dop853",
+            "most": 1e12,
+            "callback": lambda *_: seen.is_set(),
+        },
+    )
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(60.0)
+    try:
+        worker.start()
+        seen.set()
+        worker.join(timeout=30.0)
+        assert not worker.is_alive()
+    finally:
+        sys.setswitchinterval(interval)
 
+
+def test_batches_count_for_their_caller():
     with counted() as counters:
         found = pp.simulate_many(CHAIN, np.linspace(3.0, 6.0, 70), 1.0, bow, samples=5)
     assert counters.right_hand_sides == sum(motion.evaluations for motion in found.motions)

@@ -25,6 +25,7 @@ from pipedyn.accuracy.quantities import (
     RootLociOver,
 )
 from pipedyn.accuracy.trade import measured
+from pipedyn.bifurcation.collocation import STAGES
 from pipedyn.util.counters import TookTooLong, counted, limited
 
 PIPE = pp.Pipe(0.2)
@@ -267,7 +268,7 @@ def test_a_cycle_counts_its_right_hand_sides_and_factorisations():
     with counted() as counters:
         cycle = pp.limit_cycle(pp.Galerkin(DAMPED, 3, "legendre"), 6.0)
     assert counters.right_hand_sides >= cycle.evaluations
-    assert counters.factorisations > cycle.phases
+    assert counters.factorisations > cycle.phases / STAGES  # every interval's equations, at least
 
 
 def test_an_eigenvalue_problem_is_a_factorisation_and_itself():
@@ -448,6 +449,6 @@ def test_a_computation_ends_with_its_time(method):
     chain = pp.Chain(pp.Pipe(0.2, damping=1e-3), 20)
     with pytest.raises(TookTooLong, match=r"more than 0\.1 s"), limited(60.0), limited(0.1):
         pp.simulate(chain, 6.0, 1e3, 0.1 * np.ones(20), samples=2, method=method)
-    with pytest.raises(TookTooLong), limited(0.1):
+    with pytest.raises(TookTooLong), limited(0.01):
         pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2), 16, "legendre"), 6.0)
     pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 6.0)

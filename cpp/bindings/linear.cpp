@@ -183,7 +183,7 @@ void define_linear(py::module_& m) {
   m.def(
       "crossings",
       [](const std::vector<std::shared_ptr<Spectrum>>& spectra, const std::vector<Range>& ranges,
-         const py::object& factorised, const py::object& one_done) {
+         const py::object& factorised) {
         std::vector<Sweep> found;
         if (spectra.empty()) return found;
         Report report(spectra[0], factorised);
@@ -191,16 +191,14 @@ void define_linear(py::module_& m) {
           const py::gil_scoped_release unlocked;
           for (std::size_t i = 0; i < spectra.size(); ++i) {
             report.go_on(spectra[i]);
+            if (i > 0) spectra[i]->share(*spectra[i - 1]);
             found.push_back(crossings(*spectra[i], ranges.at(i), std::ref(report)));
-            if (one_done.is_none()) continue;
-            const py::gil_scoped_acquire locked;
-            one_done();
           }
         }
         report.tell();
         return found;
       },
-      "spectra"_a, "ranges"_a, "factorised"_a, "one_done"_a = py::none());
+      "spectra"_a, "ranges"_a, "factorised"_a);
 
   py::class_<DenseOperator>(m, "DenseOperator")
       .def(py::init([](DenseOperator::Matrices of, double size) {

@@ -9,7 +9,12 @@ from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.brute_force import Attractor
-from pipedyn.bifurcation.diagram import BifurcationDiagram, bifurcation_diagram
+from pipedyn.bifurcation.diagram import (
+    BifurcationDiagram,
+    DiagramCost,
+    bifurcation_diagram,
+    diagram_cost,
+)
 from pipedyn.bifurcation.equilibria import (
     BranchPoint,
     Equilibria,
@@ -59,6 +64,7 @@ __all__ = [
     "Damper",
     "DenseOutput",
     "Derivatives",
+    "DiagramCost",
     "Effect",
     "Ensemble",
     "Equilibria",
@@ -101,6 +107,7 @@ __all__ = [
     "critical_speed",
     "criticality_curve",
     "crossings",
+    "diagram_cost",
     "eigenvalues",
     "equilibria",
     "equilibrium_branch",

@@ -522,7 +522,6 @@ def crossings(
     spectra: collections.abc.Sequence[Spectrum],
     ranges: collections.abc.Sequence[Range],
     factorised: typing.Any,
-    one_done: typing.Any = None,
 ) -> list[Sweep]: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(

@@ -29,6 +29,8 @@ namespace pipedyn {
 /// What multiplies lambda^0, lambda^1 and lambda^2.
 struct ImpedanceParts {
   double still, rate, square;
+
+  bool operator==(const ImpedanceParts&) const = default;
 };
 
 /// One segment, all but the flow's share of each coefficient.
@@ -43,6 +45,8 @@ struct ImpedanceSegment {
   double turned_size, moment_size;
   bool held;    // whether a guide holds its end
   bool loaded;  // whether z, f and t are more than inertia, or g has a rate
+
+  bool operator==(const ImpedanceSegment&) const = default;
 };
 
 struct ImpedanceModel {

@@ -163,9 +163,9 @@ void join(Approximations& roots) {
 
 namespace {
 
-/// Something known with its slope, and at a speed lower by `since` if that is not 0.
+/// Something known with its slope, also at a speed lower by `since` if that is not 0.
 template <class Number>
-struct Course {
+struct Extrapolation {
   Number value, slope;
   double since;
   Number value_before, slope_before;
@@ -182,7 +182,7 @@ struct Course {
 
 /// Two roots about to meet on the real axis, by their sum and product.
 struct Meeting {
-  Course<double> sum, product;
+  Extrapolation<double> sum, product;
 
   Meeting(const Approximation& one, const Approximation& other) {
     const double since = one.since == other.since ? one.since : 0.0;
@@ -241,9 +241,9 @@ Approximations expected(const Approximations& roots, double further, double delt
       Meeting(one, twin).add(further, result);
       continue;
     }
-    const Course<Complex> course{one.value, one.slope, one.since, one.value_before,
-                                 one.slope_before};
-    const Complex change = course.at(further) - one.value;
+    const Extrapolation<Complex> known{one.value, one.slope, one.since, one.value_before,
+                                       one.slope_before};
+    const Complex change = known.at(further) - one.value;
     one.since = one.slope == 0.0 ? 0.0 : further;
     one.value_before = one.value;
     one.slope_before = one.slope;

@@ -206,7 +206,7 @@ bool ChainSpectrum::has_all(double u, const Approximations& roots) const {
     least = std::min(least, size);
     most = std::max(most, size);
   }
-  // What is wrong with a root shows at all |lambda| of its order.
+  // What is wrong with a root shows at all |lambda| of its order, here at most a factor 3 off.
   const Index count = std::max<Index>(8, std::ceil(std::log(most / least) / std::log(3.0)));
   const Values points =
       std::polar(1.0, ray) *
@@ -265,6 +265,20 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   return found;
 }
 
+void ChainSpectrum::share(const Spectrum& other) {
+  const auto* const chain = dynamic_cast<const ChainSpectrum*>(&other);
+  if (chain == nullptr || is_squared(0.0) != chain->is_squared(0.0)) return;
+  if (chain_.is_same_at_rest(chain->chain_) && scale_ == chain->scale_)
+    starts_at_rest_ = chain->starts_at_rest_;
+}
+
+Approximations ChainSpectrum::dense_starts(double u) {
+  if (u == 0.0 && !starts_at_rest_.empty()) return starts_at_rest_;
+  const Approximations found = dense_roots(chain_, complement_, lapack_, scale_, u, is_squared(u));
+  if (u == 0.0) starts_at_rest_ = found;
+  return found;
+}
+
 std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vectors) {
   const Index n = chain_.dof(), zeros = roots_at_zero(u);
   const Index before = std::count_if(roots_.begin(), roots_.end(),
@@ -282,7 +296,7 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
     if ((own ? n : segments) > dense_limit) return std::nullopt;
     Approximations starts;
     if (own) {
-      starts = dense_roots(chain_, complement_, lapack_, scale_, u, is_squared(u));
+      starts = dense_starts(u);
       put_zeros(starts, zeros);
       add_stiff(chain_, traits.dof, u, starts);
     } else {

@@ -4,7 +4,7 @@
 // for one of them.
 //
 // Starts are LAPACK's roots of the chain, or for few of a long one those of a coarser chain; at a
-// speed near the last one, its roots moved on by their slopes. All are corrected at once by the
+// speed near the last ones, cubics through their roots. All are corrected at once by the
 // method of Ehrlich and Aberth, Newton's on what the others leave of the determinant,
 //   1 / (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)),
 // so that no two end on one root. That none is missing is checked by the same expression without
@@ -32,6 +32,7 @@ class ChainSpectrum : public Eigenproblem {
   /// d log det P / dlambda.
   Values log_derivatives(double u, const Values& values) const;
   void assess(double u, Pairs& pairs) override;
+  void share(const Spectrum& other) override;
   std::optional<Forms> forms(const Pair& pair) const override;
   Index standing() const override { return zeros_in_flow_; }
   Pair refined(double u, const Pair& guess) override;
@@ -50,12 +51,14 @@ class ChainSpectrum : public Eigenproblem {
 
   Approximations roots_;
   double roots_speed_ = -infinite;
+  Approximations starts_at_rest_;  // once known
 
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
                             int most_corrections);
   Pairs at(double u, const Values& values, bool vectors) const;
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
+  Approximations dense_starts(double u);
   bool has_all(double u, const Approximations& roots) const;
   bool has_all_within(double u, const Approximations& roots, std::size_t least) const;
 };

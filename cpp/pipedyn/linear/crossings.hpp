@@ -21,6 +21,7 @@
 #include <optional>
 #include <string>
 
+#include "pipedyn/linear/axis_roots.hpp"
 #include "pipedyn/linear/tracking.hpp"
 
 namespace pipedyn {
@@ -46,28 +47,6 @@ struct Sweep {
 /// Roots of modes that need not be tracked are not worth refining with Re < -0.3 |lambda|: with 16
 /// Legendre functions they have 0.56 or more at damping 1e-3, without damping 0.03 at most.
 inline constexpr double heavy_damping = 0.3;
-
-using Function = std::function<double(double)>;
-
-/// Zero of a function with opposite signs at low and high, to a tolerance, by inverse quadratic
-/// interpolation where it serves and bisection elsewhere (Chandrupatla 1997).
-double zero_between(const Function& f, double low, double high, double tolerance);
-
-/// A root on the imaginary axis by Newton's method from a guess at speed u, or the iterate at which
-/// it ends without, as where it leaves the speeds from low to high.
-std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double low, double high);
-
-/// Of the speed at which a root lies on the axis.
-double error_of(const Pair& pair);
-
-/// Where det K(u) changes sign, outwards from the speed expected by a first reach and more, with
-/// the null vectors there and the error of the speed; `near` has those near by.
-struct Divergence {
-  double speed, error;
-  Pair pair;
-};
-std::optional<Divergence> divergence(Spectrum& spectrum, const Pair& near, double expected,
-                                     double least, double most, double reach);
 
 /// `tracked` modes are computed and tracked, of which the lowest `resolved` at rest are looked at.
 struct Range {

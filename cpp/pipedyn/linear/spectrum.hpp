@@ -110,6 +110,9 @@ class Spectrum {
   /// doubles do not hold them.
   virtual Sample sample(double u, Index count) = 0;
 
+  /// Takes from another what is the same to the bit and need not be computed again.
+  virtual void share(const Spectrum&) {}
+
   /// y^H A x of a root's vectors, where the model is made of parts that are known here.
   virtual std::optional<Forms> forms(const Pair&) const { return {}; }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <numbers>
+#include <numeric>
 #include <set>
 #include <tuple>
 
@@ -132,21 +133,30 @@ Roots matched(const Sample& left, const Sample& right, double h) {
   const Values ahead = left.values + 0.5 * h * left.slopes;
   const Values behind = right.values - 0.5 * h * right.slopes;
   const Roots twins = conjugates(left), others = conjugates(right);
-  // Of conjugates the upper says where both go, unless one may come from the other half plane.
+  // Where each root's nearest is one of its own these are it. Of conjugates the upper says where
+  // both go; as long as nothing comes from the other half plane, it need not look there.
+  const auto is_upper = [](Complex value) { return value.imag() >= 0.0; };
+  bool stay = std::all_of(left.values.begin(), left.values.end(), [&](const Complex& value) {
+    return !is_upper(value) || is_upper(ahead[&value - left.values.data()]);
+  });
   Roots columns;
-  bool apart = right.size() >= size;
   for (Index j = 0; j < right.size(); ++j) {
-    if (right.values[j].imag() < 0.0 && others[j] >= 0) continue;
-    columns.push_back(j);
-    apart = apart && (right.values[j].imag() == 0.0 || behind[j].imag() >= 0.0);
+    const bool is_lower = right.values[j].imag() < 0.0;
+    if (!(is_lower && others[j] >= 0)) columns.push_back(j);
+    stay = stay && (right.values[j].imag() <= 0.0 || is_upper(behind[j])) &&
+           !(is_lower && others[j] < 0);
+  }
+  if (!stay) {
+    columns.resize(right.size());
+    std::iota(columns.begin(), columns.end(), 0);
   }
   const Values there = right.values(columns), there_behind = behind(columns);
   const Reals real = there.real(), imag = there.imag();
   const Reals real_behind = there_behind.real(), imag_behind = there_behind.imag();
   Reals squares(real.size());
-  // Where each root's nearest is one of its own these are it.
   Roots onto(size, -1);
-  Flags taken(real.size(), 0);
+  Flags taken(right.size(), 0);
+  bool apart = right.size() >= size;
   for (Index i = 0; i < size && apart; ++i) {
     const Complex here = left.values[i], next = ahead[i];
     if (here.imag() < 0.0 && twins[i] >= 0) continue;
@@ -155,12 +165,11 @@ Roots matched(const Sample& left, const Sample& right, double h) {
                   .min((real - here.real()).square() + (imag - here.imag()).square());
     const double least = squares.minCoeff();
     const Index place = std::find(squares.begin(), squares.end(), least) - squares.begin();
-    apart = place < squares.size() && here.imag() >= 0.0 && next.imag() >= 0.0 &&
-            !std::exchange(taken[place], 1);
+    apart = place < squares.size() && !std::exchange(taken[columns[place]], 1);
     if (!apart) break;
     const Index j = onto[i] = columns[place];
     if (twins[i] < 0 || twins[i] == i) continue;
-    apart = others[j] >= 0 && others[j] != j;
+    apart = others[j] >= 0 && !std::exchange(taken[others[j]], 1);
     if (apart) onto[twins[i]] = others[j];
   }
   if (apart) return onto;
@@ -247,12 +256,18 @@ void match(Step& step, const Roots& tracked, const Cluster& cluster) {
     }
     return false;
   };
+  // Sorted as they are, no later root is near whose |lambda| cannot come down that far.
+  Reals lowest = Reals::Constant(size + 1, infinite);
+  for (Index i = size - 1; i >= 0; --i) {
+    const bool goes_on = step.onto[i] >= 0;
+    lowest[i] = std::min(lowest[i + 1], goes_on ? magnitude(left.values[i]) - extent[i] : infinite);
+  }
   std::set<std::pair<Index, Index>> near;
   for (const Index i : known) {
     if (twins[i] < i) continue;  // what is near it is so of their conjugates
-    for (const Index k : known) {
-      const bool again = k <= i || (twins[i] == i && twins[k] < k);
-      if (again || !is_near(i, k)) continue;
+    const double highest = (1.0 + 4.0 * eps) * (magnitude(left.values[i]) + extent[i]);
+    for (Index k = i + 1; k < size && lowest[k] <= highest; ++k) {
+      if (step.onto[k] < 0 || (twins[i] == i && twins[k] < k) || !is_near(i, k)) continue;
       for (const auto& [one, other] : {std::pair(i, k), std::pair(twins[i], twins[k])}) {
         if (is_tracked[one] || is_tracked[other]) near.insert(std::minmax(one, other));
       }

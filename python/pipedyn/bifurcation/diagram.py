@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 import math
+import sys
 from concurrent.futures import Executor
-from dataclasses import field, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.branches import (
+    BEYOND,
     BranchOptions,
     CycleBranch,
     Traced,
@@ -34,7 +37,13 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
-from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, NoCycle, amplitude_of, cycle_from
+from pipedyn.bifurcation.limit_cycle import (
+    LARGEST_CYCLE,
+    NoCycle,
+    amplitude_of,
+    cycle_from,
+    limit_cycle,
+)
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
@@ -42,6 +51,7 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.counters import clock, counted
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel, track
 from pipedyn.util.result import result
@@ -49,6 +59,9 @@ from pipedyn.util.threads import one_thread
 
 MOST_MOTIONS = 100_000
 """Of one call: an hour at 30 ms each."""
+
+STEPS_AHEAD = 8
+"""Along a branch of cycles, after which its steps grow no more: beside an onset they are short."""
 
 MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
@@ -125,7 +138,7 @@ def bifurcation_diagram(
         seed: of the initial states; the first is always a slight bend.
         executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
             motions.
-        progress: show progress on stderr.
+        progress: show progress on stderr, and before that what `diagram_cost` answers.
 
     Returns:
         BifurcationDiagram; what fails is recorded in `failures` and the rest is kept.
@@ -133,6 +146,125 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
+    asked = _asked(
+        *(model, speeds, cycles, brute_force, transient, duration, exponents, rtol, seed)
+    )
+    check.executor("executor", executor)
+    shown = check.flag("progress", progress)
+
+    model, at, failed = asked.model, asked.speeds, list[Failed]()
+    branches, resting = equilibrium_branches(model, at, failed, shown)
+    if shown:
+        print(f"bifurcation diagram: {_cost(asked, branches)}", file=sys.stderr)
+    found = _Cycles(model, BranchOptions(at, asked.options.rtol, asked.steps), failed)
+    if asked.steps:
+        found.from_onsets(branches, executor, shown)
+    motions: tuple[Attractor, ...] = ()
+    if asked.starts:
+        motions = attractors(model, at, asked.starts, asked.options, failed, executor, shown)
+    if asked.steps:
+        found.from_motions(motions)
+        for u in sorted(seeds(at)):
+            passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
+            if u > 0.0 and u not in resting and not any(passed):
+                found.through(u, model.bent(slight_bend))
+    failed.sort(key=lambda one: one[0])
+    places = {u: place for place, u in enumerate(at.tolist())}
+    failures = tuple(Failure(places.get(u, -1), u, error) for u, error in failed)
+    return BifurcationDiagram(at, branches, tuple(found.branches), motions, failures, model)
+
+
+@result
+class DiagramCost:
+    """What a bifurcation diagram takes, as far as short pieces of its work foretell.
+
+    Attributes:
+        cycles: right-hand sides and Jacobians for the branches of cycles from onsets, at least:
+            what their events take, and the branches that leave them, is not foreseen.
+        motions: right-hand sides for the motions and, if asked for, their exponents.
+        seconds: for both, of one thread.
+    """
+
+    cycles: float
+    motions: float
+    seconds: float
+
+    def __str__(self) -> str:
+        return (
+            f"about {self.seconds:.2g} s on one thread (right-hand sides: {self.cycles:.2g} or "
+            f"more for cycles, {self.motions:.2g} for motions)"
+        )
+
+
+def diagram_cost(
+    model: Model,
+    speeds: ArrayLike,
+    *,
+    cycles: int = 100,
+    brute_force: int = 0,
+    transient: float = 100.0,
+    duration: float = 40.0,
+    exponents: bool = False,
+    rtol: float = 1e-6,
+    seed: int = 0,
+) -> DiagramCost:
+    """What `bifurcation_diagram` takes with these arguments, from short pieces of its work.
+
+    The pieces are the branches of equilibria, the first eight steps along the first branch of
+    cycles, one cycle to the tolerance, and the motions from one or two starts at three or six of
+    the speeds.
+
+    Args:
+        model: as for `bifurcation_diagram`, like all others.
+        speeds: flow speeds, increasing.
+        cycles: number of steps along each branch of cycles at most.
+        brute_force: number of initial states for each speed.
+        transient: time in T that is left out before motions are recorded.
+        duration: time over which they are then recorded.
+        exponents: whether the largest Lyapunov exponent of irregular motions is computed.
+        rtol: relative tolerance.
+        seed: of the initial states.
+
+    Returns:
+        DiagramCost.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> model = pp.Galerkin(pp.Pipe(0.2), 4)
+        >>> cost = pp.diagram_cost(model, [5.0, 6.0, 7.0], brute_force=10)
+    """
+    asked = _asked(
+        *(model, speeds, cycles, brute_force, transient, duration, exponents, rtol, seed)
+    )
+    branches, _ = equilibrium_branches(asked.model, asked.speeds, [], False)
+    return _cost(asked, branches)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """The arguments of `bifurcation_diagram`, checked."""
+
+    model: Model
+    speeds: Array
+    steps: int  # along each branch of cycles
+    starts: list[Array]  # of motions
+    options: MotionOptions
+
+
+def _asked(
+    model: Model,
+    speeds: ArrayLike,
+    cycles: int,
+    brute_force: int,
+    transient: float,
+    duration: float,
+    exponents: bool,
+    rtol: float,
+    seed: int,
+) -> _Asked:
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
     at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
     if at.size < 2 or np.any(np.diff(at) <= 0.0):
@@ -159,28 +291,53 @@ def bifurcation_diagram(
             f"{SAMPLES_A_TIME} samples a unit of time, got {options.samples * model.coordinates}"
         )
     seed = check.count("seed", seed, low=0)
-    check.executor("executor", executor)
-    shown = check.flag("progress", progress)
+    starts = initial_bends(model, count, seed) if count else []
+    return _Asked(model, at, steps, starts, options)
 
-    failed: list[Failed] = []
-    branches, resting = equilibrium_branches(model, at, failed, shown)
-    found = _Cycles(model, BranchOptions(at, options.rtol, steps), failed)
-    if steps:
-        found.from_onsets(branches, executor, shown)
-    motions: tuple[Attractor, ...] = ()
-    if count:
-        starts = initial_bends(model, count, seed)
-        motions = attractors(model, at, starts, options, failed, executor, shown)
-    if steps:
-        found.from_motions(motions)
-        for u in sorted(seeds(at)):
-            passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
-            if u > 0.0 and u not in resting and not any(passed):
-                found.through(u, model.bent(slight_bend))
-    failed.sort(key=lambda one: one[0])
-    places = {u: place for place, u in enumerate(at.tolist())}
-    failures = tuple(Failure(places.get(u, -1), u, error) for u, error in failed)
-    return BifurcationDiagram(at, branches, tuple(found.branches), motions, failures, model)
+
+def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...]) -> DiagramCost:
+    begun = clock()
+    cycles, done = _cycles_cost(asked, branches) if asked.steps else (0.0, 0)
+    seconds = (clock() - begun) * cycles / max(done, 1)
+    motions, begun = 0.0, clock()
+    if asked.starts:
+        speeds = asked.speeds.size
+        some = np.linspace(0.0, speeds - 1.0, min(speeds, 6 if speeds > 30 else 3)).astype(int)
+        starts = asked.starts[: 2 if len(asked.starts) > 7 else 1]
+        with counted() as work:
+            attractors(asked.model, asked.speeds[some], starts, asked.options, [], None, False)
+        share = speeds * len(asked.starts) / (some.size * len(starts))
+        motions = share * work.right_hand_sides
+        seconds += share * (clock() - begun)
+    return DiagramCost(cycles, motions, seconds)
+
+
+def _cycles_cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...]) -> tuple[float, int]:
+    """Right-hand sides and Jacobians for branches of cycles from the onsets, and of the pieces."""
+    end = float(asked.speeds[-1])
+    onsets = sorted(hopf_points(asked.model, branches, 1.5 * end, []), key=lambda one: one.speed)
+    if not onsets:
+        return 0.0, 0
+    first = onsets[0]
+    # Also where the speeds begin later: only within them are the multipliers computed.
+    within = np.array([min(first.speed, float(asked.speeds[0])), max(first.speed, end)])
+    most = min(asked.steps, STEPS_AHEAD)
+    with counted() as work:
+        found, _ = traced(asked.model, first, BranchOptions(within, asked.options.rtol, most))
+    branch, done = found[0].branch, work.right_hand_sides
+    if branch is None or len(branch) < 2 or not first.speed < end:
+        return float(len(onsets) * done), done
+    u, step = float(branch.speeds[-1]), abs(float(branch.speeds[-1] - branch.speeds[-2]))
+    last = BEYOND * end  # as far as branches are followed
+    steps = most + min(max(last - u, 0.0) / max(step, 1e-3 * end), asked.steps - most)
+    with counted() as work, suppress(PipedynError):
+        limit_cycle(asked.model, u, branch.cycles[-1], rtol=asked.options.rtol)
+    total = 0.0
+    for onset in onsets:
+        share = max((last - onset.speed) / (last - first.speed), most / steps)
+        solved = np.count_nonzero(asked.speeds > onset.speed)
+        total += share * steps * done / most + float(solved) * work.right_hand_sides
+    return total, done + work.right_hand_sides
 
 
 def seeds(speeds: Array) -> list[float]:

@@ -179,8 +179,10 @@ class Statics:
 
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
         """`residual`, affine in the square of the speed, and its derivative by x and the speed."""
-        still = self.residual(x, 0.0)
-        by_square = self.residual(x, 1.0) - still
+        y = np.concatenate([x, np.zeros(self.size)])
+        rates = self.motion(np.stack([y, y], axis=1), np.array([0.0, 1.0]))
+        still, at_one = (rates[: self.size] + rates[self.size :]).T
+        by_square = at_one - still
         derivative = np.column_stack([self.jacobian(x, p), 2.0 * p * by_square])
         return still + p**2 * by_square, derivative
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -424,9 +424,10 @@ def finished(
     largest = rtol * (1e-1 if motion.model.pipe.drag else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(CHECKS):
-        orbit, about, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
+        known, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
+        orbit = known.orbit
         try:
-            result = described(motion, orbit, error, samples, how, about)
+            result = described(motion, known, error, samples, how)
         except NewtonFailed as failure:
             raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
         if error > rtol:
@@ -446,26 +447,34 @@ def finished(
     )
 
 
+@dataclass(frozen=True)
+class Known:
+    """An orbit with what has been computed about it."""
+
+    orbit: PeriodicOrbit
+    peak: tuple[float, float]  # its `amplitude_of`
+    about: Linearised | None = None  # the collocation's equations
+
+
 def _refined(
     motion: VectorField, orbit: PeriodicOrbit, largest: float, rtol: float, tolerance: float
-) -> tuple[PeriodicOrbit, Linearised | None, float, str]:
+) -> tuple[Known, float, str]:
     """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
-
-    Also the collocation's equations about it, if they are known.
 
     Refined are the intervals with a large defect, and all of them where there is none, until what
     is left of the defects is rounding: halving the intervals lessens that to a half at best, but to
     an eighth what it resolves, even at the kinks of drag.
     """
     # Under drag two answers may agree by chance: an error falls by the fourth power of h at most.
-    measured, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
+    known, error, worst = Known(orbit, amplitude_of(motion, orbit)), math.inf, math.inf
     last = math.inf if motion.model.pipe.drag else 0.0
-    most, about = 2, None  # parts of an interval
+    most = 2  # parts of an interval
     while True:
+        orbit = known.orbit
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
         if error <= 0.5 * rtol and (not coarse.any() or worst > 0.25 * coarsest):
-            return orbit, about, error, ""
+            return known, error, ""
         if not coarse.any():
             coarse[:] = True
         # In p parts an interval has about the p^-7 of its defect, or more where drag has kinks.
@@ -473,18 +482,19 @@ def _refined(
         parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
         parts = np.where(coarse, np.clip(parts, 2, most), 1)
         if parts.sum() > MOST_INTERVALS:
-            return orbit, about, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
+            return known, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
         try:
             finer, about = solved_about(
                 motion, refined(motion, orbit, parts, turning=True), tolerance
             )
         except NewtonFailed as failure:
-            return orbit, about, error, str(failure)
-        before, measured = measured, amplitude_of(motion, finer)[0]
-        change = max(abs(measured / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
+            return known, error, str(failure)
+        before, known = known, Known(finer, amplitude_of(motion, finer), about)
+        measured = known.peak[0] / before.peak[0]
+        change = max(abs(measured - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
         error, last = max(change, last / 16.0), change
-        orbit, most = finer, 2 if motion.model.pipe.drag else 4
+        most = 2 if motion.model.pipe.drag else 4
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
@@ -526,31 +536,28 @@ def on_branch(
     motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
 ) -> LimitCycle:
     """The cycle of an orbit on a branch: its error is given, its multipliers are checked."""
-    result = described(motion, orbit, error, samples, how)
+    result = described(motion, Known(orbit, amplitude_of(motion, orbit)), error, samples, how)
     if result.multiplier_error <= 1e-4:  # a tenth of what ends a branch
         return result
     with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), turning=True)
-        better = described(motion, solved(motion, finer, 1e-9), result.error, samples, how)
+        finer, about = solved_about(motion, finer, 1e-9)
+        known = Known(finer, amplitude_of(motion, finer), about)
+        better = described(motion, known, result.error, samples, how)
         return min(result, better, key=lambda cycle: cycle.multiplier_error)
     return result
 
 
 def described(
-    motion: VectorField,
-    orbit: PeriodicOrbit,
-    error: float,
-    samples: int,
-    how: str,
-    about: Linearised | None = None,
+    motion: VectorField, known: Known, error: float, samples: int, how: str
 ) -> LimitCycle:
     """The cycle of an orbit on its mesh; raises `NewtonFailed` as `floquet` does."""
-    amplitude, first = amplitude_of(motion, orbit)
+    orbit, (amplitude, first) = known.orbit, known.peak
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = floquet(motion, orbit, about)
+    multipliers, _, change = floquet(motion, orbit, known.about)
     # Rounding of eigenvalues of matrices of so many rows leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))

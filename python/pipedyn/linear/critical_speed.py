@@ -15,7 +15,13 @@ from pipedyn.linear.modes import LARGEST_FULL, largest_speed
 from pipedyn.linear.sensitivity import Crossing, crossings_of
 from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.continuum import AnyModel, Continuum, Converged, checked_model
+from pipedyn.models.continuum import (
+    AnyModel,
+    Continuum,
+    Converged,
+    checked_model,
+    converged_ahead,
+)
 from pipedyn.models.galerkin import Galerkin, shared_functions
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -266,7 +272,7 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
 
     def job() -> Found:
         smallest = max(16, math.ceil(0.8 * max_speed) + 8)
-        found = model.converge_ahead(crossed, _difference, smallest=smallest)
+        found = converged_ahead(model, crossed, _difference, smallest=smallest)
         moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
         return replace(found, value=tuple(moved))
 

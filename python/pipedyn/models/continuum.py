@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from numbers import Real
 from typing import Any, Generic, TypeAlias, TypeVar
 
@@ -86,56 +87,59 @@ class Continuum(OfPipe):
         for name, given in (("question", question), ("distance", distance)):
             if not callable(given):
                 raise TypeError(f"{name} must be a function, got {check.shown(given)}")
-        return self.converge_ahead(
-            lambda model, _: (question(model), None), distance, tolerance, smallest, largest
+        return converged_ahead(
+            self, lambda one, _: (question(one), None), distance, tolerance, smallest, largest
         )
-
-    def converge_ahead(
-        self,
-        question: Callable[[Galerkin, Galerkin | None], tuple[Answer, Answer | None]],
-        distance: Callable[[Answer, Answer], float],
-        tolerance: float = 1e-10,
-        smallest: int = SMALLEST,
-        largest: int = LARGEST,
-    ) -> Converged[Answer]:
-        """The same of a question that may answer for the model of the next size, too.
-
-        It is asked of a model and the next larger one, None after the last, and answers for both or
-        with None for the larger, which is then asked itself.
-        """
-        tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
-        smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
-        largest = check.count("largest", largest, high=LARGEST_BASIS)
-        inner = basis_joints(self._pipe.terms).size
-        size = smallest = min(smallest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS - 8)
-        largest = min(largest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS)
-        last = max(largest, smallest + 8)
-        model, before, more = self.frozen(size), None, 0
-        while True:
-            larger, more = None, more + 1  # so that every panel has more functions than before
-            if size < last:
-                step = max(8, inner + 1, size // 4)
-                # The last step is no shorter than the others.
-                size = last if last - (size + step) < step else size + step
-                larger = enriched(self.frozen(size), more)
-            answer, ahead = question(model, larger)
-            for now, one, other in ((model, before, answer), (larger, answer, ahead)):
-                if now is None or one is None or other is None:
-                    continue
-                error = distance(one, other)
-                if not isinstance(error, Real):
-                    raise TypeError(f"distance must return a number, got {check.shown(error)}")
-                if error <= tolerance:
-                    return Converged(other, now.dof, error)
-            if larger is None:
-                raise NotConverged(
-                    f"the continuous pipe's answer still moves by {error:.1e} at {size} functions",
-                    answer,
-                )
-            model, before = larger, answer
 
 
 AnyModel: TypeAlias = Model | Continuum
+
+
+def converged_ahead(
+    model: Continuum,
+    question: Callable[[Galerkin, Galerkin | None], tuple[Answer, Answer | None]],
+    distance: Callable[[Answer, Answer], float],
+    tolerance: float = 1e-10,
+    smallest: int = SMALLEST,
+    largest: int = LARGEST,
+) -> Converged[Answer]:
+    """As `Continuum.converge`, of a question that may answer for the model of the next size, too.
+
+    It is asked of a model and the next larger one, None after the last, and answers for both or
+    with None for the larger, which is then asked itself.
+    """
+    tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
+    smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
+    largest = check.count("largest", largest, high=LARGEST_BASIS)
+    inner = basis_joints(model.pipe.terms).size
+    size = smallest = min(smallest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS - 8)
+    largest = min(largest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS)
+    last = max(largest, smallest + 8)
+    asked, more = model.frozen(size), 0
+    answers: list[tuple[Answer, int]] = []
+    while True:
+        larger, more = None, more + 1  # so that every panel has more functions than before
+        if size < last:
+            step = max(8, inner + 1, size // 4)
+            # The last step is no shorter than the others.
+            size = last if last - (size + step) < step else size + step
+            larger = enriched(model.frozen(size), more)
+        answer, ahead = question(asked, larger)
+        answers.append((answer, asked.dof))
+        if larger is not None and ahead is not None:
+            answers.append((ahead, larger.dof))
+        for (one, _), (other, of_size) in pairwise(answers):
+            error = distance(one, other)
+            if not isinstance(error, Real):
+                raise TypeError(f"distance must return a number, got {check.shown(error)}")
+            if error <= tolerance:
+                return Converged(other, of_size, error)
+        if larger is None:
+            raise NotConverged(
+                f"the continuous pipe's answer still moves by {error:.1e} at {size} functions",
+                answer,
+            )
+        asked, answers = larger, [(answer, asked.dof)]
 
 
 def checked_model(model: Any) -> AnyModel:

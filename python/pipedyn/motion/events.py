@@ -130,9 +130,9 @@ class Follower:
         q, qdot = self._recorded(state[None])
         self._last = [self._value(i, t, q[0], qdot[0]) for i in range(len(events))]
         self._found: list[list[tuple[float, Array, Array]]] = [[] for _ in events]
-        self._ends, self._steps = [np.array([t])], [np.empty((0, 1, state.size - 1))]
+        self._ends, self._steps = [np.array([t])], list[Array]()
         self.kept = 0
-        """Numbers that dense output holds."""
+        """Numbers that dense output and events hold."""
 
     def _recorded(self, states: Array) -> tuple[Array, Array]:
         size = self.model.moving
@@ -147,9 +147,9 @@ class Follower:
 
     def add(self, ends: Array, coefficients: Array) -> float | None:
         """Takes steps with these ends, (k + 1,), and says where a terminal event is in them."""
-        last = None
-        if self.events and len(coefficients):
-            last = self._search(ends, coefficients)
+        if not len(coefficients):  # no step was accepted
+            return None
+        last = self._search(ends, coefficients) if self.events else None
         if self.dense:
             self._ends.append(ends[1:])
             self._steps.append(coefficients[:, :, :-1])
@@ -174,6 +174,7 @@ class Follower:
             self._last[i] = before
         for i, at, place, rates in sorted(found, key=lambda one: one[1]):
             self._found[i].append((at, place, rates))
+            self.kept += 2 * place.size
             if len(self._found[i]) == self.events[i].terminal:
                 return at
         return None
@@ -210,8 +211,8 @@ class Follower:
 
     def output(self, end: float) -> DenseOutput | None:
         """Dense output up to a time, if it was asked for and there is a step."""
-        if not self.kept:
+        if not self._steps:
             return None
-        t, coefficients = np.concatenate(self._ends), np.concatenate(self._steps[1:])
+        t, coefficients = np.concatenate(self._ends), np.concatenate(self._steps)
         count = min(int(np.searchsorted(t, end)), len(coefficients))
         return DenseOutput(t[: count + 1], coefficients[:count], self.model)

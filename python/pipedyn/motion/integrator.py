@@ -70,8 +70,8 @@ LARGEST_IMPLICIT = 1000
 """Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
 unknowns take 256 MB and, from 1.8 s measured with half as many, 15 s on one core."""
 
-LARGEST_DENSE = 100_000_000
-"""Numbers that dense output may hold: 0.8 GB."""
+LARGEST_KEPT = 100_000_000
+"""Numbers that dense output and events may hold: 0.8 GB."""
 
 CALL_AGAIN = 0.05
 """Seconds between two calls of a motion's callback."""
@@ -206,8 +206,9 @@ class Watch:
         """Takes steps of the motion."""
         if self.follower is not None:
             self.end = self.follower.add(ends, coefficients)
-            if self.follower.kept > LARGEST_DENSE:
-                raise Stopped(f"its dense output would take more than {LARGEST_DENSE:.0e} numbers")
+            if self.follower.kept > LARGEST_KEPT:
+                many = f"more than {LARGEST_KEPT:.0e} numbers"
+                raise Stopped(f"its dense output and events would take {many}")
 
     def call(self, task: Task, t: float, state: Array) -> None:
         """Calls back, if the last time is CALL_AGAIN ago."""

@@ -214,10 +214,11 @@ def simulate(
             "scipy:Radau", "scipy:BDF" and "scipy:LSODA".
         max_step: longest step, > 0, at least 1e-9 of the duration.
         events: one or several `Event` or functions g(t, q, qdot) to a number, with q and qdot of
-            shape (coordinates,). An event takes place where g becomes 0: where it has another sign
-            than a fourth of a step before, located to rounding in the step's interpolant. Methods
-            of the core alone hand that over; so with dense output.
-        dense: keep the states at any time, as `motion.dense(t)`: 7 or more numbers a step and
+            shape (coordinates,). An event takes place where g becomes 0: its signs at the ends of
+            each quarter of a step are compared, and its root found to rounding in the polynomial
+            that interpolates the step. Methods of the core alone give that polynomial, which dense
+            output needs as well.
+        dense: keep the states at any time, as `motion.dense(t)`: 16 or more numbers a step and
             coordinate.
         most: right-hand sides that it may take, >= 1, at 1 to 3 us each up to 60 segments, of which
             eight at once take twice as long. Explicit methods take 1.5 or more in the time

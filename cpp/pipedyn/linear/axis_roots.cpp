@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/linear/axis_roots.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pipedyn {
+
+namespace {
+
+/// Of Newton's method, which takes three or four from a step's cubic.
+constexpr int most_iterations = 12;
+
+}  // namespace
+
+double zero_between(const Function& f, double low, double high, double tolerance) {
+  double a = low, b = high, fa = f(a), fb = f(b), share = 0.5;
+  while (true) {
+    const double x = a + share * (b - a), fx = f(x);
+    double c = b, fc = fb;  // the point that leaves
+    if ((fx > 0.0) == (fa > 0.0)) {
+      c = a, fc = fa;
+    } else {
+      b = a, fb = fa;
+    }
+    a = x, fa = fx;
+    const double least = tolerance / std::abs(b - a);
+    if (fa == 0.0 || fb == 0.0 || !(least < 0.5)) return std::abs(fa) < std::abs(fb) ? a : b;
+    const double xi = (a - b) / (c - b), phi = (fa - fb) / (fc - fb);
+    share = 0.5;
+    if (phi * phi < xi && (1.0 - phi) * (1.0 - phi) < 1.0 - xi) {
+      share = fa / (fb - fa) * fc / (fb - fc) + (c - a) / (b - a) * fa / (fc - fa) * fb / (fc - fb);
+    }
+    share = std::clamp(share, least, 1.0 - least);
+  }
+}
+
+std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double low, double high) {
+  double last = infinite;
+  for (int iteration = 0;; ++iteration) {
+    Pair pair = spectrum.refined(u, guess);
+    const double change = -pair.value.real() / pair.slope.real(), size = std::abs(change);
+    const bool inside = u + change >= low && u + change <= high;
+    if (iteration == most_iterations || !inside || last == 0.0) return {u, std::move(pair)};
+    u = std::max(u + change, 0.0);
+    guess = std::move(pair);
+    guess.value += guess.slope * change;
+    // Converged, or steps that do not shrink any more: what is left is rounding.
+    const bool within = size * std::abs(guess.slope.real()) <= 0.1 * guess.uncertain;
+    last = within || size <= 4e-16 * u || size >= last ? 0.0 : size;
+  }
+}
+
+double error_of(const Pair& pair) {
+  const double rate = std::abs(pair.slope.real());
+  return rate > 0.0 ? (pair.uncertain + std::abs(pair.value.real())) / rate : infinite;
+}
+
+std::optional<Divergence> divergence(Spectrum& spectrum, const Pair& near, double expected,
+                                     double least, double most, double reach) {
+  const Function determinant = [&](double u) { return spectrum.determinant(u, near); };
+  double low = expected, high = expected;
+  for (bool changes = false; !changes; reach *= 4.0) {
+    if (low == least && high == most) return {};
+    low = std::max(expected - reach, least);
+    high = std::min(expected + reach, most);
+    changes = determinant(low) * determinant(high) < 0.0;
+  }
+  const double rounding = 4e-16 * (1.0 + high);
+  const double u = zero_between(determinant, low, high, rounding);
+  Pair pair = spectrum.null_pair(u, near);
+  if (!pair.converged()) return {};
+  const double rate = std::abs(pair.slope);
+  const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + 4e-16 * (1.0 + u);
+  return Divergence{u, error, std::move(pair)};
+}
+
+}  // namespace pipedyn
